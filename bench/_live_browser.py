@@ -120,8 +120,15 @@ class OpenedPage:
 
     def picture(self) -> Array:
         """Pixels of the window, shape (n, m, 3)."""
-        png = self.page.screenshot(timeout=2 * PATIENCE)
-        return np.asarray(Image.open(BytesIO(png)).convert("RGB"), dtype=float)
+        return _pixels(self.page.screenshot(timeout=2 * PATIENCE))
+
+    def chart(self) -> Array:
+        """Pixels of the first chart, shape (n, m, 3)."""
+        return _pixels(self.page.locator(".uplot").first.screenshot(timeout=2 * PATIENCE))
+
+
+def _pixels(png: bytes) -> Array:
+    return np.asarray(Image.open(BytesIO(png)).convert("RGB"), dtype=float)
 
 
 @contextmanager

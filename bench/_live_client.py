@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import count
 
 import msgspec
 import viser
 import zstandard
-from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
@@ -112,13 +111,6 @@ def page_socket(url: str) -> Iterator[Connection]:
     address = url.replace("http://", "ws://").rstrip("/")
     with connect(address, subprotocols=[spoken], max_size=None, compression=None) as socket:
         yield socket
-
-
-def receive_until_end(socket: Connection) -> None:
-    """Receive until the page ends."""
-    with suppress(ConnectionClosed):
-        while True:
-            socket.recv()
 
 
 @contextmanager

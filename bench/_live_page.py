@@ -27,7 +27,7 @@ from _live_browser import (
     served_page,
     share_like,
 )
-from _live_client import page_client, page_socket, receive_until_end
+from _live_client import page_client
 from _live_hand import hand_rows
 from _table import Row
 
@@ -58,46 +58,47 @@ MANY_POINTS: Final = Path(__file__).with_name("_live_many_points.py")
 
 def live_rows() -> Iterator[Row]:
     """All rows of the live page."""
-    with tempfile.TemporaryDirectory() as folder:
-        yield from cost_rows(Path(folder))
-        yield from traffic_rows(Path(folder) / "alone-0")
-        if why_no_browser():
-            print(f"no browser: {why_no_browser()}", file=sys.stderr)
-            return
-        with started_browser() as browser:
-            yield from click_rows(browser)
-            yield from scan_rows(browser, Path(folder))
-            yield calibration_row(browser, Path(folder))
-            yield from stop_rows(browser, Path(folder))
-            yield from hand_rows(browser, Path(folder))
-            yield from memory_rows(browser)
+    if why_no_browser():
+        print(f"no browser: {why_no_browser()}", file=sys.stderr)
+        return
+    with tempfile.TemporaryDirectory() as name, started_browser() as browser:
+        folder = Path(name)
+        yield from cost_rows(browser, folder)
+        yield from traffic_rows(folder / "alone-0")
+        yield from click_rows(browser)
+        yield from scan_rows(browser, folder)
+        yield calibration_row(browser, folder)
+        yield from stop_rows(browser, folder)
+        yield from hand_rows(browser, folder)
+        yield from memory_rows(browser)
 
 
-def cost_rows(folder: Path) -> Iterator[Row]:
+def cost_rows(browser: Browser, folder: Path) -> Iterator[Row]:
     """Time of a scan with the page and without, and whether its sections are the same."""
     alone, shown, watched = [], [], []
     for k in range(RUNS):
         alone.append(_scan_time(folder / f"alone-{k}"))
         shown.append(_scan_time(folder / f"shown-{k}", "--live"))
-        watched.append(_scan_time(folder / f"watched-{k}", "--live", watch=True))
+        watched.append(_scan_time(folder / f"watched-{k}", "--live", "--wait", browser=browser))
     points = [_recorded(folder / f"{name}-0") for name in ("alone", "shown", "watched")]
     off = [float(np.abs(one - points[0]).max()) for one in points[1:]]
     yield Row("sections with the page against without, largest difference", max(off), 0, "m")
     share = 100 / min(alone)
     yield Row("processor time of make scan, page and no browser", share * min(shown) - 100, 5, "%")
-    yield Row("… page and one listener", share * min(watched) - 100, 15, "%")
+    yield Row("… page and one browser", share * min(watched) - 100, 15, "%")
 
 
-def _scan_time(out: Path, *options: str, watch: bool = False) -> float:
-    """Seconds of a processor that a scan took; those of whoever watches are not among them."""
+def _scan_time(out: Path, *options: str, browser: Browser | None = None) -> float:
+    """Seconds of a processor that a scan took; those of the browser are not among them."""
     before = getrusage(RUSAGE_CHILDREN)
     words = ("scan", SCAN, "--out", out, *options)
     if not options:
         subprocess.run([*COMMAND, *map(str, words)], check=True, stderr=subprocess.DEVNULL)
     else:
         with served_page(*words) as served, ExitStack() as stack:
-            if watch:
-                receive_until_end(stack.enter_context(page_socket(served.url)))
+            if browser is not None:
+                shown = stack.enter_context(opened_page(browser, served.url, STRIP))
+                shown.press("Start")
             if served.end() != 0:
                 raise RuntimeError("".join(served.lines))
     after = getrusage(RUSAGE_CHILDREN)

@@ -32,6 +32,9 @@ from tjscan.vehicle.vehicle import DEAD_MAN, REST
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
+PLOTTED = (42, 111, 187)
+"""Colour of points in a chart."""
+
 pytestmark = [
     pytest.mark.browser,
     pytest.mark.skipif(bool(why_no_browser()), reason=why_no_browser()),
@@ -129,6 +132,7 @@ def test_a_crawler_is_driven_by_a_held_button_and_stopped_by_a_click(
             shown.wait_for("speed-?0")
             shown.press("Start")
             shown.wait_for("welding")
+            assert share_like(shown.chart(), PLOTTED) > 2e-3  # of its profile
             shown.press("STOP")
             assert served.end() == 130
     entries = list(read_crawl(run))
