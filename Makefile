@@ -36,7 +36,7 @@ docs: $(READY)
 bench: $(READY)
 	@status=0; for file in $(filter-out bench/reliability.py,$(wildcard bench/[a-z]*.py)); do $(BIN)/python $$file || status=1; done; exit $$status
 
-# Half an hour on two idle cores: kills, cuts, full disks, bad sensors, bad files, spoilt runs.
+# Kills, cuts, full disks, arms moved meanwhile, bad sensors, bad files, spoilt runs, wire faults.
 # See docs/reliability.md.
 soak: $(READY)
 	$(BIN)/python bench/reliability.py

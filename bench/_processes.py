@@ -33,6 +33,12 @@ JOB_OPTIONS: Final = [
     # In real time, so that a kill finds the arm on its way; fast, so that many fit in a soak.
     *("--arm.speed_mm_s=2000", "--arm.acceleration_mm_s2=20000", "--simulation.arm.realtime=true"),
 ]
+NO_REPORT: Final = """
+import tjscan.report.write
+tjscan.report.write.write_run_report = lambda directory: None
+"""
+"""Run before a scan goes on: a report takes most of its time, and is not looked at."""
+
 TRACE: Final = "Traceback"
 SAME_MM: Final = 1e-9
 LONGEST: Final = 120.0
@@ -109,7 +115,7 @@ def go_on(
     before = {file: file.read_bytes() for file in recording_files(run) if file.exists()}
     begun = (run / JOB).exists()
     again: list[Any] = ["--resume", run] if begun else [*options, "--out", run]
-    code, told = finish(scan(*again, "--simulation.arm.realtime=false"))
+    code, told = finish(scan(*again, "--simulation.arm.realtime=false", first=NO_REPORT))
     kept = all(file.read_bytes() == data for file, data in before.items())
     try:
         found = corners(run)

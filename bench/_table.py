@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
+from typing import Final
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +57,11 @@ class Row:
         return f"{self.at_least:g} to {self.limit:g}"
 
 
-def main(title: str, measure: Callable[[], Sequence[Row]], arguments: list[str]) -> int:
+NAME: Final = 70
+"""Columns of the table that a name takes; a longer one moves the rest of its row."""
+
+
+def main(title: str, measure: Callable[[], Iterable[Row]], arguments: list[str]) -> int:
     """Measure, print, and return the exit code: 0 when every bar holds, 1 when one does not.
 
     Parameters
@@ -64,16 +69,22 @@ def main(title: str, measure: Callable[[], Sequence[Row]], arguments: list[str])
     title : str
         What the bench is about.
     measure : callable
-        Gives the rows.
+        Gives the rows; each is printed as soon as it comes.
     arguments : list of str
-        Of the command line; ``--json`` prints JSON instead of a table.
+        Of the command line; ``--json`` prints JSON in the end instead of a table.
     """
     unknown = [word for word in arguments if word != "--json"]
     if unknown:
         print(f"unknown option {unknown[0]}; the only one is --json", file=sys.stderr)
         return 2
-    rows = measure()
-    if "--json" in arguments:
+    as_json, rows = "--json" in arguments, []
+    if not as_json:
+        print(f"\n{title}", flush=True)
+    for row in measure():
+        rows.append(row)
+        if not as_json:
+            print(_line(row), flush=True)
+    if as_json:
         # JSON knows no infinity and no NaN.
         listed = [
             {
@@ -83,20 +94,15 @@ def main(title: str, measure: Callable[[], Sequence[Row]], arguments: list[str])
             for one in ({**asdict(row), "holds": row.holds} for row in rows)
         ]
         print(json.dumps({"bench": title, "rows": listed}, indent=2, ensure_ascii=False))
-    else:
-        _print_table(title, rows)
     return 0 if all(row.holds for row in rows) else 1
 
 
-def _print_table(title: str, rows: Sequence[Row]) -> None:
-    width = max(len(row.name) for row in rows)
-    print(f"\n{title}")
-    for row in rows:
-        measured = f"{row.judged:.3g} {row.unit}".strip()
-        verdict = "holds" if row.holds else "FALLS SHORT"
-        if row.slowdown != 1:
-            verdict += (
-                f" ({row.measured:.3g} {row.unit} here, where the reference task takes "
-                f"{row.slowdown:.2g} times as long as usual)"
-            )
-        print(f"  {row.name:<{width}}  {measured:>12}  {row.bound + ' ' + row.unit:<16} {verdict}")
+def _line(row: Row) -> str:
+    measured = f"{row.judged:.3g} {row.unit}".strip()
+    verdict = "holds" if row.holds else "FALLS SHORT"
+    if row.slowdown != 1:
+        verdict += (
+            f" ({row.measured:.3g} {row.unit} here, where the reference task takes "
+            f"{row.slowdown:.2g} times as long as usual)"
+        )
+    return f"  {row.name:<{NAME}}  {measured:>12}  {row.bound + ' ' + row.unit:<16} {verdict}"

@@ -261,20 +261,25 @@ class CollisionCheckedArm:
             yield [(True, back, None), (across, ahead, near), (True, T_b_f, None)]
 
     def _searched(self, q: Array, T_b_f: Array, near: Array) -> Iterator[Way]:
-        """A way through postures to a pose drawn back from the end, and forward from there."""
+        """A way through postures to a pose drawn back from the end, and forward from there.
+
+        Straight to the end where no line leads forward.
+        """
         clearance, kinematics = self.clearance, self.clearance.kinematics
-        for lift in self._lifts:
+        for lift in (*self._lifts, 0.0):
             ahead = self._drawn_back(T_b_f, lift)
+            forward: Way = [(True, T_b_f, None)] if lift else []
             try:
                 goal = kinematics.inverse(ahead, near=near)
-                clearance.joint_angles_after_linear_move(goal, T_b_f)
+                for end in self._segments(goal, forward):
+                    _check_near(end.q, T_b_f, near)
             except PoseUnreachable:
                 continue
             limits = kinematics.lower, kinematics.upper
             found = find_way(q, goal, limits, clearance.line_is_clear)
             if found is not None:
                 between = [(False, kinematics.forward(one), one) for one in found[1:-1]]
-                yield [*between, (False, ahead, goal), (True, T_b_f, None)]
+                yield [*between, (False, ahead, goal), *forward]
             return
 
     def _configurations(self, q: Array, T_b_f: Array) -> Iterator[Way]:

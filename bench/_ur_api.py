@@ -1,4 +1,4 @@
-"""Calls every method of the client library's control interface: ``python ur_api.py HOST``.
+"""Calls every method of the client library's control interface: ``python _ur_api.py HOST``.
 
 It prints a line of JSON for each: its name, what it gave, and whether the program runs on. A
 process of its own, for the library takes the one it is in down when it loses its controller.
