@@ -6,7 +6,6 @@ Takes two or three minutes, and a package index the first time.
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -15,8 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from _table import Row, main
-
-ROOT: Final = Path(__file__).parents[1]
+from _wheel import ROOT, copy_sources
 
 WORKS: Final = (
     "init paper",
@@ -47,9 +45,6 @@ NAMES_EXTRA: Final = {
 }
 """Commands that need an extra, and which."""
 
-LEFT_BEHIND: Final = (".*", "__pycache__", "*.egg-info", "build", "runs", "site")
-"""What a checkout may hold besides the files of the project."""
-
 
 def run(command: Sequence[str | Path], folder: Path) -> subprocess.CompletedProcess[str]:
     """Run a command in a folder, with nothing to read from."""
@@ -61,10 +56,10 @@ def run(command: Sequence[str | Path], folder: Path) -> subprocess.CompletedProc
 def installed(folder: Path) -> tuple[Path, float]:
     """An environment with the wheel and what it needs, and the processor time of installing it."""
     pip = ("-m", "pip", "--disable-pip-version-check", "--quiet")
-    # From a copy: what an earlier build left in the checkout would come along.
-    tree = shutil.copytree(ROOT, folder / "tree", ignore=shutil.ignore_patterns(*LEFT_BEHIND))
+    copy_sources(folder / "tree")
     subprocess.run(
-        (sys.executable, *pip, "wheel", "--no-deps", "--wheel-dir", folder, tree), check=True
+        (sys.executable, *pip, "wheel", "--no-deps", "--wheel-dir", folder, folder / "tree"),
+        check=True,
     )
     (wheel,) = folder.glob("*.whl")
     subprocess.run((sys.executable, "-m", "venv", folder / "venv"), check=True)

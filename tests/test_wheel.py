@@ -1,12 +1,11 @@
 """The wheel holds all that the program uses, and nothing else."""
 
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 from zipfile import ZipFile
 
-ROOT = Path(__file__).parents[1]
+from _wheel import ROOT, copy_sources
 
 BESIDE_CODE = ("examples", "cad")
 """Folders whose files for ``tjscan init`` the wheel holds in share/tjscan."""
@@ -20,11 +19,7 @@ def files_below(folder: Path) -> set[str]:
 
 def test_the_wheel_holds_every_file_of_the_package_and_the_examples(tmp_path: Path) -> None:
     source, out = tmp_path / "source", tmp_path / "wheels"
-    source.mkdir()
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, source)
-    for name in ("tjscan", *BESIDE_CODE):
-        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    copy_sources(source)
     build = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"
     subprocess.run(
         [sys.executable, "-c", build, str(out)], cwd=source, check=True, capture_output=True
