@@ -16,7 +16,9 @@ T = TypeVar("T")
 U = TypeVar("U")
 
 
-def spread(do: Callable[[T], U], over: Sequence[T], *, each_anew: bool = False) -> list[U]:
+def spread(
+    do: Callable[[T], U], over: Sequence[T], *, workers: int = WORKERS, each_anew: bool = False
+) -> list[U]:
     """Do it for each, in processes of their own; one that crashes ends the bench.
 
     Parameters
@@ -24,6 +26,8 @@ def spread(do: Callable[[T], U], over: Sequence[T], *, each_anew: bool = False) 
     do : callable
     over : sequence
         What it is done for.
+    workers : int, optional
+        How many at a time.
     each_anew : bool, optional
         Whether each is done in a new process.
     """
@@ -31,7 +35,7 @@ def spread(do: Callable[[T], U], over: Sequence[T], *, each_anew: bool = False) 
     tasks = 1 if each_anew else None
     try:
         with ProcessPoolExecutor(
-            min(WORKERS, len(over)), mp_context=context, max_tasks_per_child=tasks
+            min(workers, len(over)), mp_context=context, max_tasks_per_child=tasks
         ) as pool:
             return list(pool.map(do, over))
     except BrokenProcessPool:
