@@ -17,7 +17,7 @@ from tjscan.api.results import File, Recording, Scan
 
 if TYPE_CHECKING:
     from tjscan.calibration.result import HandEyeCalibration
-    from tjscan.comparison.compare import Comparison
+    from tjscan.comparison.result import Comparison
     from tjscan.groove.section import GrooveSection
     from tjscan.laser.profile import Profile
 

@@ -48,8 +48,8 @@ def compare(
     """
     from tjscan.cli.output.comparison import print_comparison
     from tjscan.cli.output.console import print_message, show_phase
-    from tjscan.comparison.compare import compare_shapes as compare_shapes
-    from tjscan.comparison.maps import check_map_file, write_deviation_map
+    from tjscan.comparison.compare import compare_shapes
+    from tjscan.comparison.maps import check_map_file, write_map
     from tjscan.comparison.sidecar import StatedUnitAndFrame
     from tjscan.result.shapes import read_shape
 
@@ -71,7 +71,7 @@ def compare(
             )
             print_message(f"{option} is not used: {said}")
     if plot is not None:
-        write_deviation_map(plot, comparison)
+        write_map(plot, comparison.plot().figure)
         print_message(f"drawn in {plot}")
     if not comparison.passed:
         raise SystemExit(TOLERANCE_EXCEEDED)

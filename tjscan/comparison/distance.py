@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, readonly_copy
 from tjscan.joint.edges import FeatureEdges
 
 
@@ -45,6 +45,56 @@ class DistanceStatistics:
             rms=float(np.sqrt(np.mean(mm * mm))),
             median=float(np.median(mm)),
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeviationDistances:
+    """Distances of one kind between what was measured and its reference.
+
+    Parameters
+    ----------
+    kind : str
+        ``cloud to mesh``, ``cloud to cloud``, ``corners to feature edges`` or ``corners to
+        reference cloud``.
+    meaning : str
+        What the distances are.
+    signed : bool
+        Whether they are positive outside and negative inside; else they are never negative.
+    points : ndarray, shape (n, 3)
+        What was measured, in the reference's frame, metres.
+    distances : ndarray, shape (n,)
+        Metres.
+    tolerance : float or None
+        Metres.
+    """
+
+    kind: str
+    meaning: str
+    signed: bool
+    points: Array
+    distances: Array
+    tolerance: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", readonly_copy(self.points))
+        object.__setattr__(self, "distances", readonly_copy(self.distances))
+
+    @property
+    def known(self) -> Array:
+        """Distances that are known, shape (k,), metres: a corner that is absent has none."""
+        return self.distances[~np.isnan(self.distances)]
+
+    @property
+    def within(self) -> float | None:
+        """Share of absolute distances within the tolerance; None where there is none."""
+        if self.tolerance is None:
+            return None
+        return float(np.mean(np.abs(self.known) <= self.tolerance))
+
+    @property
+    def statistics(self) -> DistanceStatistics:
+        """Their statistics, in millimetres."""
+        return DistanceStatistics.from_distances(self.distances)
 
 
 def corner_to_edge_distances(

@@ -17,7 +17,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from tjscan.comparison.compare import Comparison, DeviationDistances
+from tjscan.comparison.distance import DeviationDistances
+from tjscan.comparison.shapes import Shape
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
@@ -107,9 +108,9 @@ class CornerCurves:
         return np.asarray(np.where(outside, level, np.linalg.norm(p - p4, axis=1)))
 
 
-def groove_corner_curves(comparison: Comparison) -> CornerCurves | None:
+def groove_corner_curves(measured: Shape, reference: Shape) -> CornerCurves | None:
     """Curves of the groove's corners: as designed, else as measured; None where unknown."""
-    edges, corners = comparison.reference.edges, comparison.measured.corners
+    edges, corners = reference.edges, measured.corners
     if edges is not None:
         points = np.stack([line.points_j for line in (edges.p2, edges.p3, edges.p4)], axis=1)
         return CornerCurves.from_corners(points, closed=True)
@@ -118,22 +119,33 @@ def groove_corner_curves(comparison: Comparison) -> CornerCurves | None:
     return None
 
 
-def deviation_map_figure(comparison: Comparison) -> Figure:
+def deviation_map_figure(
+    measured: Shape, reference: Shape, deviation: DeviationDistances, tolerance: float | None
+) -> Figure:
     """Draw deviations as a map of azimuth and section, with a histogram of distances.
+
+    Parameters
+    ----------
+    measured, reference : Shape
+        What was compared.
+    deviation : DeviationDistances
+        Of the one from the other.
+    tolerance : float or None
+        Metres.
 
     Raises
     ------
     ConfigurationError
         If the comparison is not in frame j, where azimuths are.
     """
-    frame = comparison.reference.stated.frame
+    frame = reference.stated.frame
     if frame != "j":
         raise ConfigurationError(
             f"the picture is over the azimuth, which frame {frame} does not know: compare with a "
             "reference in frame j",
             key="plot",
         )
-    deviation, lines = comparison.deviations[0], groove_corner_curves(comparison)
+    lines = groove_corner_curves(measured, reference)
     points, mm = deviation.points, 1e3 * deviation.distances
     azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
     azimuth = _unbroken(azimuth)
@@ -148,7 +160,7 @@ def deviation_map_figure(comparison: Comparison) -> Figure:
     grid = figure.add_gridspec(1, 2, width_ratios=(4, 1))
     axes, side = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
     scale = deviation_scale_mm(deviation)
-    corners = comparison.measured.corners
+    corners = measured.corners
     sections = None if corners is None else len(corners)
     _draw_cells(figure, axes, deviation, azimuth, 1e3 * along, scale, sections)
     if lines is not None:
@@ -162,10 +174,10 @@ def deviation_map_figure(comparison: Comparison) -> Figure:
     axes.set_ylabel(label)
     # Names of files are no formulas.
     axes.set_title(
-        f"{deviation.kind}: {comparison.measured.name} and {comparison.reference.name}",
+        f"{deviation.kind}: {measured.name} and {reference.name}",
         parse_math=False,
     )
-    _draw_histogram(side, deviation, mm, scale, comparison.tolerance)
+    _draw_histogram(side, deviation, mm, scale, tolerance)
     return figure
 
 
@@ -191,25 +203,24 @@ def check_map_file(file: Path) -> None:
         raise ConfigurationError("can't be written: no permission", file=file, key="plot")
 
 
-def write_deviation_map(file: Path, comparison: Comparison) -> None:
-    """Write the map of deviations as PNG.
+def write_map(file: Path, figure: Figure) -> None:
+    """Write a map of deviations as PNG.
 
     Parameters
     ----------
     file : Path
         Ends in ``.png``; replaced if it exists.
-    comparison : Comparison
-        What is drawn.
+    figure : Figure
+        As `deviation_map_figure` draws it.
 
     Raises
     ------
     ConfigurationError
-        As `deviation_map_figure` and `check_map_file` do.
+        As `check_map_file` does.
     RecordingError
         If it can't be written.
     """
     check_map_file(file)
-    figure = deviation_map_figure(comparison)
     with write_files_atomically(file.parent) as draft:
         figure.savefig(draft / file.name, dpi=110, format="png")
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tjscan.comparison.compare import AlignmentMethod, Comparison, check_tolerance, compare_shapes
+from tjscan.comparison.compare import AlignmentMethod, check_tolerance, compare_shapes
+from tjscan.comparison.result import Comparison
 from tjscan.comparison.shapes import Shape
 from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.errors import ComparisonRefused, ConfigurationError

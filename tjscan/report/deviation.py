@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from tjscan.comparison.maps import deviation_map_figure
 from tjscan.report.data import ReportData
 from tjscan.report.picture import ReportPicture, inline_figure
 
@@ -17,7 +16,7 @@ def draw_deviation_map(data: ReportData) -> ReportPicture | None:
     kind = comparison.deviations[0]
     sign = "red lies outside the reference, blue inside" if kind.signed else "it has no sign"
     return inline_figure(
-        deviation_map_figure(comparison),
+        comparison.plot().figure,
         "Deviation from the reference, unwrapped over the azimuth",
         f"Each column is a section, from the leg (below) over root and bevel to the brace (above); "
         f"{sign}; cells show medians, grey ones were not seen, and small saturated patches are "

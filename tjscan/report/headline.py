@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from tjscan.comparison.compare import Comparison
+from tjscan.comparison.result import Comparison
 from tjscan.report.data import ReportData
 from tjscan.report.findings import describe_coverage
 from tjscan.result.directory import JOINT

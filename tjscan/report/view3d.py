@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
-from tjscan.comparison.compare import DeviationDistances
+from tjscan.comparison.distance import DeviationDistances
 from tjscan.comparison.maps import deviation_scale_mm
 from tjscan.core.frames import Array
 from tjscan.report.charts import indices_near_groove

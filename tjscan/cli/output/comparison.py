@@ -7,7 +7,7 @@ from json import dumps
 import numpy as np
 
 from tjscan.cli.output.console import print_message
-from tjscan.comparison.compare import Comparison, comparison_to_dict
+from tjscan.comparison.result import Comparison, comparison_to_dict
 from tjscan.uncertainty.summary import budget_in_words
 
 
