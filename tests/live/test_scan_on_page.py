@@ -113,6 +113,22 @@ def test_a_paused_scan_steps_goes_on_and_is_the_same() -> None:
         assert np.array_equal(one.points_b, other.points_b)
 
 
+def test_paused_again_before_it_moved_it_says_once_more_that_it_stands() -> None:
+    """Else a page would say for good that it is about to."""
+    stop, said = StopRequest(), 0
+
+    def say() -> None:
+        nonlocal said
+        said += 1
+        stop.go_on()
+        if said == 1:
+            stop.pause()
+
+    stop.pause()
+    stop.wait_while_paused(say)
+    assert said == 2
+
+
 def test_a_paused_scan_ends_as_by_ctrl_c() -> None:
     notes = PausesAndSteps("request_stop_after_section")
     result = scan_example({}, notes=notes, stop=notes.stop)

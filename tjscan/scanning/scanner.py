@@ -176,9 +176,10 @@ class Scanner:
                 return self._end(StopReason.REFUSED, str(error))
 
     def _stand_while_paused(self) -> None:
-        if self._stop.is_paused:
-            self._log.record_event(ScanEvent.PAUSED, f"after section {len(self._log.sections) - 1}")
-        self._stop.wait_while_paused()
+        last = len(self._log.sections) - 1
+        self._stop.wait_while_paused(
+            lambda: self._log.record_event(ScanEvent.PAUSED, f"after section {last}")
+        )
 
     def _keep(self, section: ScannedSection) -> None:
         """Finish a section.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from threading import Condition
 
 from tjscan.core.errors import ScanInterrupted
@@ -20,7 +21,7 @@ class StopRequest:
         self._halt: Callable[[], None] | None = None
         self._may_go = Condition()
         self._paused = False
-        self._steps = 0
+        self._steps = self._let_go = 0
 
     @property
     def ends_after_section(self) -> bool:
@@ -50,20 +51,36 @@ class StopRequest:
     def go_on(self) -> None:
         """Let a paused scan go on."""
         with self._may_go:
-            self._paused, self._steps = False, 0
+            self._paused, self._steps, self._let_go = False, 0, self._let_go + 1
             self._may_go.notify_all()
 
     def go_one_step(self) -> None:
         """Let the scan make one section, and stand after it."""
         with self._may_go:
-            self._paused, self._steps = True, 1
+            self._paused, self._steps, self._let_go = True, 1, self._let_go + 1
             self._may_go.notify_all()
 
-    def wait_while_paused(self) -> None:
-        """Wait, between two sections, until the scan may go on or shall end."""
-        with self._may_go:
-            self._may_go.wait_for(lambda: not self.is_paused)
-            self._steps = 0
+    def wait_while_paused(self, say: Callable[[], object]) -> None:
+        """Wait, between two sections, until the scan may go on or shall end.
+
+        Parameters
+        ----------
+        say : callable
+            Says that the scan stands; once more where it was let go and paused again before it
+            could move.
+        """
+        while True:
+            with self._may_go:
+                if not self.is_paused:
+                    self._steps = 0
+                    return
+                before = self._let_go
+            say()
+            with self._may_go:
+                self._may_go.wait_for(partial(self._was_let_go_since, before))
+
+    def _was_let_go_since(self, before: int) -> bool:
+        return self._let_go != before or not self.is_paused
 
     def request_stop_after_section(self) -> None:
         """Ask for an end after the section under way."""
