@@ -17,7 +17,7 @@ from tjscan.core.errors import VehicleFault
 from tjscan.vehicle.loopback.broker import MosquittoProcess
 from tjscan.vehicle.loopback.process import VehicleLoopbackProcess
 
-START_LIMIT: Final = 60.0
+START_LIMIT: Final = 600.0
 """Seconds in which a program starts; a busy machine takes its time."""
 
 
