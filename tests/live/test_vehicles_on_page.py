@@ -23,7 +23,8 @@ from tjscan.live.drawables import Lines, MeasuredPiece, Placement
 from tjscan.live.events import NotedEvent
 from tjscan.live.listening import RunOnPage
 from tjscan.live.page import Page, PageAddress
-from tjscan.live.step import STATE, Setting
+from tjscan.live.replay import Replay
+from tjscan.live.step import STATE, RecordedShow, Setting
 from tjscan.runs.live.crawl import DEVIATION, CrawlEntry, CrawlShow
 from tjscan.runs.live.tow import CLEARANCE, TowShow, clearance, vehicles_apart
 from tjscan.runs.live.vehicle_pages import CrawlPageJournal, stop_button
@@ -133,6 +134,17 @@ def test_a_stop_is_shown_in_state_and_diagram() -> None:
     assert show.step(NotedEvent("arc on", "pass 1")).diagram is None
     tow = TowShow(read_tow_job(TOW), "tow")
     assert tow.step(NotedEvent("stop", "interrupted")).facts == {STATE: "stop: interrupted"}
+
+
+def test_the_slider_hides_a_state_of_later() -> None:
+    show = CrawlShow(read_crawl_job(CRAWL), "crawl")
+    steps = (show.step(NotedEvent("warning", "short")), show.step(NotedEvent("stop", "danger")))
+    replay = Replay([RecordedShow(show.setting, steps)], PageAddress(port=0))
+    with replay.page:
+        panel = replay.page.views[0].panel
+        for number, shown in ((1, True), (0, False), (1, True)):
+            replay.move_to(number)
+            assert panel.shows_diagram is shown
 
 
 def test_stop_is_pressed_once_for_each_click() -> None:

@@ -10,22 +10,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomli_w
+from cells import EXAMPLES
 from command import tjscan
 from crawls import SHORT
 
 from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.crawler import RUN_UPS
 from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.last_view import GOES_ON
+from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
+from tjscan.crawler.slip_estimator import ASIDE, SlipBelief
+from tjscan.crawler.slip_model import STATES
+from tjscan.crawler.topics import CRAWL_RECORDING, WARNING, record_crawl
 from tjscan.job.crawl_cell import CrawlCell, LeftWorld, make_crawl_cell
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.laser.profile import Profile
+from tjscan.recording.parts import next_recording_file
 from tjscan.runs.crawl import CrawlContext, run_crawl, short_way
 from tjscan.runs.crawl_report import crawl_chapter
 from tjscan.runs.crawl_results import read_recorded_crawl
-from tjscan.runs.crawl_resume import resume_crawl
-from tjscan.vehicle.vehicle import REST
+from tjscan.runs.crawl_resume import belief_after_stop, resume_crawl
+from tjscan.vehicle.vehicle import DEAD_MAN, REST, Twist, VehicleState
 
 
 class InterruptedInWeld:
@@ -341,3 +348,57 @@ def test_a_sizing_says_which_rule_is_broken(
     assert tjscan("crawl", "size", job_file, *wide, "--size.pads.pads", "12", "--json") == 3
     broken = [one["name"] for one in json.loads(capsys.readouterr().out) if not one["holds"]]
     assert broken == ["the same with one track broken"]
+
+
+def write_parts(directory: Path, *names: str) -> None:
+    """Write parts of a recording: each crawls 9 cycles, or waits for as many, and then ends."""
+    for name in names:
+        waits = name.startswith("waits")
+        with record_crawl(next_recording_file(directory, CRAWL_RECORDING)) as journal:
+            journal.record_event(WARNING, "anything else")
+            for k in range(9):
+                phase = Phase.MANUAL if waits else Phase.WELDING
+                state = VehicleState(0.1 * k, Twist(0.02, 0.0))
+                torch = TorchEstimate(0.0, 1e-3, 0.0)
+                slip = SlipBelief(np.zeros(STATES), np.eye(STATES))
+                journal.record_cycle(
+                    CrawlCycle(
+                        phase, 1, 0.01 * k, state, REST, torch, 0.0, 0.0, not waits, slip=slip
+                    ),
+                    None,
+                )
+            if name.endswith("stop"):
+                journal.record_event(Phase.STOP, "interrupted")
+
+
+@pytest.mark.parametrize(
+    ("parts", "stopped"),
+    [
+        (("stop",), True),
+        (("killed",), False),
+        (("killed", "waits, stop"), False),  # nobody knows more of where the first one ended
+        (("stop", "waits, killed"), True),
+        (("stop", "killed"), False),
+        (("killed", "stop"), True),
+    ],
+)
+def test_how_it_ended_is_told_by_what_crawled_last(
+    tmp_path: Path, parts: tuple[str, ...], *, stopped: bool
+) -> None:
+    write_parts(tmp_path, *parts)
+    found = read_recorded_crawl(tmp_path)
+    assert found.was_stopped is stopped
+    belief = belief_after_stop(found, read_crawl_job(EXAMPLES / "crawl.toml"))
+    assert belief is not None
+    seconds = DEAD_MAN if stopped else GOES_ON
+    assert belief.P[0, 0] - 1 == pytest.approx((ASIDE * 0.02 * seconds) ** 2)
+
+
+def test_the_way_since_a_belief_was_recorded_is_doubted(tmp_path: Path) -> None:
+    """As earlier versions recorded it, every 50 cycles."""
+    write_parts(tmp_path, "stop")
+    found = read_recorded_crawl(tmp_path)
+    old = tuple(replace(cycle, slip=found.cycles[-1].slip) for cycle in found.cycles)
+    belief = belief_after_stop(replace(found, cycles=old), read_crawl_job(EXAMPLES / "crawl.toml"))
+    assert belief is not None
+    assert belief.P[0, 0] - 1 == pytest.approx((ASIDE * (0.08 + 0.02 * DEAD_MAN)) ** 2)

@@ -114,12 +114,18 @@ class Panel:
         """HTML of the state."""
         return str(self._state.content)
 
+    @property
+    def shows_diagram(self) -> bool:
+        """Whether a state diagram is seen."""
+        return bool(self._diagram.visible)
+
     def forget(self) -> None:
         """Forget all that was shown: other steps come next."""
         self.samples, self.events = [], []
         self._facts = dict(NO_FACTS)
         self._progress.value = 0.0
-        self._table.visible = False
+        self._table.visible = self._diagram.visible = False
+        self._drawn_diagram = None
         self._log.content = events_table(())
 
     def plot(self, measure: Measure, scale: ColourScale | None) -> None:

@@ -59,6 +59,9 @@ class RecordedCrawl:
     profiles : tuple of (CrawlCycle, Profile)
     places : tuple of (CrawlCycle, SimulatedPlace)
         Where a simulated vehicle truly was; empty for a real one.
+    was_stopped : bool
+        Whether what crawled last ends with a stop; else its program was killed. One that only
+        waited to go on, and was refused or interrupted, says nothing of that.
     """
 
     cycles: tuple[CrawlCycle, ...]
@@ -66,6 +69,7 @@ class RecordedCrawl:
     events: tuple[RecordedEvent, ...]
     profiles: tuple[tuple[CrawlCycle, Profile], ...]
     places: tuple[tuple[CrawlCycle, SimulatedPlace], ...]
+    was_stopped: bool
 
 
 def read_recorded_crawl(directory: Path) -> RecordedCrawl:
@@ -74,17 +78,23 @@ def read_recorded_crawl(directory: Path) -> RecordedCrawl:
     places: list[tuple[CrawlCycle, SimulatedPlace]] = []
     events: list[RecordedEvent] = []
     profiles: list[tuple[CrawlCycle, Profile]] = []
+    was_stopped = False
     for entry in read_crawl(directory):
         if isinstance(entry, CrawlCycle):
             cycles.append(entry)
+            was_stopped &= entry.phase is Phase.MANUAL
         elif isinstance(entry, CrawlProfile):
             profiles.append((entry.cycle, entry.profile))
         elif isinstance(entry, RecordedEvent):
             events.append(entry)
+            if entry.name == Phase.STOP and cycles:
+                was_stopped |= cycles[-1].phase is not Phase.MANUAL
         elif cycles:
             places.append((cycles[-1], entry))
     passes = pass_records(cycles, places)
-    return RecordedCrawl(tuple(cycles), passes, tuple(events), tuple(profiles), tuple(places))
+    return RecordedCrawl(
+        tuple(cycles), passes, tuple(events), tuple(profiles), tuple(places), was_stopped
+    )
 
 
 def write_crawl_results(directory: Path, job: CrawlJob) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Final
 
@@ -68,8 +69,7 @@ def resume_crawl(
     # One that waits to go on, and is refused, may stand where it was moved to.
     crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
     if place is None:
-        stopped = found.events[-1].name == Phase.STOP
-        view = LastView.of_recording(crawled, found.profiles, stopped=stopped)
+        view = LastView.of_recording(crawled, found.profiles, stopped=found.was_stopped)
         start, belief = replace(start, last_view=view), belief_after_stop(found, context.job)
     else:
         check_place(place, context.job)
@@ -90,14 +90,17 @@ def resume_crawl(
 def belief_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
     """What is known of slip where a crawl goes on that was stopped, or whose program was killed.
 
-    None where its method knows of none, or it never crawled.
+    None where its method knows of none, or it never crawled. An earlier version recorded the
+    belief now and then only: the way since the last one counts as unseen, too.
     """
     crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
-    if not crawled or crawled[-1].slip is None:
+    if not crawled or (slip := crawled[-1].slip) is None:
         return None
-    last, stopped = crawled[-1], found.events[-1].name == Phase.STOP
-    way = abs(last.state.odometry.speed) * (DEAD_MAN if stopped else GOES_ON)
-    return crawled[-1].slip.after_unseen_way(way, job.steering.least_radius)
+    last = crawled[-1]
+    way = abs(last.state.odometry.speed) * (DEAD_MAN if found.was_stopped else GOES_ON)
+    since = takewhile(lambda cycle: cycle.slip is slip, reversed(crawled))
+    way += sum(abs(after.travel - cycle.travel) for after, cycle in pairwise(since))
+    return slip.after_unseen_way(way, job.steering.least_radius)
 
 
 def check_place(place: float, job: CrawlJob) -> None:
