@@ -31,6 +31,22 @@ PATIENCE: Final = 45_000
 """Milliseconds for what a page on a busy machine takes: WebGL without a graphics card starts in
 some ten seconds."""
 
+CURVE_IS_DRAWN: Final = """
+([red, green, blue, share]) => {
+    const chart = document.querySelector(".uplot canvas");
+    if (!chart) return false;
+    const seen = chart.getContext("2d").getImageData(0, 0, chart.width, chart.height).data;
+    let count = 0;
+    for (let i = 0; i < seen.length; i += 4) {
+        const off = Math.abs(seen[i] - red) + Math.abs(seen[i + 1] - green)
+            + Math.abs(seen[i + 2] - blue);
+        count += seen[i + 3] > 200 && off < 60;
+    }
+    return count > share * seen.length / 4;
+}
+"""
+"""Whether enough pixels of the first chart have a colour, edges of lines aside."""
+
 
 class ServedPage:
     """A command that serves a page, and what it writes.
@@ -122,9 +138,12 @@ class OpenedPage:
         """Pixels of the window, shape (n, m, 3)."""
         return _pixels(self.page.screenshot(timeout=2 * PATIENCE))
 
-    def chart(self) -> Array:
-        """Pixels of the first chart, shape (n, m, 3)."""
-        return _pixels(self.page.locator(".uplot").first.screenshot(timeout=2 * PATIENCE))
+    def wait_for_curve(self, colour: tuple[int, int, int], share: float) -> None:
+        """Wait until a share of the first chart's pixels has the colour of a curve.
+
+        The page makes a chart anew with each step: it is looked at in one go, in the browser.
+        """
+        self.page.wait_for_function(CURVE_IS_DRAWN, arg=[*colour, share], timeout=PATIENCE)
 
 
 def _pixels(png: bytes) -> Array:

@@ -13,8 +13,8 @@ BESIDE_CODE = ("examples", "cad")
 
 def files_below(folder: Path) -> set[str]:
     """Paths of all files below a folder, but those that Python makes."""
-    files = (file for file in folder.rglob("*") if file.is_file() and file.suffix != ".pyc")
-    return {file.relative_to(folder).as_posix() for file in files}
+    files = (file.relative_to(folder) for file in folder.rglob("*") if file.is_file())
+    return {file.as_posix() for file in files if "__pycache__" not in file.parts}
 
 
 def test_the_wheel_holds_every_file_of_the_package_and_the_examples(tmp_path: Path) -> None:

@@ -135,7 +135,7 @@ def test_a_crawler_is_driven_by_a_held_button_and_stopped_by_a_click(
             shown.wait_for("speed-?0")
             shown.press("Start")
             shown.wait_for("welding")
-            assert share_like(shown.chart(), PLOTTED) > 2e-3  # of its profile
+            shown.wait_for_curve(PLOTTED, 1e-3)  # of its profile
             shown.press("STOP")
             assert served.end() == 130
     entries = list(read_crawl(run))
