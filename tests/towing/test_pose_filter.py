@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from tjscan.core.frames import Array
+from tjscan.towing.loop import LOOKS
 from tjscan.towing.pose_filter import PoseEstimate, VehiclePoseFilter
 from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.vehicle import Twist
@@ -43,6 +44,15 @@ def test_late_poses_are_taken_as_of_their_own_time() -> None:
         make_filter(), 300, lambda k, x: VehiclePose((k - 3) * PERIOD, x - 3e-3, 0.0, 0.0)
     )
     assert abs(found[-1].pose[0] - truth[-1]) < 1e-3
+
+
+def test_a_pose_that_is_a_second_and_a_half_late_is_taken_so_too() -> None:
+    one, look, speed, late = make_filter(), PERIOD / LOOKS, 0.02, 1.5
+    for k in range(200):
+        at = look * k - late
+        measured = VehiclePose(at, speed * at, 0.0, 0.0) if at >= 0 else None
+        found = one.update(look * k, look, Twist(speed, 0.0), measured)
+    assert found.pose[0] == pytest.approx(speed * look * 199, abs=1e-3)
 
 
 def test_poses_out_of_order_count_for_nothing() -> None:

@@ -30,8 +30,8 @@ WANDER: Final = (1e-4, 3e-4)
 SIGMAS: Final = 5.0
 """Standard deviations by which a pose that is true is off at most."""
 
-REMEMBERED: Final = 20
-"""Cycles that are kept, so that a late pose meets the estimate of its own time."""
+REMEMBERED: Final = 40
+"""Updates that are kept, 2 s of them, so that a late pose meets the estimate of its own time."""
 
 SCATTER_FROM: Final = 30
 """Poses from whose differences their scatter is found."""
