@@ -31,7 +31,7 @@ from tjscan.recording.parts import next_recording_file
 from tjscan.runs.crawl import CrawlContext, run_crawl, short_way
 from tjscan.runs.crawl_report import crawl_chapter
 from tjscan.runs.crawl_results import read_recorded_crawl
-from tjscan.runs.crawl_resume import belief_after_stop, resume_crawl
+from tjscan.runs.crawl_resume import belief_after_stop, resume_crawl, start_after_stop
 from tjscan.vehicle.vehicle import DEAD_MAN, REST, Twist, VehicleState
 
 
@@ -402,3 +402,14 @@ def test_the_way_since_a_belief_was_recorded_is_doubted(tmp_path: Path) -> None:
     belief = belief_after_stop(replace(found, cycles=old), read_crawl_job(EXAMPLES / "crawl.toml"))
     assert belief is not None
     assert belief.P[0, 0] - 1 == pytest.approx((ASIDE * (0.08 + 0.02 * DEAD_MAN)) ** 2)
+
+
+def test_a_place_that_was_told_to_a_crawl_that_never_went_on_is_none(tmp_path: Path) -> None:
+    """A mistyped --place, interrupted before anything moved, says nothing of where it stands."""
+    write_parts(tmp_path, "stop", "waits, stop")
+    cycles = [
+        replace(cycle, travel=3.0) if cycle.phase is Phase.MANUAL else cycle
+        for cycle in read_recorded_crawl(tmp_path).cycles
+    ]
+    job = read_crawl_job(EXAMPLES / "crawl.toml")
+    assert start_after_stop(cycles, job, 0.02, tmp_path).travel == pytest.approx(0.08)

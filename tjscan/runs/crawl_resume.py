@@ -158,4 +158,6 @@ def start_after_stop(
     if done >= len(job.passes):
         raise ConfigurationError("every pass is welded: nothing is left to do", file=directory)
     arc_from = 0.0 if whole else max(cut.travel - overlap, 0.0)
-    return CrawlStart(done, cycles[-1].travel, arc_from)
+    # One that only waited to go on may have been told another place, and was not let go there.
+    crawled = [cycle for cycle in cycles if cycle.phase is not Phase.MANUAL]
+    return CrawlStart(done, crawled[-1].travel, arc_from)
