@@ -116,3 +116,6 @@ def test_what_ros_cannot_take_is_refused(
     assert tjscan("export", stitched, "--to", "ros") == 2
     assert tjscan("export", RUN, "--to", "ros", "--out", tmp_path / "none" / "out") == 2
     assert "no folder" in " ".join(capsys.readouterr().err.split())
+    (tmp_path / "file").touch()
+    assert tjscan("export", RUN, "--to", "ros", "--out", tmp_path / "file") == 2
+    assert "file is in the way" in " ".join(capsys.readouterr().err.split())

@@ -46,7 +46,8 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
     Raises
     ------
     ConfigurationError
-        If there is no finished run, it is stitched, or the folder to write in does not exist.
+        If there is no finished run, it is stitched, or the folder can't be made: there is none
+        to make it in, or a file has its name.
     RecordingError
         If the recording is damaged, or the arm's clock began anew in it, or a file can't be
         written.
@@ -59,8 +60,10 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
             file=directory,
         )
     folder = out or directory / f"{STEM}.ros"
-    if not folder.parent.is_dir() or folder.is_file():
-        raise ConfigurationError("is no folder in one that exists", file=folder, key="--out")
+    if not folder.parent.is_dir():
+        raise ConfigurationError("there is no folder to make it in", file=folder, key="--out")
+    if folder.is_file():
+        raise ConfigurationError("a file is in the way: name a folder", file=folder, key="--out")
     job = read_scan_job(directory / JOB)
     arm, T_b_r = Kinematics.load(job.arm.model), inverse_pose(result_frame_of_job(job).T_r_b)
     sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS))
@@ -90,7 +93,7 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
 
 
 def _views_of_growing_time(directory: Path) -> tuple[list[ProfileView], int]:
-    """The views of a recording, and nanoseconds from 1970 to the first.
+    """The views of a recording, and nanoseconds from 1970 to when it began.
 
     Of several at one time, where a profile was taken again on the spot, the first counts.
     """
