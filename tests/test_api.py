@@ -15,7 +15,7 @@ from command import blank_pictures
 import tjscan
 from tjscan.api import Scan
 from tjscan.comparison.result import Comparison
-from tjscan.core.errors import GrooveNotFound
+from tjscan.core.errors import ConfigurationError, GrooveNotFound
 
 ROOT = Path(__file__).parents[1]
 
@@ -145,3 +145,8 @@ def test_a_calibration_finds_the_sensor_on_the_flange() -> None:
         tjscan.calibrate(profiles, poses, noise={"rnage": 1e-5})
     text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
     assert all(hasattr(found, name) for name in re.findall(r"found\.(\w+)", text))
+
+
+def test_a_recording_that_is_not_there_is_not_named_as_what_a_run_holds(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="name a run directory that holds one"):
+        tjscan.Recording(tmp_path / "none")

@@ -42,3 +42,5 @@ def test_what_is_there_is_not_overwritten(
 def test_an_unknown_example_is_named_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
     assert tjscan("init", "papr") == 2
     assert "did you mean: paper?" in capsys.readouterr().err
+    assert tjscan("init", "nothing-like-any") == 2
+    assert capsys.readouterr().err.count("whole-joint") == 1

@@ -35,7 +35,7 @@ def files_of_example(name: str) -> dict[str, str]:
     if name not in known:
         raise ConfigurationError(
             f"there is no example {name!r}; did you mean: {nearest_word(name, known)}? "
-            f"Known: {', '.join(known)}"
+            "'tjscan init' lists them all"
         )
     texts: dict[str, str] = {}
     left = [folder / f"{name}.toml"]

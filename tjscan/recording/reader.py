@@ -204,7 +204,7 @@ def _records(
                 yield record
     except FileNotFoundError:
         raise ConfigurationError(
-            f"there is no recording; a run directory holds {file.name}", file=file
+            "there is no recording; name a run directory that holds one, or its file", file=file
         ) from None
     except OSError as error:
         raise RecordingError(f"{file}: can't be read: {error.strerror}") from error
