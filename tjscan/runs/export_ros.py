@@ -61,7 +61,9 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
         )
     folder = out or directory / f"{STEM}.ros"
     if not folder.parent.is_dir():
-        raise ConfigurationError("there is no folder to make it in", file=folder, key="--out")
+        raise ConfigurationError(
+            "there is no folder to make it in: make that first", file=folder, key="--out"
+        )
     if folder.is_file():
         raise ConfigurationError("a file is in the way: name a folder", file=folder, key="--out")
     job = read_scan_job(directory / JOB)
