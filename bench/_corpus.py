@@ -51,7 +51,7 @@ from tjscan.result.table import read_sections_csv
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.models.generate import urdf_text
 from tjscan.runs.context import RunContext
-from tjscan.runs.scan import run_scan
+from tjscan.runs.scan.run import run_scan
 from tjscan.runs.scan_study.outcome import ScanOutcome
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.section import ProfileView, ScannedSection

@@ -24,7 +24,7 @@ from tjscan.job.crawl_cell import CrawlCell, make_crawl_cell
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.joint.hull_path import joint_pose, laser_offset
 from tjscan.laser.profile import Profile
-from tjscan.runs.crawl import CrawlContext, WeldsAlways
+from tjscan.runs.crawl.run import CrawlContext, WeldsAlways
 
 NO_PROFILE: Final = Profile(np.empty(0), np.empty(0))
 UNEVENNESS: Final = 0.02e-3

@@ -19,7 +19,7 @@ from tjscan.job.cell import Cell
 from tjscan.result.directory import RECORDING
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.context import RunContext
-from tjscan.runs.scan import run_scan, scan_in_cell
+from tjscan.runs.scan.run import run_scan, scan_in_cell
 from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.section import ProfileView

@@ -12,7 +12,7 @@ from _table import Row
 
 from tjscan.job import read_scan_job
 from tjscan.runs.context import RunContext
-from tjscan.runs.scan import scan_in_cell
+from tjscan.runs.scan.run import scan_in_cell
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.topics import RecordingJournal, record_scan
 

@@ -25,17 +25,17 @@ from tjscan.result.chapter import ReportChapter
 from tjscan.result.directory import BUDGET, CLOUD, JOB, PICTURE, RECORDING, SECTIONS, SUMMARY
 from tjscan.result.table import read_sections_csv
 from tjscan.runs.context import RunContext
-from tjscan.runs.crawl import CrawlContext, run_crawl
-from tjscan.runs.crawl_replay import replay_crawl
-from tjscan.runs.crawl_report import crawl_chapter
-from tjscan.runs.crawl_results import PASSES, WELD_LOG, read_passes
-from tjscan.runs.crawl_resume import resume_crawl
-from tjscan.runs.reprocess import reprocess_run
-from tjscan.runs.scan import resume_scan, run_scan
-from tjscan.runs.tow import TowContext, resume_tow, run_tow
-from tjscan.runs.tow_replay import replay_tow
-from tjscan.runs.tow_report import tow_chapter
-from tjscan.runs.tow_results import FIGURES, PLANS, read_recorded_tow, read_tow_figures
+from tjscan.runs.crawl.replay import replay_crawl
+from tjscan.runs.crawl.report import crawl_chapter
+from tjscan.runs.crawl.results import PASSES, WELD_LOG, read_passes
+from tjscan.runs.crawl.resume import resume_crawl
+from tjscan.runs.crawl.run import CrawlContext, run_crawl
+from tjscan.runs.scan.reprocess import reprocess_run
+from tjscan.runs.scan.run import resume_scan, run_scan
+from tjscan.runs.tow.replay import replay_tow
+from tjscan.runs.tow.report import tow_chapter
+from tjscan.runs.tow.results import FIGURES, PLANS, read_recorded_tow, read_tow_figures
+from tjscan.runs.tow.run import TowContext, resume_tow, run_tow
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.towing.topics import TOW_RECORDING

@@ -54,9 +54,9 @@ from tjscan.laser.files.read import read_profiles
 from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.calibrate import start_calibration
+from tjscan.runs.calibration.run import start_calibration
 from tjscan.runs.context import RunContext
-from tjscan.runs.scan import run_scan
+from tjscan.runs.scan.run import run_scan
 
 EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"
 MM: Final = 1e-3

@@ -23,8 +23,8 @@ from _table import Row, main
 from tjscan.job import read_scan_job
 from tjscan.result.frame import JointOrBaseFrame
 from tjscan.runs.context import RunContext
-from tjscan.runs.results import summarise_scan
-from tjscan.runs.scan import scan_in_cell
+from tjscan.runs.scan.results import summarise_scan
+from tjscan.runs.scan.run import scan_in_cell
 from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.method import predictor_for_plan
 from tjscan.scanning.progress import groove_length

@@ -61,7 +61,7 @@ from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic, make_json_topic
 from tjscan.recording.writer import RecordingWriter
 from tjscan.robot.arm import ArmState
-from tjscan.runs.calibrate import (
+from tjscan.runs.calibration.run import (
     calibration_plan_of_job,
     make_calibration_cell,
     resume_calibration,

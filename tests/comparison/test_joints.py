@@ -25,7 +25,7 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.result.frame import JointOrBaseFrame
-from tjscan.runs.results import all_profile_points
+from tjscan.runs.scan.results import all_profile_points
 
 CAD = Path(__file__).parent.parent.parent / "cad"
 PAPER, LEANING = CAD / "tjoint-600x457.toml", CAD / "yjoint-600x457-60deg.toml"

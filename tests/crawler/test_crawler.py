@@ -16,7 +16,7 @@ from tjscan.crawler.torch_axes import SimulatedTorchAxes
 from tjscan.job.crawl_cell import make_crawl_cell
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.laser.profile import Profile
-from tjscan.runs.crawl import CrawlContext, make_crawler
+from tjscan.runs.crawl.run import CrawlContext, make_crawler
 from tjscan.vehicle.vehicle import REST, Twist, VehicleState
 
 

@@ -16,7 +16,7 @@ from tjscan.crawler.slip_model import (
     propagate_state,
 )
 from tjscan.crawler.steering import SteeringSettings, track_turn_rate
-from tjscan.runs.crawl import TO_SETTLE, TO_TURN
+from tjscan.runs.crawl.run import TO_SETTLE, TO_TURN
 
 GEOMETRY = CrawlerGeometry(0.5, 0.0)
 WIDE = SteeringSettings(gain=8.0, least_radius=0.5)
@@ -82,7 +82,7 @@ def shuttled(length: float, crab: float, settings: SteeringSettings, times: int 
 
 @pytest.mark.parametrize(("crab", "radius"), [(5e-3, 8.0), (10e-3, 8.0), (10e-3, 4.0)])
 def test_ways_too_short_to_turn_by_twice_the_crab_lead_outward(crab: float, radius: float) -> None:
-    """With everything known: it is geometry, and `tjscan.runs.crawl.short_way` tells of it."""
+    """With everything known: it is geometry, and `tjscan.runs.crawl.run.short_way` tells of it."""
     settings = SteeringSettings(least_radius=radius)
     needed = TO_SETTLE / settings.gain + TO_TURN * crab * radius
     # Where it goes straight along the joint, it stands askew by the crab.

@@ -26,7 +26,7 @@ from tjscan.joint.tubes.fit import fit_tubes_to_walls
 from tjscan.joint.tubes.frame import joint_frame_from_tubes, joint_pose_from_cylinders
 from tjscan.joint.tubes.walls import ArmRepeatability, WallPoints
 from tjscan.result.frame import JointOrBaseFrame
-from tjscan.runs.results import all_profile_points
+from tjscan.runs.scan.results import all_profile_points
 
 CAD = Path(__file__).parent.parent.parent / "cad"
 JOINTS = [read_joint(file) for file in sorted(CAD.glob("?joint-*.toml"))]

@@ -28,7 +28,7 @@ from tjscan.live.step import STATE, RecordedShow, Setting
 from tjscan.runs.live.crawl import DEVIATION, CrawlEntry, CrawlShow
 from tjscan.runs.live.tow import CLEARANCE, TowShow, clearance, vehicles_apart
 from tjscan.runs.live.vehicle_pages import CrawlPageJournal, stop_button
-from tjscan.runs.tow import TowContext
+from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.plan import PlanTerms, TowingPlan
 from tjscan.vehicle.vehicle import REST, VehicleState

@@ -16,7 +16,8 @@ from tjscan.report.charts import draw_scan_charts
 from tjscan.report.data import read_report_data
 from tjscan.report.page import render_report_page
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
-from tjscan.runs import calibration_report, scan_report
+from tjscan.runs.calibration import report as calibration_report
+from tjscan.runs.scan import report as scan_report
 
 FED = ReportChapter(
     facts=(("wire feeder", "spool 7 <full>"),),

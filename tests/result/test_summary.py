@@ -14,7 +14,7 @@ from tjscan.result.summary import (
     summarise_stations,
     write_summary,
 )
-from tjscan.runs.results import sections_in_result_frame, summarise_scan
+from tjscan.runs.scan.results import sections_in_result_frame, summarise_scan
 from tjscan.scanning.result import ScanResult
 
 

@@ -15,7 +15,7 @@ from tjscan.job import read_scan_job
 from tjscan.result.table import read_sections_csv
 from tjscan.runs.context import RunContext
 from tjscan.runs.directory import make_run_directory
-from tjscan.runs.scan import run_scan
+from tjscan.runs.scan.run import run_scan
 
 EXAMPLE = EXAMPLES / "whole-joint.toml"
 

@@ -12,7 +12,7 @@ pytest.importorskip("proxsuite")
 
 from command import tjscan
 
-from tjscan.runs.tow_results import read_recorded_tow, read_tow_figures
+from tjscan.runs.tow.results import read_recorded_tow, read_tow_figures
 from tjscan.towing.journal import TowCycle
 from tjscan.towing.loop import CableTow
 

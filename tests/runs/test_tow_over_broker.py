@@ -10,8 +10,8 @@ pytest.importorskip("proxsuite")
 
 from tjscan.core.errors import VehicleFault
 from tjscan.job.tow_reading import read_tow_job
-from tjscan.runs.tow import TowContext, run_tow
-from tjscan.runs.tow_results import read_recorded_tow
+from tjscan.runs.tow.results import read_recorded_tow
+from tjscan.runs.tow.run import TowContext, run_tow
 from tjscan.towing.journal import TowCycle
 from tjscan.vehicle.loopback.broker import MosquittoProcess, find_mosquitto
 from tjscan.vehicle.loopback.process import VehicleLoopbackProcess

@@ -59,7 +59,7 @@ def scan(
     from tjscan.job import read_scan_job
     from tjscan.runs.context import RunContext
     from tjscan.runs.directory import default_run_directory
-    from tjscan.runs.scan import run_scan
+    from tjscan.runs.scan.run import run_scan
 
     file = Path(job)
     with add_file_to_errors(file):

@@ -8,9 +8,9 @@ from tjscan.core.registry import TaskPlugin
 
 TASK: Final = TaskPlugin(
     "calibrate",
-    report="tjscan.runs.calibration_report:calibration_chapter",
+    report="tjscan.runs.calibration.report:calibration_chapter",
     recording="measured.mcap",
     result="calibration.toml",
-    page="tjscan.runs.calibration_page:calibration_page",
+    page="tjscan.runs.calibration.page:calibration_page",
     live="tjscan.runs.live.calibration:read_calibration_show",
 )

@@ -93,7 +93,7 @@ def _check(file: Path, overrides: Sequence[str], station: str | None) -> None:
     keys = parse_overrides(overrides)
     with add_file_to_errors(file):
         job = read_calibration_job(file, keys).job_at_station(station)
-    from tjscan.runs.calibrate_check import check_calibration_job
+    from tjscan.runs.calibration.check import check_calibration_job
 
     found = check_calibration_job(job, file)
     print_message(
@@ -125,7 +125,7 @@ def _start(
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.operators import chosen_operator
     from tjscan.cli.output.calibration import finish_calibration
-    from tjscan.runs.calibrate import start_calibration
+    from tjscan.runs.calibration.run import start_calibration
     from tjscan.runs.directory import default_run_directory
 
     directory = out or default_run_directory(file)
@@ -140,7 +140,7 @@ def _resume(directory: Path, page: LiveOptions, *, unattended: bool, json: bool)
     from tjscan.cli.output.calibration import finish_calibration
     from tjscan.job import read_calibration_job
     from tjscan.result.directory import JOB
-    from tjscan.runs.calibrate import resume_calibration
+    from tjscan.runs.calibration.run import resume_calibration
 
     file = directory / JOB
     with chosen_operator(read_calibration_job(file), file, page, unattended=unattended) as operator:

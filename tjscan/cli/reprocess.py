@@ -36,7 +36,7 @@ def reprocess(
         from tjscan.cli.output.scan import print_scan_summary
         from tjscan.cli.output.stitching import print_stitched_groove
         from tjscan.report.write import write_run_report
-        from tjscan.runs.reprocess import reprocess_run as read_again
+        from tjscan.runs.scan.reprocess import reprocess_run as read_again
 
         done = read_again(run, keys, out, write_run_report)
     for one in done.stations:

@@ -22,9 +22,10 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.job import ScanJob
 from tjscan.report.write import write_run_report
 from tjscan.result.summary import ScanSummary
-from tjscan.runs import scan, stations
 from tjscan.runs.context import RunContext
 from tjscan.runs.directory import default_run_directory
+from tjscan.runs.scan import run as scan
+from tjscan.runs.stations import run as stations
 from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.stopping import StopRequest

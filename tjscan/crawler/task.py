@@ -8,7 +8,7 @@ from tjscan.core.registry import TaskPlugin
 
 TASK: Final = TaskPlugin(
     "crawl",
-    report="tjscan.runs.crawl_report:crawl_chapter",
+    report="tjscan.runs.crawl.report:crawl_chapter",
     study="tjscan.runs.crawl_study.backend:CRAWL_STUDY",
     recording="crawl.mcap",
     live="tjscan.runs.live.crawl:read_crawl_show",

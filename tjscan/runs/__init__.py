@@ -1,1 +1,1 @@
-"""What the program does, one file a verb: each takes a job file to a run directory."""
+"""What the program does, a room or a file a verb: each takes a job file to a run directory."""

@@ -8,7 +8,7 @@ from tjscan.core.registry import TaskPlugin
 
 TASK: Final = TaskPlugin(
     "scan",
-    report="tjscan.runs.scan_report:scan_chapter",
+    report="tjscan.runs.scan.report:scan_chapter",
     study="tjscan.runs.scan_study.backend:SCAN_STUDY",
     live="tjscan.runs.live.scan:read_recorded_scan_show",
 )

@@ -8,8 +8,8 @@ from cells import PAPER
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.job.crawl_reading import read_crawl_job
-from tjscan.runs.crawl import CrawlContext, run_crawl
-from tjscan.runs.crawl_results import read_recorded_crawl
+from tjscan.runs.crawl.results import read_recorded_crawl
+from tjscan.runs.crawl.run import CrawlContext, run_crawl
 from tjscan.runs.crawl_study.outcome import CrawlOutcome
 from tjscan.study.backend import study_backend_of_task
 from tjscan.study.file import read_study_file

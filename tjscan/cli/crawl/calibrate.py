@@ -30,7 +30,7 @@ def calibrate(
 
     parsed = read_crawl_job(job, parse_overrides(overrides))
     from tjscan.cli.crawl.output import print_slip_calibration, watch_crawl
-    from tjscan.runs.crawl_calibrate import calibrate_slip
+    from tjscan.runs.crawl.calibrate import calibrate_slip
     from tjscan.runs.directory import default_run_directory
 
     directory = out or default_run_directory(job)

@@ -16,6 +16,6 @@ def compare(first: Path, second: Path, *, json: bool = False) -> None:
         Print both as JSON on stdout.
     """
     from tjscan.cli.crawl.output import print_comparison
-    from tjscan.runs.crawl_results import read_passes
+    from tjscan.runs.crawl.results import read_passes
 
     print_comparison({str(place): read_passes(place) for place in (first, second)}, json=json)

@@ -20,8 +20,8 @@ from tjscan.crawler.slip_calibration import SlipCalibration
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.report.write import write_run_report
-from tjscan.runs.crawl import CrawlContext, WeldsAlways
-from tjscan.runs.crawl_results import PASSES, read_passes
+from tjscan.runs.crawl.results import PASSES, read_passes
+from tjscan.runs.crawl.run import CrawlContext, WeldsAlways
 
 
 class EventPrinter:

@@ -35,8 +35,8 @@ def replay(
     from tjscan.cli.crawl.output import print_passes
     from tjscan.cli.options.overrides import parse_overrides
     from tjscan.report.write import write_run_report
-    from tjscan.runs.crawl_replay import replay_crawl
-    from tjscan.runs.reprocess import dated_sibling_directory
+    from tjscan.runs.crawl.replay import replay_crawl
+    from tjscan.runs.scan.reprocess import dated_sibling_directory
 
     keys = parse_overrides(overrides) | ({} if method is None else {"method": method})
     directory = out or dated_sibling_directory(run)

@@ -12,7 +12,7 @@ from tjscan.cli.output.console import add_text_row, print_message, stderr
 from tjscan.result.stitching import LOOP_OPEN, StitchingReport
 from tjscan.result.summary import ScanSummary
 from tjscan.result.summary_words import uncertainty_lines
-from tjscan.runs.stitch import StitchedRun
+from tjscan.runs.stations.stitch import StitchedRun
 
 NOTED_MM = 0.05
 """Tubes less out of round than this are not reported."""

@@ -19,9 +19,9 @@ from tjscan.job.tow_cell import make_planner
 from tjscan.job.tow_job import TowJob
 from tjscan.job.tow_sweep import sweep_seam
 from tjscan.report.write import write_run_report
-from tjscan.runs.tow import TowContext
-from tjscan.runs.tow_figures import UNITS
-from tjscan.runs.tow_results import FIGURES, read_tow_figures
+from tjscan.runs.tow.figures import UNITS
+from tjscan.runs.tow.results import FIGURES, read_tow_figures
+from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import CombinedTowJournal, TowCycle
 from tjscan.towing.seam import Seam
 

@@ -34,8 +34,8 @@ def replay(
     from tjscan.cli.options.overrides import parse_overrides
     from tjscan.cli.tow.output import print_figures
     from tjscan.report.write import write_run_report
-    from tjscan.runs.reprocess import dated_sibling_directory
-    from tjscan.runs.tow_replay import replay_tow
+    from tjscan.runs.scan.reprocess import dated_sibling_directory
+    from tjscan.runs.tow.replay import replay_tow
 
     keys = parse_overrides(overrides) | ({} if method is None else {"method": method})
     directory = out or dated_sibling_directory(run)

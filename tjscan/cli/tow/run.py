@@ -55,7 +55,7 @@ def run(
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.tow.output import print_figures, print_sweep, watch_tow
     from tjscan.runs.directory import default_run_directory
-    from tjscan.runs.tow import resume_tow, run_tow
+    from tjscan.runs.tow.run import resume_tow, run_tow
 
     if dry_run:
         print_sweep(parsed, file, json=json)

@@ -23,11 +23,11 @@ from tjscan.joint.edges import feature_edges
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.result.frame import JointOrBaseFrame
 from tjscan.result.section import absent_corners
-from tjscan.runs.calibrate import start_calibration
+from tjscan.runs.calibration.run import start_calibration
 from tjscan.runs.chain.settings import Chain
 from tjscan.runs.context import RunContext, groove_reader_of_job
-from tjscan.runs.results import all_profile_points
-from tjscan.runs.scan import scan_in_cell
+from tjscan.runs.scan.results import all_profile_points
+from tjscan.runs.scan.run import scan_in_cell
 from tjscan.runs.uncertainty import causes_of_job
 from tjscan.scanning.journal import CombinedJournal
 from tjscan.stitching.settings import StitchSettings

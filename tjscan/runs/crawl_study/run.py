@@ -15,7 +15,7 @@ from tjscan.crawler.pass_record import PassRecord, pass_records, root_mean_squar
 from tjscan.job.crawl_cell import make_crawl_cell
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.laser.profile import Profile
-from tjscan.runs.crawl import CrawlContext, make_crawler
+from tjscan.runs.crawl.run import CrawlContext, make_crawler
 from tjscan.runs.crawl_study.outcome import CrawlOutcome
 
 COMPLETE: Final = "Complete"

@@ -29,7 +29,7 @@ from tjscan.live.drawables import Drawable, Lines, Posture, Surface
 from tjscan.live.step import Measure, PlaneCurve, RecordedShow, Sample, Setting, Step
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB
-from tjscan.runs.calibrate import calibration_plan_of_job
+from tjscan.runs.calibration.run import calibration_plan_of_job
 
 POSITION: Final = Measure("position known to", "mm", logarithmic=True)
 ROTATION: Final = Measure("rotation known to", "°", logarithmic=True)

@@ -30,7 +30,7 @@ from tjscan.planning.edges import GrooveEdges, fit_edges_to_corners
 from tjscan.planning.plan import plan_weld
 from tjscan.planning.wps import M_MIN
 from tjscan.result.directory import JOB, job_label_of_run
-from tjscan.runs.crawl_results import read_recorded_crawl
+from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.plan.files import (
     CRAWL_PASSES,
     EARLIER,

@@ -17,8 +17,8 @@ from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.result.frame import JointOrBaseFrame
 from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary
-from tjscan.runs.results import summarise_scan
-from tjscan.runs.scan import scan_in_cell
+from tjscan.runs.scan.results import summarise_scan
+from tjscan.runs.scan.run import scan_in_cell
 from tjscan.runs.scan_study.outcome import ScanOutcome
 from tjscan.runs.scan_study.settings import StudyScanSettings
 from tjscan.scanning.journal import CombinedJournal

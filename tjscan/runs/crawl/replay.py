@@ -33,9 +33,9 @@ from tjscan.recording.topic import Topic
 from tjscan.recording.writer import RecordingWriter
 from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.runs.context import do_nothing_when_finished
-from tjscan.runs.crawl import CrawlContext, make_crawl_directory
-from tjscan.runs.crawl_results import read_recorded_crawl, write_passes
-from tjscan.runs.crawl_resume import belief_after_stop
+from tjscan.runs.crawl.results import read_recorded_crawl, write_passes
+from tjscan.runs.crawl.resume import belief_after_stop
+from tjscan.runs.crawl.run import CrawlContext, make_crawl_directory
 from tjscan.runs.directory import check_replay
 
 REPLAYABLE: Final = ("method", "calibration", "slip.", "course.")

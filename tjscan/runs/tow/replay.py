@@ -22,8 +22,8 @@ from tjscan.recording.header import JobSnapshot
 from tjscan.result.directory import JOB
 from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.directory import check_replay
-from tjscan.runs.tow import TowContext, make_tow_directory
-from tjscan.runs.tow_results import write_tow_results
+from tjscan.runs.tow.results import write_tow_results
+from tjscan.runs.tow.run import TowContext, make_tow_directory
 from tjscan.towing.area import DiscObstacle
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.loop import PERIOD

@@ -25,8 +25,8 @@ from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.result.summary import ScanSummary
 from tjscan.runs.context import RunContext, do_nothing_when_finished, groove_reader_of_job
 from tjscan.runs.directory import COPIES
-from tjscan.runs.scan import write_job_results
-from tjscan.runs.stitch import StitchedRun, stitch_run_directories
+from tjscan.runs.scan.run import write_job_results
+from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedScan, RecordedSection

@@ -17,7 +17,7 @@ from tjscan.job.crawl_job import CrawlJob
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import CALIBRATION, JOB
-from tjscan.runs.crawl_results import RecordedCrawl, read_recorded_crawl
+from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl
 
 MOST_POINTS: Final = 2000
 """Of a line in a chart."""

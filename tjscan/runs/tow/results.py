@@ -19,7 +19,7 @@ from tjscan.core.provenance import Provenance
 from tjscan.job.tow_job import TowJob
 from tjscan.recording.event import RecordedEvent
 from tjscan.result.directory import job_label_of_run
-from tjscan.runs.tow_figures import TowFigures, figures_of_tow
+from tjscan.runs.tow.figures import TowFigures, figures_of_tow
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.topics import read_tow
 

@@ -16,8 +16,8 @@ from tjscan.job.tow_reading import read_tow_job
 from tjscan.result.animation import MovingDiscs, MovingLine, PlaneAnimation
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import JOB
-from tjscan.runs.tow_figures import UNITS, TowFigures
-from tjscan.runs.tow_results import RecordedTow, read_recorded_tow
+from tjscan.runs.tow.figures import UNITS, TowFigures
+from tjscan.runs.tow.results import RecordedTow, read_recorded_tow
 from tjscan.towing.seam import Seam
 from tjscan.towing.topics import REPLAY, TOW_RECORDING
 

@@ -19,7 +19,7 @@ from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import JOB
 from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.directory import accept_edited_copies, empty_run_directory, write_job_copy
-from tjscan.runs.tow_results import read_recorded_tow, write_tow_results
+from tjscan.runs.tow.results import read_recorded_tow, write_tow_results
 from tjscan.towing.journal import CombinedTowJournal, TowJournal, TowTruth
 from tjscan.towing.loop import CableTow, TowSetting
 from tjscan.towing.plan import ShapePlanner, TowingPlan

@@ -14,7 +14,7 @@ from tjscan.job.crawl_cell import make_crawl_cell
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
-from tjscan.runs.crawl import CrawlContext, check_size, make_crawl_directory, make_crawler
+from tjscan.runs.crawl.run import CrawlContext, check_size, make_crawl_directory, make_crawler
 
 LENGTH: Final = 0.8
 """Metres of the shuttle's way out."""

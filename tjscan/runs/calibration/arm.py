@@ -21,7 +21,7 @@ from tjscan.job import CalibrationJob
 from tjscan.job.arm import kinematics_of_job
 from tjscan.job.cell import Cell
 from tjscan.laser.deviation import LaserDeviation
-from tjscan.runs.calibration_basis import basis_of_postures
+from tjscan.runs.calibration.basis import basis_of_postures
 
 BALL_SUBDIVISIONS: Final = 6
 """Of an icosahedron: its faces are then within 2 µm of a ball of 40 mm."""

@@ -20,8 +20,8 @@ from tjscan.result.directory import JOB, SUMMARY
 from tjscan.result.summary import ScanSummary, read_summary
 from tjscan.runs.context import RunContext, do_nothing_when_finished
 from tjscan.runs.directory import COPIES, accept_edited_copies, nothing_recorded_yet
-from tjscan.runs.scan import check_keys_replaceable, resume_scan, run_scan
-from tjscan.runs.stitch import StitchedRun, stitch_run_directories
+from tjscan.runs.scan.run import check_keys_replaceable, resume_scan, run_scan
+from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.journal import Journal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.reader import read_recorded_scan

@@ -47,7 +47,7 @@ from tjscan.recording.header import JobSnapshot
 from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.runs.context import do_nothing_when_finished
-from tjscan.runs.crawl_results import write_crawl_results
+from tjscan.runs.crawl.results import write_crawl_results
 from tjscan.runs.directory import accept_edited_copies, empty_run_directory, write_job_copy
 
 TO_SETTLE: Final = 4.0

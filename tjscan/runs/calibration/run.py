@@ -45,8 +45,8 @@ from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.drivers import SimulatedScene
 from tjscan.laser.optics import RaycastSurface
 from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
-from tjscan.runs.calibrate_arm import ball_mesh, calibrate_arm_in_cell
-from tjscan.runs.calibration_basis import basis_of_lines
+from tjscan.runs.calibration.arm import ball_mesh, calibrate_arm_in_cell
+from tjscan.runs.calibration.basis import basis_of_lines
 from tjscan.runs.directory import make_run_directory
 
 OLD: Final = "measured.jsonl"

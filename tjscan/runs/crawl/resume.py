@@ -25,8 +25,8 @@ from tjscan.job.crawl_cell import LeftWorld, make_crawl_cell
 from tjscan.job.crawl_job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.result.directory import JOB
-from tjscan.runs.crawl import CrawlContext, check_size, crawl_into
-from tjscan.runs.crawl_results import RecordedCrawl, read_recorded_crawl
+from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl
+from tjscan.runs.crawl.run import CrawlContext, check_size, crawl_into
 from tjscan.vehicle.vehicle import DEAD_MAN
 
 OVERLAP: Final = 0.02

@@ -7,7 +7,7 @@ from pathlib import Path
 from tjscan.calibration.file import read_calibration
 from tjscan.result.chapter import ReportChapter
 from tjscan.result.directory import CALIBRATION
-from tjscan.runs.results import calibration_label
+from tjscan.runs.scan.results import calibration_label
 
 
 def calibration_chapter(directory: Path) -> ReportChapter:

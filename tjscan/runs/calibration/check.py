@@ -28,7 +28,7 @@ from tjscan.job.files import CalibrationJob
 from tjscan.job.sensor_mount import sensor_mount_of_job
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm
-from tjscan.runs.calibrate import calibration_plan_of_job, make_calibration_cell
+from tjscan.runs.calibration.run import calibration_plan_of_job, make_calibration_cell
 
 NOT_TAKEN: Final = Profile(np.empty(0), np.empty(0))
 """Of a line that is planned only."""

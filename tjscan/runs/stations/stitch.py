@@ -43,8 +43,8 @@ from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
 from tjscan.runs.context import RunContext, do_nothing_when_finished, groove_reader_of_job
 from tjscan.runs.directory import COPIES
-from tjscan.runs.results import all_profile_points
-from tjscan.runs.stitching_report import build_stitching_report
+from tjscan.runs.scan.results import all_profile_points
+from tjscan.runs.stations.report import build_stitching_report
 from tjscan.runs.uncertainty import causes_of_job
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.stitching.draft import StitchingDraft

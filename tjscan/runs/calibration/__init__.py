@@ -1,0 +1,1 @@
+"""A calibration, from its job to its run directory, its page and its report."""

@@ -1,0 +1,1 @@
+"""A scan from one station: run, read again, and what it leaves behind."""

@@ -1,0 +1,1 @@
+"""Scans from several stations, and how they are stitched."""

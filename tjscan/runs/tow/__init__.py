@@ -1,0 +1,1 @@
+"""A tow along a seam: run, replayed, and what it leaves behind."""
