@@ -31,7 +31,7 @@ outline_mm = [[0, -5000], [2600, -5000], [2600, 5000], [0, 5000]]
 points_mm = [[2600, -300], [2600, -270]]
 speed_mm_min = 600
 [following]
-patience_s = 3
+patience_s = 10
 """
 
 

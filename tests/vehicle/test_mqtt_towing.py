@@ -23,7 +23,7 @@ from tjscan.vehicle.mqtt.localisation import MqttLocalisation  # noqa: E402
 from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings, MqttSettings  # noqa: E402
 from tjscan.vehicle.mqtt.vehicle import MqttVehicle  # noqa: E402
 
-LONGEST = 20.0
+LONGEST = 120.0
 """Seconds that anything may take on a busy machine."""
 
 JOB = """
