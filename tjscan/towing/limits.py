@@ -280,6 +280,11 @@ def limit_gradients(rows: Array, root: Array, links: Array, gradients: Array) ->
             gradients[r, k] = total
 
 
+def words_of_mm(mm: float) -> str:
+    """Millimetres as a message states them: what is below ten is not rounded to nothing."""
+    return f"{mm:.0f}" if mm >= 10 else f"{mm:.2g}"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class HardLimits:
     """All that a plan of one period must keep.
@@ -364,36 +369,33 @@ class HardLimits:
 
     def words(self, row: Array) -> str:
         """What a row with a margin below zero says of the shape."""
-        kind, link, mm = LimitKind(int(row[9])), int(row[3]), -1e3 * row[0]
+        kind, link, mm = LimitKind(int(row[9])), int(row[3]), words_of_mm(-1e3 * row[0])
         limits = self.limits
         match kind:
             case LimitKind.LINK_TO_OBSTACLE:
                 asked = f"{1e3 * limits.link_clearance:.0f} mm from what stands there"
-                return f"link {link} would be {mm:.0f} mm too near: it must keep {asked}"
+                return f"link {link} would be {mm} mm too near: it must keep {asked}"
             case LimitKind.BODY_TO_OBSTACLE:
                 asked = f"{1e3 * limits.body_clearance:.0f} mm from what stands there"
-                return (
-                    f"{self._holder(link)} would be {mm:.0f} mm too near: its body must keep "
-                    f"{asked}"
-                )
+                return f"{self._holder(link)} would be {mm} mm too near: its body must keep {asked}"
             case LimitKind.BODY_TO_BODY:
                 return (
-                    f"{self._holder(link)} and {self._holder(int(row[6]))} would be {mm:.0f} mm "
+                    f"{self._holder(link)} and {self._holder(int(row[6]))} would be {mm} mm "
                     f"too near: {1e3 * limits.vehicle_gap:.0f} mm must stay between their bodies"
                 )
             case LimitKind.LINK_TO_BODY:
                 return (
-                    f"link {link} would be {mm:.0f} mm too near to {self._holder(int(row[6]))}: "
+                    f"link {link} would be {mm} mm too near to {self._holder(int(row[6]))}: "
                     f"{1e3 * limits.body_clearance:.0f} mm must stay between them"
                 )
             case LimitKind.LINK_TO_LINK:
                 return (
-                    f"links {link} and {int(row[6])} would be {mm:.0f} mm too near: the cable "
+                    f"links {link} and {int(row[6])} would be {mm} mm too near: the cable "
                     f"must keep {1e3 * limits.cable_gap:.0f} mm from itself"
                 )
             case LimitKind.SPEED:
                 return (
-                    f"{self._holder(link)} would have to drive {mm:.0f} mm further than it can at "
+                    f"{self._holder(link)} would have to drive {mm} mm further than it can at "
                     f"{60 * self.team.top_speed:.3g} m/min"
                 )
             case _:

@@ -14,7 +14,7 @@ from tjscan.towing.cable import Cable
 from tjscan.towing.compiled import Indices
 from tjscan.towing.estimate import CableEstimate, PoseTrust, estimate_shape
 from tjscan.towing.limited import optimise_limited
-from tjscan.towing.limits import KEPT, HardLimits, LimitKind
+from tjscan.towing.limits import KEPT, HardLimits, LimitKind, words_of_mm
 from tjscan.towing.optimise import newton_shape
 from tjscan.towing.plan import TowingPlan
 from tjscan.towing.pull import pull_on_welder
@@ -242,8 +242,8 @@ class CheckedShape:
             if not self.off > -self.margin:
                 return self.limits.words(self.rows[self.rows[:, 0].argmin()])
             return (
-                f"the cable does not reach: it ends {1e3 * self.off:.3g} mm short of the welder "
-                "or of a vehicle that stands"
+                "the cable does not reach within its limits: it ends "
+                f"{words_of_mm(1e3 * self.off)} mm short of the welder or of a vehicle that stands"
             )
         here = self.limits.rows(estimate)
         near = here[np.isin(here[:, 9], (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK))]

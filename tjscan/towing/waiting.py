@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -79,4 +80,4 @@ class Patience:
 
 def _without_numbers(waiting: Waiting) -> str:
     """Its words: as long as only numbers change, nothing new is to be said."""
-    return "".join(letter for letter in waiting.why if not letter.isdigit())
+    return re.sub(r"\d+(\.\d+)?", "", waiting.why)
