@@ -130,8 +130,7 @@ def show_run(
     with page:
         run = RunOnPage(page, show, report)
         try:
-            for button in buttons(run):
-                page.add_button(button)
+            page.add_buttons(buttons(run))
             _show_before(run, before, report)
             yield run
         finally:

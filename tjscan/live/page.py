@@ -113,8 +113,7 @@ class Page:
         try:
             with self.server.atomic():
                 self._prepare(settings)
-                for button in buttons:
-                    self.add_button(button)
+                self.add_buttons(buttons)
                 self._add_choice()
                 self.views = self._add_views(settings)
         except BaseException:
@@ -139,11 +138,17 @@ class Page:
 
     def enable(self, words: Mapping[str, bool] = MappingProxyType({})) -> None:
         """Let buttons be pressed, or not, by their words."""
-        for word, enabled in words.items():
-            self._buttons[word].disabled = not enabled
+        with self._changing:
+            for word, enabled in words.items():
+                self._buttons[word].disabled = not enabled
 
-    def add_button(self, button: PageButton) -> None:
-        """Add a button."""
+    def add_buttons(self, buttons: Sequence[PageButton]) -> None:
+        """Add buttons; none that is pressed acts on the others before they are there."""
+        with self._changing, self.server.atomic():
+            for button in buttons:
+                self._add_button(button)
+
+    def _add_button(self, button: PageButton) -> None:
         handle = self.server.gui.add_button(
             button.word,
             color=button.tone,

@@ -1,0 +1,28 @@
+"""Buttons of the page, pressed as soon as they are there."""
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+from pytest import MonkeyPatch
+
+from tjscan.live.buttons import Button
+from tjscan.live.page import Page, PageAddress
+from tjscan.live.step import Setting
+
+
+def test_a_button_pressed_while_others_are_added_finds_them_all(monkeypatch: MonkeyPatch) -> None:
+    words = ("one", "two", "three")
+    pressed: list[Future[None]] = []
+    with Page([Setting("nothing")], PageAddress(port=0)) as page, ThreadPoolExecutor() as browser:
+        add = page.server.gui.add_button
+
+        def add_and_press(word: str, **how: Any) -> Any:
+            handle = add(word, **how)
+            pressed.append(browser.submit(page.enable, dict.fromkeys(words, False)))
+            return handle
+
+        monkeypatch.setattr(page.server.gui, "add_button", add_and_press)
+        page.add_buttons([Button(word, lambda: None) for word in words])
+        for one in pressed:
+            one.result()
+    assert len(pressed) == len(words)
