@@ -3,14 +3,16 @@
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
-from pytest import MonkeyPatch
+import pytest
 
 from tjscan.live.buttons import Button
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import Setting
 
 
-def test_a_button_pressed_while_others_are_added_finds_them_all(monkeypatch: MonkeyPatch) -> None:
+def test_a_button_pressed_while_others_are_added_finds_them_all(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     words = ("one", "two", "three")
     pressed: list[Future[None]] = []
     with Page([Setting("nothing")], PageAddress(port=0)) as page, ThreadPoolExecutor() as browser:
