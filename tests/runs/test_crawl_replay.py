@@ -48,13 +48,14 @@ class InterruptedInWeld:
         pass
 
 
-def crawl_in_two_parts(folder: Path, method: str) -> Path:
+def crawl_in_two_parts(folder: Path, method: str, place: float | None = None) -> Path:
     """Crawl, be interrupted, and go on: what was known then begins the second part."""
     file, out = folder / "job.toml", folder / "run"
     file.write_text(f'method = "{method}"\n{JOB}')
     with pytest.raises(KeyboardInterrupt):
         run_crawl(CrawlContext(read_crawl_job(file), file, InterruptedInWeld()), out)
-    resume_crawl(CrawlContext(read_crawl_job(out / "job.toml"), out / "job.toml"), overlap=0.005)
+    context = CrawlContext(read_crawl_job(out / "job.toml"), out / "job.toml")
+    resume_crawl(context, overlap=0.005, place=place)
     return out
 
 
@@ -81,6 +82,14 @@ def test_the_same_estimator_believes_the_same_again(run: Path, tmp_path: Path) -
     assert len(slips(before)) > 100
     np.testing.assert_allclose(slips(after), slips(before), rtol=0, atol=1e-9)
     assert read_passes(tmp_path / "again") == read_passes(run)
+
+
+def test_a_vehicle_that_was_set_down_anew_is_believed_there_again(tmp_path: Path) -> None:
+    run = crawl_in_two_parts(tmp_path, "slip-aware", place=0.011)
+    replay_crawl(run, {}, tmp_path / "again")
+    before, after = read_recorded_crawl(run), read_recorded_crawl(tmp_path / "again")
+    np.testing.assert_allclose(slips(after), slips(before), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(estimates(after), estimates(before), rtol=0, atol=1e-9)
 
 
 def test_the_papers_estimator_believes_the_same_again(tmp_path: Path) -> None:

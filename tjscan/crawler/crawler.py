@@ -12,7 +12,7 @@ from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.control_cycle import ControlCycle, CrawlDevices
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.hand_drive import HandDrive, drive_by_hand
-from tjscan.crawler.journal import CrawlJournal
+from tjscan.crawler.journal import SET_DOWN, CrawlJournal
 from tjscan.crawler.last_view import LastView
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase
@@ -195,12 +195,12 @@ class Crawler:
             self._go_back(home)
             self._cycle.enter(Event.AT_START, "back at the start")
         else:
-            if start.last_view is not None:
+            at = f"the torch is at {1e3 * start.travel:.1f} mm"
+            if start.last_view is None:
+                self._journal.record_event(SET_DOWN, f"{at}, as the operator says")
+            else:
                 start.last_view.check(self._cycle.seen)
-            told = "the operator says" if start.last_view is None else "the laser does not gainsay"
-            self._journal.record_event(
-                "place", f"the torch is at {1e3 * start.travel:.1f} mm, as {told}"
-            )
+                self._journal.record_event("place", f"{at}, as the laser does not gainsay")
             self._cycle.phase = Phase.RETURN  # what was interrupted goes on from the way back
             self._go_back(start.arc_from - self._plan.weld.run_up)
             where = f"pass {start.passes_done + 1} goes on at {1e3 * start.arc_from:.0f} mm"

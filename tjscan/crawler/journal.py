@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite, nan
-from typing import Protocol
+from typing import Final, Protocol
 
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.laser.profile import Profile
 from tjscan.vehicle.vehicle import REST, Twist, VehicleState
+
+SET_DOWN: Final = "set-down"
+"""Name of the event that says where a vehicle was set down anew, as its operator says."""
 
 
 @dataclass(frozen=True, slots=True)

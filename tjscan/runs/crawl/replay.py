@@ -13,7 +13,7 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.core.manifest import check_as_written
 from tjscan.crawler.control_cycle import LONGEST_PERIOD
-from tjscan.crawler.journal import CrawlCycle, is_by_hand
+from tjscan.crawler.journal import SET_DOWN, CrawlCycle, is_by_hand
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.topics import (
     CRAWL_RECORDING,
@@ -34,7 +34,7 @@ from tjscan.recording.writer import RecordingWriter
 from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.crawl.results import read_recorded_crawl, write_passes
-from tjscan.runs.crawl.resume import belief_after_stop
+from tjscan.runs.crawl.resume import belief_after_stop, belief_where_set_down
 from tjscan.runs.crawl.run import CrawlContext, make_crawl_directory
 from tjscan.runs.directory import check_replay
 
@@ -88,13 +88,21 @@ def replay_crawl(
     with lock_and_clean_directory(out):
         for number, part in enumerate(parts):
             if number:
-                belief = belief_after_stop(read_recorded_crawl(out), context.job)
-                method = context.make_method(belief)
+                known = belief_where_set_down if _was_set_down(part) else belief_after_stop
+                method = context.make_method(known(read_recorded_crawl(out), context.job))
             with RecordingWriter(out / part.name, TOPICS, origin) as recording:
                 for messages in _in_chunks(_replayed(part, method, f"{directory}")):
                     recording.write_timed(messages)
         write_passes(out)
     finished(out)
+
+
+def _was_set_down(part: Path) -> bool:
+    """Whether a part of a recording begins where its operator said."""
+    return any(
+        entry.topic is LOG and entry.message.name == SET_DOWN
+        for entry in read_messages(part, TOPICS)
+    )
 
 
 def _replayed(part: Path, method: FollowingMethod, source: str) -> Iterator[TimedMessage]:

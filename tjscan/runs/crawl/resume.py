@@ -73,9 +73,7 @@ def resume_crawl(
         start, belief = replace(start, last_view=view), belief_after_stop(found, context.job)
     else:
         check_place(place, context.job)
-        start = replace(start, travel=place)
-        slip = crawled[-1].slip
-        belief = None if slip is None else slip.at_new_start(context.job.slip)
+        start, belief = replace(start, travel=place), belief_where_set_down(found, context.job)
     if found.places:
         arcs = [one.true_travel for one in found.passes if len(one.true_travel)]
         pose_w = np.array(found.places[-1][1].pose_w)
@@ -101,6 +99,13 @@ def belief_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
     since = takewhile(lambda cycle: cycle.slip is slip, reversed(crawled))
     way += sum(abs(after.travel - cycle.travel) for after, cycle in pairwise(since))
     return slip.after_unseen_way(way, job.steering.least_radius)
+
+
+def belief_where_set_down(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
+    """What is known of slip where the vehicle was set down anew; see `belief_after_stop`."""
+    crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
+    slip = crawled[-1].slip if crawled else None
+    return None if slip is None else slip.at_new_start(job.slip)
 
 
 def check_place(place: float, job: CrawlJob) -> None:
