@@ -15,15 +15,15 @@ from _stopwatch import USUAL, Stopwatch
 from _table import Row
 
 from tjscan.core.frames import Array
-from tjscan.towing.area import Area, Obstacles
-from tjscan.towing.cable import Cable
-from tjscan.towing.limited import optimise_limited
-from tjscan.towing.limits import HardLimits
-from tjscan.towing.plan import TowingPlan
-from tjscan.towing.planner import PlannerSettings, TowingPlanner, optimise_freely
-from tjscan.towing.shape_problem import ShapeProblem
-from tjscan.towing.team import TowingLimits, TowingTeam, equal_links
-from tjscan.towing.weights import EffortTargets, TowingWeights
+from tjscan.towing.shape.area import Area, Obstacles
+from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.limited import optimise_limited
+from tjscan.towing.shape.limits import HardLimits
+from tjscan.towing.shape.plan import TowingPlan
+from tjscan.towing.shape.planner import PlannerSettings, TowingPlanner, optimise_freely
+from tjscan.towing.shape.problem import ShapeProblem
+from tjscan.towing.shape.team import TowingLimits, TowingTeam, equal_links
+from tjscan.towing.shape.weights import EffortTargets, TowingWeights
 
 OPTIMA: Final = Path(__file__).with_name("towing-optima.json")
 """Best shapes of 30 problems, by `_towing_optima.py`."""

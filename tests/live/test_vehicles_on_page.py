@@ -30,7 +30,7 @@ from tjscan.runs.live.tow import CLEARANCE, TowShow, clearance, vehicles_apart
 from tjscan.runs.live.vehicle_pages import CrawlPageJournal, stop_button
 from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import TowCycle, TowTruth
-from tjscan.towing.plan import PlanTerms, TowingPlan
+from tjscan.towing.shape.plan import PlanTerms, TowingPlan
 from tjscan.vehicle.vehicle import REST, VehicleState
 
 CRAWL, TOW = EXAMPLES / "crawl.toml", EXAMPLES / "tow-yard.toml"

@@ -11,9 +11,9 @@ import numpy as np
 from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.errors import DriveFault, VehicleFault
 from tjscan.core.frames import Array
-from tjscan.towing.area import DiscObstacle
 from tjscan.towing.following import velocity_from_twist
-from tjscan.towing.plan import PlanTerms, TowingPlan
+from tjscan.towing.shape.area import DiscObstacle
+from tjscan.towing.shape.plan import PlanTerms, TowingPlan
 from tjscan.vehicle.localisation import TrackedDisc, VehiclePose
 from tjscan.vehicle.vehicle import REST, Twist, VehicleState
 

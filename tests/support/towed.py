@@ -7,11 +7,11 @@ from math import pi
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.towing.area import Area, DiscObstacle, Obstacles
-from tjscan.towing.cable import Cable
-from tjscan.towing.pull import CablePull
-from tjscan.towing.shape_problem import ShapeProblem
-from tjscan.towing.weights import EffortTargets, TowingWeights
+from tjscan.towing.shape.area import Area, DiscObstacle, Obstacles
+from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.problem import ShapeProblem
+from tjscan.towing.shape.pull import CablePull
+from tjscan.towing.shape.weights import EffortTargets, TowingWeights
 
 YARD = Area([(0, -5), (2.6, -5), (2.6, 5), (0, 5)])
 """The paper's V-C."""

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.towing.area import Area
-from tjscan.towing.cable import Cable
-from tjscan.towing.team import TowingTeam, equal_links
+from tjscan.towing.shape.area import Area
+from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.team import TowingTeam, equal_links
 
 CABLE = Cable(root=(0.3, -0.2, 0.4))
 

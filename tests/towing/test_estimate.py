@@ -5,10 +5,10 @@ import pytest
 from towed import bent_angles
 
 from tjscan.core.frames import Array
-from tjscan.towing.cable import Cable
-from tjscan.towing.chain import chain_gradient, chain_hessian, place_links
-from tjscan.towing.compiled import Indices
-from tjscan.towing.estimate import (
+from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.chain import chain_gradient, chain_hessian, place_links
+from tjscan.towing.shape.compiled import Indices
+from tjscan.towing.shape.estimate import (
     SLIDES,
     CableEstimate,
     PoseTrust,

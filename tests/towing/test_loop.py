@@ -12,13 +12,13 @@ from kinematic_team import ExactLocalisation, KinematicTeam, RowPlanner
 
 from tjscan.core.errors import TowHalted, VehicleFault
 from tjscan.core.frames import Array
-from tjscan.towing.cable import Cable
 from tjscan.towing.journal import TowCycle
 from tjscan.towing.loop import CableTow, TowSetting
-from tjscan.towing.plan import TowingPlan
 from tjscan.towing.seam import Seam
+from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.plan import TowingPlan
+from tjscan.towing.shape.team import TowingTeam
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings, SeamSettings
-from tjscan.towing.team import TowingTeam
 from tjscan.vehicle.localisation import VehiclePose
 
 SEAM = SeamSettings(points=((3.0, 0.0), (3.2, 0.0)), speed=0.01)

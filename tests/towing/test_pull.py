@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tjscan.core.frames import Array
-from tjscan.towing.cable import Cable
-from tjscan.towing.estimate import CableEstimate, PoseTrust, estimate_shape
-from tjscan.towing.pull import GIVES_WAY, CablePull, pull_on_welder
+from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.estimate import CableEstimate, PoseTrust, estimate_shape
+from tjscan.towing.shape.pull import GIVES_WAY, CablePull, pull_on_welder
 
 CABLE, HELD, TRUST = Cable(links=20), (9, 19), PoseTrust(5e-4, 1e-3)
 BENT = np.linspace(0.02, 0.12, 20)

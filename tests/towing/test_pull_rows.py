@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from towed import shape_problem
 
-from tjscan.towing.area import Area
-from tjscan.towing.limited import optimise_limited
-from tjscan.towing.limits import HardLimits
-from tjscan.towing.planner import optimise_freely
-from tjscan.towing.shape_problem import ShapeProblem
-from tjscan.towing.team import TowingLimits, TowingTeam
+from tjscan.towing.shape.area import Area
+from tjscan.towing.shape.limited import optimise_limited
+from tjscan.towing.shape.limits import HardLimits
+from tjscan.towing.shape.planner import optimise_freely
+from tjscan.towing.shape.problem import ShapeProblem
+from tjscan.towing.shape.team import TowingLimits, TowingTeam
 
 FIELD = Area([(-20, -20), (20, -20), (20, 20), (-20, 20)])
 

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from towed import NOTCHED, PASSER_BY, YARD, bent_angles, shape_problem, turned
 
 from tjscan.core.frames import Array
-from tjscan.towing.area import Area, DiscObstacle, Obstacles
-from tjscan.towing.distance import obstacle_distances
-from tjscan.towing.effort import free_share, rising_loss
-from tjscan.towing.pull import CablePull
-from tjscan.towing.shape_problem import ShapeProblem
+from tjscan.towing.shape.area import Area, DiscObstacle, Obstacles
+from tjscan.towing.shape.distance import obstacle_distances
+from tjscan.towing.shape.effort import free_share, rising_loss
+from tjscan.towing.shape.problem import ShapeProblem
+from tjscan.towing.shape.pull import CablePull
 
 STEP = 1e-6
 

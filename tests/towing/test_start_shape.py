@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from tjscan.core.frames import Array
-from tjscan.towing.area import Area
-from tjscan.towing.cable import Cable
-from tjscan.towing.planner import NO_HASTE, PlannerSettings, TowingPlanner
-from tjscan.towing.start_shape import StartShape, start_shapes
-from tjscan.towing.team import TowingLimits, TowingTeam, equal_links
+from tjscan.towing.shape.area import Area
+from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.planner import NO_HASTE, PlannerSettings, TowingPlanner
+from tjscan.towing.shape.start import StartShape, start_shapes
+from tjscan.towing.shape.team import TowingLimits, TowingTeam, equal_links
 
 OUTLINE = np.array([(0.0, -5.0), (2.6, -5.0), (2.6, 5.0), (0.0, 5.0)])
 

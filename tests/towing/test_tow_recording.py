@@ -7,7 +7,7 @@ import numpy as np
 
 from tjscan.recording.event import RecordedEvent
 from tjscan.towing.journal import TowCycle, TowTruth
-from tjscan.towing.plan import PlanTerms, TowingPlan
+from tjscan.towing.shape.plan import PlanTerms, TowingPlan
 from tjscan.towing.topics import read_tow, record_tow
 
 RNG = np.random.default_rng(1)

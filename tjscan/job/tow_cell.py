@@ -14,10 +14,10 @@ from tjscan.core.extras import package_missing
 from tjscan.core.frames import Array
 from tjscan.job.tow_job import EXTRA, TowJob
 from tjscan.job.tow_simulation import FaultyTeam, towing_world_of_job
-from tjscan.towing.area import DiscObstacle
 from tjscan.towing.devices import Team
 from tjscan.towing.journal import TowTruth
-from tjscan.towing.plan import ShapePlanner
+from tjscan.towing.shape.area import DiscObstacle
+from tjscan.towing.shape.plan import ShapePlanner
 from tjscan.vehicle.localisation import Localisation
 from tjscan.vehicle.localisation_drivers import LOCALISATIONS, LocalisationInputs
 from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings
@@ -39,9 +39,9 @@ def make_planner(job: TowJob) -> ShapePlanner:
     """
     known = job.localisation
     try:
-        from tjscan.towing.estimate import PoseTrust
-        from tjscan.towing.paper_planner import PaperPlanner
-        from tjscan.towing.planner import PlannerSettings, TowingPlanner
+        from tjscan.towing.shape.estimate import PoseTrust
+        from tjscan.towing.shape.paper_planner import PaperPlanner
+        from tjscan.towing.shape.planner import PlannerSettings, TowingPlanner
     except ModuleNotFoundError as error:
         raise package_missing(error, "towing", EXTRA, "method") from error
     settings = PlannerSettings(

@@ -12,8 +12,10 @@ from tjscan.core.registry import Registry
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, SettingsTable
 from tjscan.job.devices import DeviceSettings
 from tjscan.job.tow_world import TowSimulationSettings
-from tjscan.towing.area import Area
-from tjscan.towing.cable import Cable
+from tjscan.towing.shape.area import Area
+from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.team import TowingLimits, TowingTeam, equal_links
+from tjscan.towing.shape.weights import EffortTargets, TowingWeights
 from tjscan.towing.tables import (
     NEWTON,
     AreaSettings,
@@ -27,8 +29,6 @@ from tjscan.towing.tables import (
     TargetSettings,
     WeightSettings,
 )
-from tjscan.towing.team import TowingLimits, TowingTeam, equal_links
-from tjscan.towing.weights import EffortTargets, TowingWeights
 from tjscan.vehicle.localisation_drivers import LOCALISATIONS
 from tjscan.vehicle.mqtt.settings import MqttSettings
 

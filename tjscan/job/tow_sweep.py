@@ -16,9 +16,9 @@ from tjscan.job.tow_cell import make_planner, standing_obstacles
 from tjscan.job.tow_job import TowJob
 from tjscan.job.tow_reading import read_tow_job
 from tjscan.job.tow_simulation import towing_world_of_job
-from tjscan.towing.area import DiscObstacle
-from tjscan.towing.plan import ShapePlanner, TowingPlan
 from tjscan.towing.seam import Seam
+from tjscan.towing.shape.area import DiscObstacle
+from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
 
 if TYPE_CHECKING:
     from tjscan.vehicle.cable.model import TowingWorldModel

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from tjscan.core.frames import Array
-from tjscan.towing.plan import TowingPlan
+from tjscan.towing.shape.plan import TowingPlan
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,17 +13,17 @@ import numpy as np
 
 from tjscan.core.errors import TowHalted, VehicleFault, VehicleLinkLost
 from tjscan.core.frames import Array
-from tjscan.towing.area import DiscObstacle
-from tjscan.towing.cable import Cable
 from tjscan.towing.devices import Team
 from tjscan.towing.following import PoseFollower
 from tjscan.towing.journal import TowCycle, TowJournal
-from tjscan.towing.plan import ShapePlanner, TowingPlan
 from tjscan.towing.pose_filter import SIGMAS
 from tjscan.towing.seam import Seam
+from tjscan.towing.shape.area import DiscObstacle
+from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
+from tjscan.towing.shape.team import TowingTeam
 from tjscan.towing.standing import StandingVehicles
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings
-from tjscan.towing.team import TowingTeam
 from tjscan.towing.team_poses import TeamEstimate, TeamPoses
 from tjscan.towing.waiting import Patience, Waiting
 from tjscan.vehicle.localisation import Localisation, VehiclePose

@@ -31,7 +31,7 @@ from tjscan.recording.topic import (
 )
 from tjscan.recording.writer import RecordingWriter
 from tjscan.towing.journal import TowCycle, TowTruth
-from tjscan.towing.plan import PlanTerms, TowingPlan
+from tjscan.towing.shape.plan import PlanTerms, TowingPlan
 
 TOW_RECORDING: Final = "tow"
 """What the names of a tow's recordings begin with."""

@@ -24,11 +24,11 @@ from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.directory import check_replay
 from tjscan.runs.tow.results import write_tow_results
 from tjscan.runs.tow.run import TowContext, make_tow_directory
-from tjscan.towing.area import DiscObstacle
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.loop import PERIOD
-from tjscan.towing.plan import ShapePlanner, TowingPlan
 from tjscan.towing.seam import Seam
+from tjscan.towing.shape.area import DiscObstacle
+from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
 from tjscan.towing.topics import REPLAY, TOW_RECORDING, read_tow, record_tow
 
 REPLAYABLE: Final = ("method", "weights.", "targets.", "limits.")

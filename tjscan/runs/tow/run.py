@@ -22,8 +22,8 @@ from tjscan.runs.directory import accept_edited_copies, empty_run_directory, wri
 from tjscan.runs.tow.results import read_recorded_tow, write_tow_results
 from tjscan.towing.journal import CombinedTowJournal, TowJournal, TowTruth
 from tjscan.towing.loop import CableTow, TowSetting
-from tjscan.towing.plan import ShapePlanner, TowingPlan
 from tjscan.towing.seam import Seam
+from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
 from tjscan.towing.topics import REPLAY, TOW_RECORDING, record_tow
 
 

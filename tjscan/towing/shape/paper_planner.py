@@ -15,13 +15,13 @@ import numpy as np
 import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.towing.area import Area, DiscObstacle, Obstacles
-from tjscan.towing.cable import Cable
-from tjscan.towing.effort import SHARES_AND_SLOPES
-from tjscan.towing.estimate import estimate_shape
-from tjscan.towing.plan import PlanTerms, TowingPlan
-from tjscan.towing.planner import PlannerSettings, TowingPlanner
-from tjscan.towing.team import TowingTeam
+from tjscan.towing.shape.area import Area, DiscObstacle, Obstacles
+from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.effort import SHARES_AND_SLOPES
+from tjscan.towing.shape.estimate import estimate_shape
+from tjscan.towing.shape.plan import PlanTerms, TowingPlan
+from tjscan.towing.shape.planner import PlannerSettings, TowingPlanner
+from tjscan.towing.shape.team import TowingTeam
 
 ITERATIONS: Final = 200
 """Of SLSQP; the paper names none."""

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.towing.area import Obstacles
-from tjscan.towing.cable import Cable
-from tjscan.towing.chain import place_links
-from tjscan.towing.compiled import Indices, compiled
-from tjscan.towing.distance import distance_to_obstacle
-from tjscan.towing.team import TowingLimits, TowingTeam
+from tjscan.towing.shape.area import Obstacles
+from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.chain import place_links
+from tjscan.towing.shape.compiled import Indices, compiled
+from tjscan.towing.shape.distance import distance_to_obstacle
+from tjscan.towing.shape.team import TowingLimits, TowingTeam
 
 
 class LimitKind(IntEnum):

@@ -5,22 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.towing.chain import (
+from tjscan.towing.shape.chain import (
     chain_gradient,
     chain_hessian,
     place_links,
     pose_constraints,
 )
-from tjscan.towing.compiled import Indices, compiled
-from tjscan.towing.linear import (
+from tjscan.towing.shape.compiled import Indices, compiled
+from tjscan.towing.shape.linear import (
     add_squares,
     constrained_step,
     factorise_convex,
     largest_diagonal,
     least_squares_multipliers,
 )
-from tjscan.towing.pull_rows import add_curvature, force_after, put_force
-from tjscan.towing.shape_problem import shape_terms
+from tjscan.towing.shape.problem import shape_terms
+from tjscan.towing.shape.pull_rows import add_curvature, force_after, put_force
 
 LONGEST = 0.5
 """Radians that a joint turns at most in one step."""

@@ -10,13 +10,13 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.towing.arcs import bent_once, meanders
-from tjscan.towing.area import Area
-from tjscan.towing.cable import Cable
-from tjscan.towing.limited import SLACK, optimise_limited
-from tjscan.towing.limits import KEPT, HardLimits
-from tjscan.towing.optimise import newton_shape
-from tjscan.towing.shape_problem import ShapeProblem
+from tjscan.towing.shape.arcs import bent_once, meanders
+from tjscan.towing.shape.area import Area
+from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.limited import SLACK, optimise_limited
+from tjscan.towing.shape.limits import KEPT, HardLimits
+from tjscan.towing.shape.optimise import newton_shape
+from tjscan.towing.shape.problem import ShapeProblem
 
 SEARCHES: Final = 12
 """First shapes from which the best one is looked for, of the many that are made."""

@@ -13,18 +13,18 @@ import numpy as np
 import proxsuite
 
 from tjscan.core.frames import Array
-from tjscan.towing.chain import chain_gradient, chain_hessian, place_links, pose_constraints
-from tjscan.towing.compiled import Indices, compiled
-from tjscan.towing.limits import COLUMNS, SPARE, HardLimits, limit_gradients, limit_rows
-from tjscan.towing.linear import (
+from tjscan.towing.shape.chain import chain_gradient, chain_hessian, place_links, pose_constraints
+from tjscan.towing.shape.compiled import Indices, compiled
+from tjscan.towing.shape.limits import COLUMNS, SPARE, HardLimits, limit_gradients, limit_rows
+from tjscan.towing.shape.linear import (
     add_squares,
     constrained_step,
     factorise_convex,
     largest_diagonal,
     least_squares_multipliers,
 )
-from tjscan.towing.pull_rows import add_curvature, force_after, put_force
-from tjscan.towing.shape_problem import ShapeProblem, shape_terms
+from tjscan.towing.shape.problem import ShapeProblem, shape_terms
+from tjscan.towing.shape.pull_rows import add_curvature, force_after, put_force
 
 BAND: Final = 0.05
 """Metres of margin below which a limit stands in the program: some steps of a slow vehicle."""

@@ -9,17 +9,17 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.towing.cable import Cable
-from tjscan.towing.chain import chain_hessian, place_links, turned_way
-from tjscan.towing.compiled import Indices, compiled
-from tjscan.towing.estimate import (
+from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.chain import chain_hessian, place_links, turned_way
+from tjscan.towing.shape.compiled import Indices, compiled
+from tjscan.towing.shape.estimate import (
     LEAST_SHIFT,
     CableEstimate,
     PoseTrust,
     estimate_terms,
     friction_at_ends,
 )
-from tjscan.towing.linear import back_substitute, factorise_convex
+from tjscan.towing.shape.linear import back_substitute, factorise_convex
 
 RELIEF: Final = 0.2
 """Seconds over which the vehicle gives way to the whole of the force. Quicker, and it would go
@@ -81,7 +81,7 @@ class CablePull:
         Returns
         -------
         ndarray
-            A row of what `shape_problem.shape_terms` takes.
+            A row of what `problem.shape_terms` takes.
         """
         force, stiffness = self.force, self.stiffness
         doubt = max(self.doubt, PLACED)

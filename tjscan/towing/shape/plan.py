@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from tjscan.core.frames import Array
-from tjscan.towing.area import DiscObstacle
+from tjscan.towing.shape.area import DiscObstacle
 
 
 @dataclass(frozen=True, slots=True)

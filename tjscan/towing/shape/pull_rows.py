@@ -9,9 +9,9 @@ place, as a multiplier does that of a constraint, and the curvature is added as 
 from __future__ import annotations
 
 from tjscan.core.frames import Array
-from tjscan.towing.chain import turned_way
-from tjscan.towing.compiled import Indices, compiled
-from tjscan.towing.pull import PULL_TERM
+from tjscan.towing.shape.chain import turned_way
+from tjscan.towing.shape.compiled import Indices, compiled
+from tjscan.towing.shape.pull import PULL_TERM
 
 
 @compiled

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.towing.area import Obstacles
-from tjscan.towing.cable import Cable
-from tjscan.towing.chain import chain_gradient, chain_hessian, place_links, pose_constraints
-from tjscan.towing.compiled import Indices, compiled
-from tjscan.towing.distance import distance_to_obstacle
-from tjscan.towing.effort import free_share, rising_loss
-from tjscan.towing.plan import PlanTerms
-from tjscan.towing.pull import CablePull
-from tjscan.towing.weights import EffortTargets, TowingWeights
+from tjscan.towing.shape.area import Obstacles
+from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.chain import chain_gradient, chain_hessian, place_links, pose_constraints
+from tjscan.towing.shape.compiled import Indices, compiled
+from tjscan.towing.shape.distance import distance_to_obstacle
+from tjscan.towing.shape.effort import free_share, rising_loss
+from tjscan.towing.shape.plan import PlanTerms
+from tjscan.towing.shape.pull import CablePull
+from tjscan.towing.shape.weights import EffortTargets, TowingWeights
 
 SMOOTH_CHANGE = 0.02
 """Radians within which |θ - θ_init| is rounded: it has a kink where the planner starts."""

@@ -9,19 +9,19 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.towing.area import Area, DiscObstacle, Obstacles
-from tjscan.towing.cable import Cable
-from tjscan.towing.compiled import Indices
-from tjscan.towing.estimate import CableEstimate, PoseTrust, estimate_shape
-from tjscan.towing.limited import optimise_limited
-from tjscan.towing.limits import KEPT, HardLimits, LimitKind, words_of_mm
-from tjscan.towing.optimise import newton_shape
-from tjscan.towing.plan import TowingPlan
-from tjscan.towing.pull import pull_on_welder
-from tjscan.towing.shape_problem import ShapeProblem
-from tjscan.towing.start_shape import start_shapes
-from tjscan.towing.team import TowingLimits, TowingTeam
-from tjscan.towing.weights import EffortTargets, TowingWeights
+from tjscan.towing.shape.area import Area, DiscObstacle, Obstacles
+from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.compiled import Indices
+from tjscan.towing.shape.estimate import CableEstimate, PoseTrust, estimate_shape
+from tjscan.towing.shape.limited import optimise_limited
+from tjscan.towing.shape.limits import KEPT, HardLimits, LimitKind, words_of_mm
+from tjscan.towing.shape.optimise import newton_shape
+from tjscan.towing.shape.plan import TowingPlan
+from tjscan.towing.shape.problem import ShapeProblem
+from tjscan.towing.shape.pull import pull_on_welder
+from tjscan.towing.shape.start import start_shapes
+from tjscan.towing.shape.team import TowingLimits, TowingTeam
+from tjscan.towing.shape.weights import EffortTargets, TowingWeights
 
 MEETS: Final = 1e-6
 """Metres and radians within which fixed links must have their poses."""

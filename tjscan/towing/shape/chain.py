@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import cos, floor, pi, sin
 
 from tjscan.core.frames import Array
-from tjscan.towing.compiled import Indices, compiled
+from tjscan.towing.shape.compiled import Indices, compiled
 
 
 @compiled

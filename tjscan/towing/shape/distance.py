@@ -10,7 +10,7 @@ from math import hypot
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.towing.compiled import Indices, compiled
+from tjscan.towing.shape.compiled import Indices, compiled
 
 
 @compiled

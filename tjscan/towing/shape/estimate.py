@@ -16,10 +16,10 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.towing.cable import Cable
-from tjscan.towing.chain import chain_gradient, chain_hessian, place_links, wrapped
-from tjscan.towing.compiled import Indices, compiled
-from tjscan.towing.linear import back_substitute, factorise_convex
+from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.chain import chain_gradient, chain_hessian, place_links, wrapped
+from tjscan.towing.shape.compiled import Indices, compiled
+from tjscan.towing.shape.linear import back_substitute, factorise_convex
 
 SLIDES = 1e-3
 """Metres by which a link gives way before it slides. As long as this is little beside the bends of

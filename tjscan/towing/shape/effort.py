@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from math import exp, tanh
 
-from tjscan.towing.compiled import compiled
+from tjscan.towing.shape.compiled import compiled
 
 SHARES_AND_SLOPES = ((0.8, 4.0), (0.2, 1.0))
 """Of the two curves; slopes over the target."""

@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.towing.compiled import compiled
+from tjscan.towing.shape.compiled import compiled
 
 
 @compiled
