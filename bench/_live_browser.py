@@ -34,7 +34,7 @@ some ten seconds."""
 CURVE_IS_DRAWN: Final = """
 ([red, green, blue, share]) => {
     const chart = document.querySelector(".uplot canvas");
-    if (!chart) return false;
+    if (!chart || !chart.width || !chart.height) return false;  // not laid out yet
     const seen = chart.getContext("2d").getImageData(0, 0, chart.width, chart.height).data;
     let count = 0;
     for (let i = 0; i < seen.length; i += 4) {
