@@ -55,6 +55,17 @@ def test_a_vehicle_whose_proximity_sensors_fall_silent_is_stopped() -> None:
         found.watch_vehicle(VehicleState(0.0, Twist(0.1, 0.0)), 0.02)
 
 
+def test_a_gap_between_two_states_speaks_against_no_sensor_and_no_drive() -> None:
+    found = guards()
+    found.watch_vehicle(VehicleState(0.0, Twist(0.1, 0.0), proximity=STEEL), 0.01)
+    found.watch_vehicle(VehicleState(0.0, Twist(0.0, 0.0)), 1.9)
+    found.watch_progress(0.1, 0.0, 1.9)
+    for _ in range(39):
+        found.watch_vehicle(VehicleState(0.0, Twist(0.0, 0.0)), 0.01)
+    with pytest.raises(CrawlStopped, match="silent"):
+        found.watch_vehicle(VehicleState(0.0, Twist(0.0, 0.0)), 0.02)
+
+
 @pytest.mark.parametrize(("asked", "shown"), [(0.005, 0.0), (-0.04, 0.001), (0.02, -0.02)])
 def test_a_vehicle_that_does_not_move_as_asked_is_stopped(asked: float, shown: float) -> None:
     found = guards()

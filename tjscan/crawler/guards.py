@@ -14,6 +14,10 @@ from tjscan.vehicle.vehicle import Twist, VehicleState
 NO_SAMPLE: Final = 0.5
 """Seconds without a sample of the proximity sensors, five of theirs, after which it stops."""
 
+VOUCHED: Final = 0.1
+"""Seconds before it that a state speaks for at most: in a longer gap nobody was heard, which says
+nothing against a sensor or a drive."""
+
 STANDING: Final = 1.0
 """Seconds by which more periods show less than half the speed asked for than show more: no drive
 takes so long to get going."""
@@ -53,7 +57,8 @@ class Guards:
             silent.
         """
         self._proximity.add_sample(state.proximity)
-        self._without_sample = 0.0 if state.proximity else self._without_sample + period
+        silent = self._without_sample + min(period, VOUCHED)
+        self._without_sample = 0.0 if state.proximity else silent
         if self._without_sample > NO_SAMPLE:
             raise CrawlStopped(
                 "proximity",
@@ -89,6 +94,7 @@ class Guards:
             If it stands, or goes the other way.
         """
         standing = asked != 0 and shown / asked < 0.5
+        period = min(period, VOUCHED)
         self._standing = max(self._standing + (period if standing else -period), 0.0)
         if self._standing > STANDING:
             raise CrawlStopped(
