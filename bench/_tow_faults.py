@@ -44,6 +44,7 @@ KEPT_UP: Final = 0.9
 """Share of real time below which the simulated world did not keep up with its vehicles' orders:
 they are then seen to drive slower than they are told."""
 
+NOBODY_WALKS: Final = "passer-stands"
 BROKER_KILLED: Final = "broker killed"
 BROKER_STARTED: Final = "broker started"
 PROGRAM_KILLED: Final = "program killed"
@@ -97,7 +98,7 @@ def _somebody_stops(near: float = 0.4) -> FaultPlan:
     path = {**path, "points_mm": np.array((begin, end)).tolist(), "speed_mm_min": 60 * speed}
     at = (float(np.linalg.norm(towards - begin)) - 1e3 * near) / speed
     keys = {**tow.keys, "obstacles": [path], "seam.stand_s": at + 15.0}
-    return FaultPlan(((at, "passer-stands"),), Tow(tow.job, keys))
+    return FaultPlan(((at, NOBODY_WALKS),), Tow(tow.job, keys))
 
 
 FAULTS: Final[dict[str, FaultPlan]] = {
@@ -140,7 +141,10 @@ def random_fault(seed: int) -> FaultPlan:
 
 
 def fault_over_broker(plan: FaultPlan, *, seed: int) -> FaultOutcome:
-    """Tow a little with vehicles behind a broker of its own while things go wrong."""
+    """Tow a little with vehicles behind a broker of its own while things go wrong.
+
+    Nobody walks before a program plans: who comes to a cable that nobody moves touches it.
+    """
     job = read_tow_job(EXAMPLES / f"{plan.tow.job}.toml", plan.tow.keys)
     with tempfile.TemporaryDirectory() as folder, MosquittoProcess() as broker:
         settings = Path(folder) / "job.toml"
@@ -149,11 +153,13 @@ def fault_over_broker(plan: FaultPlan, *, seed: int) -> FaultOutcome:
         with VehicleLoopbackProcess(broker.address, *options) as vehicles:
             out = Path(folder) / "run"
             port = f"--vehicles.mqtt.port={broker.port}"
+            vehicles.schedule_fault(NOBODY_WALKS)  # until the program plans
             begins = time.monotonic(), vehicles.ask_for_truth()["time_s"]
             first = [str(settings), *KEYS, port, "--out", str(out)]
             ended, said = _run(first, plan, broker, vehicles)
             if any(what == PROGRAM_KILLED for _, what in plan.orders) and ended == -signal.SIGKILL:
                 vehicles.schedule_fault("clear")
+                vehicles.schedule_fault(NOBODY_WALKS)
                 ended, more = _run(["--resume", str(out)], FaultPlan(()), broker, vehicles)
                 said += more
             truth = vehicles.ask_for_truth()
@@ -193,6 +199,7 @@ def _run(
             continue
         if "start:" in said[-1]:
             began = time.monotonic()
+    vehicles.schedule_fault("clear")
     for at, what in plan.orders if began is not None else ():
         time.sleep(max(0.0, (began or 0.0) + at - time.monotonic()))
         if process.poll() is not None:
