@@ -9,6 +9,7 @@ from tjscan.job.tow_job import TowJob
 
 SQUARE = {"outline_mm": [[0, -5000], [2600, -5000], [2600, 5000], [0, 5000]]}
 SEAM = {"points_mm": [[2600, -4800], [2600, 4800]], "speed_mm_min": 600}
+MOVING = {"speed_mm_min": 600}
 
 
 def make_job(**tables: Any) -> TowJob:
@@ -74,6 +75,37 @@ def test_a_pillar_on_the_seam_is_refused_with_where() -> None:
     with pytest.raises(ConfigurationError, match="3900 mm from its beginning") as refused:
         make_job(area={**SQUARE, "holes_mm": [pillar]}, seam=seam)
     assert refused.value.key == "area.holes_mm"
+
+
+def test_a_pillar_that_touches_the_wall_stands_on_the_seam_there() -> None:
+    pillar = [[2400, -100], [2600, -100], [2600, 100], [2400, 100]]
+    with pytest.raises(ConfigurationError, match="4700 mm from its beginning") as refused:
+        make_job(area={**SQUARE, "holes_mm": [pillar]})
+    assert refused.value.key == "area.holes_mm"
+
+
+def test_a_seam_may_run_along_a_pillar_and_past_an_obstacle() -> None:
+    pillar = [[1300, -100], [1500, -100], [1500, 100], [1300, 100]]
+    seam = {"points_mm": [[1300, -4000], [1300, 4000]]}
+    beside = [{"points_mm": [[1501, 1000]]}, {"points_mm": [[1300, 2000], [0, 0]], **MOVING}]
+    assert make_job(area={**SQUARE, "holes_mm": [pillar]}, seam=seam, obstacles=beside)
+
+
+@pytest.mark.parametrize(
+    ("place", "says"),
+    [
+        ([2600, -300], r"'jack' at \(2600, -300\) mm stands on the seam, 4300 mm from"),
+        ([100, 0], r"'jack' at \(100, 0\) mm stands on the root, at \(0, 0\) mm"),
+    ],
+)
+def test_an_obstacle_that_stands_on_seam_or_root_is_refused_by_name(
+    place: list[float], says: str
+) -> None:
+    far = {"points_mm": [[1300, 4000], [1300, 4500]], **MOVING}
+    jack = {"name": "jack", "points_mm": [place], "radius_mm": 200}
+    with pytest.raises(ConfigurationError, match=says) as refused:
+        make_job(obstacles=[far, jack])
+    assert refused.value.key == "obstacles.1"
 
 
 def test_a_corridor_that_no_vehicle_passes_is_refused_with_its_width() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -40,14 +40,14 @@ def check_tow_job(job: TowJob) -> None:
 
 
 def _check_geometry(job: TowJob) -> None:
-    """Refuse an area, a root, a seam or links that can't be.
+    """Refuse an area, a root or a seam that can't be, and what stands on them.
 
     Raises
     ------
     ConfigurationError
         With the key, and where and by how much.
     """
-    from shapely import LineString, Polygon, get_coordinates
+    from shapely import LineString, get_coordinates
     from shapely import Point as ShapelyPoint
 
     outline = _polygon(job.area.outline, "area.outline_mm")
@@ -59,24 +59,21 @@ def _check_geometry(job: TowJob) -> None:
                 f"the pillar at {_mm(hole[0])} mm does not lie within the outline",
                 key="area.holes_mm",
             )
-    free: Any = Polygon(job.area.outline, job.area.holes).buffer(ON_EDGE)
-    if not free.contains(ShapelyPoint(job.root.position)):
-        off = 1e3 * free.distance(ShapelyPoint(job.root.position))
+    solids = _solids(job)
+    root = ShapelyPoint(job.root.position)
+    if not inside.contains(root):
+        off = 1e3 * inside.distance(root)
         raise ConfigurationError(
-            f"{_mm(job.root.position)} mm lies {off:.0f} mm outside the area, or in a pillar",
+            f"{_mm(job.root.position)} mm lies {off:.0f} mm outside the area",
             key="root.position_mm",
         )
+    for solid in solids:
+        if solid.shape.buffer(-ON_EDGE).contains(root):
+            raise ConfigurationError(
+                f"{solid.name} stands on the root, at {_mm(job.root.position)} mm", key=solid.key
+            )
     seam = Seam(job.seam)
     line: Any = LineString(job.seam.points) if seam.length else ShapelyPoint(job.seam.points[0])
-    for hole in job.area.holes:
-        cut = line.intersection(Polygon(hole).buffer(-ON_EDGE))
-        if not cut.is_empty:
-            along = min(1e3 * line.project(ShapelyPoint(at)) for at in get_coordinates(cut))
-            raise ConfigurationError(
-                f"the pillar at {_mm(hole[0])} mm stands on the seam, {along:.0f} mm from its "
-                "beginning",
-                key="area.holes_mm",
-            )
     if not inside.contains(line):
         along, off = _farthest_outside(seam, inside)
         raise ConfigurationError(
@@ -84,6 +81,51 @@ def _check_geometry(job: TowJob) -> None:
             f"{1e3 * off:.0f} mm outside",
             key="seam.points_mm",
         )
+    blocked = line.difference(_floor(job, solids).buffer(ON_EDGE))
+    if not blocked.is_empty:
+        along = min(line.project(ShapelyPoint(at)) for at in get_coordinates(blocked))
+        first = ShapelyPoint(seam.path.point_at(along))
+        solid = min(solids, key=lambda one: float(one.shape.distance(first)))
+        raise ConfigurationError(
+            f"{solid.name} stands on the seam, {1e3 * along:.0f} mm from its beginning",
+            key=solid.key,
+        )
+
+
+class _Solid(NamedTuple):
+    """What never moves: its name in messages, its key, and its shape."""
+
+    name: str
+    key: str
+    shape: Any
+
+
+def _solids(job: TowJob) -> list[_Solid]:
+    """Pillars, and obstacles that stand."""
+    from shapely import Point as ShapelyPoint
+    from shapely import Polygon
+
+    pillars = [
+        _Solid(f"the pillar at {_mm(hole[0])} mm", "area.holes_mm", Polygon(hole))
+        for hole in job.area.holes
+    ]
+    standing = [
+        _Solid(
+            f"the obstacle {one.name!r} at {_mm(one.points[0])} mm",
+            f"obstacles.{number}",
+            ShapelyPoint(one.points[0]).buffer(one.radius),
+        )
+        for number, one in enumerate(job.obstacles)
+        if not one.speed
+    ]
+    return pillars + standing
+
+
+def _floor(job: TowJob, solids: Sequence[_Solid]) -> Any:
+    """The area without what stands in it; a wall and a pillar that touch leave nothing between."""
+    from shapely import Polygon, union_all
+
+    return Polygon(job.area.outline).difference(union_all([solid.shape for solid in solids]))
 
 
 def _check_corridor(job: TowJob) -> None:
@@ -114,13 +156,9 @@ def _check_corridor(job: TowJob) -> None:
 def _is_passable(job: TowJob, radius: float) -> bool:
     """Whether bodies of a radius may stand one after the other from the root to all the seam."""
     from shapely import Point as ShapelyPoint
-    from shapely import Polygon, get_parts
+    from shapely import get_parts
 
-    standing = [ShapelyPoint(o.points[0]).buffer(o.radius) for o in job.obstacles if not o.speed]
-    floor: Any = Polygon(job.area.outline, job.area.holes)
-    for one in standing:
-        floor = floor.difference(one)
-    places = list(get_parts(floor.buffer(-radius)))
+    places = list(get_parts(_floor(job, _solids(job)).buffer(-radius)))
     pieces = job.cable.link * np.diff(job.held_links, prepend=-1)
     if len(pieces) < 2 or not places:
         return bool(places)
