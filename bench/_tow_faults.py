@@ -9,6 +9,7 @@ import sys
 import tempfile
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -143,7 +144,7 @@ def random_fault(seed: int) -> FaultPlan:
 def fault_over_broker(plan: FaultPlan, *, seed: int) -> FaultOutcome:
     """Tow a little with vehicles behind a broker of its own while things go wrong.
 
-    Nobody walks before a program plans: who comes to a cable that nobody moves touches it.
+    Nobody walks but while a program plans: who comes to a cable that nobody moves touches it.
     """
     job = read_tow_job(EXAMPLES / f"{plan.tow.job}.toml", plan.tow.keys)
     with tempfile.TemporaryDirectory() as folder, MosquittoProcess() as broker:
@@ -201,8 +202,8 @@ def _run(
             began = time.monotonic()
     vehicles.schedule_fault("clear")
     for at, what in plan.orders if began is not None else ():
-        time.sleep(max(0.0, (began or 0.0) + at - time.monotonic()))
-        if process.poll() is not None:
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(max(0.0, (began or 0.0) + at - time.monotonic()))
             break
         _order(what, process, broker, vehicles)
     try:
@@ -211,6 +212,7 @@ def _run(
         process.kill()
         ended = process.wait()
         said.append("it hangs")
+    vehicles.schedule_fault(NOBODY_WALKS)
     reader.join()
     while not lines.empty():
         said.append(lines.get())

@@ -2,10 +2,12 @@
 
 import json
 import signal
+import tomllib
 from pathlib import Path
 from unittest.mock import patch
 
 import pytest
+import tomli_w
 
 pytest.importorskip("mujoco")
 pytest.importorskip("proxsuite")
@@ -71,7 +73,9 @@ def test_a_wrong_job_is_refused_before_a_directory_is_made(tmp_path: Path) -> No
 
 
 @pytest.mark.usefixtures("ctrl_c_is_heard")
-def test_a_tow_that_was_interrupted_is_whole_and_goes_on(tmp_path: Path) -> None:
+def test_a_tow_that_was_interrupted_is_whole_and_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "cut"
     cycle = CableTow._cycle
     left = 15
@@ -85,6 +89,18 @@ def test_a_tow_that_was_interrupted_is_whole_and_goes_on(tmp_path: Path) -> None
 
     with patch.object(CableTow, "_cycle", interrupted):
         assert tjscan("tow", "run", EXAMPLE, *SHORT, "--out", out) == 130
+    job = (out / "job.toml").read_text()
+    for table, key, other, said in (
+        ("cable", "length_mm", 5900.0, "cable.length_mm"),
+        ("seam", "points_mm", [[2600.0, -300.0], [2600.0, -299.0]], "seam.points_mm"),
+        ("limits", "link_clearance_mm", 500.0, "can't follow"),
+    ):
+        edited = tomllib.loads(job)
+        edited[table][key] = other
+        (out / "job.toml").write_text(tomli_w.dumps(edited))
+        assert tjscan("tow", "run", "--resume", out) == 2
+        assert said in " ".join(capsys.readouterr().err.split())
+    (out / "job.toml").write_text(job)
     cut = read_recorded_tow(out)
     assert (cut.events[-1].name, len(cut.cycles)) == ("stop", 14)
     assert (out / "report.html").is_file()
@@ -103,6 +119,13 @@ def test_a_replay_with_the_same_keys_plans_the_same(
     assert tjscan("tow", "replay", out, "--out", again, "--json") == 0
     assert json.loads(capsys.readouterr().out)["figures"] == read_tow_figures(again)
     assert tjscan("tow", "replay", out, "--seam.speed-mm-min", "1", "--out", tmp_path / "no") == 2
+
+    assert read_tow_figures(again)["complete"]
+    apart = ("--limits.link-clearance-mm", "1000", "--out", tmp_path / "apart")
+    assert tjscan("tow", "replay", out, *apart) == 0
+    figures = read_tow_figures(tmp_path / "apart")
+    assert (figures["halts"], figures["asked_mm_s"]) == (len(read_recorded_tow(out).cycles), 0)
+    assert not figures["complete"]
 
     def angles(directory: Path) -> list[list[float]]:
         return [cycle.plan.angles.tolist() for cycle in read_recorded_tow(directory).cycles]

@@ -70,11 +70,20 @@ class Rig:
             self.kept,
         )
 
-    def run(self) -> None:
+    def run(self, stood: float = 0.0) -> None:
         try:
-            self.tow.run()
+            self.tow.run(stood=stood)
         finally:
             assert all(vehicle.stopped for vehicle in self.team.vehicles)
+
+
+def test_a_welder_that_stands_goes_on_with_what_is_left_of_its_time() -> None:
+    seam = SeamSettings(points=((3.0, 0.0),), heading=0.0, seconds=2.0)
+    whole, rest = Rig(seam=seam), Rig(seam=seam)
+    whole.run()
+    rest.run(stood=1.5)
+    assert len(whole.kept.cycles) == 20
+    assert len(rest.kept.cycles) == 5
 
 
 def test_a_seam_is_welded_at_its_speed_with_every_vehicle_where_it_was_sent() -> None:

@@ -15,6 +15,20 @@ def test_what_differs_in_its_figures_alone_is_said_once() -> None:
     assert said == [("waits", "it ends 0.8 mm short"), ("goes on", "after 0.5 s")]
 
 
+def test_reasons_that_take_turns_are_said_once_each_and_another_vehicle_is_another_reason() -> None:
+    said: list[str] = []
+    patience = Patience(10.0, lambda name, words: said.append(words))
+    reasons = ("vehicle 2 is 147 mm too near", "the pose of vehicle 2 is lost", "bent 0.3° too far")
+    for cycle in range(30):
+        patience.update(0.1 * cycle, Waiting(reasons[cycle % 3].replace("147", f"{cycle}")), 0.0)
+    patience.update(3.0, Waiting("the pose of vehicle 4 is lost"), 0.0)
+    assert said == [
+        "vehicle 2 is 0 mm too near",
+        *reasons[1:],
+        "the pose of vehicle 4 is lost",
+    ]
+
+
 def test_who_waited_for_too_long_gives_up() -> None:
     patience = Patience(1.0, lambda name, words: None)
     patience.update(0.0, Waiting("it is held"), 0.025)

@@ -76,7 +76,9 @@ class SeamSweep:
             )
 
 
-def sweep_seam(job: TowJob, planner: ShapePlanner) -> SeamSweep:
+def sweep_seam(
+    job: TowJob, planner: ShapePlanner, along: float = 0.0, last: TowingPlan | None = None
+) -> SeamSweep:
     """Plan along the whole seam with vehicles that are always where they were sent.
 
     Obstacles that move are left out: nobody knows yet where they will be. Where the cable gets
@@ -86,6 +88,10 @@ def sweep_seam(job: TowJob, planner: ShapePlanner) -> SeamSweep:
     ----------
     job : TowJob
     planner : ShapePlanner
+    along : float, optional
+        Where a tow goes on, metres.
+    last : TowingPlan, optional
+        Its shape there; looked for where left out.
 
     Raises
     ------
@@ -95,10 +101,10 @@ def sweep_seam(job: TowJob, planner: ShapePlanner) -> SeamSweep:
     seam = Seam(job.seam)
     _refuse_beyond_reach(seam, job.chain.length, job.root.position)
     obstacles = standing_obstacles(job)
-    starts = planner.starts(seam.pose_at(0.0), obstacles)
+    starts = planner.starts(seam.pose_at(along), obstacles) if last is None else [last]
     farthest: SeamSweep | None = None
     for k, start in enumerate(starts):
-        sweep = _sweep_from(start, planner, seam, obstacles)
+        sweep = _sweep_from(start, planner, seam, along, obstacles)
         if farthest is None or not sweep.why or sweep.reached > farthest.reached:
             farthest = replace(sweep, chosen=k + 1, shapes=len(starts))
         if not sweep.why:
@@ -108,10 +114,15 @@ def sweep_seam(job: TowJob, planner: ShapePlanner) -> SeamSweep:
 
 
 def _sweep_from(
-    start: TowingPlan, planner: ShapePlanner, seam: Seam, obstacles: Sequence[DiscObstacle]
+    start: TowingPlan,
+    planner: ShapePlanner,
+    seam: Seam,
+    begin: float,
+    obstacles: Sequence[DiscObstacle],
 ) -> SeamSweep:
-    plan, plans, reached = start, [start], 0.0
-    steps = np.linspace(0, seam.length, 1 + int(np.ceil(seam.length / STEP)))[1:]
+    plan, plans, reached = start, [start], begin
+    count = 1 + int(np.ceil((seam.length - begin) / STEP))
+    steps = np.linspace(begin, seam.length, count)[1:]
     for along in () if start.halt else steps:
         plan = planner.plan(
             plan.held_poses, seam.pose_at(along), dt=DT, last=plan, obstacles=obstacles

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Final, Protocol
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.plan import TowingPlan
+
+WELDED: Final = "welded"
+"""Name of the event that says that the whole seam was welded."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ from tjscan.core.errors import TowHalted, VehicleFault, VehicleLinkLost
 from tjscan.core.frames import Array
 from tjscan.towing.devices import Team
 from tjscan.towing.following import PoseFollower
-from tjscan.towing.journal import TowCycle, TowJournal
+from tjscan.towing.journal import WELDED, TowCycle, TowJournal
 from tjscan.towing.pose_filter import SIGMAS
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
@@ -113,7 +113,7 @@ class CableTow:
         self._states: Sequence[VehicleState | VehicleFault] = ()
         self._shapeless = False
 
-    def run(self, along: float = 0.0, last: TowingPlan | None = None) -> None:
+    def run(self, along: float = 0.0, last: TowingPlan | None = None, stood: float = 0.0) -> None:
         """Tow until the seam is welded.
 
         Parameters
@@ -122,6 +122,8 @@ class CableTow:
             Where along the seam it goes on, metres.
         last : TowingPlan, optional
             The shape that the cable has at the beginning, or was sent to before.
+        stood : float, optional
+            Seconds for which a welder that stands has welded already.
 
         Raises
         ------
@@ -131,6 +133,7 @@ class CableTow:
             The same, where a vehicle or the link to it is to blame.
         """
         self._along, self._began, self._last = along, host.process_time(), last
+        self._stood = stood
         with self._stopped_by_errors():
             self._due = self._team.time
             estimate = self._wait_for_poses()
@@ -138,7 +141,7 @@ class CableTow:
             while not self._finished:
                 self._cycle(estimate)
                 estimate = self._see()
-            self._journal.record_event("welded", f"{1e3 * self._along:.0f} mm of seam")
+            self._journal.record_event(WELDED, f"{1e3 * self._along:.0f} mm of seam")
 
     @property
     def _finished(self) -> bool:

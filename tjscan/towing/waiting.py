@@ -5,8 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 from tjscan.core.errors import TowHalted, VehicleFault
+
+FIGURE: Final = re.compile(r"\d+(\.\d+)?(?= (mm|s|m/min)\b|°)")
+"""A figure with its unit: where only such differ, nothing new is to be said."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +42,7 @@ class Patience:
 
     def __init__(self, seconds: float, report: Callable[[str, str], None]) -> None:
         self._seconds, self._report = seconds, report
-        self._waits: Waiting | None = None
+        self._said: set[str] = set()
         self._since = 0.0
 
     def update(self, now: float, waiting: Waiting | None, along: float) -> None:
@@ -61,23 +65,18 @@ class Patience:
             The same, where a vehicle or the link to it is to blame.
         """
         if waiting is None:
-            if self._waits is not None:
+            if self._said:
                 self._report("goes on", f"after {now - self._since:.1f} s")
-            self._waits = None
+            self._said.clear()
             return
-        if self._waits is None:
+        if not self._said:
             self._since = now
-        if self._waits is None or _without_numbers(self._waits) != _without_numbers(waiting):
+        if (words := FIGURE.sub("", waiting.why)) not in self._said:
             self._report("waits", waiting.why)
-        self._waits = waiting
+            self._said.add(words)
         if now - self._since > self._seconds:
             sentence = (
                 f"{waiting.why}. The weld is halted {1e3 * along:.0f} mm along the seam; "
                 "when the way is clear, go on with tjscan tow run --resume DIR"
             )
             raise VehicleFault(sentence) if waiting.device else TowHalted(sentence)
-
-
-def _without_numbers(waiting: Waiting) -> str:
-    """Its words: as long as only numbers change, nothing new is to be said."""
-    return re.sub(r"\d+(\.\d+)?", "", waiting.why)

@@ -154,7 +154,8 @@ def figures_of_tow(
     sent = [cycle for cycle in cycles if not cycle.plan.halt]
     bends = [np.abs(cycle.plan.angles).max() for cycle in sent]
     residuals = [cycle.plan.constraint for cycle in sent]
-    host = last.host - first.host
+    # A part's processor time begins at zero.
+    host = sum(b.host - (a.host if a.host <= b.host else 0.0) for a, b in pairwise(cycles))
     known = {} if not truths else _against_truth(job, cycles, truths)
     return TowFigures(
         complete=complete,

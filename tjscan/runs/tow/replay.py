@@ -24,7 +24,7 @@ from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.directory import check_replay
 from tjscan.runs.tow.results import write_tow_results
 from tjscan.runs.tow.run import TowContext, make_tow_directory
-from tjscan.towing.journal import TowCycle, TowTruth
+from tjscan.towing.journal import WELDED, TowCycle, TowTruth
 from tjscan.towing.loop import PERIOD
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
@@ -42,6 +42,9 @@ def replay_tow(
     finished: Callable[[Path], object] = do_nothing_when_finished,
 ) -> None:
     """Plan a recorded tow anew from the poses as they were believed, into a run directory.
+
+    Speeds asked are those of the steps from plan to plan, for nobody follows them. Where the
+    planner finds no plan, the tow would have halted, and its seam was not welded.
 
     Parameters
     ----------
@@ -80,12 +83,14 @@ def replay_tow(
     with lock_and_clean_directory(out):
         with record_tow(out / f"{TOW_RECORDING}.mcap", origin, truth) as journal:
             journal.record_event(REPLAY, f"planned anew from {directory}; nothing moved")
+            halted = False
             for entry in entries:
                 if isinstance(entry, TowCycle):
                     cycle = _planned_anew(entry, planner, seam, last)
+                    halted |= bool(cycle.plan.halt)
                     last = last if cycle.plan.halt else cycle.plan
                     journal.record_cycle(cycle)
-                elif isinstance(entry, RecordedEvent):
+                elif isinstance(entry, RecordedEvent) and not (halted and entry.name == WELDED):
                     journal.record_event(entry.name, entry.detail)
         write_tow_results(out, context.job)
     finished(out)
@@ -107,4 +112,10 @@ def _planned_anew(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: Towi
         obstacles=obstacles,
         stopped=cycle.stopped,
     )
-    return replace(cycle, plan=plan, seconds=host.thread_time() - began)
+    seconds = host.thread_time() - began
+    if plan.halt:
+        still = np.zeros_like(cycle.asked)
+        return replace(cycle, plan=plan, seconds=seconds, asked=still, pace=0.0, wait=plan.halt)
+    ways = plan.held_poses - last.held_poses
+    steps = np.column_stack((np.hypot(*ways[:, :2].T), ways[:, 2], np.zeros(len(ways))))
+    return replace(cycle, plan=plan, seconds=seconds, asked=steps / PERIOD)

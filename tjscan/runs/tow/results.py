@@ -20,7 +20,7 @@ from tjscan.job.tow_job import TowJob
 from tjscan.recording.event import RecordedEvent
 from tjscan.result.directory import job_label_of_run
 from tjscan.runs.tow.figures import TowFigures, figures_of_tow
-from tjscan.towing.journal import TowCycle, TowTruth
+from tjscan.towing.journal import WELDED, TowCycle, TowTruth
 from tjscan.towing.topics import read_tow
 
 PLANS: Final = "tow.csv"
@@ -65,7 +65,7 @@ class RecordedTow:
     @property
     def complete(self) -> bool:
         """Whether the whole seam was welded."""
-        return any(event.name == "welded" for event in self.events)
+        return any(event.name == WELDED for event in self.events)
 
     def figures(self, job: TowJob) -> TowFigures | None:
         """Figures of the tow; None where not even one cycle was recorded."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 import tomli_w
 
@@ -14,17 +15,35 @@ from tjscan.core.files import lock_and_clean_directory
 from tjscan.job.tow_cell import TowCell, make_planner, make_tow_cell
 from tjscan.job.tow_job import TowJob
 from tjscan.job.tow_sweep import sweep_seam
-from tjscan.recording.header import JobSnapshot
+from tjscan.recording.header import JobSnapshot, job_snapshot_changes
 from tjscan.recording.parts import next_recording_file
+from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.directory import JOB
 from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.directory import accept_edited_copies, empty_run_directory, write_job_copy
 from tjscan.runs.tow.results import read_recorded_tow, write_tow_results
 from tjscan.towing.journal import CombinedTowJournal, TowJournal, TowTruth
-from tjscan.towing.loop import CableTow, TowSetting
+from tjscan.towing.loop import PERIOD, CableTow, TowSetting
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
 from tjscan.towing.topics import REPLAY, TOW_RECORDING, record_tow
+
+RESUMABLE: Final = (
+    "method",
+    "weights",
+    "targets",
+    "limits",
+    "following",
+    "localisation",
+    "area",
+    "obstacles",
+    "seam.speed_mm_min",
+    "seam.stand_s",
+    "vehicles.driver",
+    "vehicles.mqtt",
+    "simulation",
+)
+"""Tables and keys that may change while a tow goes on: none says how the cable lies."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +116,8 @@ def resume_tow(context: TowContext) -> None:
     Raises
     ------
     ConfigurationError
-        If there is nothing to go on with.
+        If there is nothing to go on with, or the job was edited: to keys other than `RESUMABLE`,
+        or so that the cable can't follow along the rest of the seam.
     """
     directory = context.job_file.parent
     recorded = read_recorded_tow(directory)
@@ -113,10 +133,38 @@ def resume_tow(context: TowContext) -> None:
         )
     left = recorded.truths[-1] if recorded.truths else None
     last = next((c for c in reversed(recorded.cycles) if not c.plan.halt), recorded.cycles[-1])
+    edited = _is_edited(directory)
     with add_file_to_errors(context.job_file):
         planner = make_planner(context.job)
+        if edited:
+            sweep_seam(context.job, planner, last.along, last.plan).refuse_if_blocked()
         cell = make_tow_cell(context.job, last.plan.angles, left)
-    _tow(context, directory, cell, planner, last.along, last.plan)
+    stood = PERIOD * sum(cycle.pace > 0 for cycle in recorded.cycles)
+    _tow(context, directory, cell, planner, last.along, last.plan, stood)
+
+
+def _is_edited(directory: Path) -> bool:
+    """Whether the job of a tow is another than when it was recorded.
+
+    Raises
+    ------
+    ConfigurationError
+        If a key other than `RESUMABLE` is.
+    """
+    before = read_job_snapshot(directory, TOW_RECORDING)
+    if before is None:
+        return False
+    now = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
+    changed = list(job_snapshot_changes(before, now))
+    for key, what in changed:
+        if not key.startswith(RESUMABLE):
+            raise ConfigurationError(
+                f"{what}. The cable lies as it was towed before: put it back, or start a new tow. "
+                f"What may change: {', '.join(RESUMABLE)}",
+                file=directory / JOB,
+                key=key,
+            )
+    return bool(changed)
 
 
 def make_tow_directory(context: TowContext, directory: Path) -> None:
@@ -141,6 +189,7 @@ def _tow(
     planner: ShapePlanner,
     along: float,
     last: TowingPlan,
+    stood: float = 0.0,
 ) -> None:
     """Tow, record, and write the results, however it ended."""
     origin = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
@@ -152,7 +201,7 @@ def _tow(
                 accept_edited_copies(directory, journal.record_event)
                 cell.report_events_to(journal.record_event)
                 with cell:
-                    make_tow(context.job, cell, planner, journal).run(along, last)
+                    make_tow(context.job, cell, planner, journal).run(along, last, stood)
         finally:
             write_tow_results(directory, context.job)
             context.finished(directory)

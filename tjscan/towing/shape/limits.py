@@ -280,9 +280,9 @@ def limit_gradients(rows: Array, root: Array, links: Array, gradients: Array) ->
             gradients[r, k] = total
 
 
-def words_of_mm(mm: float) -> str:
-    """Millimetres as a message states them: what is below ten is not rounded to nothing."""
-    return f"{mm:.0f}" if mm >= 10 else f"{mm:.2g}"
+def rounded(figure: float) -> str:
+    """A figure as a message states it: what is below ten is not rounded to nothing."""
+    return f"{figure:.0f}" if figure >= 10 else f"{figure:.2g}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -369,7 +369,7 @@ class HardLimits:
 
     def words(self, row: Array) -> str:
         """What a row with a margin below zero says of the shape."""
-        kind, link, mm = LimitKind(int(row[9])), int(row[3]), words_of_mm(-1e3 * row[0])
+        kind, link, mm = LimitKind(int(row[9])), int(row[3]), rounded(-1e3 * row[0])
         limits = self.limits
         match kind:
             case LimitKind.LINK_TO_OBSTACLE:
@@ -400,7 +400,7 @@ class HardLimits:
                 )
             case _:
                 return (
-                    f"joint {link} would be bent {degrees(-row[0]):.1f}° past its limit of "
+                    f"joint {link} would be bent {rounded(degrees(-row[0]))}° past its limit of "
                     f"{degrees(self.cable.joint_limit):.1f}°"
                 )
 

@@ -14,7 +14,7 @@ from tjscan.towing.shape.cable import Cable
 from tjscan.towing.shape.compiled import Indices
 from tjscan.towing.shape.estimate import CableEstimate, PoseTrust, estimate_shape
 from tjscan.towing.shape.limited import optimise_limited
-from tjscan.towing.shape.limits import KEPT, HardLimits, LimitKind, words_of_mm
+from tjscan.towing.shape.limits import KEPT, HardLimits, LimitKind, rounded
 from tjscan.towing.shape.optimise import newton_shape
 from tjscan.towing.shape.plan import TowingPlan
 from tjscan.towing.shape.problem import ShapeProblem
@@ -25,6 +25,9 @@ from tjscan.towing.shape.weights import EffortTargets, TowingWeights
 
 MEETS: Final = 1e-6
 """Metres and radians within which fixed links must have their poses."""
+
+NEARLY: Final = 1e-3
+"""Metres of a missed pose below which a limit that is broken, too, says more of what is wrong."""
 
 BETWEEN: Final = 0.05
 """Metres that a link moves at most from one shape looked at to the next, on its way to the plan."""
@@ -142,7 +145,7 @@ class TowingPlanner:
             shape = CheckedShape(problem, limits, limited.angles)
             pressed = tuple(limits.name(row) for row in limited.pressed)
             iterations += limited.iterations
-        plan = shape.plan(self._held, iterations, pressed, shape.objection(estimate))
+        plan = shape.plan(self._held, iterations, pressed, shape.objection(estimate, pressed))
         return replace(plan, rest=readonly_copy(lies.rest))
 
     def _lay(self, plan: TowingPlan) -> CableEstimate:
@@ -236,14 +239,23 @@ class CheckedShape:
         """Whether it has the poses it must have and keeps every limit."""
         return self.off < MEETS and self.margin > KEPT
 
-    def objection(self, estimate: Array) -> str:
-        """Why it may not be sent to vehicles whose cable lies as estimated, or nothing."""
+    def objection(self, estimate: Array, pressed: Sequence[str] = ()) -> str:
+        """Why it may not be sent to vehicles whose cable lies as estimated, or nothing.
+
+        Parameters
+        ----------
+        estimate : ndarray, shape (N,)
+        pressed : sequence of str
+            Limits that hold the shape where it is.
+        """
         if not self.keeps_all:
-            if not self.off > -self.margin:
+            if self.margin < KEPT and self.off < max(-self.margin, NEARLY):
                 return self.limits.words(self.rows[self.rows[:, 0].argmin()])
+            held = f"; what holds it: {', '.join(pressed[:3])}" if pressed else ""
             return (
                 "the cable does not reach within its limits: it ends "
-                f"{words_of_mm(1e3 * self.off)} mm short of the welder or of a vehicle that stands"
+                f"{rounded(1e3 * self.off)} mm short of the welder or of a vehicle that stands"
+                f"{held}"
             )
         here = self.limits.rows(estimate)
         near = here[np.isin(here[:, 9], (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK))]
