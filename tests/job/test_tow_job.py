@@ -108,6 +108,31 @@ def test_an_obstacle_that_stands_on_seam_or_root_is_refused_by_name(
     assert refused.value.key == "obstacles.1"
 
 
+@pytest.mark.parametrize(
+    ("fault", "field", "says"),
+    [
+        ({"kind": "jam", "vehicle": 9}, "vehicle", "jam is to happen to number 9 of 6 vehicles"),
+        ({"kind": "push", "vehicle": 7}, "vehicle", "6 vehicles"),
+        ({"kind": "pose-lost", "vehicle": 9}, "vehicle", "6 vehicles"),
+        ({"kind": "passer-by-stands", "vehicle": 2}, "vehicle", "number 2 of 1 moving obstacle"),
+        ({"kind": "jam", "for_s": -4}, "for_s", "greater than 0"),
+    ],
+)
+def test_a_fault_of_what_is_not_there_is_refused(
+    fault: dict[str, Any], field: str, says: str
+) -> None:
+    obstacles = [{"points_mm": [[1300, 4000]]}, {"points_mm": [[0, 0], [2000, 0]], **MOVING}]
+    right = {"kind": "passer-by-stands", "vehicle": 1, "for_s": 3}
+    with pytest.raises(ConfigurationError, match=says) as refused:
+        make_job(obstacles=obstacles, simulation={"faults": [right, fault]})
+    assert refused.value.key == f"simulation.faults.1.{field}"
+
+
+def test_nobody_can_stand_who_does_not_pass_by() -> None:
+    with pytest.raises(ConfigurationError, match="0 moving obstacles"):
+        make_job(simulation={"faults": [{"kind": "passer-by-stands"}]})
+
+
 def test_a_corridor_that_no_vehicle_passes_is_refused_with_its_width() -> None:
     # Two rooms, and a corridor of 300 mm between them that is longer than a piece of cable.
     rooms = [

@@ -35,8 +35,30 @@ def check_tow_job(job: TowJob) -> None:
             f"{6e4 * job.vehicles.speed:g}",
             key="seam.speed_mm_min",
         )
+    _check_faults(job)
     _check_geometry(job)
     _check_corridor(job)
+
+
+def _check_faults(job: TowJob) -> None:
+    """Refuse faults of vehicles and passers-by that there are not.
+
+    Raises
+    ------
+    ConfigurationError
+        With the key, and how many there are.
+    """
+    moving = sum(one.speed > 0 for one in job.obstacles)
+    for number, fault in enumerate(job.simulation.faults):
+        if fault.kind == "passer-by-stands":
+            count, found = moving, f"{moving} moving obstacle{'' if moving == 1 else 's'}"
+        else:
+            count, found = job.vehicles.count, f"{job.vehicles.count} vehicles"
+        if (fault.vehicle or 1) > count:
+            raise ConfigurationError(
+                f"{fault.kind} is to happen to number {fault.vehicle or 1} of {found}",
+                key=f"simulation.faults.{number}.vehicle",
+            )
 
 
 def _check_geometry(job: TowJob) -> None:

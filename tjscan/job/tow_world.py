@@ -48,7 +48,7 @@ class FaultSettings(SettingsTable):
 
     kind: WorldFault | PoseFaultName
     at: Annotated[float, Ge(0), Le(1e6), SECONDS] = 0.0
-    seconds: Annotated[float | None, SECONDS.with_key("for_s")] = None
+    seconds: Annotated[float | None, Gt(0), Le(1e6), SECONDS.with_key("for_s")] = None
     vehicle: Annotated[int, Ge(1), Le(20)] | None = None
     push: Annotated[tuple[Coordinate, Coordinate], MM] = (0.2, 0.0)
 
