@@ -54,6 +54,7 @@ def test_the_piece_behind_the_welder_may_be_shorter_than_the_others() -> None:
         ),
         ({"vehicles": {"behind_welder_mm": 5900}}, "vehicles.behind_welder_mm", "rise"),
         ({"vehicles": {"behind_welder_mm": 300}}, "vehicles.behind_welder_mm", "350 mm"),
+        ({"seam": {**SEAM, "heading_deg": 1e308}}, "seam.heading_deg", "less than or equal to 360"),
         ({"weights": {"bending": 0}}, "weights.bending", "greater than 0"),
         ({"targets": {"distance_mm": -1}}, "targets.distance_mm", "greater than 0"),
         ({"cable": {"lenght_mm": 6000}}, "cable.lenght_mm", "length_mm"),

@@ -133,7 +133,7 @@ class SeamSettings(SettingsTable):
 
     points: Annotated[Path, MM]
     speed: Annotated[float, Gt(0), Le(1e5), MM_MIN] = 0.01
-    heading: Annotated[float | None, DEG] = None
+    heading: Annotated[float | None, Ge(-360), Le(360), DEG] = None
     corner: Annotated[float, Gt(0), Le(1e4), MM] = 0.3
     seconds: Annotated[float, Gt(0), Le(1e5), SECONDS.with_key("stand_s")] = 360.0
 
