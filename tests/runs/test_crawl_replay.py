@@ -1,11 +1,14 @@
 """Laws of a replay: the same estimator believes the same, and another moves nothing."""
 
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command import tjscan
 
+from tjscan.core.errors import ConfigurationError
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.job.crawl_reading import read_crawl_job
 from tjscan.laser.profile import Profile
@@ -37,6 +40,16 @@ start_mm = [-10.0, 0.5]
 """
 
 
+NARROW = """
+[simulation.laser]
+half_angle_deg = 6.5
+[simulation.joint]
+width_mm = 20
+depth_mm = 10
+"""
+"""A line of 34 mm, which shows 7 mm of hull on both sides of the joint."""
+
+
 class InterruptedInWeld:
     """A journal that interrupts the crawl in the middle of the weld."""
 
@@ -48,15 +61,27 @@ class InterruptedInWeld:
         pass
 
 
-def crawl_in_two_parts(folder: Path, method: str, place: float | None = None) -> Path:
-    """Crawl, be interrupted, and go on: what was known then begins the second part."""
+class InterruptedWhileItWaits(InterruptedInWeld):
+    """A journal that interrupts a crawl before it goes on."""
+
+    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
+        raise KeyboardInterrupt
+
+
+def interrupted_crawl(folder: Path, text: str) -> CrawlContext:
+    """Crawl until the middle of the weld, and return what goes on with it."""
     file, out = folder / "job.toml", folder / "run"
-    file.write_text(f'method = "{method}"\n{JOB}')
+    file.write_text(text)
     with pytest.raises(KeyboardInterrupt):
         run_crawl(CrawlContext(read_crawl_job(file), file, InterruptedInWeld()), out)
-    context = CrawlContext(read_crawl_job(out / "job.toml"), out / "job.toml")
+    return CrawlContext(read_crawl_job(out / "job.toml"), out / "job.toml")
+
+
+def crawl_in_two_parts(folder: Path, method: str, place: float | None = None) -> Path:
+    """Crawl, be interrupted, and go on: what was known then begins the second part."""
+    context = interrupted_crawl(folder, f'method = "{method}"\n{JOB}')
     resume_crawl(context, overlap=0.005, place=place)
-    return out
+    return context.job_file.parent
 
 
 @pytest.fixture(scope="module")
@@ -84,12 +109,54 @@ def test_the_same_estimator_believes_the_same_again(run: Path, tmp_path: Path) -
     assert read_passes(tmp_path / "again") == read_passes(run)
 
 
-def test_a_vehicle_that_was_set_down_anew_is_believed_there_again(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["set-down", "place"])  # an earlier version said place
+def test_a_vehicle_that_was_set_down_anew_is_believed_there_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setattr("tjscan.crawler.crawler.SET_DOWN", name)
     run = crawl_in_two_parts(tmp_path, "slip-aware", place=0.011)
     replay_crawl(run, {}, tmp_path / "again")
     before, after = read_recorded_crawl(run), read_recorded_crawl(tmp_path / "again")
     np.testing.assert_allclose(slips(after), slips(before), rtol=0, atol=1e-9)
     np.testing.assert_allclose(estimates(after), estimates(before), rtol=0, atol=1e-9)
+
+
+def test_one_that_was_set_down_and_interrupted_while_it_waits_is_believed_there_again(
+    tmp_path: Path,
+) -> None:
+    context = interrupted_crawl(tmp_path, JOB)
+    run = context.job_file.parent
+    with pytest.raises(KeyboardInterrupt):
+        resume_crawl(replace(context, journal=InterruptedWhileItWaits()), place=0.011)
+    assert [event.name for event in read_recorded_crawl(run).events][-2:] == ["set-down", "stop"]
+    replay_crawl(run, {}, tmp_path / "again")
+    before, after = read_recorded_crawl(run), read_recorded_crawl(tmp_path / "again")
+    np.testing.assert_allclose(estimates(after), estimates(before), rtol=0, atol=1e-9)
+
+
+def test_where_nobody_can_look_whether_it_was_moved_its_operator_must_say(tmp_path: Path) -> None:
+    context = interrupted_crawl(tmp_path, JOB + NARROW)
+    run = context.job_file.parent
+    before = sorted(run.iterdir())
+    with pytest.raises(ConfigurationError, match="say with --place where the torch stands"):
+        resume_crawl(context)
+    assert sorted(run.iterdir()) == before
+    resume_crawl(context, overlap=0.005, place=0.010)
+    found = read_recorded_crawl(run)
+    assert [event.name for event in found.events].count("set-down") == 1
+    replay_crawl(run, {}, tmp_path / "again")
+    after = read_recorded_crawl(tmp_path / "again")
+    np.testing.assert_allclose(estimates(after), estimates(found), rtol=0, atol=1e-9)
+
+
+def test_a_damaged_part_is_refused_before_anything_is_made(run: Path, tmp_path: Path) -> None:
+    damaged = tmp_path / "damaged"
+    shutil.copytree(run, damaged)
+    data = bytearray((damaged / "crawl-2.mcap").read_bytes())
+    data[len(data) // 2] ^= 1
+    (damaged / "crawl-2.mcap").write_bytes(data)
+    assert tjscan("crawl", "replay", damaged, "--out", tmp_path / "again") == 1
+    assert not (tmp_path / "again").exists()
 
 
 def test_the_papers_estimator_believes_the_same_again(tmp_path: Path) -> None:

@@ -75,12 +75,15 @@ class CrawlStart:
         Where the arc of the next pass is struck, metres: further on if it was cut short.
     last_view : LastView, optional
         Of the joint, where the vehicle must still stand; not looked at where left out.
+    was_set_down : bool, optional
+        Whether the operator set the vehicle down anew, and says where.
     """
 
     passes_done: int = 0
     travel: float = 0.0
     arc_from: float = 0.0
     last_view: LastView | None = None
+    was_set_down: bool = False
 
 
 class Crawler:
@@ -187,6 +190,9 @@ class Crawler:
             drive_by_hand(self._hand, self._devices.vehicle, self._cycle, self._guards)
             self._cycle.come_to_rest()
             self._cycle.travel = home  # what it rolled on for
+        at = f"the torch is at {1e3 * self._cycle.travel:.1f} mm"
+        if start is not None and start.was_set_down:  # said before it waits, which may be cut off
+            self._journal.record_event(SET_DOWN, f"{at}, as the operator says")
         self._wait_for_joint()
         if start is None:
             self._cycle.enter(Event.JOINT_IN_VIEW, "the joint is in view, with steel all round")
@@ -195,10 +201,7 @@ class Crawler:
             self._go_back(home)
             self._cycle.enter(Event.AT_START, "back at the start")
         else:
-            at = f"the torch is at {1e3 * start.travel:.1f} mm"
-            if start.last_view is None:
-                self._journal.record_event(SET_DOWN, f"{at}, as the operator says")
-            else:
+            if start.last_view is not None:
                 start.last_view.check(self._cycle.seen)
                 self._journal.record_event("place", f"{at}, as the laser does not gainsay")
             self._cycle.phase = Phase.RETURN  # what was interrupted goes on from the way back

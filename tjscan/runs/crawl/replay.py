@@ -82,13 +82,14 @@ def replay_crawl(
     parts = recording_files(directory, CRAWL_RECORDING)
     with add_file_to_errors(job_file):
         method = context.make_method()
-    next(read_messages(parts[0], TOPICS), None)  # refuses what is no crawl before anything is made
+    # Read to their ends before anything is made: what is no crawl, or damaged, is refused.
+    set_down = [_was_set_down(part) for part in parts]
     make_crawl_directory(context, out)
     origin = JobSnapshot((out / JOB).read_text(encoding="utf-8"))
     with lock_and_clean_directory(out):
         for number, part in enumerate(parts):
             if number:
-                known = belief_where_set_down if _was_set_down(part) else belief_after_stop
+                known = belief_where_set_down if set_down[number] else belief_after_stop
                 method = context.make_method(known(read_recorded_crawl(out), context.job))
             with RecordingWriter(out / part.name, TOPICS, origin) as recording:
                 for messages in _in_chunks(_replayed(part, method, f"{directory}")):
@@ -98,10 +99,12 @@ def replay_crawl(
 
 
 def _was_set_down(part: Path) -> bool:
-    """Whether a part of a recording begins where its operator said."""
+    """Read a part of a recording to its end: whether it begins where its operator said."""
+    events = [entry.message for entry in read_messages(part, TOPICS) if entry.topic is LOG]
     return any(
-        entry.topic is LOG and entry.message.name == SET_DOWN
-        for entry in read_messages(part, TOPICS)
+        event.name == SET_DOWN
+        or (event.name == "place" and event.message.endswith("as the operator says"))  # once so
+        for event in events
     )
 
 

@@ -49,12 +49,13 @@ def resume_crawl(
         By which the weld overlaps what was welded before the stop, metres.
     place : float, optional
         Where the torch stands along the joint, metres, if the vehicle was moved since. Where left
-        out, it must stand where it stood, as far as the laser can tell.
+        out, it must stand where it stood, as far as the laser can tell; the recording must show
+        hull beside the joint.
 
     Raises
     ------
     ConfigurationError
-        If there is nothing to go on with, or no such place.
+        If there is nothing to go on with, no such place, or nothing shows where it stood.
     CrawlStopped
         If the laser shows that the vehicle was moved; and as `run_crawl` raises.
     """
@@ -70,10 +71,17 @@ def resume_crawl(
     crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
     if place is None:
         view = LastView.of_recording(crawled, found.profiles, stopped=found.was_stopped)
+        if view is None:
+            raise ConfigurationError(
+                "no recorded profile shows the joint with enough hull beside it, so nobody can "
+                "look whether the vehicle was moved since: say with --place where the torch stands",
+                file=directory,
+            )
         start, belief = replace(start, last_view=view), belief_after_stop(found, context.job)
     else:
         check_place(place, context.job)
-        start, belief = replace(start, travel=place), belief_where_set_down(found, context.job)
+        start = replace(start, travel=place, was_set_down=True)
+        belief = belief_where_set_down(found, context.job)
     if found.places:
         arcs = [one.true_travel for one in found.passes if len(one.true_travel)]
         pose_w = np.array(found.places[-1][1].pose_w)
