@@ -28,6 +28,28 @@ def handle_ctrl_c(handle: Callable[[], None]) -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
+@contextmanager
+def hold_ctrl_c() -> Iterator[None]:
+    """Let Ctrl-C wait until the block of the main thread has ended: what it does stays whole."""
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield  # where nobody is interrupted
+        return
+    pressed = 0
+
+    def note(number: int, frame: object) -> None:
+        nonlocal pressed
+        pressed += 1
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        for _ in range(pressed):
+            before(signal.SIGINT, None)
+
+
 def ignore_ctrl_c() -> None:
     """Leave Ctrl-C, which reaches all processes of a terminal, to the one that began the others."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -15,6 +15,7 @@ import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
+from tjscan.core.signals import hold_ctrl_c
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
@@ -206,6 +207,7 @@ class RecordingCrawlJournal:
         self._profile_at: tuple[Phase, float] | None = None
         self._arc = False
 
+    @hold_ctrl_c()
     def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
         """Write a cycle, and of its profiles one a millimetre."""
         if self._first is None:
@@ -229,6 +231,7 @@ class RecordingCrawlJournal:
         if is_last or struck or now - self._waiting[0][0] >= LONGEST_WAIT:
             self.flush()
 
+    @hold_ctrl_c()
     def record_event(self, name: str, detail: str) -> None:
         """Write an event, and bring everything until then to the disk."""
         level = Log.Level.ERROR if name == Phase.STOP else Log.Level.INFO
@@ -238,6 +241,7 @@ class RecordingCrawlJournal:
         self.flush()
         self._recording.sync_to_disk()
 
+    @hold_ctrl_c()
     def flush(self) -> None:
         """Write what waits."""
         waiting, self._waiting = self._waiting, []

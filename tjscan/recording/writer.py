@@ -11,6 +11,7 @@ from mcap.writer import CompressionType, Writer
 
 from tjscan.core.disk import bring_stream_to_disk
 from tjscan.core.errors import RecordingError
+from tjscan.core.signals import hold_ctrl_c
 from tjscan.recording.header import (
     HEADER_RECORD,
     JOB_RECORD,
@@ -63,6 +64,7 @@ class RecordingWriter:
         self._file, self._topics = file, tuple(topics)
         self._origin, self._attachments = origin, attachments
 
+    @hold_ctrl_c()
     def __enter__(self) -> Self:
         try:
             self._stream = self._file.open("xb")
@@ -71,6 +73,7 @@ class RecordingWriter:
             raise self._failed(error) from error
         return self
 
+    @hold_ctrl_c()
     def __exit__(
         self,
         kind: type[BaseException] | None,
@@ -97,6 +100,7 @@ class RecordingWriter:
         """
         self.write_timed((time, topic, message) for topic, message in messages)
 
+    @hold_ctrl_c()
     def write_timed(self, messages: Iterable[tuple[int, Topic[Any], Any]]) -> None:
         """Write messages of several times in one chunk; each with its time, as `write` has it."""
         for time, topic, message in messages:

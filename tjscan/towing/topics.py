@@ -13,6 +13,7 @@ import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.signals import hold_ctrl_c
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.foxglove import event_log_message
 from tjscan.recording.header import JobSnapshot
@@ -202,6 +203,7 @@ class RecordingTowJournal:
         self._waiting: list[tuple[int, Topic[Any], Any]] = []
         self._cycles = 0
 
+    @hold_ctrl_c()
     def record_cycle(self, cycle: TowCycle) -> None:
         """Write a cycle, and what a simulation knows then."""
         if self._first is None:
@@ -214,6 +216,7 @@ class RecordingTowJournal:
         if self._cycles % CYCLES_TOGETHER == 1:
             self.flush()
 
+    @hold_ctrl_c()
     def record_event(self, name: str, detail: str) -> None:
         """Write an event, and bring everything until then to the disk."""
         level = Log.Level.ERROR if name == "stop" else Log.Level.INFO
@@ -221,6 +224,7 @@ class RecordingTowJournal:
         self.flush()
         self._recording.sync_to_disk()
 
+    @hold_ctrl_c()
     def flush(self) -> None:
         """Write what waits."""
         waiting, self._waiting = self._waiting, []
