@@ -1,4 +1,4 @@
-"""What a tow job asks for that can't be, by its plane geometry alone."""
+"""What a tow job asks for that can't be, by its numbers and its plane geometry alone."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.job.tow_job import TowJob
 from tjscan.towing.seam import Seam
 from tjscan.towing.tables import Point
+from tjscan.vehicle.cable.model import TowingVehicleModel
 
 SAMPLE: Final = 0.1
 """Metres of seam from one place that is looked at to the next."""
@@ -29,6 +30,7 @@ def check_tow_job(job: TowJob) -> None:
         With the key, and where and by how much.
     """
     _check_held_links(job)
+    _check_sizes(job)
     if job.seam.speed > job.vehicles.speed:
         raise ConfigurationError(
             f"{6e4 * job.seam.speed:g} mm/min is more than the vehicles' "
@@ -38,6 +40,33 @@ def check_tow_job(job: TowJob) -> None:
     _check_faults(job)
     _check_geometry(job)
     _check_corridor(job)
+
+
+def _check_sizes(job: TowJob) -> None:
+    """Refuse sizes that would change nothing.
+
+    Raises
+    ------
+    ConfigurationError
+        With the key, and what to say instead.
+    """
+    gap, length = job.limits.cable_gap, job.cable.length
+    if np.pi / 2 * gap >= length:
+        raise ConfigurationError(
+            f"half a circle that wide, {5e2 * np.pi * gap:.0f} mm, is longer than the cable, and "
+            f"no two links would be held apart: say less than {2e3 / np.pi * length:.0f}",
+            key="limits.cable_gap_mm",
+        )
+    model, usual = job.simulation.towing_vehicle, TowingVehicleModel()
+    for key, value, default, ours, instead in (
+        ("body_radius_mm", model.body_radius, usual.body_radius, job.vehicles.radius, "radius_mm"),
+        ("force_n", model.force, usual.force, job.vehicles.force, "force_n"),
+    ):
+        if value not in (default, ours):
+            raise ConfigurationError(
+                f"simulated vehicles are as vehicles.{instead} says: set that, and leave this out",
+                key=f"simulation.towing_vehicle.{key}",
+            )
 
 
 def _check_faults(job: TowJob) -> None:
@@ -219,6 +248,11 @@ def _check_held_links(job: TowJob) -> None:
             raise ConfigurationError(
                 "vehicles.links say how long the piece behind the welder is: leave this key out",
                 key=key,
+            )
+        count = job.vehicles.behind_welder / job.cable.link
+        if abs(count - round(count)) > 1e-6 or not round(count):
+            raise ConfigurationError(
+                f"must be a whole number of links: it is {count:g} times cable.link_mm", key=key
             )
     if len(held) != job.vehicles.count:
         raise ConfigurationError(

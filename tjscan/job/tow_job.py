@@ -71,7 +71,8 @@ class VehiclesSettings(SettingsTable):
         Link of the cable that each holds, counted from 0 at the root; the welder holds the last.
         Equally spaced where left out.
     behind_welder : float or None
-        Length of the piece of cable behind the welder, metres, where that is not as the others.
+        Length of the piece of cable behind the welder, a whole number of links, metres, where that
+        is not as the others.
     radius : float
         Of a body seen from above, metres.
     speed : float
@@ -120,8 +121,10 @@ class TowJob(StrictFileModel):
         """Link that each vehicle holds, the welder's last."""
         vehicles, cable = self.vehicles, self.cable
         behind = vehicles.behind_welder
-        last = None if behind is None else max(1, round(behind / cable.link))
-        return vehicles.links or equal_links(cable.links, vehicles.count, last)
+        last = None if behind is None else round(behind / cable.link)
+        if vehicles.links is not None:
+            return vehicles.links
+        return equal_links(cable.links, vehicles.count, last)
 
     @property
     def chain(self) -> Cable:
