@@ -52,7 +52,16 @@ def test_a_list_that_is_damaged_or_cut_off_vouches_for_nothing(run: Path) -> Non
 
 def test_the_error_names_the_files_and_what_to_do(run: Path) -> None:
     (run / "job.toml").write_text("edited")
-    with pytest.raises(RecordingError, match=r"job\.toml: not as SHA256SUMS .*tjscan reprocess"):
+    with pytest.raises(RecordingError, match=r"job\.toml: not as SHA256SUMS .*a copy; without"):
+        check_as_written(*(run / name for name in NAMES))
+
+
+@pytest.mark.parametrize("recording", ["scan.mcap", "left/scan.mcap"])
+def test_only_of_a_scan_results_are_written_anew(run: Path, recording: str) -> None:
+    (run / "job.toml").write_text("edited")
+    (run / recording).parent.mkdir(exist_ok=True)
+    (run / recording).touch()
+    with pytest.raises(RecordingError, match=r"a copy, or .*tjscan reprocess"):
         check_as_written(*(run / name for name in NAMES))
 
 

@@ -19,6 +19,9 @@ MANIFEST: Final = "SHA256SUMS"
 MOST_MANIFEST_BYTES: Final = 100_000
 """A larger file lists no run directory."""
 
+_RECORDINGS_OF_SCANS: Final = ("scan.mcap", "*/scan.mcap")
+"""In a run directory, or in one of several stations: what `tjscan reprocess` takes."""
+
 _LINE: Final = re.compile(r"([0-9a-f]{64})  (\S.*)")
 
 
@@ -40,11 +43,12 @@ def check_as_written(*files: Path) -> None:
     if changed:
         directory = changed[0].parent
         names = ", ".join(file.name for file in changed)
+        scans = any(any(directory.glob(name)) for name in _RECORDINGS_OF_SCANS)
+        anew = f", or write results anew from the recording (tjscan reprocess {directory})"
         raise RecordingError(
             f"{directory}: {names}: not as {MANIFEST} lists it: edited or damaged since, or "
-            "written by a program that was killed. Put back a copy, or write results anew from the "
-            f"recording (tjscan reprocess {directory}); without {MANIFEST} files are taken as they "
-            "are"
+            f"written by a program that was killed. Put back a copy{anew if scans else ''}; "
+            f"without {MANIFEST} files are taken as they are"
         )
 
 
