@@ -53,6 +53,18 @@ def test_the_piece_behind_the_welder_may_be_shorter_than_the_others() -> None:
             "vehicles.links",
         ),
         ({"vehicles": {"behind_welder_mm": 5900}}, "vehicles.behind_welder_mm", "rise"),
+        ({"vehicles": {"behind_welder_mm": 600, "count": 20}}, "vehicles.count", "350 mm"),
+        ({"vehicles": {"behind_welder_mm": 600, "radius_mm": 2e3}}, "vehicles.radius_mm", "4050"),
+        (
+            {"vehicles": {"behind_welder_mm": 600}, "limits": {"vehicle_gap_mm": 9e3}},
+            "limits.vehicle_gap_mm",
+            "9300 mm",
+        ),
+        (
+            {"simulation": {"faults": [{"kind": "jammed"}]}},
+            "simulation.faults.0.kind",
+            "'jam'.*'pose-noise'.*'pose-swap'",
+        ),
         ({"vehicles": {"behind_welder_mm": 300}}, "vehicles.behind_welder_mm", "350 mm"),
         ({"seam": {**SEAM, "heading_deg": 1e308}}, "seam.heading_deg", "less than or equal to 360"),
         ({"vehicles": {"links": []}}, "vehicles.links", "6 vehicles, and 0 links"),

@@ -274,8 +274,19 @@ def _check_held_links(job: TowJob) -> None:
             raise ConfigurationError(
                 f"vehicles {number} and {number + 1} hold the cable {1e3 * length:.0f} mm apart, "
                 f"and need {1e3 * need:.0f} mm: two radii, and limits.vehicle_gap_mm",
-                key=key,
+                key=_cause_of_short_piece(job, number, need),
             )
+
+
+def _cause_of_short_piece(job: TowJob, number: int, need: float) -> str:
+    """Key that has to change where the piece of cable behind a vehicle is too short."""
+    if need > job.cable.length / 2:  # more than two vehicles have, the fewest
+        wide = 2 * job.vehicles.radius > job.limits.vehicle_gap
+        return "vehicles.radius_mm" if wide else "limits.vehicle_gap_mm"
+    if job.vehicles.links is not None:
+        return "vehicles.links"
+    behind = job.vehicles.behind_welder is not None and number == job.vehicles.count - 1
+    return "vehicles.behind_welder_mm" if behind else "vehicles.count"
 
 
 def _polygon(ring: Sequence[Point], key: str) -> Any:

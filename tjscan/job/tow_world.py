@@ -46,7 +46,7 @@ class FaultSettings(SettingsTable):
         How far it is pushed, frame w, metres.
     """
 
-    kind: WorldFault | PoseFaultName
+    kind: Literal[WorldFault, PoseFaultName]
     at: Annotated[float, Ge(0), Le(1e6), SECONDS] = 0.0
     seconds: Annotated[float | None, Gt(0), Le(1e6), SECONDS.with_key("for_s")] = None
     vehicle: Annotated[int, Ge(1), Le(20)] | None = None
