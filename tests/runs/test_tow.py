@@ -3,6 +3,7 @@
 import json
 import signal
 import tomllib
+import warnings
 from pathlib import Path
 from unittest.mock import patch
 
@@ -14,6 +15,8 @@ pytest.importorskip("proxsuite")
 
 from command import tjscan
 
+from tjscan.job.tow_reading import read_tow_job
+from tjscan.runs.tow.figures import figures_of_tow
 from tjscan.runs.tow.results import read_recorded_tow, read_tow_figures
 from tjscan.towing.journal import TowCycle
 from tjscan.towing.loop import CableTow
@@ -50,6 +53,15 @@ def test_a_tow_leaves_its_recording_its_figures_and_a_report_that_loads_nothing(
     page = (out / "report.html").read_text()
     assert "<canvas" in page
     assert "://" not in page.replace("http://www.w3.org", "")
+
+
+def test_a_tow_of_one_cycle_has_figures_without_a_mean_of_nothing(out: Path) -> None:
+    found, job = read_recorded_tow(out), read_tow_job(out / "job.toml")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figures = figures_of_tow(job, found.cycles[:1], found.truths[:1], complete=False)
+    assert figures.as_numbers["followed_mm"] is None
+    assert figures.force_max_n > 0
 
 
 def test_a_dry_run_says_whether_the_seam_can_be_followed(

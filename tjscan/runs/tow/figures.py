@@ -189,6 +189,7 @@ def _against_truth(
     estimated = np.array([job.chain.poses(one)[:, :2] for one in estimate])
     off, late = _welder_off(Seam(job.seam), cycles, poses)
     targets = np.array([cycle.targets for cycle in cycles])[:-1, :-1, :2]
+    followed = np.linalg.norm(poses[1:, :-1, :2] - targets, axis=-1)
     gaps = np.linalg.norm(poses[:, :, None, :2] - poses[:, None, :, :2], axis=-1)
     gaps[:, *np.diag_indices(gaps.shape[1])] = np.inf
     link, body = _clearances(job, line, poses)
@@ -200,7 +201,7 @@ def _against_truth(
         "pull_max_n": float(max(truth.vehicle_forces.max() for truth in truths)),
         "welder_off_mm": 1e3 * off,
         "welder_late_mm": 1e3 * late,
-        "followed_mm": float(1e3 * np.linalg.norm(poses[1:, :-1, :2] - targets, axis=-1).mean()),
+        "followed_mm": float(1e3 * followed.mean()) if len(followed) else nan,
         "estimate_deg": float(np.degrees(np.abs(estimate - angles).mean())),
         "estimate_mm": float(1e3 * np.linalg.norm(estimated - line[:, 1:], axis=-1).mean()),
         "link_clearance_mm": 1e3 * link,
