@@ -121,8 +121,8 @@ def test_a_seam_may_run_along_a_pillar_and_past_an_obstacle() -> None:
 @pytest.mark.parametrize(
     ("place", "says"),
     [
-        ([2600, -300], r"'jack' at \(2600, -300\) mm stands on the seam, 4300 mm from"),
-        ([100, 0], r"'jack' at \(100, 0\) mm stands on the root, at \(0, 0\) mm"),
+        ([2600, -300], r"jack at \(2600, -300\) mm stands on the seam, 4300 mm from"),
+        ([100, 0], r"jack at \(100, 0\) mm stands on the root, at \(0, 0\) mm"),
     ],
 )
 def test_an_obstacle_that_stands_on_seam_or_root_is_refused_by_name(
