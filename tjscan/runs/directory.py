@@ -20,6 +20,7 @@ from tjscan.core.manifest import MANIFEST, changed_since_written, check_as_writt
 from tjscan.core.provenance import Provenance
 from tjscan.job import CalibrationSettings, CellJob
 from tjscan.recording.header import JobSnapshot, file_sha256
+from tjscan.recording.parts import recording_files
 from tjscan.result.directory import (
     CALIBRATION,
     JOB,
@@ -31,6 +32,9 @@ from tjscan.result.directory import (
 
 COPIES: Final = (JOB, JOINT, CALIBRATION, URDF)
 """What a run directory is made with."""
+
+REPLAYED: Final = ("crawl", "tow")
+"""What is replayed into another run directory, as its recordings are named."""
 
 
 def default_run_directory(job_file: Path, station: str | None = None) -> Path:
@@ -97,23 +101,36 @@ def check_replay(
     replayable : tuple of str
         What those that may be begin with.
     what : str
-        What was run, in words.
+        What was run, as its recording is named: crawl or tow.
 
     Raises
     ------
     ConfigurationError
-        If a key says how the run was done, or the new directory would lie in its own.
+        If there is no such run, a key says how it was done, or the new directory would lie in its
+        own.
     """
+    if not _holds(directory, what):
+        others = [other for other in REPLAYED if other != what and _holds(directory, other)]
+        advice = [f"it holds a {other}: tjscan {other} replay takes it" for other in others]
+        raise ConfigurationError(
+            f"holds no {what}: {', '.join(advice) or 'give the run directory of one'}",
+            file=directory,
+        )
     for key in keys:
         if not key.startswith(replayable):
             raise ConfigurationError(
                 f"says how the {what} was done, and it is done. What may change: "
-                f"{', '.join(replayable)}",
+                f"{', '.join(name.rstrip('.') for name in replayable)}",
                 file=directory / JOB,
                 key=key,
             )
     if out.resolve().is_relative_to(directory.resolve()):
         raise ConfigurationError("lies in the run directory, which stays as it is", file=out)
+
+
+def _holds(directory: Path, what: str) -> bool:
+    """Whether a directory is that of a run, with its job and a recording of that name."""
+    return (directory / JOB).is_file() and recording_files(directory, what)[0].is_file()
 
 
 @contextmanager

@@ -45,6 +45,8 @@ def run(
 
     keys = parse_overrides(overrides) | ({} if method is None else {"method": method})
     file = job / "job.toml" if resume else job
+    if resume and not file.is_file():
+        raise ConfigurationError("holds no tow: give the run directory of one", file=job)
     parsed = read_tow_job(file, keys)
     if resume and (out is not None or keys or dry_run):
         raise ConfigurationError(

@@ -38,7 +38,7 @@ from tjscan.runs.crawl.resume import belief_after_stop, belief_where_set_down
 from tjscan.runs.crawl.run import CrawlContext, make_crawl_directory
 from tjscan.runs.directory import check_replay
 
-REPLAYABLE: Final = ("method", "calibration", "slip.", "course.")
+REPLAYABLE: Final = ("method", "slip.", "course.")
 """Keys that say what an estimator makes of a crawl, not how it was done."""
 
 TimedMessage = tuple[int, Topic[Any], Any]
