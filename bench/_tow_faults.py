@@ -187,6 +187,8 @@ def _run(
 
     def read() -> None:
         for line in pipe:
+            if line.startswith("stop:"):
+                vehicles.schedule_fault(NOBODY_WALKS)
             lines.put(line)
 
     reader = threading.Thread(target=read, daemon=True)
