@@ -7,6 +7,7 @@ seed: its beginning, its middle and its end, where something happens.
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -14,6 +15,7 @@ from math import inf, nan
 from shutil import which
 from typing import Any, Final
 
+from _spread import say_what_is_wrong
 from _table import Row, main
 from _tow_faults import FAULTS, fault_over_broker, random_fault
 from _tows import EXAMPLES, NOISE, Tow, passer_by, run_tow, seam_piece
@@ -159,8 +161,12 @@ def broker_rows(*, quick: bool) -> list[Row]:
         found = fault_over_broker(FAULTS[name], seed=1)
         rows.append(Row(f"broker, {name}: {found.words}", float(not found.sound), 0))
     count = QUICK_RANDOM_FAULTS if quick else RANDOM_FAULTS
-    unsound = sum(not fault_over_broker(random_fault(s), seed=s).sound for s in range(count))
-    rows.append(Row(f"broker, {count} random faults: unsound", float(unsound), 0))
+    ended = [fault_over_broker(random_fault(seed), seed=seed) for seed in range(count)]
+    unsound = [f"seed {seed}: {one.words}" for seed, one in enumerate(ended) if not one.sound]
+    say_what_is_wrong(unsound)
+    ends = Counter(one.words.partition(";")[0] for one in ended).most_common()
+    words = ", ".join(f"{number} {end}" for end, number in ends)
+    rows.append(Row(f"broker, {count} random faults ({words}): unsound", len(unsound), 0))
     return rows
 
 
