@@ -1,5 +1,7 @@
 """First shapes: what they keep, and what is found on either side of what stands there."""
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -71,3 +73,33 @@ def test_the_search_finds_the_same_twice() -> None:
     pose = np.array((2.6, 3.0, np.pi / 2))
     first, second = planner.start(pose), planner.start(pose)
     np.testing.assert_array_equal(first.angles, second.angles)
+
+
+def test_no_plan_of_a_tow_waits_for_what_is_compiled() -> None:
+    """All that plans call, of all the types that they have, was loaded with the first shapes."""
+    program = """
+import sys
+import numpy as np
+from tjscan.towing.shape.area import Area
+from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.planner import TowingPlanner
+from tjscan.towing.shape.team import TowingTeam
+
+def known():
+    rooms = [m for name, m in sys.modules.items() if name.startswith("tjscan.towing.shape")]
+    found = {f for room in rooms for f in vars(room).values() if hasattr(f, "signatures")}
+    return sum(len(f.signatures) for f in found)
+
+yard = Area(np.array(((0, -2), (2, -2), (2, 2), (0, 2)), float))
+planner, welder = TowingPlanner(Cable(links=20), TowingTeam((9, 19)), yard), np.array((1.4, 0, 0))
+plan = planner.starts(welder)[0]
+before = known()
+for _ in range(3):
+    plan = planner.plan(plan.held_poses, welder, dt=0.1, last=plan)
+print(before, known(), plan.halt)
+"""
+    said = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert int(said[0]) > 5
+    assert said[0] == said[1]

@@ -170,8 +170,9 @@ class TowingPlanner:
                 plans.append(shape.plan(self._held, found.iterations))
         # What is compiled is loaded before anything moves: no plan may have to wait for it.
         optimise_limited(problem, limits, plans[0].angles if plans else resting, most=1)
-        if plans:
-            self.plan(plans[0].held_poses, welder_pose, dt=1.0, last=plans[0])
+        last = plans[0] if plans else None
+        for _ in range(2 if last else 0):  # from the second plan on, friction is known
+            last = self.plan(plans[0].held_poses, welder_pose, dt=1.0, last=last)
         nowhere = CheckedShape(problem, limits, resting)
         return plans or [nowhere.plan(self._held, 0, (), NOWHERE)]
 
