@@ -52,14 +52,13 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.models.generate import urdf_text
 from tjscan.runs.context import RunContext
 from tjscan.runs.scan.run import run_scan
-from tjscan.runs.scan_study.outcome import ScanOutcome
+from tjscan.runs.scan.study import ScanOutcome
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.topics import record_scan
-from tjscan.study.file import read_study_file
-from tjscan.study.grid import trials_of_study
-from tjscan.study.row import StudyRow
+from tjscan.study.file import read_study_file, trials_of_study
 from tjscan.study.store import PLAN, ROWS, make_study_directory, read_rows, read_trials
+from tjscan.study.trial import StudyRow
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 EXAMPLES, CAD = ROOT / "examples", ROOT / "cad"

@@ -16,12 +16,10 @@ from cells import PAPER
 from study_work import double_or_die, once, threads
 
 from tjscan.core.errors import ComputeClusterFault, ConfigurationError
-from tjscan.study.file import StudyFile
-from tjscan.study.grid import trials_of_study
-from tjscan.study.row import StudyRow
+from tjscan.study.file import StudyFile, trials_of_study
 from tjscan.study.run import run_trial
 from tjscan.study.schedule import CrashedTask, DaskScheduler, FinishedTask, check_study_packages
-from tjscan.study.trial import Trial
+from tjscan.study.trial import StudyRow, Trial
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 

@@ -9,12 +9,11 @@ from importlib.metadata import version as installed
 from importlib.util import find_spec
 from itertools import islice
 from logging import CRITICAL
-from typing import Any, Final, Generic, Protocol, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from tjscan.core.errors import ComputeClusterFault, ConfigurationError
 from tjscan.core.version import VERSION
-from tjscan.study.row import StudyRow
-from tjscan.study.trial import Trial
+from tjscan.study.trial import StudyRow, Trial
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -45,22 +44,11 @@ class CrashedTask(Generic[T]):
     cause: str
 
 
-class TaskScheduler(Protocol):
-    """A function that runs the trials of a study somewhere, in any order."""
-
-    def __call__(
-        self, work: Callable[[Trial], StudyRow[Any]], trials: Sequence[Trial], /
-    ) -> Generator[FinishedTask[Trial, StudyRow[Any]] | CrashedTask[Trial]]:
-        """Give every trial back once it has ended.
-
-        Parameters
-        ----------
-        work : callable
-            Makes a row of a trial.
-        trials : sequence of Trial
-            What to run.
-        """
-        ...
+TaskScheduler = Callable[
+    [Callable[[Trial], StudyRow[Any]], Sequence[Trial]],
+    Generator[FinishedTask[Trial, StudyRow[Any]] | CrashedTask[Trial]],
+]
+"""A function that runs the trials of a study somewhere, and gives each back once it has ended."""
 
 
 @dataclass(frozen=True, slots=True)

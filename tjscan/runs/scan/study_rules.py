@@ -1,21 +1,136 @@
-"""Start poses as an operator teaches them, and an arm whose base is carried to the joint."""
+"""Rules of a study of scans: dimensions, start poses and views that follow from other keys."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final, Literal
 
 import numpy as np
+from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from tjscan.core.frames import Array, inverse_pose, pose, transform_points, unit_vector
+from tjscan.core.config import StrictFileModel
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import (
+    Array,
+    inverse_pose,
+    pose,
+    pose_to_euler_zyx,
+    transform_points,
+    unit_vector,
+)
+from tjscan.core.units import pose_from_rows_mm
+from tjscan.job import ScanJob
 from tjscan.joint.bevel import groove_sections
+from tjscan.joint.checks import CHECKED_AZIMUTHS
 from tjscan.joint.definition import JointDefinition
+from tjscan.joint.file import JointFile
 from tjscan.joint.geometry import cylindrical_to_j, tangential_direction
+from tjscan.robot.kinematics import Kinematics
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.target import ScanDirection
+from tjscan.study.trial import canonical_json
+
+
+class DerivedKeySettings(StrictFileModel):
+    """Keys of a study from which others of the job and the joint are derived.
+
+    Parameters
+    ----------
+    leg_to_brace : float, optional
+        The leg's outer diameter as a multiple of the brace's.
+    leg_wall_to_brace_wall : float, optional
+        The leg's wall as a multiple of the brace's.
+    room_mm : float, optional
+        How far leg and brace run on beyond the groove.
+    step_to_brace : float, optional
+        The step as a share of the brace's outer diameter, in whole tenths of a millimetre.
+    start_azimuth_deg : float or "any", optional
+        Teach both start poses from the joint's geometry: the first at this azimuth of frame j,
+        the second a step further on. "any" draws it, evenly, by the seed, anew for every joint.
+    hand_mm, hand_deg : float
+        How far off the taught poses are at most, along and about each axis of frame t in the
+        groove; drawn evenly by the seed.
+    carry_base : bool
+        Carry the arm's base, as on a gantry, to where the arm in its home configuration looks
+        at the middle of the arc to be scanned. Needs a taught start and `scan.sections`.
+    centre_view : bool
+        Choose stand-off and offset of the view so that the groove, from p2 to p4 and over the
+        whole arc, lies in the middle of the laser's window. Needs the same.
+    """
+
+    leg_to_brace: float | None = Field(default=None, ge=1, le=50)
+    leg_wall_to_brace_wall: float | None = Field(default=None, gt=0, le=10)
+    room_mm: float | None = Field(default=None, ge=20, le=5000)
+    step_to_brace: float | None = Field(default=None, gt=0, le=1)
+    start_azimuth_deg: float | Literal["any"] | None = None
+    hand_mm: float = Field(default=3.0, ge=0, le=100)
+    hand_deg: float = Field(default=5.0, ge=0, le=45)
+    carry_base: bool = False
+    centre_view: bool = False
+
+
+LONGEST_MM = 20_000.0
+"""What a joint's file allows; a stand-in while the length needed is not known yet."""
+
+
+def joint_with_derived_dimensions(joint: JointFile, rules: DerivedKeySettings) -> JointFile:
+    """Joint file with the dimensions that the derived keys of a study give it.
+
+    Parameters
+    ----------
+    joint : JointFile
+        As its file has it, millimetres and degrees.
+    rules : DerivedKeySettings
+        What to change.
+
+    Raises
+    ------
+    ConfigurationError
+        If such a joint can't be built.
+    """
+    leg, brace = joint.leg, joint.brace
+    if rules.leg_to_brace is not None:
+        diameter = rules.leg_to_brace * brace.outer_diameter_mm
+        leg = leg.model_copy(update={"outer_diameter_mm": diameter})
+    if rules.leg_wall_to_brace_wall is not None:
+        wall = rules.leg_wall_to_brace_wall * brace.wall_mm
+        leg = leg.model_copy(update={"wall_mm": wall})
+    joint = joint.model_copy(update={"leg": leg, "brace": brace})
+    return joint if rules.room_mm is None else _with_room(joint, rules.room_mm)
+
+
+def _with_room(joint: JointFile, room_mm: float) -> JointFile:
+    """The joint with as much leg and brace as leaves room beyond the groove."""
+    longest = {"length_mm": LONGEST_MM}
+    endless = joint.model_copy(
+        update={
+            "leg": joint.leg.model_copy(update=longest),
+            "brace": joint.brace.model_copy(update=longest),
+        }
+    )
+    up, along = _extent(endless.definition("joint"))
+    return joint.model_copy(
+        update={
+            "leg": joint.leg.model_copy(
+                update={"length_mm": float(np.ceil(2 * (1e3 * along + room_mm)))}
+            ),
+            "brace": joint.brace.model_copy(
+                update={"length_mm": float(np.ceil(1e3 * up + room_mm))}
+            ),
+        }
+    )
+
+
+def _extent(d: JointDefinition) -> tuple[float, float]:
+    """How far the groove reaches up the brace and along the leg, metres from where axes cross."""
+    s = groove_sections(d, CHECKED_AZIMUTHS)
+    foot = d.leg_surface.points_j(s.phi, d.brace_radius) @ d.leg_surface.axis
+    root = cylindrical_to_j(s.phi, s.p4[:, 0], s.p4[:, 1]) @ d.leg_surface.axis
+    return float(s.p2[:, 1].max()), float(np.abs((foot, root)).max())
+
 
 STREAM: Final = 11
 """Keeps these random numbers apart from those of arm and laser."""
@@ -248,3 +363,74 @@ def _corners_s(joint: JointDefinition, azimuth: float, plan: ScanPlan) -> Array:
     rz = np.concatenate((sections.p2, sections.p3, sections.p4))
     T_s_j = inverse_pose(ideal_sensor_pose(joint, azimuth, plan))
     return transform_points(T_s_j, cylindrical_to_j(azimuth, rz[:, 0], rz[:, 1]))
+
+
+def teach_start_poses(
+    job: ScanJob, joint: JointFile, rules: DerivedKeySettings, T_f_s: Array
+) -> tuple[float, dict[str, Any]]:
+    """Simulate the teaching of a job's start poses, with random errors from the job's seed.
+
+    Parameters
+    ----------
+    job : ScanJob
+        The job; its own start poses count for nothing.
+    joint : JointFile
+        Its joint.
+    rules : DerivedKeySettings
+        Where to start, how far off, and whether the base is carried there.
+    T_f_s : ndarray, shape (4, 4)
+        Pose of the sensor on the flange, as the job assumes it, metres.
+
+    Returns
+    -------
+    float
+        The azimuth of the first pose in degrees.
+    dict
+        What changes in the job's tables ``scan`` and ``joint``.
+
+    Raises
+    ------
+    ConfigurationError
+        If base or view depend on how far the scan goes, and nothing says so.
+    """
+    if job.joint is None or job.simulation is None or job.simulation.arm is None:
+        raise ConfigurationError("a taught start needs [joint] and [simulation]")
+    definition, plan = joint.definition("joint"), job.scan
+    which = canonical_json([joint.model_dump(mode="json"), plan.direction])
+    random = teaching_random_generator(job.simulation.seed, which)
+    azimuth_deg = round(float(random.uniform(-180, 180)), 3)  # drawn in any case: the rest stays
+    if rules.start_azimuth_deg is not None and rules.start_azimuth_deg != "any":
+        azimuth_deg = rules.start_azimuth_deg
+    azimuth = float(np.radians(azimuth_deg))
+    scan: dict[str, Any] = {}
+    if (rules.carry_base or rules.centre_view) and plan.sections is None:
+        raise ConfigurationError("is needed to know how far the scan goes", key="scan.sections")
+    if rules.centre_view:
+        window = (job.laser.near, job.laser.far)
+        plan = plan_with_centred_groove(definition, azimuth, plan, window)
+        scan = {
+            "view_offset_mm": round(1e3 * plan.offset, 1),
+            "standoff_mm": round(1e3 * plan.standoff, 1),
+        }
+    if job.simulation.T_f_s_mm is not None:  # an operator teaches with the laser that is there
+        T_f_s = pose_from_rows_mm(job.simulation.T_f_s_mm)
+    error = TeachingInaccuracy(1e-3 * rules.hand_mm, float(np.radians(rules.hand_deg)))
+    T_j_s = taught_sensor_poses(definition, azimuth, plan, error, random)
+    T_b_j = job.joint.T_w_j  # a study's jobs have no stations
+    changed: dict[str, Any] = {}
+    if rules.carry_base:
+        q_home = np.array(job.simulation.arm.home)
+        T_b_s_home = Kinematics.load(job.arm.model).forward(q_home) @ T_f_s
+        T_b_j = joint_pose_for_carried_base(definition, azimuth, plan, T_b_s_home)
+        changed["joint"] = {"file": job.joint.file} | _pose(T_b_j)
+    first, second = (_pose(T_b_j @ T @ inverse_pose(T_f_s)) for T in T_j_s)
+    return azimuth_deg, changed | {"scan": scan | {"first": first, "second": second}}
+
+
+def _pose(T: Array) -> dict[str, Any]:
+    """A pose as files write it, to a micrometre and a microdegree."""
+    position, angles = pose_to_euler_zyx(T)
+    return {
+        "position_mm": np.round(1e3 * position, 3).tolist(),
+        "euler_zyx_deg": np.round(np.degrees(angles), 6).tolist(),
+    }
