@@ -14,7 +14,7 @@ from tjscan.core.frames import Array
 from tjscan.crawler.control_cycle import CrawlDevices
 from tjscan.crawler.crawler import Crawler, CrawlPlan
 from tjscan.crawler.guards import Guards
-from tjscan.crawler.joint_memory import RememberingTracker
+from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Phase

@@ -14,7 +14,7 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, GrooveNotFound
 from tjscan.crawler.crawler import CrawlStart
-from tjscan.crawler.joint_memory import RememberingTracker
+from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.last_view import GOES_ON, LastView
 from tjscan.crawler.pass_record import END

@@ -22,8 +22,8 @@ from tjscan.crawler.crawler import (
 )
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.hand_drive import HandDrive
-from tjscan.crawler.joint_memory import RememberingTracker
 from tjscan.crawler.joint_sensor import JointReader
+from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.journal import (
     CombinedCrawlJournal,
     CrawlJournal,

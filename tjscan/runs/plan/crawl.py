@@ -17,9 +17,9 @@ from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import MM, MM_S
+from tjscan.crawler.joint_tracking.tracking import BURIED, ButtJointReading, JointTracker
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.topics import CRAWL_RECORDING
-from tjscan.groove.butt.tracking import BURIED, ButtJointReading, JointTracker
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.planning.crawl_passes import CrawlPass, passes_of_plan
