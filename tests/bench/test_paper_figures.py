@@ -35,9 +35,6 @@ def test_a_prediction_keeps_its_colour_and_what_is_not_complete_is_marked() -> N
     axes = draw_travel_and_rotation(shown).axes[0]
     faces = {bar.get_facecolor() for bar in axes.patches}
     assert faces >= {to_rgba(CASE_COLOURS[3]), to_rgba(OTHER_COLOUR)}
-        to_rgba(CASE_COLOURS[3]),
-        to_rgba(OTHER_COLOUR),
-    }
     crosses = [line for line in axes.lines if line.get_marker() == "x"]
     assert [line.get_color() for line in crosses] == [CASE_COLOURS["smooth"]]
     legend = axes.get_legend()
