@@ -21,7 +21,7 @@ from tjscan.core.frames import Array
 from tjscan.job import read_scan_job
 from tjscan.laser.loopback.process import LaserLoopbackProcess
 from tjscan.robot.loopback.process import LoopbackProcess
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import scan_in_cell
 from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.section import ProfileView, ScannedSection

@@ -50,7 +50,7 @@ from tjscan.result.summary import read_summary
 from tjscan.result.table import read_sections_csv
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.models.generate import urdf_text
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan
 from tjscan.runs.scan.study import ScanOutcome
 from tjscan.scanning.reader import read_recorded_scan

@@ -24,12 +24,11 @@ from tjscan.report.data import read_report_data
 from tjscan.result.chapter import ReportChapter
 from tjscan.result.directory import BUDGET, CLOUD, JOB, PICTURE, RECORDING, SECTIONS, SUMMARY
 from tjscan.result.table import read_sections_csv
-from tjscan.runs.context import RunContext
 from tjscan.runs.crawl.replay import replay_crawl
 from tjscan.runs.crawl.report import crawl_chapter
 from tjscan.runs.crawl.results import PASSES, WELD_LOG, read_passes
-from tjscan.runs.crawl.resume import resume_crawl
-from tjscan.runs.crawl.run import CrawlContext, run_crawl
+from tjscan.runs.crawl.run import CrawlContext, resume_crawl, run_crawl
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.reprocess import reprocess_run
 from tjscan.runs.scan.run import resume_scan, run_scan
 from tjscan.runs.tow.replay import replay_tow

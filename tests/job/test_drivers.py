@@ -23,7 +23,7 @@ from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.robot.drivers import ARMS
 from tjscan.robot.loopback.process import LoopbackProcess
 from tjscan.runs.calibration.run import make_calibration_cell
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 
 ACME = """
 from dataclasses import dataclass

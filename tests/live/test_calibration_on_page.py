@@ -16,8 +16,7 @@ from tjscan.live.access import LOCAL
 from tjscan.live.listening import RunOnPage
 from tjscan.live.step import Step
 from tjscan.runs.calibration.run import start_calibration
-from tjscan.runs.live.calibration import CalibrationShow
-from tjscan.runs.live.calibration_operator import PageOperator
+from tjscan.runs.live.calibration import CalibrationShow, PageOperator
 from tjscan.runs.live.view import read_recorded_show
 
 JOB = EXAMPLES / "calibrate.toml"

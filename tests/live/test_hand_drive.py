@@ -20,7 +20,7 @@ from tjscan.live.buttons import HOLD_RATE, HoldButton
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import Setting
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
-from tjscan.runs.live.hand_drive import CYCLE, HELD, PageHandDrive
+from tjscan.runs.live.crawl import CYCLE, HELD, PageHandDrive
 from tjscan.vehicle.vehicle import DEAD_MAN, REST, Twist
 
 SPEED, CURVATURE = 0.02, 0.125

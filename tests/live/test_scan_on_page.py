@@ -13,9 +13,9 @@ from tjscan.core.errors import ScanInterrupted
 from tjscan.job import read_scan_job
 from tjscan.live.access import LOCAL
 from tjscan.live.page import Page, PageAddress
-from tjscan.runs.context import RunContext
-from tjscan.runs.live.scan_page import show_scan
+from tjscan.runs.live.scan import show_scan
 from tjscan.runs.live.view import read_recorded_show
+from tjscan.runs.scan.context import RunContext
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.stopping import StopRequest
 

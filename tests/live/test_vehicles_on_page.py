@@ -19,15 +19,15 @@ from tjscan.job.tow.cell import TowCell
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.laser.profile import Profile
 from tjscan.live.access import LOCAL
+from tjscan.live.buttons import stop_button
 from tjscan.live.drawables import Lines, MeasuredPiece, Placement
 from tjscan.live.events import NotedEvent
 from tjscan.live.listening import RunOnPage
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.replay import Replay
 from tjscan.live.step import STATE, RecordedShow, Setting
-from tjscan.runs.live.crawl import DEVIATION, CrawlEntry, CrawlShow
+from tjscan.runs.live.crawl import DEVIATION, CrawlEntry, CrawlPageJournal, CrawlShow
 from tjscan.runs.live.tow import CLEARANCE, TowShow, clearance, vehicles_apart
-from tjscan.runs.live.vehicle_pages import CrawlPageJournal, stop_button
 from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.shape.plan import PlanTerms, TowingPlan

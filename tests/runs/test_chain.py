@@ -10,8 +10,7 @@ from command import tjscan
 
 from tjscan.core.config import table_to_dict
 from tjscan.job import read_calibration_job, read_scan_job
-from tjscan.runs.chain.settings import read_chain
-from tjscan.runs.chain.sources import OFF
+from tjscan.runs.chain import OFF, read_chain
 from tjscan.study.file import flatten_to_dotted_keys
 
 CHAIN = EXAMPLES / "paper-chain.toml"

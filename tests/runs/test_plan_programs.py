@@ -21,7 +21,7 @@ from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.controller import LoopbackController
 from tjscan.robot.loopback.process import LoopbackProcess
-from tjscan.runs.plan.welding_station import WeldingStation
+from tjscan.runs.plan.reach import WeldingStation
 
 ROOT = Path(__file__).parent.parent.parent
 RUN = ROOT / "tests" / "data" / "run-0.1.0"

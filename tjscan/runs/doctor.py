@@ -23,7 +23,7 @@ from tjscan.job.arm import clear_path_planner_of_job
 from tjscan.job.cell import Cell
 from tjscan.laser.line_laser import DescribedLaser
 from tjscan.laser.profile import Profile
-from tjscan.runs.context import RunContext, groove_reader_of_job, result_frame_of_job
+from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
 
 LIBRARIES: Final = (
     "tjscan",

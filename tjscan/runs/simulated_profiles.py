@@ -14,7 +14,7 @@ from tjscan.job.cell import make_simulated_laser
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.robot.loopback.pose_reader import read_flange_pose
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 
 
 class SimulatedProfiles:

@@ -65,8 +65,7 @@ def watch_crawl(
     if page is None or not page.live:
         yield context
         return
-    from tjscan.runs.live.hand_drive import PageHandDrive
-    from tjscan.runs.live.vehicle_pages import show_crawl
+    from tjscan.runs.live.crawl import PageHandDrive, show_crawl
 
     hand, stop = PageHandDrive.of_job(job) if page.wait else None, ctrl_c_presser()
     with show_crawl(job, file.stem, page.where, print_message, stop, hand) as shown:

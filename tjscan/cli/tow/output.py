@@ -79,7 +79,7 @@ def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext
         if not page.live:
             yield context
             return
-        from tjscan.runs.live.vehicle_pages import show_tow
+        from tjscan.runs.live.tow import show_tow
 
         with show_tow(job, file.stem, page.where, print_message, ctrl_c_presser()) as shown:
             both = CombinedTowJournal((context.journal, shown))

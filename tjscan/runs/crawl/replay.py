@@ -32,11 +32,15 @@ from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic
 from tjscan.recording.writer import RecordingWriter
 from tjscan.result.directory import CALIBRATION, JOB
-from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.crawl.results import read_recorded_crawl, write_passes
-from tjscan.runs.crawl.resume import belief_after_stop, belief_where_set_down
-from tjscan.runs.crawl.run import CrawlContext, make_crawl_directory
-from tjscan.runs.directory import check_replay
+from tjscan.runs.crawl.run import (
+    CrawlContext,
+    belief_after_stop,
+    belief_where_set_down,
+    make_crawl_directory,
+)
+from tjscan.runs.run import check_replay
+from tjscan.runs.scan.context import do_nothing_when_finished
 
 REPLAYABLE: Final = ("method", "slip.", "course.")
 """Keys that say what an estimator makes of a crawl, not how it was done."""

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Final
@@ -14,15 +18,20 @@ from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
 from tjscan.crawler.phases import TRANSITIONS, Event, Phase
 from tjscan.crawler.topics import CRAWL_RECORDING, CrawlProfile, read_crawl
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
+from tjscan.laser.profile import Profile
+from tjscan.live.buttons import Button, HoldButton, PageButton, stop_button
 from tjscan.live.colours import GHOST, LASER
 from tjscan.live.diagram import StateDiagram
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Placement, Surface
 from tjscan.live.events import NotedEvent
-from tjscan.live.step import STATE, Measure, PlaneCurve, RecordedShow, Sample, Setting, Step
+from tjscan.live.listening import RunOnPage, show_run
+from tjscan.live.page import PageAddress
+from tjscan.live.step import PRESS, STATE, Measure, PlaneCurve, RecordedShow, Sample, Setting, Step
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB
 from tjscan.robot.solids import Box, Cylinder, Solid
+from tjscan.vehicle.vehicle import REST, Twist
 
 DEVIATION: Final = Measure("torch beside its path", "mm")
 OFFSET: Final = Measure("vehicle beside the joint", "mm")
@@ -37,10 +46,18 @@ SPACING: Final = 5e-3
 """Metres of travel that a drawn piece of weld is long."""
 WIDTH: Final = 0.01
 """Metres, of the drawn weld."""
-EVERY: Final = 0.25
+SECONDS_BETWEEN_STEPS: Final = 0.25
 """Seconds of the vehicle's clock between two steps of a recording."""
 
 CrawlEntry = CrawlCycle | CrawlProfile | NotedEvent
+
+SECONDS_BETWEEN_PAGE_CYCLES: Final = 0.05
+"""Of the vehicle's clock, between two cycles that are handed to the page."""
+HELD: Final = 0.3
+"""Seconds for which the page's last word that a button is held counts; the page repeats it 20 times
+a second. It leaves the rest of a vehicle's `DEAD_MAN` to brake in."""
+CYCLE: Final = 0.01
+"""Seconds between two orders at least: a simulated vehicle waits for nothing."""
 
 
 class CrawlShow:
@@ -197,7 +214,7 @@ def _entries(directory: Path) -> Iterator[CrawlEntry]:
     for entry in read_crawl(directory):
         match entry:
             case CrawlCycle() if entry.state.time >= due:
-                due, with_profile = entry.state.time + EVERY, True
+                due, with_profile = entry.state.time + SECONDS_BETWEEN_STEPS, True
                 yield entry
             case CrawlProfile() if with_profile:
                 with_profile = False
@@ -206,3 +223,154 @@ def _entries(directory: Path) -> Iterator[CrawlEntry]:
                 yield NotedEvent(entry.name, entry.detail)
             case CrawlCycle() | CrawlProfile() | SimulatedPlace():
                 pass
+
+
+class PageHandDrive:
+    """A `HandDrive` whose orders are buttons of the page that are held.
+
+    It hears that a button is held again and again, and not that it is released: a page that is
+    closed, a browser that dies and a network that fails say nothing, and so stop the vehicle too.
+    Buttons that contradict each other, held in two browsers, stop it as well.
+
+    Parameters
+    ----------
+    speed : float
+        To drive at, m/s.
+    curvature : float
+        Of the turns, 1/m.
+    clock : callable, optional
+        Gives seconds.
+    wait : callable, optional
+        Waits for as many seconds.
+    """
+
+    def __init__(
+        self,
+        speed: float,
+        curvature: float,
+        clock: Callable[[], float] = time.monotonic,
+        wait: Callable[[float], object] = time.sleep,
+    ) -> None:
+        turn = speed * curvature
+        self._twists = {
+            "Hold: forward": Twist(speed, 0.0),
+            "Hold: forward, left": Twist(speed, -turn),
+            "Hold: forward, right": Twist(speed, turn),
+            "Hold: back": Twist(-speed, 0.0),
+        }
+        self._heard = dict.fromkeys(self._twists, float("-inf"))
+        self._clock, self._wait, self._last = clock, wait, float("-inf")
+        self._begun = threading.Event()
+
+    @classmethod
+    def of_job(cls, job: CrawlJob) -> PageHandDrive:
+        """Drive as slowly as the crawler aligns, and turn as tightly as its motors may."""
+        return cls(job.alignment.speed, 1 / job.steering.least_radius)
+
+    @property
+    def words(self) -> Sequence[str]:
+        """Words of the buttons that drive."""
+        return tuple(self._twists)
+
+    def start(self) -> None:
+        """Let the crawl begin: nobody drives by hand any more."""
+        self._begun.set()
+
+    def hear(self, word: str) -> None:
+        """Note that a button is held."""
+        self._heard[word] = self._clock()
+
+    def order(self) -> Twist | None:
+        """Return what is asked for now; see `HandDrive.order`."""
+        self._wait(max(0.0, self._last + CYCLE - self._clock()))
+        self._last = now = self._clock()
+        if self._begun.is_set():
+            return None
+        held = [word for word, heard in self._heard.items() if now - heard < HELD]
+        return self._twists[held[0]] if len(held) == 1 else REST
+
+
+class CrawlPageJournal:
+    """A crawl's journal that hands cycles and profiles to the page now and then, and all events.
+
+    Parameters
+    ----------
+    run : RunOnPage
+    """
+
+    def __init__(self, run: RunOnPage[CrawlEntry]) -> None:
+        self._run, self._due = run, float("-inf")
+
+    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
+        """Show a cycle, if the last one is a while ago."""
+        if cycle.state.time < self._due:
+            return
+        self._due = cycle.state.time + SECONDS_BETWEEN_PAGE_CYCLES
+        self._run.post(cycle)
+        if profile is not None:
+            self._run.post(CrawlProfile(cycle, profile))
+
+    def record_event(self, name: str, detail: str) -> None:
+        """Show an event."""
+        self._run.post(NotedEvent(name, detail))
+
+
+@contextmanager
+def show_crawl(
+    job: CrawlJob,
+    title: str,
+    where: PageAddress,
+    report: Callable[[str], object],
+    interrupt: Callable[[], object],
+    hand: PageHandDrive | None = None,
+) -> Iterator[CrawlPageJournal]:
+    """Show a crawl while the block runs; gives the journal that shows it.
+
+    Parameters
+    ----------
+    job : CrawlJob
+    title : str
+        Of the run.
+    where : PageAddress
+    report : callable
+        Is told the page's address, or why there is none.
+    interrupt : callable
+        Does what Ctrl-C does.
+    hand : PageHandDrive, optional
+        Who drives by hand on it before the crawl begins.
+
+    Raises
+    ------
+    PageUnavailable
+        If there is no page, and somebody is to drive on it.
+    """
+
+    def buttons(run: RunOnPage[CrawlEntry]) -> Sequence[PageButton]:
+        stop = stop_button(interrupt, "the crawler")
+        return stop if hand is None else [*stop, *hand_drive_buttons(run, hand)]
+
+    with show_run(CrawlShow(job, title), where, report, buttons) as run:
+        if hand is not None:
+            run.check_page()
+        yield CrawlPageJournal(run)
+
+
+def hand_drive_buttons(run: RunOnPage[CrawlEntry], hand: PageHandDrive) -> Sequence[PageButton]:
+    """Buttons that drive a crawler while they are held, and Start, which takes them away.
+
+    Parameters
+    ----------
+    run : RunOnPage
+    hand : PageHandDrive
+    """
+
+    def start() -> None:
+        hand.start()
+        if run.page is not None:
+            run.page.enable(dict.fromkeys(("Start", *hand.words), False))
+        run.post(Step(facts={PRESS: ""}))
+
+    run.post(Step(facts={PRESS: "Start, or hold a button to drive"}))
+    hint = "Drives slowly while it is held; released, or gone with the page, the crawler stops"
+    held = [HoldButton(word, partial(hand.hear, word), hint=hint) for word in hand.words]
+    return [Button("Start", start, "green", "Let the crawl begin"), *held]

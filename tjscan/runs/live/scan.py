@@ -1,8 +1,10 @@
-"""What the live page shows of a scan: while it goes on, and of its recording."""
+"""What the live page shows of a scan, while it runs and from its recording."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import Final
@@ -16,21 +18,25 @@ from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.arm import kinematics_of_job, solids_in_base
 from tjscan.joint.edges import feature_edges
+from tjscan.live.buttons import Button
 from tjscan.live.colours import FITTED, GHOST, LASER
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Posture, Surface
 from tjscan.live.events import NotedEvent
+from tjscan.live.listening import RunOnPage, show_run
+from tjscan.live.page import PageAddress
 from tjscan.live.step import Measure, PlaneCurve, RecordedShow, Sample, Setting, Step
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB, RECORDING
 from tjscan.result.section import absent_corners
 from tjscan.result.wireframe import joint_wireframe
-from tjscan.runs.context import RunContext, groove_reader_of_job, result_frame_of_job
+from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
 from tjscan.scanning.reader import read_recording_entries
 from tjscan.scanning.recorded import RecordedSection
 from tjscan.scanning.scanned_surface import grid_triangles
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.sections_before import read_section
+from tjscan.scanning.stopping import StopRequest
 
 DEVIATION: Final = Measure("deviation", "mm")
 ANGLE: Final = Measure("groove angle", "°")
@@ -280,3 +286,121 @@ def recorded_entries(directory: Path, context: RunContext) -> Iterator[ScanEntry
                     yield NotedEvent(entry.name, entry.detail)
                 case ProfileView():
                     yield entry
+
+
+class PageJournal:
+    """Journal that hands everything to the page and waits for nothing.
+
+    Parameters
+    ----------
+    run : RunOnPage
+        The scan on the page.
+    total : int or None
+        Sections to scan, where that is known.
+    clock : callable
+        Gives seconds.
+    """
+
+    def __init__(
+        self,
+        run: RunOnPage[ScanEntry],
+        total: int | None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.run, self._total, self._clock = run, total, clock
+        self._first: tuple[int, float] | None = None
+
+    def record_view(self, view: ProfileView) -> None:
+        """Show where the arm stands and what the laser saw."""
+        self.run.post(view)
+
+    def record_section(self, section: ScannedSection) -> None:
+        """Show a finished section, and how long the rest takes at the pace until now."""
+        self.run.post(section)
+        number, now = section.view.index, self._clock()
+        first, began = self._first = self._first or (number, now)
+        if self._total is not None and number > first:
+            left = (now - began) / (number - first) * max(self._total - 1 - number, 0)
+            self.run.post(Step(facts={"time left": f"{left // 60:.0f} min {left % 60:02.0f} s"}))
+
+    def record_event(self, name: str, detail: str) -> None:
+        """Show an event; for the parameters see `Journal.record_event`."""
+        self.run.post(NotedEvent(name, detail))
+
+
+@contextmanager
+def show_scan(
+    context: RunContext,
+    where: PageAddress,
+    report: Callable[[str], object],
+    interrupt: Callable[[], object],
+    resumed: Path | None = None,
+) -> Iterator[PageJournal]:
+    """Show a scan on a page while the block runs; gives the journal that shows it.
+
+    Parameters
+    ----------
+    context : RunContext
+        The job, of one station if it has any, and what pauses its scan.
+    where : PageAddress
+    report : callable
+        Is told the page's address, or why there is none.
+    interrupt : callable
+        Does what Ctrl-C does.
+    resumed : Path, optional
+        Directory of the run that is gone on with: what was scanned before is shown too.
+    """
+
+    def buttons(run: RunOnPage[ScanEntry]) -> Sequence[Button]:
+        return scan_buttons(run, context.stop, interrupt)
+
+    def before() -> Iterator[Step]:
+        simulation = context.job.simulation
+        if simulation is not None and simulation.arm is not None:
+            yield Step(drawn={"arm": Posture(np.array(simulation.arm.home))})
+        if resumed is not None and (resumed / RECORDING).is_file():
+            yield from map(show.step, recorded_entries(resumed, context))
+
+    show = ScanShow(context, context.job_file.stem)
+    with show_run(show, where, report, buttons, before) as run:
+        yield PageJournal(run, show.total)
+
+
+def scan_buttons(
+    run: RunOnPage[ScanEntry], stop: StopRequest, interrupt: Callable[[], object]
+) -> list[Button]:
+    """Buttons of a scan: Start, which goes on too, Pause, Step and Stop.
+
+    Parameters
+    ----------
+    run : RunOnPage
+    stop : StopRequest
+        Of the scan.
+    interrupt : callable
+        Does what Ctrl-C does.
+    """
+
+    def start() -> None:
+        stop.go_on()
+        run.start()
+        run.say("scanning")
+
+    def pause() -> None:
+        stop.pause()
+        run.say("pausing after the section under way")
+
+    def step() -> None:
+        stop.go_one_step()
+        run.start()
+        run.say("scanning one section")
+
+    def end() -> None:
+        run.say("stopping after the section under way; Stop once more stops the arm at once")
+        interrupt()
+
+    return [
+        Button("Start", start, "green", "Begin, or go on after a pause"),
+        Button("Pause", pause, "yellow", "Stand after the section under way"),
+        Button("Step", step, "blue", "Scan one section, then stand"),
+        Button("Stop", end, "red", "As Ctrl-C: end after the section; twice, stop the arm at once"),
+    ]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -11,9 +12,12 @@ import numpy as np
 from tjscan.core.frames import Array, pose, rot_z
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.job.tow.job import TowJob
+from tjscan.live.buttons import Button, stop_button
 from tjscan.live.colours import FITTED, GHOST, LASER, SOLID, TOOL
 from tjscan.live.drawables import Drawable, Lines, Placement
 from tjscan.live.events import NotedEvent
+from tjscan.live.listening import RunOnPage, show_run
+from tjscan.live.page import PageAddress
 from tjscan.live.step import STATE, Measure, RecordedShow, Sample, Setting, Step
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.parts import recording_files
@@ -36,7 +40,7 @@ ABOVE: Final = np.array((0.0, 0.0, 0.1))
 """Where the cable is drawn above the floor, metres."""
 CIRCLE: Final = 40
 """Sides of a drawn obstacle."""
-EVERY: Final = 2
+CYCLES_BETWEEN_STEPS: Final = 2
 """Cycles of a recording between two steps."""
 
 TowEntry = TowCycle | TowTruth | NotedEvent
@@ -206,11 +210,53 @@ def _entries(directory: Path) -> Iterator[TowEntry]:
         match entry:
             case TowCycle():
                 cycles += 1
-                if cycles % EVERY == 1:
+                if cycles % CYCLES_BETWEEN_STEPS == 1:
                     yield entry
             case TowTruth():
                 truths += 1
-                if truths % EVERY == 1:
+                if truths % CYCLES_BETWEEN_STEPS == 1:
                     yield entry
             case RecordedEvent():
                 yield NotedEvent(entry.name, entry.detail)
+
+
+class TowPageJournal:
+    """A tow's journal that hands everything to the page, and what a simulation knows beside.
+
+    Parameters
+    ----------
+    run : RunOnPage
+    """
+
+    def __init__(self, run: RunOnPage[TowEntry]) -> None:
+        self._run = run
+
+    def record_cycle(self, cycle: TowCycle) -> None:
+        """Show a cycle."""
+        self._run.post(cycle)
+
+    def show_truth(self, truth: TowTruth) -> None:
+        """Show the cable as it lies, and its forces."""
+        self._run.post(truth)
+
+    def record_event(self, name: str, detail: str) -> None:
+        """Show an event."""
+        self._run.post(NotedEvent(name, detail))
+
+
+@contextmanager
+def show_tow(
+    job: TowJob,
+    title: str,
+    where: PageAddress,
+    report: Callable[[str], object],
+    interrupt: Callable[[], object],
+) -> Iterator[TowPageJournal]:
+    """Show a tow while the block runs; for the parameters see `show_crawl`."""
+
+    def buttons(_: RunOnPage[TowEntry]) -> Sequence[Button]:
+        return stop_button(interrupt, "all vehicles")
+
+    with show_run(TowShow(job, title), where, report, buttons) as run:
+        run.say("plans the whole seam before anything moves")
+        yield TowPageJournal(run)

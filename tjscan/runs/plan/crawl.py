@@ -29,14 +29,14 @@ from tjscan.planning.plan import plan_weld
 from tjscan.planning.wps import M_MIN, read_wps
 from tjscan.result.directory import JOB, job_label_of_run
 from tjscan.runs.crawl.results import read_recorded_crawl
-from tjscan.runs.plan.files import (
+from tjscan.runs.plan.run import (
     CRAWL_PASSES,
     EARLIER,
     PLAN,
+    WrittenPlan,
     add_file_of_key,
     write_plan_files,
 )
-from tjscan.runs.plan.run import WrittenPlan
 
 STATION: Final = 20e-3
 """Metres along the joint whose profiles make a section."""

@@ -16,7 +16,7 @@ from tjscan.recording.damage import RecordingDamage
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import JOB, RECORDING, SUMMARY
 from tjscan.result.summary import check_recording_complete, read_summary
-from tjscan.runs.directory import COPIES
+from tjscan.runs.run import COPIES
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedSection

@@ -23,8 +23,8 @@ from tjscan.recording.damage import RecordingDamage
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.result.summary import ScanSummary
-from tjscan.runs.context import RunContext, do_nothing_when_finished, groove_reader_of_job
-from tjscan.runs.directory import COPIES
+from tjscan.runs.run import COPIES
+from tjscan.runs.scan.context import RunContext, do_nothing_when_finished, groove_reader_of_job
 from tjscan.runs.scan.run import write_job_results
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.progress import StopReason

@@ -26,10 +26,10 @@ from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.summary import ScanSummary
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.context import RunContext, groove_reader_of_job, result_frame_of_job
-from tjscan.runs.directory import COPIES, accept_edited_copies, nothing_recorded_yet
+from tjscan.runs.run import COPIES, accept_edited_copies, nothing_recorded_yet
+from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
 from tjscan.runs.scan.results import write_scan_results
-from tjscan.runs.uncertainty import causes_of_job
+from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.profile_taker import ScanSetup

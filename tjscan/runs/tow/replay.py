@@ -20,8 +20,8 @@ from tjscan.job.tow.checks import read_tow_job
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.header import JobSnapshot
 from tjscan.result.directory import JOB
-from tjscan.runs.context import do_nothing_when_finished
-from tjscan.runs.directory import check_replay
+from tjscan.runs.run import check_replay
+from tjscan.runs.scan.context import do_nothing_when_finished
 from tjscan.runs.tow.results import write_tow_results
 from tjscan.runs.tow.run import TowContext, make_tow_directory
 from tjscan.towing.journal import WELDED, TowCycle, TowTruth

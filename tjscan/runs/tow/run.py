@@ -19,8 +19,8 @@ from tjscan.recording.header import JobSnapshot, job_snapshot_changes
 from tjscan.recording.parts import next_recording_file
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.directory import JOB
-from tjscan.runs.context import do_nothing_when_finished
-from tjscan.runs.directory import accept_edited_copies, empty_run_directory, write_job_copy
+from tjscan.runs.run import accept_edited_copies, empty_run_directory, write_job_copy
+from tjscan.runs.scan.context import do_nothing_when_finished
 from tjscan.runs.tow.results import read_recorded_tow, write_tow_results
 from tjscan.towing.journal import CombinedTowJournal, TowJournal, TowTruth
 from tjscan.towing.loop import PERIOD, CableTow, TowSetting
