@@ -261,8 +261,8 @@ def test_before_the_end_of_the_steel_it_stops(job_file: Path, tmp_path: Path) ->
 def test_a_calibration_is_learned_and_holds_for_its_vehicle_alone(
     job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tjscan.runs.crawl.run.LENGTH", 0.06)
-    monkeypatch.setattr("tjscan.runs.crawl.run.TIMES", 1)
+    monkeypatch.setattr("tjscan.runs.crawl.run.SHUTTLE_LENGTH", 0.06)
+    monkeypatch.setattr("tjscan.runs.crawl.run.SHUTTLE_TIMES", 1)
     out = tmp_path / "shuttle"
     assert tjscan("crawl", "calibrate", job_file, "--out", out) == 0
     calibrated = tmp_path / "calibrated.toml"

@@ -39,7 +39,7 @@ from tjscan.stitching.stations import Station, station_from_recording
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
 from tjscan.study.file import flatten_to_dotted_keys
 
-SHARED: Final = ("arm.", "laser.", "simulation.")
+SHARED_TABLES: Final = ("arm.", "laser.", "simulation.")
 """Tables that both jobs have in common: they are of one cell."""
 
 
@@ -116,7 +116,7 @@ def read_chain(file: Path) -> Chain:
     read = validate_table(ChainFile, read_toml(file), file)
     both = flatten_to_dotted_keys(read.both)
     for key in both:
-        if not key.startswith(SHARED):
+        if not key.startswith(SHARED_TABLES):
             raise ConfigurationError(
                 "is not of the cell that both jobs share; there stand [both.arm], [both.laser] "
                 "and [both.simulation]",
@@ -301,7 +301,7 @@ def mount_error_in_words(outcome: ChainOutcome) -> str:
     return f"{position:.3f} mm, {turn:.3f}°"
 
 
-OFF: Final[Mapping[str, Mapping[str, float]]] = {
+KEYS_SWITCHING_OFF: Final[Mapping[str, Mapping[str, float]]] = {
     "arm: zeros, lengths, twists": {
         "simulation.arm.errors.offset_deg": 0.0,
         "simulation.arm.errors.length_mm": 0.0,
@@ -327,8 +327,8 @@ OFF: Final[Mapping[str, Mapping[str, float]]] = {
 }
 """Sources of error, and the keys that switch each of them off."""
 
-ALL: Final = "all together"
-NONE: Final = "none: touches, reading and stitching alone"
+ALL_SOURCES: Final = "all together"
+NO_SOURCE: Final = "none: touches, reading and stitching alone"
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,7 +338,7 @@ class SourceRow:
     Parameters
     ----------
     source : str
-        Its name, or `ALL`, or `NONE`.
+        Its name, or `ALL_SOURCES`, or `NO_SOURCE`.
     directory : Path
         With the calibration's run directory, `CALIBRATION_RUN`.
     outcome : ChainOutcome or None
@@ -376,12 +376,12 @@ def run_sources(
     alone : bool
         Whether to run each source alone, or all of them together and no more.
     """
-    everything = {key: value for keys in OFF.values() for key, value in keys.items()}
-    runs: dict[str, Mapping[str, float]] = {ALL: {}}
+    everything = {key: value for keys in KEYS_SWITCHING_OFF.values() for key, value in keys.items()}
+    runs: dict[str, Mapping[str, float]] = {ALL_SOURCES: {}}
     if alone:
-        for source, keys in OFF.items():
+        for source, keys in KEYS_SWITCHING_OFF.items():
             runs[source] = {key: 0.0 for key in everything if key not in keys}
-        runs[NONE] = everything
+        runs[NO_SOURCE] = everything
     for number, (source, keys) in enumerate(runs.items()):
         begin(source)
         own = directory / str(number)

@@ -15,10 +15,10 @@ from tjscan.core.files import check_file_size, write_files_atomically
 from tjscan.study.backend import study_backend_of_task
 from tjscan.study.trial import StudyRow, Trial, Value
 
-PLAN: Final = "plan.jsonl"
-ROWS: Final = "rows.jsonl"
-CSV: Final = "study.csv"
-PARQUET: Final = "study.parquet"
+PLAN_FILE: Final = "plan.jsonl"
+ROWS_FILE: Final = "rows.jsonl"
+CSV_FILE: Final = "study.csv"
+PARQUET_FILE: Final = "study.parquet"
 
 MOST_BYTES: Final = 2_000_000_000
 """A larger file is no part of a study."""
@@ -49,7 +49,7 @@ def make_study_directory(directory: Path, trials: Sequence[Trial]) -> None:
         )
     with write_files_atomically(directory) as draft:
         text = "".join(f"{trial.to_json_line()}\n" for trial in trials)
-        (draft / PLAN).write_text(text, encoding="utf-8")
+        (draft / PLAN_FILE).write_text(text, encoding="utf-8")
 
 
 def read_trials(directory: Path) -> tuple[Trial, ...]:
@@ -60,7 +60,7 @@ def read_trials(directory: Path) -> tuple[Trial, ...]:
     ConfigurationError
         If it holds no study.
     """
-    file = directory / PLAN
+    file = directory / PLAN_FILE
     try:
         check_file_size(file, MOST_BYTES, "a plan")
         return tuple(Trial.from_json_line(line) for line in file.read_text("utf-8").splitlines())
@@ -87,7 +87,7 @@ def read_rows(directory: Path, trials: Sequence[Trial]) -> dict[str, StudyRow[An
     RecordingError
         If it can't be read.
     """
-    file, keys = directory / ROWS, {trial.hash_key for trial in trials}
+    file, keys = directory / ROWS_FILE, {trial.hash_key for trial in trials}
     rows: dict[str, StudyRow[Any]] = {}
     if not trials or not file.exists():
         return rows
@@ -117,7 +117,7 @@ def open_row_writer(directory: Path) -> Iterator[Callable[[StudyRow[Any]], None]
         If the file can't be written.
     """
     try:
-        with (directory / ROWS).open("ab") as file:
+        with (directory / ROWS_FILE).open("ab") as file:
             if file.tell():
                 file.write(b"\n")  # ends a line that was cut off; an empty one is no row
 
@@ -127,7 +127,9 @@ def open_row_writer(directory: Path) -> Iterator[Callable[[StudyRow[Any]], None]
 
             yield keep
     except OSError as error:
-        raise RecordingError(f"{directory / ROWS}: can't be written: {error.strerror}") from error
+        raise RecordingError(
+            f"{directory / ROWS_FILE}: can't be written: {error.strerror}"
+        ) from error
 
 
 def write_study_tables(folder: Path, rows: Sequence[StudyRow[Any]]) -> None:
@@ -152,12 +154,12 @@ def write_study_tables(folder: Path, rows: Sequence[StudyRow[Any]]) -> None:
     table |= {key: [row.inputs.get(key) for row in rows] for key in inputs}
     table |= {name: [getattr(row.outcome, name) for row in rows] for name in shown}
     table["wall_s"] = [round(row.wall_s, 3) for row in rows]
-    with (folder / CSV).open("w", newline="", encoding="utf-8") as out:
+    with (folder / CSV_FILE).open("w", newline="", encoding="utf-8") as out:
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(table)
         writer.writerows(zip(*table.values(), strict=True))
     columns = {name: _of_one_type(values) for name, values in table.items()}
-    pq.write_table(pa.table(columns), folder / PARQUET)
+    pq.write_table(pa.table(columns), folder / PARQUET_FILE)
 
 
 def _of_one_type(values: list[Value | None]) -> list[Value | None]:

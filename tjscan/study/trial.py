@@ -74,7 +74,7 @@ def canonical_json(data: Any) -> str:
 LOST_WORKER = "WorkerLost"
 """The reason of a row whose process died twice."""
 
-HIDDEN = {"column": False}
+HIDDEN_FIELD = {"column": False}
 """Metadata of a field of an outcome that is no column of the table."""
 
 

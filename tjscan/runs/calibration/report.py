@@ -49,7 +49,7 @@ def calibration_chapter(directory: Path) -> ReportChapter:
 MOST_NAMED: Final = 4
 """Profiles left out that the page names; the file names all."""
 
-USED: Final = {True: "in use", False: "left out"}
+USE_LABELS: Final = {True: "in use", False: "left out"}
 
 
 def calibration_page(directory: Path) -> ReportChapter:
@@ -179,7 +179,7 @@ def _charts(found: CalibrationFile) -> Iterator[ReportChart]:
     used = np.array([residual.used for residual in found.residuals])
     misfit = np.array([residual.misfit for residual in found.residuals])
     numbers = np.arange(1, len(used) + 1)
-    for which, line in ((used, USED[True]), (~used, USED[False])):
+    for which, line in ((used, USE_LABELS[True]), (~used, USE_LABELS[False])):
         if which.any():
             yield ReportChart(
                 "residual of each profile",
@@ -187,7 +187,7 @@ def _charts(found: CalibrationFile) -> Iterator[ReportChart]:
                 "residual / standard deviations",
                 numbers[which],
                 misfit[which],
-                nominal=1.0 if line == USED[True] else None,
+                nominal=1.0 if line == USE_LABELS[True] else None,
                 line=line,
                 caption="Offset and tilt together, against what the noise stated lets one expect: "
                 "dashed.",
@@ -203,8 +203,8 @@ def _view_charts(found: CalibrationFile) -> Iterator[ReportChart]:
     frame = "the arm's base" if found.T_b_s_mm is None else "the flange"
     # An arm's calibration solves with some of its profiles, and is checked by the others.
     other = "left out" if found.kinematics is None else "others"
-    lines = [other if view.name not in used else USED[used[view.name]] for view in views]
-    for line in dict.fromkeys((USED[True], *lines)):
+    lines = [other if view.name not in used else USE_LABELS[used[view.name]] for view in views]
+    for line in dict.fromkeys((USE_LABELS[True], *lines)):
         shown = [view for view, own in zip(views, lines, strict=True) if own == line]
         if shown:
             tilt = np.array([view.tilt_deg for view in shown])

@@ -203,7 +203,7 @@ def basis_of_postures(
     )
 
 
-OLD: Final = "measured.jsonl"
+EARLY_MEASUREMENTS: Final = "measured.jsonl"
 """What version 0.1.0 wrote in place of a recording."""
 
 BOARD_THICKNESS: Final = 5e-3
@@ -237,7 +237,10 @@ def start_calibration(
         If the job is wrong, a device fails or the result can't be trusted; what was measured
         until then is kept.
     """
-    if any((directory / name).exists() for name in (f"{CALIBRATION_RECORDING}.mcap", OLD)):
+    if any(
+        (directory / name).exists()
+        for name in (f"{CALIBRATION_RECORDING}.mcap", EARLY_MEASUREMENTS)
+    ):
         raise ConfigurationError(
             f"holds a calibration already; go on with it: --resume {directory}", file=directory
         )
@@ -258,11 +261,11 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
     file = directory / CALIBRATION
     if file.exists():
         raise ConfigurationError("is finished already; there is nothing to resume", file=directory)
-    if (directory / OLD).exists():
+    if (directory / EARLY_MEASUREMENTS).exists():
         raise ConfigurationError(
             "was measured by tjscan 0.1.0, and only that version goes on with it: install it to "
             "finish this calibration, or start a new one",
-            file=directory / OLD,
+            file=directory / EARLY_MEASUREMENTS,
         )
     if not operator.present and {job.arm.driver_kind, job.laser.driver_kind} != {
         DriverKind.SIMULATED

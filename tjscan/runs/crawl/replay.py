@@ -42,7 +42,7 @@ from tjscan.runs.crawl.run import (
 from tjscan.runs.run import check_replay
 from tjscan.runs.scan.context import do_nothing_when_finished
 
-REPLAYABLE: Final = ("method", "slip.", "course.")
+REPLAYABLE_KEYS: Final = ("method", "slip.", "course.")
 """Keys that say what an estimator makes of a crawl, not how it was done."""
 
 TimedMessage = tuple[int, Topic[Any], Any]
@@ -65,7 +65,7 @@ def replay_crawl(
     directory : Path
         Of the crawl, whole, cut short or resumed; it stays as it is.
     overrides : dict
-        Dotted keys and values, those of `REPLAYABLE` only.
+        Dotted keys and values, those of `REPLAYABLE_KEYS` only.
     out : Path
         The directory to make.
     finished : callable
@@ -81,7 +81,7 @@ def replay_crawl(
     job_file = directory / JOB
     refuse_links_outside(directory, JOB, CALIBRATION)
     check_as_written(job_file, directory / CALIBRATION)
-    check_replay(directory, out, overrides, REPLAYABLE, "crawl")
+    check_replay(directory, out, overrides, REPLAYABLE_KEYS, "crawl")
     context = CrawlContext(read_crawl_job(job_file, overrides), job_file, finished=finished)
     parts = recording_files(directory, CRAWL_RECORDING)
     with add_file_to_errors(job_file):

@@ -64,10 +64,10 @@ from tjscan.runs.run import accept_edited_copies, empty_run_directory, write_job
 from tjscan.runs.scan.context import do_nothing_when_finished
 from tjscan.vehicle.vehicle import DEAD_MAN
 
-TO_SETTLE: Final = 4.0
+SETTLING_GAINS: Final = 4.0
 """Times 1 / gain, after which a tenth of what a reversal brings is left: (1 + 4) exp(-4)."""
 
-TO_TURN: Final = 4.0
+TURNING_RADII: Final = 4.0
 """Times crab and least radius: as far as curvature alone brings the vehicle aside and back, so that
 the mean of its slope is no longer outward."""
 
@@ -201,7 +201,7 @@ def short_way(job: CrawlJob, slip: SlipBelief | None) -> str:
         return ""
     crab = abs(float(slip.x[SlipState.CRAB])) + slip.sigma(SlipState.CRAB)
     way = job.weld.run_up + job.weld.length
-    needed = TO_SETTLE / job.steering.gain + TO_TURN * crab * job.steering.least_radius
+    needed = SETTLING_GAINS / job.steering.gain + TURNING_RADII * crab * job.steering.least_radius
     if way >= needed:
         return ""
     return (
@@ -284,15 +284,15 @@ def crawl_into(
             context.finished(directory)
 
 
-OVERLAP: Final = 0.02
+WELD_OVERLAP: Final = 0.02
 """Metres by which a weld that goes on after a stop overlaps what was welded before."""
 
-OFF_WAY: Final = 1.0
+LONGEST_OFF_WAY: Final = 1.0
 """Metres beyond a crawl's way at which its vehicle may be set down."""
 
 
 def resume_crawl(
-    context: CrawlContext, overlap: float = OVERLAP, place: float | None = None
+    context: CrawlContext, overlap: float = WELD_OVERLAP, place: float | None = None
 ) -> None:
     """Go on with an interrupted crawl, in its run directory.
 
@@ -379,7 +379,7 @@ def check_place(place: float, job: CrawlJob) -> None:
     ConfigurationError
         If it is one.
     """
-    first, last = -job.weld.run_up - OFF_WAY, job.weld.length + OFF_WAY
+    first, last = -job.weld.run_up - LONGEST_OFF_WAY, job.weld.length + LONGEST_OFF_WAY
     if not first <= place <= last:
         raise ConfigurationError(
             f"--place is {1e3 * place:g} mm along the joint, from where the weld begins; it must "
@@ -431,10 +431,10 @@ def start_after_stop(
     return CrawlStart(done, crawled[-1].travel, arc_from)
 
 
-LENGTH: Final = 0.8
+SHUTTLE_LENGTH: Final = 0.8
 """Metres of the shuttle's way out."""
 
-TIMES: Final = 3
+SHUTTLE_TIMES: Final = 3
 
 
 def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
@@ -468,7 +468,7 @@ def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
     file = next_recording_file(directory, CRAWL_RECORDING)
     with record_crawl(file, origin, cell.simulated_place) as recording, cell:
         journal = CombinedCrawlJournal((recording, context.journal))
-        make_crawler(context, cell, method, journal).shuttle(LENGTH, TIMES)
+        make_crawler(context, cell, method, journal).shuttle(SHUTTLE_LENGTH, SHUTTLE_TIMES)
     if method.slip is None:
         raise ConfigurationError("this method learns no slip", key="method")
     found = SlipCalibration.from_belief(method.slip, context.job.vehicle.device_id)

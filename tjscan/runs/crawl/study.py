@@ -66,7 +66,7 @@ class CrawlOutcome(RunOutcome):
     read_percent: float | None = None
 
 
-COMPLETE: Final = "Complete"
+COMPLETE_CRAWL: Final = "Complete"
 
 
 class CrawlKeeper:
@@ -121,7 +121,9 @@ def run_study_crawl(job: CrawlJob) -> CrawlOutcome:
     except (VehicleFault, LaserFault) as error:
         reason = error.guard if isinstance(error, CrawlStopped) else type(error).__name__
         return _outcome(keeper.passes, complete=False, reason=reason, detail=str(error))
-    return _outcome(keeper.passes, complete=True, reason=COMPLETE, detail="every pass is welded")
+    return _outcome(
+        keeper.passes, complete=True, reason=COMPLETE_CRAWL, detail="every pass is welded"
+    )
 
 
 def _outcome(

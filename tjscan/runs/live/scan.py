@@ -19,12 +19,11 @@ from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.arm import kinematics_of_job, solids_in_base
 from tjscan.joint.edges import feature_edges
 from tjscan.live.buttons import Button
-from tjscan.live.colours import FITTED, GHOST, LASER
+from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Posture, Surface
-from tjscan.live.events import NotedEvent
 from tjscan.live.listening import RunOnPage, show_run
 from tjscan.live.page import PageAddress
-from tjscan.live.step import Measure, PlaneCurve, RecordedShow, Sample, Setting, Step
+from tjscan.live.step import Measure, NotedEvent, PlaneCurve, RecordedShow, Sample, Setting, Step
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB, RECORDING
@@ -38,14 +37,14 @@ from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.sections_before import read_section
 from tjscan.scanning.stopping import StopRequest
 
-DEVIATION: Final = Measure("deviation", "mm")
-ANGLE: Final = Measure("groove angle", "°")
-OPENING: Final = Measure("root opening", "mm")
-DEPTH: Final = Measure("depth", "mm")
-SIGMA: Final = Measure("sigma of the corners", "mm")
+CORNER_DEVIATION: Final = Measure("deviation", "mm")
+GROOVE_ANGLE: Final = Measure("groove angle", "°")
+ROOT_OPENING: Final = Measure("root opening", "mm")
+GROOVE_DEPTH: Final = Measure("depth", "mm")
+CORNER_SIGMA: Final = Measure("sigma of the corners", "mm")
 """By the profile's noise alone: what all sections share is in the report's budget."""
 
-STANDS: Final = ("paused", "stop", "failed", "interrupted", "complete")
+STANDING_EVENTS: Final = ("paused", "stop", "failed", "interrupted", "complete")
 """Events after which the arm stands."""
 
 FAN_POINTS: Final = 32
@@ -83,12 +82,12 @@ class ScanShow:
     def setting(self) -> Setting:
         """What stands still: arm, solids, tool and the joint as designed."""
         job = self._context.job
-        measures = (ANGLE, OPENING, DEPTH, SIGMA)
+        measures = (GROOVE_ANGLE, ROOT_OPENING, GROOVE_DEPTH, CORNER_SIGMA)
         at, seen_from = self._camera()
         known = self._joint is not None
         return Setting(
             self._title,
-            (DEVIATION, *measures) if known else measures,
+            (CORNER_DEVIATION, *measures) if known else measures,
             "clock position / h" if known else "section",
             (0.0, 12.0) if known else None,
             kinematics_of_job(job),
@@ -110,7 +109,11 @@ class ScanShow:
                 label = f"section {entry.view.index}"
                 return Step(label, self._piece(entry.view, entry.points_b, {}))
             case NotedEvent():
-                state = {"state": f"{entry.name}: {entry.detail}"} if entry.name in STANDS else {}
+                state = (
+                    {"state": f"{entry.name}: {entry.detail}"}
+                    if entry.name in STANDING_EVENTS
+                    else {}
+                )
                 return Step(entry.name, facts=state, events=((entry.name, entry.detail),))
 
     def _view_step(self, view: ProfileView) -> Step:
@@ -137,14 +140,18 @@ class ScanShow:
             f"section {view.index}",
             {
                 **self._piece(view, section.points_b, values),
-                "fitted": Lines.through(section.points_b, colour=FITTED, width=3.0),
+                "fitted": Lines.through(section.points_b, colour=FITTED_COLOUR, width=3.0),
             },
             {
                 "sections": f"{done} of {self.total}" if self.total else f"{done}",
                 "groove": form,
                 **{
                     measure.name: _in_words(measure, values, sigmas)
-                    for measure in (*(() if self._joint is None else (DEVIATION,)), ANGLE, OPENING)
+                    for measure in (
+                        *(() if self._joint is None else (CORNER_DEVIATION,)),
+                        GROOVE_ANGLE,
+                        ROOT_OPENING,
+                    )
                 },
             },
             None if self.total is None else min(done / self.total, 1.0),
@@ -159,23 +166,23 @@ class ScanShow:
         is_open = np.isfinite(section.root_opening)
         corner_sigma = 1e3 * float(np.max(section.corner_sigmas))
         values = {
-            ANGLE.name: float(np.degrees(angle)),
-            OPENING.name: 1e3 * float(section.root_opening if is_open else width),
-            DEPTH.name: 1e3 * float(depth),
-            SIGMA.name: corner_sigma,
+            GROOVE_ANGLE.name: float(np.degrees(angle)),
+            ROOT_OPENING.name: 1e3 * float(section.root_opening if is_open else width),
+            GROOVE_DEPTH.name: 1e3 * float(depth),
+            CORNER_SIGMA.name: corner_sigma,
         }
         sigmas = {
-            ANGLE.name: float(np.degrees(angle_sigma)),
-            OPENING.name: 1e3 * float(width_sigma),
-            DEPTH.name: 1e3 * float(depth_sigma),
+            GROOVE_ANGLE.name: float(np.degrees(angle_sigma)),
+            ROOT_OPENING.name: 1e3 * float(width_sigma),
+            GROOVE_DEPTH.name: 1e3 * float(depth_sigma),
         }
         if self._edges is not None:
             absent = absent_corners([section])
             off = corner_to_edge_distances(section.points[None], self._edges, absent)
-            values[DEVIATION.name] = (
+            values[CORNER_DEVIATION.name] = (
                 1e3 * float(np.nanmax(off)) if np.isfinite(off).any() else np.nan
             )
-            sigmas[DEVIATION.name] = corner_sigma
+            sigmas[CORNER_DEVIATION.name] = corner_sigma
         return values, sigmas
 
     def _piece(
@@ -196,8 +203,8 @@ class ScanShow:
         if self._joint is None or T_b_j is None:
             return
         lines = [transform_points(T_b_j, line) for line in joint_wireframe(self._joint)]
-        yield Lines.through(*lines[:3], colour=GHOST, width=2.0)  # the groove's edges
-        yield Lines.through(*lines[3:], colour=GHOST, width=1.0)
+        yield Lines.through(*lines[:3], colour=NOMINAL_COLOUR, width=2.0)  # the groove's edges
+        yield Lines.through(*lines[3:], colour=NOMINAL_COLOUR, width=1.0)
 
     def _camera(self) -> tuple[Array, Array]:
         """Middle of the picture, and whence it is seen: over the taught pose, beside the arm."""
@@ -229,14 +236,14 @@ def laser_fan(view: ProfileView) -> dict[str, Drawable]:
     points = view.profile.points_s
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) < 2:
-        return {"profile": Lines(np.empty((0, 2, 3)), LASER)}
+        return {"profile": Lines(np.empty((0, 2, 3)), LASER_COLOUR)}
     thin = points[np.linspace(0, len(points) - 1, FAN_POINTS).round().astype(int)]
     seen_b = transform_points(view.T_b_s, thin)
     k = np.arange(1, len(thin))
     fan = np.concatenate((view.T_b_s[None, :3, 3], seen_b))
     return {
-        "laser": Surface(fan, np.column_stack((np.zeros_like(k), k, k + 1)), LASER, 0.18),
-        "profile": Lines.through(seen_b, colour=LASER, width=3.0),
+        "laser": Surface(fan, np.column_stack((np.zeros_like(k), k, k + 1)), LASER_COLOUR, 0.18),
+        "profile": Lines.through(seen_b, colour=LASER_COLOUR, width=3.0),
     }
 
 

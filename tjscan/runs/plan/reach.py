@@ -38,7 +38,7 @@ from tjscan.robot.tool_reach import SINGULAR, Hindrance, ToolHolds, find_tool_ho
 from tjscan.runs.scan.context import RunContext
 from tjscan.scanning.scanned_surface import grid_triangles
 
-ARM: Final = "arm"
+ARM_STATION: Final = "arm"
 """Stands for the name of a station where a job has none."""
 
 
@@ -49,7 +49,7 @@ class WeldingStation:
     Parameters
     ----------
     name : str
-        Of the station; `ARM` for a job without stations.
+        Of the station; `ARM_STATION` for a job without stations.
     job : ScanJob
         Of that station alone.
     job_file : Path
@@ -144,7 +144,9 @@ def welding_stations(directory: Path, frame: str) -> tuple[WeldingStation, ...]:
             if job.joint is None or job.station:
                 raise ConfigurationError("does not say where the joint stands", key="joint")
             T_b_r = job.joint.T_w_j
-        return (_station(job.station_names[0] if job.station else ARM, job, directory, T_b_r),)
+        return (
+            _station(job.station_names[0] if job.station else ARM_STATION, job, directory, T_b_r),
+        )
     order = _job(directory).station_names if (directory / JOB).is_file() else ()
     found = []
     for one in report.stations:
@@ -168,13 +170,13 @@ def _job(folder: Path) -> ScanJob:
     return read_scan_job(folder / JOB)
 
 
-STEP: Final = 25e-3
+PLACE_STEP: Final = 25e-3
 """Metres along the groove between the places at which holds are looked for."""
 
-RESERVE: Final = 1e-3
+MARGIN_RESERVE: Final = 1e-3
 """Metres further than the margins at these places, for what lies between them."""
 
-FINE: Final = 10e-3
+SURFACE_STEP: Final = 10e-3
 """Metres between sections of the groove's surface: a tube's chords stay 0.1 mm off it."""
 
 
@@ -362,10 +364,10 @@ def find_station_reach(station: WeldingStation, plan: WeldPlan, groove: Array) -
         If the arm is not of the Universal Robots type.
     """
     edges, torch = plan.edges, plan.wps.torch
-    count = ceil(edges.length / STEP)
+    count = ceil(edges.length / PLACE_STEP)
     places = np.linspace(0.0, edges.length, count + 1)[: count if edges.closed else None]
     T = station.T_b_r @ torch_poses(plan, places)
-    hindrance = station.hindrance(torch, groove, RESERVE)
+    hindrance = station.hindrance(torch, groove, MARGIN_RESERVE)
     holds = find_tool_holds(
         station.kinematics,
         torch.tcp.T,
@@ -392,7 +394,7 @@ def groove_surface(edges: GrooveEdges, sections: Array) -> Array:
     ndarray, shape (m, 5, 3)
         p1 to p5 of m sections along the groove; of one that closes, the first again at the end.
     """
-    s = np.linspace(0.0, edges.length, ceil(edges.length / FINE) + 1)
+    s = np.linspace(0.0, edges.length, ceil(edges.length / SURFACE_STEP) + 1)
     p3, p4, _, p2 = np.moveaxis(edges.corners(s), 1, 0)
     period = edges.length if edges.closed else None
     beside = np.concatenate(
@@ -429,7 +431,7 @@ def _poses_at(plan: WeldPlan, s: float) -> list[Array]:
     back = pose(p=(0.0, 0.0, -plan.wps.torch.retract))
     near = [(bead, _nearest(bead, s, plan.edges)) for bead in plan.beads]
     least = min(away for _, (_, away) in near)
-    here = [(bead, bead.T_r_torch[i]) for bead, (i, away) in near if away <= max(least, STEP)]
+    here = [(bead, bead.T_r_torch[i]) for bead, (i, away) in near if away <= max(least, PLACE_STEP)]
     outer = {here[0][0].layer, here[-1][0].layer}
     return [T for _, T in here] + [T @ back for bead, T in here if bead.layer in outer]
 

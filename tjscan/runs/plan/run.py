@@ -37,7 +37,7 @@ from tjscan.result.summary import ScanSummary
 from tjscan.result.table import read_sections_csv
 from tjscan.result.weldx import ROOTS
 from tjscan.runs.plan.reach import (
-    ARM,
+    ARM_STATION,
     StationReach,
     WeldingStation,
     find_station_reach,
@@ -45,14 +45,20 @@ from tjscan.runs.plan.reach import (
     welding_stations,
 )
 
-PLAN: Final = "plan.json"
-BEADS: Final = "beads.csv"
-PICTURE: Final = "plan.png"
-WELDX: Final = "plan.weldx"
-CRAWL_PASSES: Final = "plan-passes.toml"
+PLAN_FILE: Final = "plan.json"
+BEADS_FILE: Final = "beads.csv"
+PLAN_PICTURE: Final = "plan.png"
+WELDX_FILE: Final = "plan.weldx"
+CRAWL_PASSES_FILE: Final = "plan-passes.toml"
 """Tables that a crawl job takes."""
 
-EARLIER: Final = ("plan.urscript", "plan-*.urscript", CRAWL_PASSES, WELDX, "plan.html")
+EARLIER_FILES: Final = (
+    "plan.urscript",
+    "plan-*.urscript",
+    CRAWL_PASSES_FILE,
+    WELDX_FILE,
+    "plan.html",
+)
 """Not every plan has them: those of an earlier one do not stay beside a new one."""
 
 
@@ -75,13 +81,13 @@ def write_plan_files(
     from tjscan.planning.picture import draw_plan
     from tjscan.result.picture import write_png
 
-    write_png(draft / PICTURE, draw_plan(plan), provenance)
+    write_png(draft / PLAN_PICTURE, draw_plan(plan), provenance)
     table = beads_to_csv(plan, provenance)
-    (draft / BEADS).write_text(table, encoding="utf-8", newline="")
+    (draft / BEADS_FILE).write_text(table, encoding="utf-8", newline="")
     if weldx_is_installed():
         root = ROOTS.get(provenance.frame, provenance.frame)
-        write_plan_as_weldx(draft / WELDX, plan, document, root)
-    (draft / PLAN).write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        write_plan_as_weldx(draft / WELDX_FILE, plan, document, root)
+    (draft / PLAN_FILE).write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
 
 @contextmanager
@@ -218,7 +224,7 @@ def part_plan(
 
 def program_name(station: str) -> str:
     """Name of the file that holds a station's program."""
-    return "plan.urscript" if station == ARM else f"plan-{station}.urscript"
+    return "plan.urscript" if station == ARM_STATION else f"plan-{station}.urscript"
 
 
 def _entry(reach: StationReach, file: str, problem: str) -> StationEntry:
@@ -352,7 +358,7 @@ def plan_run(
         plan, provenance, directory.resolve().name, label, details, parted.stations, without
     )
     folder = out or directory
-    with write_files_atomically(folder, last=PLAN, instead_of=EARLIER) as draft:
+    with write_files_atomically(folder, last=PLAN_FILE, instead_of=EARLIER_FILES) as draft:
         lines = provenance.comment_lines("#").splitlines(keepends=True)[:3]  # no frame, no units
         for name, way in parted.ways.items():
             script = way_to_urscript(way, wps.torch, switch.output, arc=switch.on)

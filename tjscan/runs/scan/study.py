@@ -45,7 +45,7 @@ from tjscan.study.backend import (
     StudyBackend,
     drop_file_from_study_key_errors,
 )
-from tjscan.study.trial import HIDDEN, RunOutcome, canonical_json
+from tjscan.study.trial import HIDDEN_FIELD, RunOutcome, canonical_json
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +132,7 @@ class ScanOutcome(RunOutcome):
     motion_time_s: float | None = None
     corner_mean_mm: float | None = None
     corner_p95_mm: float | None = None
-    path: tuple[tuple[float, float, float], ...] = field(default=(), metadata=HIDDEN)
+    path: tuple[tuple[float, float, float], ...] = field(default=(), metadata=HIDDEN_FIELD)
 
     def __post_init__(self) -> None:
         # JSON holds lists.
@@ -225,10 +225,10 @@ def _edges(joint: JointDefinition) -> FeatureEdges:
 
 
 STEP_KEY: Final = "scan.step_mm"
-JOINT: Final = "joint."
-RULE: Final = "rule."
+JOINT_PREFIX: Final = "joint."
+RULE_PREFIX: Final = "rule."
 JOINT_TABLES: Final = tuple(JointFile.model_fields)
-START: Final = "rule.start_azimuth_deg"
+START_KEY: Final = "rule.start_azimuth_deg"
 
 
 class ScanStudyBackend(StudyBackend[ScanOutcome]):
@@ -291,19 +291,19 @@ def _sorted_out(
     """The keys of the job, those of the joint's file, and the rules."""
     job, joint, rule = {}, {}, {}
     for key, value in keys.items():
-        table, _, inner = key.removeprefix(JOINT).partition(".")
-        if key.startswith(RULE):
-            rule[key.removeprefix(RULE)] = value
-        elif key.startswith(JOINT) and inner and table in JOINT_TABLES:
-            joint[key.removeprefix(JOINT)] = value
-        elif key.startswith(JOINT) and table not in JointSettings.file_key_types():
+        table, _, inner = key.removeprefix(JOINT_PREFIX).partition(".")
+        if key.startswith(RULE_PREFIX):
+            rule[key.removeprefix(RULE_PREFIX)] = value
+        elif key.startswith(JOINT_PREFIX) and inner and table in JOINT_TABLES:
+            joint[key.removeprefix(JOINT_PREFIX)] = value
+        elif key.startswith(JOINT_PREFIX) and table not in JointSettings.file_key_types():
             known = (*JOINT_TABLES, *JointSettings.file_key_types())
             raise ConfigurationError(
-                f"unknown key; did you mean: {JOINT}{nearest_word(table, known)}?", key=key
+                f"unknown key; did you mean: {JOINT_PREFIX}{nearest_word(table, known)}?", key=key
             )
         else:
             job[key] = value
-    with _below(RULE):
+    with _below(RULE_PREFIX):
         return job, joint, validate_table(DerivedKeySettings, rule)
 
 
@@ -314,7 +314,7 @@ def _joint(file: Path, keys: Mapping[str, Any], rules: DerivedKeySettings) -> Jo
     for key, value in keys.items():
         table, _, name = key.partition(".")
         data[table] = {**data.get(table, {}), name: value}
-    with _below(JOINT):
+    with _below(JOINT_PREFIX):
         joint = joint_with_derived_dimensions(validate_table(JointFile, data), rules)
         joint.definition(file.stem)  # refuses what can't be built
     return joint
@@ -336,9 +336,9 @@ def _followed(
         azimuth, changed = teach_start_poses(started, joint, rules, T_f_s)
         tables["scan"] |= changed.pop("scan")
         tables |= changed
-        cells[START] = azimuth
+        cells[START_KEY] = azimuth
     elif rules.carry_base or rules.centre_view:
-        raise ConfigurationError("is needed for the other rules", key=START)
+        raise ConfigurationError("is needed for the other rules", key=START_KEY)
     return tables, cells
 
 

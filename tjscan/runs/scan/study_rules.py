@@ -132,10 +132,10 @@ def _extent(d: JointDefinition) -> tuple[float, float]:
     return float(s.p2[:, 1].max()), float(np.abs((foot, root)).max())
 
 
-STREAM: Final = 11
+TEACHING_STREAM: Final = 11
 """Keeps these random numbers apart from those of arm and laser."""
 
-AZIMUTHS: Final = np.linspace(-2 * np.pi, 4 * np.pi, 4321)
+TABULATED_AZIMUTHS: Final = np.linspace(-2 * np.pi, 4 * np.pi, 4321)
 """Where the groove's length is tabulated: a turn, and one more either way."""
 
 
@@ -172,7 +172,7 @@ def teaching_random_generator(seed: int, joint: str) -> np.random.Generator:
         The joint, as text.
     """
     digest = hashlib.sha256(joint.encode()).digest()
-    return np.random.default_rng([seed, STREAM, int.from_bytes(digest[:8])])
+    return np.random.default_rng([seed, TEACHING_STREAM, int.from_bytes(digest[:8])])
 
 
 def ideal_sensor_pose(
@@ -239,11 +239,17 @@ def azimuth_further_along(
         Which way round.
     """
     speed = np.linalg.norm(
-        joint.leg_surface.azimuth_derivative(AZIMUTHS, joint.brace_radius), axis=1
+        joint.leg_surface.azimuth_derivative(TABULATED_AZIMUTHS, joint.brace_radius), axis=1
     )
-    length = np.concatenate(([0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(AZIMUTHS))))
+    length = np.concatenate(
+        ([0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(TABULATED_AZIMUTHS)))
+    )
     signed = distance if direction is ScanDirection.COUNTERCLOCKWISE else -distance
-    return float(np.interp(np.interp(azimuth, AZIMUTHS, length) + signed, length, AZIMUTHS))
+    return float(
+        np.interp(
+            np.interp(azimuth, TABULATED_AZIMUTHS, length) + signed, length, TABULATED_AZIMUTHS
+        )
+    )
 
 
 def taught_sensor_poses(

@@ -52,7 +52,7 @@ from tjscan.result.summary import (
 )
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
-from tjscan.runs.run import COPIES
+from tjscan.runs.run import COPIED_FILES
 from tjscan.runs.scan.context import RunContext, do_nothing_when_finished, groove_reader_of_job
 from tjscan.runs.scan.results import all_profile_points
 from tjscan.runs.scan.uncertainty import causes_of_job
@@ -298,7 +298,7 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
 def read_station_run(directory: Path) -> StationRun:
     """Read the run directory of one station; raises as `stitch_run_directories` does."""
     job_file = directory / JOB
-    check_as_written(*(directory / name for name in COPIES))
+    check_as_written(*(directory / name for name in COPIED_FILES))
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file)
         name = _name(job, job_file)

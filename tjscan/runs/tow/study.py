@@ -60,7 +60,7 @@ class TowOutcome(RunOutcome):
     touches: int | None = None
 
 
-COMPLETE: Final = "Complete"
+COMPLETE_TOW: Final = "Complete"
 
 
 class TowKeeper:
@@ -107,7 +107,7 @@ def run_study_tow(job: TowJob) -> TowOutcome:
     cell = make_tow_cell(job, sweep.start.angles)
     assert cell.truth is not None
     keeper = TowKeeper(cell.truth)
-    reason, detail = COMPLETE, "the whole seam is welded"
+    reason, detail = COMPLETE_TOW, "the whole seam is welded"
     try:
         with cell:
             make_tow(job, cell, planner, keeper).run(0.0, sweep.start)
@@ -118,7 +118,7 @@ def run_study_tow(job: TowJob) -> TowOutcome:
 
 def outcome_of(job: TowJob, keeper: TowKeeper, reason: str, detail: str) -> TowOutcome:
     """Outcome of a tow that was kept in memory."""
-    complete = reason == COMPLETE
+    complete = reason == COMPLETE_TOW
     if not keeper.cycles:
         return TowOutcome(complete, reason, detail)
     found = figures_of_tow(job, keeper.cycles, keeper.truths, complete=complete).as_numbers
