@@ -14,15 +14,15 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, GrooveNotFound
 from tjscan.crawler.crawler import CrawlStart
-from tjscan.crawler.joint_memory import RememberingTracker
+from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.last_view import GOES_ON, LastView
 from tjscan.crawler.pass_record import END
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.crawler.topics import REPLAY
-from tjscan.job.crawl_cell import LeftWorld, make_crawl_cell
-from tjscan.job.crawl_job import CrawlJob
+from tjscan.job.crawl.cell import LeftWorld, make_crawl_cell
+from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.result.directory import JOB
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl

@@ -11,8 +11,8 @@ from dataclasses import replace
 from math import floor, sqrt
 from typing import Final
 
-from tjscan.groove.butt.registration import JointPlacement, ReferenceProfile
-from tjscan.groove.butt.tracking import REGISTERED, ButtJointReading, JointTracker
+from tjscan.crawler.joint_tracking.registration import JointPlacement, ReferenceProfile
+from tjscan.crawler.joint_tracking.tracking import REGISTERED, ButtJointReading, JointTracker
 from tjscan.laser.profile import Profile
 
 STATION: Final = 5e-3

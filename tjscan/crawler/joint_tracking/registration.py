@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.robust import MAD_TO_SIGMA
-from tjscan.groove.butt.edge_lines import CAPTURE, DEPTH_OF_FIELD, LEAST_BACKGROUND, MOST_BACKGROUND
+from tjscan.crawler.joint_tracking.edge_lines import (
+    CAPTURE,
+    DEPTH_OF_FIELD,
+    LEAST_BACKGROUND,
+    MOST_BACKGROUND,
+)
 from tjscan.laser.profile import Profile
 
 PITCH: Final = 0.25e-3

@@ -12,7 +12,7 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.groove.butt.edge_lines import (
+from tjscan.crawler.joint_tracking.edge_lines import (
     LEFT_BEVEL,
     LEFT_PLATE,
     RIGHT_BEVEL,
@@ -21,7 +21,11 @@ from tjscan.groove.butt.edge_lines import (
     fit_edge_lines,
     line_through,
 )
-from tjscan.groove.butt.registration import JointPlacement, ReferenceProfile, register_profile
+from tjscan.crawler.joint_tracking.registration import (
+    JointPlacement,
+    ReferenceProfile,
+    register_profile,
+)
 from tjscan.groove.find import LEAST_DEPTH, fit_groove_to_profile
 from tjscan.groove.fitted_profile import FittedProfile
 from tjscan.groove.models import BUTT_V

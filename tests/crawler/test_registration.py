@@ -8,7 +8,11 @@ from hull_views import ARC_20, CAPPED, DEFAULT, EXACT, NEARLY_FILLED, see, true_
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.groove.butt.registration import JointPlacement, ReferenceProfile, register_profile
+from tjscan.crawler.joint_tracking.registration import (
+    JointPlacement,
+    ReferenceProfile,
+    register_profile,
+)
 from tjscan.joint.hull import HullJoint
 from tjscan.joint.hull_section import hull_section
 from tjscan.laser.profile import Profile

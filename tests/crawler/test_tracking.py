@@ -12,8 +12,14 @@ from hypothesis import strategies as st
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.butt.registration import ReferenceProfile
-from tjscan.groove.butt.tracking import FILLED, REGISTERED, TACK, ButtJointReading, JointTracker
+from tjscan.crawler.joint_tracking.registration import ReferenceProfile
+from tjscan.crawler.joint_tracking.tracking import (
+    FILLED,
+    REGISTERED,
+    TACK,
+    ButtJointReading,
+    JointTracker,
+)
 from tjscan.joint.hull import HullJoint, HullTack
 from tjscan.joint.hull_section import area_left_to_fill, hull_section, top_edges
 from tjscan.laser.profile import Profile
