@@ -7,12 +7,13 @@ from typing import Self
 
 import numpy as np
 
-from tjscan.core.frames import Array, pose, readonly_copy, rot_x, rot_z
+from tjscan.core.frames import Array, frozen_arrays, pose, rot_x, rot_z
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.models.generate import ARMS, TWISTS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class DhParameters:
     """Standard DH parameters: frame i is Rz(theta + q) Tz(d) Tx(a) Rx(alpha) in frame i - 1.
 
@@ -26,10 +27,6 @@ class DhParameters:
     a: Array
     d: Array
     alpha: Array
-
-    def __post_init__(self) -> None:
-        for name in ("theta", "a", "d", "alpha"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
     def nominal(cls, model: str) -> Self | None:
