@@ -16,7 +16,7 @@ from _stops import START_LIMIT, Break
 
 from tjscan.core.errors import CrawlStopped, TjscanError, VehicleFault
 from tjscan.crawler.journal import CrawlCycle
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.job import read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.crawl.resume import resume_crawl

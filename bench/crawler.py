@@ -32,7 +32,7 @@ from tjscan.crawler.guards import Guards
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.plan import GuardSettings
 from tjscan.crawler.proximity import CornerPlaces, ProximityFilter, ProximitySettings
-from tjscan.job.crawl_cell import make_crawl_cell
+from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.runs.crawl.run import CrawlContext
 from tjscan.vehicle.loopback.broker import MosquittoProcess
 from tjscan.vehicle.loopback.process import VehicleLoopbackProcess

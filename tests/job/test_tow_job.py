@@ -4,8 +4,8 @@ import pytest
 
 from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.tow_checks import check_tow_job
-from tjscan.job.tow_job import TowJob
+from tjscan.job.tow.checks import check_tow_job
+from tjscan.job.tow.job import TowJob
 
 SQUARE = {"outline_mm": [[0, -5000], [2600, -5000], [2600, 5000], [0, 5000]]}
 SEAM = {"points_mm": [[2600, -4800], [2600, 4800]], "speed_mm_min": 600}

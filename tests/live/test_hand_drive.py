@@ -13,8 +13,8 @@ from crawls import SHORT
 
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
-from tjscan.job.crawl_cell import make_crawl_cell
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.cell import make_crawl_cell
+from tjscan.job.crawl.job import read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.live.buttons import HOLD_RATE, HoldButton
 from tjscan.live.page import Page, PageAddress

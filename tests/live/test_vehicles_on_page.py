@@ -14,9 +14,9 @@ from crawls import SHORT
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
-from tjscan.job.crawl_reading import read_crawl_job
-from tjscan.job.tow_cell import TowCell
-from tjscan.job.tow_reading import read_tow_job
+from tjscan.job.crawl.job import read_crawl_job
+from tjscan.job.tow.cell import TowCell
+from tjscan.job.tow.checks import read_tow_job
 from tjscan.laser.profile import Profile
 from tjscan.live.access import LOCAL
 from tjscan.live.drawables import Lines, MeasuredPiece, Placement

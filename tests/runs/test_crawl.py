@@ -23,9 +23,8 @@ from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import ASIDE, SlipBelief
 from tjscan.crawler.slip_model import STATES
 from tjscan.crawler.topics import CRAWL_RECORDING, WARNING, record_crawl
-from tjscan.job.crawl_cell import CrawlCell, LeftWorld, make_crawl_cell
-from tjscan.job.crawl_job import CrawlJob
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.cell import CrawlCell, LeftWorld, make_crawl_cell
+from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.recording.parts import next_recording_file
 from tjscan.runs.crawl.report import crawl_chapter

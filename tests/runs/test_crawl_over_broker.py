@@ -12,7 +12,7 @@ from crawls import SHORT
 from tjscan.core.errors import VehicleFault
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.job import read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.crawl.resume import resume_crawl

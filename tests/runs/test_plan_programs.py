@@ -16,7 +16,7 @@ from tjscan.core.frames import Array
 from tjscan.core.pose_vector import pose_from_vector
 from tjscan.core.signals import press_ctrl_c
 from tjscan.job import read_scan_job
-from tjscan.job.wps import read_wps
+from tjscan.planning.wps import read_wps
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.loopback.controller import LoopbackController

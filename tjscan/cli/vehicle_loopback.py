@@ -61,7 +61,7 @@ def _read_tow(file: Path, seed: int) -> TowingBodies | None:
 
     if "seam" not in read_toml(file):
         return None
-    from tjscan.job.tow_sweep import read_towing_world
+    from tjscan.job.tow.sweep import read_towing_world
     from tjscan.vehicle.cable.world import TowingWorld
     from tjscan.vehicle.loopback.towing import TowingBodies
 

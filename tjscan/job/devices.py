@@ -110,7 +110,7 @@ class DeviceSettings(SettingsTable):
         schema = super().__get_pydantic_json_schema__(core_schema, handler)
         keys = handler.resolve_ref_schema(schema)["properties"]
         keys["driver"]["enum"] = list(cls.registry.names)
-        for name in set(cls.registry.names) - set(keys):
+        for name in [name for name in cls.registry.names if name not in keys]:
             try:
                 table = cls.registry.load(name).table
             except ConfigurationError:  # its extra is not installed

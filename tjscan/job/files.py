@@ -1,15 +1,16 @@
-"""A whole job file: one scan, or one calibration."""
+"""The jobs of an arm with a line laser, a scan or a calibration, and how they are read."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Self
+from pathlib import Path
+from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
 from annotated_types import MaxLen
 from pydantic import model_validator
 
-from tjscan.core.config import StrictFileModel
+from tjscan.core.config import StrictFileModel, add_file_to_errors, read_toml, validate_table
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array
@@ -17,9 +18,15 @@ from tjscan.core.units import LIST_OR_WORD_IN_FILE, PoseSettings
 from tjscan.groove.models import MODELS
 from tjscan.groove.settings import GrooveSettings
 from tjscan.job.devices import ArmSettings, CalibrationSettings, LaserSettings
+from tjscan.job.reading import casefolded_name, read_job, replace_keys
 from tjscan.job.simulation import SimulationSettings
-from tjscan.job.station import StationSettings, casefolded_name
-from tjscan.job.surroundings import BallSettings, BoardSettings, ClearanceSettings, JointSettings
+from tjscan.job.surroundings import (
+    BallSettings,
+    BoardSettings,
+    ClearanceSettings,
+    JointSettings,
+    StationSettings,
+)
 from tjscan.scanning.plan import ScanPlan
 
 
@@ -230,3 +237,47 @@ class CalibrationJob(CellJob):
     board: BoardSettings
     scan: ScanPlan | None = None
     groove: GrooveSettings | None = None
+
+
+J = TypeVar("J", bound=CellJob)
+
+
+def read_scan_job(file: Path, overrides: dict[str, Any] | None = None) -> ScanJob:
+    """Read the job of a scan, with single keys replaced; see `read_job`."""
+    return _located(read_job(ScanJob, file, overrides), file.parent)
+
+
+def read_calibration_job(file: Path, overrides: dict[str, Any] | None = None) -> CalibrationJob:
+    """Read the job of a calibration, with single keys replaced; see `read_job`."""
+    return _located(read_job(CalibrationJob, file, overrides), file.parent)
+
+
+def read_laser_job(file: Path, overrides: dict[str, Any] | None = None) -> LaserJob:
+    """Read the tables of a laser and its reading alone, from a job of any kind or a file of these.
+
+    Parameters
+    ----------
+    file, overrides
+        As for `read_job`.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file can't be read, or a key of these tables is wrong.
+    """
+    data = read_toml(file)
+    with add_file_to_errors(file):
+        replace_keys(data, overrides or {})
+        return validate_table(LaserJob, {k: data[k] for k in LaserJob.model_fields if k in data})
+
+
+def _located(job: J, folder: Path) -> J:
+    """Seek an arm's URDF and a recording from the job's folder, as other files that a job names."""
+    if Path(job.arm.model).suffix == ".urdf":
+        arm = replace(job.arm, model=str(folder / job.arm.model))
+        job = job.model_copy(update={"arm": arm})
+    if job.laser.recording is not None:
+        # Absolute: the job is copied into its run directory, a recording is not.
+        recording = str((folder / job.laser.recording).absolute())
+        job = job.model_copy(update={"laser": replace(job.laser, recording=recording)})
+    return job

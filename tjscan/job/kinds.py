@@ -66,14 +66,14 @@ FILE_KINDS: Final = (
     FileKind(
         "crawl",
         "a job of a crawler",
-        "tjscan.job.crawl_job:CrawlJob",
+        "tjscan.job.crawl.job:CrawlJob",
         frozenset({"vehicle", "weld"}),
         "run it with 'tjscan crawl run'",
     ),
     FileKind(
         "tow",
         "a job of towing vehicles",
-        "tjscan.job.tow_job:TowJob",
+        "tjscan.job.tow.job:TowJob",
         frozenset({"area", "seam"}),
         "run it with 'tjscan tow run'",
     ),

@@ -17,7 +17,7 @@ from tjscan.core.units import (
     Position,
     SettingsTable,
 )
-from tjscan.job.station import StationPoseSettings
+from tjscan.job.surroundings import StationPoseSettings
 from tjscan.laser.model import LaserModel
 from tjscan.robot.simulation import ArmSimulationSettings, JointAngles
 

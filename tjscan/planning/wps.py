@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 from pydantic import AfterValidator, model_validator
 
-from tjscan.core.config import StrictFileModel
+from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.frames import Array
 from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, MM2, FileUnit, PoseSettings
 from tjscan.core.units import SettingsTable as Table
@@ -305,3 +306,19 @@ class WeldingProcedure(StrictFileModel):
     def heat_input(self, feed: Array, speed: Array) -> Array:
         """Heat input k U I / v in J/m, of wire feeds and travel speeds in m/s."""
         return np.asarray(self.arc.thermal_efficiency * self.arc.power_at(feed) / speed)
+
+
+def read_wps(file: Path) -> WeldingProcedure:
+    """Read a WPS file.
+
+    Parameters
+    ----------
+    file : Path
+        TOML; `docs/planning.md` lists its keys.
+
+    Raises
+    ------
+    ConfigurationError
+        If it can't be read, or for the first key that is unknown, missing or wrong.
+    """
+    return validate_table(WeldingProcedure, read_toml(file), file)

@@ -11,9 +11,8 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.job import CellJob
-from tjscan.job.arm import kinematics_of_job
+from tjscan.job.arm import SensorMount, kinematics_of_job
 from tjscan.job.cell import laser_model_of_job
-from tjscan.job.sensor_mount import SensorMount
 from tjscan.job.uncertainty import ASSUMED, STATED
 from tjscan.robot.deviations import deviation_jacobian, with_deviations
 from tjscan.robot.tolerance import PlacementTolerance

@@ -7,7 +7,7 @@ import tomli_w
 from cells import PAPER
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.job import read_crawl_job
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.crawl.run import CrawlContext, run_crawl
 from tjscan.runs.crawl_study.outcome import CrawlOutcome

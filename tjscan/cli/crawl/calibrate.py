@@ -26,7 +26,7 @@ def calibrate(
         Print the calibration as JSON on stdout.
     """
     from tjscan.cli.options.overrides import parse_overrides
-    from tjscan.job.crawl_reading import read_crawl_job
+    from tjscan.job.crawl.job import read_crawl_job
 
     parsed = read_crawl_job(job, parse_overrides(overrides))
     from tjscan.cli.crawl.output import print_slip_calibration, watch_crawl

@@ -17,7 +17,7 @@ from tjscan.cli.output.console import add_text_row, print_message, stderr
 from tjscan.crawler.journal import CombinedCrawlJournal, CrawlCycle
 from tjscan.crawler.sizing import SizeFigure
 from tjscan.crawler.slip_calibration import SlipCalibration
-from tjscan.job.crawl_job import CrawlJob
+from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.report.write import write_run_report
 from tjscan.runs.crawl.results import PASSES, read_passes

@@ -50,7 +50,7 @@ def run(
     """
     from tjscan.cli.options.overrides import parse_overrides
     from tjscan.core.errors import ConfigurationError
-    from tjscan.job.crawl_reading import read_crawl_job
+    from tjscan.job.crawl.job import read_crawl_job
 
     keys = parse_overrides(overrides) | ({} if method is None else {"method": method})
     if calibration is not None:

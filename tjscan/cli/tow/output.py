@@ -15,9 +15,9 @@ from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.cli.options.page import LiveOptions
 from tjscan.cli.output.console import add_text_row, print_message, stderr
 from tjscan.core.config import add_file_to_errors
-from tjscan.job.tow_cell import make_planner
-from tjscan.job.tow_job import TowJob
-from tjscan.job.tow_sweep import sweep_seam
+from tjscan.job.tow.cell import make_planner
+from tjscan.job.tow.job import TowJob
+from tjscan.job.tow.sweep import sweep_seam
 from tjscan.report.write import write_run_report
 from tjscan.runs.tow.figures import UNITS
 from tjscan.runs.tow.results import FIGURES, read_tow_figures

@@ -41,7 +41,7 @@ def run(
     """
     from tjscan.cli.options.overrides import parse_overrides
     from tjscan.core.errors import ConfigurationError
-    from tjscan.job.tow_reading import read_tow_job
+    from tjscan.job.tow.checks import read_tow_job
 
     keys = parse_overrides(overrides) | ({} if method is None else {"method": method})
     file = job / "job.toml" if resume else job

@@ -10,7 +10,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.crawler.journal import CombinedCrawlJournal
 from tjscan.crawler.slip_calibration import SlipCalibration, write_slip_calibration
 from tjscan.crawler.topics import CRAWL_RECORDING, record_crawl
-from tjscan.job.crawl_cell import make_crawl_cell
+from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run

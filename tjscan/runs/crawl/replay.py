@@ -24,7 +24,7 @@ from tjscan.crawler.topics import (
     SLIP,
     TOPICS,
 )
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.job import read_crawl_job
 from tjscan.recording.foxglove import event_log_message
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.parts import recording_files

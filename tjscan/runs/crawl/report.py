@@ -13,8 +13,7 @@ from tjscan.crawler.joint_history import GRID, section_histories
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_model import SlipState
 from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY, WARNING
-from tjscan.job.crawl_job import CrawlJob
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl

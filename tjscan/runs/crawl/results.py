@@ -20,7 +20,7 @@ from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
 from tjscan.crawler.pass_record import PassRecord, pass_records
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.topics import CRAWL_RECORDING, CrawlProfile, read_crawl
-from tjscan.job.crawl_job import CrawlJob
+from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.parts import recording_files

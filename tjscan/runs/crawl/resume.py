@@ -21,8 +21,8 @@ from tjscan.crawler.pass_record import END
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.crawler.topics import REPLAY
-from tjscan.job.crawl_cell import LeftWorld, make_crawl_cell
-from tjscan.job.crawl_job import CrawlJob
+from tjscan.job.crawl.cell import LeftWorld, make_crawl_cell
+from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.result.directory import JOB
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl

@@ -41,8 +41,8 @@ from tjscan.crawler.topics import (
     WARNING,
     record_crawl,
 )
-from tjscan.job.crawl_cell import CrawlCell, make_crawl_cell
-from tjscan.job.crawl_job import CrawlJob
+from tjscan.job.crawl.cell import CrawlCell, make_crawl_cell
+from tjscan.job.crawl.job import CrawlJob
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import CALIBRATION, JOB

@@ -11,8 +11,7 @@ from typing import Any, Final
 from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.crawl_job import CrawlJob
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.runs.crawl_study.outcome import CrawlOutcome
 from tjscan.runs.crawl_study.run import run_study_crawl
 from tjscan.study.backend import (

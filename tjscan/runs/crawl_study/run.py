@@ -12,8 +12,8 @@ from tjscan.core.errors import ConfigurationError, CrawlStopped, LaserFault, Veh
 from tjscan.core.frames import Array
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
 from tjscan.crawler.pass_record import PassRecord, pass_records, root_mean_square
-from tjscan.job.crawl_cell import make_crawl_cell
-from tjscan.job.crawl_job import CrawlJob
+from tjscan.job.crawl.cell import make_crawl_cell
+from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
 from tjscan.runs.crawl_study.outcome import CrawlOutcome

@@ -21,8 +21,7 @@ from tjscan.calibration.wizard.topics import (
 )
 from tjscan.core.frames import Array, rot_z, transform_points
 from tjscan.job import CalibrationJob, read_calibration_job
-from tjscan.job.arm import kinematics_of_job, solids_in_base
-from tjscan.job.sensor_mount import sensor_mount_of_job
+from tjscan.job.arm import kinematics_of_job, sensor_mount_of_job, solids_in_base
 from tjscan.laser.profile import Profile
 from tjscan.live.colours import FITTED, GHOST, LASER, TOOL
 from tjscan.live.drawables import Drawable, Lines, Posture, Surface

@@ -13,8 +13,7 @@ from tjscan.core.frames import pose, rot_z
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
 from tjscan.crawler.phases import TRANSITIONS, Event, Phase
 from tjscan.crawler.topics import CRAWL_RECORDING, CrawlProfile, read_crawl
-from tjscan.job.crawl_job import CrawlJob
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.live.colours import GHOST, LASER
 from tjscan.live.diagram import StateDiagram
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Placement, Surface

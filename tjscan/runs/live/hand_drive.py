@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from threading import Event
 from typing import Final
 
-from tjscan.job.crawl_job import CrawlJob
+from tjscan.job.crawl.job import CrawlJob
 from tjscan.vehicle.vehicle import REST, Twist
 
 HELD: Final = 0.3

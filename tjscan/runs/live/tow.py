@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array, pose, rot_z
-from tjscan.job.tow_job import TowJob
-from tjscan.job.tow_reading import read_tow_job
+from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.job import TowJob
 from tjscan.live.colours import FITTED, GHOST, LASER, SOLID, TOOL
 from tjscan.live.drawables import Drawable, Lines, Placement
 from tjscan.live.events import NotedEvent

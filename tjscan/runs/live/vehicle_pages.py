@@ -9,8 +9,8 @@ from typing import Final
 
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.topics import CrawlProfile
-from tjscan.job.crawl_job import CrawlJob
-from tjscan.job.tow_job import TowJob
+from tjscan.job.crawl.job import CrawlJob
+from tjscan.job.tow.job import TowJob
 from tjscan.laser.profile import Profile
 from tjscan.live.buttons import Button, HoldButton, PageButton
 from tjscan.live.events import NotedEvent

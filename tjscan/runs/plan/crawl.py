@@ -20,15 +20,13 @@ from tjscan.core.units import MM, MM_S
 from tjscan.crawler.joint_tracking.tracking import BURIED, ButtJointReading, JointTracker
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.topics import CRAWL_RECORDING
-from tjscan.job.crawl_job import CrawlJob
-from tjscan.job.crawl_reading import read_crawl_job
-from tjscan.job.wps import read_wps
+from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.planning.crawl_passes import CrawlPass, passes_of_plan
 from tjscan.planning.document import plan_document
 from tjscan.planning.edges import GrooveEdges, fit_edges_to_corners
 from tjscan.planning.plan import plan_weld
-from tjscan.planning.wps import M_MIN
+from tjscan.planning.wps import M_MIN, read_wps
 from tjscan.result.directory import JOB, job_label_of_run
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.plan.files import (

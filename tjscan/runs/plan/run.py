@@ -13,12 +13,12 @@ from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import MM2
-from tjscan.job.wps import read_wps
 from tjscan.planning.document import PlanDocument, plan_document
 from tjscan.planning.edges import fit_groove_edges
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.stops import NOBODY, crowns_and_saddles
 from tjscan.planning.urscript import StationWay, way_to_urscript
+from tjscan.planning.wps import read_wps
 from tjscan.result.directory import SECTIONS, job_label_of_run
 from tjscan.result.export import sort_sections_by_azimuth
 from tjscan.result.shapes import read_finished_summary

@@ -18,7 +18,7 @@ from tjscan.core.files import refuse_links_outside, write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
 from tjscan.job import ScanJob, read_scan_job
-from tjscan.job.sensor_mount import SensorMount
+from tjscan.job.arm import SensorMount
 from tjscan.recording.damage import RecordingDamage
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import CALIBRATION, JOB

@@ -13,7 +13,7 @@ from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array
 from tjscan.core.units import pose_to_rows_mm
 from tjscan.job import JointSettings, ScanJob, read_scan_job
-from tjscan.job.sensor_mount import sensor_mount_of_job
+from tjscan.job.arm import sensor_mount_of_job
 from tjscan.joint.file import JointFile
 from tjscan.runs.scan_study.chapters import write_paper_comparison
 from tjscan.runs.scan_study.outcome import ScanOutcome

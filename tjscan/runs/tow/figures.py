@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.job.tow_job import TowJob
+from tjscan.job.tow.job import TowJob
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.seam import Seam
 

@@ -15,8 +15,8 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
-from tjscan.job.tow_cell import make_planner, standing_obstacles
-from tjscan.job.tow_reading import read_tow_job
+from tjscan.job.tow.cell import make_planner, standing_obstacles
+from tjscan.job.tow.checks import read_tow_job
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.header import JobSnapshot
 from tjscan.result.directory import JOB

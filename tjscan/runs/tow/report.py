@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
-from tjscan.job.tow_job import TowJob
-from tjscan.job.tow_reading import read_tow_job
+from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.job import TowJob
 from tjscan.result.animation import MovingDiscs, MovingLine, PlaneAnimation
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import JOB

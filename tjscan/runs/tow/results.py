@@ -16,7 +16,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import read_small_file, write_files_atomically
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
-from tjscan.job.tow_job import TowJob
+from tjscan.job.tow.job import TowJob
 from tjscan.recording.event import RecordedEvent
 from tjscan.result.directory import job_label_of_run
 from tjscan.runs.tow.figures import TowFigures, figures_of_tow

@@ -12,9 +12,9 @@ import tomli_w
 from tjscan.core.config import add_file_to_errors, table_to_dict
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import lock_and_clean_directory
-from tjscan.job.tow_cell import TowCell, make_planner, make_tow_cell
-from tjscan.job.tow_job import TowJob
-from tjscan.job.tow_sweep import sweep_seam
+from tjscan.job.tow.cell import TowCell, make_planner, make_tow_cell
+from tjscan.job.tow.job import TowJob
+from tjscan.job.tow.sweep import sweep_seam
 from tjscan.recording.header import JobSnapshot, job_snapshot_changes
 from tjscan.recording.parts import next_recording_file
 from tjscan.recording.reader import read_job_snapshot

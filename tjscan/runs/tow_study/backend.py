@@ -10,8 +10,8 @@ from typing import Any, Final
 
 from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.tow_job import TowJob
-from tjscan.job.tow_reading import read_tow_job
+from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.job import TowJob
 from tjscan.runs.tow_study.outcome import TowOutcome
 from tjscan.runs.tow_study.run import run_study_tow
 from tjscan.study.backend import (

@@ -7,9 +7,9 @@ from dataclasses import fields
 from typing import Final
 
 from tjscan.core.errors import TowHalted, VehicleFault
-from tjscan.job.tow_cell import make_planner, make_tow_cell
-from tjscan.job.tow_job import TowJob
-from tjscan.job.tow_sweep import sweep_seam
+from tjscan.job.tow.cell import make_planner, make_tow_cell
+from tjscan.job.tow.job import TowJob
+from tjscan.job.tow.sweep import sweep_seam
 from tjscan.runs.tow.figures import figures_of_tow
 from tjscan.runs.tow.run import make_tow
 from tjscan.runs.tow_study.outcome import TowOutcome

@@ -15,7 +15,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.crawler.journal import SimulatedPlace
 from tjscan.crawler.torch_axes import TorchAxes
-from tjscan.job.crawl_job import CrawlJob, CrawlSimulationSettings
+from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings
 from tjscan.job.torch_drivers import TORCHES, TorchDriverInputs
 from tjscan.joint.hull_path import joint_pose, laser_offset, place_beside_joint
 from tjscan.joint.hull_section import hull_section

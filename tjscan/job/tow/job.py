@@ -9,9 +9,8 @@ from annotated_types import Ge, Gt, Le, Len, MaxLen
 
 from tjscan.core.config import StrictFileModel
 from tjscan.core.registry import Registry
-from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, SettingsTable
+from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, SECONDS, SettingsTable
 from tjscan.job.devices import DeviceSettings
-from tjscan.job.tow_world import TowSimulationSettings
 from tjscan.towing.shape.area import Area
 from tjscan.towing.shape.cable import Cable
 from tjscan.towing.shape.team import TowingLimits, TowingTeam, equal_links
@@ -20,6 +19,7 @@ from tjscan.towing.tables import (
     NEWTON,
     AreaSettings,
     CableSettings,
+    Coordinate,
     FollowingSettings,
     LimitSettings,
     LocalisationSettings,
@@ -29,8 +29,10 @@ from tjscan.towing.tables import (
     TargetSettings,
     WeightSettings,
 )
+from tjscan.vehicle.cable.model import TowingVehicleModel
 from tjscan.vehicle.localisation_drivers import LOCALISATIONS
 from tjscan.vehicle.mqtt.settings import MqttSettings
+from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
 
 GRAVITY: Final = 9.81
 RESERVE: Final = 5e-3
@@ -97,6 +99,71 @@ class TowLocalisationSettings(LocalisationSettings, DeviceSettings):
     """The table [localisation]: who measures the vehicles' poses, and how well; see its bases."""
 
     registry: ClassVar[Registry[Any]] = LOCALISATIONS
+
+
+WorldFault = Literal["jam", "push", "passer-by-stands"]
+PoseFaultName = Literal[
+    "pose-noise",
+    "pose-lost",
+    "pose-late",
+    "pose-disorder",
+    "pose-frozen",
+    "pose-jump",
+    "pose-swap",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FaultSettings(SettingsTable):
+    """A table of [[simulation.faults]]: what goes wrong, when, and for how long.
+
+    Parameters
+    ----------
+    kind : str
+        ``jam`` a vehicle's wheels, ``push`` it, let a ``passer-by-stands``, or one of the faults of
+        measured poses.
+    at : float
+        When, seconds.
+    seconds : float or None
+        For how long; None for good.
+    vehicle : int or None
+        Which one, from 1 at the root; of a passer-by likewise. None is the first, or, of poses,
+        all.
+    push : tuple of float
+        How far it is pushed, frame w, metres.
+    """
+
+    kind: Literal[WorldFault, PoseFaultName]
+    at: Annotated[float, Ge(0), Le(1e6), SECONDS] = 0.0
+    seconds: Annotated[float | None, Gt(0), Le(1e6), SECONDS.with_key("for_s")] = None
+    vehicle: Annotated[int, Ge(1), Le(20)] | None = None
+    push: Annotated[tuple[Coordinate, Coordinate], MM] = (0.2, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TowSimulationSettings(SettingsTable):
+    """The table [simulation]: the world of a simulated tow.
+
+    Parameters
+    ----------
+    seed : int
+        Of all random numbers.
+    settle : float
+        Seconds for which cable and vehicles stand before the clock starts.
+    towing_vehicle : TowingVehicleModel
+        What every vehicle is; its radius and its force are those of [vehicles].
+    localisation : LocalisationSimulationSettings
+        How well poses are truly measured.
+    faults : tuple of FaultSettings
+    """
+
+    seed: Annotated[int, Ge(0)] = 1
+    settle: Annotated[float, Gt(0), Le(60), SECONDS] = 1.0
+    towing_vehicle: TowingVehicleModel = field(default_factory=TowingVehicleModel)
+    localisation: LocalisationSimulationSettings = field(
+        default_factory=LocalisationSimulationSettings
+    )
+    faults: Annotated[tuple[FaultSettings, ...], MaxLen(100), LIST_OR_WORD_IN_FILE] = ()
 
 
 class TowJob(StrictFileModel):

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.job.tow_job import TowJob
-from tjscan.job.tow_world import FaultSettings
+from tjscan.job.tow.job import FaultSettings, TowJob
 from tjscan.towing.tables import ObstacleSettings
 from tjscan.vehicle.cable.model import CableModel, PasserBy, TowingWorldModel
 from tjscan.vehicle.pose_disturbance import PoseFault

@@ -3,13 +3,35 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.tow_floor import check_floor
-from tjscan.job.tow_job import TowJob
+from tjscan.core.extras import package_missing
+from tjscan.job.reading import read_job
+from tjscan.job.tow.floor import check_floor
+from tjscan.job.tow.job import EXTRA, TowJob
 from tjscan.vehicle.cable.model import TowingVehicleModel
+
+
+def read_tow_job(file: Path, overrides: dict[str, Any] | None = None) -> TowJob:
+    """Read the job of a tow, with single keys replaced; see `read_job`.
+
+    Raises
+    ------
+    ConfigurationError
+        If it can't be read, or asks for what can't be towed.
+    """
+    job = read_job(TowJob, file, overrides)
+    with add_file_to_errors(file):
+        try:
+            check_tow_job(job)
+        except ModuleNotFoundError as error:
+            raise package_missing(error, "towing", EXTRA) from None
+    return job
 
 
 def check_tow_job(job: TowJob) -> None:

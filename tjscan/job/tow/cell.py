@@ -12,8 +12,8 @@ import numpy as np
 from tjscan.core.devices import DriverKind, EventListener
 from tjscan.core.extras import package_missing
 from tjscan.core.frames import Array
-from tjscan.job.tow_job import EXTRA, TowJob
-from tjscan.job.tow_simulation import FaultyTeam, towing_world_of_job
+from tjscan.job.tow.job import EXTRA, TowJob
+from tjscan.job.tow.simulation import FaultyTeam, towing_world_of_job
 from tjscan.towing.devices import Team
 from tjscan.towing.journal import TowTruth
 from tjscan.towing.shape.area import DiscObstacle

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import tan
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
@@ -27,6 +28,7 @@ from tjscan.crawler.slip_model import CrawlerGeometry
 from tjscan.crawler.steering import SteeringSettings
 from tjscan.crawler.torch_path import PassSettings
 from tjscan.job.devices import DeviceSettings
+from tjscan.job.reading import read_job
 from tjscan.job.torch_drivers import TORCHES
 from tjscan.joint.hull import HullJoint
 from tjscan.laser.drivers import LASER_DRIVERS
@@ -213,3 +215,8 @@ class CrawlJob(StrictFileModel):
                 key="simulation.joint.width_mm",
             )
         return self
+
+
+def read_crawl_job(file: Path, overrides: dict[str, Any] | None = None) -> CrawlJob:
+    """Read the job of a crawler, with single keys replaced; see `read_job`."""
+    return read_job(CrawlJob, file, overrides)

@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.tow_job import TowJob
+from tjscan.job.tow.job import TowJob
 from tjscan.towing.seam import Seam
 from tjscan.towing.tables import Point
 

@@ -12,10 +12,10 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.job.tow_cell import make_planner, standing_obstacles
-from tjscan.job.tow_job import TowJob
-from tjscan.job.tow_reading import read_tow_job
-from tjscan.job.tow_simulation import towing_world_of_job
+from tjscan.job.tow.cell import make_planner, standing_obstacles
+from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.job import TowJob
+from tjscan.job.tow.simulation import towing_world_of_job
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
