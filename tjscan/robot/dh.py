@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tjscan.core.frames import Array, pose, readonly_copy, rot_x, rot_z
+from tjscan.core.frames import Array, frozen_arrays, pose, rot_x, rot_z
 from tjscan.robot.kinematics import Kinematics
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class DhParameters:
     """Standard DH parameters: frame i is Rz(theta + q) Tz(d) Tx(a) Rx(alpha) in frame i - 1.
 
@@ -24,10 +25,6 @@ class DhParameters:
     a: Array
     d: Array
     alpha: Array
-
-    def __post_init__(self) -> None:
-        for name in ("theta", "a", "d", "alpha"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     def forward(self, q: Array) -> Array:
         """Pose of frame 6 in frame 0, shape (4, 4), for joint angles, shape (6,), in radians."""
