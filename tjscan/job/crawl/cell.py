@@ -17,7 +17,7 @@ from tjscan.crawler.journal import SimulatedPlace
 from tjscan.crawler.torch_axes import TorchAxes
 from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings
 from tjscan.job.torch_drivers import TORCHES, TorchDriverInputs
-from tjscan.joint.hull_path import joint_pose, laser_offset, place_beside_joint
+from tjscan.joint.hull import joint_pose, laser_offset, place_beside_joint
 from tjscan.joint.hull_section import hull_section
 from tjscan.laser.drivers import LASER_DRIVERS, LaserDriverInputs, LaserFlange
 from tjscan.laser.line_laser import LineLaser
