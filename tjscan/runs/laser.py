@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,9 +12,8 @@ from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
 from tjscan.groove.settings import GrooveSettings
 from tjscan.job import read_laser_job
-from tjscan.job.cell import make_laser_alone
+from tjscan.job.laser import make_laser_without_arm
 from tjscan.laser.line_laser import LineLaser
-from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
 from tjscan.result.readings import ProfileReading, measure_grooves
 
@@ -56,7 +54,7 @@ def open_laser_of_job(
                 "what was recorded is read with 'tjscan groove RUN'", key="laser.driver"
             )
         if job.laser.driver_kind is DriverKind.REAL:
-            laser = make_laser_alone(job.laser, LaserModel(), time.monotonic)
+            laser = make_laser_without_arm(job.laser)
         else:
             from tjscan.runs.simulated_profiles import SimulatedProfiles
 
