@@ -76,9 +76,9 @@ $(PLAIN): pyproject.toml constraints.txt
 	@touch $@
 
 # What tests, checks and benchmarks need besides.
-$(READY): $(PLAIN)
-	$(PIP) -e '.[dev,browser,live,pandas,study,towing,ur,vehicle]'
+$(READY): $(PLAIN) loopback/pyproject.toml
+	$(PIP) -e '.[dev,browser,live,pandas,study,towing,ur,vehicle]' -e ./loopback
 	@touch $@
 
 clean:
-	rm -rf $(VENV) build site .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) build loopback/build site .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

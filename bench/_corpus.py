@@ -49,7 +49,6 @@ from tjscan.result.shapes import read_shape
 from tjscan.result.summary import read_summary
 from tjscan.result.table import read_sections_csv
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.models.generate import urdf_text
 from tjscan.runs.context import RunContext
 from tjscan.runs.scan.run import run_scan
 from tjscan.runs.scan_study.outcome import ScanOutcome
@@ -111,9 +110,8 @@ def _configurations(folder: Path, run: Path) -> Iterator[Reader]:
     yield Reader("joint", "joint.toml", joints, read_joint, 3)
     yield Reader("calibration", "calibration.toml", (_calibration(folder),), read_calibration, 3)
     yield Reader("options", "options", (b"--scan.step-mm\n20\n--groove.noise-mm=0.1",), _options, 2)
-    yield Reader(
-        "arm", "arm.urdf", (urdf_text("ur10e").encode(),), lambda f: Kinematics.load(str(f))
-    )
+    urdf = Kinematics.load("ur10e").urdf.read_bytes()
+    yield Reader("arm", "arm.urdf", (urdf,), lambda f: Kinematics.load(str(f)))
 
 
 def _options(file: Path) -> None:

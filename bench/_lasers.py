@@ -27,8 +27,8 @@ from tjscan.core.errors import (
 from tjscan.groove.find import find_groove
 from tjscan.laser.genicam.laser import GenicamLaser
 from tjscan.laser.genicam.settings import GenicamSettings
-from tjscan.laser.loopback.process import LaserLoopbackProcess
 from tjscan.laser.profile import Profile
+from tjscan_loopback.process import LaserLoopbackProcess
 
 RECORDED: Final = 50
 """Profiles in the file, each of its own."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.core.frames import Array, readonly_copy, unit_vector
+from tjscan.core.frames import Array, frozen_arrays, unit_vector
 from tjscan.groove.measures import measure_groove
 from tjscan.groove.prior import SectionEvidence
 
@@ -20,18 +20,9 @@ PARALLEL: Final = 1e-3
 TACK: Final = "tack"
 """Condition of a section whose root is buried under a tack weld."""
 
-_ARRAYS = (
-    "points_s",
-    "wall_s",
-    "leg_s",
-    "T_s_g",
-    "covariance_s",
-    "tangent_covariance",
-    "measure_covariance",
-)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class GrooveSection:
     """One section of a tubular T-joint's groove in the sensor frame s.
 
@@ -101,10 +92,6 @@ class GrooveSection:
     absent: tuple[str, ...] = ()
     root_opening: float = nan
     evidence: SectionEvidence | None = None
-
-    def __post_init__(self) -> None:
-        for name in _ARRAYS:
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
     def work_angle(self) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 import scipy  # its parts are loaded at first use
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import cylindrical_to_j
@@ -19,6 +19,7 @@ FEWEST_NEIGHBOURS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class ClosedPolyline:
     """A closed line through points.
 
@@ -33,10 +34,8 @@ class ClosedPolyline:
     _half: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        points = readonly_copy(self.points_j)
-        steps = np.roll(points, -1, axis=0) - points
-        object.__setattr__(self, "points_j", points)
-        object.__setattr__(self, "_tree", scipy.spatial.KDTree(points))
+        steps = np.roll(self.points_j, -1, axis=0) - self.points_j
+        object.__setattr__(self, "_tree", scipy.spatial.KDTree(self.points_j))
         object.__setattr__(self, "_half", float(np.linalg.norm(steps, axis=1).max()) / 2)
 
     def nearest_points(self, points_j: Array) -> Array:
@@ -77,6 +76,7 @@ class ClosedPolyline:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class FeatureEdges:
     """The groove's three feature edges, along which the corners p2, p3 and p4 run (Fig. 3).
 
@@ -95,10 +95,6 @@ class FeatureEdges:
     p3: ClosedPolyline
     p4: ClosedPolyline
     tacks: Array = field(default_factory=lambda: np.empty((0, 2)))
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "phi", readonly_copy(self.phi))
-        object.__setattr__(self, "tacks", readonly_copy(self.tacks))
 
     def on_tack(self, points_j: Array) -> NDArray[np.bool_]:
         """Whether points, shape (m, 3), lie at azimuths where a tack covers the root, (m,)."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 
 _ARRAYS = (
     "s",
@@ -23,6 +23,7 @@ _ARRAYS = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class PlannedBead:
     """A bead, sampled at q points in the order in which it is welded.
 
@@ -85,10 +86,6 @@ class PlannedBead:
     station: str = ""
     open_root: bool = False
     part: int = 1
-
-    def __post_init__(self) -> None:
-        for name in _ARRAYS:
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     def cut(self, spans: Sequence[tuple[int, int]]) -> tuple[PlannedBead, ...]:
         """The parts of it from one point to another, both included, in the order of welding."""

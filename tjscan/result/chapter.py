@@ -13,13 +13,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, Protocol
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.groove.settings import DEFAULT, GrooveSettings
 from tjscan.laser.profile import Profile
 from tjscan.result.animation import PlaneAnimation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class ReportChart:
     """A chart of a report: one quantity over another; charts of one title are drawn together.
 
@@ -56,10 +57,6 @@ class ReportChart:
     plane: bool = False
     mark: Literal["line", "bar", "dot"] = "line"
     log_y: bool = False
-
-    def __post_init__(self) -> None:
-        for name in ("x", "y"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly_copy, transform_points, unit_vector
+from tjscan.core.frames import Array, frozen_arrays, readonly_copy, transform_points, unit_vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class Cylinder:
     """A cylinder of unlimited length.
 
@@ -28,7 +29,6 @@ class Cylinder:
     radius: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "point", readonly_copy(self.point))
         object.__setattr__(
             self, "axis", readonly_copy(unit_vector(np.asarray(self.axis, dtype=float)))
         )

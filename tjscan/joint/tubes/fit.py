@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.errors import TubesNotFound
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.core.robust import mad_sigma, tukey_weights
 from tjscan.joint.tubes.cylinder import Cylinder
 from tjscan.joint.tubes.walls import ArmRepeatability, WallPoints
@@ -28,6 +28,7 @@ FEWEST_VIEWS: Final = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class FittedTubes:
     """Brace and leg as fitted cylinders, with their covariance.
 
@@ -53,10 +54,6 @@ class FittedTubes:
     reduced_chi2: float
     rms: float
     by_points: Array = field(default_factory=lambda: np.zeros((0, 10, 3)))
-
-    def __post_init__(self) -> None:
-        for name in ("covariance", "by_points"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 def fit_tubes_to_walls(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +33,7 @@ class ArmRepeatability:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class WallPoints:
     """Points on the walls of brace and leg, by view, with their standard deviations.
 
@@ -55,10 +56,6 @@ class WallPoints:
     sigma: Array
     view: NDArray[np.intp]
     pivots: Array
-
-    def __post_init__(self) -> None:
-        for name in ("points", "sigma", "pivots"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     def __len__(self) -> int:
         return len(self.points)
