@@ -12,7 +12,7 @@ from pydantic import Field
 from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.units import DEG, MM, SettingsTable
-from tjscan.joint.tubes.walls import ArmRepeatability
+from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.study.file import flatten_to_dotted_keys
 
 SHARED: Final = ("arm.", "laser.", "simulation.")

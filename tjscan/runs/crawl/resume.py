@@ -21,7 +21,7 @@ from tjscan.crawler.pass_record import END
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.crawler.topics import REPLAY
-from tjscan.job.crawl.cell import LeftWorld, make_crawl_cell
+from tjscan.job.crawl.cell import InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.result.directory import JOB
@@ -85,7 +85,9 @@ def resume_crawl(
     if found.places:
         arcs = [one.true_travel for one in found.passes if len(one.true_travel)]
         pose_w = np.array(found.places[-1][1].pose_w)
-        left = LeftWorld(pose_w, last.state.time, tuple((arc.min(), arc.max()) for arc in arcs))
+        left = InterruptedWorld(
+            pose_w, last.state.time, tuple((arc.min(), arc.max()) for arc in arcs)
+        )
     with add_file_to_errors(context.job_file):
         check_size(context.job)
         cell = make_crawl_cell(context.job, left)

@@ -9,8 +9,8 @@ import numpy as np
 
 from tjscan.core.errors import ConfigurationError, TubesNotFound
 from tjscan.groove.measured import MeasuredSection
-from tjscan.joint.tubes.dihedral import dihedral_angles, dihedral_sigmas
 from tjscan.joint.tubes.find import find_tubes_in_cloud
+from tjscan.joint.tubes.fit import dihedral_angles, dihedral_sigmas
 from tjscan.planning.details import DetailStretch, compare_with_details
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.wps import WeldingProcedure

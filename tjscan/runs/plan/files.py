@@ -14,7 +14,7 @@ from tjscan.planning.plan import WeldPlan
 from tjscan.planning.tables import beads_to_csv
 from tjscan.planning.weldx_file import weldx_is_installed, write_plan_as_weldx
 from tjscan.planning.wps import WeldingProcedure
-from tjscan.result.weldx import ROOTS
+from tjscan.result.export import ROOTS
 
 PLAN: Final = "plan.json"
 BEADS: Final = "beads.csv"

@@ -9,12 +9,11 @@ import numpy as np
 
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, rotation_angle_between, transform_points
+from tjscan.core.frames import Array, JointOrBaseFrame, rotation_angle_between, transform_points
 from tjscan.core.units import pose_from_rows_mm
 from tjscan.job.cell import make_scan_cell
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
-from tjscan.result.frame import JointOrBaseFrame
 from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary
 from tjscan.runs.scan.results import summarise_scan

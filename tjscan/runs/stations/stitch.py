@@ -14,7 +14,7 @@ from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.files import write_files_atomically
-from tjscan.core.frames import inverse_pose, transform_points
+from tjscan.core.frames import JointOrBaseFrame, inverse_pose, transform_points
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.job import ScanJob, read_scan_job
@@ -29,7 +29,6 @@ from tjscan.result.directory import (
     SUMMARY,
     job_label_of_run,
 )
-from tjscan.result.frame import JointOrBaseFrame
 from tjscan.result.picture import draw_groove_overview, write_png
 from tjscan.result.section import absent_corners
 from tjscan.result.stitching import StitchingReport, write_stitching_report
