@@ -23,7 +23,7 @@ from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import ASIDE, SlipBelief
 from tjscan.crawler.slip_model import STATES
 from tjscan.crawler.topics import CRAWL_RECORDING, WARNING, record_crawl
-from tjscan.job.crawl.cell import CrawlCell, LeftWorld, make_crawl_cell
+from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.recording.parts import next_recording_file
@@ -171,7 +171,7 @@ def test_a_report_says_what_was_not_welded_and_what_was_cut_off(cut_short: Path)
 def moved_by_hand(monkeypatch: pytest.MonkeyPatch, *by: float) -> None:
     """Let a vehicle that goes on stand elsewhere, by x, y in metres and an angle."""
 
-    def make_moved_cell(job: CrawlJob, left: LeftWorld) -> CrawlCell:
+    def make_moved_cell(job: CrawlJob, left: InterruptedWorld) -> CrawlCell:
         return make_crawl_cell(job, replace(left, pose_w=left.pose_w + np.array(by)))
 
     monkeypatch.setattr("tjscan.runs.crawl.resume.make_crawl_cell", make_moved_cell)

@@ -63,7 +63,7 @@ def _settings(
     repeatability_mm: float, repeatability_deg: float, out_of_round_mm: float
 ) -> StitchSettings:
     from tjscan.core.errors import ConfigurationError
-    from tjscan.joint.tubes.walls import ArmRepeatability
+    from tjscan.joint.tubes.fit import ArmRepeatability
     from tjscan.stitching.settings import DEFAULT, StitchSettings
 
     for name, value, most in (

@@ -14,8 +14,7 @@ from tjscan.core.files import read_small_file, write_files_atomically
 from tjscan.planning.bead_table import BEAD_HEAD, bead_rows
 from tjscan.planning.document import PlanDocument, StationEntry, read_plan
 from tjscan.planning.tables import BeadCourse, read_beads_csv
-from tjscan.report.picture import ReportPicture, inline_figure, new_figure
-from tjscan.report.template import load_template
+from tjscan.report.picture import ReportPicture, inline_figure, load_template, new_figure
 
 PAGE: Final = "plan.html"
 PLAN, BEADS, PICTURE = "plan.json", "beads.csv", "plan.png"

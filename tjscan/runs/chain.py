@@ -18,15 +18,14 @@ from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.comparison.surface import MeshDistance
 from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.errors import CalibrationRefused, ConfigurationError, StitchingRefused
-from tjscan.core.frames import Array, inverse_pose, transform_points
+from tjscan.core.frames import Array, JointOrBaseFrame, inverse_pose, transform_points
 from tjscan.core.pose_vector import boxminus
 from tjscan.core.units import DEG, MM, SettingsTable, pose_from_rows_mm
 from tjscan.job import ScanJob, read_calibration_job, read_scan_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.mesh import build_joint_mesh
-from tjscan.joint.tubes.walls import ArmRepeatability
-from tjscan.result.frame import JointOrBaseFrame
+from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.result.section import absent_corners
 from tjscan.runs.calibration.run import start_calibration
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job

@@ -14,9 +14,9 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.groove.settings import GrooveSettings
 from tjscan.job import read_laser_job, read_scan_job
-from tjscan.job.cell import make_laser_alone, make_simulated_laser
+from tjscan.job.cell import make_simulated_laser
+from tjscan.job.laser import make_laser_without_arm
 from tjscan.laser.line_laser import LineLaser
-from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
 from tjscan.result.readings import ProfileReading, measure_grooves
 
@@ -57,7 +57,7 @@ def open_laser_of_job(
                 "what was recorded is read with 'tjscan groove RUN'", key="laser.driver"
             )
         if job.laser.driver_kind is DriverKind.REAL:
-            laser = make_laser_alone(job.laser, LaserModel(), time.monotonic)
+            laser = make_laser_without_arm(job.laser)
         else:
             _, make = prepare_simulated_laser(job_file, overrides)
             laser = make()

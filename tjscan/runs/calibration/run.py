@@ -47,7 +47,8 @@ from tjscan.job import (
     read_calibration_job,
 )
 from tjscan.job.arm import kinematics_of_job, sensor_mount_of_job
-from tjscan.job.cell import Cell, laser_model_of_job, make_cell
+from tjscan.job.cell import Cell, make_cell
+from tjscan.job.laser import laser_model_of_job
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.drivers import SimulatedScene
 from tjscan.laser.optics import RaycastSurface

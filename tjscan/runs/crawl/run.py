@@ -53,7 +53,7 @@ from tjscan.crawler.topics import (
     WARNING,
     record_crawl,
 )
-from tjscan.job.crawl.cell import CrawlCell, LeftWorld, make_crawl_cell
+from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.recording.header import JobSnapshot
@@ -340,7 +340,9 @@ def resume_crawl(
     if found.places:
         arcs = [one.true_travel for one in found.passes if len(one.true_travel)]
         pose_w = np.array(found.places[-1][1].pose_w)
-        left = LeftWorld(pose_w, last.state.time, tuple((arc.min(), arc.max()) for arc in arcs))
+        left = InterruptedWorld(
+            pose_w, last.state.time, tuple((arc.min(), arc.max()) for arc in arcs)
+        )
     with add_file_to_errors(context.job_file):
         check_size(context.job)
         cell = make_crawl_cell(context.job, left)

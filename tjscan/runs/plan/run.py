@@ -19,8 +19,8 @@ from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import MM, MM2
 from tjscan.groove.measured import MeasuredSection
-from tjscan.joint.tubes.dihedral import dihedral_angles, dihedral_sigmas
 from tjscan.joint.tubes.find import find_tubes_in_cloud
+from tjscan.joint.tubes.fit import dihedral_angles, dihedral_sigmas
 from tjscan.planning.details import DetailStretch, compare_with_details
 from tjscan.planning.document import LengthEntry, PlanDocument, StationEntry, plan_document
 from tjscan.planning.edges import GrooveEdges, fit_groove_edges
@@ -31,11 +31,10 @@ from tjscan.planning.urscript import StationWay, way_to_urscript
 from tjscan.planning.weldx_file import weldx_is_installed, write_plan_as_weldx
 from tjscan.planning.wps import WeldingProcedure, read_wps
 from tjscan.result.directory import CLOUD, SECTIONS, job_label_of_run
-from tjscan.result.export import sort_sections_by_azimuth
+from tjscan.result.export import ROOTS, sort_sections_by_azimuth
 from tjscan.result.shapes import read_finished_summary, read_run_shape
 from tjscan.result.summary import ScanSummary
 from tjscan.result.table import read_sections_csv
-from tjscan.result.weldx import ROOTS
 from tjscan.runs.plan.reach import (
     ARM_STATION,
     StationReach,

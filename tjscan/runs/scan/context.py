@@ -12,6 +12,7 @@ import numpy as np
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import JointOrBaseFrame
 from tjscan.groove.find import find_groove
 from tjscan.job import ScanJob
 from tjscan.job.arm import SensorMount, sensor_mount_of_job
@@ -21,7 +22,6 @@ from tjscan.joint.file import read_joint
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import URDF
-from tjscan.result.frame import JointOrBaseFrame
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.run import make_run_directory, take_job_snapshot

@@ -10,12 +10,11 @@ import numpy as np
 
 from tjscan.calibration.file import read_calibration
 from tjscan.comparison.distance import DistanceStatistics, corner_to_edge_distances
-from tjscan.core.frames import Array, rotation_angle_between, transform_points
+from tjscan.core.frames import Array, JointOrBaseFrame, rotation_angle_between, transform_points
 from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
-from tjscan.result.frame import JointOrBaseFrame
 from tjscan.result.picture import draw_groove_overview
 from tjscan.result.readings import ProfileReading
 from tjscan.result.section import absent_corners

@@ -17,7 +17,7 @@ from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.config import read_toml, table_to_dict, validate_table
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, nearest_word
-from tjscan.core.frames import Array, rotation_angle_between, transform_points
+from tjscan.core.frames import Array, JointOrBaseFrame, rotation_angle_between, transform_points
 from tjscan.core.units import pose_from_rows_mm, pose_to_rows_mm
 from tjscan.job import JointSettings, ScanJob, read_scan_job
 from tjscan.job.arm import sensor_mount_of_job
@@ -25,7 +25,6 @@ from tjscan.job.cell import make_scan_cell
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.joint.file import JointFile
-from tjscan.result.frame import JointOrBaseFrame
 from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary
 from tjscan.runs.scan.results import summarise_scan

@@ -12,8 +12,8 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.job import CellJob
 from tjscan.job.arm import SensorMount, kinematics_of_job
-from tjscan.job.cell import laser_model_of_job
-from tjscan.job.uncertainty import ASSUMED, STATED
+from tjscan.job.laser import laser_model_of_job
+from tjscan.job.uncertainty import EVIDENCE_ASSUMED, EVIDENCE_STATED
 from tjscan.robot.deviations import deviation_jacobian, with_deviations
 from tjscan.robot.tolerance import PlacementTolerance
 from tjscan.scanning.section import ScannedSection
@@ -138,9 +138,9 @@ def _causes_of_arm(
         )
         return
     if covariance is not None:
-        evidence = STATED if mount.file is None else CALIBRATED_EVIDENCE
+        evidence = EVIDENCE_STATED if mount.file is None else CALIBRATED_EVIDENCE
         yield hand_eye_cause(sections, mount.T_f_s, covariance, evidence)
     if absolute != 0:
-        evidence = ASSUMED if absolute is None else STATED
+        evidence = EVIDENCE_ASSUMED if absolute is None else EVIDENCE_STATED
         sigmas = PlacementTolerance().sigmas
         yield arm_geometry_cause(sections, arm.by_deviations, sigmas, evidence, absolute)

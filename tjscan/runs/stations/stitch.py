@@ -15,6 +15,7 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import (
+    JointOrBaseFrame,
     inverse_pose,
     pose_to_euler_zyx,
     rotation_angle_between,
@@ -34,7 +35,6 @@ from tjscan.result.directory import (
     SUMMARY,
     job_label_of_run,
 )
-from tjscan.result.frame import JointOrBaseFrame
 from tjscan.result.picture import draw_groove_overview, write_png
 from tjscan.result.section import absent_corners
 from tjscan.result.stitching import (

@@ -15,7 +15,7 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
-from tjscan.job.tow.cell import make_planner, standing_obstacles
+from tjscan.job.tow.cell import fixed_obstacles, make_planner
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.header import JobSnapshot
@@ -77,7 +77,7 @@ def replay_tow(
     truths = iter([entry for entry in entries if isinstance(entry, TowTruth)])
     truth = (lambda: next(truths)) if any(isinstance(e, TowTruth) for e in entries) else None
     seam = Seam(context.job.seam)
-    starts = planner.starts(seam.pose_at(0.0), standing_obstacles(context.job))
+    starts = planner.starts(seam.pose_at(0.0), fixed_obstacles(context.job))
     began = next((entry.poses for entry in entries if isinstance(entry, TowCycle)), None)
     last = starts[0] if began is None else min(starts, key=partial(_apart, began))
     with lock_and_clean_directory(out):

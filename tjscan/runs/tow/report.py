@@ -13,8 +13,14 @@ from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.job.tow.job import TowJob
-from tjscan.result.animation import MovingDiscs, MovingLine, PlaneAnimation
-from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
+from tjscan.result.chapter import (
+    MovingDiscs,
+    MovingLine,
+    PlaneAnimation,
+    ReportChapter,
+    ReportChart,
+    ReportEvent,
+)
 from tjscan.result.directory import JOB
 from tjscan.runs.tow.figures import FIGURE_UNITS, TowFigures
 from tjscan.runs.tow.results import RecordedTow, read_recorded_tow
