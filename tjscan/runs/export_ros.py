@@ -13,11 +13,7 @@ from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import inverse_pose
 from tjscan.job import read_scan_job
-from tjscan.recording.ros import (
-    joint_trajectory_message,
-    pose_array_message,
-    write_ros_messages,
-)
+from tjscan.recording.ros import joint_trajectory_message, pose_array_message, write_ros_messages
 from tjscan.result.directory import JOB, SECTIONS, URDF
 from tjscan.result.export import STEM, sort_sections_by_azimuth
 from tjscan.result.shapes import read_finished_summary

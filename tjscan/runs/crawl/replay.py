@@ -10,20 +10,11 @@ from typing import Any, Final
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from tjscan.core.config import add_file_to_errors
-from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
-from tjscan.core.manifest import check_as_written
+from tjscan.core.files import lock_and_clean_directory
 from tjscan.crawler.control_cycle import LONGEST_PERIOD
 from tjscan.crawler.journal import SET_DOWN, CrawlCycle, is_by_hand
 from tjscan.crawler.method import FollowingMethod
-from tjscan.crawler.topics import (
-    CRAWL_RECORDING,
-    CYCLE,
-    CYCLES_TOGETHER,
-    LOG,
-    REPLAY,
-    SLIP,
-    TOPICS,
-)
+from tjscan.crawler.topics import CRAWL_RECORDING, CYCLE, CYCLES_TOGETHER, LOG, REPLAY, SLIP, TOPICS
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.recording.foxglove import event_log_message
 from tjscan.recording.header import JobSnapshot
@@ -31,16 +22,10 @@ from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic
 from tjscan.recording.writer import RecordingWriter
-from tjscan.result.directory import CALIBRATION, JOB
+from tjscan.result.directory import JOB
 from tjscan.runs.crawl.results import read_recorded_crawl, write_passes
-from tjscan.runs.crawl.run import (
-    CrawlContext,
-    belief_after_stop,
-    belief_where_set_down,
-    make_crawl_directory,
-)
-from tjscan.runs.run import check_replay
-from tjscan.runs.scan.context import do_nothing_when_finished
+from tjscan.runs.crawl.run import CrawlContext, belief_after_stop, belief_where_set_down
+from tjscan.runs.run import check_replay, do_nothing_when_finished, make_vehicle_run_directory
 
 REPLAYABLE_KEYS: Final = ("method", "slip.", "course.")
 """Keys that say what an estimator makes of a crawl, not how it was done."""
@@ -79,8 +64,6 @@ def replay_crawl(
         If its recording is damaged, or the new directory can't be written.
     """
     job_file = directory / JOB
-    refuse_links_outside(directory, JOB, CALIBRATION)
-    check_as_written(job_file, directory / CALIBRATION)
     check_replay(directory, out, overrides, REPLAYABLE_KEYS, "crawl")
     context = CrawlContext(read_crawl_job(job_file, overrides), job_file, finished=finished)
     parts = recording_files(directory, CRAWL_RECORDING)
@@ -88,7 +71,7 @@ def replay_crawl(
         method = context.make_method()
     # Read to their ends before anything is made: what is no crawl, or damaged, is refused.
     set_down = [_was_set_down(part) for part in parts]
-    make_crawl_directory(context, out)
+    make_vehicle_run_directory(out, context.job, job_file, context.calibration_file)
     origin = JobSnapshot((out / JOB).read_text(encoding="utf-8"))
     with lock_and_clean_directory(out):
         for number, part in enumerate(parts):

@@ -2,36 +2,25 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-import tomli_w
 
-from tjscan.core.config import add_file_to_errors, table_to_dict
+from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, GrooveNotFound
-from tjscan.core.files import lock_and_clean_directory
 from tjscan.crawler.control_cycle import CrawlDevices
-from tjscan.crawler.crawler import (
-    Crawler,
-    CrawlPlan,
-    CrawlStart,
-    WeldOperator,
-)
+from tjscan.crawler.crawler import Crawler, CrawlPlan, CrawlStart, WeldOperator
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.hand_drive import HandDrive
 from tjscan.crawler.joint_sensor import JointReader
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
-from tjscan.crawler.journal import (
-    CombinedCrawlJournal,
-    CrawlCycle,
-    CrawlJournal,
-)
+from tjscan.crawler.journal import CombinedCrawlJournal, CrawlCycle, CrawlJournal
 from tjscan.crawler.last_view import GOES_ON, LastView
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.paper_method import PaperMethod
@@ -47,21 +36,18 @@ from tjscan.crawler.slip_calibration import (
 )
 from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.crawler.slip_model import SlipState
-from tjscan.crawler.topics import (
-    CRAWL_RECORDING,
-    REPLAY,
-    WARNING,
-    record_crawl,
-)
+from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY, WARNING, record_crawl
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
-from tjscan.recording.header import JobSnapshot
-from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl, write_crawl_results
-from tjscan.runs.run import accept_edited_copies, empty_run_directory, write_job_copy
-from tjscan.runs.scan.context import do_nothing_when_finished
+from tjscan.runs.run import (
+    accept_edited_copies,
+    do_nothing_when_finished,
+    make_vehicle_run_directory,
+    record_vehicle_run,
+)
 from tjscan.vehicle.vehicle import DEAD_MAN
 
 SETTLING_GAINS: Final = 4.0
@@ -72,7 +58,19 @@ TURNING_RADII: Final = 4.0
 the mean of its slope is no longer outward."""
 
 
-class WeldsAlways:
+WELD_OVERLAP: Final = 0.02
+"""Metres by which a weld that goes on after a stop overlaps what was welded before."""
+
+LONGEST_OFF_WAY: Final = 1.0
+"""Metres beyond a crawl's way at which its vehicle may be set down."""
+
+SHUTTLE_LENGTH: Final = 0.8
+"""Metres of the shuttle's way out."""
+
+SHUTTLE_TIMES: Final = 3
+
+
+class ConfirmsEveryWeld:
     """A `WeldOperator` of a simulation: everything is always ready."""
 
     def confirm_weld(self, number: int) -> bool:
@@ -102,9 +100,15 @@ class CrawlContext:
     job: CrawlJob
     job_file: Path
     journal: CrawlJournal = field(default_factory=CombinedCrawlJournal)
-    operator: WeldOperator = field(default_factory=WeldsAlways)
+    operator: WeldOperator = field(default_factory=ConfirmsEveryWeld)
     finished: Callable[[Path], object] = do_nothing_when_finished
     hand: HandDrive | None = None
+
+    @property
+    def calibration_file(self) -> Path | None:
+        """The calibration that the job names, if it names one."""
+        name = self.job.calibration
+        return None if name is None else self.job_file.parent / name
 
     @property
     def first_belief(self) -> SlipBelief:
@@ -116,12 +120,11 @@ class CrawlContext:
             If the calibration that the job names can't be read, or is another vehicle's.
         """
         job, course = self.job, self.job.course
-        if job.calibration is None:
+        if self.calibration_file is None:
             return SlipBelief.before_any_reading(
                 job.slip, curvature=course.curvature, curvature_sigma=course.curvature_sigma
             )
-        file = self.job_file.parent / job.calibration
-        found = read_slip_calibration(file, job.vehicle.device_id)
+        found = read_slip_calibration(self.calibration_file, job.vehicle.device_id)
         return found.belief_at_start(job.slip, course.curvature, course.curvature_sigma)
 
     def make_method(self, belief: SlipBelief | None = None) -> FollowingMethod:
@@ -225,26 +228,10 @@ def run_crawl(context: CrawlContext, directory: Path) -> None:
         check_size(context.job)
         method = context.make_method()
         cell = make_crawl_cell(context.job)
-        make_crawl_directory(context, directory)
+        make_vehicle_run_directory(
+            directory, context.job, context.job_file, context.calibration_file
+        )
     crawl_into(context, directory, cell, method)
-
-
-def make_crawl_directory(context: CrawlContext, directory: Path) -> None:
-    """Make a run directory with the job in it, and the calibration that it names.
-
-    Raises
-    ------
-    ConfigurationError
-        If the directory holds something already.
-    RecordingError
-        If it can't be made.
-    """
-    job = context.job
-    with empty_run_directory(directory) as draft:
-        if job.calibration is not None:
-            shutil.copyfile(context.job_file.parent / job.calibration, draft / CALIBRATION)
-            job = job.model_copy(update={"calibration": CALIBRATION})
-        write_job_copy(draft, tomli_w.dumps(table_to_dict(job)), context.job_file, "w")
 
 
 def crawl_into(
@@ -269,26 +256,21 @@ def crawl_into(
     reader : JointReader, optional
         Which remembers the joint already.
     """
-    origin = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
-    file = next_recording_file(directory, CRAWL_RECORDING)
-    with lock_and_clean_directory(directory):
-        try:
-            with record_crawl(file, origin, cell.simulated_place) as recording, cell:
-                journal = CombinedCrawlJournal((recording, context.journal))
-                accept_edited_copies(directory, journal.record_event)
-                if short := short_way(context.job, method.slip):
-                    journal.record_event(WARNING, short)
-                make_crawler(context, cell, method, journal, reader).run(start)
-        finally:
-            write_crawl_results(directory, context.job)
-            context.finished(directory)
-
-
-WELD_OVERLAP: Final = 0.02
-"""Metres by which a weld that goes on after a stop overlaps what was welded before."""
-
-LONGEST_OFF_WAY: Final = 1.0
-"""Metres beyond a crawl's way at which its vehicle may be set down."""
+    with (
+        record_vehicle_run(
+            directory,
+            CRAWL_RECORDING,
+            lambda file, job: record_crawl(file, job, cell.simulated_place),
+            partial(write_crawl_results, job=context.job),
+            context.finished,
+        ) as recording,
+        cell,
+    ):
+        journal = CombinedCrawlJournal((recording, context.journal))
+        accept_edited_copies(directory, journal.record_event)
+        if short := short_way(context.job, method.slip):
+            journal.record_event(WARNING, short)
+        make_crawler(context, cell, method, journal, reader).run(start)
 
 
 def resume_crawl(
@@ -433,12 +415,6 @@ def start_after_stop(
     return CrawlStart(done, crawled[-1].travel, arc_from)
 
 
-SHUTTLE_LENGTH: Final = 0.8
-"""Metres of the shuttle's way out."""
-
-SHUTTLE_TIMES: Final = 3
-
-
 def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
     """Shuttle along a joint, and write what was learned of slip into a new run directory.
 
@@ -465,10 +441,17 @@ def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
             )
         check_size(context.job)
         method, cell = context.make_method(), make_crawl_cell(context.job)
-        make_crawl_directory(context, directory)
-    origin = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
-    file = next_recording_file(directory, CRAWL_RECORDING)
-    with record_crawl(file, origin, cell.simulated_place) as recording, cell:
+        make_vehicle_run_directory(
+            directory, context.job, context.job_file, context.calibration_file
+        )
+    with (
+        record_vehicle_run(
+            directory,
+            CRAWL_RECORDING,
+            lambda file, job: record_crawl(file, job, cell.simulated_place),
+        ) as recording,
+        cell,
+    ):
         journal = CombinedCrawlJournal((recording, context.journal))
         make_crawler(context, cell, method, journal).shuttle(SHUTTLE_LENGTH, SHUTTLE_TIMES)
     if method.slip is None:

@@ -24,16 +24,12 @@ from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import URDF
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.run import make_run_directory, take_job_snapshot
+from tjscan.runs.run import do_nothing_when_finished, make_run_directory, take_job_snapshot
 from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.section import ProfileView
 from tjscan.scanning.sections_before import GrooveReader
 from tjscan.scanning.stopping import StopRequest
 from tjscan.scanning.topics import record_scan
-
-
-def do_nothing_when_finished(directory: Path) -> None:
-    """Do nothing when the results of a run are written: the callback where none is given."""
 
 
 @dataclass(frozen=True, eq=False)

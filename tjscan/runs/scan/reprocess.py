@@ -23,8 +23,13 @@ from tjscan.recording.damage import RecordingDamage
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import CALIBRATION, JOB
 from tjscan.result.summary import ScanSummary
-from tjscan.runs.run import COPIED_FILES
-from tjscan.runs.scan.context import RunContext, do_nothing_when_finished, groove_reader_of_job
+from tjscan.runs.run import (
+    COPIED_FILES,
+    do_nothing_when_finished,
+    refuse_directory_inside,
+    refuse_other_keys,
+)
+from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 from tjscan.runs.scan.run import write_job_results
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.progress import StopReason
@@ -133,17 +138,10 @@ def reprocess_run(
     job_file = directory / JOB
     refuse_links_outside(directory, *COPIED_FILES)
     check_as_written(*(directory / name for name in COPIED_FILES))
-    for key in overrides:
-        if not key.startswith(REPROCESSABLE_KEYS):
-            raise ConfigurationError(
-                "says how the profiles were taken, and they are taken. What may change: "
-                f"{', '.join(REPROCESSABLE_KEYS)}",
-                file=job_file,
-                key=key,
-            )
+    why = "says how the profiles were taken, and they are taken"
+    refuse_other_keys(overrides, REPROCESSABLE_KEYS, why, job_file)
     out = out or dated_sibling_directory(directory)
-    if out.resolve().is_relative_to(directory.resolve()):
-        raise ConfigurationError("lies in the run directory, which stays as it is", file=out)
+    refuse_directory_inside(out, directory)
     job = read_scan_job(job_file, overrides)
     context = RunContext(job, job_file, finished=finished)
     if len(job.station) < 2:

@@ -10,23 +10,23 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.config import add_file_to_errors
-from tjscan.core.errors import (
-    ConfigurationError,
-    RecordingError,
-    ScanInterrupted,
-    TjscanError,
-    message_with_notes,
-)
+from tjscan.core.errors import RecordingError, ScanInterrupted, TjscanError, message_with_notes
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.job import ScanJob
 from tjscan.job.cell import Cell
 from tjscan.recording.damage import RecordingDamage
-from tjscan.recording.header import JobSnapshot, job_snapshot_changes
+from tjscan.recording.header import JobSnapshot
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.summary import ScanSummary
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.run import COPIED_FILES, accept_edited_copies, nothing_recorded_yet
+from tjscan.runs.run import (
+    COPIED_FILES,
+    accept_edited_copies,
+    changes_of_job,
+    nothing_recorded_yet,
+    refuse_other_keys,
+)
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
 from tjscan.runs.scan.results import write_scan_results
 from tjscan.runs.scan.uncertainty import causes_of_job
@@ -242,21 +242,15 @@ def check_can_go_on_from(directory: Path, damages: Iterable[RecordingDamage]) ->
 
 
 def check_keys_replaceable(overrides: Iterable[str], job_file: Path) -> None:
-    """Check that keys of the job may be replaced when a scan is resumed.
+    """Refuse keys that may not change while a scan goes on.
 
     Raises
     ------
     ConfigurationError
-        If one changes what was scanned before.
+        Naming the first one.
     """
-    for key in overrides:
-        if not key.startswith(RESUMABLE_KEYS):
-            raise ConfigurationError(
-                "can't change while a scan goes on: what was scanned before would not fit. "
-                f"What may: {', '.join(RESUMABLE_KEYS)}",
-                file=job_file,
-                key=key,
-            )
+    why = "can't change while a scan goes on: what was scanned before would not fit"
+    refuse_other_keys(overrides, RESUMABLE_KEYS, why, job_file)
 
 
 def changes_since_recording(
@@ -284,16 +278,8 @@ def changes_since_recording(
                 "program made it. Start a new scan"
             )
         return []
-    changed = list(job_snapshot_changes(before, now))
-    for key, what in changed:
-        if not key.startswith(RESUMABLE_KEYS):
-            raise ConfigurationError(
-                f"{what}. What was scanned before does not fit any more: put it back, or start a "
-                "new scan",
-                file=directory,
-                key=key,
-            )
-    return changed
+    advice = "What was scanned before does not fit any more: put it back, or start a new scan"
+    return changes_of_job(before, now, RESUMABLE_KEYS, advice, directory)
 
 
 def write_job_results(context: RunContext, directory: Path, result: ScanResult) -> ScanSummary:

@@ -18,8 +18,13 @@ from tjscan.job import ScanJob, read_scan_job
 from tjscan.recording.damage import RecordingDamage
 from tjscan.result.directory import JOB, SUMMARY
 from tjscan.result.summary import ScanSummary, read_summary
-from tjscan.runs.run import COPIED_FILES, accept_edited_copies, nothing_recorded_yet
-from tjscan.runs.scan.context import RunContext, do_nothing_when_finished
+from tjscan.runs.run import (
+    COPIED_FILES,
+    accept_edited_copies,
+    do_nothing_when_finished,
+    nothing_recorded_yet,
+)
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import check_keys_replaceable, resume_scan, run_scan
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.journal import Journal

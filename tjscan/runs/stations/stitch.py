@@ -52,8 +52,8 @@ from tjscan.result.summary import (
 )
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
-from tjscan.runs.run import COPIED_FILES
-from tjscan.runs.scan.context import RunContext, do_nothing_when_finished, groove_reader_of_job
+from tjscan.runs.run import COPIED_FILES, do_nothing_when_finished
+from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 from tjscan.runs.scan.results import all_profile_points
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.reader import read_recorded_scan

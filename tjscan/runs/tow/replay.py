@@ -12,18 +12,16 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.config import add_file_to_errors
-from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
+from tjscan.core.files import lock_and_clean_directory
 from tjscan.core.frames import Array
-from tjscan.core.manifest import check_as_written
 from tjscan.job.tow.cell import fixed_obstacles, make_planner
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.header import JobSnapshot
 from tjscan.result.directory import JOB
-from tjscan.runs.run import check_replay
-from tjscan.runs.scan.context import do_nothing_when_finished
+from tjscan.runs.run import check_replay, do_nothing_when_finished, make_vehicle_run_directory
 from tjscan.runs.tow.results import write_tow_results
-from tjscan.runs.tow.run import TowContext, make_tow_directory
+from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import WELDED, TowCycle, TowTruth
 from tjscan.towing.loop import PERIOD
 from tjscan.towing.seam import Seam
@@ -65,14 +63,12 @@ def replay_tow(
         If its recording is damaged, or the new directory can't be written.
     """
     job_file = directory / JOB
-    refuse_links_outside(directory, JOB)
-    check_as_written(job_file)
     check_replay(directory, out, overrides, REPLAYABLE_KEYS, "tow")
     context = TowContext(read_tow_job(job_file, overrides), job_file, finished=finished)
     with add_file_to_errors(job_file):
         planner = make_planner(context.job)
     entries = list(read_tow(directory))
-    make_tow_directory(context, out)
+    make_vehicle_run_directory(out, context.job, job_file)
     origin = JobSnapshot((out / JOB).read_text(encoding="utf-8"))
     truths = iter([entry for entry in entries if isinstance(entry, TowTruth)])
     truth = (lambda: next(truths)) if any(isinstance(e, TowTruth) for e in entries) else None
