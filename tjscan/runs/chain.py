@@ -385,7 +385,7 @@ def run_sources(
         begin(source)
         own = directory / str(number)
         try:
-            outcome = run_chain(chain.with_keys(dict(keys)), own, arm=arm)
+            outcome = run_chain(replace(chain, both=chain.both | dict(keys)), own, arm=arm)
             yield SourceRow(source, own, outcome)
         except (CalibrationRefused, StitchingRefused) as refused:
             yield SourceRow(source, own, None, str(refused))

@@ -63,7 +63,10 @@ class StudyFile(StrictFileModel):
             If an axis has no values, values are no list, a key stands twice, or lists that go
             together differ in length.
         """
-        axes = [[{key: value} for value in _values(key, values)] for key, values in self._grid()]
+        axes = [
+            [{key: value} for value in _values(key, values)]
+            for key, values in flatten_to_dotted_keys(self.grid).items()
+        ]
         axes += [_together(flatten_to_dotted_keys(table)) for table in self.together]
         if self.seeds is not None:
             key = study_backend_of_task(self.task).seed
@@ -73,9 +76,6 @@ class StudyFile(StrictFileModel):
             if keys.count(key) > 1 or key in self.fixed_settings:
                 raise ConfigurationError("stands twice in the study", key=key)
         return axes
-
-    def _grid(self) -> list[tuple[str, Any]]:
-        return list(flatten_to_dotted_keys(self.grid).items())
 
 
 def read_study_file(file: Path) -> StudyFile:

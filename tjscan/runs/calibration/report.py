@@ -151,12 +151,9 @@ def _arm(arm: ArmKinematicsEntry) -> str:
     left = arm.left_as_stated
     return (
         f"{arm.model}: six deviations of each of {len(arm.deviations)} joints; left as the maker "
-        "states: " + ("; ".join(_shortly(line) for line in left) or "none")
+        "states: "
+        + ("; ".join(line.removesuffix(": left as the maker states") for line in left) or "none")
     )
-
-
-def _shortly(line: str) -> str:
-    return line.removesuffix(": left as the maker states")
 
 
 def _findings(directory: Path, found: CalibrationFile) -> Iterator[str]:

@@ -151,11 +151,15 @@ class CrawlShow:
         if cycle.arc and (welded := self._welded(cycle, values)):
             drawn.update(welded)
             samples = (Sample(1e3 * cycle.travel, values),)
+        progress = None
+        if cycle.phase is Phase.WELDING and cycle.number:
+            along = min(max(cycle.travel / self._job.weld.length, 0.0), 1.0)
+            progress = (cycle.number - 1 + along) / len(self._job.passes)
         return Step(
             f"{cycle.phase}, {1e3 * cycle.travel:.0f} mm",
             drawn,
             self._facts(cycle),
-            self._share_done(cycle),
+            progress,
             samples,
             diagram=phase_diagram(cycle.phase),
         )
@@ -174,12 +178,6 @@ class CrawlShow:
             **nearest,  # not in every cycle
             "fault": cycle.state.fault,
         }
-
-    def _share_done(self, cycle: CrawlCycle) -> float | None:
-        if cycle.phase is not Phase.WELDING or not cycle.number:
-            return None
-        along = min(max(cycle.travel / self._job.weld.length, 0.0), 1.0)
-        return (cycle.number - 1 + along) / len(self._job.passes)
 
     def _welded(self, cycle: CrawlCycle, values: dict[str, float]) -> dict[str, Drawable]:
         """The weld since the last piece, once it is long enough; passes lie on one another."""

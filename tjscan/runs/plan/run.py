@@ -205,7 +205,10 @@ def part_plan(
     if not stretches:
         raise ConfigurationError(
             "no station reaches any of the groove with this torch: "
-            + "; ".join(f"{reach.station.name}: {_mostly(reach)}" for reach in reaches),
+            + "; ".join(
+                f"{reach.station.name}: {Counter(reach.holds.hindrances).most_common(1)[0][0]}"
+                for reach in reaches
+            ),
             key="torch",
         )
     parted, ways, entries = replan(stretches), dict[str, StationWay](), []
@@ -238,10 +241,6 @@ def _entry(reach: StationReach, file: str, problem: str) -> StationEntry:
         program=file,
         without_program=problem,
     )
-
-
-def _mostly(reach: StationReach) -> str:
-    return Counter(reason for reason in reach.holds.hindrances).most_common(1)[0][0]
 
 
 def _mm(value: float) -> float:
@@ -342,9 +341,13 @@ def plan_run(
         marks = crowns_and_saddles(edges, np.eye(4)) if summary.frame == "j" else np.empty(0)
         plan = plan_weld(edges, wps, gravity, marks, after_pass=after_pass)
         details = details_of_run(directory, sections, edges, wps)
-        arms, without = (
-            _arms(directory, summary.frame) if reach else ((), "reach was not asked for")
-        )
+        arms: tuple[WeldingStation, ...] = ()
+        without = "" if reach else "reach was not asked for"
+        if reach:
+            try:
+                arms = welding_stations(directory, summary.frame)
+            except ConfigurationError as error:
+                without = str(error)
         parted = PartedPlan(plan, (), {})
         if arms:
             parted = part_plan(
@@ -371,11 +374,3 @@ def _shared_area_sigma(summary: ScanSummary) -> float:
     """Standard deviation by which the areas of all sections err alike, m²; 0 where not known."""
     parts = () if summary.uncertainty is None else summary.uncertainty.components
     return MM2.factor * float(np.linalg.norm([part.area_mm2 for part in parts if part.shared]))
-
-
-def _arms(directory: Path, frame: str) -> tuple[tuple[WeldingStation, ...], str]:
-    """Arms of a run, or why they are not known."""
-    try:
-        return welding_stations(directory, frame), ""
-    except ConfigurationError as error:
-        return (), str(error)

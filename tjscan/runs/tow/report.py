@@ -201,7 +201,7 @@ def _animation(job: TowJob, found: RecordedTow) -> PlaneAnimation:
     values = [
         ("objective f of 100", np.array([cycle.plan.terms.paper for cycle in cycles])),
         ("along the seam / mm", np.array([1e3 * cycle.along for cycle in cycles])),
-        ("bend planned / °", np.array([_bend(cycle.plan.angles) for cycle in cycles])),
+        ("bend planned / °", np.degrees([np.abs(cycle.plan.angles).max() for cycle in cycles])),
     ]
     if found.truths:
         truths = [found.truths[k] for k in picked]
@@ -236,7 +236,3 @@ def _animation(job: TowJob, found: RecordedTow) -> PlaneAnimation:
         values,
         [cycle.wait for cycle in cycles],
     )
-
-
-def _bend(angles: Array) -> float:
-    return float(np.degrees(np.abs(angles).max()))
