@@ -28,7 +28,7 @@ RUN_SPACING: Final = 1.6
 BUTTONS_ORDER: Final = -300.0
 """Of the first button: above all that grows, so that none moves away from who presses it."""
 BIG_BUTTON_STYLE: Final = "height:4.5rem!important;font-size:1.8rem!important;font-weight:700"
-"""Style of a button that nobody may have to look for."""
+"""Style of a button that must be seen at once."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -238,7 +238,7 @@ class Page:
 
 
 def _shifts(settings: Sequence[Setting]) -> Array:
-    """Where runs stand side by side, square to the way they are looked at, shape (n, 3)."""
+    """Positions of runs side by side, square to the line of sight, shape (n, 3)."""
     away = settings[0].look_from - settings[0].look_at
     aside = np.cross((0.0, 0.0, 1.0), away)
     step = (

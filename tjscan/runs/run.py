@@ -95,7 +95,7 @@ def make_run_directory(
     ConfigurationError
         If the directory holds something already.
     RecordingError
-        If it can't be made, or a file that the job names lies in a run directory and is not as
+        If it can't be made, or a file that the job names is in a run directory and is not as
         it was written.
     """
     check_as_written(*(file for file in (joint, calibration) if file is not None))
@@ -172,7 +172,7 @@ def check_replay(
     Raises
     ------
     ConfigurationError
-        If there is no such run, a key says how it was done, or the new directory would be inside.
+        If there is no such run, a key is about how it was done, or the directory is inside.
     RecordingError
         If its job or calibration is not as it was written.
     """
@@ -189,7 +189,7 @@ def check_replay(
             f"holds no {task}: {', '.join(advice) or 'give the run directory of one'}",
             file=directory,
         )
-    why = f"says how the {task} was done, and it is done"
+    why = f"is about how the {task} was done, and it is done"
     refuse_other_keys(keys, replayable, why, directory / JOB)
     refuse_directory_inside(out, directory)
 
@@ -230,7 +230,7 @@ def refuse_directory_inside(out: Path, directory: Path) -> None:
         If it would be inside.
     """
     if out.resolve().is_relative_to(directory.resolve()):
-        raise ConfigurationError("lies in the run directory, which stays as it is", file=out)
+        raise ConfigurationError("is inside the run directory, which stays as it is", file=out)
 
 
 def changes_of_job(
@@ -263,7 +263,7 @@ def changes_of_job(
 
 @contextmanager
 def empty_run_directory(directory: Path) -> Iterator[Path]:
-    """Make a run directory; what the block writes into the draft it gets stands there at once.
+    """Make a run directory; what the block writes into its draft appears there at once.
 
     Raises
     ------
@@ -303,7 +303,7 @@ def accept_edited_copies(directory: Path, record_event: Callable[[str, str], obj
 
 
 def write_job_copy(draft: Path, text: str, job_file: Path, frame: str) -> None:
-    """Write a job's text into a run directory's draft, under a head that says where it is from.
+    """Write a job's text into a run directory's draft, under a head that states its origin.
 
     Parameters
     ----------
@@ -326,7 +326,7 @@ def write_job_copy(draft: Path, text: str, job_file: Path, frame: str) -> None:
 def table_to_csv(
     directory: Path, columns: Mapping[str, Callable[[T], object]], rows: Iterable[T]
 ) -> str:
-    """A table of a run's results as CSV, under the head that says what made it.
+    """A table of a run's results as CSV, under the head that states its origin.
 
     Parameters
     ----------
@@ -402,7 +402,7 @@ def take_job_snapshot(directory: Path, job: CellJob) -> JobSnapshot:
 
 
 def _text(job: CellJob, directory: Path) -> str:
-    """A job as TOML that names the copies which stand in a directory."""
+    """A job as TOML that names the copies in a directory."""
     if job.joint is not None and (directory / JOINT).is_file():
         job = job.model_copy(update={"joint": replace(job.joint, file=JOINT)})
     if (directory / CALIBRATION).is_file():

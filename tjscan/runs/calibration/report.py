@@ -162,7 +162,7 @@ def _findings(directory: Path, found: CalibrationFile) -> Iterator[str]:
         if {job.arm.driver_kind, job.laser.driver_kind} == {DriverKind.SIMULATED}:
             yield "Simulated: no real arm or laser measured this."
     if found.T_b_s_mm is not None:
-        yield "The sensor stands fixed in the room: this is its pose in the arm's base."
+        yield "The sensor is fixed in the room: this is its pose in the arm's base."
     basis = found.basis or BasisEntry(target="")
     for line in basis.caveats:
         yield f"{line[:1].upper()}{line[1:]}."

@@ -60,7 +60,7 @@ class RecordedCrawl:
         Where a simulated vehicle truly was; empty for a real one.
     was_stopped : bool
         Whether what crawled last ends with a stop; else its program was killed. One that only
-        waited to go on, and was refused or interrupted, says nothing of that.
+        waited to go on, and was refused or interrupted, does not count.
     """
 
     cycles: tuple[CrawlCycle, ...]
@@ -127,7 +127,7 @@ def write_passes(directory: Path) -> None:
 
 
 def read_passes(directory: Path) -> tuple[dict[str, str], ...]:
-    """Rows of a run's ``passes.csv``, as they stand there.
+    """Rows of a run's ``passes.csv``, as text.
 
     Raises
     ------

@@ -94,7 +94,7 @@ class CrawlContext:
     finished : callable
         Is called with the directory once its results are written.
     hand : HandDrive, optional
-        Who drives by hand before the crawl begins; nobody where left out.
+        Drives by hand before the crawl begins; none by default.
     """
 
     job: CrawlJob
@@ -111,7 +111,7 @@ class CrawlContext:
         return None if name is None else self.job_file.parent / name
 
     @property
-    def first_belief(self) -> SlipBelief:
+    def first_slip(self) -> SlipBelief:
         """What is known of the vehicle's slip before the first reading.
 
         Raises
@@ -127,12 +127,12 @@ class CrawlContext:
         found = read_slip_calibration(self.calibration_file, job.vehicle.device_id)
         return found.belief_at_start(job.slip, course.curvature, course.curvature_sigma)
 
-    def make_method(self, belief: SlipBelief | None = None) -> FollowingMethod:
+    def make_method(self, slip: SlipBelief | None = None) -> FollowingMethod:
         """Make the method that the job names, with what is known of slip."""
         job = self.job
         if job.method == "paper":
             return PaperMethod(job.vehicle.geometry, job.vehicle.tracks)
-        known = belief or self.first_belief
+        known = slip or self.first_slip
         return SlipAwareMethod(job.vehicle.geometry, known, job.slip, job.steering)
 
 
@@ -188,7 +188,7 @@ def check_size(job: CrawlJob) -> None:
 
 
 def short_way(job: CrawlJob, slip: SlipBelief | None) -> str:
-    """What is to be said of passes too short to come back from a reversal; empty for others.
+    """A warning of passes too short to come back from a reversal; empty for others.
 
     At a reversal the slope against the joint turns round, and crab adds to it both ways: the
     heading must change by twice the crab, at the curvature of the least radius, and then bring back
@@ -198,7 +198,7 @@ def short_way(job: CrawlJob, slip: SlipBelief | None) -> str:
     ----------
     job : CrawlJob
     slip : SlipBelief or None
-        What is known of slip; nothing is said where a method knows of none.
+        What is known of slip; no warning if a method knows of none.
     """
     if slip is None:
         return ""
@@ -216,7 +216,7 @@ def short_way(job: CrawlJob, slip: SlipBelief | None) -> str:
 
 
 def run_crawl(context: CrawlContext, directory: Path) -> None:
-    """Crawl as a job says, into a new run directory.
+    """Crawl as a job states, into a new run directory.
 
     Raises
     ------
@@ -285,14 +285,14 @@ def resume_crawl(
     overlap : float, optional
         By which the weld overlaps what was welded before the stop, metres.
     place : float, optional
-        Where the torch stands along the joint, metres, if the vehicle was moved since. Where left
-        out, it must stand where it stood, as far as the laser can tell; the recording must show
+        Place of the torch along the joint, metres, if the vehicle was moved since. By default it
+        must be where it was, as far as the laser can see; the recording must show
         hull beside the joint.
 
     Raises
     ------
     ConfigurationError
-        If there is nothing to go on with, no such place, or nothing shows where it stood.
+        If there is nothing to go on with, no such place, or nothing shows where it was.
     CrawlStopped
         If the laser shows that the vehicle was moved; and as `run_crawl` raises.
     """
@@ -304,21 +304,21 @@ def resume_crawl(
         )
     start = start_after_stop(found.cycles, context.job, overlap, directory)
     last, left = found.cycles[-1], None
-    # One that waits to go on, and is refused, may stand where it was moved to.
+    # One that waits to go on, and is refused, may be at the place that it was moved to.
     crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
     if place is None:
         view = LastView.of_recording(crawled, found.profiles, stopped=found.was_stopped)
         if view is None:
             raise ConfigurationError(
-                "no recorded profile shows the joint with enough hull beside it, so nobody can "
-                "look whether the vehicle was moved since: say with --place where the torch stands",
+                "no recorded profile shows the joint with enough hull beside it, so it can't be "
+                "checked whether the vehicle was moved: state with --place where the torch is",
                 file=directory,
             )
-        start, belief = replace(start, last_view=view), belief_after_stop(found, context.job)
+        start, slip = replace(start, last_view=view), slip_after_stop(found, context.job)
     else:
         check_place(place, context.job)
         start = replace(start, travel=place, was_set_down=True)
-        belief = belief_where_set_down(found, context.job)
+        slip = slip_after_set_down(found, context.job)
     if found.places:
         arcs = [one.true_travel for one in found.passes if len(one.true_travel)]
         pose_w = np.array(found.places[-1][1].pose_w)
@@ -328,15 +328,15 @@ def resume_crawl(
     with add_file_to_errors(context.job_file):
         check_size(context.job)
         cell = make_crawl_cell(context.job, left)
-    method = context.make_method(belief)
+    method = context.make_method(slip)
     crawl_into(context, directory, cell, method, start, reader_that_saw(found.profiles))
 
 
-def belief_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
-    """What is known of slip where a crawl goes on that was stopped, or whose program was killed.
+def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
+    """What is known of slip when a crawl goes on after a stop, or after its program was killed.
 
-    None where its method knows of none, or it never crawled. An earlier version recorded the
-    belief now and then only: the way since the last one counts as unseen, too.
+    None if its method knows of none, or it never crawled. An earlier version recorded the
+    estimate now and then only: the way since the last one counts as unseen, too.
     """
     crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
     if not crawled or (slip := crawled[-1].slip) is None:
@@ -348,8 +348,8 @@ def belief_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
     return slip.after_unseen_way(way, job.steering.least_radius)
 
 
-def belief_where_set_down(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
-    """What is known of slip where the vehicle was set down anew; see `belief_after_stop`."""
+def slip_after_set_down(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
+    """What is known of slip when the vehicle was set down elsewhere; see `slip_after_stop`."""
     crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
     slip = crawled[-1].slip if crawled else None
     return None if slip is None else slip.at_new_start(job.slip)
@@ -367,7 +367,7 @@ def check_place(place: float, job: CrawlJob) -> None:
     if not first <= place <= last:
         raise ConfigurationError(
             f"--place is {1e3 * place:g} mm along the joint, from where the weld begins; it must "
-            f"lie between {1e3 * first:g} and {1e3 * last:g}"
+            f"be between {1e3 * first:g} and {1e3 * last:g}"
         )
 
 
@@ -410,7 +410,7 @@ def start_after_stop(
     if done >= len(job.passes):
         raise ConfigurationError("every pass is welded: nothing is left to do", file=directory)
     arc_from = 0.0 if whole else max(cut.travel - overlap, 0.0)
-    # One that only waited to go on may have been told another place, and was not let go there.
+    # One that only waited to go on may have been given another place, and was not let go there.
     crawled = [cycle for cycle in cycles if cycle.phase is not Phase.MANUAL]
     return CrawlStart(done, crawled[-1].travel, arc_from)
 

@@ -152,11 +152,11 @@ class TowShow:
             VEHICLE_CLEARANCE.name: f"{values[VEHICLE_CLEARANCE.name]:.0f} mm",
             "largest bend": f"{values[LARGEST_BEND.name]:.1f}°",
             "at its limits": ", ".join(cycle.plan.limits),
-            "vehicles that stand": stopped,
+            "stopped vehicles": stopped,
         }
 
     def _truth_step(self, truth: TowTruth) -> Step:
-        """What a simulation knows beside: the cable as it lies, and its forces."""
+        """What a simulation knows too: the true cable, and its forces."""
         time = truth.time if self._began is None else truth.time - self._began
         values = {
             WELDER_FORCE.name: float(np.hypot(*truth.welder_force[:2])),
@@ -245,7 +245,7 @@ class TowPageJournal:
         self._run.post(cycle)
 
     def show_truth(self, truth: TowTruth) -> None:
-        """Show the cable as it lies, and its forces."""
+        """Show the true cable, and its forces."""
         self._run.post(truth)
 
     def record_event(self, name: str, detail: str) -> None:
@@ -267,5 +267,5 @@ def show_tow(
         return stop_button(interrupt, "all vehicles")
 
     with show_run(TowShow(job, title), where, report, buttons) as run:
-        run.say("plans the whole seam before anything moves")
+        run.show_state("plans the whole seam before anything moves")
         yield TowPageJournal(run)

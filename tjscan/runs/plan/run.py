@@ -58,7 +58,7 @@ EARLIER_FILES: Final = (
     WELDX_FILE,
     "plan.html",
 )
-"""Not every plan has them: those of an earlier one do not stay beside a new one."""
+"""Not every plan has them: files of an earlier one do not stay beside a new one."""
 
 
 def write_plan_files(
@@ -73,7 +73,7 @@ def write_plan_files(
     plan : WeldPlan
         The plan.
     document : PlanDocument
-        As it stands in ``plan.json``.
+        As in ``plan.json``.
     provenance : Provenance
         Of all of them.
     """
@@ -91,9 +91,9 @@ def write_plan_files(
 
 @contextmanager
 def add_file_of_key(wps_file: Path, sections: Path) -> Iterator[None]:
-    """Add to errors of the block the file that their key stands in: the WPS, or the sections.
+    """Add to errors of the block the file that holds their key: the WPS, or the sections.
 
-    An option of the command line stands in no file.
+    An option of the command line is in no file.
     """
     try:
         yield
@@ -162,7 +162,7 @@ class PartedPlan:
     plan : WeldPlan
         Its beads, in parts.
     stations : tuple of StationEntry
-        As they stand in ``plan.json``.
+        As in ``plan.json``.
     ways : dict of str to StationWay
         Of each station that has a program, by the program's file.
     """
@@ -189,7 +189,7 @@ def part_plan(
     sections : sequence of MeasuredSection
         Along the groove.
     replan : callable
-        Makes the same plan anew, parted among stretches.
+        Makes the same plan, parted among stretches.
 
     Raises
     ------
@@ -272,7 +272,7 @@ class WrittenPlan:
     plan : WeldPlan
         The plan.
     document : PlanDocument
-        As it stands in ``plan.json``.
+        As in ``plan.json``.
     directory : Path
         Where its files are.
     files : tuple of str

@@ -139,9 +139,9 @@ def groove_reader_of_job(job: ScanJob) -> GrooveReader:
 
 
 def result_frame_of_job(job: ScanJob) -> JointOrBaseFrame:
-    """Frame of a scan's results: the joint's where the job says where that is, else the base's.
+    """Frame of a scan's results: the joint's if the job states its pose, else the base's.
 
-    It is b for a station: where the joint stands there is known but about.
+    It is b for a station: the joint's pose there is known only roughly.
     """
     if job.joint is None or job.station:
         return JointOrBaseFrame()

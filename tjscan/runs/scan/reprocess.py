@@ -46,7 +46,7 @@ REPROCESSABLE_KEYS: Final = (
     "arm.uncertainty.",
     "laser.uncertainty.",
 )
-"""Keys that say how recorded profiles are read and reported, not how they were taken."""
+"""Keys of how recorded profiles are read and reported, not of how they were taken."""
 
 FEWEST_SECTIONS: Final = 2
 """Sections that make a result: fewer have no step between them."""
@@ -91,9 +91,9 @@ class ReprocessedRun:
     directory : Path
         The new directory.
     stations : tuple of ReprocessedStation
-        One for each station; one where there are none.
+        One for each station; one without stations.
     stitched : StitchedRun or None
-        The whole groove; None where there is one station, or one is missing or has lost a section.
+        The whole groove; None if there is one station, or one is missing or has lost a section.
     """
 
     directory: Path
@@ -109,16 +109,16 @@ def reprocess_run(
 ) -> ReprocessedRun:
     """Read a run's recorded sections again with other settings, and write a new directory.
 
-    The profiles are those recorded; where a calibration is replaced, they stand where it puts
+    The profiles are those recorded; with another calibration, they are where it puts
     them. A run that was cut short or resumed counts as far as it goes. The new directory is a
     whole one, its recording included. Of a damaged recording the sections that are left are read.
 
     Parameters
     ----------
     directory : Path
-        The run directory, which stays as it is; or one that holds those of several stations.
+        The run directory, which stays as it is; or one that holds the runs of several stations.
     overrides : dict
-        Dotted keys and values, those of `REPROCESSABLE_KEYS` only.
+        Dotted keys and values, from `REPROCESSABLE_KEYS` only.
     out : Path, optional
         The directory to make, outside of the run's; beside it where left out.
     finished : callable
@@ -127,7 +127,7 @@ def reprocess_run(
     Raises
     ------
     ConfigurationError
-        If there is no run, or a key says how its profiles were taken.
+        If there is no run, or a key is about how its profiles were taken.
     GrooveNotFound
         If less than two sections are found with these settings.
     RecordingError
@@ -138,7 +138,7 @@ def reprocess_run(
     job_file = directory / JOB
     refuse_links_outside(directory, *COPIED_FILES)
     check_as_written(*(directory / name for name in COPIED_FILES))
-    why = "says how the profiles were taken, and they are taken"
+    why = "is about how the profiles were taken, and they are taken"
     refuse_other_keys(overrides, REPROCESSABLE_KEYS, why, job_file)
     out = out or dated_sibling_directory(directory)
     refuse_directory_inside(out, directory)
@@ -239,7 +239,7 @@ def _check_place(section: ScannedSection, before: RecordedSection, far: float) -
     moved = float(np.linalg.norm(section.T_b_g[:3, 3] - before.T_b_g[:3, 3]))
     if moved > far:
         raise GrooveNotFound(
-            "implausible", f"what is read now lies {1e3 * moved:.1f} mm from what was read then"
+            "implausible", f"what is read now is {1e3 * moved:.1f} mm from what was read then"
         )
 
 

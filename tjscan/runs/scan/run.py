@@ -1,4 +1,4 @@
-"""Scan as a job says, or go on with a scan that was interrupted."""
+"""Scan as a job states, or go on with a scan that was interrupted."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ from their model by some millimetres."""
 
 
 def check_scan_job(context: RunContext) -> None:
-    """Check a job, what it names, and the way to its taught poses where it stands; move nothing.
+    """Check a job, what it names, and the way from here to its taught poses; move nothing.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def scan_in_cell(
     done: RecordedScan | None = None,
     stop: StopRequest | None = None,
 ) -> ScanResult:
-    """Connect a cell and scan in it as a job says, or go on; raises as `Scanner` does."""
+    """Connect a cell and scan in it as a job states, or go on; raises as `Scanner` does."""
     stop, read = stop or StopRequest(), groove_reader_of_job(job)
     sections = () if done is None else done.reread_sections(read)
     seen = ScannedSurfaceObstacle(cell.clearance, sections)
@@ -123,7 +123,7 @@ def _note_devices(cell: Cell, journal: Journal) -> None:
 
 
 def run_scan(context: RunContext, directory: Path) -> ScanSummary:
-    """Scan as a job says, into a new run directory.
+    """Scan as a job states, into a new run directory.
 
     Parameters
     ----------
@@ -157,14 +157,14 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
     context : RunContext
         The job as the run directory holds it, with keys replaced or not.
     overrides : iterable of str
-        The dotted keys that were replaced, those of `RESUMABLE_KEYS` only.
+        The dotted keys that were replaced, from `RESUMABLE_KEYS` only.
 
     Raises
     ------
     ConfigurationError
         If there is no run, or a key changes what was scanned before.
     JointMoved
-        If the last section is not where it was.
+        If the last section is at another place.
     TjscanError
         As `run_scan` does.
     """
@@ -261,20 +261,20 @@ def changes_since_recording(
     Returns
     -------
     list of (str, str)
-        Key and what became of it, those of `RESUMABLE_KEYS` only.
+        Key and what became of it, from `RESUMABLE_KEYS` only.
 
     Raises
     ------
     ConfigurationError
         If something else changed: job, joint, calibration or the arm's model were edited.
     RecordingError
-        If the recording does not say what it was made with: another program made it.
+        If the recording does not state what it was made with: another program made it.
     """
     before = read_job_snapshot(directory)
     if before is None:
         if done.started is not None:
             raise RecordingError(
-                f"{directory}: its recording does not say what it was made with; no scan of this "
+                f"{directory}: its recording does not state what it was made with; no scan of this "
                 "program made it. Start a new scan"
             )
         return []

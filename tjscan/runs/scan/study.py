@@ -227,8 +227,8 @@ START_KEY: Final = "rule.start_azimuth_deg"
 class ScanStudyBackend(StudyBackend[ScanOutcome]):
     """How scans are resolved, executed and reported in a study.
 
-    Keys are those of the job file, those of the joint's file below ``joint.``
-    (``joint.brace.wall_mm``), and those of `DerivedKeySettings` below ``rule.``.
+    Keys are from the job file, from the joint's file below ``joint.``
+    (``joint.brace.wall_mm``), and from `DerivedKeySettings` below ``rule.``.
     """
 
     outcome = ScanOutcome
@@ -281,7 +281,7 @@ SCAN_STUDY: Final = ScanStudyBackend()
 def _sorted_out(
     keys: Mapping[str, Any],
 ) -> tuple[dict[str, Any], dict[str, Any], DerivedKeySettings]:
-    """The keys of the job, those of the joint's file, and the rules."""
+    """The keys of the job, of the joint's file, and the rules."""
     job, joint, rule = {}, {}, {}
     for key, value in keys.items():
         table, _, inner = key.removeprefix(JOINT_PREFIX).partition(".")

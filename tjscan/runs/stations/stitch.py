@@ -74,7 +74,7 @@ def build_stitching_report(stitched: StitchedGroove, sources: Mapping[str, str])
     stitched : StitchedGroove
         In metres and radians.
     sources : mapping of str to str
-        Each station's run directory, seen from that of the result, by the station's name.
+        Each station's run directory, relative to the result's, by the station's name.
     """
     brace, leg, angle, offset = stitched.shape.as_array
     spread = stitched.shape_sigma
@@ -175,7 +175,7 @@ class StationRun:
     joint : JointDefinition or None
         The joint that its job names, for the comparison alone.
     left_out : tuple of str
-        What may err by an amount that nobody states.
+        What may err by an amount that is not stated.
     devices : tuple of str
         Arm, laser and how the one sits on the other: stations with the same share their errors.
     """
@@ -215,7 +215,7 @@ def stitch_run_directories(
 ) -> StitchedRun:
     """Stitch run directories and write the result.
 
-    Runs that lie elsewhere are copied into the directory, so that it can be moved as a whole.
+    Runs from elsewhere are copied into the directory, so that it can be moved as a whole.
 
     Parameters
     ----------
@@ -338,7 +338,7 @@ def _name(job: ScanJob, job_file: Path) -> str:
 
 
 def _gather(directory: Path, read: Sequence[StationRun]) -> None:
-    """Copy the runs that lie elsewhere, and the joint, into the directory of the result."""
+    """Copy the runs from elsewhere, and the joint, into the directory of the result."""
     with write_files_atomically(directory, listed=True) as draft:
         for one in read:
             if not _lies_in(directory, one):

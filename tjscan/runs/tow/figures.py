@@ -1,4 +1,4 @@
-"""How well a tow went, in figures: against the plan, and where there is one against the truth."""
+"""How well a tow went, in figures: against the plan, and against the truth of a simulation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _figure(words: str, unit: str = "", **more: Any) -> Any:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TowFigures:
-    """Figures of a tow. Those of a simulation's truth are NaN where there is none.
+    """Figures of a tow. Figures of a simulation's truth are NaN without one.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class TowFigures:
 
     @property
     def as_numbers(self) -> dict[str, float | int | bool | None]:
-        """Each figure by its name, None where it is not known."""
+        """Each figure by its name, None if it is not known."""
         return {k: None if isinstance(v, float) and v != v else v for k, v in asdict(self).items()}
 
 
@@ -205,11 +205,11 @@ def _welder_off(seam: Seam, cycles: Sequence[TowCycle], poses: Array) -> tuple[f
 
 
 def _clearances(job: TowJob, line: Array, poses: Array) -> tuple[float, float]:
-    """Least distance of links and of bodies from walls, pillars and obstacles that stand."""
+    """Least distance of links and of bodies from walls, pillars and obstacles that do not move."""
     from shapely import Point, Polygon, distance, linestrings, points, union_all
 
-    standing = [Point(o.points[0]).buffer(o.radius) for o in job.obstacles if not o.speed]
-    floor = Polygon(job.area.outline, job.area.holes).difference(union_all(standing))
+    fixed = [Point(o.points[0]).buffer(o.radius) for o in job.obstacles if not o.speed]
+    floor = Polygon(job.area.outline, job.area.holes).difference(union_all(fixed))
     outside = Polygon(job.area.outline).buffer(10).difference(floor)
     free = job.limits.free_links
     links = line[:, free : line.shape[1] - free]

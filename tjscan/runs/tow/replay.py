@@ -30,7 +30,7 @@ from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
 from tjscan.towing.topics import REPLAY, TOW_RECORDING, read_tow, record_tow
 
 REPLAYABLE_KEYS: Final = ("method", "weights.", "targets.", "limits.")
-"""Keys that say what a planner makes of poses, not how the tow was done."""
+"""Keys of what a planner makes of poses, not of how the tow was done."""
 
 
 def replay_tow(
@@ -39,9 +39,9 @@ def replay_tow(
     out: Path,
     finished: Callable[[Path], object] = do_nothing_when_finished,
 ) -> None:
-    """Plan a recorded tow anew from the poses as they were believed, into a run directory.
+    """Plan a recorded tow again from the poses as they were estimated, into a run directory.
 
-    Speeds asked are those of the steps from plan to plan, for nobody follows them. Where the
+    Speeds asked follow from the steps from plan to plan, for no vehicle follows them. If the
     planner finds no plan, the tow would have halted, and its seam was not welded.
 
     Parameters
@@ -49,7 +49,7 @@ def replay_tow(
     directory : Path
         Of the tow, whole, cut short or resumed; it stays as it is.
     overrides : dict
-        Dotted keys and values, those of `REPLAYABLE_KEYS` only.
+        Dotted keys and values, from `REPLAYABLE_KEYS` only.
     out : Path
         The directory to make.
     finished : callable
@@ -58,7 +58,7 @@ def replay_tow(
     Raises
     ------
     ConfigurationError
-        If there is no tow, or a key says how it was done.
+        If there is no tow, or a key is about how it was done.
     RecordingError
         If its recording is damaged, or the new directory can't be written.
     """
@@ -78,7 +78,7 @@ def replay_tow(
     last = starts[0] if began is None else min(starts, key=partial(_apart, began))
     with lock_and_clean_directory(out):
         with record_tow(out / f"{TOW_RECORDING}.mcap", origin, truth) as journal:
-            journal.record_event(REPLAY, f"planned anew from {directory}; nothing moved")
+            journal.record_event(REPLAY, f"planned again from {directory}; nothing moved")
             halted = False
             for entry in entries:
                 if isinstance(entry, TowCycle):
@@ -93,7 +93,7 @@ def replay_tow(
 
 
 def _apart(poses: Array, start: TowingPlan) -> float:
-    """How far vehicles are from those of a shape to begin with, in the mean, metres."""
+    """Mean distance of vehicles from the vehicles of a shape to begin with, metres."""
     return float(np.hypot(*(start.held_poses - poses)[:, :2].T).mean())
 
 

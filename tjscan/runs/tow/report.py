@@ -117,7 +117,7 @@ def _charts(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
             line=label,
             nominal=nominal,
             caption="Dashed: the paper's mean in its simulation, whose loss functions are not "
-            "told; absolute values can't be compared.",
+            "printed; absolute values can't be compared.",
         )
     for name, label in (("change", "change"), ("pace", "pace of the vehicles")):
         yield over_time(
@@ -164,7 +164,7 @@ def _nearest(line: Array, discs: Array) -> float:
 
 
 def _snapshots(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
-    """Shapes of the cable on its way, x and y changed so that the seam lies across the page."""
+    """Shapes of the cable on its way, x and y changed so that the seam is across the page."""
     title = "shapes on the way, as figures 8, 11 and 13 of the paper"
     picked = np.unique(np.linspace(0, len(found.cycles) - 1, SHAPE_SNAPSHOTS).astype(int))
     begin = found.cycles[0].time

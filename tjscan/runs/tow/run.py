@@ -1,4 +1,4 @@
-"""Tow a cable along a seam as a job says, or go on with a tow that was interrupted."""
+"""Tow a cable along a seam as a job states, or go on with a tow that was interrupted."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ RESUMABLE_KEYS: Final = (
     "vehicles.mqtt",
     "simulation",
 )
-"""Tables and keys that may change while a tow goes on: none says how the cable lies."""
+"""Tables and keys that may change while a tow goes on: none is about the cable's shape."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def make_tow(job: TowJob, cell: TowCell, planner: ShapePlanner, journal: TowJour
 
 
 def run_tow(context: TowContext, directory: Path) -> None:
-    """Tow as a job says, into a new run directory.
+    """Tow as a job states, into a new run directory.
 
     Raises
     ------
@@ -141,8 +141,8 @@ def resume_tow(context: TowContext) -> None:
         if edited:
             sweep_seam(context.job, planner, last.along, last.plan).refuse_if_blocked()
         cell = make_tow_cell(context.job, last.plan.angles, left)
-    stood = PERIOD * sum(cycle.pace > 0 for cycle in recorded.cycles)
-    _tow(context, directory, cell, planner, last.along, last.plan, stood)
+    hauled = PERIOD * sum(cycle.pace > 0 for cycle in recorded.cycles)
+    _tow(context, directory, cell, planner, last.along, last.plan, hauled)
 
 
 def _is_edited(directory: Path) -> bool:
@@ -158,7 +158,7 @@ def _is_edited(directory: Path) -> bool:
         return False
     now = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
     advice = (
-        "The cable lies as it was towed before: put it back, or start a new tow. "
+        "The cable has the shape in which it was left: put it back, or start a new tow. "
         f"What may change: {', '.join(RESUMABLE_KEYS)}"
     )
     return bool(changes_of_job(before, now, RESUMABLE_KEYS, advice, directory / JOB))
@@ -171,7 +171,7 @@ def _tow(
     planner: ShapePlanner,
     along: float,
     last: TowingPlan,
-    stood: float = 0.0,
+    hauled: float = 0.0,
 ) -> None:
     """Tow, record, and write the results, however it ended."""
     with record_vehicle_run(
@@ -185,4 +185,4 @@ def _tow(
         accept_edited_copies(directory, journal.record_event)
         cell.report_events_to(journal.record_event)
         with cell:
-            make_tow(context.job, cell, planner, journal).run(along, last, stood)
+            make_tow(context.job, cell, planner, journal).run(along, last, hauled)
