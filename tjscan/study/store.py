@@ -7,9 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from tjscan.core.disk import bring_stream_to_disk
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.files import check_file_size, write_files_atomically
+from tjscan.core.files import bring_stream_to_disk, check_file_size, write_files_atomically
 from tjscan.study.backend import study_backend_of_task
 from tjscan.study.row import StudyRow
 from tjscan.study.trial import Trial

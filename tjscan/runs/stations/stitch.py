@@ -46,10 +46,9 @@ from tjscan.runs.scan.results import all_profile_points
 from tjscan.runs.stations.report import build_stitching_report
 from tjscan.runs.uncertainty import causes_of_job
 from tjscan.scanning.reader import read_recorded_scan
-from tjscan.stitching.draft import StitchingDraft
 from tjscan.stitching.picture import draw_stitching
-from tjscan.stitching.settings import DEFAULT, StitchSettings
-from tjscan.stitching.stations import Station, station_from_recording
+from tjscan.stitching.registration import StitchingDraft
+from tjscan.stitching.stations import DEFAULT, Station, StitchSettings, station_from_recording
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
 from tjscan.uncertainty.summary import summarise_budget
 
