@@ -7,7 +7,7 @@ from grooves import MM, Groove, Noise, pulled_in, raised_cosine, seen, turned
 from tjscan.core.frames import Array
 from tjscan.groove.find import find_groove
 from tjscan.groove.root import OPEN_ROOT, SEAM_BESIDE
-from tjscan.groove.section import TACK, GrooveSection
+from tjscan.groove.section import TACK_WELD, GrooveSection
 from tjscan.laser.profile import Profile
 
 NOISE = Noise(sigma=0.03 * MM)
@@ -69,7 +69,7 @@ def test_a_tack_is_named_and_the_corners_under_it_are_not_known(seed: int) -> No
     sides[2] = bowed(low, out, 0.25 * float(np.linalg.norm(out - low)))
     sides[3] = np.array([out, groove.corners[2] + 0.12 * d[3]])
     section = find_groove(seen(sides, NOISE, seed))
-    assert TACK in section.conditions
+    assert TACK_WELD in section.conditions
     assert section.absent == ("p3", "p4")
     assert np.sqrt(np.trace(section.corner_covariances_s[1])) > SURE
     assert normalised(section, groove.corners)[0] < 8

@@ -10,7 +10,7 @@ from tjscan.core.frames import Array
 from tjscan.groove.fit import find_best_candidate
 from tjscan.groove.fitted_profile import FittedProfile
 from tjscan.groove.interreflection import NotchPull, find_pull
-from tjscan.groove.settings import DEFAULT
+from tjscan.groove.settings import DEFAULT_SETTINGS
 from tjscan.laser.profile import Profile
 
 NOISE = Noise(sigma=0.03 * MM)
@@ -26,7 +26,7 @@ def cone(away: Array) -> Array:
 
 
 def pull_of(profile: Profile) -> tuple[NotchPull, FittedProfile]:
-    row, found = find_best_candidate(profile, DEFAULT)
+    row, found = find_best_candidate(profile, DEFAULT_SETTINGS)
     return find_pull(row, found.fitted, len(found.model.sides) - 2), found.fitted
 
 

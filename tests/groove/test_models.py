@@ -9,7 +9,7 @@ from grooves import MM, Noise, seen, turned
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.find import GrooveSettings, fit_groove_to_profile
-from tjscan.groove.models import BUTT_V, BUTT_V_SHARP, TEE, GrooveModel
+from tjscan.groove.models import BUTT_V, BUTT_V_SHARP, TEE_GROOVE, GrooveModel
 from tjscan.laser.profile import Profile
 
 NOISE = Noise(sigma=0.03 * MM)
@@ -83,6 +83,6 @@ def test_a_template_that_does_not_fit_is_refused(model: GrooveModel) -> None:
 
 def test_a_model_has_a_turn_between_each_two_sides() -> None:
     with pytest.raises(ValueError, match="a turn between each two"):
-        replace(TEE, turns=TEE.turns[:-1])
+        replace(TEE_GROOVE, turns=TEE_GROOVE.turns[:-1])
     with pytest.raises(ValueError, match="three sides"):
-        replace(TEE, sides=TEE.sides[:2], turns=TEE.turns[:1])
+        replace(TEE_GROOVE, sides=TEE_GROOVE.sides[:2], turns=TEE_GROOVE.turns[:1])

@@ -107,11 +107,11 @@ def read_groove(
         If the points are not of that shape or off the laser plane, or a setting can't be.
     """
     from tjscan.groove.find import GrooveSettings, find_groove
-    from tjscan.groove.models import MODELS
+    from tjscan.groove.models import GROOVE_MODELS
 
-    _check_word("model", model, tuple(MODELS))
+    _check_word("model", model, tuple(GROOVE_MODELS))
     settings = GrooveSettings(
-        MODELS[model], noise, minimum_points, largest_sigma, largest_rms, inlier_share
+        GROOVE_MODELS[model], noise, minimum_points, largest_sigma, largest_rms, inlier_share
     )
     return find_groove(_profile(points), settings)
 

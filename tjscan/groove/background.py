@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array
 from tjscan.groove.segments import Index
 
-JUMP, STEEPER = 0.5e-3, 1.5
+JUMP_DISTANCE, JUMP_STEEPNESS = 0.5e-3, 1.5
 """Neighbouring points of one surface lie no farther apart than this, in metres, with this many
 times the distance of their neighbours."""
 
-HOLE: Final = 6
+HOLE_COLUMNS: Final = 6
 """Columns without points after which nothing shows whether a surface goes on."""
 
 RUN_COST, POINT_COST = 3.0, 0.35
@@ -86,8 +86,8 @@ def find_runs(points: Array, columns: Index) -> PointRuns:
     apart = np.abs(np.diff(columns))
     each = np.concatenate((step[:1] / apart[:1], step / apart, step[-1:] / apart[-1:]))
     usual = np.minimum(each[:-2], each[2:])
-    hole = apart > HOLE
-    jump = ~hole & (step > JUMP + STEEPER * usual * apart)
+    hole = apart > HOLE_COLUMNS
+    jump = ~hole & (step > JUMP_DISTANCE + JUMP_STEEPNESS * usual * apart)
     ends = np.flatnonzero(jump | hole) + 1
     first = np.concatenate(([0], ends))
     count = np.diff(np.concatenate((first, [len(points)])))

@@ -16,9 +16,15 @@ from tjscan.groove.fitted_profile import (
     OrderedProfilePoints,
     corners_between_sides,
 )
-from tjscan.groove.prior import PULLS, THICKNESSES, GroovePrior, SectionEvidence, posterior
+from tjscan.groove.prior import (
+    NOTCH_PULLS,
+    SCALE_THICKNESSES,
+    GroovePrior,
+    SectionEvidence,
+    posterior,
+)
 from tjscan.groove.pulled_notch import (
-    DOUBTFUL,
+    PULL_DOUBT,
     closeness_to_notch,
     estimate_pull,
     sines_with_rays,
@@ -26,7 +32,7 @@ from tjscan.groove.pulled_notch import (
 from tjscan.groove.refinement import refine_fit
 from tjscan.groove.scale import TwoLevels, find_two_levels
 
-MISLED: Final = 0.02
+MISLED_SHARE: Final = 0.02
 """Share of the profiles whose flanks are none of what the model of a pull has: they say nothing."""
 
 
@@ -72,7 +78,7 @@ def find_bare_steel(
     covariance = np.zeros((2 * last + 2,) * 2)
     has_face = found.model.has_root_bead
     notch = found.fitted.corners[-2:] if has_face else found.fitted.corners[-1:]
-    expected_pull = float(np.exp(prior.log_pulls) @ PULLS) if has_face else 0.0
+    expected_pull = float(np.exp(prior.log_pulls) @ NOTCH_PULLS) if has_face else 0.0
     pulled = expected_pull * closeness_to_notch(row.points, notch)
     levels: dict[int, TwoLevels] = {}
     for k in (0, last):
@@ -83,9 +89,9 @@ def find_bare_steel(
         if seen is not None:
             levels[k] = seen
     log_thicknesses = sum(
-        (seen.log_likelihoods for seen in levels.values()), np.zeros(len(THICKNESSES))
+        (seen.log_likelihoods for seen in levels.values()), np.zeros(len(SCALE_THICKNESSES))
     )
-    thickness = _if_likely(THICKNESSES, posterior(prior.log_thicknesses, log_thicknesses))
+    thickness = _if_likely(SCALE_THICKNESSES, posterior(prior.log_thicknesses, log_thicknesses))
     back = np.zeros(len(row.points))
     bends, sigmas = np.zeros(2), np.full(2, np.inf)
     curves = list(found.fitted.curves)
@@ -105,12 +111,12 @@ def find_bare_steel(
         covariance[index, index] += doubt * np.outer(shift, shift)
     row, found = _moved(row, found, back, tolerance, tuple(curves))
 
-    log_pulls = np.zeros(len(PULLS))
+    log_pulls = np.zeros(len(NOTCH_PULLS))
     if has_face:
         log_pulls = _log_pulls(row, found, back)
         probability = posterior(prior.log_pulls, log_pulls)
-        pull = _if_likely(PULLS, probability)
-        doubt = float(probability @ (PULLS - pull) ** 2) + (DOUBTFUL * pull) ** 2
+        pull = _if_likely(NOTCH_PULLS, probability)
+        doubt = float(probability @ (NOTCH_PULLS - pull) ** 2) + (PULL_DOUBT * pull) ** 2
         shift = np.zeros(2 * last + 2)
         for corner in (last - 2, last - 1):
             at = found.fitted.corners[corner][None]
@@ -132,7 +138,7 @@ def find_bare_steel(
 
 
 def _log_pulls(row: OrderedProfilePoints, found: GrooveCandidate, back: Array) -> Array:
-    """Log-likelihood of each of `PULLS`.
+    """Log-likelihood of each of `NOTCH_PULLS`.
 
     Where points about the notch were moved back, (n,) metres, what was taken for scale may as
     well be pulled.
@@ -143,13 +149,13 @@ def _log_pulls(row: OrderedProfilePoints, found: GrooveCandidate, back: Array) -
     rows = [row]
     if doubtful.any():
         rows.append(replace(row, points=row.points - doubtful[:, None] * rays))
-    likelihood = np.zeros(len(PULLS))
+    likelihood = np.zeros(len(NOTCH_PULLS))
     for one in rows:
         pull, sigma = estimate_pull(one, fitted, found.model)
         if isfinite(sigma):
-            spread = np.hypot(sigma, DOUBTFUL * PULLS)
-            density = sigma / spread * np.exp(-0.5 * ((pull - PULLS) / spread) ** 2)
-            likelihood += ((1 - MISLED) * density + MISLED) / len(rows)
+            spread = np.hypot(sigma, PULL_DOUBT * NOTCH_PULLS)
+            density = sigma / spread * np.exp(-0.5 * ((pull - NOTCH_PULLS) / spread) ** 2)
+            likelihood += ((1 - MISLED_SHARE) * density + MISLED_SHARE) / len(rows)
         else:
             likelihood += 1 / len(rows)
     return np.log(likelihood)

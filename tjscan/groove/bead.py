@@ -15,23 +15,23 @@ from tjscan.groove.curves import CubicCurve
 from tjscan.groove.fitted_profile import OrderedProfilePoints, corners_between_sides
 from tjscan.groove.hypotheses import PolylineHypothesis, bearing_tangents, end_of_support
 from tjscan.groove.models import GrooveModel
-from tjscan.groove.refinement import BLUNT
+from tjscan.groove.refinement import FACE_BLUNTNESS
 
-PLACES: Final = np.array(
+BEAD_PLACES: Final = np.array(
     list(product((0.03, 0.12, 0.22, 0.32), (0.4, 0.5, 0.6), (0.68, 0.78, 0.88, 0.97)))
 )
 """Where, as shares of the bead, the three points of a proposed parabola lie."""
 
-FEWEST: Final = 6
+FEWEST_BEAD_POINTS: Final = 6
 """Points between the neighbours that are worth a parabola."""
 
-FEWEST_ATTACHED: Final = 4
+FEWEST_FACE_RUN: Final = 4
 """Points that show where a face goes which begins at bevel or leg."""
 
-LEAST_GAIN: Final = 3.0
+LEAST_BEAD_GAIN: Final = 3.0
 """By how many points a parabola must explain more than a straight face."""
 
-WIDER: Final = 0.3
+REACH_COST: Final = 0.3
 """What each point costs a face that reaches farther, times the logarithm of how much farther."""
 
 
@@ -67,13 +67,13 @@ def fit_bead(
     b = len(row.points) - end_of_support(
         np.abs(after.signed_distances(row.points[first:]))[::-1] < tolerance
     )
-    if b - a < FEWEST:
+    if b - a < FEWEST_BEAD_POINTS:
         return hypothesis
     points = row.points[a:b]
     pays = np.minimum((straight.signed_distances(points) / tolerance) ** 2, 1)
     own = runs.within(a, b)
     flat = float(own.total_cost(pays))
-    curve = _parabola(points, own, before, after, tolerance, flat - LEAST_GAIN)
+    curve = _parabola(points, own, before, after, tolerance, flat - LEAST_BEAD_GAIN)
     if curve is None:
         return hypothesis
     sides = (*hypothesis.sides[:k], curve, *hypothesis.sides[k + 1 :])
@@ -111,7 +111,7 @@ def add_root_bead(
     b = len(row.points) - end_of_support(
         np.abs(after.signed_distances(row.points[apex:]))[::-1] < tolerance
     )
-    if b - a < FEWEST:
+    if b - a < FEWEST_BEAD_POINTS:
         return None
     points = row.points[a:b]
     curve = _parabola(points, runs.within(a, b), before, after, tolerance, np.inf)
@@ -140,7 +140,7 @@ def attached_faces(
         (a, min(runs.bounds_of_run(max(a - 1, 0))[1], b)),
         (max(runs.bounds_of_run(min(b, len(row.points) - 1))[0], a), b),
     ):
-        if end - start < FEWEST_ATTACHED:
+        if end - start < FEWEST_FACE_RUN:
             continue
         points = row.points[start:end]
         middle = points.mean(axis=0)
@@ -177,7 +177,7 @@ def _parabola(
     chord = CubicCurve(0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]), tx, tz)
     s, d = chord.local_coordinates(points)
     n = len(points) - 1
-    triples = np.rint(PLACES * n).astype(np.intp)
+    triples = np.rint(BEAD_PLACES * n).astype(np.intp)
     s3 = s[triples]
     basis = np.stack((np.ones_like(s3), s3, s3 * s3), axis=-1)
     distinct = np.abs(np.diff(s3, axis=1)).min(axis=1) > tolerance
@@ -187,9 +187,9 @@ def _parabola(
     steep = np.abs(coefficients[:, 2]) * length > 2
     away = d - (coefficients @ np.vstack((np.ones_like(s), s, s * s)))
     # A face that rises high is no parabola.
-    reach = np.maximum(tolerance, BLUNT * np.abs(coefficients[:, 2]) * length**2 / 4)
+    reach = np.maximum(tolerance, FACE_BLUNTNESS * np.abs(coefficients[:, 2]) * length**2 / 4)
     cost = runs.total_cost(np.minimum((away / reach[:, None]) ** 2, 1)) + 1e9 * steep
-    cost += WIDER * len(points) * np.log(reach / tolerance)
+    cost += REACH_COST * len(points) * np.log(reach / tolerance)
     best = int(cost.argmin())
     if cost[best] > most:
         return None

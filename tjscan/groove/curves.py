@@ -9,12 +9,12 @@ import numpy as np
 
 from tjscan.core.frames import Array
 
-STEEPEST: Final = 1.5
+STEEPEST_SLOPE: Final = 1.5
 """Largest slope over its chord that a side may have where it meets its neighbour."""
 
-_FARTHEST: Final = 1.0  # metres along a side: no corner lies there
-_PARALLEL: Final = 1e-3  # sine below which two sides do not meet
-_SETTLED: Final = 1e-10  # metres
+_FARTHEST_CORNER: Final = 1.0  # metres along a side: no corner lies there
+_PARALLEL_SINE: Final = 1e-3  # sine below which two sides do not meet
+_SETTLED_STEP: Final = 1e-10  # metres
 
 
 class CubicCurve(NamedTuple):
@@ -97,13 +97,13 @@ def intersect_curves(a: CubicCurve, b: CubicCurve, start: float) -> tuple[float,
         sb = along + s * cos - q * sin
         qb, dqb = b0 + sb * (b1 + sb * (b2 + sb * b3)), b1 + sb * (2 * b2 + 3 * sb * b3)
         slope = sin + dq * cos - dqb * (cos - dq * sin)
-        if abs(slope) < _PARALLEL:
+        if abs(slope) < _PARALLEL_SINE:
             return None
         step = (away + s * sin + q * cos - qb) / slope
         s -= step
-        if abs(step) < _SETTLED:
+        if abs(step) < _SETTLED_STEP:
             break
-    if not abs(s) < _FARTHEST or abs(dq) > STEEPEST or abs(dqb) > STEEPEST:
+    if not abs(s) < _FARTHEST_CORNER or abs(dq) > STEEPEST_SLOPE or abs(dqb) > STEEPEST_SLOPE:
         return None
     q, _ = a.height_and_slope(s)
     return s, along + s * cos - q * sin

@@ -15,7 +15,7 @@ from tjscan.groove.fitted_profile import (
 )
 from tjscan.groove.hypotheses import PolylineHypothesis
 
-PLACES: Final = np.array(
+KNEE_PLACES: Final = np.array(
     list(
         product(
             (0.03, 0.12, 0.24),
@@ -26,10 +26,10 @@ PLACES: Final = np.array(
 )
 """Where, as shares of the side's points, the three points of a proposed pair of lines lie."""
 
-NEAR: Final = 2.0e-3
+KNEE_REACH: Final = 2.0e-3
 """Farther from the side a point proposes nothing, in metres."""
 
-FEWEST: Final = 12
+FEWEST_DIVIDED_POINTS: Final = 12
 """Points of a side that is worth dividing."""
 
 
@@ -56,13 +56,13 @@ def with_knee(
     """
     own = fitted.points_of(k)
     points, residuals = row.points[own], fitted.residuals[own]
-    near = np.flatnonzero(np.abs(residuals) < NEAR)
-    if len(near) < FEWEST:
+    near = np.flatnonzero(np.abs(residuals) < KNEE_REACH)
+    if len(near) < FEWEST_DIVIDED_POINTS:
         return None
     side = fitted.curves[k]
     s, d = side.local_coordinates(points)
     n = len(near) - 1
-    triples = near[np.rint(PLACES * n).astype(np.intp)]
+    triples = near[np.rint(KNEE_PLACES * n).astype(np.intp)]
     s3, d3 = s[triples], d[triples]
     apart = np.diff(s3, axis=1)
     distinct = apart.min(axis=1) > 4 * tolerance

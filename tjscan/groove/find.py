@@ -20,18 +20,18 @@ from tjscan.groove.models import OPENING_LEAST, OPENING_MOST
 from tjscan.groove.prior import GroovePrior
 from tjscan.groove.root import TeeCorners, find_tee_corners
 from tjscan.groove.section import GrooveSection, section_from_points
-from tjscan.groove.settings import DEFAULT, GrooveSettings
+from tjscan.groove.settings import DEFAULT_SETTINGS, GrooveSettings
 from tjscan.groove.uncertainty import corner_estimates
 from tjscan.laser.profile import Profile
 
 LEAST_DEPTH: Final = 4e-3
 """Depth of the shallowest groove that is read, in metres."""
 
-CONTRADICTED: Final = 2.5
+CONTRADICTION_SIGMAS: Final = 2.5
 """Standard deviations from which a profile contradicts what is expected of its bends."""
 
 __all__ = [
-    "DEFAULT",
+    "DEFAULT_SETTINGS",
     "GrooveSettings",
     "find_groove",
     "find_groove_with_fit",
@@ -40,7 +40,7 @@ __all__ = [
 
 
 def find_groove(
-    profile: Profile, settings: GrooveSettings = DEFAULT, prior: GroovePrior | None = None
+    profile: Profile, settings: GrooveSettings = DEFAULT_SETTINGS, prior: GroovePrior | None = None
 ) -> GrooveSection:
     """Read the groove's section off a profile.
 
@@ -66,7 +66,7 @@ def find_groove(
 
 
 def find_groove_with_fit(
-    profile: Profile, settings: GrooveSettings = DEFAULT, prior: GroovePrior | None = None
+    profile: Profile, settings: GrooveSettings = DEFAULT_SETTINGS, prior: GroovePrior | None = None
 ) -> tuple[GrooveSection, OrderedProfilePoints, FittedProfile]:
     """Read the groove's section off a profile; give also the points and sides it rests on.
 
@@ -128,7 +128,7 @@ def _contradicts_bends(found: GrooveCandidate) -> bool:
         side, curve = found.model.sides[k], found.fitted.curves[k]
         bend = curve.rebased_at_tangent(found.fitted.middles[k]).c2
         expected = side.expected_bend
-        if expected is not None and abs(bend - expected) > CONTRADICTED * side.bend:
+        if expected is not None and abs(bend - expected) > CONTRADICTION_SIGMAS * side.bend:
             return True
     return False
 

@@ -23,15 +23,15 @@ from tjscan.groove.fitted_profile import (
     corners_between_sides,
 )
 from tjscan.groove.hypotheses import (
+    MOST_REFINED,
     RIVAL_MARGIN,
-    RIVALS,
     PolylineHypothesis,
     bearing_tangents,
     best_hypotheses,
     outer_side_pairs,
 )
 from tjscan.groove.models import LEAST_SIDES, GrooveModel, TurnBounds
-from tjscan.groove.refinement import ARRIVED, refine_fit
+from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit
 from tjscan.groove.rivals import (
     form_probability,
     left_out_covariance,
@@ -40,65 +40,65 @@ from tjscan.groove.rivals import (
     sides_that_meet,
 )
 from tjscan.groove.segments import CurvedSegments, add_halves_at_gaps, find_segments
-from tjscan.groove.settings import DEFAULT, GrooveSettings
+from tjscan.groove.settings import DEFAULT_SETTINGS, GrooveSettings
 from tjscan.groove.shape import points_lead_away_from_side, undulation_sigmas
 from tjscan.groove.uncertainty import corner_estimates
 from tjscan.groove.without_root import least_loss_without_root
 from tjscan.laser.profile import Profile
 
-FEWEST: Final = 4
+FEWEST_POINTS_ON_SIDE: Final = 4
 """Fewest points on a side."""
 
-PARTLY: Final = 0.25
+PARTIAL_GROOVE_SHARE: Final = 0.25
 """A part of a groove that leaves no greater share of the points unexplained is one."""
 
-SHORTER: Final = 0.8
+LENGTH_SLACK: Final = 0.8
 """A fitted side may be shorter than the model's shortest, or longer than its longest, by this
 factor."""
 
-SAME: Final = 0.3e-3
+SAME_START_DISTANCE: Final = 0.3e-3
 """A hypothesis whose corners differ by less, in metres, from those of another one, or of what
 came of it, is not refined again."""
 
-SLACK: Final = radians(3)
+TURN_SLACK: Final = radians(3)
 """How far the fitted turns may lie outside the model's."""
 
-STRAYED: Final = 0.05
+STRAYED_SHARE: Final = 0.05
 """A refined hypothesis that explains fewer points than before, by this share, has strayed."""
 
 SIDE_COST: Final = 5.0
 """What a model's every side costs, in outliers: BIC's penalty for a line and its end where some
 ninety points of a profile are independent."""
 
-LEFT_OUT: Final = (0.3, 0.45, 1.0)
+UNEXPLAINED_SHARES: Final = (0.3, 0.45, 1.0)
 """Share of the points that a fit may leave unexplained for each budget and need no other one."""
 
 REFIT_GAIN: Final = 6.0
 """More points than this, beyond those that its sides explain as they are, no refit of a fit
 explains."""
 
-STUCK: Final = 3.0
+NEAR_SIDE_TOLERANCES: Final = 3.0
 """Points this near a side, in tolerances, are of its surface or of what sticks to it, as scale."""
 
-ELSEWHERE: Final = 0.08
+REFLECTED_SHARE: Final = 0.08
 """Share of the points that a fit may leave to reflections if all others are near its sides."""
 
-ATTACHED: Final = 1.5e-3
+CORNER_REACH: Final = 1.5e-3
 """Points of both sides lie this near a corner that is seen, in metres."""
 
-FEWEST_ATTACHED: Final = 2
+FEWEST_AT_CORNER: Final = 2
 """Points of a side that show its corner."""
 
-DETACHED: Final = 2.0
+DETACHED_COST: Final = 2.0
 """What a side whose points end before its corner costs, in outliers: reflections often do."""
 
 SEEN_SHARE: Final = 0.25
 """Share of a side's points that must lie on it if no other form is to be tried."""
 
-STRAIGHT: Final = 0.08e-3
+STRAIGHT_UNDULATION: Final = 0.08e-3
 """A side that undulates by more, in metres, may be two."""
 
-MADE_UP: Final = 0.5
+RECOVERABLE_SHARE: Final = 0.5
 """Share of the points a hypothesis leaves unexplained that other outer sides may yet explain."""
 
 
@@ -135,7 +135,7 @@ class GrooveCandidate:
 
 
 def fit_groove_to_profile(
-    profile: Profile, settings: GrooveSettings = DEFAULT
+    profile: Profile, settings: GrooveSettings = DEFAULT_SETTINGS
 ) -> tuple[OrderedProfilePoints, FittedProfile]:
     """Fit the sides and corners of a groove of any model to a profile.
 
@@ -208,7 +208,7 @@ def _search(row: OrderedProfilePoints, settings: GrooveSettings) -> GrooveCandid
     search = _Search(row, settings)
     model, others = settings.model, settings.model.alternatives
     stages = ((model,), others) if others and not model.seldom else ((model, *others),)
-    for budget, left_out in zip(SEARCH_BUDGETS, LEFT_OUT, strict=True):
+    for budget, left_out in zip(SEARCH_BUDGETS, UNEXPLAINED_SHARES, strict=True):
         segments = find_segments(row.points, settings.support_tolerance, budget)
         for forms in stages:
             for form in forms:
@@ -260,7 +260,7 @@ class _Search:
     def add(self, model: GrooveModel, hypotheses: list[PolylineHypothesis]) -> None:
         """Refine the likeliest hypotheses of one form that are new."""
         hypotheses.sort(key=lambda c: c.cost)
-        for one in hypotheses[:RIVALS]:
+        for one in hypotheses[:MOST_REFINED]:
             if one.cost <= hypotheses[0].cost + RIVAL_MARGIN:
                 self._refine(model, one)
 
@@ -270,7 +270,7 @@ class _Search:
         if not sound or form.has_root_bead:
             return False
         best = min(sound, key=lambda c: c.cost)
-        saved = SIDE_COST + DETACHED * np.count_nonzero(~best.seen)
+        saved = SIDE_COST + DETACHED_COST * np.count_nonzero(~best.seen)
         loss = least_loss_without_root(self._row, best.fitted, self._settings.support_tolerance)
         return bool(loss > saved + REFIT_GAIN)
 
@@ -317,14 +317,14 @@ class _Search:
         if hypothesis is None:
             return
         for tried, corners in self._tried:
-            if tried is model and np.abs(corners - hypothesis.corners).max() < SAME:
+            if tried is model and np.abs(corners - hypothesis.corners).max() < SAME_START_DISTANCE:
                 return
         self._tried.append((model, hypothesis.corners))
         settings = replace(self._settings, model=model)
         known = [c.fitted.corners for c in self.found if c.model is model]
         refined = _candidate(self._row, self._runs, hypothesis, settings, known)
         if refined is not None and not any(
-            np.abs(refined.fitted.corners - other).max() < ARRIVED for other in known
+            np.abs(refined.fitted.corners - other).max() < SAME_FIT_DISTANCE for other in known
         ):
             against = reason_to_reject_fit(refined, settings)
             self.found.append(replace(refined, objection=against))
@@ -357,7 +357,7 @@ def _hypotheses(
     cheapest, likeliest = np.inf, -np.inf
     for i, j, score in outer_side_pairs(segments, settings.model, len(row.points), budget.pairs):
         # Only points still unexplained can make up for what this pair explains less.
-        if likeliest - score > MADE_UP * cheapest:
+        if likeliest - score > RECOVERABLE_SHARE * cheapest:
             break
         hypotheses += best_hypotheses(
             settings.model,
@@ -392,7 +392,7 @@ def _why_not(
     model = settings.model
     anything = TurnBounds(-pi, pi)
     first, last = model.sides[0].name, model.sides[-1].name
-    most = PARTLY * len(row.points)
+    most = PARTIAL_GROOVE_SHARE * len(row.points)
     for part, hidden, way in (
         (
             replace(model, sides=model.sides[1:], turns=model.turns[1:], across=anything),
@@ -458,13 +458,13 @@ def _candidate(
             total = float(np.minimum(scaled * scaled, 1).sum())
             if total < least:
                 best, least = fitted, total
-        if least < hypothesis.cost + STRAYED * len(row.points):
+        if least < hypothesis.cost + STRAYED_SHARE * len(row.points):
             break
     if best is None:
         return None
     seen = _points_beside_corners(best)
     cost = float(runs.total_cost(np.minimum((best.residuals / tolerance) ** 2, 1)))
-    cost += SIDE_COST * len(model.sides) + DETACHED * np.count_nonzero(~seen)
+    cost += SIDE_COST * len(model.sides) + DETACHED_COST * np.count_nonzero(~seen)
     return GrooveCandidate(model, best, cost, seen)
 
 
@@ -479,8 +479,8 @@ def _turns(fitted: FittedProfile) -> list[float]:
 
 def _leaves_few_points(found: GrooveCandidate, settings: GrooveSettings) -> bool:
     """Whether nearly all points lie on a side or on what sticks to it."""
-    off = np.abs(found.fitted.residuals) > STUCK * settings.support_tolerance
-    return bool(off.mean() < ELSEWHERE)
+    off = np.abs(found.fitted.residuals) > NEAR_SIDE_TOLERANCES * settings.support_tolerance
+    return bool(off.mean() < REFLECTED_SHARE)
 
 
 def _convincing(found: GrooveCandidate, *, compared: bool) -> bool:
@@ -491,7 +491,10 @@ def _convincing(found: GrooveCandidate, *, compared: bool) -> bool:
     fitted, sides = found.fitted, found.model.sides
     if not (compared or found.seen.all()):
         return False
-    if fitted.inlier_shares.min() < SEEN_SHARE or undulation_sigmas(fitted)[1:-1].max() > STRAIGHT:
+    if (
+        fitted.inlier_shares.min() < SEEN_SHARE
+        or undulation_sigmas(fitted)[1:-1].max() > STRAIGHT_UNDULATION
+    ):
         return False
     return not any(
         points_lead_away_from_side(fitted, k)
@@ -506,24 +509,24 @@ def _points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
     sizes = np.diff(fitted.edges)
     near = np.empty((2, len(fitted.keep)), dtype=np.bool_)
     for own, places in zip(near, ((*ends, np.inf), (np.inf, *starts)), strict=True):
-        np.less(np.abs(fitted.along - np.repeat(places, sizes)), ATTACHED, out=own)
+        np.less(np.abs(fitted.along - np.repeat(places, sizes)), CORNER_REACH, out=own)
     near &= fitted.keep
     count = np.add.reduceat(near, fitted.edges[:-1], axis=1, dtype=np.intp)
-    return np.array((count[0, :-1], count[1, 1:])).T >= FEWEST_ATTACHED
+    return np.array((count[0, :-1], count[1, 1:])).T >= FEWEST_AT_CORNER
 
 
 def reason_to_reject_fit(found: GrooveCandidate, settings: GrooveSettings) -> str | None:
     """Why the points do not bear a fit out; None if they do."""
     fitted, model = found.fitted, found.model
     for side, count, share in zip(model.sides, fitted.counts, fitted.inlier_shares, strict=True):
-        if share < settings.inlier_share or count < FEWEST:
+        if share < settings.inlier_share or count < FEWEST_POINTS_ON_SIDE:
             return f"only {count} points, {share:.0%} of those seen there, lie on the {side.name}"
     for turned, allowed in zip(_turns(fitted), model.turns, strict=True):
-        if not allowed.least - SLACK <= turned <= allowed.most + SLACK:
+        if not allowed.least - TURN_SLACK <= turned <= allowed.most + TURN_SLACK:
             return f"a corner turns by {degrees(turned):.0f}°, which no such groove does"
     lengths = np.linalg.norm(np.diff(fitted.corners, axis=0), axis=1)
     for side, length in zip(model.sides[1:-1], lengths.tolist(), strict=True):
-        if not SHORTER * side.shortest < length < side.longest / SHORTER:
+        if not LENGTH_SLACK * side.shortest < length < side.longest / LENGTH_SLACK:
             return f"the {side.name} is {1e3 * length:.1f} mm long"
     rms = float(np.sqrt(np.mean(fitted.residuals[fitted.keep] ** 2)))
     if rms > settings.largest_rms:

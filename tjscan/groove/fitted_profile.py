@@ -14,22 +14,22 @@ from tjscan.groove.curves import CubicCurve, intersect_curves
 from tjscan.groove.noise import NoiseCorrelation, estimate_correlation, noise_share_in_fit
 from tjscan.groove.segments import Index
 
-CUT: Final = 3.3
+OUTLIER_SIGMAS: Final = 3.3
 """Residuals beyond this many standard deviations are outliers."""
 
 LEAST_NOISE: Final = 4e-6
 """Least standard deviation that a threshold rests on, in metres: shape, not noise."""
 
-UNIT: Final = 0.02
+UNIT_LENGTH: Final = 0.02
 """Metres: lengths along a side are of this order."""
 
-STIFF: Final = 1e12
+FIXED_WEIGHT: Final = 1e12
 """Weight of a coefficient that has to be zero."""
 
-POWERS: Final = UNIT ** np.arange(4)
+UNIT_POWERS: Final = UNIT_LENGTH ** np.arange(4)
 """Metres per unit of s / 20 mm, to the powers of a side's coefficients."""
 
-_IDENTITY: Final = np.eye(4)
+_IDENTITY_4: Final = np.eye(4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,12 +73,12 @@ class NormalEquations:
         Parameters
         ----------
         weight : ndarray, shape (k, 4)
-            What it adds to the diagonals; a coefficient that has to be zero weighs `STIFF`.
+            What it adds to the diagonals; a coefficient that has to be zero weighs `FIXED_WEIGHT`.
         expected : ndarray, shape (k, 4)
             Its mean, for the other coefficients.
         """
-        inverse = np.linalg.inv(self.matrix + weight[:, :, None] * _IDENTITY)
-        rhs = self.rhs + np.where(weight < STIFF, weight * expected, 0.0)
+        inverse = np.linalg.inv(self.matrix + weight[:, :, None] * _IDENTITY_4)
+        rhs = self.rhs + np.where(weight < FIXED_WEIGHT, weight * expected, 0.0)
         return (inverse @ rhs[:, :, None])[:, :, 0], np.asarray(inverse, dtype=np.float64)
 
 
@@ -183,7 +183,7 @@ def corners_between_sides(
 
 def points_on_sides(fitted: FittedProfile) -> NDArray[np.bool_]:
     """Points on their sides, shape (n,), with those that a fit left out for what lies beside."""
-    close = CUT * max(float(np.median(fitted.sigmas)), LEAST_NOISE)
+    close = OUTLIER_SIGMAS * max(float(np.median(fitted.sigmas)), LEAST_NOISE)
     return np.asarray(fitted.keep | (np.abs(fitted.residuals) < close))
 
 

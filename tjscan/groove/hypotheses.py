@@ -22,46 +22,46 @@ from tjscan.groove.curves import CubicCurve
 from tjscan.groove.models import GrooveModel, SideModel, TurnBounds
 from tjscan.groove.segments import CurvedSegments, Index
 
-LAGS: Final = (2, 4, 7, 12, 20, 35, 60, 110)
+PAIR_LAGS: Final = (2, 4, 7, 12, 20, 35, 60, 110)
 """How many points apart the pairs are that propose a line."""
 
 GAP_COST: Final = 0.15
 """What a point costs the stretch it lies in, in points, unless the line explains it."""
 
-COARSE: Final = 6
+STRETCH_BLOCK: Final = 6
 """Points between the ends that a stretch may have."""
 
-SUPPORTS: Final = 0.2
+SUPPORT_GAIN: Final = 0.2
 """Gain from which a line counts as explaining a point."""
 
-MARGIN: Final = 10
+OUTER_MARGIN: Final = 10
 """Points of the outer sides that may belong to the sides between them."""
 
-FEWEST: Final = 4
+FEWEST_INNER_POINTS: Final = 4
 """Points that must support an inner side."""
 
-LEAST_SHARE: Final = 0.12
+LEAST_SUPPORT_SHARE: Final = 0.12
 """Share of an inner side's points that must support it."""
 
-NEIGHBOURS: Final = 4
+SUPPORT_NEIGHBOURS: Final = 4
 """Points on either side of one that tell, with it, whether it lies on a side."""
 
-DISTINCT: Final = 1e-3
+DISTINCT_DISTANCE: Final = 1e-3
 """Chains that differ less than this at every corner are the same one, in metres."""
 
-RIVALS: Final = 3
+MOST_REFINED: Final = 3
 """Most hypotheses looked at more closely."""
 
-MOST_RIVALS: Final = 150
+MOST_COMPARED: Final = 150
 """Most hypotheses of which the distinct ones are sought."""
 
 RIVAL_MARGIN: Final = 12.0
 """By how many outliers a hypothesis may be dearer than the cheapest and still be looked at."""
 
-NEAREST: Final = 0.02
+NEAREST_RANGE: Final = 0.02
 """Least distance of anything from the sensor, in metres."""
 
-AWAY: Final = 30e-3
+CORNER_ROOM: Final = 30e-3
 """How far a corner may lie outside all points, in metres."""
 
 
@@ -156,9 +156,9 @@ def best_hypotheses(
     budget : SearchBudget
     """
     d_first, d_last = (side.signed_distances(points) / tolerance for side in outer)
-    lo = max(end_of_support(np.abs(d_first[: until + 1]) < 1) - MARGIN, 0)
-    hi = len(points) - max(end_of_support(np.abs(d_last[since:][::-1]) < 1) - MARGIN, 0)
-    if hi - lo < FEWEST * (len(model.sides) - 2):
+    lo = max(end_of_support(np.abs(d_first[: until + 1]) < 1) - OUTER_MARGIN, 0)
+    hi = len(points) - max(end_of_support(np.abs(d_last[since:][::-1]) < 1) - OUTER_MARGIN, 0)
+    if hi - lo < FEWEST_INNER_POINTS * (len(model.sides) - 2):
         return []
     region, u = points[lo:hi], tangents[lo:hi]
     outside = float(_costs(d_first[:lo]).sum() + _costs(d_last[hi:]).sum())
@@ -201,12 +201,14 @@ def end_of_support(support: NDArray[np.bool_]) -> int:
     """Index after the last point around which most points support a side."""
     if not len(support):
         return 0
-    near = np.convolve(support, _NEIGHBOURHOOD)[NEIGHBOURS : NEIGHBOURS + len(support)]
-    where = (near > NEIGHBOURS).nonzero()[0]
+    near = np.convolve(support, _SUPPORT_WINDOW)[
+        SUPPORT_NEIGHBOURS : SUPPORT_NEIGHBOURS + len(support)
+    ]
+    where = (near > SUPPORT_NEIGHBOURS).nonzero()[0]
     return int(where[-1]) + 1 if len(where) else 0
 
 
-_NEIGHBOURHOOD: Final = np.ones(2 * NEIGHBOURS + 1)
+_SUPPORT_WINDOW: Final = np.ones(2 * SUPPORT_NEIGHBOURS + 1)
 
 
 def _costs(scaled: Array) -> Array:
@@ -230,7 +232,7 @@ def _proposals(
     """Lines through pairs of points, (m, 4), and the points' scaled distances, (m, n)."""
     # What an outer side explains needs no other line, except near the region's ends.
     free = np.flatnonzero((np.abs(d_first) > 0.6) & (np.abs(d_last) > 0.6))
-    pairs = [(free[:-k], free[k:]) for k in LAGS if k < len(free)]
+    pairs = [(free[:-k], free[k:]) for k in PAIR_LAGS if k < len(free)]
     if not pairs:
         return np.zeros((0, 4)), np.zeros((0, len(region)))
     a, b = (np.concatenate(v) for v in zip(*pairs, strict=True))
@@ -281,7 +283,7 @@ def _pool(
         corner = np.where(keep[:, None], corner, 1.0)
         bounds[i] = np.searchsorted(u, bearing_tangents(corner))
         end = corner + (longest if following else -longest) * lines[:, 2:]
-        end[:, 1] = np.maximum(end[:, 1], NEAREST)
+        end[:, 1] = np.maximum(end[:, 1], NEAREST_RANGE)
         bounds[1 - i] = np.searchsorted(u, bearing_tangents(end))
     which = np.flatnonzero(keep)
     if not len(which):
@@ -294,14 +296,14 @@ def _pool(
         mine &= index < bounds[1][which, None]
         gain = np.where(mine, gains[which], np.float32(0))
         # Stretches end at every few points: that is near enough, and quicker to sum.
-        blocks = np.add.reduceat(gain, np.arange(0, n, COARSE), axis=1)
+        blocks = np.add.reduceat(gain, np.arange(0, n, STRETCH_BLOCK), axis=1)
         if before is None:
             blocks = blocks[:, ::-1]
         score = blocks.cumsum(axis=1).max(axis=1)
         order = np.argsort(-score, kind="stable")
         order = order[: max(np.count_nonzero(score > 0), 1)]
         # Of the lines that explain a point the best one claims it.
-        claims = gain[order] > SUPPORTS - GAP_COST
+        claims = gain[order] > SUPPORT_GAIN - GAP_COST
         winners = np.zeros(len(order), dtype=np.bool_)
         winners[claims.argmax(axis=0)[claims.any(axis=0)]] = True
         winners &= score[order] > 0
@@ -315,8 +317,8 @@ def _one_by_one(gain: Array, most: int) -> Index:
     gain, found = gain.copy(), []
     for _ in range(most):
         best = int(gain.sum(axis=1).argmax())
-        explained = gain[best] > SUPPORTS
-        if np.count_nonzero(explained) < FEWEST:
+        explained = gain[best] > SUPPORT_GAIN
+        if np.count_nonzero(explained) < FEWEST_INNER_POINTS:
             break
         found.append(best)
         gain[:, explained] = 0
@@ -343,7 +345,7 @@ def _cheapest(
     outside: float,
 ) -> list[PolylineHypothesis]:
     """Dynamic programming over the layers; `total` keeps the last three of a hypothesis apart."""
-    box = (region.min(axis=0) - AWAY).tolist(), (region.max(axis=0) + AWAY).tolist()
+    box = (region.min(axis=0) - CORNER_ROOM).tolist(), (region.max(axis=0) + CORNER_ROOM).tolist()
     joints = []
     for k, bounds in enumerate(model.turns):
         a, b = layers[k], layers[k + 1]
@@ -366,7 +368,7 @@ def _cheapest(
     most = float(costs.min()) + RIVAL_MARGIN
     likely = np.flatnonzero((costs <= most) & (costs < np.inf))
     found: list[PolylineHypothesis] = []
-    for flat in likely[np.argsort(costs[likely], kind="stable")[:MOST_RIVALS]].tolist():
+    for flat in likely[np.argsort(costs[likely], kind="stable")[:MOST_COMPARED]].tolist():
         start, last = divmod(flat, total.shape[2])
         hypothesis = [*divmod(start, total.shape[1]), last]
         for choice in reversed(choices):
@@ -374,11 +376,11 @@ def _cheapest(
         corners = np.array(
             [j.corner[hypothesis[i], hypothesis[i + 1]] for i, j in enumerate(joints)]
         )
-        if all(np.abs(corners - c.corners).max() > DISTINCT for c in found):
+        if all(np.abs(corners - c.corners).max() > DISTINCT_DISTANCE for c in found):
             inner = [_curve(layers[k], hypothesis[k]) for k in range(1, len(hypothesis) - 1)]
             cost = float(costs[flat]) + constant
             found.append(PolylineHypothesis((outer[0], *inner, outer[1]), corners, cost))
-            if len(found) == RIVALS:
+            if len(found) == MOST_REFINED:
                 break
     return found
 
@@ -448,6 +450,6 @@ def _fits(before: _Joint, after: _Joint, side: SideModel) -> NDArray[np.bool_]:
     good = after.until[None] - before.since[:, :, None]
     gap = after.corner[None] - before.corner[:, :, None]
     square = gap[..., 0] ** 2 + gap[..., 1] ** 2
-    fits = (span > 0) & (good >= np.maximum(LEAST_SHARE * span, FEWEST * 0.7))
+    fits = (span > 0) & (good >= np.maximum(LEAST_SUPPORT_SHARE * span, FEWEST_INNER_POINTS * 0.7))
     fits &= square > side.shortest**2
     return np.asarray(fits & (square < side.longest**2))

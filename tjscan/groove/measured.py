@@ -11,7 +11,7 @@ import numpy as np
 from tjscan.core.frames import Array, readonly_copy, transform_points
 from tjscan.groove.section import GrooveSection
 
-_ARRAYS: Final = (
+_ARRAY_FIELDS: Final = (
     "T_r_g",
     "points",
     "covariances",
@@ -81,7 +81,7 @@ class MeasuredSection:
     shared_sigmas: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
-        for name in _ARRAYS:
+        for name in _ARRAY_FIELDS:
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property

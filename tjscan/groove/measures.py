@@ -10,7 +10,7 @@ import numpy as np
 
 from tjscan.core.frames import Array
 
-TINY: Final = 1e-12
+LEAST_ROOT: Final = 1e-12
 """Metres: a narrower root has no direction."""
 
 Pair = tuple[float, float] | list[float]
@@ -81,7 +81,7 @@ def measure_groove(p2: Pair, p3: Pair, p4: Pair, wall: Pair, leg: Pair) -> Groov
 
     # Derivatives, of the area twice over and without its sign.
     gx, gz = (-wx * out - zx * up) / square, (-wz * out - zz * up) / square
-    ux, uz = rx / max(width, TINY), rz / max(width, TINY)
+    ux, uz = rx / max(width, LEAST_ROOT), rz / max(width, LEAST_ROOT)
     ax, az = qz - (lz * lever - wz * reach) / sine, -qx + (lx * lever - wx * reach) / sine
     by_wall = along * ((wz * bz + wx * bx) - lever * (wz * lz + wx * lx) / sine)
     by_leg = (lever / sine) * (along * (wx * lx + wz * lz) - (bx * lx + bz * lz))

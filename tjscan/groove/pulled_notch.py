@@ -10,23 +10,23 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.groove.curves import CubicCurve
 from tjscan.groove.fitted_profile import (
-    CUT,
     LEAST_NOISE,
+    OUTLIER_SIGMAS,
     FittedProfile,
     OrderedProfilePoints,
     estimate_noise_correlation,
 )
 from tjscan.groove.models import GrooveModel
-from tjscan.groove.shape import BLOCK, LEAST_SQUARE, undulation_sigmas
+from tjscan.groove.shape import LEAST_RAY_SINE, UNDULATION_BLOCK, undulation_sigmas
 
-REACH: Final = 4e-3
+PULL_REACH: Final = 4e-3
 """Distance from a notch in metres within which points are pulled in: real profiles
 show 3 to 5 mm."""
 
-DOUBTFUL: Final = 0.15
+PULL_DOUBT: Final = 0.15
 """Share of itself by which a pull is uncertain, for its reach is."""
 
-FEWEST: Final = 4
+FEWEST_PULLED_POINTS: Final = 4
 """Points about a notch that show a pull."""
 
 
@@ -40,13 +40,13 @@ def closeness_to_notch(points: Array, notch: Array) -> Array:
         Its corners, x and z in metres.
     """
     away = np.linalg.norm(points[:, None] - notch, axis=2).min(axis=1)
-    return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.minimum(away / REACH, 1.0)))
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.minimum(away / PULL_REACH, 1.0)))
 
 
 def sines_with_rays(curve: CubicCurve, points: Array) -> Array:
     """Sines of the angles between a side and the rays to points, shape (n, 2)."""
     square = points @ np.array((curve.tz, -curve.tx)) / np.linalg.norm(points, axis=1)
-    return np.asarray(np.maximum(np.abs(square), LEAST_SQUARE))
+    return np.asarray(np.maximum(np.abs(square), LEAST_RAY_SINE))
 
 
 def estimate_pull(
@@ -82,13 +82,13 @@ def estimate_pull(
         close = closeness[own] > 0
         off = d - (curve.c0 + s * (curve.c1 + s * (curve.c2 + s * curve.c3)))
         sigma = max(float(fitted.sigmas[k]), LEAST_NOISE)
-        used = fitted.keep[own] | (close & (np.abs(off) < 2 * CUT * sigma))
-        if np.count_nonzero(close & used) < FEWEST:
+        used = fitted.keep[own] | (close & (np.abs(off) < 2 * OUTLIER_SIGMAS * sigma))
+        if np.count_nonzero(close & used) < FEWEST_PULLED_POINTS:
             continue
         expected = curve.c2 if side.expected_bend is None and side.bend > 1 else side.expected_bend
         basis = np.stack([s[used] ** p for p in range(4)])
         g, y = pull[used], d[used] - (expected or 0.0) * basis[2]
-        variance = sigma**2 * noise.variance_inflation + BLOCK * float(slow[k]) ** 2
+        variance = sigma**2 * noise.variance_inflation + UNDULATION_BLOCK * float(slow[k]) ** 2
         known = np.zeros(4)
         known[2:] = variance / np.maximum((side.bend, side.twist), 1e-3) ** 2
         taken = np.linalg.solve(basis @ basis.T + np.diag(known), basis @ np.column_stack((g, y)))

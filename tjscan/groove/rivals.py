@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.background import JUMP, find_runs
+from tjscan.groove.background import JUMP_DISTANCE, find_runs
 from tjscan.groove.fitted_profile import (
     FittedProfile,
     OrderedProfilePoints,
@@ -23,36 +23,36 @@ from tjscan.groove.fitted_profile import (
 from tjscan.groove.models import GrooveModel
 from tjscan.groove.segments import Index
 
-INDEPENDENT: Final = 0.25
+POINT_LOG_ODDS: Final = 0.25
 """Logarithm of the odds that one point explained more is worth: points of a reflection come in
 runs, and noise is correlated, so that a point counts for a part of an independent one."""
 
 LEAST_ODDS: Final = 0.01
 """Readings less likely than this, over the likeliest, are left out."""
 
-REFLECTION: Final = 3e-3
+REFLECTION_DISTANCE: Final = 3e-3
 """How far reflections lie off the surface, in metres."""
 
-TOUCHES: Final = JUMP / (sqrt(3) * REFLECTION)
+TOUCHING_SHARE: Final = JUMP_DISTANCE / (sqrt(3) * REFLECTION_DISTANCE)
 """Share of the reflections that end so near the surface, by chance, that no jump shows."""
 
-FAR: Final = 0.6e-3
+FAR_DISTANCE: Final = 0.6e-3
 """Farther from its side, in metres, a point is a reflection."""
 
 MOST_REFLECTED: Final = 0.25
 """Greatest probability that a side which hangs together with no other is a reflection."""
 
-THERE, FEWEST_THERE, FEWEST_BETWEEN = 1.5e-3, 2, 3
+MEETING_REACH, FEWEST_MEETING, FEWEST_HIDING = 1.5e-3, 2, 3
 """Points of a side, so near a corner in metres, that show it there; and points between two sides
 that hide how one goes over into the other."""
 
-SAME: Final = 0.05e-3
+SAME_READING_DISTANCE: Final = 0.05e-3
 """Readings whose corners differ by less, in metres, are one."""
 
 
 def odds(excess: float) -> float:
     """Odds of a reading against one whose cost is less by `excess`, in outliers."""
-    return exp(-INDEPENDENT * excess)
+    return exp(-POINT_LOG_ODDS * excess)
 
 
 def form_probability(
@@ -122,7 +122,7 @@ def rival_covariance(
         for i, j in matched_corners(model, other):
             away[2 * i : 2 * i + 2] = found.corners[j] - fitted.corners[i]
         known = (np.zeros_like(away), *(v for _, v in moments))
-        if min(np.abs(away - v).max() for v in known) > SAME:
+        if min(np.abs(away - v).max() for v in known) > SAME_READING_DISTANCE:
             moments.append((weight, away))
     covariance = np.zeros((2 * len(model.sides),) * 2)
     total = 1 + sum(weight for weight, _ in moments)
@@ -137,7 +137,7 @@ def reflection_probability(fitted: FittedProfile) -> float:
     It is the share of the profile's points that are reflections, estimated with half a point
     more, for none may be seen by chance.
     """
-    far = np.count_nonzero(np.abs(fitted.residuals) > FAR)
+    far = np.count_nonzero(np.abs(fitted.residuals) > FAR_DISTANCE)
     return min((far + 0.5) / (len(fitted.residuals) + 1), MOST_REFLECTED)
 
 
@@ -158,7 +158,7 @@ def share_in_long_stretches(
     least : int
         Number of points.
     jumping : float
-        How much those count that jump off the surface at both ends: `TOUCHES` for a side that
+        How much those count that jump off the surface at both ends: `TOUCHING_SHARE` for a side that
         only one end shows to go over into another.
     """
     first, stop, hangs = _far_stretches(row, residuals)
@@ -176,7 +176,7 @@ def _far_stretches(
     First points, points after the last ones, and whether they begin and end without a jump,
     shape (2, m).
     """
-    far = np.concatenate(([False], np.abs(residuals) > FAR, [False]))
+    far = np.concatenate(([False], np.abs(residuals) > FAR_DISTANCE, [False]))
     first, stop = (far[1:] != far[:-1]).nonzero()[0].reshape(-1, 2).T
     cut = np.zeros(len(far), dtype=np.bool_)
     if len(first):
@@ -194,13 +194,13 @@ def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
     found = np.zeros(len(fitted.corners), dtype=np.bool_)
     for i, (s_before, s_after) in enumerate(fitted.places):
         start, middle, end = fitted.edges[i : i + 3]
-        before = start + np.flatnonzero(on[start:middle])[-FEWEST_THERE:]
-        after = middle + np.flatnonzero(on[middle:end])[:FEWEST_THERE]
-        if min(len(before), len(after)) < FEWEST_THERE:
+        before = start + np.flatnonzero(on[start:middle])[-FEWEST_MEETING:]
+        after = middle + np.flatnonzero(on[middle:end])[:FEWEST_MEETING]
+        if min(len(before), len(after)) < FEWEST_MEETING:
             continue
         away = np.concatenate((fitted.along[before] - s_before, fitted.along[after] - s_after))
         between = after[0] - before[-1] - 1
-        found[i] = between < FEWEST_BETWEEN and np.abs(away).max() < THERE
+        found[i] = between < FEWEST_HIDING and np.abs(away).max() < MEETING_REACH
     return found
 
 
@@ -224,7 +224,7 @@ def left_out_covariance(
                 edges = fitted.edges[k : k + 2]
                 if model.sides[k].bead or not edges[0] <= point < edges[1]:
                     continue
-                if abs(float(fitted.along[point]) - places[k - i]) > THERE:
+                if abs(float(fitted.along[point]) - places[k - i]) > MEETING_REACH:
                     continue
                 probability = (b - a) / (b - a + float(fitted.counts[k]))
                 off = float(np.median(np.abs(fitted.residuals[a:b])))
@@ -267,6 +267,6 @@ def reflection_covariance(
             continue
         away = np.zeros(len(covariance))
         for i in (k - 1, k):
-            away[2 * i : 2 * i + 2] = REFLECTION * _sideways(fitted, i, k)
+            away[2 * i : 2 * i + 2] = REFLECTION_DISTANCE * _sideways(fitted, i, k)
         covariance += probability * np.outer(away, away)
     return covariance

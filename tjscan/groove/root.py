@@ -13,21 +13,21 @@ from tjscan.core.frames import Array
 from tjscan.groove.curves import CubicCurve, intersect_curves
 from tjscan.groove.fit import GrooveCandidate
 from tjscan.groove.fitted_profile import (
-    CUT,
     LEAST_NOISE,
+    OUTLIER_SIGMAS,
     FittedProfile,
     OrderedProfilePoints,
     estimate_noise_correlation,
 )
 from tjscan.groove.hypotheses import end_of_support
 from tjscan.groove.rivals import (
-    FAR,
-    TOUCHES,
+    FAR_DISTANCE,
+    TOUCHING_SHARE,
     reflection_probability,
     share_in_long_stretches,
     sides_that_meet,
 )
-from tjscan.groove.section import TACK
+from tjscan.groove.section import TACK_WELD
 from tjscan.groove.shape import gaps_beside_corners
 
 OPEN_ROOT: Final = "open root"
@@ -45,7 +45,7 @@ WELD_RATIO: Final = 0.06
 LEAST_OPENING: Final = 0.8e-3
 """Distance between the end of a bevel and the leg that makes an open root, in metres."""
 
-UNDER: Final = 40
+POINTS_UNDER: Final = 40
 FEWEST_UNDER: Final = 2
 """Of so many points after the end of a bevel, so many must lie on the leg under it where a root
 is open."""
@@ -60,22 +60,22 @@ CAP_FOOT: Final = 0.5
 CAP_STEP: Final = 0.4
 """Neighbouring points of a cap differ in height by less than this share of it."""
 
-BURIED: Final = 0.5
+BURIED_CHORDS: Final = 0.5
 """Distance along bevel or leg from a tack's toe to the corner under it, in chords of the tack."""
 
 LEAST_UNSEEN: Final = 0.5e-3
 """Least standard deviation, in metres along its side, of a corner that is not seen."""
 
-ANY_FORM: Final = 0.5
+ANY_FORM_PROBABILITY: Final = 0.5
 """Probability that a root which is not seen has no face: as likely as not."""
 
-DENSER: Final = 2.0
+NOTCH_REFLECTIONS: Final = 2.0
 """By how much reflections are denser about a notch, where light finds many ways."""
 
-FARTHEST: Final = 20e-3
+FARTHEST_ROOT: Final = 20e-3
 """Metres along bevel or leg in which the root lies."""
 
-ALONG: Final = 21
+BOW_POINTS: Final = 21
 """Points by which a face's height over its chord is found."""
 
 
@@ -147,12 +147,12 @@ def _with_root(
     conditions = seam
     absent: tuple[str, ...] = ()
     if bow > max(TACK_RATIO * chord, TACK_HEIGHT):
-        conditions, absent = (TACK, *seam), ("p3", "p4")
+        conditions, absent = (TACK_WELD, *seam), ("p3", "p4")
         for k, curve, s in (
             (2, fitted.curves[-3], fitted.places[-2][0]),
             (4, fitted.curves[-1], fitted.places[-1][1]),
         ):
-            spread[k : k + 2, k : k + 2] += _spread(curve, s, BURIED * chord, 0.0)
+            spread[k : k + 2, k : k + 2] += _spread(curve, s, BURIED_CHORDS * chord, 0.0)
     elif bow > WELD_RATIO * chord:
         conditions = (WELD_IN_ROOT, *seam)
     return TeeCorners(
@@ -182,14 +182,14 @@ def _if_no_surface(row: OrderedProfilePoints, fitted: FittedProfile) -> Array:
     for k, curve in ((0, bevel), (2, leg)):
         if any(meets):
             probability = share_in_long_stretches(
-                row, fitted.residuals, points, jumping=TOUCHES if meets[k // 2] else 1.0
+                row, fitted.residuals, points, jumping=TOUCHING_SHARE if meets[k // 2] else 1.0
             )
         else:
-            probability = DENSER * reflection_probability(fitted)
+            probability = NOTCH_REFLECTIONS * reflection_probability(fitted)
         place = fitted.places[-2][0] if k == 0 else fitted.places[-1][1]
         near = float(-gaps[0, 0] if k == 0 else gaps[1, 1])
-        far = near + (FARTHEST if k == 0 else -FARTHEST)
-        if met is not None and abs(met[k // 2] - place) < FARTHEST:
+        far = near + (FARTHEST_ROOT if k == 0 else -FARTHEST_ROOT)
+        if met is not None and abs(met[k // 2] - place) < FARTHEST_ROOT:
             far = met[k // 2] - place
         # Mean square of what is uniform between the two.
         square = (near * near + near * far + far * far) / 3
@@ -199,7 +199,7 @@ def _if_no_surface(row: OrderedProfilePoints, fitted: FittedProfile) -> Array:
 
 def _bow(root: CubicCurve, start: float, end: float) -> tuple[float, float]:
     """Height of a face over its chord, towards the sensor, and length of the chord."""
-    points = np.array([root.points_at(float(s)) for s in np.linspace(start, end, ALONG)])
+    points = np.array([root.points_at(float(s)) for s in np.linspace(start, end, BOW_POINTS)])
     along = points[-1] - points[0]
     chord = hypot(*along.tolist())
     away = (points - points[0]) @ np.array((along[1], -along[0])) / max(chord, 1e-9)
@@ -237,21 +237,21 @@ def _without_root(
     if opening > LEAST_OPENING and under is not None:
         step = _step(row, bevel, last, on_bevel)
         # A root face or a rounded edge that goes on from the bevel leaves it slowly.
-        sure = CUT * max(float(fitted.sigmas[-2]), LEAST_NOISE)
+        sure = OUTLIER_SIGMAS * max(float(fitted.sigmas[-2]), LEAST_NOISE)
         surely = int(np.flatnonzero((off_bevel < min(sure, tolerance))[: last + 1])[-1])
         hidden = abs(int(row.columns[under] - row.columns[surely]))
         s3 = bevel.position_along_chord(*row.points[surely].tolist()) + 0.5 * step * hidden
         p3 = np.array(bevel.points_at(s3))
         s4 = leg.position_along_chord(*p3.tolist())
         # What is taken for the leg under it may be a reflection. Then the bevel goes on.
-        reflected = float(np.mean((np.abs(fitted.residuals) > FAR) & ~on_leg))
-        hides = min(abs(apex_bevel - s3), FARTHEST)
+        reflected = float(np.mean((np.abs(fitted.residuals) > FAR_DISTANCE) & ~on_leg))
+        hides = min(abs(apex_bevel - s3), FARTHEST_ROOT)
         # As many columns may be lost before the edge as after it: their difference is triangular.
         along = hypot(step * hidden / sqrt(24), sqrt(reflected / 3) * hides)
         total[2:4, 2:4] = _spread(bevel, s3, along, height[-2])
         points = np.array((fitted.corners[0], p3, leg.points_at(s4)))
         opening = float(np.linalg.norm(points[1] - points[2]))
-        hides = min(abs(apex_leg - s4), FARTHEST)
+        hides = min(abs(apex_leg - s4), FARTHEST_ROOT)
         along = hypot(max(opening / 4, LEAST_UNSEEN), sqrt(reflected / 3) * hides)
         total[4:6, 4:6] = _spread(leg, s4, along, height[-1])
         places = (fitted.places[0][0], s4)
@@ -262,13 +262,13 @@ def _without_root(
     reach_3 = max(abs(apex_bevel - s_last) / sqrt(12), LEAST_UNSEEN)
     reach_4 = max(abs(s_first - apex_leg) / sqrt(12), LEAST_UNSEEN)
     # What is taken for the ends of bevel and leg may be reflections.
-    farther = sqrt(reflection_probability(fitted) / 3) * FARTHEST
+    farther = sqrt(reflection_probability(fitted) / 3) * FARTHEST_ROOT
     total[2:4, 2:4] = _spread(bevel, s3, hypot(reach_3, farther), height[-2])
     total[4:6, 4:6] = _spread(leg, s4, hypot(reach_4, farther), height[-1])
     points = np.array((fitted.corners[0], bevel.points_at(s3), leg.points_at(s4)))
     places = (fitted.places[0][0], s4)
     return TeeCorners(
-        points, total, places, (ROOT_NOT_SEEN, *seam), ("p3", "p4"), form_seen=ANY_FORM
+        points, total, places, (ROOT_NOT_SEEN, *seam), ("p3", "p4"), form_seen=ANY_FORM_PROBABILITY
     )
 
 
@@ -279,7 +279,7 @@ def _under(
 
     It is there beyond where the two, drawn on, meet.
     """
-    index = last + 1 + np.flatnonzero(on_leg[last + 1 : last + 1 + UNDER])
+    index = last + 1 + np.flatnonzero(on_leg[last + 1 : last + 1 + POINTS_UNDER])
     s, _ = leg.local_coordinates(row.points[index])
     under = index[s < apex - LEAST_OPENING]
     return int(under[0]) if len(under) >= FEWEST_UNDER else None

@@ -14,13 +14,13 @@ from tjscan.core.frames import Array, readonly_copy, unit_vector
 from tjscan.groove.measures import measure_groove
 from tjscan.groove.prior import SectionEvidence
 
-PARALLEL: Final = 1e-3
+PARALLEL_SINE: Final = 1e-3
 """Sine of the angle between wall and leg below which they span no frame."""
 
-TACK: Final = "tack"
+TACK_WELD: Final = "tack"
 """Condition of a section whose root is buried under a tack weld."""
 
-_ARRAYS = (
+_ARRAY_FIELDS = (
     "points_s",
     "wall_s",
     "leg_s",
@@ -103,7 +103,7 @@ class GrooveSection:
     evidence: SectionEvidence | None = None
 
     def __post_init__(self) -> None:
-        for name in _ARRAYS:
+        for name in _ARRAY_FIELDS:
             object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
@@ -114,7 +114,7 @@ class GrooveSection:
     @property
     def on_tack(self) -> bool:
         """Whether a tack weld lies over the root."""
-        return TACK in self.conditions
+        return TACK_WELD in self.conditions
 
     @property
     def corner_covariances_s(self) -> Array:
@@ -177,7 +177,7 @@ def section_from_points(
     v1 = points[1] - points[0] if wall_s is None else np.asarray(wall_s, dtype=float)
     v4 = points[4] - points[3] if leg_s is None else np.asarray(leg_s, dtype=float)
     wall, leg = unit_vector(v1[[0, 2]]), unit_vector(v4[[0, 2]])
-    if abs(wall[0] * leg[1] - wall[1] * leg[0]) < PARALLEL:
+    if abs(wall[0] * leg[1] - wall[1] * leg[0]) < PARALLEL_SINE:
         raise GrooveNotFound(
             "no bevel", "wall and leg are parallel, so they span no frame", points[:, [0, 2]]
         )

@@ -20,13 +20,13 @@ from tjscan.groove.budget import SearchBudget
 
 Index = NDArray[np.intp]
 
-THINNED: Final = 107
+THINNED_COUNT: Final = 107
 """About how many points judge a window: noise is correlated over more than what is skipped."""
 
 CURVATURE_SPREAD: Final = 3.0
 """Standard deviation of a side's curvature coefficient, 1/m: pipes of a radius of 170 mm."""
 
-LEAST_GAIN: Final = 1.0
+LEAST_SEGMENT_GAIN: Final = 1.0
 """What a segment has to add to those before it, in points of the thinned row."""
 
 WIDE_GAP: Final = 10
@@ -106,7 +106,7 @@ def find_segments(points: Array, tolerance: float, budget: SearchBudget) -> Curv
     CurvedSegments
         Their stretches and scores count all n points.
     """
-    step = max(1, round(len(points) / THINNED))
+    step = max(1, round(len(points) / THINNED_COUNT))
     row = points[::step]
     segments = _windows(points, tolerance, budget.windows)
     if not len(segments):
@@ -235,7 +235,7 @@ def _spread(segments: CurvedSegments, gain: Array, most: int) -> CurvedSegments:
     while len(chosen) < most:
         worth = left @ every
         best = int(worth.argmax())
-        if chosen and worth[best] < LEAST_GAIN:
+        if chosen and worth[best] < LEAST_SEGMENT_GAIN:
             break
         chosen.append(best)
         left *= left[best] <= 0

@@ -8,7 +8,7 @@ from typing import Annotated, Final
 from annotated_types import Ge, Gt, Le
 
 from tjscan.core.units import MM, ChosenByName, SettingsTable
-from tjscan.groove.models import MODELS, TEE, GrooveModel
+from tjscan.groove.models import GROOVE_MODELS, TEE_GROOVE, GrooveModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class GrooveSettings(SettingsTable):
         Least share of a side's points that must lie on it.
     """
 
-    model: Annotated[GrooveModel, ChosenByName(MODELS)] = TEE
+    model: Annotated[GrooveModel, ChosenByName(GROOVE_MODELS)] = TEE_GROOVE
     noise: Annotated[float, Gt(0), Le(5), MM] = 0.05e-3
     minimum_points: Annotated[int, Ge(20), Le(10_000)] = 80
     largest_sigma: Annotated[float, Gt(0), Le(10), MM] = 0.6e-3
@@ -45,10 +45,10 @@ class GrooveSettings(SettingsTable):
     @property
     def support_tolerance(self) -> float:
         """Distance from a hypothesis within which points support it, in metres."""
-        return TOLERANCE * self.noise
+        return TOLERANCE_SIGMAS * self.noise
 
 
-TOLERANCE: Final = 4.0
+TOLERANCE_SIGMAS: Final = 4.0
 """The tolerance in expected standard deviations."""
 
-DEFAULT: Final = GrooveSettings()
+DEFAULT_SETTINGS: Final = GrooveSettings()

@@ -9,7 +9,7 @@ import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array
 from tjscan.groove.fitted_profile import (
-    POWERS,
+    UNIT_POWERS,
     FittedProfile,
     OrderedProfilePoints,
     estimate_noise_correlation,
@@ -117,7 +117,7 @@ def _coefficient_covariances(
     """
     spread, expected = prior_shape_sigmas(model), prior_shape_means(model)
     keep = fitted.keep
-    u = fitted.along[keep] / POWERS[1]
+    u = fitted.along[keep] / UNIT_POWERS[1]
     basis = np.empty((4, len(u)))
     basis[0], basis[1] = 1.0, u
     np.multiply(u, u, out=basis[2])
@@ -125,7 +125,7 @@ def _coefficient_covariances(
     meat = correlated_sums(noise, basis, fitted.counts, row.columns[keep])
     meat *= noise_variances(fitted, noise)[:, None, None]
     bends = spread[:, 0] > 0
-    here = POWERS * [(c.c0, c.c1, c.c2, c.c3) for c in fitted.curves]
+    here = UNIT_POWERS * [(c.c0, c.c1, c.c2, c.c3) for c in fitted.curves]
     total = _sandwich(fitted.inverse, meat, fitted.weight, spread)
     if fitted.straight is not None:
         other = prior_weights(
@@ -138,7 +138,7 @@ def _coefficient_covariances(
         total *= 1 - share
         total += share * _sandwich(inverse, meat, other, spread)
         total += share * away[:, :, None] * away[:, None]
-    return np.asarray(total / (POWERS[:, None] * POWERS))
+    return np.asarray(total / (UNIT_POWERS[:, None] * UNIT_POWERS))
 
 
 def _sandwich(inverse: Array, meat: Array, weight: Array, spread: Array) -> Array:

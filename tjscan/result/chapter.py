@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import Literal, Protocol
 
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.groove.settings import DEFAULT, GrooveSettings
+from tjscan.groove.settings import DEFAULT_SETTINGS, GrooveSettings
 from tjscan.laser.profile import Profile
 from tjscan.result.animation import PlaneAnimation
 
@@ -132,7 +132,7 @@ class ReportChapter:
     sheet: ReportSheet | None = None
     animation: PlaneAnimation | None = None
     profiles: Mapping[int, Profile] = field(default_factory=lambda: MappingProxyType({}))
-    settings: GrooveSettings = DEFAULT
+    settings: GrooveSettings = DEFAULT_SETTINGS
 
 
 class ChapterWriter(Protocol):

@@ -11,7 +11,7 @@ import numpy as np
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.find import GrooveSettings, find_groove, fit_groove_to_profile
-from tjscan.groove.models import TEE
+from tjscan.groove.models import TEE_GROOVE
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.result.section import MEASURES
@@ -76,7 +76,7 @@ def measure_grooves(
     """
     for name, profile in profiles.items():
         try:
-            if settings.model is TEE:
+            if settings.model is TEE_GROOVE:
                 section = find_groove(profile, settings)
                 yield ProfileReading(name, profile, section.points_s, section)
             else:
