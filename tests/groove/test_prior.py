@@ -7,8 +7,6 @@ import pytest
 from grooves import MM, Groove, Noise, cast, draw, pulled_in, raised_cosine
 
 from tjscan.core.frames import Array
-from tjscan.groove.find import find_groove
-from tjscan.groove.fitted_profile import NormalEquations
 from tjscan.groove.prior import (
     NOTCH_PULLS,
     SCALE_THICKNESSES,
@@ -16,7 +14,9 @@ from tjscan.groove.prior import (
     SectionEvidence,
     posterior,
 )
+from tjscan.groove.read import read_groove
 from tjscan.groove.section import GrooveSection
+from tjscan.groove.sides import NormalEquations
 from tjscan.laser.profile import Profile
 
 NOISE = Noise(sigma=0.03 * MM)
@@ -68,15 +68,15 @@ def chain(profiles: list[Profile]) -> list[GrooveSection]:
     found: list[GrooveSection] = []
     for profile in profiles:
         before = [(evidence(one), STEP * (len(found) - i)) for i, one in enumerate(found)]
-        found.append(find_groove(profile, prior=GroovePrior.from_sections(before)))
+        found.append(read_groove(profile, prior=GroovePrior.from_sections(before)))
     return found
 
 
 def test_a_prior_that_knows_nothing_changes_nothing() -> None:
     for groove in (GROOVE, Groove(roll=0.2), Groove(curvature=3.3, root=0.01)):
         profile = draw(groove, Noise(sigma=0))
-        known = find_groove(profile, prior=GroovePrior())
-        assert np.abs(corners(known) - corners(find_groove(profile))).max() < MICRON
+        known = read_groove(profile, prior=GroovePrior())
+        assert np.abs(corners(known) - corners(read_groove(profile))).max() < MICRON
     assert GroovePrior.from_sections([]).bend_sigmas.tolist() == [np.inf, np.inf]
 
 
@@ -107,7 +107,7 @@ def test_a_section_says_what_its_profile_does_whatever_it_was_told(seed: int) ->
     profile = draw(GROOVE, NOISE, seed)
     told = replace(GroovePrior(), bends=np.array([0.0, BEND]), bend_sigmas=np.full(2, 0.2))
     alone, with_it = (
-        evidence(find_groove(profile, prior=prior)) for prior in (GroovePrior(), told)
+        evidence(read_groove(profile, prior=prior)) for prior in (GroovePrior(), told)
     )
     # Its bend is nearly the same, as is its uncertainty: what it was told does not count again.
     np.testing.assert_allclose(with_it.bends, alone.bends, atol=alone.bend_sigmas.max())
@@ -118,8 +118,8 @@ def test_a_section_says_what_its_profile_does_whatever_it_was_told(seed: int) ->
 WRONG = {
     "bends": replace(GroovePrior(), bends=np.array([1.5, -2.0]), bend_sigmas=np.full(2, 0.2)),
     "pull": GroovePrior.from_sections(
-        [(SectionEvidence(np.zeros(2), np.full(2, np.inf), 50 * about(NOTCH_PULLS, 0.5 * MM, 0.1 * MM),
-          np.zeros(len(SCALE_THICKNESSES))), STEP)]
+        [(SectionEvidence(np.zeros(2), np.full(2, np.inf),
+          50 * about(NOTCH_PULLS, 0.5 * MM, 0.1 * MM), np.zeros(len(SCALE_THICKNESSES))), STEP)]
     ),
     "thickness": GroovePrior.from_sections(
         [(SectionEvidence(np.zeros(2), np.full(2, np.inf), np.zeros(len(NOTCH_PULLS)),
@@ -131,7 +131,7 @@ WRONG = {
 @pytest.mark.parametrize("what", WRONG)
 @pytest.mark.parametrize("seed", range(3))
 def test_a_wrong_prior_makes_no_reading_wrong_and_sure(what: str, seed: int) -> None:
-    section = find_groove(draw(GROOVE, NOISE, seed), prior=WRONG[what])
+    section = read_groove(draw(GROOVE, NOISE, seed), prior=WRONG[what])
     assert normalised_squares(section).max() < 8
     off = np.linalg.norm(corners(section) - GROOVE.corners, axis=1)
     assert off.max() < 0.6 * MM
@@ -142,7 +142,7 @@ def test_a_pull_is_told_from_section_to_section() -> None:
         pulled_in(draw(GROOVE, NOISE, seed), GROOVE, 0.2 * MM, raised_cosine) for seed in range(8)
     ]
     found = chain(profiles)
-    alone = [find_groove(profile) for profile in profiles]
+    alone = [read_groove(profile) for profile in profiles]
     errors, before = (
         np.linalg.norm([corners(one) - GROOVE.corners for one in some], axis=2)[3:, 1:]
         for some in (found, alone)
@@ -153,7 +153,7 @@ def test_a_pull_is_told_from_section_to_section() -> None:
 
 def test_scale_is_told_from_section_to_section() -> None:
     profiles = [with_scale(draw(GROOVE, NOISE, seed), 0.3 * MM, seed) for seed in range(8)]
-    found, alone = chain(profiles), [find_groove(profile) for profile in profiles]
+    found, alone = chain(profiles), [read_groove(profile) for profile in profiles]
     errors, before = (
         np.linalg.norm([corners(one) - GROOVE.corners for one in some], axis=2)[1:, [0, 2]]
         for some in (found, alone)
@@ -167,7 +167,7 @@ def test_scale_is_told_from_section_to_section() -> None:
 
 def test_sound_sections_are_read_no_worse_one_after_the_other_and_stay_honest() -> None:
     profiles = [draw(GROOVE, NOISE, seed) for seed in range(12)]
-    found, alone = chain(profiles), [find_groove(profile) for profile in profiles]
+    found, alone = chain(profiles), [read_groove(profile) for profile in profiles]
     errors, before = (
         np.sqrt(np.mean([(corners(one) - GROOVE.corners) ** 2 for one in some]))
         for some in (found, alone)

@@ -106,14 +106,15 @@ def read_groove(
     ValueError
         If the points are not of that shape or off the laser plane, or a setting can't be.
     """
-    from tjscan.groove.find import GrooveSettings, find_groove
     from tjscan.groove.models import GROOVE_MODELS
+    from tjscan.groove.read import read_groove as read_groove_in_profile
+    from tjscan.groove.settings import GrooveSettings
 
     _check_word("model", model, tuple(GROOVE_MODELS))
     settings = GrooveSettings(
         GROOVE_MODELS[model], noise, minimum_points, largest_sigma, largest_rms, inlier_share
     )
-    return find_groove(_profile(points), settings)
+    return read_groove_in_profile(_profile(points), settings)
 
 
 def calibrate(

@@ -11,20 +11,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from math import hypot
+from math import hypot, inf, sqrt
 from typing import Final
 
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.groove.curves import CubicCurve
-from tjscan.groove.fitted_profile import (
+from tjscan.groove.models import GrooveModel
+from tjscan.groove.noise import UNDULATION_BLOCK, undulation_sigmas
+from tjscan.groove.refinement import FACE_BLUNTNESS
+from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
+    CubicCurve,
     FittedProfile,
     OrderedProfilePoints,
 )
-from tjscan.groove.refinement import FACE_BLUNTNESS
 
 TRIED_PULLS: Final = 1e-3 * np.array((0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0, 1.3, 1.6, 2.0))
 TRIED_REACHES: Final = 1e-3 * np.array((3.0, 4.0, 5.0))
@@ -48,6 +50,20 @@ FEWEST_FACE_POINTS: Final = 8
 
 LEAST_TURN_SINE: Final = 0.15
 """Least sine of the turn between a flank and a face that have a corner."""
+
+
+PULL_REACH: Final = 4e-3
+"""Distance from a notch in metres within which points are pulled in: real profiles
+show 3 to 5 mm."""
+
+PULL_DOUBT: Final = 0.15
+"""Share of itself by which a pull is uncertain, for its reach is."""
+
+FEWEST_PULLED_POINTS: Final = 4
+"""Points about a notch that show a pull."""
+
+LEAST_RAY_SINE: Final = 0.2
+"""Least sine of the angle between a ray and a flank that shows how far a point moved along it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,7 +172,7 @@ def find_pull(row: OrderedProfilePoints, fitted: FittedProfile, k: int) -> Notch
         return NO_PULL
     costs = np.array([cost for cost, _ in known])
     inward = np.array([corners for _, corners in known])[:, :, :, None]
-    inflation = fitted.noise.variance_inflation if fitted.noise else 1.0
+    inflation = fitted.noise.variance_inflation
     weight = np.exp((now - costs) * OUTLIER_SIGMAS**2 / 2 / inflation) * _ALLOWED_PULLS
     total = float(weight.sum())
     odds = PULL_PRIOR_ODDS * total / (len(known) * np.count_nonzero(_ALLOWED_PULLS))
@@ -218,3 +234,74 @@ def _costs(
         pays = np.minimum(away / (1 + fuzzy), 1) + np.log1p(fuzzy) / OUTLIER_SIGMAS**2
         total = total + (pays * on[:, None]).sum(axis=2)
     return np.where((bearings[0] < bearings[1])[:, None], total, np.inf), np.array(corners)
+
+
+def closeness_to_notch(points: Array, notch: Array) -> Array:
+    """Share of the pull that points take, shape (n,): a raised cosine of their distance.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 2)
+    notch : ndarray, shape (m, 2)
+        Its corners, x and z in metres.
+    """
+    away = np.linalg.norm(points[:, None] - notch, axis=2).min(axis=1)
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.minimum(away / PULL_REACH, 1.0)))
+
+
+def sines_with_rays(curve: CubicCurve, points: Array) -> Array:
+    """Sines of the angles between a side and the rays to points, shape (n, 2)."""
+    square = points @ np.array((curve.tz, -curve.tx)) / np.linalg.norm(points, axis=1)
+    return np.asarray(np.maximum(np.abs(square), LEAST_RAY_SINE))
+
+
+def estimate_pull(
+    row: OrderedProfilePoints, fitted: FittedProfile, model: GrooveModel
+) -> tuple[float, float]:
+    """Estimate a pull from the flanks of a root with a face: weighted least squares.
+
+    Parameters
+    ----------
+    row : OrderedProfilePoints
+        Its points may lie elsewhere than those of the fit.
+    fitted : FittedProfile
+    model : GrooveModel
+        Whose last side but one is the root's face.
+
+    Returns
+    -------
+    float, float
+        In metres, and its standard deviation, infinite where nothing shows it. It may come out
+        negative.
+    """
+    slow = undulation_sigmas(fitted)
+    closeness = closeness_to_notch(row.points, fitted.corners[-2:])
+    value, information = 0.0, 0.0
+    last = len(fitted.curves) - 1
+    for k in (last - 2, last):
+        own, side = fitted.points_of(k), model.sides[k]
+        curve = fitted.curves[k].rebased_at_tangent(fitted.middles[k])
+        points = row.points[own]
+        s, d = curve.local_coordinates(points)
+        pull = -closeness[own] * sines_with_rays(curve, points)
+        close = closeness[own] > 0
+        off = d - (curve.c0 + s * (curve.c1 + s * (curve.c2 + s * curve.c3)))
+        sigma = max(float(fitted.sigmas[k]), LEAST_NOISE)
+        used = fitted.keep[own] | (close & (np.abs(off) < 2 * OUTLIER_SIGMAS * sigma))
+        if np.count_nonzero(close & used) < FEWEST_PULLED_POINTS:
+            continue
+        expected = curve.c2 if side.expected_bend is None and side.bend > 1 else side.expected_bend
+        basis = np.stack([s[used] ** p for p in range(4)])
+        g, y = pull[used], d[used] - (expected or 0.0) * basis[2]
+        variance = (
+            sigma**2 * fitted.noise.variance_inflation + UNDULATION_BLOCK * float(slow[k]) ** 2
+        )
+        known = np.zeros(4)
+        known[2:] = variance / np.maximum((side.bend, side.twist), 1e-3) ** 2
+        taken = np.linalg.solve(basis @ basis.T + np.diag(known), basis @ np.column_stack((g, y)))
+        left = g - taken[:, 0] @ basis
+        value += float(left @ y) / variance
+        information += float(left @ g) / variance
+    if information <= 0:
+        return 0.0, inf
+    return value / information, 1 / sqrt(information)

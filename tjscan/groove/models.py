@@ -68,7 +68,7 @@ class GrooveModel:
         From the first side to the last.
     alternatives : tuple of GrooveModel
         What such a groove may look like instead; the points decide.
-    seldom : bool
+    likely_another : bool
         Whether it likely looks like one of these: then it is compared with all of them, however
         well it fits by itself.
     """
@@ -78,7 +78,7 @@ class GrooveModel:
     turns: tuple[TurnBounds, ...]
     across: TurnBounds
     alternatives: tuple[GrooveModel, ...] = ()
-    seldom: bool = False
+    likely_another: bool = False
 
     def __post_init__(self) -> None:
         if len(self.sides) < LEAST_SIDES or len(self.turns) != len(self.sides) - 1:

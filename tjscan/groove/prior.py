@@ -141,8 +141,8 @@ class GroovePrior:
 
         Notes
         -----
-        Log-likelihoods add, fading over `ALIKE_LENGTH`. Of each bend the nearest good one is taken, for
-        what it has changed since is common to all before.
+        Log-likelihoods add, fading over `ALIKE_LENGTH`. Of each bend the nearest good one is taken,
+        for what it has changed since is common to all before.
         """
         prior = cls()
         if not sections:
@@ -189,8 +189,10 @@ class GroovePrior:
                     expected_bend=float(bend),
                 )
         others = tuple(self.expected_model(other) for other in model.alternatives)
-        seldom = not self.forms.isdisjoint(other.name for other in others)
-        return replace(model, sides=tuple(sides), alternatives=others, seldom=seldom)
+        likely_another = not self.forms.isdisjoint(other.name for other in others)
+        return replace(
+            model, sides=tuple(sides), alternatives=others, likely_another=likely_another
+        )
 
 
 def posterior(log_prior: Array, log_likelihood: Array) -> Array:

@@ -16,27 +16,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.background import HOLE_COLUMNS
-from tjscan.groove.curves import CubicCurve
-from tjscan.groove.fitted_profile import (
+from tjscan.groove.models import SideModel
+from tjscan.groove.noise import correlated_sums, estimate_noise_correlation, noise_variances
+from tjscan.groove.reflections import HOLE_COLUMNS
+from tjscan.groove.sides import (
     FIXED_WEIGHT,
     LEAST_NOISE,
     OUTLIER_SIGMAS,
     UNIT_LENGTH,
     UNIT_POWERS,
+    CubicCurve,
     FittedProfile,
+    Index,
+    NoiseCorrelation,
     NormalEquations,
     OrderedProfilePoints,
+    Polyline,
     corners_between_sides,
-    estimate_noise_correlation,
-    noise_variances,
+    rebased_at_tangents,
 )
-from tjscan.groove.models import SideModel
-from tjscan.groove.noise import (
-    NoiseCorrelation,
-    correlated_variance,
-)
-from tjscan.groove.segments import Index
 
 SHADOW_SIGMAS: Final = 0.7
 """Off the surface by more, in standard deviations, and next to a run of outliers: a ghost."""
@@ -86,23 +84,20 @@ _GUESSED_INFLATION: Final = 4.0  # before the noise's correlation is known
 
 def refine_fit(
     row: OrderedProfilePoints,
-    sides: tuple[CubicCurve, ...],
-    corners: Array,
+    start: Polyline,
     model: tuple[SideModel, ...],
     tolerance: float,
     *,
     annealed: bool = True,
     known: Sequence[Array] = (),
 ) -> FittedProfile | None:
-    """Find the most likely fit near a hypothesis; None where there is none.
+    """Find the most likely fit near a polyline; None if there is none.
 
     Parameters
     ----------
     row : OrderedProfilePoints
-    sides : tuple of CubicCurve
+    start : Polyline
         A hypothesis, from the wall.
-    corners : ndarray, shape (k - 1, 2)
-        Where they meet.
     model : tuple of SideModel
         What its sides are like.
     tolerance : float
@@ -110,77 +105,64 @@ def refine_fit(
     annealed : bool
         Whether the first rounds reach farther, which sides half hidden need.
     known : sequence of ndarray, shape (k - 1, 2)
-        Corners of other fits: one that comes as near as `SAME_FIT_DISTANCE` to them is not finished.
+        Corners of other fits: one that comes as near as `SAME_FIT_DISTANCE` to them is not
+        finished.
     """
     widths = FIRST_TOLERANCES if annealed else ()
     spread, expected = prior_shape_sigmas(model), prior_shape_means(model)
-    curved = spread[:, 0] > 0
-    inflation = _GUESSED_INFLATION
+    curved, inflation = spread[:, 0] > 0, _GUESSED_INFLATION
     bead = np.array([side.bead for side in model])
     # What sticks to the long outer sides is wider than their noise.
-    reach = np.ones(len(sides))
+    reach = np.ones(len(model))
     reach[[0, -1]] = OUTER_SIDE_REACH
-    blunt = _blunt(sides, corners, model)
-    limits = np.maximum(np.where(bead, 1.0, (*widths, 1.0)[0]) * tolerance, blunt)
-    sigmas = np.full(len(sides), tolerance / 4)
+    sigmas = np.full(len(model), tolerance / 4)
+    holes = np.flatnonzero(np.abs(np.diff(row.columns)) > HOLE_COLUMNS)
     fitted: FittedProfile | None = None
     noise: NoiseCorrelation | None = None
     straight: Array | None = None
-    holes = np.flatnonzero(np.abs(np.diff(row.columns)) > HOLE_COLUMNS)
     left_out: NDArray[np.bool_] | None = None
     for count in range(MOST_ROUNDS):
-        before = fitted
-        weight = prior_weights(spread, curved, sigmas, inflation)
+        if count < max(len(widths), 1):
+            limits = np.where(bead, 1.0, (*widths, 1.0)[count]) * tolerance
+        else:
+            noticed = np.maximum(OUTLIER_SIGMAS * sigmas, OUTLIER_SIGMAS * LEAST_NOISE)
+            limits = np.minimum(noticed, tolerance * reach)
+        limits = np.maximum(limits, _face_bluntness(start, model))
+        prior = prior_weights(spread, curved, sigmas, inflation), expected
         if fitted is not None and count < REBASED_ROUNDS:
-            sides = tuple(
-                c.rebased_at_tangent(m) for c, m in zip(sides, fitted.middles, strict=True)
-            )
-        fitted = _round(
-            row,
-            sides,
-            corners,
-            limits,
-            weight,
-            expected,
-            curved,
-            left_out,
-            shadows=count >= len(widths),
-        )
+            start = start._replace(sides=rebased_at_tangents(start.sides, fitted.middles))
+        shadows = count >= len(widths)
+        fitted = _round(row, start, limits, prior, curved, left_out, shadows=shadows)
         if fitted is None:
             return None
-        sides, corners, sigmas = fitted.curves, fitted.corners, fitted.sigmas
-        if any(np.abs(corners - other).max() < SAME_FIT_DISTANCE for other in known):
-            break
-        blunt = _blunt(sides, corners, model)
-        limits = np.minimum(
-            np.maximum(OUTLIER_SIGMAS * sigmas, OUTLIER_SIGMAS * LEAST_NOISE), tolerance * reach
-        )
-        if count + 1 < len(widths):
-            limits = np.where(bead, 1.0, widths[count + 1]) * tolerance
-        limits = np.maximum(limits, blunt)
-        moved = np.inf if before is None else np.abs(fitted.corners - before.corners).max()
+        if any(np.abs(fitted.corners - other).max() < SAME_FIT_DISTANCE for other in known):
+            return fitted
+        moved = np.abs(fitted.corners - start.corners).max() if count else np.inf
+        start, sigmas = start._replace(sides=fitted.curves, corners=fitted.corners), fitted.sigmas
         if noise is not None and moved < SETTLED_SIGMAS * max(float(sigmas.mean()), LEAST_NOISE):
             break
         settling = count >= len(widths) and moved < 0.1 * tolerance
         if noise is None and (settling or count + 1 >= UNDECIDED_ROUNDS):
             noise = estimate_noise_correlation(row, fitted)
             inflation = noise.variance_inflation
-            straight = _evidence(row, fitted, noise, model)
+            straight = _evidence(row, replace(fitted, noise=noise), model)
             curved = curved & (straight < np.where(bead, 0.0, STRAIGHT_LOG_ODDS))
             if left_out is None and len(holes):
                 left_out = _curled_rims(fitted, holes, bead)
                 if left_out is not None:
                     curved, noise = curved | bead & (spread[:, 0] > 0), None
-    return None if fitted is None else replace(fitted, noise=noise, straight=straight)
+    if fitted is None or noise is None:
+        return None
+    return replace(fitted, noise=noise, straight=straight)
 
 
-def _blunt(sides: tuple[CubicCurve, ...], corners: Array, model: tuple[SideModel, ...]) -> Array:
+def _face_bluntness(line: Polyline, model: tuple[SideModel, ...]) -> Array:
     """How far the face of each bead may lie off a parabola, shape (k,), in metres; else zero."""
-    found = np.zeros(len(sides))
+    found = np.zeros(len(model))
     for k, side in enumerate(model):
         if side.bead:
-            gap = corners[k] - corners[k - 1]
-            found[k] = FACE_BLUNTNESS * abs(sides[k].c2) * float(gap @ gap) / 4
+            gap = line.corners[k] - line.corners[k - 1]
+            found[k] = FACE_BLUNTNESS * abs(line.sides[k].c2) * float(gap @ gap) / 4
     return found
 
 
@@ -198,18 +180,16 @@ def prior_weights(
 
 def _round(
     row: OrderedProfilePoints,
-    sides: tuple[CubicCurve, ...],
-    corners: Array,
+    start: Polyline,
     limits: Array,
-    weight: Array,
-    expected: Array,
+    prior: tuple[Array, Array],
     curved: NDArray[np.bool_],
     left_out: NDArray[np.bool_] | None,
     *,
     shadows: bool,
 ) -> FittedProfile | None:
     """Who owns which point, outliers, fits, corners."""
-    cuts = row.tangents.searchsorted(-corners[:, 0] / corners[:, 1]).tolist()
+    cuts = row.tangents.searchsorted(-start.corners[:, 0] / start.corners[:, 1]).tolist()
     edges = [0, *cuts, len(row.points)]
     sizes = [b - a for a, b in pairwise(edges)]
     if min(sizes) < FEWEST_SIDE_POINTS:
@@ -218,7 +198,9 @@ def _round(
     ex, ez, es, ed, c0, c1, c2, c3, scale = np.array(
         [
             (tx, tz, cx * tx + cz * tz, cx * tz - cz * tx, *coefficients, OUTLIER_SIGMAS / limit)
-            for (cx, cz, tx, tz, *coefficients), limit in zip(sides, limits.tolist(), strict=True)
+            for (cx, cz, tx, tz, *coefficients), limit in zip(
+                start.sides, limits.tolist(), strict=True
+            )
         ]
     ).T.repeat(sizes, axis=1)
     x, z = row.points.T
@@ -242,19 +224,20 @@ def _round(
         return None
     equations = NormalEquations(sums[_HANKEL_INDEX].transpose(2, 0, 1), sums[7:].T)
     try:
-        c, inverse = equations.solve_with_prior(weight, expected)
+        c, inverse = equations.solve_with_prior(*prior)
     except np.linalg.LinAlgError:
         return None
     c0, c1, c2, c3 = c.T.repeat(sizes, axis=1)
     residuals = d - (c0 + u * (c1 + u * (c2 + u * c3)))
     sigmas = _sigmas(residuals, keep, edges, counts)
     fitted = tuple(
-        CubicCurve(*f[:4], *q) for f, q in zip(sides, (c / UNIT_POWERS).tolist(), strict=True)
+        CubicCurve(*f[:4], *q) for f, q in zip(start.sides, (c / UNIT_POWERS).tolist(), strict=True)
     )
-    met = corners_between_sides(fitted, corners)
+    met = corners_between_sides(fitted, start.corners)
     if met is None:
         return None
     middles = tuple((UNIT_LENGTH * sums[1] / counts).tolist())
+    weight, _ = prior
     return FittedProfile(
         fitted,
         met[1],
@@ -338,10 +321,7 @@ def prior_uncertainty_terms(weight: Array, spread: Array) -> Array:
 
 
 def _evidence(
-    row: OrderedProfilePoints,
-    fitted: FittedProfile,
-    noise: NoiseCorrelation,
-    model: tuple[SideModel, ...],
+    row: OrderedProfilePoints, fitted: FittedProfile, model: tuple[SideModel, ...]
 ) -> Array:
     """Logarithm of the odds that each side is straight, not curved (Savage–Dickey ratio)."""
     spread = prior_shape_sigmas(model)
@@ -351,8 +331,8 @@ def _evidence(
     # What each point adds to the bend of its side.
     share = c0 + u * (c1 + u * (c2 + u * c3))
     doubt = prior_uncertainty_terms(fitted.weight, spread)
-    variance = noise_variances(fitted, noise)
-    variance = variance * correlated_variance(noise, share, fitted.counts, row.columns[keep])
+    sums = correlated_sums(fitted.noise, share[None], fitted.counts, row.columns[keep])
+    variance = noise_variances(fitted) * sums[:, 0, 0]
     variance += ((fitted.inverse[:, 2, 2:] * doubt) ** 2).sum(axis=1)
     variance = np.maximum(variance, 1e-30)
     bend = np.array([c.c2 for c in fitted.curves]) * UNIT_LENGTH**2

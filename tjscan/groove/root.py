@@ -2,33 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import hypot, nan, sqrt
+from dataclasses import replace
+from math import hypot, sqrt
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.curves import CubicCurve, intersect_curves
-from tjscan.groove.fit import GrooveCandidate
-from tjscan.groove.fitted_profile import (
-    LEAST_NOISE,
-    OUTLIER_SIGMAS,
-    FittedProfile,
-    OrderedProfilePoints,
-    estimate_noise_correlation,
-)
-from tjscan.groove.hypotheses import end_of_support
-from tjscan.groove.rivals import (
+from tjscan.groove.reflections import (
     FAR_DISTANCE,
     TOUCHING_SHARE,
     reflection_probability,
     share_in_long_stretches,
     sides_that_meet,
 )
-from tjscan.groove.section import TACK_WELD
+from tjscan.groove.section import TACK_WELD, GrooveSection, section_from_points
 from tjscan.groove.shape import gaps_beside_corners
+from tjscan.groove.sides import (
+    LEAST_NOISE,
+    OUTLIER_SIGMAS,
+    CubicCurve,
+    FittedProfile,
+    GrooveFit,
+    OrderedProfilePoints,
+    end_of_support,
+    intersect_curves,
+    true_stretches,
+)
 
 OPEN_ROOT: Final = "open root"
 WELD_IN_ROOT: Final = "weld in the root"
@@ -79,63 +80,60 @@ BOW_POINTS: Final = 21
 """Points by which a face's height over its chord is found."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TeeCorners:
-    """Corners p2, p3 and p4 of a tee's groove, their covariance, and conditions found.
+def read_root(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSection:
+    """Read the section of a fitted tee: its corners p2, p3 and p4, and what is found at its root.
 
     Parameters
     ----------
-    points : ndarray, shape (3, 2)
-        p2, p3 and p4, x and z in metres.
+    fit : GrooveFit
+        Of any form of a tee, of k sides.
+    covariance : ndarray, shape (2 k, 2 k)
+        Of its corners and of the angles of wall and leg.
+    tolerance : float
+        Distance within which a point lies on a side, in metres.
+    """
+    section = (
+        _with_face(fit, covariance)
+        if fit.model.has_root_bead
+        else _without_face(fit, covariance, tolerance)
+    )
+    seam = (SEAM_BESIDE,) if _seam_beside(fit) else ()
+    return replace(section, model=fit.model.name, conditions=(*section.conditions, *seam))
+
+
+def _section(
+    fit: GrooveFit, corners: Array, covariance: Array, places: tuple[float, float]
+) -> GrooveSection:
+    """Section with given corners p2, p3 and p4, x and z, shape (3, 2), in metres.
+
+    Parameters
+    ----------
     covariance : ndarray, shape (8, 8)
         Of the coordinates of p2, p3, p4, and of the angles of wall and leg.
     places : tuple of float
         s of p2 on the wall and of p4 on the leg.
-    conditions : tuple of str
-        Named conditions such as `OPEN_ROOT`.
-    absent : tuple of str
-        Corners that are not there or not seen; what is given for them is where they may be.
-    root_opening : float
-        Distance of an open root's edge from the leg, in metres; NaN where the root is not open.
-    form_seen : float
-        Probability that the groove has the fitted form as far as the root shows it.
     """
-
-    points: Array
-    covariance: Array
-    places: tuple[float, float]
-    conditions: tuple[str, ...] = ()
-    absent: tuple[str, ...] = ()
-    root_opening: float = nan
-    form_seen: float = 1.0
-
-
-def find_tee_corners(
-    row: OrderedProfilePoints, found: GrooveCandidate, covariance: Array, tolerance: float
-) -> TeeCorners:
-    """Find the corners p2, p3 and p4 of a fitted tee.
-
-    Parameters
-    ----------
-    row : OrderedProfilePoints
-    found : GrooveCandidate
-        Of any form of a tee.
-    covariance : ndarray, shape (2 k, 2 k)
-        What `corner_covariance` gives for it.
-    tolerance : float
-        Distance within which a point lies on a side, in metres.
-    """
-    seam = (SEAM_BESIDE,) if _seam_beside(found) else ()
-    if found.model.has_root_bead:
-        return _with_root(row, found, covariance, seam)
-    return _without_root(row, found, covariance, tolerance, seam)
+    fitted = fit.fitted
+    wall, leg = fitted.curves[0], fitted.curves[-1]
+    on_wall, on_leg = fitted.kept_along(0), fitted.kept_along(len(fitted.curves) - 1)
+    points = np.zeros((5, 3))
+    points[0, [0, 2]] = wall.points_at(float(on_wall.min()))
+    points[1:4, [0, 2]] = corners
+    points[4, [0, 2]] = leg.points_at(float(on_leg.max()))
+    t1, t4 = wall.tangent_at(places[0]), leg.tangent_at(places[1])
+    section = section_from_points(
+        points,
+        wall_s=(t1[0], 0.0, t1[1]),
+        leg_s=(t4[0], 0.0, t4[1]),
+        rms=float(np.sqrt(np.mean(fitted.residuals[fitted.keep] ** 2))),
+        covariance=covariance,
+    )
+    return replace(section, model_probability=fit.probability, evidence=fit.evidence)
 
 
-def _with_root(
-    row: OrderedProfilePoints, found: GrooveCandidate, covariance: Array, seam: tuple[str, ...]
-) -> TeeCorners:
+def _with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
     """p2 is the first corner, p3 and p4 are the last ones."""
-    fitted = found.fitted
+    fitted = fit.fitted
     last = len(fitted.corners) - 1
     chosen = [0, last - 1, last]
     index = [v for c in chosen for v in (2 * c, 2 * c + 1)] + [2 * last + 2, 2 * last + 3]
@@ -143,35 +141,31 @@ def _with_root(
     start, end = fitted.places[last - 1][1], fitted.places[last][0]
     bow, chord = _bow(root, start, end)
     spread = covariance[np.ix_(index, index)]
-    spread[2:6, 2:6] += _if_no_surface(row, fitted)
-    conditions = seam
+    spread[2:6, 2:6] += _if_no_surface(fit)
+    conditions: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
     if bow > max(TACK_RATIO * chord, TACK_HEIGHT):
-        conditions, absent = (TACK_WELD, *seam), ("p3", "p4")
+        conditions, absent = (TACK_WELD,), ("p3", "p4")
         for k, curve, s in (
             (2, fitted.curves[-3], fitted.places[-2][0]),
             (4, fitted.curves[-1], fitted.places[-1][1]),
         ):
             spread[k : k + 2, k : k + 2] += _spread(curve, s, BURIED_CHORDS * chord, 0.0)
     elif bow > WELD_RATIO * chord:
-        conditions = (WELD_IN_ROOT, *seam)
-    return TeeCorners(
-        fitted.corners[chosen],
-        spread,
-        (fitted.places[0][0], fitted.places[-1][1]),
-        conditions,
-        absent,
-    )
+        conditions = (WELD_IN_ROOT,)
+    places = fitted.places[0][0], fitted.places[-1][1]
+    section = _section(fit, fitted.corners[chosen], spread, places)
+    return replace(section, conditions=conditions, absent=absent)
 
 
-def _if_no_surface(row: OrderedProfilePoints, fitted: FittedProfile) -> Array:
+def _if_no_surface(fit: GrooveFit) -> Array:
     """What it adds to the covariance of p3 and p4, shape (4, 4), that a face may be no surface.
 
     One that goes over neither into the bevel nor into the leg may be a reflection. One that goes
     over into one of them may be spatter there, or its far end may be a reflection. Then the corners
     lie anywhere between the last points of bevel and leg and where these, drawn on, meet.
     """
-    found = np.zeros((4, 4))
+    fitted, found = fit.fitted, np.zeros((4, 4))
     meets = sides_that_meet(fitted)[-2:].tolist()
     if all(meets):
         return found
@@ -182,7 +176,7 @@ def _if_no_surface(row: OrderedProfilePoints, fitted: FittedProfile) -> Array:
     for k, curve in ((0, bevel), (2, leg)):
         if any(meets):
             probability = share_in_long_stretches(
-                row, fitted.residuals, points, jumping=TOUCHING_SHARE if meets[k // 2] else 1.0
+                fit.row, fitted.residuals, points, jumping=TOUCHING_SHARE if meets[k // 2] else 1.0
             )
         else:
             probability = NOTCH_REFLECTIONS * reflection_probability(fitted)
@@ -206,15 +200,9 @@ def _bow(root: CubicCurve, start: float, end: float) -> tuple[float, float]:
     return float(-away[np.abs(away).argmax()]), chord
 
 
-def _without_root(
-    row: OrderedProfilePoints,
-    found: GrooveCandidate,
-    covariance: Array,
-    tolerance: float,
-    seam: tuple[str, ...],
-) -> TeeCorners:
-    """p3 and p4 where bevel and leg end, or somewhere between their ends and the apex."""
-    fitted = found.fitted
+def _without_face(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSection:
+    """p3 and p4 at the ends of bevel and leg, or somewhere between their ends and the apex."""
+    row, fitted = fit.row, fit.fitted
     bevel, leg = fitted.curves[-2:]
     apex_bevel, apex_leg = fitted.places[-1]
     off_bevel = np.abs(bevel.signed_distances(row.points))
@@ -228,7 +216,7 @@ def _without_root(
         last += 1
     s_last = bevel.position_along_chord(*row.points[last].tolist())
     opening = abs(float(leg.signed_distances(np.array([bevel.points_at(s_last)]))[0]))
-    height = np.sqrt(_height_variances(row, found))
+    height = np.sqrt(_height_variances(fitted))
     p2 = covariance[:2, :2]
     total = np.zeros((8, 8))
     total[:2, :2] = p2
@@ -255,7 +243,8 @@ def _without_root(
         along = hypot(max(opening / 4, LEAST_UNSEEN), sqrt(reflected / 3) * hides)
         total[4:6, 4:6] = _spread(leg, s4, along, height[-1])
         places = (fitted.places[0][0], s4)
-        return TeeCorners(points, total, places, (OPEN_ROOT, *seam), ("p4",), opening)
+        section = _section(fit, points, total, places)
+        return replace(section, conditions=(OPEN_ROOT,), absent=("p4",), root_opening=opening)
     first = len(row.points) - end_of_support(on_leg[turn:][::-1])
     s_first = leg.position_along_chord(*row.points[min(first, len(row.points) - 1)].tolist())
     s3, s4 = 0.5 * (s_last + apex_bevel), 0.5 * (s_first + apex_leg)
@@ -267,8 +256,12 @@ def _without_root(
     total[4:6, 4:6] = _spread(leg, s4, hypot(reach_4, farther), height[-1])
     points = np.array((fitted.corners[0], bevel.points_at(s3), leg.points_at(s4)))
     places = (fitted.places[0][0], s4)
-    return TeeCorners(
-        points, total, places, (ROOT_NOT_SEEN, *seam), ("p3", "p4"), form_seen=ANY_FORM_PROBABILITY
+    section = _section(fit, points, total, places)
+    return replace(
+        section,
+        conditions=(ROOT_NOT_SEEN,),
+        absent=("p3", "p4"),
+        model_probability=fit.probability * ANY_FORM_PROBABILITY,
     )
 
 
@@ -297,13 +290,11 @@ def _step(
     return float((s[-1] - s[0]) / max(int(columns), 1))
 
 
-def _height_variances(row: OrderedProfilePoints, found: GrooveCandidate) -> Array:
+def _height_variances(fitted: FittedProfile) -> Array:
     """Variance of each side's height at one of its ends, in m², shape (k,)."""
-    noise = found.fitted.noise or estimate_noise_correlation(row, found.fitted)
     # A line's height at its end is known half as well as in its middle.
-    return np.asarray(
-        found.fitted.sigmas**2 * np.minimum(4 * noise.variance_inflation / found.fitted.counts, 1.0)
-    )
+    share = np.minimum(4 * fitted.noise.variance_inflation / fitted.counts, 1.0)
+    return np.asarray(fitted.sigmas**2 * share)
 
 
 def _spread(curve: CubicCurve, s: float, along: float, across: float) -> Array:
@@ -313,14 +304,13 @@ def _spread(curve: CubicCurve, s: float, along: float, across: float) -> Array:
     return np.asarray(along**2 * np.outer(t, t) + across**2 * np.outer(n, n))
 
 
-def _seam_beside(found: GrooveCandidate) -> bool:
+def _seam_beside(fit: GrooveFit) -> bool:
     """Whether a bump that a weld's cap may be stands on the leg."""
-    fitted = found.fitted
+    fitted = fit.fitted
     own = fitted.points_of(len(fitted.curves) - 1)
     s, d = fitted.along[own], -fitted.residuals[own]
-    raised = np.concatenate(([False], d > 0.3 * CAP_HEIGHT, [False]))
-    bounds = (raised[1:] != raised[:-1]).nonzero()[0]
-    for a, b in zip(bounds[::2].tolist(), bounds[1::2].tolist(), strict=True):
+    starts, stops = true_stretches(d > 0.3 * CAP_HEIGHT)
+    for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
         width, height = abs(float(s[b - 1] - s[a])), float(d[a:b].max())
         if not LEAST_CAP < width < MOST_CAP or not CAP_HEIGHT < height < width / 2:
             continue

@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.budget import SearchBudget
-
-Index = NDArray[np.intp]
+from tjscan.groove.settings import SearchBudget
+from tjscan.groove.sides import Index
 
 THINNED_COUNT: Final = 107
 """About how many points judge a window: noise is correlated over more than what is skipped."""
@@ -262,7 +261,7 @@ def _refitted(segments: CurvedSegments, row: Array, tolerance: float) -> CurvedS
         np.multiply(powers[k], s, out=powers[k + 1])
     m = powers.sum(axis=2)
     b = (powers[:3] * d).sum(axis=2)
-    # A pipe's side is nearly straight: this is what a short stretch believes until shown more.
+    # A pipe's side is nearly straight: a short stretch is taken for straight until it shows more.
     prior = (tolerance / 2 / CURVATURE_SPREAD) ** 2
     a = np.array(
         [[m[0] + 1e-9, m[1], m[2]], [m[1], m[2] + 1e-15, m[3]], [m[2], m[3], m[4] + prior]]

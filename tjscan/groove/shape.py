@@ -1,4 +1,4 @@
-"""What is uncertain of a corner because steel is no line, arc or cubic: the model's part.
+"""How uncertain the corners of a fit are: from noise, and because steel is no line, arc or cubic.
 
 Noise alone explains how far an average of many points strays. It does not explain a bevel that
 undulates, points beside a corner that leave their side together, or a notch that light between
@@ -8,34 +8,38 @@ their corners.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import hypot, sqrt
 from statistics import median
 from typing import Final
 
 import numpy as np
+import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array
-from tjscan.groove.curves import CubicCurve
-from tjscan.groove.fitted_profile import (
-    FittedProfile,
-    OrderedProfilePoints,
-    estimate_noise_correlation,
-    noise_variances,
-    points_on_sides,
-)
-from tjscan.groove.hypotheses import end_of_support
-from tjscan.groove.interreflection import NotchPull, find_pull
+from tjscan.groove.interreflection import LEAST_RAY_SINE, NotchPull, find_pull
 from tjscan.groove.models import SideModel
-
-UNDULATION_BLOCK: Final = 10
-"""Points over which residuals are averaged: undulation is longer, most noise is not."""
-
-FEWEST_BLOCKS: Final = 3
-"""Blocks that tell undulation from noise."""
-
-SIGNIFICANT_SIGMAS: Final = 3.0
-"""Standard deviations from which a departure or an undulation is none of chance."""
+from tjscan.groove.noise import (
+    SIGNIFICANT_SIGMAS,
+    correlated_sums,
+    noise_variances,
+    undulation_sigmas,
+)
+from tjscan.groove.refinement import (
+    prior_shape_means,
+    prior_shape_sigmas,
+    prior_uncertainty_terms,
+    prior_weights,
+)
+from tjscan.groove.sides import (
+    UNIT_POWERS,
+    CubicCurve,
+    FittedProfile,
+    GrooveFit,
+    OrderedProfilePoints,
+    end_of_support,
+    true_stretches,
+)
 
 CORNER_NEIGHBOURHOOD: Final = 1.5e-3
 """Points this near a corner, in metres along their side, belong to its neighbourhood."""
@@ -81,9 +85,6 @@ FACE_END_SHARE: Final = 0.1
 """A bead's face is no parabola: its ends may lie off one by this share of its height. One that
 rises twice as steeply from its toes as a parabola does is off by a seventh."""
 
-LEAST_RAY_SINE: Final = 0.2
-"""Least sine of the angle between a ray and a flank that shows how far a point moved along it."""
-
 _MEDIAN_OVER_MEAN: Final = 1.2533  # standard deviation of a median over that of a mean
 
 
@@ -121,7 +122,6 @@ def estimate_shape_errors(
     model : tuple of SideModel
         What they are like.
     """
-    fitted = replace(fitted, noise=fitted.noise or estimate_noise_correlation(row, fitted))
     slow = undulation_sigmas(fitted)
     left = departures_beside_corners(fitted, model)
     shift, sigma = 0.5 * left, 0.5 * np.abs(left)
@@ -165,45 +165,6 @@ def _unseen_shares(fitted: FittedProfile, gaps: Array) -> Array:
     return found
 
 
-def undulation_sigmas(fitted: FittedProfile) -> Array:
-    """Standard deviation of each side's slow undulation beyond noise, (k,), metres.
-
-    Parameters
-    ----------
-    fitted : FittedProfile
-        Whose noise is known.
-    """
-    noise = fitted.noise
-    if noise is None:
-        return np.zeros(len(fitted.curves))
-    sigmas = np.sqrt(noise_variances(fitted, noise))
-    found = np.zeros(len(fitted.curves))
-    lags = noise.lags[:UNDULATION_BLOCK]
-    # Variance of a mean of correlated points, over that of one.
-    share = (
-        UNDULATION_BLOCK * lags[0]
-        + 2 * ((UNDULATION_BLOCK - np.arange(1, len(lags))) * lags[1:]).sum()
-    ) / UNDULATION_BLOCK**2
-    for k, sigma in enumerate(sigmas.tolist()):
-        side = fitted.points_of(k)
-        own = fitted.residuals[side][fitted.keep[side]]
-        count = len(own) // UNDULATION_BLOCK
-        if count < FEWEST_BLOCKS:
-            continue
-        start = (len(own) - count * UNDULATION_BLOCK) // 2
-        means = (
-            own[start : start + count * UNDULATION_BLOCK]
-            .reshape(count, UNDULATION_BLOCK)
-            .mean(axis=1)
-        )
-        free = max(count - int(fitted.parameter_counts[k]), 1)
-        variance = float((means**2).sum()) / free
-        expected = sigma**2 * share
-        if variance > expected * (1 + SIGNIFICANT_SIGMAS * sqrt(2 / free)):
-            found[k] = sqrt((variance - expected) * (1 + 4 / count))
-    return found
-
-
 def _patches(fitted: FittedProfile) -> Array:
     """Standard deviation of what lies on each side in patches, such as scale, (k,), metres.
 
@@ -236,7 +197,7 @@ def gaps_beside_corners(fitted: FittedProfile) -> Array:
     Single points that lie on a side by chance do not show it.
     """
     found = np.zeros((len(fitted.corners), 2))
-    on = points_on_sides(fitted)
+    on = fitted.points_on_sides
     for i, places in enumerate(fitted.places):
         for j, s in enumerate(places):
             own = fitted.points_of(i + j)
@@ -258,10 +219,7 @@ def departures_beside_corners(fitted: FittedProfile, model: tuple[SideModel, ...
     model : tuple of SideModel
         What they are like.
     """
-    noise = fitted.noise
-    if noise is None:
-        return np.zeros((len(fitted.corners), 2))
-    sigmas = np.sqrt(noise_variances(fitted, noise))
+    sigmas = np.sqrt(noise_variances(fitted))
     found = np.zeros((len(fitted.corners), 2))
     chance = np.ones_like(found)
     edges = fitted.edges
@@ -284,9 +242,8 @@ def departures_beside_corners(fitted: FittedProfile, model: tuple[SideModel, ...
             if abs(outer) > abs(inner) + SIGNIFICANT_SIGMAS * sigmas[i + j]:
                 continue  # a reflection that grows out of the corner
             found[i, j] = _median(residuals)
-            chance[i, j] = (
-                _MEDIAN_OVER_MEAN * sigmas[i + j] * sqrt(min(1.0, noise.variance_inflation / n))
-            )
+            share = sqrt(min(1.0, fitted.noise.variance_inflation / n))
+            chance[i, j] = _MEDIAN_OVER_MEAN * sigmas[i + j] * share
     ratio = found / chance
     significant = np.abs(ratio) > SIGNIFICANT_SIGMAS
     for k, side in enumerate(model):
@@ -308,9 +265,8 @@ def points_lead_away_from_side(fitted: FittedProfile, k: int) -> bool:
     """
     own = fitted.points_of(k)
     residuals, keep = fitted.residuals[own], fitted.keep[own]
-    off = np.concatenate(([False], ~keep, [False]))
-    bounds = (off[1:] != off[:-1]).nonzero()[0]
-    for a, b in zip(bounds[::2].tolist(), bounds[1::2].tolist(), strict=True):
+    starts, stops = true_stretches(~keep)
+    for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
         run = residuals[a:b]
         if b - a < LEAVING_POINTS or np.abs(run).max() > 1.5 * REFLECTION_OFFSET:
             continue
@@ -359,3 +315,102 @@ def _if_pulled(fitted: FittedProfile, k: int, pull: NotchPull) -> ShapeErrors:
         shift[i, 1 - i] = probability * inward * lower
         sigma[i, 1 - i] = sqrt(square) * lower
     return ShapeErrors(shift, sigma)
+
+
+def corner_estimates(fit: GrooveFit) -> tuple[Array, Array]:
+    """Corners corrected for the sides' shapes, and their covariance with both end tangents.
+
+    Each corner X lies on both its sides, so for either ``m · dX = b · dc`` with m the side's
+    normal there and b the derivatives of its height by its coefficients c.
+
+    Parameters
+    ----------
+    fit : GrooveFit
+        Of k sides.
+
+    Returns
+    -------
+    ndarray, shape (k - 1, 2)
+        x and z of the corners, in metres: where the sides meet, moved to where the points beside
+        them show the surface to be.
+    ndarray, shape (2 k, 2 k)
+        Of their coordinates and of the angles of the first and the last side's tangents.
+    """
+    fitted = fit.fitted
+    spread = _coefficient_covariances(fit)
+    k = len(fitted.curves)
+    jacobian = np.zeros((2 * k, 4 * k))
+    for i, place in enumerate(fitted.places):
+        (a, b), (sa, sb) = fitted.curves[i : i + 2], place
+        (ax, az), (bx, bz) = a.tangent_at(sa), b.tangent_at(sb)
+        # Normals are (tz, -tx); heights count along the chord's, 1 / cos of the slope farther.
+        wa = 1.0 / hypot(1.0, a.height_and_slope(sa)[1])
+        wb = 1.0 / hypot(1.0, b.height_and_slope(sb)[1])
+        det = ax * bz - az * bx
+        pa, pb = ((1.0, s, s * s, s * s * s) for s in place)
+        jacobian[2 * i : 2 * i + 2, 4 * i : 4 * i + 8] = [
+            [-bx * wa * p / det for p in pa] + [ax * wb * p / det for p in pb],
+            [-bz * wa * p / det for p in pa] + [az * wb * p / det for p in pb],
+        ]
+    ends = ((0, 0, fitted.places[0][0]), (k - 1, k - 2, fitted.places[-1][1]))
+    for angle, (side, corner, s) in enumerate(ends, start=2 * k - 2):
+        curve = fitted.curves[side]
+        _, slope = curve.height_and_slope(s)
+        # A growing slope turns the tangent towards the normal (tz, -tx): against atan2(z, x).
+        turned = -1.0 / (1.0 + slope * slope)
+        jacobian[angle, 4 * side : 4 * side + 4] = 0.0, turned, 2 * s * turned, 3 * s * s * turned
+        bend = turned * (2 * curve.c2 + 6 * s * curve.c3)
+        step = bend * np.array((curve.tx, curve.tz))
+        jacobian[angle] += step @ jacobian[2 * corner : 2 * corner + 2]
+    # Sides are fitted apart from each other.
+    parts = jacobian.reshape(2 * k, k, 4).transpose(1, 0, 2)
+    covariance = (parts @ spread @ parts.transpose(0, 2, 1)).sum(axis=0)
+    errors = estimate_shape_errors(fit.row, fitted, fit.model.sides)
+    corners = fitted.corners.copy()
+    for i, j in zip(*errors.sigma.nonzero(), strict=True):
+        moves = jacobian[2 * i : 2 * i + 2, 4 * (i + j)]
+        corners[i] += errors.shift[i, j] * moves
+        own = slice(2 * i, 2 * i + 2)
+        covariance[own, own] += errors.sigma[i, j] ** 2 * np.outer(moves, moves)
+    return corners, np.asarray(covariance)
+
+
+def _coefficient_covariances(fit: GrooveFit) -> Array:
+    """Covariance of the coefficients c0 to c3 of each side, shape (k, 4, 4).
+
+    Noise enters through the points, the unknown bend and twist through the prior: ``inverse
+    (sigma² B R Bᵀ + W S W) inverse``. Whether a side is straight is not certain either: what
+    was not chosen, with its own coefficients, counts by how likely it is (Bayesian model
+    averaging).
+    """
+    fitted, sides = fit.fitted, fit.model.sides
+    spread, expected = prior_shape_sigmas(sides), prior_shape_means(sides)
+    keep = fitted.keep
+    u = fitted.along[keep] / UNIT_POWERS[1]
+    basis = np.empty((4, len(u)))
+    basis[0], basis[1] = 1.0, u
+    np.multiply(u, u, out=basis[2])
+    np.multiply(basis[2], u, out=basis[3])
+    meat = correlated_sums(fitted.noise, basis, fitted.counts, fit.row.columns[keep])
+    meat *= noise_variances(fitted)[:, None, None]
+    bends = spread[:, 0] > 0
+    here = UNIT_POWERS * [(c.c0, c.c1, c.c2, c.c3) for c in fitted.curves]
+    total = _sandwich(fitted.inverse, meat, fitted.weight, spread)
+    if fitted.straight is not None:
+        other = prior_weights(
+            spread, bends & ~fitted.curved, fitted.sigmas, fitted.noise.variance_inflation
+        )
+        there, inverse = fitted.equations.solve_with_prior(other, expected)
+        away = there - here
+        odds = np.where(fitted.curved, fitted.straight, -fitted.straight)
+        share = np.where(bends, scipy.special.expit(odds), 0.0)[:, None, None]
+        total *= 1 - share
+        total += share * _sandwich(inverse, meat, other, spread)
+        total += share * away[:, :, None] * away[:, None]
+    return np.asarray(total / (UNIT_POWERS[:, None] * UNIT_POWERS))
+
+
+def _sandwich(inverse: Array, meat: Array, weight: Array, spread: Array) -> Array:
+    meat = meat.copy()
+    meat[:, (2, 3), (2, 3)] += prior_uncertainty_terms(weight, spread) ** 2
+    return np.asarray(inverse @ meat @ inverse)
