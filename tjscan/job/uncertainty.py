@@ -12,7 +12,7 @@ from typing import Annotated, Final
 from annotated_types import Ge, Le
 
 from tjscan.core.units import DEG, MM, SettingsTable
-from tjscan.joint.tubes.walls import ArmRepeatability
+from tjscan.joint.tubes.fit import ArmRepeatability
 
 ASSUMED_LINEARITY: Final = 0.1e-3
 """Metres: assumption, 0.1 % of a 100 mm range; data sheets of the class state 0.1 to 0.2 %."""
@@ -38,7 +38,7 @@ class ArmUncertaintySettings(SettingsTable):
         found instead.
     repeatability, angular_repeatability : float, optional
         Root mean square of the distance (metres) and the angle (radians) by which the arm does
-        not repeat; as in `tjscan.joint.tubes.walls.ArmRepeatability` if left out.
+        not repeat; as in `tjscan.joint.tubes.fit.ArmRepeatability` if left out.
     """
 
     absolute: Annotated[float | None, Ge(0), Le(20), MM] = None

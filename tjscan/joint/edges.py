@@ -6,13 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy  # its parts are loaded at first use
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tjscan.core.frames import Array, frozen_arrays
 from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import cylindrical_to_j
-from tjscan.joint.tacks import tack_spans, within_spans
 
 FEWEST_NEIGHBOURS = 4
 """Vertices that a first search looks at; it looks at more where these can't prove the result."""
@@ -120,3 +119,31 @@ def feature_edges(definition: JointDefinition, n: int = 3600) -> FeatureEdges:
     corners = (sections.p2, sections.p3, sections.p4)
     p2, p3, p4 = (ClosedPolyline(cylindrical_to_j(phi, rz[:, 0], rz[:, 1])) for rz in corners)
     return FeatureEdges(phi, p2, p3, p4, tack_spans(definition))
+
+
+def tack_spans(definition: JointDefinition) -> Array:
+    """First and last azimuth of each tack in radians, shape (k, 2)."""
+    spans = np.empty((len(definition.imperfections.tacks), 2))
+    for i, tack in enumerate(definition.imperfections.tacks):
+        at = np.array([tack.at])
+        land = groove_sections(definition, at).land
+        speed = float(np.linalg.norm(definition.leg_surface.azimuth_derivative(at, land[:, 0])))
+        spans[i] = tack.at + 0.5 * tack.length / speed * np.array((-1, 1))
+    return spans
+
+
+def within_spans(spans: Array, phi: ArrayLike) -> NDArray[np.bool_]:
+    """Whether azimuths lie in one of the spans that `tack_spans` gives, the shape of `phi`.
+
+    Parameters
+    ----------
+    spans : ndarray, shape (k, 2)
+        Radians.
+    phi : array_like
+        Radians; a turn more or less makes no difference.
+    """
+    phi = np.asarray(phi, dtype=float)
+    covered = np.zeros(phi.shape, dtype=bool)
+    for first, last in spans:
+        covered |= np.mod(phi - first, 2 * np.pi) <= last - first
+    return covered

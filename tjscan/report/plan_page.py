@@ -13,8 +13,7 @@ import numpy as np
 from tjscan.core.files import read_small_file, write_files_atomically
 from tjscan.planning.document import PlanDocument, StationEntry, read_plan
 from tjscan.planning.tables import BEAD_COLUMNS, BeadCourse, bead_rows, read_beads_csv
-from tjscan.report.picture import ReportPicture, inline_figure, new_figure
-from tjscan.report.template import load_template
+from tjscan.report.picture import ReportPicture, inline_figure, load_template, new_figure
 
 PAGE: Final = "plan.html"
 PLAN, BEADS, PICTURE = "plan.json", "beads.csv", "plan.png"

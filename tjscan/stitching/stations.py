@@ -11,11 +11,9 @@ import numpy as np
 from tjscan.core.errors import GrooveNotFound, StitchingRefused, TubesNotFound
 from tjscan.core.frames import Array, frozen_arrays, rotation_angle_between, unit_vector
 from tjscan.groove.section import GrooveSection
-from tjscan.joint.tubes.cylinder import Cylinder
-from tjscan.joint.tubes.cylinder_fit import cylinder_from_normals
-from tjscan.joint.tubes.fit import FittedTubes, fit_tubes_to_walls
+from tjscan.joint.tubes.cylinder import Cylinder, cylinder_from_normals
+from tjscan.joint.tubes.fit import FittedTubes, WallPoints, fit_tubes_to_walls
 from tjscan.joint.tubes.frame import JointFrame, joint_frame_from_tubes
-from tjscan.joint.tubes.walls import WallPoints
 from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.stitching.settings import StitchSettings

@@ -19,8 +19,8 @@ from tjscan.core import pose_vector
 from tjscan.core.errors import StitchingRefused
 from tjscan.core.frames import Array, frozen_arrays, pose, transform_points
 from tjscan.joint.geometry import LegSurface
+from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.joint.tubes.frame import TubeDimensions
-from tjscan.joint.tubes.walls import ArmRepeatability
 from tjscan.scanning.section import ScannedSection
 from tjscan.stitching.sides import side_nodes
 from tjscan.uncertainty.budget import points_moved_by_twist

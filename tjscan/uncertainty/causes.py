@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tjscan.core import pose_vector
 from tjscan.core.frames import Array, frozen_arrays, pose
-from tjscan.joint.tubes.walls import ArmRepeatability
+from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.scanning.section import ScannedSection
 from tjscan.uncertainty.budget import (
     BudgetComponent,

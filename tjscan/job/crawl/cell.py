@@ -18,7 +18,7 @@ from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings
 from tjscan.job.devices import DeviceGroup
 from tjscan.job.laser import make_laser_without_arm
 from tjscan.job.torch_drivers import TORCHES, TorchDriverInputs
-from tjscan.joint.hull_path import joint_pose, laser_offset, place_beside_joint
+from tjscan.joint.hull import joint_pose, laser_offset, place_beside_joint
 from tjscan.joint.hull_section import hull_section
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.over_joint import SimulatedSectionLaser

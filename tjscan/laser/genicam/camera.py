@@ -176,7 +176,9 @@ class GenicamClient:
         self._stream = self._camera = None
 
     def explain(self, error: Exception) -> LaserFault:
-        """What an error of the library means."""
+        """Fault that an error means: a fault itself, or one that the library raised."""
+        if isinstance(error, LaserFault):
+            return error
         said = str(error)
         if "ACCESS_DENIED" in said or "control of the camera was lost" in said:
             if self._is_held_by_another():
