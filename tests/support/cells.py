@@ -23,7 +23,7 @@ from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.scanner import Scanner

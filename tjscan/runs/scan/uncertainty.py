@@ -32,7 +32,7 @@ UNKNOWN_MOUNT = (
     "where the laser sits on the hand: the job states it without its uncertainty "
     "(sigma_position_mm and sigma_rotation_deg in [calibration], or a calibration's file)"
 )
-CALIBRATED = "calibrated"
+CALIBRATED_EVIDENCE = "calibrated"
 STATED_JOINT = "where the joint stands: the job states it without its uncertainty"
 
 
@@ -133,10 +133,12 @@ def _causes_of_arm(
     if covariance is not None and without_laser and mount.by_laser is not None:
         covariance = covariance - mount.by_laser @ mount.by_laser.T
     if mount.deviations is not None and covariance is not None:
-        yield calibrated_arm_cause(sections, mount.T_f_s, arm.by_deviations, covariance, CALIBRATED)
+        yield calibrated_arm_cause(
+            sections, mount.T_f_s, arm.by_deviations, covariance, CALIBRATED_EVIDENCE
+        )
         return
     if covariance is not None:
-        evidence = EVIDENCE_STATED if mount.file is None else CALIBRATED
+        evidence = EVIDENCE_STATED if mount.file is None else CALIBRATED_EVIDENCE
         yield hand_eye_cause(sections, mount.T_f_s, covariance, evidence)
     if absolute != 0:
         evidence = EVIDENCE_ASSUMED if absolute is None else EVIDENCE_STATED

@@ -1,37 +1,136 @@
-"""Run a chain once: calibrate, scan from all stations, stitch, and hold it against the joint."""
+"""A chain: calibrate, scan from several stations, stitch, and compare with the truth."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
+from annotated_types import Gt, Le
+from pydantic import Field
 
 from tjscan.calibration.file import CalibrationFile
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Operator
 from tjscan.comparison.alignment import Alignment, align_icp, nearest_point_finder_on_mesh
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.comparison.surface import MeshDistance
-from tjscan.core.errors import ConfigurationError
+from tjscan.core.config import StrictFileModel, read_toml, validate_table
+from tjscan.core.errors import CalibrationRefused, ConfigurationError, StitchingRefused
 from tjscan.core.frames import Array, JointOrBaseFrame, inverse_pose, transform_points
 from tjscan.core.pose_vector import boxminus
-from tjscan.core.units import pose_from_rows_mm
+from tjscan.core.units import DEG, MM, SettingsTable, pose_from_rows_mm
 from tjscan.job import ScanJob, read_calibration_job, read_scan_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.mesh import build_joint_mesh
+from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.result.section import absent_corners
 from tjscan.runs.calibration.run import start_calibration
-from tjscan.runs.chain.settings import Chain
-from tjscan.runs.context import RunContext, groove_reader_of_job
+from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 from tjscan.runs.scan.results import all_profile_points
 from tjscan.runs.scan.run import scan_in_cell
-from tjscan.runs.uncertainty import causes_of_job
+from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.journal import CombinedJournal
 from tjscan.stitching.settings import StitchSettings
 from tjscan.stitching.stations import Station, station_from_recording
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
+from tjscan.study.file import flatten_to_dotted_keys
+
+SHARED_TABLES: Final = ("arm.", "laser.", "simulation.")
+"""Tables that both jobs have in common: they are of one cell."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewErrorSettings(SettingsTable):
+    """The table [stitch]: what arm and laser err by from view to view, root mean square.
+
+    Parameters
+    ----------
+    repeatability, angular_repeatability : float
+        Of position and angle, metres and radians. An arm whose geometry is off errs by more than
+        it does not repeat.
+    """
+
+    repeatability: Annotated[float, Gt(0), Le(5), MM] = 5e-5
+    angular_repeatability: Annotated[float, Gt(0), Le(1), DEG.with_key("repeatability_deg")] = 1e-4
+
+
+class ChainFile(StrictFileModel):
+    """A chain: the job that calibrates, the job that scans, and what is set in both.
+
+    Parameters
+    ----------
+    calibrate, scan : str
+        Paths of the jobs, counted from the file's folder.
+    stitch : ViewErrorSettings
+        What arm and laser err by from view to view, for stitching.
+    both : dict
+        Keys of both jobs, of their tables [arm], [laser] and [simulation].
+    calibration : dict
+        Keys of the job that calibrates.
+    """
+
+    calibrate: str
+    scan: str
+    stitch: ViewErrorSettings = ViewErrorSettings()
+    both: dict[str, Any] = Field(default_factory=dict)
+    calibration: dict[str, Any] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """A chain, ready to run.
+
+    Parameters
+    ----------
+    calibrate, scan : Path
+        The jobs.
+    repeatability : ArmRepeatability
+        What arm and laser err by from view to view.
+    both, calibration : dict
+        Dotted keys and their values, of both jobs and of the one that calibrates.
+    """
+
+    calibrate: Path
+    scan: Path
+    repeatability: ArmRepeatability
+    both: dict[str, Any]
+    calibration: dict[str, Any]
+
+    def with_keys(self, keys: dict[str, Any]) -> Chain:
+        """Return the same chain with other values of some keys of both jobs."""
+        return replace(self, both=self.both | keys)
+
+
+def read_chain(file: Path) -> Chain:
+    """Read a chain's file.
+
+    Raises
+    ------
+    ConfigurationError
+        If it can't be read, or sets a key for both jobs that is not of the cell.
+    """
+    read = validate_table(ChainFile, read_toml(file), file)
+    both = flatten_to_dotted_keys(read.both)
+    for key in both:
+        if not key.startswith(SHARED_TABLES):
+            raise ConfigurationError(
+                "is not of the cell that both jobs share; there stand [both.arm], [both.laser] "
+                "and [both.simulation]",
+                file=file,
+                key=f"both.{key}",
+            )
+    folder = file.parent
+    return Chain(
+        folder / read.calibrate,
+        folder / read.scan,
+        ArmRepeatability(read.stitch.repeatability, read.stitch.angular_repeatability),
+        both,
+        flatten_to_dotted_keys(read.calibration),
+    )
+
 
 CALIBRATION_RUN: Final = "calibrate"
 """Name of the calibration's run directory."""
@@ -199,3 +298,94 @@ def mount_error_in_words(outcome: ChainOutcome) -> str:
     position = 1e3 * float(np.linalg.norm(outcome.mount_error[:3]))
     turn = float(np.degrees(np.linalg.norm(outcome.mount_error[3:])))
     return f"{position:.3f} mm, {turn:.3f}°"
+
+
+KEYS_SWITCHING_OFF: Final[Mapping[str, Mapping[str, float]]] = {
+    "arm: zeros, lengths, twists": {
+        "simulation.arm.errors.offset_deg": 0.0,
+        "simulation.arm.errors.length_mm": 0.0,
+        "simulation.arm.errors.twist_deg": 0.0,
+    },
+    "arm: gears": {
+        "simulation.arm.errors.eccentricity_deg": 0.0,
+        "simulation.arm.errors.backlash_deg": 0.0,
+    },
+    "arm: warmth": {"simulation.arm.errors.growth": 0.0},
+    "arm: repeatability": {
+        "simulation.arm.repeatability_mm": 0.0,
+        "simulation.arm.repeatability_deg": 0.0,
+    },
+    "laser: scale, tilt, lens": {"simulation.laser.linearity_mm": 0.0},
+    "laser: noise, bias, outliers": {
+        "simulation.laser.noise_mm": 0.0,
+        "simulation.laser.bias_mm": 0.0,
+        "simulation.laser.ghosts": 0.0,
+        "simulation.laser.flyers": 0.0,
+        "simulation.laser.missing": 0.0,
+    },
+}
+"""Sources of error, and the keys that switch each of them off."""
+
+ALL_SOURCES: Final = "all together"
+NO_SOURCE: Final = "none: touches, reading and stitching alone"
+
+
+@dataclass(frozen=True, slots=True)
+class SourceRow:
+    """What is left where one source of error alone is there.
+
+    Parameters
+    ----------
+    source : str
+        Its name, or `ALL_SOURCES`, or `NO_SOURCE`.
+    directory : Path
+        With the calibration's run directory, `CALIBRATION_RUN`.
+    outcome : ChainOutcome or None
+        What came of the chain; None where it was refused.
+    refusal : str
+        Why; empty where it was not.
+    """
+
+    source: str
+    directory: Path
+    outcome: ChainOutcome | None
+    refusal: str = ""
+
+
+def run_sources(
+    chain: Chain,
+    directory: Path,
+    *,
+    arm: bool,
+    begin: Callable[[str], None],
+    alone: bool = True,
+) -> Iterator[SourceRow]:
+    """Run a chain with all its errors, then with each source alone, then with none.
+
+    Parameters
+    ----------
+    chain : Chain
+        What to run.
+    directory : Path
+        Gets a directory for each.
+    arm : bool
+        Whether the arm is calibrated with the sensor.
+    begin : callable
+        Is told the name of each source before its chain runs.
+    alone : bool
+        Whether to run each source alone, or all of them together and no more.
+    """
+    everything = {key: value for keys in KEYS_SWITCHING_OFF.values() for key, value in keys.items()}
+    runs: dict[str, Mapping[str, float]] = {ALL_SOURCES: {}}
+    if alone:
+        for source, keys in KEYS_SWITCHING_OFF.items():
+            runs[source] = {key: 0.0 for key in everything if key not in keys}
+        runs[NO_SOURCE] = everything
+    for number, (source, keys) in enumerate(runs.items()):
+        begin(source)
+        own = directory / str(number)
+        try:
+            outcome = run_chain(chain.with_keys(dict(keys)), own, arm=arm)
+            yield SourceRow(source, own, outcome)
+        except (CalibrationRefused, StitchingRefused) as refused:
+            yield SourceRow(source, own, None, str(refused))

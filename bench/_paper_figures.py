@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -10,20 +11,53 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from tjscan.runs.scan_study.outcome import ScanOutcome
-from tjscan.runs.scan_study.paper import (
-    CASE,
-    LARGEST_STEP_ERROR_PERCENT,
-    ROTATION_DEG,
-    STEP,
-    TRAVEL_MM,
-    PaperBarValue,
-)
-from tjscan.study.groups import RowGroup, group_rows_by_keys
-from tjscan.study.row import StudyRow
-from tjscan.study.trial import Value
+from tjscan.runs.scan.study import ScanOutcome
+from tjscan.study.report import RowGroup
+from tjscan.study.trial import StudyRow, Value
 
-COLOURS: Final[dict[Value | None, str]] = {
+CASE_KEY: Final = "scan.prediction_case"
+STEP_KEY: Final = "scan.step_mm"
+
+LARGEST_STEP_ERROR_PERCENT: Final = {1: 2.9, 2: 0.6, 3: 0.4, 4: 13.5}
+"""Largest mean step error of each case over all step lengths (Fig. 14); signs are not given."""
+
+
+@dataclass(frozen=True, slots=True)
+class PaperBarValue:
+    """Number that the paper's text gives for one bar of its Fig. 15 or 16.
+
+    Parameters
+    ----------
+    case : int
+        Of the prediction.
+    step_mm : float
+        Step length.
+    value : float
+        Millimetres or degrees.
+    """
+
+    case: int
+    step_mm: float
+    value: float
+
+
+TRAVEL_MM: Final = (
+    PaperBarValue(3, 10, 1945),
+    PaperBarValue(4, 10, 3344),
+    PaperBarValue(2, 100, 1718),
+    PaperBarValue(3, 100, 1619),
+)
+"""Travel of the end effector (Fig. 15)."""
+
+ROTATION_DEG: Final = (
+    PaperBarValue(3, 10, 182),
+    PaperBarValue(4, 10, 402),
+    PaperBarValue(1, 100, 133),
+    PaperBarValue(2, 100, 195),
+)
+"""Rotation of the end effector (Fig. 16)."""
+
+CASE_COLOURS: Final[dict[Value | None, str]] = {
     1: "#1f77b4",
     2: "#ff7f0e",
     3: "#2ca02c",
@@ -32,13 +66,13 @@ COLOURS: Final[dict[Value | None, str]] = {
 }
 """The paper's blue, orange, green and purple, whatever else a study holds; and one more."""
 
-OTHER: Final = "#8c564b"
+OTHER_COLOUR: Final = "#8c564b"
 """Of what is none of these."""
 
 PATH_STEP_MM: Final = 50.0
 """The step whose paths the paper shows (Fig. 12)."""
 
-WIDTH: Final = 0.8
+BAR_WIDTH: Final = 0.8
 """Of all bars at one step together."""
 
 
@@ -52,7 +86,11 @@ class PredictionBarChart:
     """
 
     def __init__(self, rows: Sequence[StudyRow[ScanOutcome]]) -> None:
-        self.groups = group_rows_by_keys(rows, CASE, STEP)
+        members: dict[tuple[Value | None, ...], list[StudyRow[ScanOutcome]]] = {}
+        for row in rows:
+            key = row.inputs.get(CASE_KEY), row.inputs.get(STEP_KEY)
+            members.setdefault(key, []).append(row)
+        self.groups = {key: RowGroup(tuple(some)) for key, some in members.items()}
         self.cases = list(dict.fromkeys(case for case, _ in self.groups))
         self.steps = sorted({float(step) for _, step in self.groups if step is not None})
 
@@ -70,8 +108,8 @@ class PredictionBarChart:
 
     def bar_position(self, case: Value | None, step_mm: float) -> float:
         """Position of a bar on the axis; for the parameters see `rows_of_bar`."""
-        width = WIDTH / len(self.cases)
-        return self.steps.index(step_mm) + (self.cases.index(case) + 0.5) * width - WIDTH / 2
+        width = BAR_WIDTH / len(self.cases)
+        return self.steps.index(step_mm) + (self.cases.index(case) + 0.5) * width - BAR_WIDTH / 2
 
     def draw_bars(
         self,
@@ -99,13 +137,13 @@ class PredictionBarChart:
                 found = self.rows_of_bar(case, step)
                 if found is None:
                     continue
-                x, colour = self.bar_position(case, step), COLOURS.get(case, OTHER)
+                x, colour = self.bar_position(case, step), CASE_COLOURS.get(case, OTHER_COLOUR)
                 if not found.complete_rows:
                     axes.plot(x, 0.0, "x", color=colour, markersize=6, clip_on=False, zorder=3)
                     continue
                 top = found.mean_of_complete(value)
                 foot = 0.0 if below is None else found.mean_of_complete(below)
-                common: dict[str, Any] = {"width": 0.95 * WIDTH / len(self.cases)}
+                common: dict[str, Any] = {"width": 0.95 * BAR_WIDTH / len(self.cases)}
                 if below is not None:
                     axes.bar(x, foot, color=_light(colour), **common)
                 axes.bar(x, top - foot, bottom=foot, color=colour, **common)
@@ -131,7 +169,7 @@ class PredictionBarChart:
 
         known = [
             Patch(
-                color=COLOURS.get(case, OTHER),
+                color=CASE_COLOURS.get(case, OTHER_COLOUR),
                 label=f"case {case}" if isinstance(case, int) else str(case),
             )
             for case in self.cases
@@ -167,7 +205,7 @@ def draw_step_lengths(rows: Sequence[StudyRow[ScanOutcome]]) -> Figure:
     for case in chart.cases:
         if isinstance(case, int) and (largest := LARGEST_STEP_ERROR_PERCENT.get(case)):
             for sign in (-1, 1):
-                line = {"color": COLOURS[case], "linestyle": ":", "linewidth": 1}
+                line = {"color": CASE_COLOURS[case], "linestyle": ":", "linewidth": 1}
                 error.axhline(sign * largest, **line)
     error.set_ylabel("mean step error / % (dotted: the paper's largest)")
     error.set_yscale("symlog", linthresh=1.0)
@@ -205,7 +243,7 @@ def draw_flange_paths(rows: Sequence[StudyRow[ScanOutcome]]) -> Figure:
         if found is None or not found.complete_rows:
             continue
         azimuth, rho, z = np.array(found.complete_rows[0].outcome.path).T
-        style: dict[str, Any] = {"color": COLOURS.get(case, OTHER), "linewidth": 1}
+        style: dict[str, Any] = {"color": CASE_COLOURS.get(case, OTHER_COLOUR), "linewidth": 1}
         style |= {"marker": ".", "markersize": 4}
         distance.plot(azimuth, rho, **style)
         height.plot(azimuth, z, **style)

@@ -30,10 +30,10 @@ from tjscan.result.directory import (
     job_name_and_hash,
 )
 
-COPIES: Final = (JOB, JOINT, CALIBRATION, URDF)
+COPIED_FILES: Final = (JOB, JOINT, CALIBRATION, URDF)
 """What a run directory is made with."""
 
-REPLAYED: Final = ("crawl", "tow")
+REPLAYED_TASKS: Final = ("crawl", "tow")
 """What is replayed into another run directory, as its recordings are named."""
 
 
@@ -110,7 +110,7 @@ def check_replay(
         own.
     """
     if not _holds(directory, what):
-        others = [other for other in REPLAYED if other != what and _holds(directory, other)]
+        others = [other for other in REPLAYED_TASKS if other != what and _holds(directory, other)]
         advice = [f"it holds a {other}: tjscan {other} replay takes it" for other in others]
         raise ConfigurationError(
             f"holds no {what}: {', '.join(advice) or 'give the run directory of one'}",
@@ -158,7 +158,7 @@ def empty_run_directory(directory: Path) -> Iterator[Path]:
 
 def accept_edited_copies(directory: Path, record_event: Callable[[str, str], object]) -> None:
     """Take what a run directory is made with as it now is, and report what was edited in it."""
-    edited = changed_since_written(*(directory / name for name in COPIES))
+    edited = changed_since_written(*(directory / name for name in COPIED_FILES))
     if edited:
         with write_files_atomically(directory) as draft:
             for file in edited:
@@ -200,7 +200,7 @@ def _check_empty(directory: Path, draft: Path) -> None:
     """Refuse a directory that holds anything but what one killed in the making of it left."""
     names = {file.name for file in directory.iterdir()} - {draft.name}
     files = {name for name in names if not name.startswith(DRAFT_PREFIX)}
-    half_made = files < names and files <= {*COPIES, MANIFEST} - {JOB}
+    half_made = files < names and files <= {*COPIED_FILES, MANIFEST} - {JOB}
     if files and not half_made:
         raise ConfigurationError(
             "is not empty; a run never overwrites another. Choose another --out", file=directory
@@ -210,7 +210,7 @@ def _check_empty(directory: Path, draft: Path) -> None:
 def nothing_recorded_yet(directory: Path) -> bool:
     """Whether a run directory was made and nothing was recorded in it yet."""
     return all(
-        file.name in (*COPIES, MANIFEST) or file.name.startswith(DRAFT_PREFIX)
+        file.name in (*COPIED_FILES, MANIFEST) or file.name.startswith(DRAFT_PREFIX)
         for file in directory.iterdir()
     )
 

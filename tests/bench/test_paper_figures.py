@@ -1,12 +1,16 @@
 """The figures of the paper's programme."""
 
+from _paper_figures import (
+    CASE_COLOURS,
+    CASE_KEY,
+    OTHER_COLOUR,
+    STEP_KEY,
+    draw_travel_and_rotation,
+)
 from matplotlib.colors import to_rgba
 
-from tjscan.runs.scan_study.figures import COLOURS, OTHER, draw_travel_and_rotation
-from tjscan.runs.scan_study.outcome import ScanOutcome
-from tjscan.runs.scan_study.paper import CASE, STEP
-from tjscan.study.row import StudyRow
-from tjscan.study.trial import Value
+from tjscan.runs.scan.study import ScanOutcome
+from tjscan.study.trial import StudyRow, Value
 
 
 def test_a_prediction_keeps_its_colour_and_what_is_not_complete_is_marked() -> None:
@@ -25,13 +29,14 @@ def test_a_prediction_keeps_its_colour_and_what_is_not_complete_is_marked() -> N
         "another": complete,
     }
     shown = [
-        StudyRow("", index, {CASE: case, STEP: 20.0}, outcome)
+        StudyRow("", index, {CASE_KEY: case, STEP_KEY: 20.0}, outcome)
         for index, (case, outcome) in enumerate(outcomes.items())
     ]
     axes = draw_travel_and_rotation(shown).axes[0]
-    assert {bar.get_facecolor() for bar in axes.patches} >= {to_rgba(COLOURS[3]), to_rgba(OTHER)}
+    faces = {bar.get_facecolor() for bar in axes.patches}
+    assert faces >= {to_rgba(CASE_COLOURS[3]), to_rgba(OTHER_COLOUR)}
     crosses = [line for line in axes.lines if line.get_marker() == "x"]
-    assert [line.get_color() for line in crosses] == [COLOURS["smooth"]]
+    assert [line.get_color() for line in crosses] == [CASE_COLOURS["smooth"]]
     legend = axes.get_legend()
     assert legend is not None
     words = [text.get_text() for text in legend.get_texts()]

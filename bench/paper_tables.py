@@ -1,33 +1,53 @@
-"""The report of the paper's programme: means by prediction and step, beside the paper's own."""
+"""Tables and pictures of a study beside those that the papers print.
+
+``python bench/paper_tables.py STUDY_DIR`` writes ``paper.md`` into the study's directory, and for
+scans the pictures ``steps.png``, ``effort.png`` and ``paths.png``.
+"""
 
 from __future__ import annotations
 
+import sys
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from math import isnan
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from matplotlib.figure import Figure
-
-from tjscan.result.picture import write_png
-from tjscan.runs.scan_study.figures import (
+from _paper_figures import (
+    CASE_KEY,
+    LARGEST_STEP_ERROR_PERCENT,
+    ROTATION_DEG,
+    STEP_KEY,
+    TRAVEL_MM,
+    PaperBarValue,
     PredictionBarChart,
     draw_flange_paths,
     draw_step_lengths,
     draw_travel_and_rotation,
 )
-from tjscan.runs.scan_study.outcome import ScanOutcome
-from tjscan.runs.scan_study.paper import (
-    LARGEST_STEP_ERROR_PERCENT,
-    ROTATION_DEG,
-    TRAVEL_MM,
-    PaperBarValue,
-)
-from tjscan.study.groups import RowGroup
-from tjscan.study.row import StudyRow
-from tjscan.study.trial import Value
+from matplotlib.figure import Figure
 
-MEASURES: Final[dict[str, tuple[Callable[[ScanOutcome], float | None], str]]] = {
+from tjscan.core.errors import ConfigurationError
+from tjscan.result.picture import write_png
+from tjscan.runs.scan.study import ScanOutcome
+from tjscan.runs.tow.study import TOW_STUDY, TowOutcome
+from tjscan.study.backend import ReportedQuantity
+from tjscan.study.report import RowGroup, keys_to_show
+from tjscan.study.store import read_rows, read_trials
+from tjscan.study.trial import StudyRow, Value
+
+PAPER_TABLES: Final = "paper.md"
+
+SUZUKI: Final = {
+    "objective f, mean of 100": "3.5 (V-C), 4.2 (V-D)",
+    "plans a second": "22",
+    "estimate, mean a joint / °": "< 6",
+    "touches": "0, by eye",
+}
+"""What Suzuki et al. (2022) print of quantities that a study of tows measures."""
+
+
+SCAN_QUANTITIES: Final[dict[str, tuple[Callable[[ScanOutcome], float | None], str]]] = {
     "Mean step error, %": (lambda m: m.step_error_percent, "+.2f"),
     "Standard deviation of the step, mm": (lambda m: m.step_std_mm, ".2f"),
     "Profiles per section": (lambda m: m.scans_per_section, ".2f"),
@@ -59,7 +79,7 @@ def write_paper_comparison(folder: Path, rows: Sequence[StudyRow[ScanOutcome]]) 
     chart = PredictionBarChart(rows)
     yield "Means over the complete scans of each prediction at each step length:"
     yield ""
-    for name, (value, form) in MEASURES.items():
+    for name, (value, form) in SCAN_QUANTITIES.items():
         yield from _table(chart, name, value, form)
     yield from _compared(chart)
     pictures: dict[str, Callable[[Sequence[StudyRow[ScanOutcome]]], Figure]] = {
@@ -129,3 +149,57 @@ def _papers_bars() -> Iterator[
 
 def _case(case: Value | None) -> str:
     return f"case {case}" if isinstance(case, int) else str(case)
+
+
+def towing_table(rows: Sequence[StudyRow[TowOutcome]]) -> Iterator[str]:
+    """Yield one table of all tows, what the paper prints of the same quantities first."""
+    usual = {
+        key: Counter(row.inputs.get(key) for row in rows).most_common(1)[0][0]
+        for key in keys_to_show(rows, TOW_STUDY.seed)
+    }
+    quantities = [measure.name for measure in TOW_STUDY.measures]
+    yield f"| run | ended | {' | '.join(quantities)} |"
+    yield f"| --- | --- |{' ---: |' * len(quantities)}"
+    printed = [SUZUKI.get(name, "–") for name in quantities]
+    yield f"| Suzuki et al. (2022) | | {' | '.join(printed)} |"
+    for row in rows:
+        name = ", ".join(
+            f"{key} {row.inputs.get(key)}"
+            for key, value in usual.items()
+            if row.inputs.get(key) != value
+        )
+        cells = [_tow_cell(measure, row.outcome) for measure in TOW_STUDY.measures]
+        yield f"| {name or 'as the job is'} | {row.outcome.reason} | {' | '.join(cells)} |"
+    yield ""
+
+
+def _tow_cell(measure: ReportedQuantity[TowOutcome], outcome: TowOutcome) -> str:
+    value = measure.value(outcome)
+    return "–" if value is None else f"{value:{measure.form}}"
+
+
+def paper_lines(folder: Path) -> list[str]:
+    """Lines of a study's tables beside the papers'; for scans, write the pictures too.
+
+    Raises
+    ------
+    ConfigurationError
+        If the folder holds no study that the papers print figures of.
+    """
+    trials = read_trials(folder)
+    by_key = read_rows(folder, trials)
+    rows: list[StudyRow[Any]] = [by_key[one.hash_key] for one in trials if one.hash_key in by_key]
+    if rows and trials[0].task == "tow":
+        return list(towing_table(rows))
+    as_paper = all(CASE_KEY in row.inputs and STEP_KEY in row.inputs for row in rows)
+    if as_paper and any(row.outcome.complete for row in rows) and trials[0].task == "scan":
+        return list(write_paper_comparison(folder, rows))
+    raise ConfigurationError(
+        f"the papers print tows, and scans over {CASE_KEY} and {STEP_KEY}", file=folder
+    )
+
+
+if __name__ == "__main__":
+    study = Path(sys.argv[1])
+    (study / PAPER_TABLES).write_text("\n".join(paper_lines(study)) + "\n", encoding="utf-8")
+    print(f"written to {study / PAPER_TABLES}")

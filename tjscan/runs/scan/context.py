@@ -24,7 +24,7 @@ from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import URDF
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.directory import make_run_directory, take_job_snapshot
+from tjscan.runs.run import make_run_directory, take_job_snapshot
 from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.section import ProfileView
 from tjscan.scanning.sections_before import GrooveReader
