@@ -22,7 +22,7 @@ from tjscan.crawler.proximity import CornerPlaces, ProximityFilter
 from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.job.crawl.cell import CrawlCell, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob
-from tjscan.joint.hull_path import joint_pose, laser_offset
+from tjscan.joint.hull import joint_pose, laser_offset
 from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.run import CrawlContext, WeldsAlways
 

@@ -25,10 +25,10 @@ from tjscan.core.errors import (
     WrongLaser,
 )
 from tjscan.groove.read import read_groove
+from tjscan.laser.genicam.driver import GenicamSettings
 from tjscan.laser.genicam.laser import GenicamLaser
-from tjscan.laser.genicam.settings import GenicamSettings
-from tjscan.laser.loopback.process import LaserLoopbackProcess
 from tjscan.laser.profile import Profile
+from tjscan_loopback.process import LaserLoopbackProcess
 
 RECORDED: Final = 50
 """Profiles in the file, each of its own."""

@@ -33,11 +33,11 @@ from _table import Row, main
 from tjscan.core.errors import (
     LaserFault,
 )
-from tjscan.laser.loopback.coding import encode_profile
-from tjscan.laser.loopback.process import LaserLoopbackProcess
 from tjscan.laser.profile import Profile
 from tjscan.laser.scan3d import FORMATS, AxisScale, Scan3dScales, points
 from tjscan.laser.scancontrol import SCALES, ScanControlLayout, parse_scancontrol
+from tjscan_loopback.laser.coding import encode_profile
+from tjscan_loopback.process import LaserLoopbackProcess
 
 HERE: Final = Path(__file__).resolve().parent
 DEBIAN_PACKAGES: Final = "/usr/lib/python3/dist-packages"

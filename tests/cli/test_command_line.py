@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -235,9 +236,9 @@ def test_a_scan_that_ends_early_says_so_with_its_exit_code(tmp_path: Path) -> No
 
 
 def test_an_arm_of_ones_own_is_sought_beside_the_job_and_goes_into_the_run(tmp_path: Path) -> None:
-    from tjscan.robot.models.generate import urdf_text
+    from tjscan.robot.kinematics import Kinematics
 
-    (tmp_path / "mine.urdf").write_text(urdf_text("ur10e"), encoding="utf-8")
+    shutil.copy(Kinematics.load("ur10e").urdf, tmp_path / "mine.urdf")
     job = tmp_path / "job.toml"
     text = PAPER.read_text(encoding="utf-8").replace('model = "ur10e"', 'model = "mine.urdf"')
     cad = PAPER.parent.parent / "cad"

@@ -80,7 +80,7 @@ def test_the_piece_behind_the_welder_may_be_shorter_than_the_others() -> None:
             "simulation.towing_vehicle.force_n",
             "vehicles.force_n",
         ),
-        ({"limits": {"cable_gap_mm": 9000}}, "limits.cable_gap_mm", "say less than 3820"),
+        ({"limits": {"cable_gap_mm": 9000}}, "limits.cable_gap_mm", "take less than 3820"),
         ({"weights": {"bending": 0}}, "weights.bending", "greater than 0"),
         ({"targets": {"distance_mm": -1}}, "targets.distance_mm", "greater than 0"),
         ({"cable": {"lenght_mm": 6000}}, "cable.lenght_mm", "length_mm"),

@@ -14,7 +14,7 @@ from tjscan.planning.bead import PlannedBead
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.urscript import BeadWay, StationWay, way_to_urscript
 from tjscan.planning.wps import read_wps
-from tjscan.robot.loopback.controller import LoopbackController
+from tjscan_loopback.ur.controller import LoopbackController
 
 EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "wps.toml"
 OUTPUT = 3

@@ -23,8 +23,8 @@ from tjscan.core.frames import (
     rotation_angle_between,
 )
 from tjscan.joint.edges import feature_edges
-from tjscan.joint.tubes.walls import ArmRepeatability
-from tjscan.runs.stations.report import build_stitching_report
+from tjscan.joint.tubes.fit import ArmRepeatability
+from tjscan.runs.stations.stitch import build_stitching_report
 from tjscan.stitching.draft import StitchingDraft
 from tjscan.stitching.picture import draw_stitching
 from tjscan.stitching.settings import StitchSettings

@@ -14,7 +14,7 @@ from tjscan.calibration.noise import NoiseModel
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.config import validate_table
 from tjscan.core.errors import GrooveNotFound
-from tjscan.core.frames import Array, transform_points
+from tjscan.core.frames import Array, JointOrBaseFrame, transform_points
 from tjscan.core.provenance import Provenance
 from tjscan.groove.prior import GroovePrior
 from tjscan.groove.read import read_groove
@@ -23,8 +23,7 @@ from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
-from tjscan.result.frame import JointOrBaseFrame
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.scanner import Scanner

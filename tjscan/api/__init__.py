@@ -57,8 +57,8 @@ def scan(
     """
     from tjscan.core.config import add_file_to_errors
     from tjscan.job import read_scan_job
-    from tjscan.runs.context import RunContext
-    from tjscan.runs.directory import default_run_directory
+    from tjscan.runs.run import default_run_directory
+    from tjscan.runs.scan.context import RunContext
     from tjscan.runs.scan.run import run_scan
 
     file = Path(job)

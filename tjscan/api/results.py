@@ -117,7 +117,7 @@ class Scan:
     def _repr_html_(self) -> str:
         from tjscan.core.display import rows_to_html
         from tjscan.result.directory import PICTURE
-        from tjscan.result.summary_words import summary_in_words
+        from tjscan.result.summary import summary_in_words
 
         name = self.directory.resolve().name
         rows = [("frame", self.frame), *summary_in_words(self.summary)]

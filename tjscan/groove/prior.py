@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays, readonly_copy
 from tjscan.groove.models import GrooveModel
 
 NOTCH_PULLS: Final = readonly_copy(
@@ -73,6 +73,7 @@ def _base_log_thicknesses() -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class SectionEvidence:
     """What one profile says, by itself, of what persists along the groove.
 
@@ -94,12 +95,9 @@ class SectionEvidence:
     log_thicknesses: Array
     form: str = ""
 
-    def __post_init__(self) -> None:
-        for name in self.__slots__[:4]:
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class GroovePrior:
     """What is known of a groove's section before its profile is read.
 
@@ -124,10 +122,6 @@ class GroovePrior:
     log_thicknesses: Array = field(default_factory=_base_log_thicknesses)
 
     forms: frozenset[str] = frozenset()
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__[:4]:
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
     def from_sections(cls, sections: Sequence[tuple[SectionEvidence, float]]) -> GroovePrior:

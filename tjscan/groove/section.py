@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.core.frames import Array, readonly_copy, unit_vector
+from tjscan.core.frames import Array, frozen_arrays, unit_vector
 from tjscan.groove.prior import SectionEvidence
 
 PARALLEL_SINE: Final = 1e-3
@@ -26,18 +26,8 @@ Pair = tuple[float, float] | list[float]
 """x and z in frame s, metres or of unit length."""
 
 
-_ARRAY_FIELDS = (
-    "points_s",
-    "wall_s",
-    "leg_s",
-    "T_s_g",
-    "covariance_s",
-    "tangent_covariance",
-    "measure_covariance",
-)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class GrooveSection:
     """One section of a tubular T-joint's groove in the sensor frame s.
 
@@ -107,10 +97,6 @@ class GrooveSection:
     absent: tuple[str, ...] = ()
     root_opening: float = nan
     evidence: SectionEvidence | None = None
-
-    def __post_init__(self) -> None:
-        for name in _ARRAY_FIELDS:
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
     def work_angle(self) -> float:

@@ -57,14 +57,14 @@ def clear_path_planner_of_job(job: CellJob, deviations: Array | None = None) -> 
 
 
 def solids_in_base(job: CellJob, T_b_w: Array | None = None) -> tuple[Solid, ...]:
-    """Solids about a job's arm where they stand in frame b.
+    """Solids about a job's arm, with their poses in frame b.
 
     Parameters
     ----------
     job : CellJob
         The job, of one station if it has any.
     T_b_w : ndarray, shape (4, 4), optional
-        Where the workpiece's frame stands; as the job states it where left out.
+        Pose of the workpiece's frame; the one in the job if left out.
     """
     T_b_w = inverse_pose(job.T_w_b) if T_b_w is None else T_b_w
     return tuple(
@@ -82,12 +82,12 @@ class SensorMount:
     T_f_s : ndarray, shape (4, 4)
         Pose of the laser in the flange frame.
     file : Path or None
-        The calibration it comes from; none where the job itself holds it.
+        The calibration it comes from; None if the job itself holds it.
     deviations : ndarray, shape (joints, 6), or None
         Of the arm's joints from its model, where they were calibrated with it.
     covariance : ndarray, shape (6, 6) or (6 + 6 joints, 6 + 6 joints), or None
         Of `T_f_s`, translation and small rotation in axes of f, and of the deviations, if any;
-        SI. None where nobody states it.
+        SI. None if it is not known.
     by_laser : ndarray, shape (6, m) or (6 + 6 joints, m), or None
         What of it comes from m draws of the laser's deviation, see `LaserDeviation.at`; none where
         that was not calibrated with.
@@ -122,7 +122,7 @@ def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
     if T_f_s is not None:
         return SensorMount(T_f_s, covariance=job.calibration.covariance)
     file = job_file.parent / str(job.calibration.file)
-    # A recording does not say which laser made it, unless the job does.
+    # A recording does not name the laser that made it, unless the job does.
     laser = job.laser.id if job.laser.driver_kind is DriverKind.REPLAYED else job.laser.device_id
     found = read_calibration(file, arm=job.arm.device_id, laser=laser)
     by_laser, linearity = None, 0.0

@@ -48,7 +48,7 @@ class CellJob(StrictFileModel):
         arm, laser = self.arm.driver_kind, self.laser.driver_kind
         if arm is DriverKind.REPLAYED and laser is not DriverKind.REPLAYED:
             raise ConfigurationError(
-                'a replayed arm stands where a recording has it: laser.driver must be "replay"',
+                'a replayed arm takes its poses from a recording: laser.driver must be "replay"',
                 key="arm.driver",
             )
         if laser is DriverKind.REAL and arm is not DriverKind.REAL:
@@ -102,19 +102,19 @@ class CellJob(StrictFileModel):
     def T_w_b_true(self) -> Array:
         """True pose of the base in a simulated world; otherwise as `T_w_b`."""
         simulation = self.job_at_station().simulation
-        stands = () if simulation is None else simulation.station
-        return stands[0].T if stands else self.T_w_b
+        stations = () if simulation is None else simulation.station
+        return stations[0].T if stations else self.T_w_b
 
     def job_at_station(self, name: str | None = None) -> Self:
         """The same job at one of its stations, which then is its only one.
 
-        What the station says for itself stands where it would for a job without stations. A
-        simulated world draws other random numbers at each.
+        Keys of the station are moved to their places in a job without stations. A simulated world
+        draws other random numbers at each.
 
         Parameters
         ----------
         name : str, optional
-            Which; may be left out where there is but one, or none.
+            Which; may be left out if there is only one, or none.
 
         Raises
         ------
@@ -140,9 +140,9 @@ class CellJob(StrictFileModel):
 
     @property
     def jobs_at_stations(self) -> tuple[Self, ...]:
-        """The job at each of its stations that the arm stands at, one job a station.
+        """The job at each of its stations where the arm is, one job a station.
 
-        A simulated arm stands at all of them, a real one at one.
+        A simulated arm is at all of them, a real one at one.
 
         Raises
         ------
@@ -170,7 +170,7 @@ class CellJob(StrictFileModel):
 
 
 class LaserJob(StrictFileModel):
-    """The tables that a laser needs which nothing carries yet: itself, and how it is read."""
+    """The tables of a laser without an arm: the laser, and how its profiles are read."""
 
     laser: LaserSettings = LaserSettings()
     groove: GrooveSettings = GrooveSettings()
@@ -232,7 +232,7 @@ class ScanJob(CellJob):
 
 
 class CalibrationJob(CellJob):
-    """A job file that describes a calibration; a [scan] table may stand beside it."""
+    """A job file that describes a calibration; it may have a [scan] table too."""
 
     board: BoardSettings
     scan: ScanPlan | None = None

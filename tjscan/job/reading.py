@@ -64,7 +64,7 @@ def replace_keys(data: dict[str, Any], overrides: dict[str, Any]) -> None:
             table = _inner(table, name, key)
         if isinstance(table, list):
             raise ConfigurationError(
-                f"is an array of tables; say which one: {'.'.join(tables)}.NAME.{last}", key=key
+                f"is an array of tables; name one: {'.'.join(tables)}.NAME.{last}", key=key
             )
         table[last] = value
         if key in EXCLUDING_KEYS:

@@ -36,7 +36,7 @@ LengthMm = Annotated[float, Gt(0), Le(FARTHEST_MM)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedSolidSettings(SolidSettings):
-    """A solid that stands in the base frame, b, or about the workpiece, w."""
+    """A solid with its pose in the base frame, b, or in the workpiece's, w."""
 
     frame: Literal["b", "w"] = "b"
 
@@ -54,9 +54,9 @@ class ClearanceSettings(ClearanceMargins):
     ignore : tuple of (str, str)
         Pairs of links that may come near each other.
     solid : tuple of PlacedSolidSettings
-        What stands in frame b or w.
+        Solids in frame b or w.
     tool : tuple of SolidSettings
-        What sits on the flange, frame f.
+        Solids on the flange, frame f.
     """
 
     self_collision: bool = True
@@ -157,7 +157,7 @@ class StationPoseSettings(PoseSettings):
     Parameters
     ----------
     name : str
-        The station's name, and that of its folder.
+        Name of the station, and of its folder.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
@@ -165,12 +165,12 @@ class StationPoseSettings(PoseSettings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StationSettings(StationPoseSettings):
-    """The table [[station]]: about where the arm's base stands in frame w, and its start poses.
+    """The table [[station]]: about where the arm's base is in frame w, and its start poses.
 
     Parameters
     ----------
     direction : ScanDirection, optional
-        As in [scan], which holds where this is left out.
+        As in [scan], which holds if this is left out.
     length : float, optional
         As in [scan], metres.
     sections : int, optional

@@ -7,13 +7,13 @@ the groove with a face from the bevel to the leg; where the root is open there i
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import LegSurface, radial_direction, tangential_direction
 
@@ -22,6 +22,7 @@ _ROUNDS: Final = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class JointGrooveSections:
     """Sections of a joint's designed groove in radial half-planes, one for each azimuth.
 
@@ -55,10 +56,6 @@ class JointGrooveSections:
     p2: Array
     p3: Array
     p4: Array
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            object.__setattr__(self, field.name, readonly_copy(getattr(self, field.name)))
 
     @property
     def root_width(self) -> Array:

@@ -9,7 +9,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 
 DEGREE: Final = 3
 DEGREES: Final = tuple(
@@ -23,6 +23,7 @@ largest deviation in the window is one (`tests/uncertainty/test_causes.py`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class LaserDeviation:
     """Smooth deviation of x and z over the laser's window: scale, tilt and what its lens bends.
 
@@ -42,10 +43,6 @@ class LaserDeviation:
     largest: float
     middle: Array
     half: Array
-
-    def __post_init__(self) -> None:
-        for name in ("middle", "half"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
     def in_window(

@@ -8,7 +8,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.polynomial.legendre import legval2d
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.laser.model import LaserModel
 
 DEGREE: Final = 3
@@ -22,6 +22,7 @@ SAMPLES: Final = 41
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class Distortion:
     """Systematic error of a sensor's points over its window, the same in every profile.
 
@@ -39,10 +40,6 @@ class Distortion:
     coefficients: Array
     middle: Array
     half: Array
-
-    def __post_init__(self) -> None:
-        for name in ("coefficients", "middle", "half"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
     def draw(cls, model: LaserModel, make: int) -> Self | None:

@@ -8,10 +8,11 @@ from hashlib import sha256
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class Profile:
     """Points of one laser line in the sensor frame s, in the order of the sensor's columns.
 
@@ -35,9 +36,6 @@ class Profile:
     time_uncertainty: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("x_s", "z_s", "intensity"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, readonly_copy(getattr(self, name)))
         if self.x_s.ndim != 1 or self.x_s.shape != self.z_s.shape:
             raise ValueError(f"x_s {self.x_s.shape} and z_s {self.z_s.shape} are not two columns")
 

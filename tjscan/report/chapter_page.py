@@ -10,9 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from tjscan.core.provenance import Provenance
-from tjscan.report.picture import ReportPicture, inline_figure, new_figure
+from tjscan.report.picture import ReportPicture, inline_figure, load_template, new_figure
 from tjscan.report.tables import MOST_EVENTS
-from tjscan.report.template import load_template
 from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import job_label_of_run
 

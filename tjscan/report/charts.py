@@ -15,10 +15,8 @@ from tjscan.report.data import ReportData
 from tjscan.report.design import designed_measures
 from tjscan.report.findings import describe_coverage
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
-from tjscan.result.colours import CORNER, LASER, PATH, ROOT
-from tjscan.result.picture import BAND
+from tjscan.result.picture import BAND, CORNER, LASER, PATH, ROOT, draw_groove_3d
 from tjscan.result.section import MEASURES, SIGMAS, absent_corners, lengths_along_groove
-from tjscan.result.space_picture import draw_groove_3d
 from tjscan.result.wireframe import joint_wireframe
 
 DESIGN: Final = "#d62728"
@@ -204,3 +202,42 @@ def _along(data: ReportData) -> tuple[Array, str]:
     if (azimuths := data.unwrapped_azimuths) is not None:
         return azimuths, "azimuth about the brace / °"
     return 1e3 * lengths_along_groove(data.sections), "along the groove / mm"
+
+
+def draw_deviation_map(data: ReportData) -> ReportPicture | None:
+    """Draw deviations unwrapped over the azimuth; None where nothing was compared in frame j."""
+    comparison = data.comparison
+    if comparison is None or comparison.reference.stated.frame != "j":
+        return None
+    kind = comparison.deviations[0]
+    sign = "red lies outside the reference, blue inside" if kind.signed else "it has no sign"
+    return inline_figure(
+        comparison.plot().figure,
+        "Deviation from the reference, unwrapped over the azimuth",
+        f"Each column is a section, from the leg (below) over root and bevel to the brace (above); "
+        f"{sign}; cells show medians, grey ones were not seen, and small saturated patches are "
+        "ghosts of the laser.",
+        f"Map of the deviation over clock position and height: median "
+        f"{1e3 * float(np.median(kind.known)):.3f} mm.",
+    )
+
+
+def deviation_table_rows(data: ReportData) -> list[tuple[str, ...]]:
+    """Kind, number and statistics of every kind of distance, in mm; the corners' first."""
+    if data.comparison is None:
+        return []
+    rows = []
+    # The corners first: a cloud holds ghosts too.
+    for deviation in reversed(data.comparison.deviations):
+        s = deviation.statistics
+        numbers = (s.mean, s.median, s.rms, s.p95, s.max)
+        within = "" if deviation.within is None else f"{100 * deviation.within:.1f} %"
+        rows.append(
+            (
+                deviation.kind,
+                str(len(deviation.known)),
+                *(f"{number:.3f}" for number in numbers),
+                within,
+            )
+        )
+    return rows

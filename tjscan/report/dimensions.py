@@ -11,15 +11,28 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.groove.measured import MeasuredSection
-from tjscan.joint.definition import JointDefinition
+from tjscan.joint.definition import NOT_STATED, JointDefinition
 from tjscan.joint.geometry import radial_direction
 from tjscan.joint.imperfections import NO_IMPERFECTIONS
-from tjscan.joint.tolerance import NOT_STATED
-from tjscan.report.clock import DEGREES_PER_HOUR
 from tjscan.report.data import ReportData
 from tjscan.report.design import designed_measures
 from tjscan.report.findings import is_closed
 from tjscan.result.section import absent_corners
+
+DEGREES_PER_HOUR: Final = 30.0
+
+
+def clock_text(azimuth: float) -> str:
+    """A clock position in hours and minutes, such as 2:30 for 75°.
+
+    Parameters
+    ----------
+    azimuth : float
+        About the brace's axis from the crown, degrees.
+    """
+    minutes = round(60 * azimuth / DEGREES_PER_HOUR) % 720
+    return f"{minutes // 60 or 12}:{minutes % 60:02d}"
+
 
 COVERAGE: Final = 2.0
 """Standard deviations that ± stands for."""

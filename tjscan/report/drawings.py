@@ -13,9 +13,13 @@ from numpy.typing import ArrayLike
 from tjscan.core.frames import Array, inverse_pose, transform_points, unit_vector
 from tjscan.groove.measured import MeasuredSection
 from tjscan.joint.geometry import radial_direction
-from tjscan.report.clock import clock_text
 from tjscan.report.data import ReportData
-from tjscan.report.dimensions import Dimension, section_dimensions, sections_by_the_clock
+from tjscan.report.dimensions import (
+    Dimension,
+    clock_text,
+    section_dimensions,
+    sections_by_the_clock,
+)
 from tjscan.result.directions import section_directions
 
 IN_PLANE: Final = 0.2e-3

@@ -6,18 +6,18 @@ from typing import Final
 
 from tjscan.core.provenance import Provenance
 from tjscan.report.charts import (
+    deviation_table_rows,
     draw_corner_errors,
+    draw_deviation_map,
     draw_groove_in_space,
     draw_measure_charts,
     draw_scan_charts,
 )
 from tjscan.report.data import ReportData
-from tjscan.report.deviation import deviation_table_rows, draw_deviation_map
 from tjscan.report.drawings import describe_drawings, draw_sections
-from tjscan.report.findings import report_findings
-from tjscan.report.fit_up import draw_fit_up
-from tjscan.report.fit_up_table import fit_up_table
-from tjscan.report.headline import headline_numbers, name_of_reference
+from tjscan.report.findings import headline_numbers, name_of_reference, report_findings
+from tjscan.report.fit_up import draw_fit_up, fit_up_table
+from tjscan.report.picture import load_template
 from tjscan.report.profiles import draw_fitted_profiles
 from tjscan.report.stations import (
     overlap_rows,
@@ -32,7 +32,6 @@ from tjscan.report.tables import (
     scan_statistics_rows,
     uncertainty_rows,
 )
-from tjscan.report.template import load_template
 from tjscan.report.view3d import view_data
 from tjscan.result.directory import job_label_of_run
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from typing import Any, Final
 
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -74,3 +75,22 @@ def inline_figure(
     kind = "svg+xml" if vector else "png"
     data = f"data:image/{kind};base64," + b64encode(stream.getvalue()).decode("ascii")
     return ReportPicture(title, caption, data, alt)
+
+
+def load_template(name: str) -> Template:
+    """Load a template of this package.
+
+    Escaping is on for all of it: names of jobs and joints are text, whatever they hold.
+
+    Parameters
+    ----------
+    name : str
+        Of its file.
+    """
+    environment = Environment(
+        loader=PackageLoader("tjscan.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+    )
+    return environment.get_template(name)

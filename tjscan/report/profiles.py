@@ -14,7 +14,7 @@ from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
 from tjscan.report.data import ReportData, StationRunData
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
-from tjscan.result.colours import CORNER, LASER, ROOT
+from tjscan.result.picture import CORNER, LASER, ROOT
 
 SHOWN: Final = 6
 """Profiles in the picture, evenly chosen along the groove."""

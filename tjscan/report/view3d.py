@@ -14,12 +14,11 @@ from tjscan.comparison.distance import DeviationDistances
 from tjscan.comparison.maps import deviation_scale_mm
 from tjscan.core.frames import Array
 from tjscan.report.charts import indices_near_groove
-from tjscan.report.clock import clock_text
 from tjscan.report.data import ReportData
+from tjscan.report.dimensions import clock_text
 from tjscan.report.findings import is_closed, wide_steps
-from tjscan.report.ghost import ghost_of_joint
 from tjscan.result.section import MEASURES, SIGMAS, SYMBOLS, absent_corners
-from tjscan.result.wireframe import joint_wireframe
+from tjscan.result.wireframe import ghost_of_joint, joint_wireframe
 
 MOST_POINTS: Final = 40_000
 """A page of more would be slow, and too large."""

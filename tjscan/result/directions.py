@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.groove.measured import MeasuredSection
 
 WINDOW: Final = 60e-3
@@ -35,6 +35,7 @@ of 80 mm to 1.2° and 5°.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class SectionDirections:
     """Directions at each of n sections, unit vectors of shape (n, 3) in the sections' frame.
 
@@ -51,10 +52,6 @@ class SectionDirections:
     wall: Array
     bevel: Array
     leg: Array
-
-    def __post_init__(self) -> None:
-        for name in ("tangent", "wall", "bevel", "leg"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 def section_directions(sections: Sequence[MeasuredSection]) -> SectionDirections:

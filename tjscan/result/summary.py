@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Final, Self
@@ -19,7 +19,7 @@ from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import lengths_along_groove
-from tjscan.uncertainty.summary import BudgetSummary
+from tjscan.uncertainty.summary import BudgetSummary, budget_in_words
 
 MOST_BYTES: Final = 1_000_000
 """A larger file is no summary."""
@@ -273,3 +273,27 @@ def summary_to_json(summary: ScanSummary) -> str:
 def write_summary(file: Path, summary: ScanSummary) -> None:
     """Write ``summary.json``."""
     file.write_text(summary_to_json(summary) + "\n", encoding="utf-8")
+
+
+def summary_in_words(summary: ScanSummary) -> Iterator[tuple[str, str]]:
+    """Why the scan ended, and its numbers with their units."""
+    step, error = summary.step_mm, summary.corner_error_mm
+    yield "stopped because", summary.detail
+    yield "sections", f"{summary.sections} from {summary.scans} profiles"
+    yield "groove length", f"{summary.groove_length_mm:.1f} mm"
+    if step.mean is not None:
+        spread = "" if step.std is None else f" ± {step.std:.2f}"
+        yield "step", f"{step.mean:.2f}{spread} mm, {step.nominal:g} mm asked"
+    yield "flange", f"{summary.flange_travel_mm:.0f} mm, {summary.flange_rotation_deg:.0f}°"
+    yield "motion time", f"{summary.motion_time_s:.1f} s"
+    if error is not None:
+        yield "corner error", f"{error.mean:.3f} mm mean, {error.p95:.3f} p95, {error.max:.3f} max"
+    yield from uncertainty_lines(summary)
+
+
+def uncertainty_lines(summary: ScanSummary) -> Iterator[tuple[str, str]]:
+    """How sure the corners are, and what is not counted; nothing for older runs."""
+    if (budget := summary.uncertainty) is not None:
+        yield "uncertainty", budget_in_words(budget)
+        for words in budget.left_out:
+            yield "not counted", words

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +54,7 @@ SolidShape = Box | Cylinder | Capsule
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class Solid:
     """A solid body: a shape, its pose and its name.
 
@@ -70,6 +71,3 @@ class Solid:
     name: str
     shape: SolidShape
     T: Array
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "T", readonly_copy(self.T))

@@ -17,9 +17,8 @@ import pinocchio as pin
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import check_file_size
 from tjscan.robot.closed_form import UrDhLengths
-from tjscan.robot.models.generate import ARMS
 
-MODELS: Final = tuple(ARMS)
+MODELS: Final = ("ur5e", "ur10e", "ur16e", "ur20", "ur30")
 """Names of the arms whose URDF comes with tjscan."""
 
 CALIBRATED: Final = 0.005

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array, inverse_pose, transform_points
-from tjscan.joint.tubes.walls import ArmRepeatability
+from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.stitching.graph import StationErrors, StationPoses
 from tjscan.stitching.registration import StationRegistration
 from tjscan.stitching.sides import NODES, moves_of_walls

@@ -13,8 +13,8 @@ from tjscan.core.frames import Array, pose, rot_z, transform_points
 from tjscan.core.gaussian_process import PeriodicKernel, SimpleKriging
 from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.joint.geometry import LegSurface, cylindrical_to_j
+from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.joint.tubes.frame import TubeDimensions
-from tjscan.joint.tubes.walls import ArmRepeatability
 from tjscan.stitching.overlaps import TURN
 from tjscan.stitching.registration import SMOOTH, point_covariance_from_pose
 from tjscan.stitching.stations import Station

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from tjscan.core import pose_vector
-from tjscan.core.frames import Array, readonly_copy, skew_matrix, unit_vector
+from tjscan.core.frames import Array, frozen_arrays, skew_matrix, unit_vector
 from tjscan.core.gaussian_process import PeriodicKernel
 from tjscan.core.robust import tukey_weights
 from tjscan.stitching.overlaps import StationOverlap
@@ -44,6 +44,7 @@ LEAST_STEP: Final = 5e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class StationRegistration:
     """Pose of one station against another, found from their overlap.
 
@@ -86,10 +87,6 @@ class StationRegistration:
     counted: NDArray[np.bool_]
     number: NDArray[np.intp]
     by_points: Array
-
-    def __post_init__(self) -> None:
-        for name in ("T", "covariance", "centre", "along", "azimuth", "residual", "by_points"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
     def residual_rms(self) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from math import radians
 
-from tjscan.joint.tubes.walls import ArmRepeatability
+from tjscan.joint.tubes.fit import ArmRepeatability
 
 
 @dataclass(frozen=True, slots=True)

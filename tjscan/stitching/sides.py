@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from tjscan.core.frames import Array, transform_points
-from tjscan.joint.tubes.walls import WallPoints
+from tjscan.joint.tubes.fit import WallPoints
 from tjscan.scanning.section import ScannedSection
 from tjscan.uncertainty.causes import ViewCause
 

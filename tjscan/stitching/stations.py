@@ -9,13 +9,11 @@ from math import radians
 import numpy as np
 
 from tjscan.core.errors import GrooveNotFound, StitchingRefused, TubesNotFound
-from tjscan.core.frames import Array, readonly_copy, rotation_angle_between, unit_vector
+from tjscan.core.frames import Array, frozen_arrays, rotation_angle_between, unit_vector
 from tjscan.groove.section import GrooveSection
-from tjscan.joint.tubes.cylinder import Cylinder
-from tjscan.joint.tubes.cylinder_fit import cylinder_from_normals
-from tjscan.joint.tubes.fit import FittedTubes, fit_tubes_to_walls
+from tjscan.joint.tubes.cylinder import Cylinder, cylinder_from_normals
+from tjscan.joint.tubes.fit import FittedTubes, WallPoints, fit_tubes_to_walls
 from tjscan.joint.tubes.frame import JointFrame, joint_frame_from_tubes
-from tjscan.joint.tubes.walls import WallPoints
 from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.stitching.settings import StitchSettings
@@ -37,6 +35,7 @@ SAME_POSE = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class Station:
     """Sections that were scanned from one station, and where the arm's base nominally stood.
 
@@ -61,9 +60,6 @@ class Station:
     sections: tuple[ScannedSection, ...]
     all_sections: tuple[ScannedSection, ...]
     causes: tuple[ViewCause, ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "T_w_b", readonly_copy(self.T_w_b))
 
     def shares_views_with(self, other: Station) -> bool:
         """Whether any view of both is one and the same: noise never comes twice alike."""

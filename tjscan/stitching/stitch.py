@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from tjscan.core import pose_vector
 from tjscan.core.errors import ConfigurationError, StitchingRefused
-from tjscan.core.frames import Array, inverse_pose, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays, inverse_pose
 from tjscan.groove.measured import MeasuredSection
 from tjscan.joint.tubes.frame import TubeDimensions
 from tjscan.stitching.budget import shared_causes, stitching_budget
@@ -59,6 +59,7 @@ FAR = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class PlacedStation:
     """Pose of a station's base in the joint's frame, with covariance and what it rests on.
 
@@ -86,12 +87,9 @@ class PlacedStation:
     tubes_reduced_chi2: float
     tubes_rms: float
 
-    def __post_init__(self) -> None:
-        for name in ("T_j_b", "covariance"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class StitchedGroove:
     """One groove stitched from the sections of several stations.
 
@@ -132,9 +130,6 @@ class StitchedGroove:
     sections: tuple[MeasuredSection, ...]
     budget: UncertaintyBudget
     draft: StitchingDraft
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "shape_sigma", readonly_copy(self.shape_sigma))
 
     @property
     def is_closed(self) -> bool:

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from tjscan.core import pose_vector
 from tjscan.core.errors import StitchingRefused
-from tjscan.core.frames import Array, pose, readonly_copy, transform_points
+from tjscan.core.frames import Array, frozen_arrays, pose, transform_points
 from tjscan.joint.geometry import LegSurface
+from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.joint.tubes.frame import TubeDimensions
-from tjscan.joint.tubes.walls import ArmRepeatability
 from tjscan.scanning.section import ScannedSection
 from tjscan.stitching.sides import side_nodes
 from tjscan.uncertainty.budget import points_moved_by_twist
@@ -37,6 +37,7 @@ WIDEST: Final = 0.999
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class UnrolledViews:
     """Views of a station unrolled about the brace in its own frame j.
 
@@ -69,10 +70,6 @@ class UnrolledViews:
     place: Array
     middle: Array
     number: Array
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
     def by_pose(self) -> Array:

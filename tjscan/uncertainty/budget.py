@@ -19,7 +19,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly_copy, skew_matrix
+from tjscan.core.frames import Array, frozen_arrays, skew_matrix
 from tjscan.groove.measured import MeasuredSection
 
 COVERAGE_FACTOR: Final = 2.0
@@ -34,6 +34,7 @@ NEGLIGIBLE: Final = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class BudgetComponent:
     """One cause of uncertainty, and how n sections answer to m independent draws of it.
 
@@ -56,10 +57,6 @@ class BudgetComponent:
     is_shared: bool
     points: Array
     measures: Array
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "points", readonly_copy(self.points))
-        object.__setattr__(self, "measures", readonly_copy(self.measures))
 
     @property
     def corner_covariances(self) -> Array:

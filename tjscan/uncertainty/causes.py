@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core import pose_vector
-from tjscan.core.frames import Array, pose, readonly_copy
-from tjscan.joint.tubes.walls import ArmRepeatability
+from tjscan.core.frames import Array, frozen_arrays, pose
+from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.scanning.section import ScannedSection
 from tjscan.uncertainty.budget import (
     BudgetComponent,
@@ -36,6 +36,7 @@ ProfileBend = Callable[[Array, Array], Array]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class ViewCause:
     """A cause of error, and how n views answer to m independent standard normal draws of it.
 
@@ -63,10 +64,6 @@ class ViewCause:
     points: Array
     measures: Array
     bend: ProfileBend | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("twists", "points", "measures"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     def moved_too(self, sections: Sequence[ScannedSection], twists: Array) -> Self:
         """The same cause, whose draws move the views as a whole besides.

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.core.robust import MAD_TO_SIGMA
 from tjscan.crawler.joint_tracking.edge_lines import (
     CAPTURE,
@@ -76,6 +76,7 @@ class JointPlacement:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class ReferenceProfile:
     """What the joint looked like at one place: depth below the hull at even steps across.
 
@@ -98,10 +99,6 @@ class ReferenceProfile:
     slope: Array
     noise: Array
     centre_sigma: float
-
-    def __post_init__(self) -> None:
-        for name in ("across", "depth", "slope", "noise"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
     def from_profiles(

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.crawler.joint_tracking.edge_lines import (
     LEFT_BEVEL,
     LEFT_PLATE,
@@ -94,6 +94,7 @@ without the points that lie farther from that, in metres, over fewer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+@frozen_arrays
 class ButtJointReading(JointPlacement):
     """What one profile shows of a butt joint, in the frame s of a sensor on a vehicle.
 
@@ -121,10 +122,6 @@ class ButtJointReading(JointPlacement):
     depth_left: float
     area_left: float
     conditions: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        for name in ("edges", "edge_covariances"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
     def width(self) -> float:

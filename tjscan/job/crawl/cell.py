@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from time import monotonic
-from typing import Any, Final, Self
+from typing import Final
 
 import numpy as np
 
@@ -16,12 +15,12 @@ from tjscan.core.frames import Array
 from tjscan.crawler.journal import SimulatedPlace
 from tjscan.crawler.torch_axes import TorchAxes
 from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings
+from tjscan.job.devices import DeviceGroup
+from tjscan.job.laser import make_laser_without_arm
 from tjscan.job.torch_drivers import TORCHES, TorchDriverInputs
-from tjscan.joint.hull_path import joint_pose, laser_offset, place_beside_joint
+from tjscan.joint.hull import joint_pose, laser_offset, place_beside_joint
 from tjscan.joint.hull_section import hull_section
-from tjscan.laser.drivers import LASER_DRIVERS, LaserDriverInputs, LaserFlange
 from tjscan.laser.line_laser import LineLaser
-from tjscan.laser.model import LaserModel
 from tjscan.laser.over_joint import SimulatedSectionLaser
 from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose
 from tjscan.vehicle.drivers import VEHICLES, VehicleDriverFactory, VehicleDriverInputs
@@ -34,7 +33,7 @@ RANDOM_STREAM: Final = 2
 
 @dataclass(slots=True)
 class SimulatedWeld:
-    """The joint of a simulation, which is welded where the torch's arc burns.
+    """The joint of a simulation: it is welded along the path of the burning arc.
 
     Parameters
     ----------
@@ -45,7 +44,7 @@ class SimulatedWeld:
     torch : TorchAxes
         Whose arc it is.
     disturb : callable
-        Is told whether the arc burns, which disturbs the vehicle's sensors.
+        Called with whether the arc burns, which disturbs the vehicle's sensors.
     welded : list of list of float
         From where to where along the joint each arc burned so far, metres.
     """
@@ -63,7 +62,7 @@ class SimulatedWeld:
         return self.job.simulation
 
     def place(self, ahead: float) -> tuple[float, float, float]:
-        """x, y and heading of what lies ahead of the vehicle's centre, in frame w."""
+        """x, y and heading of a point ahead of the vehicle's centre, in frame w."""
         T = self.pose()
         heading = float(np.arctan2(T[1, 0], T[0, 0]))
         x, y = T[:2, 3] + ahead * T[:2, 0]
@@ -105,7 +104,7 @@ class SimulatedWeld:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LeftWorld:
+class InterruptedWorld:
     """How an interrupted run left a simulated world.
 
     Parameters
@@ -124,7 +123,7 @@ class LeftWorld:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CrawlCell:
+class CrawlCell(DeviceGroup):
     """Vehicle, laser and torch of a crawl; a context manager for the devices.
 
     Parameters
@@ -146,33 +145,25 @@ class CrawlCell:
 
     @property
     def simulated_place(self) -> Callable[[], SimulatedPlace] | None:
-        """Function that tells where a simulated vehicle truly is; None for a real one."""
+        """Function that returns the true place of a simulated vehicle; None for a real one."""
         world = self.world
         if world is None:
             return None
         return lambda: SimulatedPlace(world.pose_w, world.torch_place())
 
-    def __enter__(self) -> Self:
-        with ExitStack() as stack:
-            stack.enter_context(self.vehicle)
-            stack.enter_context(self.laser)
-            stack.enter_context(self.torch)
-            stack.pop_all()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        with ExitStack() as stack:
-            for device in (self.vehicle, self.laser, self.torch):
-                stack.push(device)
+    @property
+    def devices(self) -> tuple[Vehicle, LineLaser, TorchAxes]:
+        """Vehicle, laser and torch."""
+        return self.vehicle, self.laser, self.torch
 
 
-def make_crawl_cell(job: CrawlJob, left: LeftWorld | None = None) -> CrawlCell:
+def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> CrawlCell:
     """Make the devices that a crawl job names; connect nothing.
 
     Parameters
     ----------
     job : CrawlJob
-    left : LeftWorld, optional
+    left : InterruptedWorld, optional
         What an interrupted run left of a simulation; a new one begins where left out.
 
     Raises
@@ -182,26 +173,26 @@ def make_crawl_cell(job: CrawlJob, left: LeftWorld | None = None) -> CrawlCell:
     """
     world = job.simulation
     factory: VehicleDriverFactory = VEHICLES.load(job.vehicle.driver)
-    with VEHICLES.explain_missing_package(job.vehicle.driver):
-        vehicle = factory.make(
-            VehicleDriverInputs(
-                job.vehicle.tracks,
-                seed=0 if world is None else world.seed,
-                simulation=None if world is None else world.vehicle,
-                left=None if left is None else (left.pose_w, left.time),
-                recording=_no_recording,
-            ),
-            job.vehicle.driver_settings,
-        )
+    vehicle: Vehicle = VEHICLES.make(
+        job.vehicle.driver,
+        VehicleDriverInputs(
+            job.vehicle.tracks,
+            seed=0 if world is None else world.seed,
+            simulation=None if world is None else world.vehicle,
+            left=None if left is None else (left.pose_w, left.time),
+            recording=_no_recording,
+        ),
+        job.vehicle.driver_settings,
+    )
     torch = _make_torch(job)
     if world is None:
-        return CrawlCell(vehicle, _make_laser(job), torch)
+        return CrawlCell(vehicle, make_laser_without_arm(job.laser), torch)
 
     def disturb(burning: bool) -> None:
         if isinstance(vehicle, SimulatedVehicle):
             vehicle.body.arc_burning = burning
 
-    # Over a broker the loopback's vehicle says where it truly is; a real one does not.
+    # Over a broker the loopback's vehicle reports its true place; a real one does not.
     weld = SimulatedWeld(
         job,
         lambda: factory.truth(vehicle),
@@ -210,7 +201,7 @@ def make_crawl_cell(job: CrawlJob, left: LeftWorld | None = None) -> CrawlCell:
         [] if left is None else [list(ends) for ends in left.welded],
     )
     if job.laser.driver_kind is not DriverKind.SIMULATED:
-        return CrawlCell(vehicle, _make_laser(job), torch, weld)
+        return CrawlCell(vehicle, make_laser_without_arm(job.laser), torch, weld)
     clock = _clock_of(vehicle)
     laser = SimulatedSectionLaser(
         weld.view,
@@ -222,7 +213,7 @@ def make_crawl_cell(job: CrawlJob, left: LeftWorld | None = None) -> CrawlCell:
 
 
 def _clock_of(vehicle: Vehicle) -> Callable[[], float]:
-    """The clock of a simulated laser: its vehicle's, where that is simulated too."""
+    """The clock of a simulated laser: its vehicle's, if that is simulated too."""
     if isinstance(vehicle, SimulatedVehicle):
         body = vehicle.body
         return lambda: body.time
@@ -230,39 +221,14 @@ def _clock_of(vehicle: Vehicle) -> Callable[[], float]:
 
 
 def _make_torch(job: CrawlJob) -> TorchAxes:
-    with TORCHES.explain_missing_package(job.torch.driver):
-        return TORCHES.load(job.torch.driver).make(
-            TorchDriverInputs(
-                reach=job.torch.reach,
-                speed=job.torch.speed,
-                vehicle=job.vehicle.driver_settings,
-            ),
-            job.torch.driver_settings,
-        )
-
-
-def _make_laser(job: CrawlJob) -> LineLaser:
-    """Make a laser that is a device: it sits on a vehicle, and no flange says where."""
-    with LASER_DRIVERS.explain_missing_package(job.laser.driver):
-        return LASER_DRIVERS.load(job.laser.driver).make(
-            LaserDriverInputs(
-                LaserModel(),
-                LaserFlange(_no_flange, _no_flange, monotonic),
-                np.eye(4),
-                _no_flange,
-                seed=None,
-                recording=_no_flange,
-            ),
-            job.laser.driver_settings,
-        )
-
-
-def _no_flange() -> Any:
-    raise ConfigurationError(
-        "this laser's driver asks for an arm's flange, and a crawler has none: it needs a driver "
-        "that takes profiles alone",
-        key="laser.driver",
+    torch: TorchAxes = TORCHES.make(
+        job.torch.driver,
+        TorchDriverInputs(
+            reach=job.torch.reach, speed=job.torch.speed, vehicle=job.vehicle.driver_settings
+        ),
+        job.torch.driver_settings,
     )
+    return torch
 
 
 def _no_recording() -> tuple[VehicleState, ...]:

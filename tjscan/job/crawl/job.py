@@ -38,9 +38,9 @@ from tjscan.vehicle.simulation import VehicleSimulationSettings
 from tjscan.vehicle.tracks import TrackGeometry
 
 HULL_SEEN: Final = 5e-3
-"""Metres of a plate at least: ten points say where it lies, and half as many may be missing."""
+"""Metres of a plate at least: its pose needs ten points, and half as many may be missing."""
 
-PERCENT: Final = FileUnit("percent", 0.01)
+PERCENT_UNIT: Final = FileUnit("percent", 0.01)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,9 +50,9 @@ class VehicleSettings(DeviceSettings):
     Parameters
     ----------
     laser_to_torch : float
-        How far the laser's line lies ahead of the torch, metres.
+        How far the laser's line is ahead of the torch, metres.
     centre_to_torch : float
-        How far the vehicle's centre lies ahead of the torch, metres.
+        How far the vehicle's centre is ahead of the torch, metres.
     body_length, body_width : float
         Between its proximity sensors, along and across, metres.
     tracks : TrackGeometry
@@ -74,7 +74,7 @@ class VehicleSettings(DeviceSettings):
 
     @property
     def device_id(self) -> str:
-        """Id of the vehicle in calibrations: its own id, or its driver where it has none."""
+        """Id of the vehicle in calibrations: its own id, or else its driver."""
         return self.id or self.driver
 
 
@@ -123,7 +123,7 @@ class CrawlSimulationSettings(SettingsTable):
     """
 
     seed: Annotated[int, Ge(0)] = 1
-    arc_points: Annotated[float, Ge(0), Le(90), PERCENT] = 0.05
+    arc_points: Annotated[float, Ge(0), Le(90), PERCENT_UNIT] = 0.05
     joint: HullJoint = field(default_factory=HullJoint)
     laser: SectionLaserModel = field(default_factory=SectionLaserModel)
     vehicle: VehicleSimulationSettings = field(default_factory=VehicleSimulationSettings)
@@ -202,8 +202,8 @@ class CrawlJob(StrictFileModel):
         joint, stated = self.simulation.joint, self.course.radius
         if stated is not None and joint.radius is not None and stated * joint.radius < 0:
             raise ConfigurationError(
-                f"says {stated:g} m, and the simulated joint bends the other way with "
-                f"{joint.radius:g} m: both are positive where the joint bends to the right",
+                f"is {stated:g} m, and the simulated joint bends the other way with "
+                f"{joint.radius:g} m: both are positive if the joint bends to the right",
                 key="course.radius_m",
             )
         line = 2 * STAND_OFF * tan(self.simulation.laser.half_angle)

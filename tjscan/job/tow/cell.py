@@ -1,9 +1,8 @@
-"""From a tow job to its planner, its vehicles and who measures their poses."""
+"""From a tow job to its planner, its vehicles and their localisation."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final, Protocol, Self
 
@@ -12,7 +11,8 @@ import numpy as np
 from tjscan.core.devices import DriverKind, EventListener
 from tjscan.core.extras import package_missing
 from tjscan.core.frames import Array
-from tjscan.job.tow.job import EXTRA, TowJob
+from tjscan.job.devices import DeviceGroup
+from tjscan.job.tow.job import TOWING_EXTRA, TowJob
 from tjscan.job.tow.simulation import FaultyTeam, towing_world_of_job
 from tjscan.towing.devices import Team
 from tjscan.towing.journal import TowTruth
@@ -25,8 +25,8 @@ from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings
 if TYPE_CHECKING:
     from tjscan.vehicle.cable.world import TowingWorld
 
-LONGEST_GUESS: Final = 1.0
-"""Seconds for which what moves is taken to go on as it was last seen."""
+LONGEST_EXTRAPOLATION: Final = 1.0
+"""Seconds for which a moving obstacle is taken to go on at its last velocity."""
 
 
 def make_planner(job: TowJob) -> ShapePlanner:
@@ -43,7 +43,7 @@ def make_planner(job: TowJob) -> ShapePlanner:
         from tjscan.towing.shape.paper_planner import PaperPlanner
         from tjscan.towing.shape.planner import PlannerSettings, TowingPlanner
     except ModuleNotFoundError as error:
-        raise package_missing(error, "towing", EXTRA, "method") from error
+        raise package_missing(error, "towing", TOWING_EXTRA, "method") from error
     settings = PlannerSettings(
         job.objective_weights,
         job.effort_targets,
@@ -66,15 +66,15 @@ class ConnectedTeam(Team, Protocol):
         ...
 
 
-class TowCell:
+class TowCell(DeviceGroup):
     """Vehicles and localisation of a tow; a context manager for the devices.
 
     Parameters
     ----------
     team : ConnectedTeam
     localisation : Localisation
-    standing : sequence of DiscObstacle
-        Obstacles that stand.
+    fixed_obstacles : sequence of DiscObstacle
+        Obstacles that never move.
     world : TowingWorld or None
         The truth of a simulation, which no algorithm sees.
     """
@@ -83,25 +83,19 @@ class TowCell:
         self,
         team: ConnectedTeam,
         localisation: Localisation,
-        standing: Sequence[DiscObstacle],
+        fixed_obstacles: Sequence[DiscObstacle],
         world: TowingWorld | None = None,
     ) -> None:
         self.team, self.localisation, self.world = team, localisation, world
-        self._standing = tuple(standing)
-        self._stack = ExitStack()
+        self._fixed_obstacles = tuple(fixed_obstacles)
 
-    def __enter__(self) -> Self:
-        with ExitStack() as stack:
-            stack.enter_context(self.team)
-            stack.enter_context(self.localisation)
-            self._stack = stack.pop_all()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._stack.close()
+    @property
+    def devices(self) -> tuple[ConnectedTeam, Localisation]:
+        """The team and the localisation."""
+        return self.team, self.localisation
 
     def report_events_to(self, listener: EventListener) -> None:
-        """Report what the devices have to say to a listener."""
+        """Report the events of the devices to a listener."""
         self.localisation.report_events_to(listener)
         if hasattr(self.team, "report_events_to"):
             self.team.report_events_to(listener)
@@ -110,14 +104,14 @@ class TowCell:
         """Obstacles at a time on the team's clock: what moves has gone on as it was seen."""
         moving = []
         for disc in self.localisation.read_passers_by():
-            late = min(max(0.0, time - disc.time), LONGEST_GUESS)
+            late = min(max(0.0, time - disc.time), LONGEST_EXTRAPOLATION)
             x, y = disc.x + late * disc.vx, disc.y + late * disc.vy
             moving.append(DiscObstacle(x, y, disc.radius, (disc.vx, disc.vy)))
-        return [*self._standing, *moving]
+        return [*self._fixed_obstacles, *moving]
 
     @property
     def truth(self) -> Callable[[], TowTruth] | None:
-        """Function that tells what the simulation truly did; None for real vehicles."""
+        """Function that returns the true state of the simulation; None for real vehicles."""
         world = self.world
         return None if world is None else lambda: _truth_of(world)
 
@@ -138,7 +132,7 @@ def make_tow_cell(job: TowJob, angles: Array, left: TowTruth | None = None) -> T
     ConfigurationError
         If the job lacks what a driver needs.
     """
-    standing = standing_obstacles(job)
+    obstacles = fixed_obstacles(job)
     settings = job.simulation
     world = team = None
     if job.vehicles.driver == "simulated":
@@ -146,7 +140,7 @@ def make_tow_cell(job: TowJob, angles: Array, left: TowTruth | None = None) -> T
             from tjscan.vehicle.cable.world import TowingWorld
             from tjscan.vehicle.simulated_team import SimulatedTeam
         except ModuleNotFoundError as error:
-            raise package_missing(error, "towing", EXTRA, "vehicles.driver") from error
+            raise package_missing(error, "towing", TOWING_EXTRA, "vehicles.driver") from error
         begin = 0.0
         if left is not None:
             angles, begin = _angles_of(left.line, job.root.heading), left.time
@@ -154,13 +148,13 @@ def make_tow_cell(job: TowJob, angles: Array, left: TowTruth | None = None) -> T
         team = SimulatedTeam(world)
     localisation = _localisation(job, world)
     if team is None:
-        return TowCell(_mqtt_team(job), localisation, standing)
+        return TowCell(_mqtt_team(job), localisation, obstacles)
     faulty = FaultyTeam(team, localisation, settings.faults)
-    return TowCell(faulty, localisation, standing, world)
+    return TowCell(faulty, localisation, obstacles, world)
 
 
 def _localisation(job: TowJob, world: TowingWorld | None) -> Localisation:
-    """The localisation that a job names; on the vehicles' broker where it names none."""
+    """The localisation that a job names; on the vehicles' broker if it names none."""
     table, name = job.localisation, job.localisation.driver
     own = table.driver_settings
     if world is None and table.driver_kind is DriverKind.SIMULATED:
@@ -177,9 +171,8 @@ def _localisation(job: TowJob, world: TowingWorld | None) -> Localisation:
         world=world,
         simulation=job.simulation.localisation,
     )
-    factory = LOCALISATIONS.load(name)
-    with LOCALISATIONS.explain_missing_package(name):
-        return factory.make(inputs, own)
+    localisation: Localisation = LOCALISATIONS.make(name, inputs, own)
+    return localisation
 
 
 def _mqtt_team(job: TowJob) -> ConnectedTeam:
@@ -217,6 +210,6 @@ def _angles_of(line: Array, root_heading: float) -> Array:
     return np.diff(headings, prepend=root_heading)
 
 
-def standing_obstacles(job: TowJob) -> list[DiscObstacle]:
+def fixed_obstacles(job: TowJob) -> list[DiscObstacle]:
     """Obstacles of a job that never move."""
     return [DiscObstacle(*one.points[0], one.radius) for one in job.obstacles if not one.speed]

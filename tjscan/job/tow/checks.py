@@ -1,4 +1,4 @@
-"""What a tow job asks for that can't be, before anything moves."""
+"""Read a tow job, and refuse what can't be towed before anything moves."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.extras import package_missing
 from tjscan.job.reading import read_job
-from tjscan.job.tow.floor import check_floor
-from tjscan.job.tow.job import EXTRA, TowJob
+from tjscan.job.tow.job import TOWING_EXTRA, TowJob
 from tjscan.vehicle.cable.model import TowingVehicleModel
 
 
@@ -30,7 +29,7 @@ def read_tow_job(file: Path, overrides: dict[str, Any] | None = None) -> TowJob:
         try:
             check_tow_job(job)
         except ModuleNotFoundError as error:
-            raise package_missing(error, "towing", EXTRA) from None
+            raise package_missing(error, "towing", TOWING_EXTRA) from None
     return job
 
 
@@ -51,6 +50,8 @@ def check_tow_job(job: TowJob) -> None:
             key="seam.speed_mm_min",
         )
     _check_faults(job)
+    from tjscan.job.tow.floor import check_floor  # needs shapely, which only a tow does
+
     check_floor(job)
 
 
@@ -60,13 +61,13 @@ def _check_sizes(job: TowJob) -> None:
     Raises
     ------
     ConfigurationError
-        With the key, and what to say instead.
+        With the key, and what to write instead.
     """
     gap, length = job.limits.cable_gap, job.cable.length
     if np.pi / 2 * gap >= length:
         raise ConfigurationError(
             f"half a circle that wide, {5e2 * np.pi * gap:.0f} mm, is longer than the cable, and "
-            f"no two links would be held apart: say less than {2e3 / np.pi * length:.0f}",
+            f"no two links would be held apart: take less than {2e3 / np.pi * length:.0f}",
             key="limits.cable_gap_mm",
         )
     model, usual = job.simulation.towing_vehicle, TowingVehicleModel()
@@ -76,13 +77,13 @@ def _check_sizes(job: TowJob) -> None:
     ):
         if value not in (default, ours):
             raise ConfigurationError(
-                f"simulated vehicles are as vehicles.{instead} says: set that, and leave this out",
+                f"simulated vehicles have vehicles.{instead}: set that, and leave this out",
                 key=f"simulation.towing_vehicle.{key}",
             )
 
 
 def _check_faults(job: TowJob) -> None:
-    """Refuse faults of vehicles and passers-by that there are not.
+    """Refuse faults of vehicles and passers-by that the job does not have.
 
     Raises
     ------
@@ -116,7 +117,7 @@ def _check_held_links(job: TowJob) -> None:
         key = "vehicles.behind_welder_mm"
         if job.vehicles.links is not None:
             raise ConfigurationError(
-                "vehicles.links say how long the piece behind the welder is: leave this key out",
+                "vehicles.links give the length of the piece behind the welder: leave this key out",
                 key=key,
             )
         count = job.vehicles.behind_welder / job.cable.link
@@ -149,7 +150,7 @@ def _check_held_links(job: TowJob) -> None:
 
 
 def _cause_of_short_piece(job: TowJob, number: int, need: float) -> str:
-    """Key that has to change where the piece of cable behind a vehicle is too short."""
+    """Key that has to change if the piece of cable behind a vehicle is too short."""
     if need > job.cable.length / 2:  # more than two vehicles have, the fewest
         wide = 2 * job.vehicles.radius > job.limits.vehicle_gap
         return "vehicles.radius_mm" if wide else "limits.vehicle_gap_mm"

@@ -1,4 +1,4 @@
-"""What can't be on the floor of a tow: its area, what stands there, and the ways between."""
+"""Checks of the floor of a tow: its area, the obstacles on it, and the ways between them."""
 
 from __future__ import annotations
 
@@ -6,42 +6,29 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+import shapely
+from scipy.sparse.csgraph import connected_components
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.job.tow.job import TowJob
 from tjscan.towing.seam import Seam
 from tjscan.towing.tables import Point
 
-SAMPLE: Final = 0.1
-"""Metres of seam from one place that is looked at to the next."""
+SEAM_SAMPLE_STEP: Final = 0.1
+"""Metres of seam between two places that are checked."""
 
 ON_EDGE: Final = 1e-6
 """Metres within which a point counts as on an edge: work begins and ends at walls."""
 
 
 def check_floor(job: TowJob) -> None:
-    """Refuse an area, a root or a seam that can't be, what stands on them, and ways too narrow.
+    """Refuse an area, a root or a seam that can't be, obstacles on them, and ways too narrow.
 
     Raises
     ------
     ConfigurationError
         With the key, and where and by how much.
     """
-    _check_geometry(job)
-    _check_corridor(job)
-
-
-def _check_geometry(job: TowJob) -> None:
-    """Refuse an area, a root or a seam that can't be, and what stands on them.
-
-    Raises
-    ------
-    ConfigurationError
-        With the key, and where and by how much.
-    """
-    from shapely import LineString, get_coordinates
-    from shapely import Point as ShapelyPoint
-
     outline = _polygon(job.area.outline, "area.outline_mm")
     inside = outline.buffer(ON_EDGE)
     for hole in job.area.holes:
@@ -52,7 +39,7 @@ def _check_geometry(job: TowJob) -> None:
                 key="area.holes_mm",
             )
     solids = _solids(job)
-    root = ShapelyPoint(job.root.position)
+    root = shapely.Point(job.root.position)
     if not inside.contains(root):
         off = 1e3 * inside.distance(root)
         raise ConfigurationError(
@@ -65,7 +52,9 @@ def _check_geometry(job: TowJob) -> None:
                 f"{solid.name} stands on the root, at {_mm(job.root.position)} mm", key=solid.key
             )
     seam = Seam(job.seam)
-    line: Any = LineString(job.seam.points) if seam.length else ShapelyPoint(job.seam.points[0])
+    line: Any = (
+        shapely.LineString(job.seam.points) if seam.length else shapely.Point(job.seam.points[0])
+    )
     if not inside.contains(line):
         along, off = _farthest_outside(seam, inside)
         raise ConfigurationError(
@@ -75,13 +64,14 @@ def _check_geometry(job: TowJob) -> None:
         )
     blocked = line.difference(_floor(job, solids).buffer(ON_EDGE))
     if not blocked.is_empty:
-        along = min(line.project(ShapelyPoint(at)) for at in get_coordinates(blocked))
-        first = ShapelyPoint(seam.path.point_at(along))
+        along = min(line.project(shapely.Point(at)) for at in shapely.get_coordinates(blocked))
+        first = shapely.Point(seam.path.point_at(along))
         solid = min(solids, key=lambda one: float(one.shape.distance(first)))
         raise ConfigurationError(
             f"{solid.name} stands on the seam, {1e3 * along:.0f} mm from its beginning",
             key=solid.key,
         )
+    _check_corridor(job)
 
 
 class _Solid(NamedTuple):
@@ -93,38 +83,35 @@ class _Solid(NamedTuple):
 
 
 def _solids(job: TowJob) -> list[_Solid]:
-    """Pillars, and obstacles that stand."""
-    from shapely import Point as ShapelyPoint
-    from shapely import Polygon
-
+    """Pillars, and obstacles that never move."""
     pillars = [
-        _Solid(f"the pillar at {_mm(hole[0])} mm", "area.holes_mm", Polygon(hole))
+        _Solid(f"the pillar at {_mm(hole[0])} mm", "area.holes_mm", shapely.Polygon(hole))
         for hole in job.area.holes
     ]
-    standing = [
+    obstacles = [
         _Solid(
             f"{one.name} at {_mm(one.points[0])} mm",
             f"obstacles.{number}",
-            ShapelyPoint(one.points[0]).buffer(one.radius),
+            shapely.Point(one.points[0]).buffer(one.radius),
         )
         for number, one in enumerate(job.obstacles)
         if not one.speed
     ]
-    return pillars + standing
+    return pillars + obstacles
 
 
 def _floor(job: TowJob, solids: Sequence[_Solid]) -> Any:
-    """The area without what stands in it; a wall and a pillar that touch leave nothing between."""
-    from shapely import Polygon, union_all
-
-    return Polygon(job.area.outline).difference(union_all([solid.shape for solid in solids]))
+    """The area without pillars and obstacles; a wall and a pillar that touch leave no gap."""
+    return shapely.Polygon(job.area.outline).difference(
+        shapely.union_all([solid.shape for solid in solids])
+    )
 
 
 def _check_corridor(job: TowJob) -> None:
     """Refuse a floor too narrow for the vehicles somewhere between root and seam.
 
     A piece of cable between two vehicles may lie in a gap that no vehicle passes, so places for
-    vehicles count as joined where the longest piece reaches from one to the other.
+    vehicles count as joined if the longest piece reaches from one to the other.
 
     Raises
     ------
@@ -146,39 +133,25 @@ def _check_corridor(job: TowJob) -> None:
 
 
 def _is_passable(job: TowJob, radius: float) -> bool:
-    """Whether bodies of a radius may stand one after the other from the root to all the seam."""
-    from shapely import Point as ShapelyPoint
-    from shapely import get_parts
-
-    places = list(get_parts(_floor(job, _solids(job)).buffer(-radius)))
+    """Whether bodies of a radius fit one after the other from the root to all of the seam."""
+    places = shapely.get_parts(_floor(job, _solids(job)).buffer(-radius))
     pieces = job.cable.link * np.diff(job.held_links, prepend=-1)
-    if len(pieces) < 2 or not places:
-        return bool(places)
-    root = ShapelyPoint(job.root.position)
-    reached = {k for k, place in enumerate(places) if place.distance(root) <= pieces[0]}
-    while True:
-        more = {
-            k
-            for k, place in enumerate(places)
-            if any(place.distance(places[n]) <= pieces[1:-1].max(initial=0.0) for n in reached)
-        } - reached
-        if not more:
-            break
-        reached |= more
+    if len(pieces) < 2 or not len(places):
+        return bool(len(places))
+    longest = pieces[1:-1].max(initial=0.0)
+    _, groups = connected_components(shapely.distance(places[:, None], places) <= longest)
+    beside_root = shapely.distance(places, shapely.Point(job.root.position)) <= pieces[0]
+    reached = places[np.isin(groups, groups[beside_root])]
     seam = Seam(job.seam)
-    samples = np.linspace(0, seam.length, 1 + int(seam.length / SAMPLE))
-    return all(
-        any(places[k].distance(ShapelyPoint(seam.path.point_at(s))) <= pieces[-1] for k in reached)
-        for s in samples
-    )
+    samples = np.linspace(0, seam.length, 1 + int(seam.length / SEAM_SAMPLE_STEP))
+    points = shapely.points([seam.path.point_at(s) for s in samples])
+    is_beside = shapely.distance(reached[:, None], points) <= pieces[-1]
+    return bool(is_beside.any(axis=0).all())
 
 
 def _polygon(ring: Sequence[Point], key: str) -> Any:
-    from shapely import Polygon
-    from shapely.validation import explain_validity
-
-    polygon = Polygon(ring)
-    why = explain_validity(polygon)
+    polygon = shapely.Polygon(ring)
+    why = shapely.is_valid_reason(polygon)
     if why != "Valid Geometry" or not polygon.area:
         place = why.partition("[")[2].rstrip("]").split()
         at = f" at {_mm(tuple(map(float, place)))} mm" if len(place) == 2 else ""
@@ -190,12 +163,10 @@ def _polygon(ring: Sequence[Point], key: str) -> Any:
 
 def _farthest_outside(seam: Seam, inside: Any) -> tuple[float, float]:
     """Where along the seam it is farthest outside, and how far, metres."""
-    from shapely import distance, points
-
     corners = seam.path.corners
     along = np.unique(np.concatenate((corners, np.linspace(0, seam.length, 1001))))
     places = np.array([seam.path.point_at(s) for s in along])
-    off = distance(points(places), inside)
+    off = shapely.distance(shapely.points(places), inside)
     worst = int(np.argmax(off))
     return float(along[worst]), float(off[worst])
 

@@ -34,15 +34,15 @@ from tjscan.vehicle.localisation_drivers import LOCALISATIONS
 from tjscan.vehicle.mqtt.settings import MqttSettings
 from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
 
-GRAVITY: Final = 9.81
-RESERVE: Final = 5e-3
-"""Metres by which plans keep off more than the job asks: vehicles and cable lie within some
-millimetres of where they are planned."""
+GRAVITY_ACCELERATION: Final = 9.81  # m/s²
+PLAN_RESERVE: Final = 5e-3
+"""Metres that plans add to the clearances of the job: vehicles and cable follow a plan to within
+some millimetres."""
 
 BEND_RESERVE: Final = 1.02
-"""The same of the smallest bend radius."""
+"""Factor by which plans enlarge the least bend radius of the job."""
 
-EXTRA: Final = "towing"
+TOWING_EXTRA: Final = "towing"
 """Name of the extra that brings what only a tow needs."""
 
 
@@ -53,7 +53,7 @@ class TeamMqttSettings(MqttSettings):
     Parameters
     ----------
     prefix : str
-        Of all topics; that of a vehicle goes on with its number, 1, 2, ...
+        Of all topics; a vehicle's topics go on with its number, 1, 2, ...
     """
 
     prefix: Annotated[str, Len(1, 190)] = "tjscan/vehicle"
@@ -74,7 +74,7 @@ class VehiclesSettings(SettingsTable):
         Equally spaced where left out.
     behind_welder : float or None
         Length of the piece of cable behind the welder, a whole number of links, metres, where that
-        is not as the others.
+        is not as long as the others.
     radius : float
         Of a body seen from above, metres.
     speed : float
@@ -149,9 +149,9 @@ class TowSimulationSettings(SettingsTable):
     seed : int
         Of all random numbers.
     settle : float
-        Seconds for which cable and vehicles stand before the clock starts.
+        Seconds for which cable and vehicles stand still before the clock starts.
     towing_vehicle : TowingVehicleModel
-        What every vehicle is; its radius and its force are those of [vehicles].
+        What every vehicle is; [vehicles] states its radius and its force.
     localisation : LocalisationSimulationSettings
         How well poses are truly measured.
     faults : tuple of FaultSettings
@@ -202,7 +202,7 @@ class TowJob(StrictFileModel):
             link_length=cable.link,
             least_bend_radius=cable.least_radius,
             bending_stiffness=cable.stiffness,
-            friction=cable.friction * cable.mass * cable.link * GRAVITY,
+            friction=cable.friction * cable.mass * cable.link * GRAVITY_ACCELERATION,
             radius=cable.radius,
             root=self.root.pose,
         )
@@ -214,7 +214,7 @@ class TowJob(StrictFileModel):
 
     @property
     def planned_chain(self) -> Cable:
-        """The cable as it is planned: bent less than it may be, for it lies not quite so."""
+        """The cable as it is planned: bent less than allowed, since it follows a plan roughly."""
         chain = self.chain
         return replace(chain, least_bend_radius=BEND_RESERVE * chain.least_bend_radius)
 
@@ -223,9 +223,9 @@ class TowJob(StrictFileModel):
         """What no plan breaks: the job's limits, and a reserve for what the plan is off by."""
         limits, free = self.limits, self.limits.free_links * self.cable.link
         return TowingLimits(
-            link_clearance=limits.link_clearance + RESERVE,
-            body_clearance=limits.vehicle_clearance + RESERVE,
-            vehicle_gap=limits.vehicle_gap + RESERVE,
+            link_clearance=limits.link_clearance + PLAN_RESERVE,
+            body_clearance=limits.vehicle_clearance + PLAN_RESERVE,
+            vehicle_gap=limits.vehicle_gap + PLAN_RESERVE,
             cable_gap=limits.cable_gap,
             free_at_root=free,
             free_at_welder=free,
@@ -246,6 +246,6 @@ class TowJob(StrictFileModel):
 
     @property
     def effort_targets(self) -> EffortTargets:
-        """Where the loss functions turn."""
+        """Where the loss functions turn from square to linear."""
         targets = self.targets
         return EffortTargets(targets.bending, targets.distance, targets.change, targets.pull)

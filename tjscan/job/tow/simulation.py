@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from tjscan.vehicle.simulated_team import SimulatedTeam
     from tjscan.vehicle.vehicle import Vehicle
 
-ROUND: Final = 24
-"""Corners of a polygon that stands for a round obstacle."""
+ROUND_OBSTACLE_CORNERS: Final = 24
+"""Of the polygon that replaces a round obstacle."""
 
 
 def towing_world_of_job(job: TowJob) -> TowingWorldModel:
@@ -56,7 +56,10 @@ def towing_world_of_job(job: TowJob) -> TowingWorldModel:
 
 
 def _polygon_of(obstacle: ObstacleSettings) -> Array:
-    (x, y), turns = obstacle.points[0], np.linspace(0, 2 * np.pi, ROUND, endpoint=False)
+    (x, y), turns = (
+        obstacle.points[0],
+        np.linspace(0, 2 * np.pi, ROUND_OBSTACLE_CORNERS, endpoint=False),
+    )
     return np.column_stack(
         (x + obstacle.radius * np.cos(turns), y + obstacle.radius * np.sin(turns))
     )

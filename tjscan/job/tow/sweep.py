@@ -12,7 +12,7 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.job.tow.cell import make_planner, standing_obstacles
+from tjscan.job.tow.cell import fixed_obstacles, make_planner
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.job.tow.job import TowJob
 from tjscan.job.tow.simulation import towing_world_of_job
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from tjscan.vehicle.cable.model import TowingWorldModel
     from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
 
-STEP: Final = 0.01
+SWEEP_STEP: Final = 0.01
 """Metres of seam from one plan to the next."""
 
-DT: Final = 1.0
-"""Seconds that the vehicles have for a step of the sweep: time is no limit in it."""
+STEP_SECONDS: Final = 1.0
+"""Time of the vehicles for a step of the sweep: long enough that it never limits them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +44,7 @@ class SeamSweep:
     reached : float
         How far along it the planner came, metres.
     why : str
-        Why no farther; empty where it came to the end.
+        Why no farther; empty if it came to the end.
     plans : tuple of TowingPlan
         On the way.
     chosen, shapes : int
@@ -81,8 +81,8 @@ def sweep_seam(
 ) -> SeamSweep:
     """Plan along the whole seam with vehicles that are always where they were sent.
 
-    Obstacles that move are left out: nobody knows yet where they will be. Where the cable gets
-    stuck, the next best shape to begin with is tried; if all do, that which came farthest counts.
+    Obstacles that move are left out: their places are not known yet. If the cable gets stuck, the
+    next best first shape is tried; if all get stuck, the one that came farthest counts.
 
     Parameters
     ----------
@@ -91,16 +91,16 @@ def sweep_seam(
     along : float, optional
         Where a tow goes on, metres.
     last : TowingPlan, optional
-        Its shape there; looked for where left out.
+        Its shape there; searched for if left out.
 
     Raises
     ------
     ConfigurationError
-        If the seam lies beyond the cable's reach.
+        If the seam is beyond the cable's reach.
     """
     seam = Seam(job.seam)
     _refuse_beyond_reach(seam, job.chain.length, job.root.position)
-    obstacles = standing_obstacles(job)
+    obstacles = fixed_obstacles(job)
     starts = planner.starts(seam.pose_at(along), obstacles) if last is None else [last]
     farthest: SeamSweep | None = None
     for k, start in enumerate(starts):
@@ -121,11 +121,11 @@ def _sweep_from(
     obstacles: Sequence[DiscObstacle],
 ) -> SeamSweep:
     plan, plans, reached = start, [start], begin
-    count = 1 + int(np.ceil((seam.length - begin) / STEP))
+    count = 1 + int(np.ceil((seam.length - begin) / SWEEP_STEP))
     steps = np.linspace(begin, seam.length, count)[1:]
     for along in () if start.halt else steps:
         plan = planner.plan(
-            plan.held_poses, seam.pose_at(along), dt=DT, last=plan, obstacles=obstacles
+            plan.held_poses, seam.pose_at(along), dt=STEP_SECONDS, last=plan, obstacles=obstacles
         )
         plans.append(plan)
         if plan.halt:
@@ -135,7 +135,7 @@ def _sweep_from(
 
 
 def _refuse_beyond_reach(seam: Seam, length: float, root: tuple[float, float]) -> None:
-    along = np.unique(np.concatenate((seam.path.corners, np.arange(0, seam.length, STEP))))
+    along = np.unique(np.concatenate((seam.path.corners, np.arange(0, seam.length, SWEEP_STEP))))
     places = np.array([seam.path.point_at(s) for s in along])
     off = np.hypot(*(places - root).T)
     worst = int(np.argmax(off))
@@ -151,7 +151,7 @@ def _refuse_beyond_reach(seam: Seam, length: float, root: tuple[float, float]) -
 def read_towing_world(
     file: Path,
 ) -> tuple[TowingWorldModel, Array, LocalisationSimulationSettings]:
-    """Read the world that a tow job simulates, with the cable as it lies at the beginning.
+    """Read the world that a tow job simulates, with the first shape of the cable.
 
     Parameters
     ----------

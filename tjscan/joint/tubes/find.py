@@ -16,8 +16,7 @@ from scipy.spatial import KDTree
 
 from tjscan.core.errors import TubesNotFound
 from tjscan.core.frames import Array
-from tjscan.joint.tubes.cylinder import Cylinder
-from tjscan.joint.tubes.cylinder_fit import fit_cylinder, refine_cylinder
+from tjscan.joint.tubes.cylinder import Cylinder, fit_cylinder, refine_cylinder
 from tjscan.joint.tubes.fit import FittedTubes
 from tjscan.joint.tubes.frame import LEAST_AXES_ANGLE
 
