@@ -18,7 +18,7 @@ from typing import Final
 
 import tjscan
 from tjscan.job import read_scan_job
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 

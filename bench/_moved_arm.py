@@ -18,7 +18,7 @@ from tjscan.job import read_scan_job
 from tjscan.job.cell import Cell
 from tjscan.result.directory import RECORDING
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan, scan_in_cell
 from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.reader import read_recorded_scan

@@ -24,17 +24,16 @@ from tjscan.report.data import read_report_data
 from tjscan.result.chapter import ReportChapter
 from tjscan.result.directory import BUDGET, CLOUD, JOB, PICTURE, RECORDING, SECTIONS, SUMMARY
 from tjscan.result.table import read_sections_csv
-from tjscan.runs.context import RunContext
 from tjscan.runs.crawl.replay import replay_crawl
 from tjscan.runs.crawl.report import crawl_chapter
-from tjscan.runs.crawl.results import PASSES, WELD_LOG, read_passes
-from tjscan.runs.crawl.resume import resume_crawl
-from tjscan.runs.crawl.run import CrawlContext, run_crawl
+from tjscan.runs.crawl.results import PASSES_FILE, WELD_LOG_FILE, read_passes
+from tjscan.runs.crawl.run import CrawlContext, resume_crawl, run_crawl
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.reprocess import reprocess_run
 from tjscan.runs.scan.run import resume_scan, run_scan
 from tjscan.runs.tow.replay import replay_tow
 from tjscan.runs.tow.report import tow_chapter
-from tjscan.runs.tow.results import FIGURES, PLANS, read_recorded_tow, read_tow_figures
+from tjscan.runs.tow.results import FIGURES_FILE, PLANS_FILE, read_recorded_tow, read_tow_figures
 from tjscan.runs.tow.run import TowContext, resume_tow, run_tow
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.reader import read_recorded_scan
@@ -161,7 +160,7 @@ def make_crawls(folder: Path) -> tuple[SoundRun, SoundRun]:
     whole, file = folder / "crawl", EXAMPLES / "crawl.toml"
     run_crawl(CrawlContext(read_crawl_job(file, CRAWL), file), whole)
     recording = f"{CRAWL_RECORDING}.mcap"
-    killed = _cut_off(_without(whole, PASSES, WELD_LOG), recording)
+    killed = _cut_off(_without(whole, PASSES_FILE, WELD_LOG_FILE), recording)
     return (
         SoundRun(whole, recording, (read_crawl, read_crawl_table, replay_crawled, go_on_crawling)),
         SoundRun(killed, recording, (read_crawl, replay_crawled, go_on_crawling)),
@@ -173,7 +172,7 @@ def make_tows(folder: Path) -> tuple[SoundRun, SoundRun]:
     whole, file = folder / "tow", EXAMPLES / "tow-simulation.toml"
     run_tow(TowContext(read_tow_job(file, TOW), file), whole)
     recording = f"{TOW_RECORDING}.mcap"
-    killed = _cut_off(_without(whole, PLANS, FIGURES), recording)
+    killed = _cut_off(_without(whole, PLANS_FILE, FIGURES_FILE), recording)
     return (
         SoundRun(whole, recording, (read_tow, read_tow_table, replay_towed, go_on_towing)),
         SoundRun(killed, recording, (read_tow, replay_towed, go_on_towing)),

@@ -10,8 +10,7 @@ import numpy as np
 
 from tjscan.core.errors import TjscanError
 from tjscan.job.tow.checks import read_tow_job
-from tjscan.runs.tow_study.outcome import TowOutcome
-from tjscan.runs.tow_study.run import run_study_tow
+from tjscan.runs.tow.study import TowOutcome, run_study_tow
 
 EXAMPLES: Final = Path(__file__).parents[1] / "examples"
 

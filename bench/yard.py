@@ -24,7 +24,7 @@ from tjscan.core.frames import Array, JointOrBaseFrame, transform_points
 from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.result.section import absent_corners
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import scan_in_cell
 from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.progress import plan_is_fulfilled

@@ -20,7 +20,7 @@ from tjscan.cli.options.overrides import parse_overrides
 from tjscan.job import read_calibration_job, read_laser_job, read_scan_job
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.job.tow.checks import read_tow_job
-from tjscan.runs.chain.settings import read_chain
+from tjscan.runs.chain import read_chain
 from tjscan.study.file import read_study_file
 
 RUN: Final = {

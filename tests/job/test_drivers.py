@@ -22,7 +22,7 @@ from tjscan.job import read_calibration_job, read_scan_job
 from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.robot.drivers import ARMS
 from tjscan.runs.calibration.run import make_calibration_cell
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan_loopback.process import UrLoopbackProcess
 
 ACME = """
@@ -193,7 +193,7 @@ class TestDriverOfAnotherPackage:
 
 
 def test_a_missing_client_library_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tjscan.robot.ur.driver.CLIENT", "no_such_client")
+    monkeypatch.setitem(vars(ARMS), "clients", {"ur": "no_such_client"})
     with pytest.raises(ConfigurationError, match=r"pip install 'tjscan\[ur\]'") as caught:
         RunContext(read_scan_job(PAPER, UR), PAPER).make_cell()
     assert caught.value.key == "arm.driver"

@@ -27,7 +27,7 @@ from tjscan.robot.path import interpolate_joints, linear_waypoints
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.solids import Box, Capsule, Cylinder, Solid
 from tjscan.robot.urdf import MODELS
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import check_scan_job, scan_in_cell
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.scanned_surface import ScannedSurfaceObstacle, grid_triangles

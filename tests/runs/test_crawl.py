@@ -29,8 +29,14 @@ from tjscan.laser.profile import Profile
 from tjscan.recording.parts import next_recording_file
 from tjscan.runs.crawl.report import crawl_chapter
 from tjscan.runs.crawl.results import read_recorded_crawl
-from tjscan.runs.crawl.resume import belief_after_stop, resume_crawl, start_after_stop
-from tjscan.runs.crawl.run import CrawlContext, run_crawl, short_way
+from tjscan.runs.crawl.run import (
+    CrawlContext,
+    belief_after_stop,
+    resume_crawl,
+    run_crawl,
+    short_way,
+    start_after_stop,
+)
 from tjscan.vehicle.vehicle import DEAD_MAN, REST, Twist, VehicleState
 
 
@@ -255,8 +261,8 @@ def test_before_the_end_of_the_steel_it_stops(job_file: Path, tmp_path: Path) ->
 def test_a_calibration_is_learned_and_holds_for_its_vehicle_alone(
     job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tjscan.runs.crawl.calibrate.LENGTH", 0.06)
-    monkeypatch.setattr("tjscan.runs.crawl.calibrate.TIMES", 1)
+    monkeypatch.setattr("tjscan.runs.crawl.run.SHUTTLE_LENGTH", 0.06)
+    monkeypatch.setattr("tjscan.runs.crawl.run.SHUTTLE_TIMES", 1)
     out = tmp_path / "shuttle"
     assert tjscan("crawl", "calibrate", job_file, "--out", out) == 0
     calibrated = tmp_path / "calibrated.toml"

@@ -15,8 +15,7 @@ from tjscan.crawler.phases import Phase
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.results import read_recorded_crawl
-from tjscan.runs.crawl.resume import resume_crawl
-from tjscan.runs.crawl.run import CrawlContext, run_crawl
+from tjscan.runs.crawl.run import CrawlContext, resume_crawl, run_crawl
 from tjscan_loopback.broker import MosquittoProcess, find_mosquitto
 from tjscan_loopback.process import VehicleLoopbackProcess
 

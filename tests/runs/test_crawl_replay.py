@@ -14,8 +14,7 @@ from tjscan.job.crawl.job import read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.replay import replay_crawl
 from tjscan.runs.crawl.results import RecordedCrawl, read_passes, read_recorded_crawl
-from tjscan.runs.crawl.resume import resume_crawl
-from tjscan.runs.crawl.run import CrawlContext, run_crawl
+from tjscan.runs.crawl.run import CrawlContext, resume_crawl, run_crawl
 
 JOB = """
 [alignment]

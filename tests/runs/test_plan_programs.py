@@ -19,7 +19,7 @@ from tjscan.job import read_scan_job
 from tjscan.planning.wps import read_wps
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.plan.welding_station import WeldingStation
+from tjscan.runs.plan.reach import WeldingStation
 from tjscan_loopback.process import UrLoopbackProcess
 from tjscan_loopback.ur.controller import LoopbackController
 

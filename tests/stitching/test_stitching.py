@@ -24,7 +24,7 @@ from tjscan.core.frames import (
 )
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.tubes.fit import ArmRepeatability
-from tjscan.runs.stations.report import build_stitching_report
+from tjscan.runs.stations.stitch import build_stitching_report
 from tjscan.stitching.picture import draw_stitching
 from tjscan.stitching.registration import StitchingDraft
 from tjscan.stitching.stations import Station, StitchSettings

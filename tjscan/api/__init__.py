@@ -57,8 +57,8 @@ def scan(
     """
     from tjscan.core.config import add_file_to_errors
     from tjscan.job import read_scan_job
-    from tjscan.runs.context import RunContext
-    from tjscan.runs.directory import default_run_directory
+    from tjscan.runs.run import default_run_directory
+    from tjscan.runs.scan.context import RunContext
     from tjscan.runs.scan.run import run_scan
 
     file = Path(job)
@@ -95,11 +95,13 @@ def read_groove(
     ValueError
         If the points are not of that shape or off the laser plane, or a setting can't be.
     """
-    from tjscan.groove.find import GrooveSettings, find_groove
-    from tjscan.groove.models import MODELS
+    from tjscan.groove.models import GROOVE_MODELS
+    from tjscan.groove.read import read_groove as read_groove_in_profile
+    from tjscan.groove.settings import GrooveSettings
 
-    _check_word("model", model, tuple(MODELS))
-    return find_groove(_profile(points), GrooveSettings(MODELS[model], **settings))
+    _check_word("model", model, tuple(GROOVE_MODELS))
+    chosen = GrooveSettings(GROOVE_MODELS[model], **settings)
+    return read_groove_in_profile(_profile(points), chosen)
 
 
 def calibrate(

@@ -210,7 +210,7 @@ class Recording:
     def plot(self) -> Picture:
         """Draw profiles in the laser plane, nine at most, with what is read in them."""
         from tjscan.core.display import Picture
-        from tjscan.groove.settings import DEFAULT
+        from tjscan.groove.settings import DEFAULT_SETTINGS
         from tjscan.result.picture import draw_profiles_with_fits
         from tjscan.result.readings import measure_grooves
 
@@ -219,8 +219,8 @@ class Recording:
             f"profile {k + 1}: section {self._views[k].index}": self._views[k].profile
             for k in chosen.tolist()
         }
-        readings = list(measure_grooves(profiles, DEFAULT))
-        return Picture(draw_profiles_with_fits(readings, DEFAULT))
+        readings = list(measure_grooves(profiles, DEFAULT_SETTINGS))
+        return Picture(draw_profiles_with_fits(readings, DEFAULT_SETTINGS))
 
     def _repr_html_(self) -> str:
         from tjscan.core.display import rows_to_html

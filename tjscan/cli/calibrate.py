@@ -126,7 +126,7 @@ def _start(
     from tjscan.cli.operators import chosen_operator
     from tjscan.cli.output.calibration import finish_calibration
     from tjscan.runs.calibration.run import start_calibration
-    from tjscan.runs.directory import default_run_directory
+    from tjscan.runs.run import default_run_directory
 
     directory = out or default_run_directory(file)
     with chosen_operator(job, file, page, unattended=unattended) as operator:

@@ -29,7 +29,7 @@ from tjscan.laser.files.format import ProfileFormat
 from tjscan.laser.files.read import read_profiles
 from tjscan.result.directory import CALIBRATION
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.directory import default_run_directory
+from tjscan.runs.run import default_run_directory
 
 NOISE: Final = (
     "range_mm",

@@ -32,10 +32,8 @@ def chain(
     from tjscan.cli.output.console import print_message
     from tjscan.report.write import write_run_report
     from tjscan.result.directory import CALIBRATION
-    from tjscan.runs.chain.run import CALIBRATION_RUN
-    from tjscan.runs.chain.settings import read_chain
-    from tjscan.runs.chain.sources import run_sources
-    from tjscan.runs.directory import default_run_directory
+    from tjscan.runs.chain import CALIBRATION_RUN, read_chain, run_sources
+    from tjscan.runs.run import default_run_directory
 
     read = read_chain(chain)
     directory = out or default_run_directory(chain)

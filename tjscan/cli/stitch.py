@@ -45,7 +45,7 @@ def stitch(
     with show_phase("loading what stitches"):
         from tjscan.cli.output.stitching import print_stitched_groove
         from tjscan.report.write import write_run_report
-        from tjscan.runs.directory import default_run_directory
+        from tjscan.runs.run import default_run_directory
         from tjscan.runs.stations.stitch import stitch_run_directories
 
     directory = out or default_run_directory(Path("stitched"))

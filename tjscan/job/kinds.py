@@ -51,7 +51,7 @@ FILE_KINDS: Final = (
     FileKind(
         "chain",
         "a chain of a calibration and a scan",
-        "tjscan.runs.chain.settings:ChainFile",
+        "tjscan.runs.chain:ChainFile",
         frozenset({"calibrate", "scan"}),
         "run it with 'tjscan chain'",
     ),

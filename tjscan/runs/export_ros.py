@@ -23,11 +23,11 @@ from tjscan.result.export import STEM, sort_sections_by_azimuth
 from tjscan.result.shapes import read_finished_summary
 from tjscan.result.table import read_sections_csv
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.context import result_frame_of_job
+from tjscan.runs.scan.context import result_frame_of_job
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.section import ProfileView
 
-BAG: Final = f"{STEM}.mcap"
+BAG_FILE: Final = f"{STEM}.mcap"
 
 
 def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
@@ -88,7 +88,7 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
         for topic, message in messages.items():
             text = json.dumps(message.fields, indent=1, allow_nan=False)
             (draft / f"{topic.strip('/')}.json").write_text(f"{text}\n", encoding="utf-8")
-        with (draft / BAG).open("wb") as file:
+        with (draft / BAG_FILE).open("wb") as file:
             write_ros_messages(file, time, messages)
         (draft / URDF).write_bytes(arm.urdf.read_bytes())
     return folder

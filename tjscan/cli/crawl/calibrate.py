@@ -30,8 +30,8 @@ def calibrate(
 
     parsed = read_crawl_job(job, parse_overrides(overrides))
     from tjscan.cli.crawl.output import print_slip_calibration, watch_crawl
-    from tjscan.runs.crawl.calibrate import calibrate_slip
-    from tjscan.runs.directory import default_run_directory
+    from tjscan.runs.crawl.run import calibrate_slip
+    from tjscan.runs.run import default_run_directory
 
     directory = out or default_run_directory(job)
     with watch_crawl(parsed, job) as context:

@@ -171,9 +171,8 @@ def _localisation(job: TowJob, world: TowingWorld | None) -> Localisation:
         world=world,
         simulation=job.simulation.localisation,
     )
-    factory = LOCALISATIONS.load(name)
-    with LOCALISATIONS.explain_missing_package(name):
-        return factory.make(inputs, own)
+    localisation: Localisation = LOCALISATIONS.make(name, inputs, own)
+    return localisation
 
 
 def _mqtt_team(job: TowJob) -> ConnectedTeam:

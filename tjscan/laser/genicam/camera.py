@@ -20,13 +20,13 @@ from tjscan.core.errors import (
     ProfileStale,
 )
 from tjscan.laser.genicam.clock import HostInterval, host_time_of_exposure
+from tjscan.laser.genicam.driver import FeatureValue
 from tjscan.laser.genicam.messages import (
     ConnectedLaser,
     ReceivedBlock,
     StatedAxis,
     StreamSetup,
 )
-from tjscan.laser.genicam.settings import FeatureValue
 
 DISCOVERY_MS: Final = (100, 300, 900)
 """Milliseconds to wait for lasers to answer each broadcast, until one that does not is given up.
@@ -176,7 +176,9 @@ class GenicamClient:
         self._stream = self._camera = None
 
     def explain(self, error: Exception) -> LaserFault:
-        """What an error of the library means."""
+        """Fault that an error means: a fault itself, or one that the library raised."""
+        if isinstance(error, LaserFault):
+            return error
         said = str(error)
         if "ACCESS_DENIED" in said or "control of the camera was lost" in said:
             if self._is_held_by_another():

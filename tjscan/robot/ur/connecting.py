@@ -22,11 +22,15 @@ from tjscan.core.errors import (
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.dashboard import DashboardClient
+from tjscan.robot.ur.driver import UrSettings
 from tjscan.robot.ur.faults import connection_start_fault, fault_from_state
-from tjscan.robot.ur.link import ClientLibraryError, ClientProcess
 from tjscan.robot.ur.messages import ControllerState
-from tjscan.robot.ur.session import ControllerSession, not_ready_fault
-from tjscan.robot.ur.settings import UrSettings
+from tjscan.robot.ur.session import (
+    ClientLibraryError,
+    ControllerSession,
+    UrClientProcess,
+    not_ready_fault,
+)
 
 Pause = Callable[[], object]
 """Waits a moment, or until somebody stops the arm."""
@@ -72,7 +76,7 @@ def connect_to_controller(
         if (fault := not_ready_fault(dashboard)) is not None:
             raise fault
         _await_nobody(dashboard, pause)
-        session = ControllerSession(dashboard, ClientProcess(), settings.silence_limit, note)
+        session = ControllerSession(dashboard, UrClientProcess(), settings.silence_limit, note)
     except BaseException:
         dashboard.close()
         raise
@@ -115,7 +119,7 @@ def _await_nobody(dashboard: DashboardClient, pause: Pause) -> None:
         pause()
 
 
-def _await_program(link: ClientProcess, pause: Pause) -> None:
+def _await_program(link: UrClientProcess, pause: Pause) -> None:
     """Let both links show the program that was started."""
     limit = time.monotonic() + STARTS
     while (

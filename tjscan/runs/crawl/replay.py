@@ -32,13 +32,17 @@ from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic
 from tjscan.recording.writer import RecordingWriter
 from tjscan.result.directory import CALIBRATION, JOB
-from tjscan.runs.context import do_nothing_when_finished
 from tjscan.runs.crawl.results import read_recorded_crawl, write_passes
-from tjscan.runs.crawl.resume import belief_after_stop, belief_where_set_down
-from tjscan.runs.crawl.run import CrawlContext, make_crawl_directory
-from tjscan.runs.directory import check_replay
+from tjscan.runs.crawl.run import (
+    CrawlContext,
+    belief_after_stop,
+    belief_where_set_down,
+    make_crawl_directory,
+)
+from tjscan.runs.run import check_replay
+from tjscan.runs.scan.context import do_nothing_when_finished
 
-REPLAYABLE: Final = ("method", "slip.", "course.")
+REPLAYABLE_KEYS: Final = ("method", "slip.", "course.")
 """Keys that say what an estimator makes of a crawl, not how it was done."""
 
 TimedMessage = tuple[int, Topic[Any], Any]
@@ -61,7 +65,7 @@ def replay_crawl(
     directory : Path
         Of the crawl, whole, cut short or resumed; it stays as it is.
     overrides : dict
-        Dotted keys and values, those of `REPLAYABLE` only.
+        Dotted keys and values, those of `REPLAYABLE_KEYS` only.
     out : Path
         The directory to make.
     finished : callable
@@ -77,7 +81,7 @@ def replay_crawl(
     job_file = directory / JOB
     refuse_links_outside(directory, JOB, CALIBRATION)
     check_as_written(job_file, directory / CALIBRATION)
-    check_replay(directory, out, overrides, REPLAYABLE, "crawl")
+    check_replay(directory, out, overrides, REPLAYABLE_KEYS, "crawl")
     context = CrawlContext(read_crawl_job(job_file, overrides), job_file, finished=finished)
     parts = recording_files(directory, CRAWL_RECORDING)
     with add_file_to_errors(job_file):

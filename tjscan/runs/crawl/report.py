@@ -21,7 +21,7 @@ from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl
 MOST_POINTS: Final = 2000
 """Of a line in a chart."""
 
-SLIP: Final = (
+SLIP_CHARTS: Final = (
     (SlipState.YAW_EFFICIENCY, "yaw efficiency", "share of the tracks' turn", 1.0),
     (SlipState.CRAB, "crab", "crab / mrad", 1e3),
     (SlipState.DRIFT, "drift", "drift / (mrad/m)", 1e3),
@@ -116,7 +116,7 @@ def _charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
         )
     slips = [(cycle.state.time, cycle.slip) for cycle in found.cycles[:: _every(found)]]
     known = [(time, slip) for time, slip in slips if slip is not None]
-    for which, title, label, scale in SLIP if known else ():
+    for which, title, label, scale in SLIP_CHARTS if known else ():
         times = np.array([time for time, _ in known])
         values = np.array([slip.x[which] for _, slip in known])
         sigmas = np.array([slip.sigma(which) for _, slip in known])

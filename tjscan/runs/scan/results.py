@@ -21,7 +21,7 @@ from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary, StepStatistics
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
-from tjscan.runs.uncertainty import StatedCauses
+from tjscan.runs.scan.uncertainty import StatedCauses
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.progress import groove_length, plan_is_fulfilled, step_lengths
 from tjscan.scanning.result import ScanResult

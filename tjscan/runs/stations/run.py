@@ -18,8 +18,8 @@ from tjscan.job import ScanJob, read_scan_job
 from tjscan.recording.damage import RecordingDamage
 from tjscan.result.directory import JOB, SUMMARY
 from tjscan.result.summary import ScanSummary, read_summary
-from tjscan.runs.context import RunContext, do_nothing_when_finished
-from tjscan.runs.directory import COPIES, accept_edited_copies, nothing_recorded_yet
+from tjscan.runs.run import COPIED_FILES, accept_edited_copies, nothing_recorded_yet
+from tjscan.runs.scan.context import RunContext, do_nothing_when_finished
 from tjscan.runs.scan.run import check_keys_replaceable, resume_scan, run_scan
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.journal import Journal
@@ -128,7 +128,7 @@ def resume_stations(
     """
     job, job_file = context.job, context.job_file
     directory = job_file.parent
-    refuse_links_outside(directory, *COPIES)
+    refuse_links_outside(directory, *COPIED_FILES)
     check_keys_replaceable(overrides, job_file)
     refuse_links_outside(directory, *job.station_names)
     _check(context)

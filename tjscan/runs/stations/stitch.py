@@ -1,9 +1,9 @@
-"""Stitch what was scanned from several stations, from their run directories to one result."""
+"""Stitch the scans of several stations, from their run directories."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -14,7 +14,13 @@ from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.files import write_files_atomically
-from tjscan.core.frames import JointOrBaseFrame, inverse_pose, transform_points
+from tjscan.core.frames import (
+    JointOrBaseFrame,
+    inverse_pose,
+    pose_to_euler_zyx,
+    rotation_angle_between,
+    transform_points,
+)
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.job import ScanJob, read_scan_job
@@ -31,7 +37,13 @@ from tjscan.result.directory import (
 )
 from tjscan.result.picture import draw_groove_overview, write_png
 from tjscan.result.section import absent_corners
-from tjscan.result.stitching import StitchingReport, write_stitching_report
+from tjscan.result.stitching import (
+    OverlapReport,
+    StationReport,
+    StitchingReport,
+    Triple,
+    write_stitching_report,
+)
 from tjscan.result.summary import (
     ScanSummary,
     check_recording_complete,
@@ -40,17 +52,114 @@ from tjscan.result.summary import (
 )
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
-from tjscan.runs.context import RunContext, do_nothing_when_finished, groove_reader_of_job
-from tjscan.runs.directory import COPIES
+from tjscan.runs.run import COPIED_FILES
+from tjscan.runs.scan.context import RunContext, do_nothing_when_finished, groove_reader_of_job
 from tjscan.runs.scan.results import all_profile_points
-from tjscan.runs.stations.report import build_stitching_report
-from tjscan.runs.uncertainty import causes_of_job
+from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.stitching.picture import draw_stitching
-from tjscan.stitching.registration import StitchingDraft
+from tjscan.stitching.registration import (
+    StationRegistration,
+    StitchingDraft,
+    point_covariance_from_pose,
+)
 from tjscan.stitching.stations import DEFAULT, Station, StitchSettings, station_from_recording
-from tjscan.stitching.stitch import StitchedGroove, stitch_stations
+from tjscan.stitching.stitch import PlacedStation, StitchedGroove, stitch_stations
 from tjscan.uncertainty.summary import summarise_budget
+
+
+def build_stitching_report(stitched: StitchedGroove, sources: Mapping[str, str]) -> StitchingReport:
+    """Convert a stitched groove to the report of its stations and overlaps, in mm and degrees.
+
+    Parameters
+    ----------
+    stitched : StitchedGroove
+        In metres and radians.
+    sources : mapping of str to str
+        Each station's run directory, seen from that of the result, by the station's name.
+    """
+    brace, leg, angle, offset = stitched.shape.as_array
+    spread = stitched.shape_sigma
+    first = stitched.stations[0]
+    middle = np.mean([section.T_r_g[:3, 3] for section in stitched.sections], axis=0)
+    names = tuple(one.station.name for one in stitched.stations)
+    return StitchingReport(
+        frame="j",
+        covered_deg=float(np.degrees(stitched.covered)),
+        brace_diameter_mm=float(2e3 * brace),
+        leg_diameter_mm=float(2e3 * leg),
+        angle_deg=float(np.degrees(angle)),
+        offset_mm=float(1e3 * offset),
+        sigma_brace_diameter_mm=float(2e3 * spread[0]),
+        sigma_leg_diameter_mm=float(2e3 * spread[1]),
+        sigma_angle_deg=float(np.degrees(spread[2])),
+        sigma_offset_mm=float(1e3 * spread[3]),
+        out_of_round_mm=1e3 * stitched.out_of_round,
+        loop_gap_before_mm=_mm(stitched.gap_before),
+        loop_gap_after_mm=_mm(stitched.gap_after),
+        stations=tuple(
+            _station(one, first, middle, sources.get(one.station.name, ""))
+            for one in stitched.stations
+        ),
+        overlaps=tuple(
+            _overlap(edge, names, gap)
+            for edge, gap in zip(stitched.registrations, stitched.gaps, strict=True)
+        ),
+    )
+
+
+def _mm(length: float | None) -> float | None:
+    return None if length is None else 1e3 * length
+
+
+def _triple(values: np.ndarray) -> Triple:
+    a, b, c = (float(v) for v in values)
+    return a, b, c
+
+
+def _station(
+    one: PlacedStation, first: PlacedStation, middle: np.ndarray, source: str
+) -> StationReport:
+    position, angles = pose_to_euler_zyx(one.T_j_b)
+    spread = np.sqrt(np.diag(one.covariance))
+    meant = inverse_pose(first.station.T_w_b) @ one.station.T_w_b
+    found = inverse_pose(first.T_j_b) @ one.T_j_b
+    at_groove = point_covariance_from_pose(one.covariance, middle)
+    return StationReport(
+        name=one.station.name,
+        source=source,
+        position_mm=_triple(1e3 * position),
+        euler_zyx_deg=_triple(np.degrees(angles)),
+        sigma_position_mm=_triple(1e3 * spread[:3]),
+        sigma_rotation_deg=_triple(np.degrees(spread[3:])),
+        sigma_groove_mm=float(1e3 * np.sqrt(np.trace(at_groove) / 3)),
+        azimuth_deg=(float(np.degrees(one.arc.start)), float(np.degrees(one.arc.end))),
+        sections=len(one.station.sections),
+        views=one.views,
+        nominal_off_mm=float(1e3 * np.linalg.norm(found[:3, 3] - meant[:3, 3])),
+        nominal_off_deg=float(np.degrees(rotation_angle_between(found, meant))),
+        walls_rms_mm=1e3 * one.tubes_rms,
+        walls_misfit=one.tubes_reduced_chi2,
+    )
+
+
+def _overlap(edge: StationRegistration, names: tuple[str, ...], gap: float) -> OverlapReport:
+    overlap = edge.overlap
+    units = np.repeat((1e3, 180 / np.pi), 3)
+    covariance = edge.covariance * np.outer(units, units)
+    return OverlapReport(
+        stations=(names[overlap.first], names[overlap.second]),
+        azimuth_deg=float(np.degrees(overlap.arc.middle_azimuth)),
+        arc_deg=float(np.degrees(overlap.arc.span_angle)),
+        sections=overlap.sections,
+        views=len(edge.azimuth),
+        left_out=int((~edge.counted).sum()),
+        residual_rms_mm=1e3 * edge.residual_rms,
+        misfit=edge.reduced_chi2,
+        sigma_mm=1e3 * edge.position_sigma,
+        covariance=tuple(tuple(float(v) for v in row) for row in covariance),
+        gap_mm=1e3 * gap,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,7 +300,7 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
 def read_station_run(directory: Path) -> StationRun:
     """Read the run directory of one station; raises as `stitch_run_directories` does."""
     job_file = directory / JOB
-    check_as_written(*(directory / name for name in COPIES))
+    check_as_written(*(directory / name for name in COPIED_FILES))
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file)
         name = _name(job, job_file)

@@ -20,8 +20,8 @@ from tjscan.job.tow.checks import read_tow_job
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.header import JobSnapshot
 from tjscan.result.directory import JOB
-from tjscan.runs.context import do_nothing_when_finished
-from tjscan.runs.directory import check_replay
+from tjscan.runs.run import check_replay
+from tjscan.runs.scan.context import do_nothing_when_finished
 from tjscan.runs.tow.results import write_tow_results
 from tjscan.runs.tow.run import TowContext, make_tow_directory
 from tjscan.towing.journal import WELDED, TowCycle, TowTruth
@@ -31,7 +31,7 @@ from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
 from tjscan.towing.topics import REPLAY, TOW_RECORDING, read_tow, record_tow
 
-REPLAYABLE: Final = ("method", "weights.", "targets.", "limits.")
+REPLAYABLE_KEYS: Final = ("method", "weights.", "targets.", "limits.")
 """Keys that say what a planner makes of poses, not how the tow was done."""
 
 
@@ -51,7 +51,7 @@ def replay_tow(
     directory : Path
         Of the tow, whole, cut short or resumed; it stays as it is.
     overrides : dict
-        Dotted keys and values, those of `REPLAYABLE` only.
+        Dotted keys and values, those of `REPLAYABLE_KEYS` only.
     out : Path
         The directory to make.
     finished : callable
@@ -67,7 +67,7 @@ def replay_tow(
     job_file = directory / JOB
     refuse_links_outside(directory, JOB)
     check_as_written(job_file)
-    check_replay(directory, out, overrides, REPLAYABLE, "tow")
+    check_replay(directory, out, overrides, REPLAYABLE_KEYS, "tow")
     context = TowContext(read_tow_job(job_file, overrides), job_file, finished=finished)
     with add_file_to_errors(job_file):
         planner = make_planner(context.job)

@@ -22,7 +22,7 @@ from tjscan.result.chapter import (
     ReportEvent,
 )
 from tjscan.result.directory import JOB
-from tjscan.runs.tow.figures import UNITS, TowFigures
+from tjscan.runs.tow.figures import FIGURE_UNITS, TowFigures
 from tjscan.runs.tow.results import RecordedTow, read_recorded_tow
 from tjscan.towing.seam import Seam
 from tjscan.towing.topics import REPLAY, TOW_RECORDING
@@ -30,10 +30,10 @@ from tjscan.towing.topics import REPLAY, TOW_RECORDING
 MOST_POINTS: Final = 2000
 """Of a line in a chart."""
 
-FRAMES: Final = 400
+ANIMATION_FRAMES: Final = 400
 """Of the animation."""
 
-SNAPSHOTS: Final = 8
+SHAPE_SNAPSHOTS: Final = 8
 """Shapes that are drawn over one another."""
 
 PAPER_OBJECTIVE: Final = 3.5
@@ -42,7 +42,7 @@ PAPER_OBJECTIVE: Final = 3.5
 PAPER_PLAN: Final = 1e3 / 22
 """Milliseconds of a plan in the paper, figure 10."""
 
-TIME: Final = "time / s"
+TIME_AXIS: Final = "time / s"
 
 
 def tow_chapter(directory: Path) -> ReportChapter:
@@ -71,7 +71,7 @@ def _facts(job: TowJob, figures: TowFigures) -> Iterator[tuple[str, str]]:
     yield "vehicles", f"{job.vehicles.count} ({job.vehicles.driver}), method {job.method}"
     for name, value in figures.as_numbers.items():
         if value is not None:
-            words, unit = UNITS[name]
+            words, unit = FIGURE_UNITS[name]
             text = f"{value:.4g}" if isinstance(value, float) else str(value)
             yield words, f"{text} {unit}".strip()
 
@@ -102,7 +102,7 @@ def _charts(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
     time = time - time[0]
 
     def over_time(title: str, label: str, values: ArrayLike, **more: Any) -> ReportChart:
-        return ReportChart(title, TIME, label, time[thin], np.asarray(values)[thin], **more)
+        return ReportChart(title, TIME_AXIS, label, time[thin], np.asarray(values)[thin], **more)
 
     yield from _snapshots(job, found)
     terms = [cycle.plan.terms for cycle in cycles]
@@ -166,7 +166,7 @@ def _nearest(line: Array, discs: Array) -> float:
 def _snapshots(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
     """Shapes of the cable on its way, x and y changed so that the seam lies across the page."""
     title = "shapes on the way, as figures 8, 11 and 13 of the paper"
-    picked = np.unique(np.linspace(0, len(found.cycles) - 1, SNAPSHOTS).astype(int))
+    picked = np.unique(np.linspace(0, len(found.cycles) - 1, SHAPE_SNAPSHOTS).astype(int))
     begin = found.cycles[0].time
     for polygon in (job.area.outline, *job.area.holes):
         ring = np.array((*polygon, polygon[0]))
@@ -191,7 +191,7 @@ def _in_plane(title: str, points: Array, name: str) -> ReportChart:
 
 
 def _animation(job: TowJob, found: RecordedTow) -> PlaneAnimation:
-    picked = np.unique(np.linspace(0, len(found.cycles) - 1, FRAMES).astype(int))
+    picked = np.unique(np.linspace(0, len(found.cycles) - 1, ANIMATION_FRAMES).astype(int))
     cycles = [found.cycles[k] for k in picked]
     chain, radius = job.chain, job.vehicles.radius
     planned = np.array([chain.line(cycle.plan.angles) for cycle in cycles])
