@@ -193,7 +193,7 @@ class TestDriverOfAnotherPackage:
 
 
 def test_a_missing_client_library_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tjscan.robot.ur.driver.CLIENT", "no_such_client")
+    monkeypatch.setitem(vars(ARMS), "clients", {"ur": "no_such_client"})
     with pytest.raises(ConfigurationError, match=r"pip install 'tjscan\[ur\]'") as caught:
         RunContext(read_scan_job(PAPER, UR), PAPER).make_cell()
     assert caught.value.key == "arm.driver"

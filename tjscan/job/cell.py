@@ -120,42 +120,38 @@ def make_cell(
     clearance, simulation = clear_path_planner_of_job(job, deviations), job.simulation
     model = kinematics_of_job(job)
     recording = cache(partial(_recording, job.laser))
-    arm_driver, laser_driver = ARMS.load(job.arm.driver), LASER_DRIVERS.load(job.laser.driver)
-    with ARMS.explain_missing_package(job.arm.driver):
-        device = arm_driver.make(
-            ArmDriverInputs(
-                model,
-                MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration),
-                seed=0 if simulation is None else simulation.seed,
-                simulation=None if simulation is None else simulation.arm,
-                left=left,
-                recording=lambda: (recording()[0], recording()[1]),
-            ),
-            job.arm.driver_settings,
-        )
-    arm: Arm = device
+    arm_driver = ARMS.load(job.arm.driver)
+    device: Arm = ARMS.make(
+        job.arm.driver,
+        ArmDriverInputs(
+            model,
+            MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration),
+            seed=0 if simulation is None else simulation.seed,
+            simulation=None if simulation is None else simulation.arm,
+            left=left,
+            recording=lambda: (recording()[0], recording()[1]),
+        ),
+        job.arm.driver_settings,
+    )
+    arm = device
     if arm_driver.kind is not DriverKind.REPLAYED:
         if deviations is not None:
             arm = CorrectedArm(arm, model, clearance.kinematics)
         arm = CollisionCheckedArm(arm, clearance, T_f_s, lifts=job.clearance.lifts)
     rows = None if simulation is None else simulation.T_f_s_mm
     true_flange = partial(arm_driver.truth, device)
-    with LASER_DRIVERS.explain_missing_package(job.laser.driver):
-        laser = laser_driver.make(
-            LaserDriverInputs(
-                laser_model_of_job(job),
-                LaserFlange(
-                    true_flange,
-                    lambda: device.state().T_b_f,
-                    lambda: device.state().time,
-                ),
-                T_f_s if rows is None else pose_from_rows_mm(rows),
-                scene,
-                seed=None if simulation is None else simulation.seed,
-                recording=lambda: (recording()[0], recording()[2]),
-            ),
-            job.laser.driver_settings,
-        )
+    laser = LASER_DRIVERS.make(
+        job.laser.driver,
+        LaserDriverInputs(
+            laser_model_of_job(job),
+            LaserFlange(true_flange, lambda: device.state().T_b_f, lambda: device.state().time),
+            T_f_s if rows is None else pose_from_rows_mm(rows),
+            scene,
+            seed=None if simulation is None else simulation.seed,
+            recording=lambda: (recording()[0], recording()[2]),
+        ),
+        job.laser.driver_settings,
+    )
     return Cell(arm, laser, T_f_s, clearance, true_flange)
 
 

@@ -39,21 +39,20 @@ def make_laser_without_arm(table: DeviceSettings) -> LineLaser:
     ConfigurationError
         If it is not a real one, or a package is missing that its driver needs.
     """
-    driver = LASER_DRIVERS.load(table.driver)
-    if driver.kind is not DriverKind.REAL:
+    if table.driver_kind is not DriverKind.REAL:
         raise ConfigurationError(f"{table.driver!r} is no real laser", key="laser.driver")
-    with LASER_DRIVERS.explain_missing_package(table.driver):
-        laser: LineLaser = driver.make(
-            LaserDriverInputs(
-                LaserModel(),
-                LaserFlange(_refuse_without_arm, _refuse_without_arm, monotonic),
-                np.eye(4),
-                _refuse_without_arm,
-                seed=None,
-                recording=_refuse_without_arm,
-            ),
-            table.driver_settings,
-        )
+    laser: LineLaser = LASER_DRIVERS.make(
+        table.driver,
+        LaserDriverInputs(
+            LaserModel(),
+            LaserFlange(_refuse_without_arm, _refuse_without_arm, monotonic),
+            np.eye(4),
+            _refuse_without_arm,
+            seed=None,
+            recording=_refuse_without_arm,
+        ),
+        table.driver_settings,
+    )
     return laser
 
 

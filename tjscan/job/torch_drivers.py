@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from tjscan.core.devices import DriverFactory, DriverKind, NoSettings
+from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.registry import Registry
 from tjscan.crawler.torch_axes import FixedTorch, SimulatedTorchAxes, TorchAxes
 from tjscan.vehicle.mqtt.settings import MqttSettings
 
@@ -43,8 +42,8 @@ def _over_mqtt(context: TorchDriverInputs, settings: NoSettings) -> MqttTorch:
             'the torch "mqtt" hangs on the link of its vehicle: vehicle.driver must be "mqtt" too',
             key="torch.driver",
         )
-    with TORCHES.explain_missing_package("mqtt"):
-        from tjscan.vehicle.mqtt.torch import MqttTorch
+    from tjscan.vehicle.mqtt.torch import MqttTorch
+
     return MqttTorch(context.vehicle, context.reach)
 
 
@@ -55,7 +54,7 @@ SIMULATED: Final = TorchDriverFactory(
 FIXED: Final = TorchDriverFactory(lambda context, settings: FixedTorch())
 MQTT: Final = TorchDriverFactory(_over_mqtt)
 
-TORCHES: Final[Registry[TorchDriverFactory]] = Registry(
+TORCHES: Final[DriverRegistry[TorchDriverFactory]] = DriverRegistry(
     "torch",
     {
         "simulated": "tjscan.job.torch_drivers:SIMULATED",
@@ -66,4 +65,4 @@ TORCHES: Final[Registry[TorchDriverFactory]] = Registry(
     key="torch.driver",
     type=DriverFactory,
 )
-"""Every torch driver by name. See `tjscan.core.devices.DriverFactory` for how to add one."""
+"""Every torch driver by name."""

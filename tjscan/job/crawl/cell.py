@@ -173,17 +173,17 @@ def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> Craw
     """
     world = job.simulation
     factory: VehicleDriverFactory = VEHICLES.load(job.vehicle.driver)
-    with VEHICLES.explain_missing_package(job.vehicle.driver):
-        vehicle = factory.make(
-            VehicleDriverInputs(
-                job.vehicle.tracks,
-                seed=0 if world is None else world.seed,
-                simulation=None if world is None else world.vehicle,
-                left=None if left is None else (left.pose_w, left.time),
-                recording=_no_recording,
-            ),
-            job.vehicle.driver_settings,
-        )
+    vehicle: Vehicle = VEHICLES.make(
+        job.vehicle.driver,
+        VehicleDriverInputs(
+            job.vehicle.tracks,
+            seed=0 if world is None else world.seed,
+            simulation=None if world is None else world.vehicle,
+            left=None if left is None else (left.pose_w, left.time),
+            recording=_no_recording,
+        ),
+        job.vehicle.driver_settings,
+    )
     torch = _make_torch(job)
     if world is None:
         return CrawlCell(vehicle, make_laser_without_arm(job.laser), torch)
@@ -221,15 +221,14 @@ def _clock_of(vehicle: Vehicle) -> Callable[[], float]:
 
 
 def _make_torch(job: CrawlJob) -> TorchAxes:
-    with TORCHES.explain_missing_package(job.torch.driver):
-        return TORCHES.load(job.torch.driver).make(
-            TorchDriverInputs(
-                reach=job.torch.reach,
-                speed=job.torch.speed,
-                vehicle=job.vehicle.driver_settings,
-            ),
-            job.torch.driver_settings,
-        )
+    torch: TorchAxes = TORCHES.make(
+        job.torch.driver,
+        TorchDriverInputs(
+            reach=job.torch.reach, speed=job.torch.speed, vehicle=job.vehicle.driver_settings
+        ),
+        job.torch.driver_settings,
+    )
+    return torch
 
 
 def _no_recording() -> tuple[VehicleState, ...]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from tjscan.core.errors import LaserFault, ProfileFormatRefused
+from tjscan.laser.genicam.driver import GenicamSettings
 from tjscan.laser.genicam.gige import GigeLaser
 from tjscan.laser.genicam.messages import ConnectedLaser, ReceivedBlock, StreamSetup
 from tjscan.laser.genicam.scales import scales_of_laser
-from tjscan.laser.genicam.settings import GenicamSettings
 from tjscan.laser.line_laser import LaserDescription
 from tjscan.laser.profile import Profile
 from tjscan.laser.scan3d import FORMATS, Scan3dScales, points

@@ -6,8 +6,8 @@ from math import inf
 from typing import Final
 
 from tjscan.core.errors import ProfileFormatRefused
+from tjscan.laser.genicam.driver import GenicamSettings
 from tjscan.laser.genicam.messages import ConnectedLaser, StatedAxis
-from tjscan.laser.genicam.settings import GenicamSettings
 from tjscan.laser.scan3d import FORMATS, AxisScale, Scan3dScales
 
 MILLIMETER: Final = "Millimeter"
