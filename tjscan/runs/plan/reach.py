@@ -28,7 +28,7 @@ from tjscan.planning.plan import WeldPlan
 from tjscan.planning.stops import StationStretch
 from tjscan.planning.urscript import BeadWay, StationWay
 from tjscan.planning.wps import TorchSettings
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.result.stitching import read_stitching_report
 from tjscan.robot.collision import SEEN, CollisionModel
 from tjscan.robot.deviations import with_deviations
@@ -147,7 +147,7 @@ def welding_stations(directory: Path, frame: str) -> tuple[WeldingStation, ...]:
         return (
             _station(job.station_names[0] if job.station else ARM_STATION, job, directory, T_b_r),
         )
-    order = _job(directory).station_names if (directory / JOB).is_file() else ()
+    order = _job(directory).station_names if (directory / JOB_FILE).is_file() else ()
     found = []
     for one in report.stations:
         folder = directory / one.source
@@ -157,17 +157,17 @@ def welding_stations(directory: Path, frame: str) -> tuple[WeldingStation, ...]:
 
 
 def _station(name: str, job: ScanJob, folder: Path, T_b_r: Array) -> WeldingStation:
-    with add_file_to_errors(folder / JOB):
+    with add_file_to_errors(folder / JOB_FILE):
         model = kinematics_of_job(job)
-        deviations = RunContext(job, folder / JOB).sensor_mount.deviations
+        deviations = RunContext(job, folder / JOB_FILE).sensor_mount.deviations
     calibrated = model if deviations is None else with_deviations(model, deviations)
-    return WeldingStation(name, job, folder / JOB, model, calibrated, T_b_r)
+    return WeldingStation(name, job, folder / JOB_FILE, model, calibrated, T_b_r)
 
 
 def _job(folder: Path) -> ScanJob:
-    if not (folder / JOB).is_file():
+    if not (folder / JOB_FILE).is_file():
         raise ConfigurationError("the run holds no job that says where its arm stood", file=folder)
-    return read_scan_job(folder / JOB)
+    return read_scan_job(folder / JOB_FILE)
 
 
 PLACE_STEP: Final = 25e-3
