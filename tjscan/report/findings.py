@@ -134,8 +134,8 @@ def _unsure(data: ReportData) -> Iterator[str]:
     sigma = 1e3 * np.array([section.own_corner_sigmas.max() for section in data.sections])
     if (bad := int((sigma > UNSURE_SIGMA_MM).sum())) > 0:
         yield (
-            f"In {bad} of {len(sigma)} sections a corner is read to worse than {UNSURE_SIGMA_MM:g} mm (one "
-            f"standard deviation); the worst to {sigma.max():.2f} mm."
+            f"In {bad} of {len(sigma)} sections a corner is read to worse than "
+            f"{UNSURE_SIGMA_MM:g} mm (one standard deviation); the worst to {sigma.max():.2f} mm."
         )
 
 
