@@ -21,7 +21,7 @@ from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, MM2, FileUnit, Pose
 from tjscan.core.units import SettingsTable as Table
 from tjscan.planning.detail_table import JointDetail
 from tjscan.planning.window import filled_window
-from tjscan.robot.solid_settings import SolidSettings
+from tjscan.robot.solids import SolidSettings
 
 MM_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
 M_MIN: Final = FileUnit("m_min", 1 / 60)
