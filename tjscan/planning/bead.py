@@ -9,7 +9,7 @@ import numpy as np
 
 from tjscan.core.frames import Array, frozen_arrays
 
-_ARRAYS = (
+BEAD_ARRAYS = (
     "s",
     "T_r_torch",
     "speed",
@@ -92,7 +92,7 @@ class PlannedBead:
         return tuple(
             replace(
                 self,
-                **{name: getattr(self, name)[a : b + 1] for name in (*_ARRAYS, "positions")},
+                **{name: getattr(self, name)[a : b + 1] for name in (*BEAD_ARRAYS, "positions")},
             )
             for a, b in spans
         )
@@ -100,6 +100,16 @@ class PlannedBead:
     def numbered(self, number: int, part: int, zone: int, station: str) -> PlannedBead:
         """The same bead with its number and part, its zone's number, and its station."""
         return replace(self, number=number, part=part, zone=zone, station=station)
+
+    @property
+    def begin(self) -> float:
+        """Length along the groove at which it starts, metres."""
+        return float(self.s[0])
+
+    @property
+    def end(self) -> float:
+        """Length along the groove at which it ends, metres."""
+        return float(self.s[-1])
 
     @property
     def points(self) -> Array:

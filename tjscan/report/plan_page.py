@@ -11,9 +11,8 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.files import read_small_file, write_files_atomically
-from tjscan.planning.bead_table import BEAD_HEAD, bead_rows
 from tjscan.planning.document import PlanDocument, StationEntry, read_plan
-from tjscan.planning.tables import BeadCourse, read_beads_csv
+from tjscan.planning.tables import BEAD_COLUMNS, BeadCourse, bead_rows, read_beads_csv
 from tjscan.report.picture import ReportPicture, inline_figure, load_template, new_figure
 
 PAGE: Final = "plan.html"
@@ -54,7 +53,7 @@ def write_plan_page(directory: Path) -> Path:
         plan=plan,
         facts=list(_facts(plan)),
         beads=list(bead_rows(plan)),
-        bead_head=BEAD_HEAD,
+        bead_head=tuple(BEAD_COLUMNS),
         details=list(_detail_rows(plan)),
         pictures=[
             _filled_sections(directory / PICTURE),
