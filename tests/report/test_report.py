@@ -17,13 +17,12 @@ from measured import ORIGIN
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import transform_points
 from tjscan.core.manifest import MANIFEST
-from tjscan.groove.find import find_groove
+from tjscan.groove.read import read_groove
 from tjscan.joint.file import read_joint
 from tjscan.report.data import read_report_data
 from tjscan.report.design import designed_measures
 from tjscan.report.findings import report_findings
-from tjscan.report.page import render_report_page
-from tjscan.report.write import write_run_report
+from tjscan.report.write import render_report_page, write_run_report
 from tjscan.result.directory import BUDGET
 from tjscan.result.section import MEASURES
 from tjscan.result.stitching import (
@@ -168,7 +167,7 @@ def test_the_log_holds_every_section_where_it_was_read(run: Path) -> None:
     log = read_recorded_scan(run)
     assert sorted(log.sections) == list(range(6))
     assert len(log.views) == read_summary(run / "summary.json").scans
-    for found, again in zip(log.sections.values(), log.reread_sections(find_groove), strict=True):
+    for found, again in zip(log.sections.values(), log.reread_sections(read_groove), strict=True):
         np.testing.assert_allclose(again.T_b_g, found.T_b_g, atol=1e-9)
         np.testing.assert_allclose(
             transform_points(found.T_b_g, np.zeros(3)), found.T_b_g[:3, 3], atol=1e-12

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.section import TACK
+from tjscan.groove.section import TACK_WELD
 from tjscan.joint.imperfections import NO_IMPERFECTIONS
 from tjscan.report.data import ReportData
 from tjscan.report.dimensions import (
@@ -33,7 +33,7 @@ def draw_fit_up(data: ReportData) -> ReportPicture:
     order = np.argsort(x)
     sections = [data.sections[k] for k in order]
     x, absent = x[order], absent_corners(sections)
-    tacked = np.array([TACK in section.conditions for section in sections])
+    tacked = np.array([TACK_WELD in section.conditions for section in sections])
     high_low = _high_low(data, order)
     figure = new_figure(12, 3 if high_low is None else 5.5)
     panels = figure.subplots(1 if high_low is None else 2, 1, sharex=True, squeeze=False)[:, 0]

@@ -8,8 +8,8 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.find import find_groove_with_fit
 from tjscan.groove.measured import MeasuredSection
+from tjscan.groove.read import read_groove_with_fit
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
 from tjscan.report.data import ReportData, StationRunData
@@ -78,11 +78,12 @@ def _draw(axes: Any, profile: Profile, settings: GrooveSettings, absent: tuple[s
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_xaxis()
     try:
-        section, row, fitted = find_groove_with_fit(profile, settings)
+        section, fit = read_groove_with_fit(profile, settings)
     except GrooveNotFound as error:
         axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER, markersize=2)
         axes.annotate(f"no groove read: {error.reason}", (0.05, 0.95), xycoords="axes fraction")
         return
+    row, fitted = fit.row, fit.fitted
     keep = fitted.keep
     low, high = row.points[keep].min(axis=0) - ABOUT, row.points[keep].max(axis=0) + ABOUT
     near = ~keep & (row.points > low).all(axis=1) & (row.points < high).all(axis=1)

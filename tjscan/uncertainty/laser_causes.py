@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.groove.measures import measure_groove
+from tjscan.groove.section import measure_groove
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.model import LaserModel
 from tjscan.scanning.section import ScannedSection

@@ -26,11 +26,11 @@ from tjscan.crawler.joint_tracking.registration import (
     ReferenceProfile,
     register_profile,
 )
-from tjscan.groove.find import LEAST_DEPTH, fit_groove_to_profile
-from tjscan.groove.fitted_profile import FittedProfile
 from tjscan.groove.models import BUTT_V
 from tjscan.groove.noise import estimate_correlation
+from tjscan.groove.read import LEAST_DEPTH, fit_groove
 from tjscan.groove.settings import GrooveSettings
+from tjscan.groove.sides import FittedProfile
 from tjscan.laser.profile import Profile, ProfileRepeats
 
 HULL_JOINT: Final = GrooveSettings(model=BUTT_V, noise=0.06e-3, largest_sigma=0.15e-3)
@@ -298,7 +298,7 @@ class JointTracker:
 
     def _search(self, row: _Row, profile: Profile) -> ButtJointReading:
         """Read without a last reading."""
-        _, fitted = fit_groove_to_profile(profile, self._settings)
+        fitted = fit_groove(profile, self._settings).fitted
         return self._by_edges(row, _start(fitted, self._noise), known=False)
 
     def _check(self, row: _Row, lines: EdgeLines, width: float) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import JointOrBaseFrame
-from tjscan.groove.find import find_groove
+from tjscan.groove.read import read_groove
 from tjscan.job import ScanJob
 from tjscan.job.arm import SensorMount, sensor_mount_of_job
 from tjscan.job.cell import Cell, make_scan_cell
@@ -139,7 +139,7 @@ class RunContext:
 
 def groove_reader_of_job(job: ScanJob) -> GrooveReader:
     """Function that reads the groove in a profile with the settings of a job."""
-    return partial(find_groove, settings=job.groove)
+    return partial(read_groove, settings=job.groove)
 
 
 def result_frame_of_job(job: ScanJob) -> JointOrBaseFrame:
