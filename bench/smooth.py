@@ -20,9 +20,9 @@ import numpy as np
 from _stopwatch import Stopwatch
 from _table import Row, main
 
+from tjscan.core.frames import JointOrBaseFrame
 from tjscan.job import read_scan_job
-from tjscan.result.frame import JointOrBaseFrame
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.results import summarise_scan
 from tjscan.runs.scan.run import scan_in_cell
 from tjscan.scanning.journal import CombinedJournal

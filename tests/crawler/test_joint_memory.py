@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.crawler.joint_memory import (
+from tjscan.crawler.joint_tracking.memory import (
     STATION,
     JointMemory,
     RememberingTracker,
     sigma_of_addition,
 )
-from tjscan.groove.butt.registration import JointPlacement
-from tjscan.groove.butt.tracking import ButtJointReading
+from tjscan.crawler.joint_tracking.registration import JointPlacement
+from tjscan.crawler.joint_tracking.tracking import ButtJointReading
 from tjscan.joint.hull import HullJoint, WeldBead
 from tjscan.joint.hull_section import hull_section
 from tjscan.laser.profile import Profile

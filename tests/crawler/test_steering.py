@@ -16,7 +16,7 @@ from tjscan.crawler.slip_model import (
     propagate_state,
 )
 from tjscan.crawler.steering import SteeringSettings, track_turn_rate
-from tjscan.runs.crawl.run import TO_SETTLE, TO_TURN
+from tjscan.runs.crawl.run import SETTLING_GAINS, TURNING_RADII
 
 GEOMETRY = CrawlerGeometry(0.5, 0.0)
 WIDE = SteeringSettings(gain=8.0, least_radius=0.5)
@@ -84,7 +84,7 @@ def shuttled(length: float, crab: float, settings: SteeringSettings, times: int 
 def test_ways_too_short_to_turn_by_twice_the_crab_lead_outward(crab: float, radius: float) -> None:
     """With everything known: it is geometry, and `tjscan.runs.crawl.run.short_way` tells of it."""
     settings = SteeringSettings(least_radius=radius)
-    needed = TO_SETTLE / settings.gain + TO_TURN * crab * radius
+    needed = SETTLING_GAINS / settings.gain + TURNING_RADII * crab * radius
     # Where it goes straight along the joint, it stands askew by the crab.
     assert shuttled(needed, crab, settings) < crab / settings.gain * 3
     short = 0.3 * needed

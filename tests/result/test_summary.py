@@ -6,8 +6,8 @@ import pytest
 from cells import PAPER, scan_example
 
 from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import JointOrBaseFrame
 from tjscan.job import read_scan_job
-from tjscan.result.frame import JointOrBaseFrame
 from tjscan.result.summary import (
     ScanSummary,
     read_summary,

@@ -23,15 +23,20 @@ from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import ASIDE, SlipBelief
 from tjscan.crawler.slip_model import STATES
 from tjscan.crawler.topics import CRAWL_RECORDING, WARNING, record_crawl
-from tjscan.job.crawl_cell import CrawlCell, LeftWorld, make_crawl_cell
-from tjscan.job.crawl_job import CrawlJob
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
+from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.recording.parts import next_recording_file
 from tjscan.runs.crawl.report import crawl_chapter
 from tjscan.runs.crawl.results import read_recorded_crawl
-from tjscan.runs.crawl.resume import belief_after_stop, resume_crawl, start_after_stop
-from tjscan.runs.crawl.run import CrawlContext, run_crawl, short_way
+from tjscan.runs.crawl.run import (
+    CrawlContext,
+    belief_after_stop,
+    resume_crawl,
+    run_crawl,
+    short_way,
+    start_after_stop,
+)
 from tjscan.vehicle.vehicle import DEAD_MAN, REST, Twist, VehicleState
 
 
@@ -166,7 +171,7 @@ def test_a_report_says_what_was_not_welded_and_what_was_cut_off(cut_short: Path)
 def moved_by_hand(monkeypatch: pytest.MonkeyPatch, *by: float) -> None:
     """Let a vehicle that goes on stand elsewhere, by x, y in metres and an angle."""
 
-    def make_moved_cell(job: CrawlJob, left: LeftWorld) -> CrawlCell:
+    def make_moved_cell(job: CrawlJob, left: InterruptedWorld) -> CrawlCell:
         return make_crawl_cell(job, replace(left, pose_w=left.pose_w + np.array(by)))
 
     monkeypatch.setattr("tjscan.runs.crawl.resume.make_crawl_cell", make_moved_cell)
@@ -256,8 +261,8 @@ def test_before_the_end_of_the_steel_it_stops(job_file: Path, tmp_path: Path) ->
 def test_a_calibration_is_learned_and_holds_for_its_vehicle_alone(
     job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tjscan.runs.crawl.calibrate.LENGTH", 0.06)
-    monkeypatch.setattr("tjscan.runs.crawl.calibrate.TIMES", 1)
+    monkeypatch.setattr("tjscan.runs.crawl.run.SHUTTLE_LENGTH", 0.06)
+    monkeypatch.setattr("tjscan.runs.crawl.run.SHUTTLE_TIMES", 1)
     out = tmp_path / "shuttle"
     assert tjscan("crawl", "calibrate", job_file, "--out", out) == 0
     calibrated = tmp_path / "calibrated.toml"

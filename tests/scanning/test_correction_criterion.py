@@ -14,7 +14,7 @@ from rings import GROOVE, PLAN, ring_section
 from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array, pose
-from tjscan.groove.find import find_groove
+from tjscan.groove.read import read_groove
 from tjscan.job import read_scan_job
 from tjscan.recording.parts import recording_files
 from tjscan.scanning.correction import correction_target_pose
@@ -132,12 +132,12 @@ def test_a_scan_that_skips_goes_on_as_if_it_had_not_been_cut(tmp_path: Path) -> 
     options = [word for key, value in keys.items() for word in (f"--{key}", str(value).lower())]
     run = tmp_path / "run"
     assert tjscan("scan", PAPER, "--out", run, *options) == 0
-    whole = read_recorded_scan(run).reread_sections(find_groove)
+    whole = read_recorded_scan(run).reread_sections(read_groove)
     assert Substep.PREDICTION in {scan.view.substep for scan in whole}
     recording = recording_files(run)[0]
     recording.write_bytes(recording.read_bytes()[: recording.stat().st_size // 2])
     assert tjscan("scan", "--resume", run) == 0
-    again = read_recorded_scan(run).reread_sections(find_groove)
+    again = read_recorded_scan(run).reread_sections(read_groove)
     assert [s.view.substep for s in again] == [s.view.substep for s in whole]
     for one, other in zip(again, whole, strict=True):
         np.testing.assert_allclose(one.points_b, other.points_b, atol=1e-12)

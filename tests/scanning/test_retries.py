@@ -11,8 +11,8 @@ from cells import FAULTLESS, Notes, example_corner_errors, reading_fails_at, sca
 
 from tjscan.core.errors import GrooveNotFound, LaserFault
 from tjscan.core.frames import pose, rot_y
-from tjscan.groove.find import find_groove
 from tjscan.groove.prior import GroovePrior
+from tjscan.groove.read import read_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.recording.event import RecordedEvent
@@ -174,7 +174,7 @@ def readings_changed_from(first: int, change: Callable[[Profile], Profile]) -> G
     count = iter(range(10_000))
 
     def read(profile: Profile, *, prior: GroovePrior | None = None) -> GrooveSection:
-        return find_groove(change(profile) if next(count) >= first else profile, prior=prior)
+        return read_groove(change(profile) if next(count) >= first else profile, prior=prior)
 
     return read
 
@@ -202,7 +202,7 @@ def test_a_correction_that_shows_another_place_than_the_prediction_is_not_believ
     def read(profile: Profile, *, prior: GroovePrior | None = None) -> GrooveSection:
         shift = 0.004 if next(count) >= SIDE_VIEW + 1 else 0.0
         moved = Profile(profile.x_s + shift, profile.z_s, None, profile.time)
-        return find_groove(moved, prior=prior)
+        return read_groove(moved, prior=prior)
 
     notes = Notes()
     keys = FAULTLESS | {"scan.sections": 5, "scan.prediction_case": 2}

@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 
 from tjscan.comparison.surface import MeshDistance
 from tjscan.core.errors import ComparisonRefused
-from tjscan.core.frames import Array, pose, readonly_copy, rotation_angle_between, transform_points
+from tjscan.core.frames import Array, frozen_arrays, pose, rotation_angle_between, transform_points
 from tjscan.core.robust import TUKEY_CUTOFF, mad_sigma
 
 MOST_ALIGNED_POINTS: Final = 30_000
@@ -43,6 +43,7 @@ NearestOnReference = Callable[[Array], tuple[Array, Array]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class Alignment:
     """Result of an alignment: the pose that brings what was measured onto its reference, and fit.
 
@@ -72,9 +73,6 @@ class Alignment:
     rounds: int = 0
     moved: float = 0.0
     note: str = ""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "T", readonly_copy(self.T))
 
     @property
     def rotation_angle(self) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.joint.edges import FeatureEdges
 
 
@@ -48,6 +48,7 @@ class DistanceStatistics:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class DeviationDistances:
     """Distances of one kind between what was measured and its reference.
 
@@ -74,10 +75,6 @@ class DeviationDistances:
     points: Array
     distances: Array
     tolerance: float | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "points", readonly_copy(self.points))
-        object.__setattr__(self, "distances", readonly_copy(self.distances))
 
     @property
     def known(self) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 import scipy  # its parts are loaded at first use
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.core.robust import mad_sigma, tukey_weights
 from tjscan.laser.profile import Profile
 
@@ -43,6 +43,7 @@ LEAST_AREA: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class PaperJoint:
     """Edges and barycentre of a joint, in frame s.
 
@@ -56,10 +57,6 @@ class PaperJoint:
 
     edges: Array
     barycentre: Array
-
-    def __post_init__(self) -> None:
-        for name in ("edges", "barycentre"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 def read_joint_as_paper(profile: Profile) -> PaperJoint:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +12,32 @@ from tjscan.core.frames import Array
 from tjscan.joint.geometry import LegSurface
 from tjscan.joint.imperfections import NO_IMPERFECTIONS, Imperfections, interpolate_around_joint
 from tjscan.joint.oval import Ellipse, OvalLegSurface, semi_axes_same_circumference
-from tjscan.joint.tolerance import NOT_STATED, FitUpTolerance
+
+
+@dataclass(frozen=True, slots=True)
+class FitUpTolerance:
+    """Largest difference of a measured fit-up from its drawing, to either side; metres, radians.
+
+    Parameters
+    ----------
+    groove_angle : float
+        Radians.
+    root_opening : float
+        Also of the root bead's width, where one is laid.
+    root_face, depth : float
+    high_low : float
+        By which brace or leg may stand out of where they are drawn, or in.
+    """
+
+    groove_angle: float = inf
+    root_opening: float = inf
+    root_face: float = inf
+    depth: float = inf
+    high_low: float = inf
+
+
+NOT_STATED = FitUpTolerance()
+"""Of a drawing that states none."""
 
 
 @dataclass(frozen=True, slots=True)

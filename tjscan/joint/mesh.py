@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.joint.bevel import JointGrooveSections, groove_sections, leg_normal_rz
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.deposits import seam_cap_solid, spatter_solids, tack_solid
+from tjscan.joint.edges import tack_spans
 from tjscan.joint.geometry import cylindrical_to_j, tangential_direction
 from tjscan.joint.imperfections import interpolate_around_joint
 from tjscan.joint.oval import OvalLegSurface
-from tjscan.joint.tacks import tack_spans
 
 MOST_CHORD_ERROR: Final = 2e-6
 """Largest distance, in metres, of the triangles near the groove from the true surfaces."""
@@ -38,6 +38,7 @@ SINK_DEPTH: Final = 2e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class TriangleMesh:
     """Triangles, counter-clockwise seen from outside.
 
@@ -51,12 +52,6 @@ class TriangleMesh:
 
     vertices: Array
     triangles: NDArray[np.int32]
-
-    def __post_init__(self) -> None:
-        triangles = np.array(self.triangles, dtype=np.int32)
-        triangles.flags.writeable = False
-        object.__setattr__(self, "vertices", readonly_copy(self.vertices))
-        object.__setattr__(self, "triangles", triangles)
 
 
 def build_joint_mesh(definition: JointDefinition) -> TriangleMesh:

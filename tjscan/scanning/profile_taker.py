@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.errors import LaserFault, PoseUnreachable
-from tjscan.core.frames import Array, inverse_pose, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays, inverse_pose
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm, ArmState
@@ -27,6 +27,7 @@ MOVED: Final = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class ScanSetup:
     """Equipment of a scan: arm, laser, pose of the sensor on the flange, and groove reader.
 
@@ -47,9 +48,6 @@ class ScanSetup:
     laser: LineLaser
     T_f_s: Array
     read: GrooveReader
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "T_f_s", readonly_copy(self.T_f_s))
 
 
 class ProfileTaker:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tjscan.core.frames import Array, readonly_copy, transform_points
+from tjscan.core.frames import Array, frozen_arrays, transform_points
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 
@@ -20,6 +20,7 @@ class Substep(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class ProfileView:
     """A profile, and the poses of flange and sensor it was taken from.
 
@@ -47,12 +48,9 @@ class ProfileView:
     time: float
     q: Array
 
-    def __post_init__(self) -> None:
-        for name in ("T_b_f", "T_b_s", "q"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class ScannedSection:
     """A view, the groove read in it, and the target frame it was taken with.
 
@@ -69,9 +67,6 @@ class ScannedSection:
     view: ProfileView
     groove: GrooveSection
     T_s_t: Array
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "T_s_t", readonly_copy(self.T_s_t))
 
     @property
     def T_b_g(self) -> Array:

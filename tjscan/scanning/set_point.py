@@ -9,7 +9,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.scanning.section import ScannedSection, Substep
 
 TIGHTEST_BEND: Final = 0.04
@@ -27,6 +27,7 @@ LARGEST_TURN: Final = radians(100)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class SetPoint:
     """Pose of frame t that the sensor shall be moved to, and frame t's place in the sensor.
 
@@ -49,13 +50,9 @@ class SetPoint:
     covariance: Array | None = None
     straight: bool = True
 
-    def __post_init__(self) -> None:
-        for name in ("T_b_t", "T_s_t", "covariance"):
-            if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, readonly_copy(value))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class StepRequest:
     """One step as it was planned: from which section, where to, how long.
 
@@ -75,9 +72,6 @@ class StepRequest:
     p_b_ahead: Array
     length: float
     predicted: ScannedSection | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "p_b_ahead", readonly_copy(self.p_b_ahead))
 
     @property
     def direction_b(self) -> Array:

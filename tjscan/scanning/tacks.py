@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.groove.root import BURIED, WELD_IN_ROOT
-from tjscan.groove.section import TACK, GrooveSection, section_from_points
+from tjscan.groove.root import BURIED_CHORDS, WELD_IN_ROOT
+from tjscan.groove.section import TACK_WELD, GrooveSection, section_from_points
 from tjscan.scanning.checks import BEAD, largest_root_width_change
 from tjscan.scanning.section import ScannedSection
 
@@ -69,7 +69,7 @@ def _buried(groove: GrooveSection) -> GrooveSection:
     covariance[:6, :6], covariance[6:, 6:] = groove.covariance_s, groove.tangent_covariance
     up = groove.points_s[1] - groove.points_s[2]
     for k, along in ((2, up / np.linalg.norm(up)), (4, groove.leg_s)):
-        way = BURIED * groove.root_width * along[[0, 2]]
+        way = BURIED_CHORDS * groove.root_width * along[[0, 2]]
         covariance[k : k + 2, k : k + 2] += np.outer(way, way)
     section = section_from_points(
         groove.points_s,
@@ -82,7 +82,7 @@ def _buried(groove: GrooveSection) -> GrooveSection:
     return replace(
         section,
         model=groove.model,
-        conditions=(TACK, *others),
+        conditions=(TACK_WELD, *others),
         absent=("p3", "p4"),
         evidence=groove.evidence,
     )

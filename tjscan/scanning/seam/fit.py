@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, cross, readonly_copy, unit_vector
+from tjscan.core.frames import Array, cross, frozen_arrays, unit_vector
 from tjscan.core.gaussian_process import Matern52
 from tjscan.scanning.seam.track import RecentSections
 
@@ -110,6 +110,7 @@ class LocalWalls:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class LocalTubeFit:
     """Fit of both tubes to the recent sections: most likely parameters and their covariance.
 
@@ -140,10 +141,6 @@ class LocalTubeFit:
     whiten: Array
     residuals: Array
     residual_jacobian: Array
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     def walls(self, thetas: Array | None = None) -> LocalWalls:
         """Walls of the fitted tubes, or of other parameters, shape (..., 10)."""

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.scanning.section import ScannedSection
 
 MOST_SECTIONS: Final = 30
@@ -30,6 +30,7 @@ LEAST_SIGMA: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class RecentSections:
     """The last sections, the oldest first, in frame b. n sections; k = 0 brace, 1 leg.
 
@@ -64,10 +65,6 @@ class RecentSections:
     shape: Array
     sigmas: Array
     shape_sigmas: Array
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 def recent_section_arrays(sections: Sequence[ScannedSection]) -> RecentSections:
