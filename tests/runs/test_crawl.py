@@ -174,7 +174,7 @@ def moved_by_hand(monkeypatch: pytest.MonkeyPatch, *by: float) -> None:
     def make_moved_cell(job: CrawlJob, left: InterruptedWorld) -> CrawlCell:
         return make_crawl_cell(job, replace(left, pose_w=left.pose_w + np.array(by)))
 
-    monkeypatch.setattr("tjscan.runs.crawl.resume.make_crawl_cell", make_moved_cell)
+    monkeypatch.setattr("tjscan.runs.crawl.run.make_crawl_cell", make_moved_cell)
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ from tjscan.core.files import (
     write_files_atomically,
 )
 from tjscan.core.locks import lock_directory
-from tjscan.core.manifest import MANIFEST, changed_since_written, check_as_written
+from tjscan.core.manifest import MANIFEST_FILE, changed_since_written, check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.job import CalibrationSettings, CellJob
 from tjscan.job.crawl.job import CrawlJob
@@ -35,15 +35,15 @@ from tjscan.job.tow.job import TowJob
 from tjscan.recording.header import JobSnapshot, file_sha256, job_snapshot_changes
 from tjscan.recording.parts import next_recording_file, recording_files
 from tjscan.result.directory import (
-    CALIBRATION,
-    JOB,
-    JOINT,
-    URDF,
+    CALIBRATION_FILE,
+    JOB_FILE,
+    JOINT_FILE,
+    URDF_FILE,
     job_label_of_run,
     job_name_and_hash,
 )
 
-COPIED_FILES: Final = (JOB, JOINT, CALIBRATION, URDF)
+COPIED_FILES: Final = (JOB_FILE, JOINT_FILE, CALIBRATION_FILE, URDF_FILE)
 """What a run directory is made with."""
 
 MOST_BYTES: Final = 50_000_000
@@ -101,11 +101,11 @@ def make_run_directory(
     check_as_written(*(file for file in (joint, calibration) if file is not None))
     with empty_run_directory(directory) as draft:
         if joint is not None:
-            shutil.copyfile(joint, draft / JOINT)
+            shutil.copyfile(joint, draft / JOINT_FILE)
         if calibration is not None:
-            shutil.copyfile(calibration, draft / CALIBRATION)
+            shutil.copyfile(calibration, draft / CALIBRATION_FILE)
         if Path(job.arm.model).suffix == ".urdf":
-            shutil.copyfile(job.arm.model, draft / URDF)
+            shutil.copyfile(job.arm.model, draft / URDF_FILE)
         write_job_copy(draft, _text(job, draft), job_file, "w" if job.station else "b")
 
 
@@ -115,8 +115,8 @@ def make_vehicle_run_directory(
     """Make the run directory of a crawl or a tow; see `make_run_directory`."""
     with empty_run_directory(directory) as draft:
         if calibration is not None:
-            shutil.copyfile(calibration, draft / CALIBRATION)
-            job = job.model_copy(update={"calibration": CALIBRATION})
+            shutil.copyfile(calibration, draft / CALIBRATION_FILE)
+            job = job.model_copy(update={"calibration": CALIBRATION_FILE})
         write_job_copy(draft, tomli_w.dumps(table_to_dict(job)), job_file, "w")
 
 
@@ -140,7 +140,7 @@ def record_vehicle_run(
     *afterwards : callable
         Are called in order with the directory when the recording is closed: they write results.
     """
-    snapshot = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
+    snapshot = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
     file = next_recording_file(directory, recording)
     with lock_and_clean_directory(directory):
         try:
@@ -176,12 +176,12 @@ def check_replay(
     RecordingError
         If its job or calibration is not as it was written.
     """
-    refuse_links_outside(directory, JOB, CALIBRATION)
-    check_as_written(directory / JOB, directory / CALIBRATION)
+    refuse_links_outside(directory, JOB_FILE, CALIBRATION_FILE)
+    check_as_written(directory / JOB_FILE, directory / CALIBRATION_FILE)
     held = [
         name
         for name in REPLAYED_TASKS
-        if (directory / JOB).is_file() and recording_files(directory, name)[0].is_file()
+        if (directory / JOB_FILE).is_file() and recording_files(directory, name)[0].is_file()
     ]
     if task not in held:
         advice = [f"it holds a {other}: tjscan {other} replay takes it" for other in held]
@@ -190,7 +190,7 @@ def check_replay(
             file=directory,
         )
     why = f"is about how the {task} was done, and it is done"
-    refuse_other_keys(keys, replayable, why, directory / JOB)
+    refuse_other_keys(keys, replayable, why, directory / JOB_FILE)
     refuse_directory_inside(out, directory)
 
 
@@ -278,11 +278,11 @@ def empty_run_directory(directory: Path) -> Iterator[Path]:
         raise RecordingError(f"{directory}: can't be made: {error.strerror}") from error
     with (
         lock_directory(directory),
-        write_files_atomically(directory, last=JOB, listed=True) as draft,
+        write_files_atomically(directory, last=JOB_FILE, listed=True) as draft,
     ):
         names = {file.name for file in directory.iterdir()} - {draft.name}
         files = {name for name in names if not name.startswith(DRAFT_PREFIX)}
-        half_made = files < names and files <= {*COPIED_FILES, MANIFEST} - {JOB}
+        half_made = files < names and files <= {*COPIED_FILES, MANIFEST_FILE} - {JOB_FILE}
         if files and not half_made:  # of one killed in the making
             raise ConfigurationError(
                 "is not empty; a run never overwrites another. Choose another --out",
@@ -316,11 +316,11 @@ def write_job_copy(draft: Path, text: str, job_file: Path, frame: str) -> None:
     frame : str
         Of the run's coordinates.
     """
-    copied = job_label_of_run(job_file.parent) if job_file.name == JOB else ""
+    copied = job_label_of_run(job_file.parent) if job_file.name == JOB_FILE else ""
     first_name = copied.rpartition(", SHA-256 ")[0] or job_file.name
     name = job_name_and_hash(first_name, text.encode())
     head = Provenance.for_file_written_now(name, frame).comment_lines("#")
-    (draft / JOB).write_text(head + text, encoding="utf-8")
+    (draft / JOB_FILE).write_text(head + text, encoding="utf-8")
 
 
 def table_to_csv(
@@ -376,7 +376,7 @@ def read_result_file(file: Path, what: str, parse: Callable[[str], T]) -> T:
 def nothing_recorded_yet(directory: Path) -> bool:
     """Whether a run directory was made and nothing was recorded in it yet."""
     return all(
-        file.name in (*COPIED_FILES, MANIFEST) or file.name.startswith(DRAFT_PREFIX)
+        file.name in (*COPIED_FILES, MANIFEST_FILE) or file.name.startswith(DRAFT_PREFIX)
         for file in directory.iterdir()
     )
 
@@ -392,9 +392,9 @@ def take_job_snapshot(directory: Path, job: CellJob) -> JobSnapshot:
     try:
         joint, calibration = (
             file.read_text(encoding="utf-8") if file.is_file() else ""
-            for file in (directory / JOINT, directory / CALIBRATION)
+            for file in (directory / JOINT_FILE, directory / CALIBRATION_FILE)
         )
-        urdf = directory / URDF
+        urdf = directory / URDF_FILE
         arm = file_sha256(urdf) if urdf.is_file() else ""
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(f"{directory}: can't be read: {error}") from error
@@ -403,10 +403,10 @@ def take_job_snapshot(directory: Path, job: CellJob) -> JobSnapshot:
 
 def _text(job: CellJob, directory: Path) -> str:
     """A job as TOML that names the copies in a directory."""
-    if job.joint is not None and (directory / JOINT).is_file():
-        job = job.model_copy(update={"joint": replace(job.joint, file=JOINT)})
-    if (directory / CALIBRATION).is_file():
-        job = job.model_copy(update={"calibration": CalibrationSettings(file=CALIBRATION)})
-    if (directory / URDF).is_file():
-        job = job.model_copy(update={"arm": replace(job.arm, model=URDF)})
+    if job.joint is not None and (directory / JOINT_FILE).is_file():
+        job = job.model_copy(update={"joint": replace(job.joint, file=JOINT_FILE)})
+    if (directory / CALIBRATION_FILE).is_file():
+        job = job.model_copy(update={"calibration": CalibrationSettings(file=CALIBRATION_FILE)})
+    if (directory / URDF_FILE).is_file():
+        job = job.model_copy(update={"arm": replace(job.arm, model=URDF_FILE)})
     return tomli_w.dumps(table_to_dict(job))

@@ -22,7 +22,7 @@ from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic
 from tjscan.recording.writer import RecordingWriter
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.runs.crawl.results import read_recorded_crawl, write_passes
 from tjscan.runs.crawl.run import CrawlContext, slip_after_set_down, slip_after_stop
 from tjscan.runs.run import check_replay, do_nothing_when_finished, make_vehicle_run_directory
@@ -63,7 +63,7 @@ def replay_crawl(
     RecordingError
         If its recording is damaged, or the new directory can't be written.
     """
-    job_file = directory / JOB
+    job_file = directory / JOB_FILE
     check_replay(directory, out, overrides, REPLAYABLE_KEYS, "crawl")
     context = CrawlContext(read_crawl_job(job_file, overrides), job_file, finished=finished)
     parts = recording_files(directory, CRAWL_RECORDING)
@@ -72,7 +72,7 @@ def replay_crawl(
     # Read to their ends before anything is made: what is no crawl, or damaged, is refused.
     set_down = [_was_set_down(part) for part in parts]
     make_vehicle_run_directory(out, context.job, job_file, context.calibration_file)
-    origin = JobSnapshot((out / JOB).read_text(encoding="utf-8"))
+    origin = JobSnapshot((out / JOB_FILE).read_text(encoding="utf-8"))
     with lock_and_clean_directory(out):
         for number, part in enumerate(parts):
             if number:

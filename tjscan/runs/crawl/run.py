@@ -40,7 +40,7 @@ from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY, WARNING, record_crawl
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
-from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
+from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl, write_crawl_results
 from tjscan.runs.run import (
     accept_edited_copies,
@@ -395,7 +395,7 @@ def start_after_stop(
         raise ConfigurationError(
             f"pass {begun} was begun, and the job has {len(job.passes)} left: give it back the "
             "passes that were run",
-            file=directory / JOB,
+            file=directory / JOB_FILE,
             key="pass",
         )
     burned = [cycle for cycle in cycles if cycle.arc]
@@ -457,5 +457,5 @@ def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
     if method.slip is None:
         raise ConfigurationError("this method learns no slip", key="method")
     found = SlipCalibration.from_belief(method.slip, context.job.vehicle.device_id)
-    write_slip_calibration(directory / CALIBRATION, found, job_label_of_run(directory))
+    write_slip_calibration(directory / CALIBRATION_FILE, found, job_label_of_run(directory))
     return found

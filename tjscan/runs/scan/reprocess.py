@@ -21,7 +21,7 @@ from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.arm import SensorMount
 from tjscan.recording.damage import RecordingDamage
 from tjscan.recording.parts import recording_files
-from tjscan.result.directory import CALIBRATION, JOB
+from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.result.summary import ScanSummary
 from tjscan.runs.run import (
     COPIED_FILES,
@@ -135,7 +135,7 @@ def reprocess_run(
     StitchingRefused
         If the stations can't be stitched any more.
     """
-    job_file = directory / JOB
+    job_file = directory / JOB_FILE
     refuse_links_outside(directory, *COPIED_FILES)
     check_as_written(*(directory / name for name in COPIED_FILES))
     why = "is about how the profiles were taken, and they are taken"
@@ -152,13 +152,13 @@ def reprocess_run(
         _reprocess(
             replace(
                 context,
-                job=read_scan_job(run / JOB, overrides).job_at_station(),
-                job_file=run / JOB,
+                job=read_scan_job(run / JOB_FILE, overrides).job_at_station(),
+                job_file=run / JOB_FILE,
             ),
             out / run.name,
         )
         for run in (directory / station.name for station in job.station)
-        if (run / JOB).is_file()
+        if (run / JOB_FILE).is_file()
     )
     whole = len(stations) == len(job.station) and all(one.is_whole for one in stations)
     return ReprocessedRun(
@@ -197,7 +197,7 @@ def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
 
 def _refuse_other_kinematics(mount: SensorMount, directory: Path) -> None:
     """Recorded flange poses hold for the arm's kinematics as they were then."""
-    file = directory / CALIBRATION
+    file = directory / CALIBRATION_FILE
     then = read_calibration(file).kinematics if file.is_file() else None
     before, now = (
         np.zeros(0) if found is None else found

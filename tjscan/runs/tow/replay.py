@@ -18,7 +18,7 @@ from tjscan.job.tow.cell import fixed_obstacles, make_planner
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.header import JobSnapshot
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.runs.run import check_replay, do_nothing_when_finished, make_vehicle_run_directory
 from tjscan.runs.tow.results import write_tow_results
 from tjscan.runs.tow.run import TowContext
@@ -62,14 +62,14 @@ def replay_tow(
     RecordingError
         If its recording is damaged, or the new directory can't be written.
     """
-    job_file = directory / JOB
+    job_file = directory / JOB_FILE
     check_replay(directory, out, overrides, REPLAYABLE_KEYS, "tow")
     context = TowContext(read_tow_job(job_file, overrides), job_file, finished=finished)
     with add_file_to_errors(job_file):
         planner = make_planner(context.job)
     entries = list(read_tow(directory))
     make_vehicle_run_directory(out, context.job, job_file)
-    origin = JobSnapshot((out / JOB).read_text(encoding="utf-8"))
+    origin = JobSnapshot((out / JOB_FILE).read_text(encoding="utf-8"))
     truths = iter([entry for entry in entries if isinstance(entry, TowTruth)])
     truth = (lambda: next(truths)) if any(isinstance(e, TowTruth) for e in entries) else None
     seam = Seam(context.job.seam)

@@ -15,7 +15,7 @@ from tjscan.job.tow.job import TowJob
 from tjscan.job.tow.sweep import sweep_seam
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.reader import read_job_snapshot
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.runs.run import (
     accept_edited_copies,
     changes_of_job,
@@ -156,12 +156,12 @@ def _is_edited(directory: Path) -> bool:
     before = read_job_snapshot(directory, TOW_RECORDING)
     if before is None:
         return False
-    now = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
+    now = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
     advice = (
         "The cable has the shape in which it was left: put it back, or start a new tow. "
         f"What may change: {', '.join(RESUMABLE_KEYS)}"
     )
-    return bool(changes_of_job(before, now, RESUMABLE_KEYS, advice, directory / JOB))
+    return bool(changes_of_job(before, now, RESUMABLE_KEYS, advice, directory / JOB_FILE))
 
 
 def _tow(
