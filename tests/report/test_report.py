@@ -22,8 +22,7 @@ from tjscan.joint.file import read_joint
 from tjscan.report.data import read_report_data
 from tjscan.report.design import designed_measures
 from tjscan.report.findings import report_findings
-from tjscan.report.page import render_report_page
-from tjscan.report.write import write_run_report
+from tjscan.report.write import render_report_page, write_run_report
 from tjscan.result.directory import BUDGET
 from tjscan.result.section import MEASURES
 from tjscan.result.stitching import (

@@ -62,7 +62,7 @@ def tolerance(field: SectionQuantity, values: Array, length: LengthUnit) -> Arra
 
 def expected(field: SectionQuantity, length: LengthUnit) -> Array:
     """What a file must hold, converted here from SI units."""
-    raw = np.asarray(field.take(SECTIONS), dtype=float)
+    raw = np.asarray(field.raw_values(SECTIONS), dtype=float)
     return raw * PER_SI[SUFFIX[length][field.unit.suffix]]
 
 

@@ -16,9 +16,8 @@ from tjscan.core.pose_vector import pose_to_vector
 from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ScannedSection
-from tjscan.stitching.settings import StitchSettings
 from tjscan.stitching.sides import moves_of_walls
-from tjscan.stitching.stations import Station, fit_tubes_to_stations
+from tjscan.stitching.stations import Station, StitchSettings, fit_tubes_to_stations
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
 from tjscan.uncertainty.causes import HAND_EYE, ViewCause, hand_eye_cause, motion_cause
 from tjscan.uncertainty.laser_causes import LINEARITY, linearity_cause

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays, readonly_copy
 
 if TYPE_CHECKING:
     from tjscan.core.display import Picture
@@ -25,6 +25,7 @@ MOST_PROFILES: Final = 9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class Scan:
     """A scanned groove, as a run directory holds it; all arrays are in one frame.
 
@@ -79,11 +80,11 @@ class Scan:
         return cls(
             folder,
             summary.frame,
-            readonly_copy([section.points for section in sections]),
-            readonly_copy([section.T_r_g for section in sections]),
-            readonly_copy([section.measures for section in sections]),
-            readonly_copy([section.sigmas for section in sections]),
-            readonly_copy(np.empty((0, 3)) if shape.points is None else shape.points),
+            np.array([section.points for section in sections]),
+            np.array([section.T_r_g for section in sections]),
+            np.array([section.measures for section in sections]),
+            np.array([section.sigmas for section in sections]),
+            np.empty((0, 3)) if shape.points is None else shape.points,
             sections,
             summary,
         )

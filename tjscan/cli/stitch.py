@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tjscan.stitching.settings import StitchSettings
+    from tjscan.stitching.stations import StitchSettings
 
 
 def stitch(
@@ -64,7 +64,7 @@ def _settings(
 ) -> StitchSettings:
     from tjscan.core.errors import ConfigurationError
     from tjscan.joint.tubes.fit import ArmRepeatability
-    from tjscan.stitching.settings import DEFAULT, StitchSettings
+    from tjscan.stitching.stations import DEFAULT, StitchSettings
 
     for name, value, most in (
         ("repeatability-mm", repeatability_mm, 5.0),

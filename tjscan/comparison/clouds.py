@@ -24,11 +24,11 @@ from tjscan.comparison.sidecar import (
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.core.mesh_files import read_mesh_file
-from tjscan.core.mesh_memory import (
+from tjscan.core.mesh_files import (
     LONGEST_LINE,
     MOST_MEMORY,
     check_memory_to_read,
+    read_mesh_file,
     read_ply_header,
     refuse_memory,
 )

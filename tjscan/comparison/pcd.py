@@ -16,7 +16,7 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.core.mesh_memory import refuse_memory
+from tjscan.core.mesh_files import refuse_memory
 
 NUMPY_TYPES: Final = {
     **{f"F{size}": f"<f{size}" for size in (4, 8)},

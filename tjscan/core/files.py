@@ -1,19 +1,43 @@
-"""Files that are there whole, and together, or not at all."""
+"""Files that are there whole, and together, or not at all.
+
+It is the only module that brings to the disk what the system still holds in memory.
+"""
 
 from __future__ import annotations
 
+import os
 import shutil
 import stat
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final
+from typing import IO, Any, Final
 
-from tjscan.core.disk import bring_to_disk
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.locks import lock_directory
 from tjscan.core.manifest import MANIFEST, manifest_text
+
+WINDOWS: Final = os.name == "nt"
+"""There the names of a directory need no help, and a file must be open for writing."""
+
+
+def bring_stream_to_disk(stream: IO[Any]) -> None:
+    """Bring everything that was written to an open file to the disk; OSError if it can't be."""
+    stream.flush()
+    os.fsync(stream.fileno())
+
+
+def bring_to_disk(path: Path) -> None:
+    """Bring a closed file to the disk, or the names in a directory; OSError if it can't be."""
+    if WINDOWS and path.is_dir():
+        return
+    handle = os.open(path, os.O_RDWR if WINDOWS else os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
 
 DRAFT_PREFIX: Final = ".partial-"
 """How the names of draft folders begin."""

@@ -38,6 +38,12 @@ class ReportPicture:
         object.__setattr__(self, "alt", self.alt or f"{self.title}.")
 
 
+def picture_from_png(content: bytes, title: str, caption: str) -> ReportPicture:
+    """Make a picture of the content of a PNG file."""
+    data = b64encode(content).decode("ascii")
+    return ReportPicture(title, caption, f"data:image/png;base64,{data}")
+
+
 def new_figure(width: float, height: float) -> Figure:
     """Make an empty figure.
 

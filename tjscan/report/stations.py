@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from tjscan.report.picture import ReportPicture
+from tjscan.report.picture import ReportPicture, picture_from_png
 from tjscan.result.directory import STATIONS_PICTURE
 from tjscan.result.stitching import LOOP_OPEN, StitchingReport
 
@@ -150,10 +149,9 @@ def read_stations_picture(directory: Path) -> ReportPicture | None:
     file = directory / STATIONS_PICTURE
     if not file.is_file() or file.stat().st_size > MOST_BYTES:
         return None
-    data = b64encode(file.read_bytes()).decode("ascii")
-    return ReportPicture(
+    return picture_from_png(
+        file.read_bytes(),
         "Stations and their overlaps",
         "Left, which station saw which part of the groove, overlaps shaded; right, what is left "
         "between the stations' corners in each overlap once all are placed.",
-        f"data:image/png;base64,{data}",
     )

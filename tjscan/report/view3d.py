@@ -101,38 +101,37 @@ def _quantities(data: ReportData) -> Iterator[dict[str, Any]]:
     yield _quantity("standard deviation of the corners", "mm", sigmas)
 
 
-def _quantity(
-    name: str, unit: str, values: Array, sigmas: Array | None = None, colours: str = SEQUENTIAL
-) -> dict[str, Any]:
+def _quantity(name: str, unit: str, values: Array, sigmas: Array | None = None) -> dict[str, Any]:
     known = values[~np.isnan(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    limits = (round(low, 4), round(max(high, low + 1e-3), 4))
+    return _coloured(name, unit, limits, SEQUENTIAL) | {
+        "values": [None if np.isnan(value) else round(float(value), 4) for value in values],
+        "sigmas": None if sigmas is None else [round(float(sigma), 4) for sigma in sigmas],
+    }
+
+
+def _coloured(name: str, unit: str, limits: tuple[float, float], colours: str) -> dict[str, Any]:
+    """A quantity without values, and its scale of colours."""
+    shades = [to_hex(colour) for colour in colormaps[colours](np.linspace(0, 1, SHADES))]
+    low, high = limits
     return {
         "name": name,
         "unit": unit,
-        "low": round(low, 4),
-        "high": round(max(high, low + 1e-3), 4),
-        "colours": _shades(colours),
-        "values": [None if np.isnan(value) else round(float(value), 4) for value in values],
-        "sigmas": None if sigmas is None else [round(float(sigma), 4) for sigma in sigmas],
+        "low": low,
+        "high": high,
+        "colours": shades,
+        "values": None,
+        "sigmas": None,
     }
 
 
 def _point_deviation(deviation: DeviationDistances) -> dict[str, Any]:
     """What points are coloured by."""
     scale = round(deviation_scale_mm(deviation), 3)
-    return {
-        "name": f"deviation, {deviation.kind}",
-        "unit": "mm",
-        "low": -scale if deviation.signed else 0.0,
-        "high": scale,
-        "colours": _shades(DIVERGING if deviation.signed else SEQUENTIAL),
-        "values": None,
-        "sigmas": None,
-    }
-
-
-def _shades(name: str) -> list[str]:
-    return [to_hex(colour) for colour in colormaps[name](np.linspace(0, 1, SHADES))]
+    limits = (-scale if deviation.signed else 0.0, scale)
+    colours = DIVERGING if deviation.signed else SEQUENTIAL
+    return _coloured(f"deviation, {deviation.kind}", "mm", limits, colours)
 
 
 def _points(data: ReportData) -> tuple[dict[str, Any], DeviationDistances | None]:

@@ -9,7 +9,7 @@ motion of every view.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -27,11 +27,7 @@ from tjscan.uncertainty.budget import (
     covariance_factor,
     points_moved_by_twist,
 )
-from tjscan.uncertainty.causes import (
-    ViewCause,
-    reading_cause,
-    repeatability_cause,
-)
+from tjscan.uncertainty.causes import ViewCause, reading_cause, repeatability_cause
 
 PLACES: Final = "stations' places"
 
@@ -219,22 +215,14 @@ def _moved(fit: StationTubeFit, T_j_b: Array, twists: Array) -> BudgetComponent:
 
 
 def _sum(one: BudgetComponent, other: BudgetComponent) -> BudgetComponent:
-    return BudgetComponent(
-        one.name,
-        one.evidence,
-        one.is_shared,
-        one.points + other.points,
-        one.measures + other.measures,
-    )
+    return replace(one, points=one.points + other.points, measures=one.measures + other.measures)
 
 
 def _joined(parts: Sequence[BudgetComponent]) -> BudgetComponent:
     """One component of the sections of all stations."""
     named = next((part for part in parts if part.name != PLACES), parts[0])
-    return BudgetComponent(
-        named.name,
-        named.evidence,
-        named.is_shared,
-        np.concatenate([part.points for part in parts]),
-        np.concatenate([part.measures for part in parts]),
+    return replace(
+        named,
+        points=np.concatenate([part.points for part in parts]),
+        measures=np.concatenate([part.measures for part in parts]),
     )

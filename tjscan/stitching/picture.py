@@ -8,9 +8,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from tjscan.stitching.draft import StitchingDraft
 from tjscan.stitching.overlaps import arc_of_azimuths
-from tjscan.stitching.registration import StationRegistration
+from tjscan.stitching.registration import StationRegistration, StitchingDraft
 
 COLOURS: Final = ("#2f7ed8", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf")
 SHADE: Final = "#9aa5b1"

@@ -17,7 +17,6 @@ from tjscan.core.frames import Array, frozen_arrays, inverse_pose
 from tjscan.groove.measured import MeasuredSection
 from tjscan.joint.tubes.frame import TubeDimensions
 from tjscan.stitching.budget import shared_causes, stitching_budget
-from tjscan.stitching.draft import StitchingDraft
 from tjscan.stitching.fusion import fuse_sections, sections_in_joint_frame
 from tjscan.stitching.graph import (
     StationErrors,
@@ -30,15 +29,17 @@ from tjscan.stitching.overlaps import (
     TURN,
     AzimuthArc,
     StationOverlap,
+    arc_of_azimuths,
     azimuth_coverage,
     find_overlaps,
     section_azimuths,
 )
-from tjscan.stitching.registration import StationRegistration, align_second_to_first
-from tjscan.stitching.settings import DEFAULT, StitchSettings
+from tjscan.stitching.registration import StationRegistration, StitchingDraft, align_second_to_first
 from tjscan.stitching.stations import (
+    DEFAULT,
     Station,
     StationTubeFit,
+    StitchSettings,
     fit_tubes_to_stations,
     widen_for_out_of_round,
 )
@@ -179,7 +180,15 @@ def stitch_stations(
         raise StitchingRefused(error.reason, error.evidence, draft) from None
     uncertain = stitching_budget(fits, registrations, placement, shared, settings.repeatability)
     placed = [
-        _placed(fit, placement.T[k], uncertain.station_covariances[k], azimuth)
+        PlacedStation(
+            fit.station,
+            placement.T[k] @ inverse_pose(fit.frame.T),
+            uncertain.station_covariances[k],
+            arc_of_azimuths(azimuth),
+            len(fit.station.all_sections),
+            fit.tubes.reduced_chi2,
+            fit.tubes.rms,
+        )
         for k, (fit, azimuth) in enumerate(zip(fits, azimuths, strict=True))
     ]
     # Weighed by what is each station's own: what they share would not make one of them worse.
@@ -380,15 +389,3 @@ def _check_placement(
             f"be left between them. A base or the joint moved during a scan, or tubes are out of "
             f"round by more than {1e3 * settings.most_out_of_round:g} mm",
         )
-
-
-def _placed(fit: StationTubeFit, T: Array, covariance: Array, azimuths: Array) -> PlacedStation:
-    return PlacedStation(
-        fit.station,
-        T @ inverse_pose(fit.frame.T),
-        covariance,
-        AzimuthArc(float(azimuths.min()), float(azimuths.max())),
-        len(fit.station.all_sections),
-        fit.tubes.reduced_chi2,
-        fit.tubes.rms,
-    )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, Protocol, Self
 import numpy as np
 
 from tjscan.core.devices import DriverKind, EventListener
-from tjscan.core.extras import package_missing
+from tjscan.core.errors import package_missing
 from tjscan.core.frames import Array
 from tjscan.job.devices import DeviceGroup
 from tjscan.job.tow.job import TOWING_EXTRA, TowJob

@@ -57,11 +57,13 @@ from tjscan.runs.scan.context import RunContext, do_nothing_when_finished, groov
 from tjscan.runs.scan.results import all_profile_points
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.reader import read_recorded_scan
-from tjscan.stitching.draft import StitchingDraft
 from tjscan.stitching.picture import draw_stitching
-from tjscan.stitching.registration import StationRegistration, point_covariance_from_pose
-from tjscan.stitching.settings import DEFAULT, StitchSettings
-from tjscan.stitching.stations import Station, station_from_recording
+from tjscan.stitching.registration import (
+    StationRegistration,
+    StitchingDraft,
+    point_covariance_from_pose,
+)
+from tjscan.stitching.stations import DEFAULT, Station, StitchSettings, station_from_recording
 from tjscan.stitching.stitch import PlacedStation, StitchedGroove, stitch_stations
 from tjscan.uncertainty.summary import summarise_budget
 
