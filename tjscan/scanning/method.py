@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from tjscan.scanning.adaptive import adaptive_step_rule
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.prediction import CASES, SMOOTH, paper_predictor
+from tjscan.scanning.prediction import PREDICTION_CASES, SMOOTH_PREDICTION, paper_predictor
 from tjscan.scanning.set_point import SetPointPredictor, StepLengthRule
 from tjscan.scanning.smooth import tube_fit_predictor
 
 
 def predictor_for_plan(plan: ScanPlan) -> SetPointPredictor:
     """Predictor of set-points that a plan names."""
-    if plan.prediction == SMOOTH:
+    if plan.prediction == SMOOTH_PREDICTION:
         return tube_fit_predictor(plan)
-    return paper_predictor(CASES[plan.prediction], plan.direction)
+    return paper_predictor(PREDICTION_CASES[plan.prediction], plan.direction)
 
 
 def step_rule_for_plan(plan: ScanPlan) -> StepLengthRule:

@@ -28,7 +28,7 @@ class PredictionCase:
     turns_step: bool
 
 
-CASES = {
+PREDICTION_CASES = {
     1: PredictionCase(turns_frame=False, turns_step=False),
     2: PredictionCase(turns_frame=True, turns_step=True),
     3: PredictionCase(turns_frame=False, turns_step=True),
@@ -36,7 +36,7 @@ CASES = {
 }
 """The four cases of the paper, section 4.2."""
 
-SMOOTH: Final = "smooth"
+SMOOTH_PREDICTION: Final = "smooth"
 """The fifth: see `tjscan.scanning.smooth`."""
 
 

@@ -16,13 +16,13 @@ from tjscan.robot.arm import Arm, ArmState
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import ScanResultsJournal
 from tjscan.scanning.merge import merge_repeated_profiles
-from tjscan.scanning.retries import MERGED, MISSING
+from tjscan.scanning.retries import MERGED_PROFILES, MOST_MISSING
 from tjscan.scanning.section import ProfileView, Substep
 from tjscan.scanning.sections_before import GrooveReader
 from tjscan.scanning.set_point import SetPoint
 from tjscan.scanning.stopping import StopRequest
 
-MOVED: Final = 1e-4
+MOVED_SENSOR: Final = 1e-4
 """Metres, or entries of a rotation: a sensor that moved further sees another profile."""
 
 
@@ -132,7 +132,7 @@ class ProfileTaker:
         Raises
         ------
         LaserFault
-            If more than `MISSING` profiles in a row are missing, late or frozen.
+            If more than `MOST_MISSING` profiles in a row are missing, late or frozen.
         ScanInterrupted
             If everything is to stop at once.
         """
@@ -146,7 +146,7 @@ class ProfileTaker:
     def take_and_merge_views(
         self, views: Sequence[ProfileView], state: ArmState
     ) -> ProfileView | None:
-        """Take `MERGED` profiles of one place and merge them; None where they all are the same.
+        """Take `MERGED_PROFILES` profiles of one place and merge them; None where they all are the same.
 
         Parameters
         ----------
@@ -156,7 +156,7 @@ class ProfileTaker:
             Where the arm came to rest.
         """
         first, profiles = views[0], [view.profile for view in views]
-        while len(profiles) < MERGED:
+        while len(profiles) < MERGED_PROFILES:
             profiles.append(self.take_view(first.index, first.substep, state).profile)
         if (profile := merge_repeated_profiles(profiles)) is None:
             return None
@@ -174,7 +174,7 @@ class ProfileTaker:
                 return profile
             except LaserFault as error:
                 missed += 1
-                if missed > MISSING:
+                if missed > MOST_MISSING:
                     raise LaserFault(
                         f"{missed} profiles in a row were no good, the last one because: {error}"
                     ) from error
@@ -217,5 +217,5 @@ class FrozenProfileCheck:
                 "before the arm came to rest"
             )
         place = self._places.get(profile.digest)
-        if place is not None and np.abs(state.T_b_f - place).max() > MOVED:
+        if place is not None and np.abs(state.T_b_f - place).max() > MOVED_SENSOR:
             raise LaserFault("the profile is frozen: it is one of a place before")

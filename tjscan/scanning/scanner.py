@@ -44,9 +44,9 @@ from tjscan.scanning.progress import (
 from tjscan.scanning.recorded import RecordedScan
 from tjscan.scanning.result import ScanResult
 from tjscan.scanning.retries import (
-    AGAIN,
-    FEW,
-    MERGED,
+    MERGED_PROFILES,
+    REPEATED_PROFILES,
+    TOO_FEW_POINTS,
     NotRead,
     fallback_set_points,
     max_profiles_per_pose,
@@ -320,7 +320,7 @@ class Scanner:
                 if once or root_is_seen(section.groove):
                     return section
                 rootless.append(section)
-                why, most = "the root is not seen", 1 + AGAIN
+                why, most = "the root is not seen", 1 + REPEATED_PROFILES
             except GrooveNotFound as error:
                 lost, why, most = error, str(error), max_profiles_per_pose(error)
             if once or len(views) >= most:
@@ -328,11 +328,13 @@ class Scanner:
             self._log.record_event(ScanEvent.TAKEN_AGAIN, f"section {index}, {substep}: {why}")
         merged = None
         # From a prediction view without the root a correction follows, which may show it.
-        worth_merging = substep is not Substep.PREDICTION if rootless else lost.reason != FEW
+        worth_merging = (
+            substep is not Substep.PREDICTION if rootless else lost.reason != TOO_FEW_POINTS
+        )
         if worth_merging and not once:
             merged = self._taker.take_and_merge_views(views, state)
         if merged is not None:
-            what = f"section {index}, {substep}, {MERGED} profiles: {why}"
+            what = f"section {index}, {substep}, {MERGED_PROFILES} profiles: {why}"
             self._log.record_event(ScanEvent.MERGED, what)
             try:
                 return self._read(merged, T_s_t, step)

@@ -11,14 +11,14 @@ import numpy as np
 
 from tjscan.groove.root import BURIED_CHORDS, WELD_IN_ROOT
 from tjscan.groove.section import TACK_WELD, GrooveSection, section_from_points
-from tjscan.scanning.checks import BEAD, largest_root_width_change
+from tjscan.scanning.checks import BEAD_HEIGHT, largest_root_width_change
 from tjscan.scanning.section import ScannedSection
 
 KNOWN_ROOT: Final = 1e-3
 """Standard deviation of a corner of the root in metres from which a view does not show it well: a
 fifth of a usual root's width."""
 
-STEADY: Final = 0.02
+STEADY_LENGTH: Final = 0.02
 """Metres of groove over which a root may go on widening: round a joint it goes to and fro."""
 
 
@@ -54,7 +54,10 @@ def with_tack_named(found: ScannedSection, before: Sequence[ScannedSection]) -> 
     away = float(np.linalg.norm(found.T_b_g[:3, 3] - last.T_b_g[:3, 3]))
     wider = groove.root_width - last.groove.root_width
     shallower = last.groove.depth - groove.depth
-    if wider < largest_root_width_change(last.groove, min(away, STEADY)) or shallower < BEAD:
+    if (
+        wider < largest_root_width_change(last.groove, min(away, STEADY_LENGTH))
+        or shallower < BEAD_HEIGHT
+    ):
         return found
     return replace(found, groove=_buried(groove))
 
