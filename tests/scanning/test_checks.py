@@ -17,8 +17,7 @@ from tjscan.scanning.checks import FARTHEST_STEPS, LARGEST_VIEW_SHIFT, check_set
 from tjscan.scanning.prediction import PREDICTION_CASES, paper_predictor
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.retries import LARGEST_SHIFT, NUDGE_TURN, ViewAdjustment
-from tjscan.scanning.section import ScannedSection, Substep
-from tjscan.scanning.set_point import SetPoint, StepRequest
+from tjscan.scanning.section import ScannedSection, SetPoint, StepRequest, Substep
 from tjscan.scanning.target import ScanDirection
 
 ANGLE = 2 * np.arcsin(PLAN.step / 2 / 0.2286)

@@ -13,9 +13,8 @@ from tjscan.core.frames import (
     rotation_angle_between,
     transform_points,
 )
-from tjscan.scanning.correction import correction_target_pose
 from tjscan.scanning.prediction import PREDICTION_CASES, predicted_target_pose
-from tjscan.scanning.target import ScanDirection
+from tjscan.scanning.target import ScanDirection, correction_target_pose
 
 EXACT = 1e-12
 RADIUS = 0.2286

@@ -19,10 +19,9 @@ from tjscan.recording.event import RecordedEvent
 from tjscan.scanning.checks import check_section_orientation
 from tjscan.scanning.events import RetryCounts, ScanEvent
 from tjscan.scanning.journal import CombinedJournal, ScanResultsJournal
-from tjscan.scanning.merge import AGREEING_PROFILES, merge_repeated_profiles
-from tjscan.scanning.progress import StopReason, step_lengths
+from tjscan.scanning.profile_taker import AGREEING_PROFILES, merge_repeated_profiles
+from tjscan.scanning.progress import ScanResult, StopReason, step_lengths
 from tjscan.scanning.recorded import RecordedScan
-from tjscan.scanning.result import ScanResult
 from tjscan.scanning.retries import MOST_MISSING
 from tjscan.scanning.section import Substep
 from tjscan.scanning.sections_before import GrooveReader

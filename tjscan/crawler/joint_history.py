@@ -36,8 +36,8 @@ def section_histories(
     Returns
     -------
     dict of int to ndarray, shape (m,)
-        For each number of passes that were welded, height over the hull at each place of `PLACES_ACROSS`,
-        metres; NaN where nothing was seen.
+        For each number of passes that were welded, height over the hull at each place of
+        `PLACES_ACROSS`, metres; NaN where nothing was seen.
     """
     heights: dict[int, list[Array]] = {}
     for cycle, profile in profiles:
@@ -53,7 +53,7 @@ def section_histories(
 
 
 def height_over_hull(profile: Profile, d: float) -> Array | None:
-    """Height over the hull at each place of `PLACES_ACROSS`, metres; None where the hull is not seen.
+    """Height over the hull at `PLACES_ACROSS`, metres; None if the hull is not seen.
 
     Parameters
     ----------

@@ -16,8 +16,7 @@ from tjscan.core.units import DEG, MM, MM2, SettingsTable
 from tjscan.scanning.seam.fit import fit_tubes_to_sections
 from tjscan.scanning.seam.next_section import SHAPE_SPREAD, SHAPE_WAVE
 from tjscan.scanning.seam.track import MOST_SECTIONS, RecentSections, recent_section_arrays
-from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.set_point import StepLengthRule
+from tjscan.scanning.section import ScannedSection, StepLengthRule
 
 AREA_SPREAD: Final = 0.4
 """How much the area varies round a joint, standard deviation as a share of it."""

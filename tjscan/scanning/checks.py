@@ -11,8 +11,7 @@ from tjscan.core.errors import GrooveNotFound, SetPointRefused
 from tjscan.core.frames import Array, inverse_pose, rotation_angle_between, unit_vector
 from tjscan.groove.section import GrooveSection
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.section import ScannedSection, Substep
-from tjscan.scanning.set_point import TIGHTEST_BEND, SetPoint, StepRequest
+from tjscan.scanning.section import TIGHTEST_BEND, ScannedSection, SetPoint, StepRequest, Substep
 
 FARTHEST_STEPS: Final = 2.0
 """Steps that a set-point lies from the last section, at most."""

@@ -13,8 +13,7 @@ from tjscan.core import pose_vector
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.units import DEG, MM, SettingsTable
 from tjscan.groove.section import GrooveSection
-from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.set_point import SetPoint
+from tjscan.scanning.section import ScannedSection, SetPoint
 from tjscan.scanning.target import ScanDirection
 
 DOUBT_SIGMAS: Final = 2.0

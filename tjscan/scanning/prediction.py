@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from tjscan.core.frames import Array, pose, unit_vector
-from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.set_point import SetPoint, SetPointPredictor
+from tjscan.scanning.section import ScannedSection, SetPoint, SetPointPredictor
 from tjscan.scanning.target import R_REVERSED, ScanDirection
 
 

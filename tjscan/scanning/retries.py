@@ -19,8 +19,7 @@ from tjscan.core.errors import GrooveNotFound, SetPointRefused, TjscanError
 from tjscan.core.frames import Array, inverse_pose, pose, rot_x
 from tjscan.laser.profile import Profile
 from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.set_point import SetPoint, StepRequest
+from tjscan.scanning.section import ScannedSection, SetPoint, StepRequest
 from tjscan.scanning.target import ScanDirection
 
 NotRead = (GrooveNotFound, SetPointRefused)

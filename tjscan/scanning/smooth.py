@@ -18,8 +18,7 @@ from tjscan.scanning.prediction import PREDICTION_CASES, paper_predictor
 from tjscan.scanning.seam.fit import fit_tubes_to_sections
 from tjscan.scanning.seam.next_section import ExpectedSection
 from tjscan.scanning.seam.track import RecentSections, recent_section_arrays
-from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.set_point import SetPoint, SetPointPredictor, StepRequest
+from tjscan.scanning.section import ScannedSection, SetPoint, SetPointPredictor, StepRequest
 from tjscan.scanning.target import ScanDirection
 
 MOST_ROUNDS: Final = 30

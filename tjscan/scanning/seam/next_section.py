@@ -11,9 +11,9 @@ import numpy as np
 from tjscan.core import pose_vector
 from tjscan.core.frames import Array, cross, inverse_pose, unit_vector
 from tjscan.core.gaussian_process import Matern52, OrdinaryKriging
-from tjscan.scanning.correction import correction_target_pose
 from tjscan.scanning.seam.fit import LocalTubeFit, LocalWalls
 from tjscan.scanning.seam.track import RecentSections
+from tjscan.scanning.target import correction_target_pose
 
 SHAPE_SPREAD: Final = (4e-3, 4e-3, radians(8))
 """How much the distances of p2 and p4 from the origin, and the opening, vary round a joint."""
