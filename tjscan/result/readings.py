@@ -15,7 +15,7 @@ from tjscan.groove.read import fit_groove, read_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
-from tjscan.result.section import MEASURES
+from tjscan.result.section import MEASURE_FIELDS
 
 SIDE_POINTS: Final = 24
 """Points of a fitted side in a picture."""
@@ -150,7 +150,7 @@ def measures_with_sigmas(section: GrooveSection) -> list[tuple[str, float, float
     section : GrooveSection
         As it was read.
     """
-    values = (getattr(section, field.name) for field in MEASURES)
+    values = (getattr(section, field.name) for field in MEASURE_FIELDS)
     sigmas = np.sqrt(np.diag(section.measure_covariance))
     return [
         (
@@ -158,5 +158,5 @@ def measures_with_sigmas(section: GrooveSection) -> list[tuple[str, float, float
             float(value / field.unit.factor),
             float(sigma / field.unit.factor),
         )
-        for field, value, sigma in zip(MEASURES, values, sigmas, strict=True)
+        for field, value, sigma in zip(MEASURE_FIELDS, values, sigmas, strict=True)
     ]

@@ -10,7 +10,7 @@ from pydantic_core import to_json
 
 from tjscan.core.config import read_json_as_written
 from tjscan.core.provenance import Provenance
-from tjscan.result.directory import STATIONS
+from tjscan.result.directory import STATIONS_FILE
 
 MOST_REPORT_BYTES: Final = 1_000_000
 """A larger file reports no stitching."""
@@ -174,7 +174,7 @@ def read_stitching_report(directory: Path) -> StitchingReport | None:
     RecordingError
         If it is not as it was written.
     """
-    file = directory / STATIONS
+    file = directory / STATIONS_FILE
     if not file.is_file():
         return None
     return read_json_as_written(StitchingReport, file, MOST_REPORT_BYTES, "report of a stitching")

@@ -23,7 +23,7 @@ MOST_SUMMARY_BYTES: Final = 1_000_000
 """A larger file is no summary."""
 
 
-SUMMED: Final = (
+SUMMED_KEYS: Final = (
     "scans",
     "half_steps",
     "flange_travel_mm",
@@ -197,7 +197,7 @@ def summarise_stations(
         stations=tuple(_station(name, part) for name, part in parts.items()),
         scans_per_section=_mean_scans(all_parts),
         uncertainty=uncertainty,
-        **{name: sum(getattr(part, name) for part in all_parts) for name in SUMMED},
+        **{name: sum(getattr(part, name) for part in all_parts) for name in SUMMED_KEYS},
     )
 
 

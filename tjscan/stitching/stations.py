@@ -56,7 +56,7 @@ class StitchSettings:
     least_counted: float = 0.75
 
 
-DEFAULT = StitchSettings()
+DEFAULT_STITCH_SETTINGS = StitchSettings()
 
 
 SIDE_W = unit_vector(np.array((4.0, 2.0, 1.0)))
@@ -66,7 +66,7 @@ along ±x, else +y, else +z."""
 MOST_TURNED = radians(30.0)
 """By which nominal poses may disagree; at 90° nothing would show which side is which."""
 
-FEWEST = 4
+FEWEST_SECTIONS = 4
 """Sections needed to start the fit of the tubes."""
 
 SAME_POSE = 1e-9
@@ -230,8 +230,10 @@ def _start(station: Station) -> tuple[Cylinder, Cylinder]:
     """Rough brace and leg: tangents across and along the groove span the walls' planes."""
     sections = station.sections
     corners = np.array([scan.points_b[[1, 3]] for scan in sections])
-    if len(corners) < FEWEST:
-        raise TubesNotFound(f"they are too few, {FEWEST} at least are needed: scan further")
+    if len(corners) < FEWEST_SECTIONS:
+        raise TubesNotFound(
+            f"they are too few, {FEWEST_SECTIONS} at least are needed: scan further"
+        )
     # A chord over two steps is parallel to the tangent half-way, also on a curve.
     along = corners[2:] - corners[:-2]
     cylinders = []

@@ -31,8 +31,7 @@ from tjscan.groove.noise import estimate_correlation
 from tjscan.groove.read import LEAST_DEPTH, fit_groove
 from tjscan.groove.settings import GrooveSettings
 from tjscan.groove.sides import FittedProfile
-from tjscan.laser.profile import Profile
-from tjscan.laser.repeats import ProfileRepeats
+from tjscan.laser.profile import Profile, ProfileRepeats
 
 HULL_JOINT: Final = GrooveSettings(model=BUTT_V, noise=0.06e-3, largest_sigma=0.15e-3)
 """A crawler's joint and its sensor's noise."""

@@ -38,7 +38,7 @@ from tjscan.live.step import (
 )
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.parts import recording_files
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.robot.solids import Box, Cylinder, Solid
 from tjscan.vehicle.vehicle import REST, Twist
 
@@ -213,7 +213,7 @@ def read_crawl_show(directory: Path) -> RecordedShow | None:
     """Read what a crawl's recording has to show; see `tjscan.live.step.ShowReader`."""
     if not recording_files(directory, CRAWL_RECORDING)[0].is_file():
         return None
-    show = CrawlShow(read_crawl_job(directory / JOB), directory.resolve().name)
+    show = CrawlShow(read_crawl_job(directory / JOB_FILE), directory.resolve().name)
     return RecordedShow(show.setting, tuple(map(show.step, _entries(directory))))
 
 

@@ -27,7 +27,7 @@ from tjscan.planning.document import plan_document
 from tjscan.planning.edges import GrooveEdges, fit_edges_to_corners
 from tjscan.planning.plan import plan_weld
 from tjscan.planning.wps import M_MIN, read_wps
-from tjscan.result.directory import JOB, job_label_of_run
+from tjscan.result.directory import JOB_FILE, job_label_of_run
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.plan.run import (
     CRAWL_PASSES_FILE,
@@ -84,7 +84,7 @@ def plan_crawl_run(
     RecordingError
         If the files can't be written, or the recording is damaged.
     """
-    wps, job = read_wps(wps_file), read_crawl_job(directory / JOB)
+    wps, job = read_wps(wps_file), read_crawl_job(directory / JOB_FILE)
     seen = _profiles(directory, job, after_pass)
     if after_pass and not seen:
         raise ConfigurationError(

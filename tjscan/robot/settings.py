@@ -1,15 +1,70 @@
-"""What a simulated arm needs to know of itself."""
+"""Settings of arms: clearances of their paths, tolerances of their joints, their simulation."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import radians
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from annotated_types import Ge, Le
 
-from tjscan.core.units import DEG, MM, SECONDS, SettingsTable
-from tjscan.robot.tolerance import PlacementTolerance
+from tjscan.core.units import DEG, MM, SECONDS, FileKey, SettingsTable
+
+if TYPE_CHECKING:
+    from tjscan.core.frames import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClearanceMargins(SettingsTable):
+    """Margins of a path: distances from obstacles and itself, and from singularities.
+
+    Parameters
+    ----------
+    solids : float
+        Distance in metres of the arm and what it carries from everything around.
+    own : float
+        Distance in metres of the arm from itself and from what it carries.
+    singular : float
+        Smallest singular value, see `Kinematics.smallest_singular_value`.
+
+    Notes
+    -----
+    The defaults are assumptions about a cell that was measured with a tape.
+    """
+
+    solids: Annotated[float, Ge(0), Le(500), MM.with_key("margin_mm")] = 0.01
+    own: Annotated[float, Ge(0), Le(500), MM.with_key("self_margin_mm")] = 0.005
+    singular: Annotated[float, Ge(0), Le(1), FileKey("smallest_singular_value")] = 0.02
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacementTolerance(SettingsTable):
+    """Standard deviations of where an arm's joints are about where its model places them.
+
+    **The defaults are assumptions**: what a maker's calibration leaves of an arm of one metre and
+    more, 0.3 to 0.5 mm RMS at the flange.
+
+    Parameters
+    ----------
+    offset : float
+        Of a joint's zero, radians.
+    length : float
+        Of the place of a joint's axis, in each direction, metres.
+    twist : float
+        Of the tilt of a joint's axis, each way, radians.
+    """
+
+    offset: Annotated[float, Ge(0), Le(5), DEG] = radians(0.007)
+    length: Annotated[float, Ge(0), Le(5), MM] = 7.5e-5
+    twist: Annotated[float, Ge(0), Le(5), DEG] = radians(0.007)
+
+    @property
+    def sigmas(self) -> Array:
+        """Of one joint, shape (6,): along x, y, z; about x, y, z, where z is the joint's axis."""
+        import numpy as np
+
+        return np.array((*[self.length] * 3, self.twist, self.twist, self.offset))
+
 
 JointAngles = Annotated[tuple[Annotated[float, Ge(-720), Le(720)], ...], DEG]
 
