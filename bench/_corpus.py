@@ -33,7 +33,7 @@ from tjscan.cli.options.overrides import parse_overrides
 from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.config import validate_table
 from tjscan.core.provenance import Provenance
-from tjscan.groove.find import DEFAULT
+from tjscan.groove.settings import DEFAULT_SETTINGS
 from tjscan.job import read_calibration_job, read_scan_job
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.job.tow.checks import read_tow_job
@@ -180,7 +180,7 @@ def _profiles(profile: Profile) -> Iterator[Reader]:
 
     def groove(file: Path) -> None:
         table = read_profiles(file, form)
-        list(measure_grooves(table.profiles, DEFAULT))
+        list(measure_grooves(table.profiles, DEFAULT_SETTINGS))
 
     yield Reader("groove", "groove.csv", (lines,), groove, 0.15)
 

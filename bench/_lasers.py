@@ -24,7 +24,7 @@ from tjscan.core.errors import (
     TjscanError,
     WrongLaser,
 )
-from tjscan.groove.find import find_groove
+from tjscan.groove.read import read_groove
 from tjscan.laser.genicam.driver import GenicamSettings
 from tjscan.laser.genicam.laser import GenicamLaser
 from tjscan.laser.profile import Profile
@@ -111,7 +111,7 @@ def ends_as_it_should(loopback: LaserLoopbackProcess, fault: str) -> tuple[bool,
                 start = time.perf_counter()
             profile = laser.capture()
             if fault == "all-invalid":
-                find_groove(profile)
+                read_groove(profile)
     except TjscanError as error:
         ended = error
     seconds = time.perf_counter() - start

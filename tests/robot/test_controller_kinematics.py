@@ -17,7 +17,7 @@ from tjscan.robot.ur.kinematics_info import (
     find_kinematics,
     read_controller_kinematics,
 )
-from tjscan.robot.urdf import MODELS
+from tjscan.robot.urdf import ARM_MODELS
 from tjscan_loopback.process import UrLoopbackProcess
 from tjscan_loopback.ur.primary import (
     draw_calibration,
@@ -33,7 +33,7 @@ def nominal(model: str = "ur10e") -> DhParameters:
     return found
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", ARM_MODELS)
 def test_the_maker_s_parameters_and_the_urdf_are_one_arm(model: str) -> None:
     off = compare_with_model(nominal(model), Kinematics.load(model))
     assert off.largest < 1e-12

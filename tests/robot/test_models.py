@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.urdf import MODELS
+from tjscan.robot.urdf import ARM_MODELS
 
 SPEEDS_DEG = {
     "ur5e": [180] * 6,
@@ -20,13 +20,13 @@ SPEEDS_DEG = {
 }
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", ARM_MODELS)
 def test_the_committed_urdf_is_what_the_generator_writes(model: str) -> None:
     committed = (files("tjscan.robot.models") / f"{model}.urdf").read_text(encoding="utf-8")
     assert committed == arm_models.urdf_text(model)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", ARM_MODELS)
 def test_every_model_has_the_makers_limits(model: str) -> None:
     arm = Kinematics.load(model)
     turn = np.radians([360, 360, 180, 360, 360, 360])
@@ -41,10 +41,10 @@ def test_every_model_has_the_makers_limits(model: str) -> None:
 def test_writing_covers_every_model(tmp_path_factory: pytest.TempPathFactory) -> None:
     folder = tmp_path_factory.mktemp("models")
     arm_models.write_urdfs(folder)
-    assert {file.stem for file in folder.iterdir()} == set(MODELS)
+    assert {file.stem for file in folder.iterdir()} == set(ARM_MODELS)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", ARM_MODELS)
 def test_bodies_span_their_links_and_stay_behind_the_flange(model: str) -> None:
     arm = arm_models.ARMS[model]
     *_, wrist_3 = bodies = arm_models.link_capsules(arm)

@@ -49,7 +49,7 @@ from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.dashboard import DashboardClient
 from tjscan.robot.ur.driver import UrSettings
 from tjscan.robot.ur.faults import fault_from_state
-from tjscan.robot.ur.messages import PLAYING, ControllerState, RobotMode, SafetyMode
+from tjscan.robot.ur.messages import PROGRAM_PLAYING, ControllerState, RobotMode, SafetyMode
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan_loopback.process import UrLoopbackProcess
 from tjscan_loopback.ur.server import RTDE_PORT
@@ -428,7 +428,7 @@ def test_a_stopped_program_is_put_down_to_the_one_who_fell_silent(
     unheard: float, unseen: float, error: type[ArmFault]
 ) -> None:
     zeros = (0.0,) * 6
-    modes = (RobotMode.RUNNING, SafetyMode.NORMAL, PLAYING + 2)
+    modes = (RobotMode.RUNNING, SafetyMode.NORMAL, PROGRAM_PLAYING + 2)
     state = (True, 1.0, zeros, zeros, zeros, *modes, 1, True, unheard, unseen, None, None)
     fault = fault_from_state(ControllerState(*state))
     assert type(fault) is error

@@ -73,11 +73,7 @@ def read_groove(
     points: ArrayLike | Profile,
     *,
     model: str = "tee",
-    noise: float = 0.05e-3,
-    minimum_points: int = 80,
-    largest_sigma: float = 0.6e-3,
-    largest_rms: float = 0.15e-3,
-    inlier_share: float = 0.1,
+    **settings: Any,
 ) -> GrooveSection:
     """Read the groove's section in one profile.
 
@@ -88,16 +84,9 @@ def read_groove(
         sensor's columns; NaN where it has no point.
     model : str
         Shape of the groove, of four sides: ``tee`` or ``butt-v-sharp``.
-    noise : float
-        Largest standard deviation of the range that is expected, metres.
-    minimum_points : int
-        Fewest points that are worth a search.
-    largest_sigma : float
-        Largest standard deviation of a corner that is accepted, metres.
-    largest_rms : float
-        Largest deviation of the points from the fitted sides, metres.
-    inlier_share : float
-        Least share of a side's points that must lie on it.
+    **settings : float
+        What differs from the defaults of `tjscan.groove.settings.GrooveSettings`: ``noise``,
+        ``minimum_points``, ``largest_sigma``, ``largest_rms`` and ``inlier_share``, in metres.
 
     Raises
     ------
@@ -106,14 +95,13 @@ def read_groove(
     ValueError
         If the points are not of that shape or off the laser plane, or a setting can't be.
     """
-    from tjscan.groove.find import GrooveSettings, find_groove
-    from tjscan.groove.models import MODELS
+    from tjscan.groove.models import GROOVE_MODELS
+    from tjscan.groove.read import read_groove as read_groove_in_profile
+    from tjscan.groove.settings import GrooveSettings
 
-    _check_word("model", model, tuple(MODELS))
-    settings = GrooveSettings(
-        MODELS[model], noise, minimum_points, largest_sigma, largest_rms, inlier_share
-    )
-    return find_groove(_profile(points), settings)
+    _check_word("model", model, tuple(GROOVE_MODELS))
+    chosen = GrooveSettings(GROOVE_MODELS[model], **settings)
+    return read_groove_in_profile(_profile(points), chosen)
 
 
 def calibrate(
@@ -159,12 +147,7 @@ def calibrate(
     from tjscan.calibration.fits.posed_profile import PosedProfile
     from tjscan.calibration.noise import NoiseModel
     from tjscan.calibration.offline import TargetRecording, calibrate_from_profiles
-    from tjscan.calibration.targets import (
-        PlaneTarget,
-        SphereTarget,
-        UnknownRoof,
-        fit_plane,
-    )
+    from tjscan.calibration.targets import PlaneTarget, SphereTarget, UnknownRoof, fit_plane
 
     poses = np.asarray(T_b_f, dtype=float)
     if poses.shape != (len(profiles), 4, 4):

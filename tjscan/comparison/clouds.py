@@ -24,11 +24,11 @@ from tjscan.comparison.sidecar import (
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.core.mesh_files import read_mesh_file
-from tjscan.core.mesh_memory import (
+from tjscan.core.mesh_files import (
     LONGEST_LINE,
     MOST_MEMORY,
     check_memory_to_read,
+    read_mesh_file,
     read_ply_header,
     refuse_memory,
 )
@@ -38,7 +38,7 @@ from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.laser.files.format import METRES_PER_UNIT
 
-E57_POINT: Final = 120
+BYTES_PER_E57_POINT: Final = 120
 """Bytes of memory that reading a point of an E57 takes."""
 
 FileContent = tuple[Array, "np.ndarray[Any, np.dtype[np.intp]] | None", tuple[str, str] | None]
@@ -180,7 +180,7 @@ def _read_e57(path: Path) -> FileContent:
     _need("pye57", "E57", "e57")
     file = import_module("pye57").E57(str(path))
     points_of_all = sum(file.get_header(i).point_count for i in range(file.scan_count))
-    refuse_memory(path, E57_POINT * points_of_all)
+    refuse_memory(path, BYTES_PER_E57_POINT * points_of_all)
     scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
     points = [np.column_stack([s[f"cartesian{axis}"] for axis in "XYZ"]) for s in scans]
     return np.concatenate(points), None, ("m", "its standard")

@@ -16,7 +16,7 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.core.mesh_memory import refuse_memory
+from tjscan.core.mesh_files import refuse_memory
 
 NUMPY_TYPES: Final = {
     **{f"F{size}": f"<f{size}" for size in (4, 8)},
@@ -27,8 +27,8 @@ NUMPY_TYPES: Final = {
 MOST_HEADER_LINES: Final = 100
 """Lines."""
 
-POINT: Final = 110
-COMPRESSED_POINT: Final = 260
+BYTES_PER_POINT: Final = 110
+BYTES_PER_COMPRESSED_POINT: Final = 260
 """Bytes of memory that reading a point takes, beside its own; as measured."""
 
 
@@ -56,7 +56,7 @@ def read_pcd(path: Path) -> Array:
     with path.open("rb") as stream:
         head = _read_head(stream)
         rest = path.stat().st_size - stream.tell()
-        rate = COMPRESSED_POINT if head.data == "binary_compressed" else POINT
+        rate = BYTES_PER_COMPRESSED_POINT if head.data == "binary_compressed" else BYTES_PER_POINT
         refuse_memory(path, head.points * (rate + head.layout.itemsize))
         if head.data == "ascii":
             lines = (line.decode("ascii") for line in stream)

@@ -15,7 +15,7 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import JointFile
 from tjscan.laser.files.format import METRES_PER_UNIT
 
-MOST_BYTES: Final = 1_000_000
+MOST_SIDECAR_BYTES: Final = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ def read_sidecar(file: Path) -> Sidecar:
         If it is no JSON object, its unit is unknown or its joint can't be built.
     """
     try:
-        data: Any = json.loads(read_small_file(file, MOST_BYTES, "a sidecar"))
+        data: Any = json.loads(read_small_file(file, MOST_SIDECAR_BYTES, "a sidecar"))
     except (ValueError, RecursionError) as error:
         raise ConfigurationError(f"is no JSON: {error}", file=file) from None
     except OSError as error:

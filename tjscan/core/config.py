@@ -15,6 +15,7 @@ from pydantic_core import CoreSchema, ErrorDetails
 
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import read_small_file
+from tjscan.core.manifest import check_as_written
 from tjscan.core.units import SettingsTable
 
 
@@ -36,6 +37,7 @@ class StrictFileModel(BaseModel):
         return schema
 
 
+J = TypeVar("J")
 M = TypeVar("M", bound=StrictFileModel | SettingsTable)
 
 UNKNOWN_KEY_ERRORS: Final = ("extra_forbidden", "unexpected_keyword_argument")
@@ -107,6 +109,41 @@ def validate_table(model: type[M], data: Mapping[str, Any], file: Path | None = 
         key = ".".join(str(part) for part in first["loc"])
         message = _counted(first["loc"]) + _explain(model, first)
         raise ConfigurationError(message, file=file, key=key or None) from None
+
+
+def read_json_as_written(model: type[J], file: Path, most: int, what: str) -> J:
+    """Read a JSON file of a run directory that this program wrote, into a dataclass.
+
+    Parameters
+    ----------
+    model : type
+        The dataclass.
+    file : Path
+        The file.
+    most : int
+        Bytes of the largest file of its kind.
+    what : str
+        What it should be, in words, such as ``summary of a scan``.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is missing, or is something else.
+    RecordingError
+        If it is not as it was written.
+    """
+    try:
+        content = read_small_file(file, most, f"a {what}")
+        check_as_written(file)
+        return TypeAdapter(model).validate_json(content)
+    except OSError as error:
+        raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"])) or None
+        raise ConfigurationError(
+            f"is no {what}, or damaged: {first['msg']}", file=file, key=key
+        ) from None
 
 
 def table_to_dict(table: StrictFileModel | SettingsTable) -> dict[str, Any]:

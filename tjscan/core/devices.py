@@ -70,8 +70,8 @@ class DriverFactory(Generic[C, D]):
     """How a driver makes its device from the settings in a job file.
 
     A driver is a module with one of these: a `tjscan.robot.drivers.ArmDriverFactory`, registered
-    by name in `ARMS` there, or a `tjscan.laser.drivers.LaserDriverFactory`, in `LASER_DRIVERS`. A
-    package of its own registers it by an entry point::
+    by name in `ARM_DRIVERS` there, or a `tjscan.laser.drivers.LaserDriverFactory`, in
+    `LASER_DRIVERS`. A package of its own registers it by an entry point::
 
         [project.entry-points."tjscan.laser"]
         acme = "acme_tjscan:DRIVER"

@@ -11,7 +11,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from tjscan.core.extras import package_missing
+from tjscan.core.errors import package_missing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

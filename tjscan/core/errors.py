@@ -389,7 +389,7 @@ class StitchingRefused(TjscanError):
     evidence : str
         Which stations and where, by how much, and what to do next.
     draft : object, optional
-        What was known until then, to be drawn: a `tjscan.stitching.draft.StitchingDraft`.
+        What was known until then, to be drawn: a `tjscan.stitching.registration.StitchingDraft`.
     """
 
     def __init__(self, reason: str, evidence: str, draft: object = None) -> None:
@@ -429,3 +429,29 @@ def nearest_word(word: str, known: Sequence[str]) -> str:
 
     close = get_close_matches(word, known, n=1, cutoff=0.5)
     return close[0] if close else ", ".join(sorted(known))
+
+
+def package_missing(
+    error: ModuleNotFoundError, what: str, extra: str, key: str | None = None
+) -> ConfigurationError:
+    """Error that names a package which is not installed, and the extra that brings it.
+
+    Parameters
+    ----------
+    error : ModuleNotFoundError
+        Of the import; raised again where it is of a module of tjscan itself.
+    what : str
+        What needs the package, in words.
+    extra : str
+        Name of the extra.
+    key : str, optional
+        Key of the job file that asks for it.
+    """
+    package = (error.name or "").partition(".")[0]
+    if package == "tjscan":
+        raise error
+    return ConfigurationError(
+        f"{what} needs the package {package}, which is not installed: "
+        f"pip install 'tjscan[{extra}]'",
+        key=key,
+    )

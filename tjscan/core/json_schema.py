@@ -9,7 +9,7 @@ from typing import Any, Final
 from docstring_parser import Docstring, DocstringStyle, parse
 from pydantic import TypeAdapter
 
-DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
+SCHEMA_DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 
 _UNITS_INSIDE: Final = re.compile(
     r"[,;]?\s+(?:in )?(?:square )?(?:metres|radians|m/s²?)(?: and (?:radians|m/s²?))?(?=[.,;:]|$)"
@@ -28,7 +28,7 @@ def json_schema_of(model: type[Any], title: str) -> dict[str, Any]:
     title : str
         What such a file is.
     """
-    return {"$schema": DIALECT} | TypeAdapter(model).json_schema() | {"title": title}
+    return {"$schema": SCHEMA_DIALECT} | TypeAdapter(model).json_schema() | {"title": title}
 
 
 def describe_table(

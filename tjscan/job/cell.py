@@ -28,7 +28,7 @@ from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.robot.collision_checked import CollisionCheckedArm
 from tjscan.robot.corrected import CorrectedArm
-from tjscan.robot.drivers import ARMS, ArmDriverInputs
+from tjscan.robot.drivers import ARM_DRIVERS, ArmDriverInputs
 from tjscan.robot.motion import MotionLimits
 from tjscan.scanning.reader import read_views
 
@@ -120,8 +120,8 @@ def make_cell(
     clearance, simulation = clear_path_planner_of_job(job, deviations), job.simulation
     model = kinematics_of_job(job)
     recording = cache(partial(_recording, job.laser))
-    arm_driver = ARMS.load(job.arm.driver)
-    device: Arm = ARMS.make(
+    arm_driver = ARM_DRIVERS.load(job.arm.driver)
+    device: Arm = ARM_DRIVERS.make(
         job.arm.driver,
         ArmDriverInputs(
             model,

@@ -30,7 +30,7 @@ from tjscan.core.units import (
 )
 from tjscan.job.uncertainty import ArmUncertaintySettings, LaserUncertaintySettings
 from tjscan.laser.drivers import LASER_DRIVERS
-from tjscan.robot.drivers import ARMS
+from tjscan.robot.drivers import ARM_DRIVERS
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
@@ -196,7 +196,7 @@ class ArmSettings(DeviceSettings):
         How far it may be from where it reports.
     """
 
-    registry: ClassVar[Registry[Any]] = ARMS
+    registry: ClassVar[Registry[Any]] = ARM_DRIVERS
 
     model: str = "ur10e"
     speed: Annotated[float, Ge(1), Le(3000), MM_S] = 0.25

@@ -15,7 +15,7 @@ from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, PoseSettings
-from tjscan.groove.models import MODELS
+from tjscan.groove.models import GROOVE_MODELS
 from tjscan.groove.settings import GrooveSettings
 from tjscan.job.devices import ArmSettings, CalibrationSettings, LaserSettings
 from tjscan.job.reading import casefolded_name, read_job, replace_keys
@@ -186,7 +186,7 @@ class ScanJob(CellJob):
     def _groove_has_a_section(self) -> ScanJob:
         if not self.groove.model.has_section_points:
             able = ", ".join(
-                repr(name) for name, model in MODELS.items() if model.has_section_points
+                repr(name) for name, model in GROOVE_MODELS.items() if model.has_section_points
             )
             raise ConfigurationError(
                 f"{self.groove.model.name!r} has no section of five points, which a scan needs; "

@@ -19,7 +19,7 @@ from tjscan.core.units import (
 )
 from tjscan.job.surroundings import StationPoseSettings
 from tjscan.laser.model import LaserModel
-from tjscan.robot.simulation import ArmSimulationSettings, JointAngles
+from tjscan.robot.settings import ArmSimulationSettings, JointAngles
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,9 +19,8 @@ from tjscan.core.units import (
     Position,
     SettingsTable,
 )
-from tjscan.robot.margins import ClearanceMargins
-from tjscan.robot.solid_settings import SolidSettings
-from tjscan.robot.tolerance import PlacementTolerance
+from tjscan.robot.settings import ClearanceMargins, PlacementTolerance
+from tjscan.robot.solids import SolidSettings
 from tjscan.scanning.target import ScanDirection
 
 MOST_SOLIDS: Final = MaxLen(300)

@@ -47,19 +47,19 @@ def _over_mqtt(context: TorchDriverInputs, settings: NoSettings) -> MqttTorch:
     return MqttTorch(context.vehicle, context.reach)
 
 
-SIMULATED: Final = TorchDriverFactory(
+SIMULATED_DRIVER: Final = TorchDriverFactory(
     lambda context, settings: SimulatedTorchAxes(context.reach, context.speed),
     kind=DriverKind.SIMULATED,
 )
-FIXED: Final = TorchDriverFactory(lambda context, settings: FixedTorch())
-MQTT: Final = TorchDriverFactory(_over_mqtt)
+FIXED_DRIVER: Final = TorchDriverFactory(lambda context, settings: FixedTorch())
+MQTT_DRIVER: Final = TorchDriverFactory(_over_mqtt)
 
-TORCHES: Final[DriverRegistry[TorchDriverFactory]] = DriverRegistry(
+TORCH_DRIVERS: Final[DriverRegistry[TorchDriverFactory]] = DriverRegistry(
     "torch",
     {
-        "simulated": "tjscan.job.torch_drivers:SIMULATED",
-        "none": "tjscan.job.torch_drivers:FIXED",
-        "mqtt": "tjscan.job.torch_drivers:MQTT",
+        "simulated": "tjscan.job.torch_drivers:SIMULATED_DRIVER",
+        "none": "tjscan.job.torch_drivers:FIXED_DRIVER",
+        "mqtt": "tjscan.job.torch_drivers:MQTT_DRIVER",
     },
     extras={"mqtt": "vehicle"},
     key="torch.driver",

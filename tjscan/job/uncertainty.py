@@ -33,7 +33,7 @@ class ArmUncertaintySettings(SettingsTable):
     absolute : float, optional
         Root mean square distance of the flange from its reported position, because the links
         deviate from the model; metres. If left out, joints deviate as
-        `tjscan.robot.tolerance.PlacementTolerance` assumes, some 0.4 mm at the flange of an arm
+        `tjscan.robot.settings.PlacementTolerance` assumes, some 0.4 mm at the flange of an arm
         of a metre and more. An arm that was calibrated with its sensor has what its calibration
         found instead.
     repeatability, angular_repeatability : float, optional

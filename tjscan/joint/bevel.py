@@ -17,7 +17,7 @@ from tjscan.core.frames import Array, frozen_arrays
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import LegSurface, radial_direction, tangential_direction
 
-_ROUNDS: Final = 12
+WALL_CORRECTION_ROUNDS: Final = 12
 """Corrections of where a tilted wall is met; each is smaller by a fifth or less."""
 
 
@@ -133,7 +133,7 @@ def _bore(definition: JointDefinition, gapped: LegSurface, phi: Array) -> Array:
     rho = np.full_like(phi, definition.brace_inner_radius)
     if definition.imperfections.is_brace_nominal:
         return rho
-    for _ in range(_ROUNDS):
+    for _ in range(WALL_CORRECTION_ROUNDS):
         rho = definition.brace_wall_radius(phi, gapped.height(phi, rho)) - definition.brace_wall
     return rho
 
@@ -141,7 +141,7 @@ def _bore(definition: JointDefinition, gapped: LegSurface, phi: Array) -> Array:
 def _top(definition: JointDefinition, phi: Array, land: Array, bevel: Array) -> Array:
     """Where the bevel meets the brace's outer wall, (n, 2)."""
     top = land
-    for _ in range(1 if definition.imperfections.is_brace_nominal else _ROUNDS):
+    for _ in range(1 if definition.imperfections.is_brace_nominal else WALL_CORRECTION_ROUNDS):
         wall = definition.brace_wall_radius(phi, top[:, 1])
         top = land + ((wall - land[:, 0]) / bevel[:, 0])[:, None] * bevel
     return top

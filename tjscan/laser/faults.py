@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, frozen_arrays
-from tjscan.laser.distortion import Distortion
+from tjscan.laser.deviation import Distortion
 from tjscan.laser.model import LaserModel
 
 if TYPE_CHECKING:

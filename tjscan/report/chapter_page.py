@@ -15,7 +15,7 @@ from tjscan.report.tables import MOST_EVENTS
 from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import job_label_of_run
 
-NARROW: Final = (4.6, 3.2)
+NARROW_SIZE: Final = (4.6, 3.2)
 """Inches of a chart that has others beside it."""
 
 
@@ -54,7 +54,7 @@ def draw_chapter_charts(
 ) -> Iterator[ReportPicture]:
     """Draw charts, the lines of one title together; `narrow` ones stand beside each other."""
     for title, lines in _charts_by_title(charts).items():
-        size = NARROW if narrow else (12, 5.5 if lines[0].plane else 3.6)
+        size = NARROW_SIZE if narrow else (12, 5.5 if lines[0].plane else 3.6)
         figure = new_figure(*size)
         _draw_lines(figure.add_subplot(), lines)
         yield inline_figure(figure, title[:1].upper() + title[1:], lines[0].caption)
@@ -69,7 +69,7 @@ def draw_sheet_picture(chapter: ReportChapter) -> Figure:
         With a sheet.
     """
     charts = _charts_by_title(chapter.charts)
-    figure = new_figure(NARROW[0] * max(len(charts), 1), 1.3 * NARROW[1])
+    figure = new_figure(NARROW_SIZE[0] * max(len(charts), 1), 1.3 * NARROW_SIZE[1])
     if chapter.sheet is not None:
         texts = [f"{name}: {value}" for name, value in chapter.sheet.headline]
         wide = max(len(charts), 1)

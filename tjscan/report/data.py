@@ -23,7 +23,7 @@ from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
 from tjscan.report.stations import station_folders
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
-from tjscan.result.directory import JOINT, RECORDING, SECTIONS, SUMMARY
+from tjscan.result.directory import JOINT_FILE, RECORDING_FILE, SECTIONS_FILE, SUMMARY_FILE
 from tjscan.result.shapes import read_run_shape, read_shape
 from tjscan.result.stitching import StitchingReport, read_stitching_report
 from tjscan.result.summary import ScanSummary, read_summary
@@ -163,8 +163,8 @@ def read_report_data(
     """
     check_tolerance(tolerance)
     shape = read_run_shape(directory)  # which holds a section or more
-    summary = read_summary(directory / SUMMARY)
-    sections = read_sections_csv(directory / SECTIONS)
+    summary = read_summary(directory / SUMMARY_FILE)
+    sections = read_sections_csv(directory / SECTIONS_FILE)
     stitching = read_stitching_report(directory)
     folders = station_folders(directory, stitching) or {sections[0].station: directory}
     file = _joint_file(directory, folders.values()) if summary.frame == "j" else None
@@ -178,7 +178,7 @@ def read_report_data(
         tuple(
             _place(name, folder)
             for name, folder in folders.items()
-            if (folder / RECORDING).is_file() and (folder / SUMMARY).is_file()
+            if (folder / RECORDING_FILE).is_file() and (folder / SUMMARY_FILE).is_file()
         ),
         None if file is None else read_joint(file),
         comparison,
@@ -189,7 +189,7 @@ def read_report_data(
 
 def _joint_file(directory: Path, folders: Iterable[Path]) -> Path | None:
     """The joint that the run, or one of its stations, names."""
-    files = (folder / JOINT for folder in (directory, *folders))
+    files = (folder / JOINT_FILE for folder in (directory, *folders))
     file = next((file for file in files if file.is_file()), None)
     if file is not None:
         check_as_written(file)
@@ -220,4 +220,4 @@ def _compared(
 def _place(name: str, directory: Path) -> StationRunData:
     tasks = [TASKS.load(task) for task in TASKS.names]
     chapters = tuple(task.load_part("report")(directory) for task in tasks if task.report)
-    return StationRunData(name, read_summary(directory / SUMMARY), chapters)
+    return StationRunData(name, read_summary(directory / SUMMARY_FILE), chapters)

@@ -15,7 +15,7 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import ClosedPolyline, feature_edges
 from tjscan.joint.geometry import radial_direction
 
-NEAR: Final = 30e-3
+SEARCH_DISTANCE: Final = 30e-3
 """Metres from a measured corner within which its designed one is sought."""
 
 
@@ -81,4 +81,4 @@ def _cut(line: ClosedPolyline, T_g_j: Array, near: Array) -> Array | None:
     ends = np.roll(points, -1, axis=0)[starts]
     cuts = points[starts] + share * (ends - points[starts])
     apart = np.linalg.norm(cuts - near, axis=1)
-    return np.asarray(cuts[apart.argmin()]) if apart.min() < NEAR else None
+    return np.asarray(cuts[apart.argmin()]) if apart.min() < SEARCH_DISTANCE else None

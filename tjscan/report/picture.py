@@ -12,7 +12,7 @@ from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-DPI: Final = 110
+SCREEN_DPI: Final = 110
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +38,12 @@ class ReportPicture:
         object.__setattr__(self, "alt", self.alt or f"{self.title}.")
 
 
+def picture_from_png(content: bytes, title: str, caption: str) -> ReportPicture:
+    """Make a picture of the content of a PNG file."""
+    data = b64encode(content).decode("ascii")
+    return ReportPicture(title, caption, f"data:image/png;base64,{data}")
+
+
 def new_figure(width: float, height: float) -> Figure:
     """Make an empty figure.
 
@@ -46,7 +52,7 @@ def new_figure(width: float, height: float) -> Figure:
     width, height : float
         Inches.
     """
-    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+    figure = Figure(figsize=(width, height), dpi=SCREEN_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
@@ -71,7 +77,7 @@ def inline_figure(
         with rc_context({"svg.hashsalt": title}):  # the same names in every run
             figure.savefig(stream, format="svg", metadata={"Date": None})
     else:
-        figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
+        figure.savefig(stream, format="png", dpi=SCREEN_DPI, metadata={"Software": None})
     kind = "svg+xml" if vector else "png"
     data = f"data:image/{kind};base64," + b64encode(stream.getvalue()).decode("ascii")
     return ReportPicture(title, caption, data, alt)

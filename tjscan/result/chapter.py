@@ -16,7 +16,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from tjscan.core.frames import Array, frozen_arrays
-from tjscan.groove.settings import DEFAULT, GrooveSettings
+from tjscan.groove.settings import DEFAULT_SETTINGS, GrooveSettings
 from tjscan.laser.profile import Profile
 
 
@@ -232,7 +232,7 @@ class ReportChapter:
     sheet: ReportSheet | None = None
     animation: PlaneAnimation | None = None
     profiles: Mapping[int, Profile] = field(default_factory=lambda: MappingProxyType({}))
-    settings: GrooveSettings = DEFAULT
+    settings: GrooveSettings = DEFAULT_SETTINGS
 
 
 class ChapterWriter(Protocol):

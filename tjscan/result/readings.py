@@ -10,11 +10,12 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.find import GrooveSettings, find_groove, fit_groove_to_profile
-from tjscan.groove.models import TEE
+from tjscan.groove.models import TEE_GROOVE
+from tjscan.groove.read import fit_groove, read_groove
 from tjscan.groove.section import GrooveSection
+from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
-from tjscan.result.section import MEASURES
+from tjscan.result.section import MEASURE_FIELDS
 
 SIDE_POINTS: Final = 24
 """Points of a fitted side in a picture."""
@@ -76,11 +77,11 @@ def measure_grooves(
     """
     for name, profile in profiles.items():
         try:
-            if settings.model is TEE:
-                section = find_groove(profile, settings)
+            if settings.model is TEE_GROOVE:
+                section = read_groove(profile, settings)
                 yield ProfileReading(name, profile, section.points_s, section)
             else:
-                _, fitted = fit_groove_to_profile(profile, settings)
+                fitted = fit_groove(profile, settings).fitted
                 xz = fitted.corners
                 yield ProfileReading(name, profile, np.insert(xz, 1, 0.0, axis=1))
         except GrooveNotFound as refusal:
@@ -103,7 +104,7 @@ def fitted_side_polylines(profile: Profile, settings: GrooveSettings) -> list[Ar
         From the first side to the last, each as far as its points reach; empty where none fit.
     """
     try:
-        _, fitted = fit_groove_to_profile(profile, settings)
+        fitted = fit_groove(profile, settings).fitted
     except GrooveNotFound:
         return []
     sides = []
@@ -149,7 +150,7 @@ def measures_with_sigmas(section: GrooveSection) -> list[tuple[str, float, float
     section : GrooveSection
         As it was read.
     """
-    values = (getattr(section, field.name) for field in MEASURES)
+    values = (getattr(section, field.name) for field in MEASURE_FIELDS)
     sigmas = np.sqrt(np.diag(section.measure_covariance))
     return [
         (
@@ -157,5 +158,5 @@ def measures_with_sigmas(section: GrooveSection) -> list[tuple[str, float, float
             float(value / field.unit.factor),
             float(sigma / field.unit.factor),
         )
-        for field, value, sigma in zip(MEASURES, values, sigmas, strict=True)
+        for field, value, sigma in zip(MEASURE_FIELDS, values, sigmas, strict=True)
     ]

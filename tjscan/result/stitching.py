@@ -6,16 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_json
 
-from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import read_small_file
-from tjscan.core.manifest import check_as_written
+from tjscan.core.config import read_json_as_written
 from tjscan.core.provenance import Provenance
-from tjscan.result.directory import STATIONS
+from tjscan.result.directory import STATIONS_FILE
 
-MOST_BYTES: Final = 1_000_000
+MOST_REPORT_BYTES: Final = 1_000_000
 """A larger file reports no stitching."""
 
 LOOP_OPEN: Final = (
@@ -177,15 +174,7 @@ def read_stitching_report(directory: Path) -> StitchingReport | None:
     RecordingError
         If it is not as it was written.
     """
-    file = directory / STATIONS
+    file = directory / STATIONS_FILE
     if not file.is_file():
         return None
-    check_as_written(file)
-    try:
-        return TypeAdapter(StitchingReport).validate_json(
-            read_small_file(file, MOST_BYTES, "a stitching's report")
-        )
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or None
-        raise ConfigurationError(f"is damaged: {first['msg']}", file=file, key=key) from None
+    return read_json_as_written(StitchingReport, file, MOST_REPORT_BYTES, "report of a stitching")

@@ -8,24 +8,22 @@ from pathlib import Path
 from typing import Final, Self
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_json as to_json_bytes
 
 from tjscan.comparison.distance import DistanceStatistics
-from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.files import read_small_file
+from tjscan.core.config import read_json_as_written
+from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array
-from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import lengths_along_groove
 from tjscan.uncertainty.summary import BudgetSummary, budget_in_words
 
-MOST_BYTES: Final = 1_000_000
+MOST_SUMMARY_BYTES: Final = 1_000_000
 """A larger file is no summary."""
 
 
-SUMMED: Final = (
+SUMMED_KEYS: Final = (
     "scans",
     "half_steps",
     "flange_travel_mm",
@@ -199,7 +197,7 @@ def summarise_stations(
         stations=tuple(_station(name, part) for name, part in parts.items()),
         scans_per_section=_mean_scans(all_parts),
         uncertainty=uncertainty,
-        **{name: sum(getattr(part, name) for part in all_parts) for name in SUMMED},
+        **{name: sum(getattr(part, name) for part in all_parts) for name in SUMMED_KEYS},
     )
 
 
@@ -236,18 +234,7 @@ def read_summary(file: Path) -> ScanSummary:
     RecordingError
         If it is not as it was written.
     """
-    try:
-        content = read_small_file(file, MOST_BYTES, "a summary")
-        check_as_written(file)
-        return TypeAdapter(ScanSummary).validate_json(content)
-    except OSError as error:
-        raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or None
-        raise ConfigurationError(
-            f"is no summary of a scan: {first['msg']}", file=file, key=key
-        ) from None
+    return read_json_as_written(ScanSummary, file, MOST_SUMMARY_BYTES, "summary of a scan")
 
 
 def check_recording_complete(directory: Path, summary: ScanSummary, sections: int) -> None:

@@ -48,7 +48,7 @@ class FlangeDifference:
     largest: float
 
 
-POSTURES = 200
+COMPARED_POSTURES = 200
 """Joint angles at which two descriptions are compared, always the same ones."""
 
 
@@ -63,7 +63,7 @@ def compare_with_model(dh: DhParameters, kinematics: Kinematics) -> FlangeDiffer
         An arm with six joints.
     """
     rng = np.random.default_rng(0)
-    q = rng.uniform(-np.pi, np.pi, (POSTURES, 6))
+    q = rng.uniform(-np.pi, np.pi, (COMPARED_POSTURES, 6))
     off = [dh.forward(one)[:3, 3] - kinematics.forward(one)[:3, 3] for one in q]
     apart = np.linalg.norm(off, axis=1)
     return FlangeDifference(float(np.sqrt(np.mean(apart**2))), float(apart.max()))

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from tjscan.robot.kinematics import Kinematics
     from tjscan.robot.motion import MotionLimits
     from tjscan.robot.replay import ReplayedArm
+    from tjscan.robot.settings import ArmSimulationSettings
     from tjscan.robot.simulated import SimulatedArm
-    from tjscan.robot.simulation import ArmSimulationSettings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,17 +98,17 @@ def _replayed(context: ArmDriverInputs, settings: NoSettings) -> ReplayedArm:
     return ReplayedArm(*context.recording())
 
 
-SIMULATED: Final = ArmDriverFactory(
+SIMULATED_DRIVER: Final = ArmDriverFactory(
     _simulated, kind=DriverKind.SIMULATED, truth=lambda arm: arm.true_T_b_f
 )
-REPLAYED: Final = ArmDriverFactory(_replayed, kind=DriverKind.REPLAYED)
+REPLAY_DRIVER: Final = ArmDriverFactory(_replayed, kind=DriverKind.REPLAYED)
 
-ARMS: Final[DriverRegistry[ArmDriverFactory]] = DriverRegistry(
+ARM_DRIVERS: Final[DriverRegistry[ArmDriverFactory]] = DriverRegistry(
     "arm",
     {
-        "simulated": "tjscan.robot.drivers:SIMULATED",
-        "replay": "tjscan.robot.drivers:REPLAYED",
-        "ur": "tjscan.robot.ur.driver:DRIVER",
+        "simulated": "tjscan.robot.drivers:SIMULATED_DRIVER",
+        "replay": "tjscan.robot.drivers:REPLAY_DRIVER",
+        "ur": "tjscan.robot.ur.driver:UR_DRIVER",
     },
     extras={"ur": "ur"},
     clients={"ur": "rtde_control"},

@@ -10,7 +10,7 @@ import numpy as np
 from tjscan.core.frames import Array, frozen_arrays
 from tjscan.robot.deviations import length_growth, with_deviations
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.simulation import ArmErrorSettings
+from tjscan.robot.settings import ArmErrorSettings
 
 RANDOM_STREAM: Final = 3
 """Keeps the random numbers of an arm's make apart from those of its moves."""

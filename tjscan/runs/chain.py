@@ -33,8 +33,7 @@ from tjscan.runs.scan.results import all_profile_points
 from tjscan.runs.scan.run import scan_in_cell
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.journal import CombinedJournal
-from tjscan.stitching.settings import StitchSettings
-from tjscan.stitching.stations import Station, station_from_recording
+from tjscan.stitching.stations import Station, StitchSettings, station_from_recording
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
 from tjscan.study.file import flatten_to_dotted_keys
 

@@ -9,9 +9,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
 
-from tjscan.core.disk import bring_stream_to_disk
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.files import check_file_size, write_files_atomically
+from tjscan.core.files import bring_stream_to_disk, check_file_size, write_files_atomically
 from tjscan.study.backend import study_backend_of_task
 from tjscan.study.trial import StudyRow, Trial, Value
 

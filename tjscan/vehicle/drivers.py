@@ -99,20 +99,20 @@ def _over_mqtt(inputs: VehicleDriverInputs, settings: MqttSettings) -> MqttVehic
     return MqttVehicle(settings)
 
 
-SIMULATED: Final = VehicleDriverFactory(
+SIMULATED_DRIVER: Final = VehicleDriverFactory(
     _simulated, kind=DriverKind.SIMULATED, truth=lambda vehicle: vehicle.true_pose()
 )
-REPLAYED: Final = VehicleDriverFactory(_replayed, kind=DriverKind.REPLAYED)
-MQTT: Final = VehicleDriverFactory(
+REPLAY_DRIVER: Final = VehicleDriverFactory(_replayed, kind=DriverKind.REPLAYED)
+MQTT_DRIVER: Final = VehicleDriverFactory(
     _over_mqtt, MqttSettings, truth=lambda vehicle: vehicle.true_pose()
 )
 
-VEHICLES: Final[DriverRegistry[VehicleDriverFactory]] = DriverRegistry(
+VEHICLE_DRIVERS: Final[DriverRegistry[VehicleDriverFactory]] = DriverRegistry(
     "vehicle",
     {
-        "simulated": "tjscan.vehicle.drivers:SIMULATED",
-        "replay": "tjscan.vehicle.drivers:REPLAYED",
-        "mqtt": "tjscan.vehicle.drivers:MQTT",
+        "simulated": "tjscan.vehicle.drivers:SIMULATED_DRIVER",
+        "replay": "tjscan.vehicle.drivers:REPLAY_DRIVER",
+        "mqtt": "tjscan.vehicle.drivers:MQTT_DRIVER",
     },
     extras={"mqtt": "vehicle"},
     key="vehicle.driver",

@@ -62,14 +62,14 @@ def _mqtt(inputs: LocalisationInputs, settings: MqttLocalisationSettings) -> Mqt
     return MqttLocalisation(settings, inputs.vehicles)
 
 
-SIMULATED: Final = LocalisationDriverFactory(_simulated, kind=DriverKind.SIMULATED)
-MQTT: Final = LocalisationDriverFactory(_mqtt, MqttLocalisationSettings)
+SIMULATED_DRIVER: Final = LocalisationDriverFactory(_simulated, kind=DriverKind.SIMULATED)
+MQTT_DRIVER: Final = LocalisationDriverFactory(_mqtt, MqttLocalisationSettings)
 
-LOCALISATIONS: Final[DriverRegistry[LocalisationDriverFactory]] = DriverRegistry(
+LOCALISATION_DRIVERS: Final[DriverRegistry[LocalisationDriverFactory]] = DriverRegistry(
     "localisation",
     {
-        "simulated": "tjscan.vehicle.localisation_drivers:SIMULATED",
-        "mqtt": "tjscan.vehicle.localisation_drivers:MQTT",
+        "simulated": "tjscan.vehicle.localisation_drivers:SIMULATED_DRIVER",
+        "mqtt": "tjscan.vehicle.localisation_drivers:MQTT_DRIVER",
     },
     extras={"mqtt": "vehicle"},
     key="localisation.driver",

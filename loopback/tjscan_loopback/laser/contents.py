@@ -7,7 +7,7 @@ from struct import pack
 from typing import Final
 
 from tjscan.core.version import VERSION
-from tjscan.laser.scan3d import FORMATS, CoordinateFormat
+from tjscan.laser.scan3d import COORDINATE_FORMATS, CoordinateFormat
 from tjscan_loopback.laser import description as features
 from tjscan_loopback.laser.coding import (
     INVALID,
@@ -26,7 +26,7 @@ MODEL: Final = "laser-loopback"
 
 MOST_ROWS: Final = 64
 
-_FORMATS: Final = {form.code: form for form in FORMATS.values()}
+_FORMATS: Final = {form.code: form for form in COORDINATE_FORMATS.values()}
 
 
 def initial_memory(
@@ -57,7 +57,7 @@ def initial_memory(
     )
     for address, value in (
         (features.SCAN_TYPE, 4),
-        (features.PIXEL_FORMAT, FORMATS["Coord3D_AC16"].code),
+        (features.PIXEL_FORMAT, COORDINATE_FORMATS["Coord3D_AC16"].code),
         (features.WIDTH, columns),
         (features.HEIGHT, 1),
         (features.OUTPUT_MODE, features.OUTPUT_MODES["CalibratedAC_Linescan"]),
@@ -74,7 +74,7 @@ def initial_memory(
 
 def format_of(memory: Memory) -> CoordinateFormat:
     """The pixel format that is set."""
-    return _FORMATS.get(memory.get(features.PIXEL_FORMAT), FORMATS["Coord3D_AC16"])
+    return _FORMATS.get(memory.get(features.PIXEL_FORMAT), COORDINATE_FORMATS["Coord3D_AC16"])
 
 
 def rows_of(memory: Memory) -> int:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from tjscan.core.version import VERSION
-from tjscan.laser.scan3d import FORMATS
+from tjscan.laser.scan3d import COORDINATE_FORMATS
 from tjscan_loopback.laser.gvsp import IMAGE_CHUNK
 from tjscan_loopback.laser.memory import OWN, TIME_CONTROL, TIME_HIGH
 
@@ -44,7 +44,7 @@ def description(*, columns: int, most_rows: int, with_scan3d: bool = True) -> by
     with_scan3d : bool
         Whether it has the features of Scan3d.
     """
-    formats = {name: form.code for name, form in FORMATS.items()}
+    formats = {name: form.code for name, form in COORDINATE_FORMATS.items()}
     on_off = {"Off": 0, "On": 1}
     groups = {
         "DeviceControl": [

@@ -12,7 +12,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import pose, rot_x, rot_z
 from tjscan.robot.dh import DhParameters
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.urdf import MODELS, dh_lengths_of_chain, frames_b_and_f, read_urdf
+from tjscan.robot.urdf import ARM_MODELS, dh_lengths_of_chain, frames_b_and_f, read_urdf
 
 LENGTH_SIGMA: Final = 3e-4
 ANGLE_SIGMA: Final = 3e-4
@@ -27,7 +27,7 @@ UR_TWISTS: Final = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 
 def nominal_dh_parameters(model: str) -> DhParameters | None:
     """Parameters of an arm that tjscan knows by its name; None of any other."""
-    if model not in MODELS:
+    if model not in ARM_MODELS:
         return None
     urdf = Kinematics.load(model).urdf
     chain = read_urdf(urdf)

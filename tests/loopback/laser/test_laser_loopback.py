@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tjscan.core.errors import ArmNotConnected, ConfigurationError
 from tjscan.laser.profile import Profile
-from tjscan.laser.scan3d import FORMATS, AxisScale, Scan3dScales, points
+from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, points
 from tjscan_loopback.laser import description as features
 from tjscan_loopback.laser import memory as registers
 from tjscan_loopback.laser.coding import STEP_MM, X_OFFSET_MM, encode_profile
@@ -156,15 +156,15 @@ def test_a_trigger_brings_a_leader_the_points_and_a_trailer(client: Client) -> N
     size = 4 * COLUMNS
     assert kinds(packets) == [(1, 0), (3, 1), (3, 2), (2, 3)]
     leader = LEADER.unpack_from(packets[0], PACKET.size)
-    assert leader[2:6] == (10_000_000_000, FORMATS["Coord3D_AC16"].code, COLUMNS, 1)
+    assert leader[2:6] == (10_000_000_000, COORDINATE_FORMATS["Coord3D_AC16"].code, COLUMNS, 1)
     assert len(points_in(packets)) == size
     assert max(map(len, packets)) + 28 <= 1500
     assert client.trigger()[0][2:4] == pack(">H", 2)
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", COORDINATE_FORMATS)
 def test_every_format_brings_the_points_back_within_half_a_count(client: Client, name: str) -> None:
-    layout = FORMATS[name]
+    layout = COORDINATE_FORMATS[name]
     client.start()
     assert client.write(features.PIXEL_FORMAT, layout.code) == Status.SUCCESS
     axes = []
@@ -303,7 +303,9 @@ def test_every_fault_can_be_named() -> None:
 
 def test_numbers_beyond_what_the_format_holds_are_missing_points() -> None:
     far = Profile(np.array([0.0, 0.2, np.nan]), np.array([0.4, 0.2, np.nan]))
-    raw = np.frombuffer(encode_profile(far, FORMATS["Coord3D_AC16"]), dtype="<u2").reshape(-1, 2)
+    raw = np.frombuffer(
+        encode_profile(far, COORDINATE_FORMATS["Coord3D_AC16"]), dtype="<u2"
+    ).reshape(-1, 2)
     assert (raw[:, 1] == 0).all()
     assert X_OFFSET_MM == -0.5 * 65_536 * STEP_MM
 

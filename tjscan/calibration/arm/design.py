@@ -18,7 +18,7 @@ from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array, frozen_arrays, inverse_pose, pose, rot_z, transform_points
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.tolerance import PlacementTolerance
+from tjscan.robot.settings import PlacementTolerance
 
 SENSOR_POSES: Final = 100
 """Ways to look at the ball from which postures are chosen; each has up to eight."""

@@ -19,7 +19,7 @@ from tjscan.calibration.arm.undetermined import UndeterminedDeviation, undetermi
 from tjscan.calibration.fits.laser_error import estimate_by_laser
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, frozen_arrays, readonly_copy
-from tjscan.robot.tolerance import PlacementTolerance
+from tjscan.robot.settings import PlacementTolerance
 
 MIN_PROFILES: Final = 20
 """Fewer say less than the maker does; forty are good."""

@@ -17,13 +17,12 @@ from tjscan.crawler.torch_axes import TorchAxes
 from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings
 from tjscan.job.devices import DeviceGroup
 from tjscan.job.laser import make_laser_without_arm
-from tjscan.job.torch_drivers import TORCHES, TorchDriverInputs
+from tjscan.job.torch_drivers import TORCH_DRIVERS, TorchDriverInputs
 from tjscan.joint.hull import joint_pose, laser_offset, place_beside_joint
 from tjscan.joint.hull_section import hull_section
 from tjscan.laser.line_laser import LineLaser
-from tjscan.laser.over_joint import SimulatedSectionLaser
-from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose
-from tjscan.vehicle.drivers import VEHICLES, VehicleDriverFactory, VehicleDriverInputs
+from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose, SimulatedSectionLaser
+from tjscan.vehicle.drivers import VEHICLE_DRIVERS, VehicleDriverFactory, VehicleDriverInputs
 from tjscan.vehicle.simulated import SimulatedVehicle
 from tjscan.vehicle.vehicle import Vehicle, VehicleState
 
@@ -172,8 +171,8 @@ def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> Craw
         If the job lacks what a driver needs.
     """
     world = job.simulation
-    factory: VehicleDriverFactory = VEHICLES.load(job.vehicle.driver)
-    vehicle: Vehicle = VEHICLES.make(
+    factory: VehicleDriverFactory = VEHICLE_DRIVERS.load(job.vehicle.driver)
+    vehicle: Vehicle = VEHICLE_DRIVERS.make(
         job.vehicle.driver,
         VehicleDriverInputs(
             job.vehicle.tracks,
@@ -221,7 +220,7 @@ def _clock_of(vehicle: Vehicle) -> Callable[[], float]:
 
 
 def _make_torch(job: CrawlJob) -> TorchAxes:
-    torch: TorchAxes = TORCHES.make(
+    torch: TorchAxes = TORCH_DRIVERS.make(
         job.torch.driver,
         TorchDriverInputs(
             reach=job.torch.reach, speed=job.torch.speed, vehicle=job.vehicle.driver_settings

@@ -29,11 +29,11 @@ from tjscan.crawler.steering import SteeringSettings
 from tjscan.crawler.torch_path import PassSettings
 from tjscan.job.devices import DeviceSettings
 from tjscan.job.reading import read_job
-from tjscan.job.torch_drivers import TORCHES
+from tjscan.job.torch_drivers import TORCH_DRIVERS
 from tjscan.joint.hull import HullJoint
 from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.laser.section_laser import STAND_OFF, SectionLaserModel
-from tjscan.vehicle.drivers import VEHICLES
+from tjscan.vehicle.drivers import VEHICLE_DRIVERS
 from tjscan.vehicle.simulation import VehicleSimulationSettings
 from tjscan.vehicle.tracks import TrackGeometry
 
@@ -59,7 +59,7 @@ class VehicleSettings(DeviceSettings):
         Sprockets and gauge.
     """
 
-    registry: ClassVar[Registry[Any]] = VEHICLES
+    registry: ClassVar[Registry[Any]] = VEHICLE_DRIVERS
 
     laser_to_torch: Annotated[float, Ge(10), Le(5000), MM] = 0.50
     centre_to_torch: Annotated[float, Ge(-5000), Le(5000), MM] = 0.0
@@ -100,7 +100,7 @@ class TorchSettings(DeviceSettings):
         Across the joint, m/s.
     """
 
-    registry: ClassVar[Registry[Any]] = TORCHES
+    registry: ClassVar[Registry[Any]] = TORCH_DRIVERS
 
     reach: Annotated[float, Gt(0), Le(500), MM] = 0.030
     speed: Annotated[float, Gt(0), Le(1000), MM_S] = 0.1

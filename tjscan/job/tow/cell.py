@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, Protocol, Self
 import numpy as np
 
 from tjscan.core.devices import DriverKind, EventListener
-from tjscan.core.extras import package_missing
+from tjscan.core.errors import package_missing
 from tjscan.core.frames import Array
 from tjscan.job.devices import DeviceGroup
 from tjscan.job.tow.job import TOWING_EXTRA, TowJob
@@ -19,7 +19,7 @@ from tjscan.towing.journal import TowTruth
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.plan import ShapePlanner
 from tjscan.vehicle.localisation import Localisation
-from tjscan.vehicle.localisation_drivers import LOCALISATIONS, LocalisationInputs
+from tjscan.vehicle.localisation_drivers import LOCALISATION_DRIVERS, LocalisationInputs
 from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings
 
 if TYPE_CHECKING:
@@ -171,15 +171,15 @@ def _localisation(job: TowJob, world: TowingWorld | None) -> Localisation:
         world=world,
         simulation=job.simulation.localisation,
     )
-    localisation: Localisation = LOCALISATIONS.make(name, inputs, own)
+    localisation: Localisation = LOCALISATION_DRIVERS.make(name, inputs, own)
     return localisation
 
 
 def _mqtt_team(job: TowJob) -> ConnectedTeam:
-    from tjscan.vehicle.drivers import VEHICLES
+    from tjscan.vehicle.drivers import VEHICLE_DRIVERS
     from tjscan.vehicle.paced_team import PacedTeam
 
-    with VEHICLES.explain_missing_package("mqtt"):
+    with VEHICLE_DRIVERS.explain_missing_package("mqtt"):
         from tjscan.vehicle.mqtt.vehicle import MqttVehicle
     link = job.vehicles.mqtt
     return PacedTeam(

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from tjscan.core.config import add_file_to_errors
-from tjscan.core.errors import ConfigurationError
-from tjscan.core.extras import package_missing
+from tjscan.core.errors import ConfigurationError, package_missing
 from tjscan.job.reading import read_job
 from tjscan.job.tow.job import TOWING_EXTRA, TowJob
 from tjscan.vehicle.cable.model import TowingVehicleModel

@@ -30,7 +30,7 @@ from tjscan.towing.tables import (
     WeightSettings,
 )
 from tjscan.vehicle.cable.model import TowingVehicleModel
-from tjscan.vehicle.localisation_drivers import LOCALISATIONS
+from tjscan.vehicle.localisation_drivers import LOCALISATION_DRIVERS
 from tjscan.vehicle.mqtt.settings import MqttSettings
 from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
 
@@ -98,7 +98,7 @@ class VehiclesSettings(SettingsTable):
 class TowLocalisationSettings(LocalisationSettings, DeviceSettings):
     """The table [localisation]: who measures the vehicles' poses, and how well; see its bases."""
 
-    registry: ClassVar[Registry[Any]] = LOCALISATIONS
+    registry: ClassVar[Registry[Any]] = LOCALISATION_DRIVERS
 
 
 WorldFault = Literal["jam", "push", "passer-by-stands"]

@@ -76,7 +76,7 @@ class WallPoints:
 
 
 MOST_ROUNDS: Final = 60
-STILL: Final = 1e-9
+CONVERGED_STEP: Final = 1e-9
 """Metres and radians that no parameter moves by any more when a fit ends."""
 
 LEAST_WEIGHT: Final = 1e-6
@@ -163,7 +163,7 @@ def fit_tubes_to_walls(
                 "the walls that were seen leave leg or brace free to move: scan farther round"
             )
         brace, leg = brace.boxplus(step[:5]), leg.boxplus(step[5:])
-        if count > 1 and np.abs(step).max() < STILL:
+        if count > 1 and np.abs(step).max() < CONVERGED_STEP:
             break
     counted = weights > 0.1
     reduced_chi2 = float(white[:, -1] @ white[:, -1]) / max(int(counted.sum()) - 10, 1)

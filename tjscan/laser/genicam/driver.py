@@ -18,7 +18,7 @@ from tjscan.core.units import (
     SettingsTable,
 )
 from tjscan.laser.drivers import LaserDriverFactory, LaserDriverInputs
-from tjscan.laser.scancontrol import SCALES, Field
+from tjscan.laser.scancontrol import MODEL_SCALES, Field
 
 if TYPE_CHECKING:
     from tjscan.laser.genicam.laser import GenicamLaser
@@ -160,9 +160,9 @@ class ScanControlSettings(GigeSettings):
         stated = self.scale is not None and self.offset is not None
         if (self.scale is None) != (self.offset is None) or stated == (self.model is not None):
             raise ValueError("needs either model, or scale_mm and offset_mm from its manual")
-        if self.model is not None and self.model not in SCALES:
+        if self.model is not None and self.model not in MODEL_SCALES:
             raise ValueError(
-                f"model is one of {', '.join(SCALES)}; of others state scale_mm and offset_mm"
+                f"model is one of {', '.join(MODEL_SCALES)}; of others state scale_mm and offset_mm"
             )
         if not {"z", "x"} <= set(self.fields):
             raise ValueError("fields need z and x")
@@ -183,5 +183,5 @@ def _scancontrol(inputs: LaserDriverInputs, settings: ScanControlSettings) -> Sc
     return ScanControlLaser(settings, inputs.carrier.time)
 
 
-GENICAM: Final = LaserDriverFactory(_genicam, GenicamSettings)
-SCANCONTROL: Final = LaserDriverFactory(_scancontrol, ScanControlSettings)
+GENICAM_DRIVER: Final = LaserDriverFactory(_genicam, GenicamSettings)
+SCANCONTROL_DRIVER: Final = LaserDriverFactory(_scancontrol, ScanControlSettings)

@@ -28,7 +28,7 @@ from tjscan.robot.ur.messages import (
 RTDE_HZ: Final = 125.0
 """Hz at which the controller publishes to this client: what every controller can do."""
 
-OUTPUTS: Final = [
+STATE_OUTPUTS: Final = [
     "timestamp",
     "actual_q",
     "actual_qd",
@@ -97,10 +97,10 @@ class RtdeClient:
         from rtde_receive import RTDEReceiveInterface
 
         try:
-            self._receive = RTDEReceiveInterface(host, RTDE_HZ, OUTPUTS + PAYLOAD_OUTPUTS)
+            self._receive = RTDEReceiveInterface(host, RTDE_HZ, STATE_OUTPUTS + PAYLOAD_OUTPUTS)
         except (RuntimeError, ValueError):
             self._reports_payload = False
-            self._receive = RTDEReceiveInterface(host, RTDE_HZ, OUTPUTS)
+            self._receive = RTDEReceiveInterface(host, RTDE_HZ, STATE_OUTPUTS)
         self._control = RTDEControlInterface(host, RTDE_HZ)
         self._received = LongestSilence(time.monotonic())
 

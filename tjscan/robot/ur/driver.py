@@ -54,4 +54,4 @@ def _make(inputs: ArmDriverInputs, settings: UrSettings) -> UrArm:
     return UrArm(inputs.kinematics, settings, inputs.limits)
 
 
-DRIVER: Final = ArmDriverFactory(_make, UrSettings)
+UR_DRIVER: Final = ArmDriverFactory(_make, UrSettings)

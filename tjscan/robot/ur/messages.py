@@ -39,7 +39,7 @@ HOST_GONE: Final = "nobody followed the move"
 WATCHDOG_PERIOD: Final = 1.0
 """Seconds: a controller that hears nothing for so long stops the arm and ends the program."""
 
-PLAYING = 2
+PROGRAM_PLAYING = 2
 """Runtime state of a program that runs."""
 
 

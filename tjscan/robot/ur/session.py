@@ -29,7 +29,7 @@ from tjscan.robot.ur.faults import (
     remote_fault,
     safety_fault,
 )
-from tjscan.robot.ur.messages import HOST_GONE, PLAYING, ControllerState
+from tjscan.robot.ur.messages import HOST_GONE, PROGRAM_PLAYING, ControllerState
 
 T = TypeVar("T")
 
@@ -42,10 +42,10 @@ STOP_DECELERATION: Final = 2.0
 NEXT_READING: Final = 0.02
 """Seconds after which the controller has reported anew."""
 
-SLACK: Final = 1.0
+ANSWER_SLACK: Final = 1.0
 """Seconds that the client's process may take for itself on a busy machine."""
 
-RECONNECTS: Final = 0.3
+RECONNECT_SHARE: Final = 0.3
 """Share of the controller's longest silence for which a dashboard's new connection is waited for,
 and as long for its greeting: a move goes unfollowed meanwhile."""
 
@@ -175,8 +175,8 @@ class ControllerSession:
         self.fault: ArmFault | None = None
         self.T_tcp_f = np.eye(4)
         """The flange in the active TCP, shape (4, 4)."""
-        self._watch, self._limit = ControllerClockWatch(silence_limit), silence_limit + SLACK
-        self._reconnects = RECONNECTS * silence_limit
+        self._watch, self._limit = ControllerClockWatch(silence_limit), silence_limit + ANSWER_SLACK
+        self._reconnects = RECONNECT_SHARE * silence_limit
 
     def read_state(self) -> ControllerState:
         """Read the controller's state; raises the arm's fault if there is one.
@@ -341,7 +341,9 @@ class ControllerSession:
         try:
             now = link.call_client_method(ControllerState, name, limit=self._limit)
             self._watch.check_clock_advances(now)
-            fault = fault_from_state(replace(now, runtime_state=PLAYING) if beside_program else now)
+            fault = fault_from_state(
+                replace(now, runtime_state=PROGRAM_PLAYING) if beside_program else now
+            )
             if isinstance(fault, ProgramStopped):  # blames people: a second look must say so too
                 time.sleep(NEXT_READING)
                 now = link.call_client_method(ControllerState, name, limit=self._limit)

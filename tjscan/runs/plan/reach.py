@@ -28,13 +28,13 @@ from tjscan.planning.plan import WeldPlan
 from tjscan.planning.stops import StationStretch
 from tjscan.planning.urscript import BeadPath, StationPath
 from tjscan.planning.wps import TorchSettings
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.result.stitching import read_stitching_report
-from tjscan.robot.collision import SEEN, CollisionModel
+from tjscan.robot.collision import SCANNED_GROOVE, CollisionModel
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.path import JUMP, linear_waypoints
-from tjscan.robot.tool_reach import SINGULAR, Hindrance, ToolHolds, find_tool_holds
+from tjscan.robot.path import LARGEST_TURN, linear_waypoints
+from tjscan.robot.tool_reach import NEAR_SINGULARITY, Hindrance, ToolHolds, find_tool_holds
 from tjscan.runs.scan.context import RunContext
 from tjscan.scanning.scanned_surface import grid_triangles
 
@@ -101,7 +101,7 @@ class WeldingStation:
             if own:
                 return table.own
             if of_torch.get(moving):
-                return 0.0 if other == SEEN else -np.inf
+                return 0.0 if other == SCANNED_GROOVE else -np.inf
             return torch.margin if moving in of_torch else table.solids
 
         pairs = model.pairs
@@ -147,7 +147,7 @@ def welding_stations(directory: Path, frame: str) -> tuple[WeldingStation, ...]:
         return (
             _station(job.station_names[0] if job.station else ARM_STATION, job, directory, T_b_r),
         )
-    order = _job(directory).station_names if (directory / JOB).is_file() else ()
+    order = _job(directory).station_names if (directory / JOB_FILE).is_file() else ()
     found = []
     for one in report.stations:
         folder = directory / one.source
@@ -157,17 +157,17 @@ def welding_stations(directory: Path, frame: str) -> tuple[WeldingStation, ...]:
 
 
 def _station(name: str, job: ScanJob, folder: Path, T_b_r: Array) -> WeldingStation:
-    with add_file_to_errors(folder / JOB):
+    with add_file_to_errors(folder / JOB_FILE):
         model = kinematics_of_job(job)
-        deviations = RunContext(job, folder / JOB).sensor_mount.deviations
+        deviations = RunContext(job, folder / JOB_FILE).sensor_mount.deviations
     calibrated = model if deviations is None else with_deviations(model, deviations)
-    return WeldingStation(name, job, folder / JOB, model, calibrated, T_b_r)
+    return WeldingStation(name, job, folder / JOB_FILE, model, calibrated, T_b_r)
 
 
 def _job(folder: Path) -> ScanJob:
-    if not (folder / JOB).is_file():
+    if not (folder / JOB_FILE).is_file():
         raise ConfigurationError("the run holds no job that says where its arm stood", file=folder)
-    return read_scan_job(folder / JOB)
+    return read_scan_job(folder / JOB_FILE)
 
 
 PLACE_STEP: Final = 25e-3
@@ -329,7 +329,7 @@ class _Leader:
         for T, s in zip(poses, bead.s, strict=True):
             T_b_f, here = T @ self._T_tool_f, f"at s = {1e3 * s:.0f} mm of {where}"
             q = self._station.kinematics.inverse(T_b_f, near=self.q)
-            if np.abs(q - self.q).max() > JUMP:
+            if np.abs(q - self.q).max() > LARGEST_TURN:
                 raise PoseUnreachable(f"{here}: a joint would have to swing at once", T_b_f)
             self._check(q, T_b_f, here)
             self.q = q
@@ -338,7 +338,7 @@ class _Leader:
 
     def _check(self, q: Array, T_b_f: Array, where: str) -> None:
         arm, least = self._station.kinematics, self._station.job.clearance.singular
-        reason = SINGULAR if arm.smallest_singular_value(q) < least else self._hindrance(q)
+        reason = NEAR_SINGULARITY if arm.smallest_singular_value(q) < least else self._hindrance(q)
         if reason:
             raise PoseUnreachable(f"{where}: {reason}", T_b_f)
 

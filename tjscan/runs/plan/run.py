@@ -30,8 +30,8 @@ from tjscan.planning.tables import beads_to_csv
 from tjscan.planning.urscript import StationPath, path_to_urscript
 from tjscan.planning.weldx_file import weldx_is_installed, write_plan_as_weldx
 from tjscan.planning.wps import WeldingProcedure, read_wps
-from tjscan.result.directory import CLOUD, SECTIONS, job_label_of_run
-from tjscan.result.export import ROOTS, sort_sections_by_azimuth
+from tjscan.result.directory import CLOUD_FILE, SECTIONS_FILE, job_label_of_run
+from tjscan.result.export import WELDX_ROOTS, sort_sections_by_azimuth
 from tjscan.result.shapes import read_finished_summary, read_run_shape
 from tjscan.result.summary import ScanSummary
 from tjscan.result.table import read_sections_csv
@@ -84,7 +84,7 @@ def write_plan_files(
     table = beads_to_csv(plan, provenance)
     (draft / BEADS_FILE).write_text(table, encoding="utf-8", newline="")
     if weldx_is_installed():
-        root = ROOTS.get(provenance.frame, provenance.frame)
+        root = WELDX_ROOTS.get(provenance.frame, provenance.frame)
         write_plan_as_weldx(draft / WELDX_FILE, plan, document, root)
     (draft / PLAN_FILE).write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
@@ -139,7 +139,7 @@ def details_of_run(
         raise ConfigurationError(
             f"the local dihedral angle is not known, since leg and brace were not found: {error}. "
             "Leave out [[detail]] to plan without",
-            file=directory / CLOUD,
+            file=directory / CLOUD_FILE,
         ) from None
     origins = np.array([section.T_r_g[:3, 3] for section in sections])
     return compare_with_details(
@@ -334,8 +334,8 @@ def plan_run(
     """
     wps = read_wps(wps_file)
     summary = read_finished_summary(directory)
-    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS))
-    with add_file_of_key(wps_file, directory / SECTIONS):
+    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
+    with add_file_of_key(wps_file, directory / SECTIONS_FILE):
         shared = _shared_area_sigma(summary)
         edges = fit_groove_edges(sections, wps.sequence.longest_step, shared)
         # In frame j, z is the brace's axis; in an arm's base frame nothing is known of the tubes.

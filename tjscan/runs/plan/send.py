@@ -16,7 +16,7 @@ from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.arm import kinematics_of_job, solids_in_base
 from tjscan.planning.urscript import StationPath, path_to_urscript
 from tjscan.planning.wps import TorchSettings
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.robot.collision import CollisionModel
 from tjscan.robot.collision_checked import CollisionCheckedArm
@@ -72,8 +72,8 @@ def arm_for_program(job_file: Path, station: str | None, run: Path) -> ArmForPro
                 f"{job.arm.driver!r})",
                 key="arm.driver",
             )
-        if (run / JOB).is_file():
-            scanned = RunContext(read_scan_job(run / JOB), run / JOB)
+        if (run / JOB_FILE).is_file():
+            scanned = RunContext(read_scan_job(run / JOB_FILE), run / JOB_FILE)
             model = scanned.job.arm.model
             if job.arm.model != model:
                 raise ConfigurationError(

@@ -13,7 +13,7 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import JointOrBaseFrame
-from tjscan.groove.find import find_groove
+from tjscan.groove.read import read_groove
 from tjscan.job import ScanJob
 from tjscan.job.arm import SensorMount, sensor_mount_of_job
 from tjscan.job.cell import Cell, make_scan_cell
@@ -21,7 +21,7 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.parts import next_recording_file
-from tjscan.result.directory import URDF
+from tjscan.result.directory import URDF_FILE
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.run import make_run_directory, take_job_snapshot
@@ -132,14 +132,14 @@ class RunContext:
             self.job_snapshot(directory),
             joint_names=arm.joint_names,
             fixed=root if T_b_j is None else {**root, "j": T_b_j},
-            attachments={URDF: arm.urdf.read_bytes()},
+            attachments={URDF_FILE: arm.urdf.read_bytes()},
         ) as recording:
             yield CombinedJournal(recording, self.journal)
 
 
 def groove_reader_of_job(job: ScanJob) -> GrooveReader:
     """Function that reads the groove in a profile with the settings of a job."""
-    return partial(find_groove, settings=job.groove)
+    return partial(read_groove, settings=job.groove)
 
 
 def result_frame_of_job(job: ScanJob) -> JointOrBaseFrame:

@@ -15,7 +15,7 @@ from tjscan.job.arm import SensorMount, kinematics_of_job
 from tjscan.job.laser import laser_model_of_job
 from tjscan.job.uncertainty import EVIDENCE_ASSUMED, EVIDENCE_STATED
 from tjscan.robot.deviations import deviation_jacobian, with_deviations
-from tjscan.robot.tolerance import PlacementTolerance
+from tjscan.robot.settings import PlacementTolerance
 from tjscan.scanning.section import ScannedSection
 from tjscan.uncertainty.causes import (
     ViewCause,
