@@ -93,7 +93,7 @@ class Scan:
         """Table of the sections as a DataFrame of pandas.
 
         Its columns are those of ``tjscan export --to csv``: their names end in the unit, such as
-        ``root_width_mm``, and `docs/export.md` says what each is.
+        ``root_width_mm``, and `docs/export.md` states what each is.
 
         Raises
         ------
@@ -126,7 +126,7 @@ class Scan:
 
 
 class Recording:
-    """What a scan recorded: every profile, and where the arm stood.
+    """What a scan recorded: every profile, and where the arm was.
 
     Parameters
     ----------

@@ -118,20 +118,20 @@ def write_files_atomically(
 ) -> Iterator[Path]:
     """Give a draft folder whose files move into `directory`, all or none, after the block.
 
-    No file is replaced before all of them are on the disk. Where a link stands in the place of
+    No file is replaced before all of them are on the disk. If a link is in the place of
     one, the link is replaced, and what it leads to stays as it is.
 
     Parameters
     ----------
     directory : Path
-        Made where it is not there.
+        Made if it is not there.
     last : str
         The file that is moved last: where it is, all are.
     listed : bool
         Whether a new directory gets a list of its files, see `tjscan.core.manifest`. One that is
         there is kept true in any case.
     instead_of : sequence of str
-        Patterns of names whose files are removed where the draft holds none of that name: of an
+        Patterns of names whose files are removed if the draft holds none of that name: of an
         earlier result, and no longer true beside this one.
 
     Raises

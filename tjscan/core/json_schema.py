@@ -15,7 +15,7 @@ _UNITS_INSIDE: Final = re.compile(
     r"[,;]?\s+(?:in )?(?:square )?(?:metres|radians|m/s²?)(?: and (?:radians|m/s²?))?(?=[.,;:]|$)"
     r"|\s+\((?:metres|radians)\)|\s+in (?:metres|radians)(?= )|\s+Metres, radians\."
 )
-"""A docstring says which units the program keeps; the file has the ones that its keys end in."""
+"""A docstring states which units the program keeps; the file has the ones that its keys end in."""
 
 
 def json_schema_of(model: type[Any], title: str) -> dict[str, Any]:
@@ -46,7 +46,7 @@ def describe_table(
     table : type
         The class; its docstring and those of its bases are numpydoc.
     keys : mapping of str to str
-        Key in the file of each field; others stand in no file.
+        Key in the file of each field; others are in no file.
     to_file : mapping, optional
         What brings a key's default into the unit of the file, for keys that have one.
     """

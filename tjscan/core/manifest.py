@@ -44,10 +44,10 @@ def check_as_written(*files: Path) -> None:
         directory = changed[0].parent
         names = ", ".join(file.name for file in changed)
         scans = any(any(directory.glob(name)) for name in _RECORDINGS_OF_SCANS)
-        anew = f", or write results anew from the recording (tjscan reprocess {directory})"
+        again = f", or write results again from the recording (tjscan reprocess {directory})"
         raise RecordingError(
             f"{directory}: {names}: not as {MANIFEST_FILE} lists it: edited or damaged since, or "
-            f"written by a program that was killed. Put back a copy{anew if scans else ''}; "
+            f"written by a program that was killed. Put back a copy{again if scans else ''}; "
             f"without {MANIFEST_FILE} files are taken as they are"
         )
 

@@ -2,7 +2,7 @@
 
 The land lies at the root opening from the leg, over the root face's share of the wall. From its
 outer edge the bevel rises as a straight line to the brace's outer wall. The root bead closes
-the groove with a face from the bevel to the leg; where the root is open there is none.
+the groove with a face from the bevel to the leg; an open root has none.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def groove_sections(definition: JointDefinition, phi: ArrayLike) -> JointGrooveS
         )
     p3 = land + definition.root_bead * bevel
     # The bead's face is the base of an isosceles triangle between the bevel and the leg's
-    # tangent at the apex, so it stands about square to the bisector of the groove.
+    # tangent at the apex, so it is about square to the bisector of the groove.
     p4 = leg.ray_intersections(phi, p3, _along(leg, phi, apex[:, 0]) - bevel)
     return JointGrooveSections(
         phi, dihedral, groove_angle, bevel, land_inner, land, apex, p2, p3, p4

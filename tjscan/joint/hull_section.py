@@ -1,6 +1,6 @@
 """The cross-section of a hull joint at one place, with the passes that are welded there.
 
-Coordinates across the joint: to the right of who goes along it, from the middle between the top
+Coordinates across the joint: to the right of a traveller along it, from the middle between the top
 edges, and height over the middle of both plates' outsides, out of the hull. Metres.
 """
 
@@ -28,7 +28,7 @@ FACE_LEAN: Final = 1e-9
 """By how much upright faces lean, in metres, so that a section has one height everywhere."""
 
 MILLIMETRE_DIGITS: Final = 3
-"""Decimals of a place along the joint: a section is that of the nearest millimetre."""
+"""Decimals of a place along the joint: a section is taken at the nearest millimetre."""
 
 RIPPLE_WAVELENGTHS: Final = (0.006, 0.017, 0.052)
 """Wavelengths of a bead's ripple along the joint, in metres (assumption)."""

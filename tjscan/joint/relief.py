@@ -25,7 +25,7 @@ RIM_SHARE: Final = 0.1
 
 
 def make_relief_height_function(definition: JointDefinition) -> ReliefHeight | None:
-    """Function of a joint's surface relief height; None where its surfaces are smooth."""
+    """Function of a joint's surface relief height; None if its surfaces are smooth."""
     scale, bevel = definition.imperfections.scale, definition.imperfections.bevel
     parts: list[ReliefHeight] = []
     if scale.thickness > 0:

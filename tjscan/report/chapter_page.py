@@ -26,7 +26,7 @@ def render_chapter_page(chapter: ReportChapter, title: str, directory: Path) -> 
     ----------
     chapter : ReportChapter
     title : str
-        What kind of run it was; a sheet says so itself.
+        What kind of run it was; a sheet states it itself.
     directory : Path
         The run directory.
     """
@@ -52,7 +52,7 @@ def render_chapter_page(chapter: ReportChapter, title: str, directory: Path) -> 
 def draw_chapter_charts(
     charts: tuple[ReportChart, ...], *, narrow: bool = False
 ) -> Iterator[ReportPicture]:
-    """Draw charts, the lines of one title together; `narrow` ones stand beside each other."""
+    """Draw charts, the lines of one title together; `narrow` ones are beside each other."""
     for title, lines in _charts_by_title(charts).items():
         size = NARROW_SIZE if narrow else (12, 5.5 if lines[0].plane else 3.6)
         figure = new_figure(*size)

@@ -163,7 +163,7 @@ def draw_scan_charts(data: ReportData) -> ReportPicture | None:
 
 
 def draw_corner_errors(data: ReportData) -> ReportPicture | None:
-    """Draw distances of the corners from designed edges; None where these are not known."""
+    """Draw distances of the corners from designed edges; None if these are not known."""
     found = [
         d
         for d in (() if data.comparison is None else data.comparison.deviations)
@@ -213,14 +213,14 @@ def _ranges(data: ReportData) -> str:
 
 
 def _along(data: ReportData) -> tuple[Array, str]:
-    """Where the sections stand on a chart, and what that is called."""
+    """Where the sections are on a chart, and what that is called."""
     if (azimuths := data.unwrapped_azimuths) is not None:
         return azimuths, "azimuth about the brace / °"
     return 1e3 * lengths_along_groove(data.sections), "along the groove / mm"
 
 
 def draw_deviation_map(data: ReportData) -> ReportPicture | None:
-    """Draw deviations unwrapped over the azimuth; None where nothing was compared in frame j."""
+    """Draw deviations unwrapped over the azimuth; None if nothing was compared in frame j."""
     comparison = data.comparison
     if comparison is None or comparison.reference.stated.frame != "j":
         return None

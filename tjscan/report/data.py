@@ -41,7 +41,7 @@ class StationRunData:
     summary : ScanSummary
         What was found there, in a few numbers.
     chapters : tuple of ReportChapter
-        What each algorithm has to say of it.
+        What each algorithm reports on it.
     """
 
     name: str
@@ -69,7 +69,7 @@ class StationRunData:
         return [event for chapter in self.chapters for event in chapter.events]
 
     def profile_of_section(self, index: int) -> tuple[Profile, GrooveSettings] | None:
-        """The profile of a section, and how it was read; None where it is not there."""
+        """The profile of a section, and how it was read; None if it is not there."""
         for chapter in self.chapters:
             if index in chapter.profiles:
                 return chapter.profiles[index], chapter.settings
@@ -93,7 +93,7 @@ class ReportData:
     places : tuple of StationRunData
         Where it was scanned from, as far as their recordings are there.
     joint : JointDefinition or None
-        The joint as designed, where the run names one and stands in its frame.
+        The joint as designed, if the run names one and is in its frame.
     comparison : Comparison or None
         With the joint as designed, or with another reference.
     stitching : StitchingReport or None
@@ -119,7 +119,7 @@ class ReportData:
 
     @property
     def unwrapped_azimuths(self) -> Array | None:
-        """Azimuths of the sections in degrees, without a jump; None where they are not known."""
+        """Azimuths of the sections in degrees, without a jump; None if they are not known."""
         azimuths = np.array([section.azimuth for section in self.sections])
         if np.isnan(azimuths).any():
             return None
@@ -132,7 +132,7 @@ class ReportData:
         return f"{section.index}" if self.stitching is None else f"{section.index} of {station}"
 
     def station_of_section(self, section: MeasuredSection) -> StationRunData | None:
-        """Where a section was scanned from, the first where it was several; None if not there."""
+        """Where a section was scanned from, the first if it was several; None if not there."""
         first = section.station.split("+")[0]  # which the section's number is of
         return next((place for place in self.places if place.name == first), None)
 

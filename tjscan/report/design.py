@@ -20,7 +20,7 @@ SEARCH_DISTANCE: Final = 30e-3
 
 
 def designed_measures(sections: Sequence[MeasuredSection], joint: JointDefinition) -> Array:
-    """Groove angle, root width, depth and area, shape (n, 4); NaN where a plane meets no groove.
+    """Groove angle, root width, depth and area, shape (n, 4); NaN if a plane meets no groove.
 
     The laser's plane is turned from the groove's normal plane, where a drawing states angles. So
     the designed edges are cut by the plane of each section, and measured like it.

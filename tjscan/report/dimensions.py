@@ -1,4 +1,4 @@
-"""What a drawing of the groove would say: measured, how sure, as designed, and what is allowed."""
+"""What a drawing of the groove states: measured, how sure, as designed, and what is allowed."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ def clock_text(azimuth: float) -> str:
 
 
 COVERAGE_SIGMAS: Final = 2.0
-"""Standard deviations that ± stands for."""
+"""Standard deviations of an uncertainty after ±."""
 
 CLOCK_HOURS: Final = 12
 SECTIONS_WITHOUT_CLOCK: Final = 6
-"""Sections that are drawn where no clock position is known, evenly chosen."""
+"""Sections that are drawn if no clock position is known, evenly chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +53,11 @@ class Dimension:
     unit : str
         ``°`` or ``mm``.
     value, sigma : float
-        As measured, and its standard deviation; NaN where it is not seen.
+        As measured, and its standard deviation; NaN if it is not seen.
     designed : float
-        NaN where it is not known.
+        NaN if it is not known.
     tolerance : float
-        Largest difference from the design that is allowed; infinite where none is stated.
+        Largest difference from the design that is allowed; infinite if none is stated.
     """
 
     name: str
@@ -89,7 +89,7 @@ class Dimension:
 
     @property
     def designed_text(self) -> str:
-        """The designed value, with its tolerance where one is stated; empty where not known."""
+        """The designed value, with its tolerance if one is stated; empty if not known."""
         if isnan(self.designed):
             return ""
         degree = "°" if self.unit == "°" else ""
@@ -111,7 +111,7 @@ def sections_by_the_clock(data: ReportData) -> list[int]:
         off = abs(azimuths[k] - hour * DEGREES_PER_HOUR)
         if before is None or off < _off_hour(azimuths[before]):
             nearest[hour % CLOCK_HOURS] = int(k)
-    if is_closed(data):  # all of a joint is told from 12 o'clock on
+    if is_closed(data):  # all of a joint is counted from 12 o'clock on
         return [nearest[hour] for hour in sorted(nearest)]
     return sorted(nearest.values(), key=lambda k: float(azimuths[k]))
 
@@ -128,7 +128,7 @@ def section_dimensions(
     Parameters
     ----------
     sections : sequence of MeasuredSection
-        In frame j where a joint is given.
+        In frame j if a joint is given.
     joint : JointDefinition or None
         As designed.
     """

@@ -30,7 +30,7 @@ MOST_DOTS: Final = 250
 
 @dataclass(frozen=True, slots=True)
 class DrawnLabel:
-    """A dimension as it stands in a drawing.
+    """A dimension as a drawing shows it.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ GAP_RATIO: Final = 2.5
 """Neighbouring sections farther apart than so many times the usual distance leave a gap."""
 
 UNSURE_SIGMA_MM: Final = 0.2
-"""Standard deviation of a corner's reading in mm above which a finding says so."""
+"""Standard deviation of a corner's reading in mm above which a finding states it."""
 
 
 def report_findings(data: ReportData) -> Iterator[str]:

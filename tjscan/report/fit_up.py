@@ -88,7 +88,7 @@ def draw_fit_up(data: ReportData) -> ReportPicture:
 
 
 def _unrolled(data: ReportData) -> tuple[Array, str]:
-    """Where the sections stand, and what that is called."""
+    """Where the sections are, and what that is called."""
     if (azimuths := data.unwrapped_azimuths) is not None:
         return azimuths / DEGREES_PER_HOUR, (
             "clock position / h: 0 (12 o'clock) at the crown, 3 at azimuth 90°"
@@ -99,7 +99,7 @@ def _unrolled(data: ReportData) -> tuple[Array, str]:
 def _high_low(data: ReportData, order: NDArray[np.intp]) -> Array | None:
     """Metres by which brace and leg stand out of their drawn cylinders, (n, 2), if these are known.
 
-    NaN where the corner is not seen.
+    NaN if the corner is not seen.
     """
     if data.joint is None:
         return None

@@ -1,4 +1,4 @@
-"""Pictures as they stand in a report: drawn, and inlined as data."""
+"""Parts of a report's pages: pictures inlined as data, and the templates."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ReportPicture:
     data : str
         A ``data:`` URI that holds all of it.
     alt : str
-        The same in words with its main numbers, for who can't see it; the title where left out.
+        The same in words with its main numbers, for who can't see it; the title if left out.
     """
 
     title: str
@@ -60,7 +60,7 @@ def new_figure(width: float, height: float) -> Figure:
 def inline_figure(
     figure: Any, title: str, caption: str, alt: str = "", *, vector: bool = False
 ) -> ReportPicture:
-    """Turn a figure into a picture that stands inside the HTML page.
+    """Turn a figure into a picture inside the HTML page.
 
     Parameters
     ----------

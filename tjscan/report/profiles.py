@@ -28,7 +28,7 @@ POINTS_ALONG_SIDE: Final = 40
 
 
 def draw_fitted_profiles(data: ReportData) -> ReportPicture | None:
-    """Draw profiles with their fitted sides; None where no recording is there."""
+    """Draw profiles with their fitted sides; None if no recording is there."""
     chosen = _chosen(data)
     if not chosen:
         return None
@@ -66,7 +66,7 @@ def _chosen(
         if place is not None and (found := place.profile_of_section(section.index)) is not None:
             there.append((section, place, *found))
     count = min(MOST_PROFILES_SHOWN, len(there))
-    # The ends are taught or cut short: those between stand better for the whole.
+    # The ends are taught or cut short: those between represent the whole better.
     places = (np.arange(count) + 0.5) * len(there) / max(count, 1)
     return [there[int(k)] for k in places]
 

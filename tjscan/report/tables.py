@@ -1,4 +1,4 @@
-"""What a report says in tables: what was scanned, with what, and how it went."""
+"""What a report shows in tables: what was scanned, with what, and how it went."""
 
 from __future__ import annotations
 

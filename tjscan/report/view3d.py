@@ -32,7 +32,7 @@ SHOWN_MEASURES: Final = ("groove_angle", "root_width", "depth")
 
 
 def view_data(data: ReportData) -> dict[str, Any]:
-    """All that the view draws and tells, in millimetres and degrees, for JSON.
+    """All that the view draws and shows, in millimetres and degrees, for JSON.
 
     Parameters
     ----------

@@ -145,7 +145,7 @@ def write_run_report(
 
 
 def task_with_own_page(directory: Path) -> TaskPlugin | None:
-    """The task that made a run and has a page of its own for it; None where it is a scan's."""
+    """The task that made a run and has a page of its own for it; None if it is a scan's."""
     tasks = [TASKS.load(name) for name in TASKS.names]
     left = [(task, task.recording) for task in tasks]
     if not (directory / JOB_FILE).is_file():  # a run of a job keeps copies of what others found

@@ -20,7 +20,7 @@ NEIGHBOUR_DISTANCE: Final = 60e-3
 """Metres to either side within which neighbours count for the direction."""
 
 FEWEST_NEIGHBOURS: Final = 5
-"""Fewest sections that count, itself included, where there are as many."""
+"""Fewest sections that count, itself included, if there are as many."""
 
 POLYNOMIAL_DEGREE: Final = 3
 """Of the polynomial through them: a tube's edge bends, and bends differently along its way."""

@@ -34,8 +34,8 @@ def job_label_of_run(*directories: Path) -> str:
     Returns
     -------
     str
-        As the head of the ``job.toml`` says it. One of version 0.1.0 has no head: its own name,
-        and the beginning of its SHA-256. Empty where there is none.
+        As the head of the ``job.toml`` states it. One of version 0.1.0 has no head: its own name,
+        and the beginning of its SHA-256. Empty if there is none.
     """
     for directory in directories:
         if (file := directory / JOB_FILE).is_file():

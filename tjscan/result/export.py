@@ -24,7 +24,7 @@ from tjscan.result.table import read_sections_csv, sections_to_csv
 Format = Literal["csv", "ply", "json", "weldx"]
 
 EXPORT_STEM: Final = "export"
-"""Name of the file in the run directory, where none is given."""
+"""Name of the file in the run directory, if none is given."""
 
 
 def export_run(
@@ -41,7 +41,7 @@ def export_run(
     units : str
         Unit of its lengths: mm or m.
     out : Path, optional
-        The file to write; ``export.FORMAT`` in the run directory where left out.
+        The file to write; ``export.FORMAT`` in the run directory if left out.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def export_run(
         If there is no finished run, the folder of the file does not exist, or an extra is not
         installed.
     RecordingError
-        If the file can't be written; what stood there before then still does.
+        If the file can't be written; what was there before is unchanged.
     """
     summary = read_finished_summary(directory)
     sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
@@ -78,7 +78,7 @@ def export_run(
 
 
 def sort_sections_by_azimuth(sections: tuple[MeasuredSection, ...]) -> tuple[MeasuredSection, ...]:
-    """Sections by growing azimuth, whichever way the scan went; as they are where none is known.
+    """Sections by growing azimuth, whichever way the scan went; as they are if none is known.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def write_weldx(
     """Write section frames and points as a weldx file, with the JSON document beside them.
 
     Every section is a frame g below the joint (or the arm's base), with its five points as
-    ``SpatialData`` in it. The document stands under ``groove``, the frames under
+    ``SpatialData`` in it. The document is under ``groove``, the frames under
     ``coordinate_systems``.
 
     Parameters

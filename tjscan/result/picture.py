@@ -34,13 +34,13 @@ MOST_POINTS_DRAWN: Final = 6000
 """More would only make the picture slow."""
 
 MOST_NUMBERS_DRAWN: Final = 24
-"""Numbers of sections that can be told apart."""
+"""Numbers of sections that can be distinguished."""
 
 PANEL_ASPECT: Final = 1.3
 """Width of the place that a picture has, by its height."""
 
 AXIS_NAME_DISTANCE: Final = 130.0
-"""Millimetres along an axis at which its name stands."""
+"""Millimetres along an axis of its name."""
 
 ANGLE_COLOURS: Final = "viridis"
 
@@ -115,7 +115,7 @@ def _look(axes: Any, towards: float, everything: Array) -> None:
     aspect = [high - low for low, high in limits]
     axes.set_box_aspect(aspect)
     x, y, _ = proj_transform(*everything.T, axes.get_proj())
-    # Half widths in those of the axes, which are square and stand in a wider place.
+    # Half widths in those of the axes, which are square and are in a wider place.
     half = np.ptp(axes.viewLim.get_points(), axis=0) / 2
     reach = max(np.nanmax(np.abs(x)) / half[0] / PANEL_ASPECT, np.nanmax(np.abs(y)) / half[1])
     axes.set_box_aspect(aspect, zoom=0.95 / reach)
@@ -184,11 +184,11 @@ def draw_groove_overview(
     title : str
         What it shows.
     outline : sequence of ndarray, shape (n, 3)
-        Lines of the joint, metres, in the same frame; empty where no joint is known.
+        Lines of the joint, metres, in the same frame; empty if no joint is known.
     paths : sequence of ndarray, shape (n, 3)
         Paths of the flange, metres, in the same frame, one for each station.
     example : ProfileReading, optional
-        A section to show in the laser plane; depth and area are shown where left out.
+        A section to show in the laser plane; depth and area are shown if left out.
     """
     with rc_context(PRINT_STYLE):
         figure = Figure(figsize=(9.6, 5.2), dpi=PRINTED_DPI, layout="constrained")
@@ -219,7 +219,7 @@ def write_png(file: Path, figure: Figure, provenance: Provenance | None = None) 
     figure : Figure
         What to write.
     provenance : Provenance, optional
-        Stands in the picture's metadata.
+        Is in the picture's metadata.
 
     Raises
     ------

@@ -46,7 +46,7 @@ def sections_to_ply(sections: Sequence[MeasuredSection], provenance: Provenance)
     sections : sequence of MeasuredSection
         In their order along the groove.
     provenance : Provenance
-        Stands in the comments; its unit of length is the file's.
+        Is in the comments; its unit of length is the file's.
     """
     n = len(sections)
 

@@ -32,7 +32,7 @@ class ProfileReading:
     profile : Profile
         The profile.
     points_s : ndarray, shape (k, 3)
-        Corners in frame s, metres; with the ends for a tee; empty where refused.
+        Corners in frame s, metres; with the ends for a tee; empty if refused.
     section : GrooveSection or None
         The section of a tee.
     refusal : GrooveNotFound or None
@@ -66,7 +66,7 @@ class ProfileReading:
 def measure_grooves(
     profiles: Mapping[str, Profile], settings: GrooveSettings
 ) -> Iterator[ProfileReading]:
-    """Read the groove in every profile; where none is found, the reading says why.
+    """Read the groove in every profile; if none is found, the reading states why.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def fitted_side_polylines(profile: Profile, settings: GrooveSettings) -> list[Ar
     Returns
     -------
     list of ndarray
-        From the first side to the last, each as far as its points reach; empty where none fit.
+        From the first side to the last, each as far as its points reach; empty if none fit.
     """
     try:
         fitted = fit_groove(profile, settings).fitted

@@ -23,12 +23,12 @@ from tjscan.result.directions import section_directions
 
 NO_UNIT: Final = FileUnit("")
 IN_METRES: Final = {MM: FileUnit("m"), MM2: FileUnit("m2")}
-"""What lengths and areas are given in where a file is in metres."""
+"""What lengths and areas are given in if a file is in metres."""
 
 UNIT_SYMBOLS: Final = {"deg": "°", "mm2": "mm²"}
 CORNER_NUMBERS: Final = (2, 3, 4)
 WORD_SEPARATOR: Final = "; "
-"""What stands between several words of one text."""
+"""What separates several words of one text."""
 
 TakeValues = Callable[[Sequence[MeasuredSection]], Any]
 """Takes the values of sections, in SI units and in their order along the groove."""
@@ -51,15 +51,15 @@ class SectionQuantity:
         Of the file, in millimetres and degrees.
     take : callable
         Gives the values of sections in their order along the groove, in SI units and its shape
-        after the number of sections; the attribute of its name where left out.
+        after the number of sections; the attribute of its name if left out.
     labels : tuple of str
-        Names of its columns without their unit, one a number; its own name where left out.
+        Names of its columns without their unit, one a number; its own name if left out.
     shape : tuple of int
         Of the value of one section.
     decimals : int or None
         That are printed in millimetres and degrees; None for six significant digits.
     least, most : float
-        Between which a file's value lies.
+        Bounds of a file's value.
     derived : bool
         Whether it follows from the other fields.
     text : bool
@@ -123,7 +123,7 @@ class SectionQuantity:
     def formatted_columns(
         self, sections: Sequence[MeasuredSection], length: LengthUnit = "mm"
     ) -> list[list[str]]:
-        """Numbers of each section as text, in the order of the columns; empty where unknown."""
+        """Numbers of each section as text, in the order of the columns; empty if unknown."""
         unit = self.unit_for_lengths(length)
         decimals = self.decimals
         if decimals is not None:
@@ -174,7 +174,7 @@ def columns_of_sections(sections: Sequence[MeasuredSection]) -> dict[str, Any]:
     Returns
     -------
     dict of str to ndarray, shape (n,)
-        As tables hold them, to the last digit; NaN where a number is not known.
+        As tables hold them, to the last digit; NaN if a number is not known.
     """
     columns: dict[str, Any] = {}
     for field in (one for one in SECTION_FIELDS if len(sections) > 1 or not one.derived):
@@ -239,7 +239,7 @@ def _sigma(k: int) -> TakeValues:
 
 
 def _correlations(sections: Sequence[MeasuredSection]) -> Array:
-    """Correlations of pairs of measures, shape (n, 6); zero where nothing varies."""
+    """Correlations of pairs of measures, shape (n, 6); zero if nothing varies."""
     covariances = np.array([s.measure_covariance[MEASURE_PAIRS] for s in sections]).reshape(-1, 6)
     scales = np.array([np.outer(s.sigmas, s.sigmas)[MEASURE_PAIRS] for s in sections]).reshape(
         -1, 6

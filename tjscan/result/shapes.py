@@ -36,7 +36,7 @@ def read_shape(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:
     Raises
     ------
     ConfigurationError
-        If it is missing, damaged or empty, or nobody states its unit or its frame.
+        If it is missing, damaged or empty, or nothing states its unit or its frame.
     """
     if path.is_dir():
         return read_run_shape(path)
@@ -97,7 +97,7 @@ def read_run_shape(directory: Path) -> Shape:
 
 
 def _wall_normals(sections: tuple[MeasuredSection, ...]) -> Array | None:
-    """Out of the brace's wall and the leg; None where one section alone has no direction."""
+    """Out of the brace's wall and the leg; None if one section alone has no direction."""
     if len(sections) < 2:
         return None
     found = section_directions(sections)

@@ -1,4 +1,4 @@
-"""Tables of sections as CSV: lines that say where the file comes from, then a row per section."""
+"""Tables of sections as CSV: lines that state where the file comes from, then a row per section."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ MOST_TABLE_BYTES: Final = 50_000_000
 """A larger file holds no sections: each takes a kilobyte."""
 
 VARIANCE_PLACES: Final = (0, 3, 5)
-"""Where xx, yy and zz stand among the six numbers of a covariance."""
+"""Where xx, yy and zz are among the six numbers of a covariance."""
 
 AXES_TOLERANCE: Final = 1e-6
 """How far axes printed with seven decimals may be from orthonormal."""
@@ -56,14 +56,14 @@ def sections_to_csv(
     provenance: Provenance,
     fields: Iterable[SectionQuantity] = SECTION_FIELDS,
 ) -> str:
-    """Convert sections to CSV text, a row per section; units stand in the names of the columns.
+    """Convert sections to CSV text, a row per section; units are in the names of the columns.
 
     Parameters
     ----------
     sections : sequence of MeasuredSection
         In their order along the groove.
     provenance : Provenance
-        Stands above the table; its unit of length is the table's.
+        Is above the table; its unit of length is the table's.
     fields : iterable of SectionQuantity
         What to write of each section.
     """
@@ -130,7 +130,7 @@ class _Row:
         self._cells = dict(zip(head, cells, strict=True))
 
     def value(self, field: SectionQuantity) -> Array:
-        """A field's value in SI units, of its shape; NaN where it is left empty."""
+        """A field's value in SI units, of its shape; NaN if it is left empty."""
         columns = field.column_names()
         if field.blank and not self._cells.get(columns[0], "").strip():
             return np.array(np.nan)
@@ -138,7 +138,7 @@ class _Row:
         return np.reshape(numbers, field.shape) * field.unit.factor
 
     def wrong(self, message: str, column: str | None = None) -> ConfigurationError:
-        """An error that says where."""
+        """An error that states where."""
         where = f"line {self._line}" + ("" if column is None else f", column {column}")
         return ConfigurationError(message, file=self._file, key=where)
 

@@ -60,7 +60,7 @@ class SharedCauses:
     names : tuple of str
         Of the causes.
     of_station : tuple of tuple of (ViewCause or None)
-        Each cause as each station has it; None where it has not.
+        Each cause as each station has it; None if it has not.
     errors : tuple of StationErrors
         By each cause.
     """
@@ -71,7 +71,7 @@ class SharedCauses:
 
     @property
     def all_errors(self) -> StationErrors | None:
-        """Errors by all draws of all causes; None where stations share nothing."""
+        """Errors by all draws of all causes; None if stations share nothing."""
         if not self.errors:
             return None
         return StationErrors(
@@ -164,7 +164,7 @@ def stitching_budget(
     registrations : sequence of StationRegistration
         Of all overlaps.
     placement : StationPoses
-        Where the stations stand.
+        Where the stations are.
     shared : SharedCauses
         What stations share.
     repeatability : ArmRepeatability

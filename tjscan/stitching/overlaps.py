@@ -26,7 +26,7 @@ class AzimuthArc:
     Parameters
     ----------
     start, end : float
-        Radians; the end lies beyond the start.
+        Radians; the end is beyond the start.
     """
 
     start: float

@@ -2,8 +2,8 @@
 
 Views of the shared stretch are taken for views of one smooth groove whose shape is not known: a
 Gaussian process over the azimuth, with a generous spread. What is left is generalised least
-squares for the six numbers by which the second station lies wrong. A view counts as a whole, with
-the arm's error that all its points share, and less where it contradicts the others.
+squares for the six numbers by which the second station is misplaced. A view counts as a whole, with
+the arm's error that all its points share, and less if it contradicts the others.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ LEAST_WEIGHT: Final = 1e-6
 
 MOST_CONDITION: Final = 1e12
 FREE_VARIANCE: Final = 1.0
-"""Square metres and square radians: the variances of a pose of which nothing is known."""
+"""Square metres and square radians: the variances of a pose about which nothing is known."""
 
 LEAST_STEP: Final = 5e-3
 """Metres between views that show which way the groove runs."""
@@ -90,7 +90,7 @@ class StationRegistration:
 
     @property
     def residual_rms(self) -> float:
-        """Root mean square of the residuals that count, of all where none does, metres."""
+        """Root mean square of the residuals that count, of all if none does, metres."""
         chosen = self.counted if self.counted.any() else ~self.counted
         return float(np.sqrt(np.mean(self.residual[chosen] ** 2)))
 
@@ -142,7 +142,7 @@ def align_second_to_first(
     Returns
     -------
     StationRegistration
-        Where the views leave a direction free, one whose covariance is that of no knowledge.
+        If the views leave a direction free, one whose covariance is that of no knowledge.
     """
     views, of_second = _near(overlap, first, second)
     azimuth = overlap.arc.offset_from_middle(views.azimuth)
@@ -207,7 +207,7 @@ def _mahalanobis_sq(residual: Array, covariance: Array) -> Array:
 def _weights(mahalanobis_sq: Array) -> Array:
     """Tukey's weights of views, shape (n,).
 
-    Where most are larger than stated the kernel widens: those are no outliers.
+    If most are larger than stated the kernel widens: those are no outliers.
     """
     # The root mean square of a view's ten standardised residuals.
     size = np.sqrt(mahalanobis_sq / VALUES_PER_VIEW)

@@ -1,4 +1,4 @@
-"""Which points of a profile lie on the brace and on the leg, and a few that stand for them."""
+"""Which points of a profile lie on the brace and on the leg, and a few that represent them."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def side_nodes(section: ScannedSection) -> tuple[tuple[Array, Array], tuple[Arra
     -------
     brace, leg : tuple of ndarray, shapes (n, 3) and (n,)
         Nodes in frame s (metres) and the standard deviation of each across its side (metres).
-        Both are empty where a side has too few points; else n is `NODES_PER_SIDE`.
+        Both are empty if a side has too few points; else n is `NODES_PER_SIDE`.
     """
     groove = section.groove
     p1, p2, _, p4, p5 = groove.points_s[:, [0, 2]]

@@ -27,19 +27,19 @@ class StitchSettings:
     Parameters
     ----------
     repeatability : ArmRepeatability
-        How exactly the arm reports where it stands; it weighs views against points.
+        How exactly the arm reports where it is; it weighs views against points.
     out_of_round : float
         How far a tube's wall may bulge from a circle, metres: what each station finds of the
         joint's frame is taken to be no surer than that.
     most_out_of_round : float
-        How far it may be found to, where the tubes as stations found them disagree with their
+        How far it may be found to, if the tubes as stations found them disagree with their
         overlaps.
     least_overlap : float
         Azimuth that two stations must share, radians.
     fewest_sections : int
         Sections that each of them must have there.
     largest_sigma : float
-        How uncertain an overlap may leave the place where it lies, metres.
+        How uncertain an overlap may leave its place, metres.
     largest_reduced_chi2 : float
         Chi-squared per degree of freedom that the overlap's residuals may have.
     least_counted : float
@@ -76,14 +76,14 @@ SAME_POSE = 1e-9
 @dataclass(frozen=True, slots=True, eq=False)
 @frozen_arrays
 class Station:
-    """Sections that were scanned from one station, and where the arm's base nominally stood.
+    """Sections that were scanned from one station, and where the arm's base nominally was.
 
     Parameters
     ----------
     name : str
         Unlike any other's.
     T_w_b : ndarray, shape (4, 4)
-        Where the arm's base was meant to stand; good to some millimetres and degrees.
+        Where the arm's base was meant to be; good to some millimetres and degrees.
     sections : tuple of ScannedSection
         The finished sections in the order in which they were scanned.
     all_sections : tuple of ScannedSection
@@ -125,11 +125,11 @@ def station_from_recording(
     name : str
         Unlike any other's.
     T_w_b : ndarray, shape (4, 4)
-        Where the arm's base was meant to stand.
+        Where the arm's base was meant to be.
     sections : sequence of ScannedSection
         Finished sections in the order of the scan.
     views : sequence of ProfileView
-        All views; those that made no section are read once more.
+        All views; those that made no section are read again.
     read : callable
         Reads the groove in a profile.
     """

@@ -47,7 +47,7 @@ from tjscan.stitching.unrolled_views import UnrolledViews, unroll_views
 from tjscan.uncertainty.budget import UncertaintyBudget
 
 ALIGNMENT_ROUNDS = 6
-"""Times that a station is laid on another anew where it began far off."""
+"""Times that a station is laid on another again if it began far off."""
 
 CONVERGED_MOTION = 1e-8
 """Metres and radians that it moves by no more in the end."""
@@ -56,7 +56,7 @@ AGREED_CHI2 = 2.5
 """Chi-squared per degree of freedom of stations and overlaps that agree."""
 
 LARGEST_MOTION = 0.05
-"""Metres and radians by which no station is laid anew: both see something else."""
+"""Metres and radians by which no station is laid again: both see something else."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +77,7 @@ class PlacedStation:
     views : int
         Number of views that its place rests on.
     tubes_reduced_chi2, tubes_rms : float
-        How its walls lie about leg and brace: chi-squared per degree of freedom, and metres.
+        How far its walls are from leg and brace: chi-squared per degree of freedom, and metres.
     """
 
     station: Station
@@ -109,7 +109,7 @@ class StitchedGroove:
     out_of_round : float
         How far the tubes' walls were taken to bulge from circles, metres.
     gap_before, gap_after : float or None
-        The largest where the way round closes, by overlaps alone and in the end, metres; None
+        The largest if the way round closes, by overlaps alone and in the end, metres; None
         where it does not close.
     covered : float
         Azimuth without a gap, radians.
@@ -305,7 +305,7 @@ def _check_apart(stations: Sequence[Station]) -> None:
 
 
 def _held(draft: StitchingDraft, settings: StitchSettings) -> list[StationOverlap]:
-    """The overlaps that are large enough; refuse where one that is needed is not."""
+    """The overlaps that are large enough; refuse if one that is needed is not."""
 
     def enough(overlap: StationOverlap) -> bool:
         return (

@@ -1,7 +1,7 @@
 """Views of the groove unrolled about the brace: ten numbers of each, each at its azimuth.
 
 Corners are given by their distance from the brace's axis and their height over the leg, walls by
-how far they lie off their tubes and how they tilt. In these coordinates a groove changes slowly
+how far they are off their tubes and how they tilt. In these coordinates a groove changes slowly
 with the azimuth: between views 40 mm apart it can be interpolated to a micrometre, where nearest
 points of such lines would be tenths of a millimetre wrong.
 """
@@ -33,7 +33,7 @@ CORNER_VALUES: Final = 6
 """The first values are those of p2, p3 and p4."""
 
 WIDEST_SHARE: Final = 0.999
-"""Share of the leg's radius beyond which nothing lies over the leg."""
+"""Share of the leg's radius beyond which nothing is over the leg."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,7 +133,7 @@ def unroll_views(
 def _unroll(
     section: ScannedSection, T_j_b: Array, shape: TubeDimensions, repeatability: ArmRepeatability
 ) -> tuple[Array, Array, Array, Array, Array, Array, float, Array] | None:
-    """The attributes of `UnrolledViews` but the number; None where a wall shows too little."""
+    """The attributes of `UnrolledViews` but the number; None if a wall shows too little."""
     sides = side_nodes(section)
     if min(len(sigma) for _, sigma in sides) < 2:
         return None

@@ -36,7 +36,7 @@ def aligned_budget(
     budget : UncertaintyBudget
         Of n sections, before.
     points : ndarray, shape (n, 5, 3)
-        p1 to p5, in the frame of the budget, metres; that of the joint where tubes are fitted.
+        p1 to p5, in the frame of the budget, metres; that of the joint if tubes are fitted.
     normals : ndarray, shape (n, 2, 3)
         Of the brace's wall and of the leg, at each section.
     by_tubes : bool

@@ -1,8 +1,8 @@
 """The uncertainty budget of sections: components, combined and expanded as in the GUM [1]_.
 
-A component says how the points and measures of all sections answer to independent standard normal
+A component states how the points and measures of all sections answer to independent standard normal
 draws, to first order. A shared component is drawn once for all sections, so that they err alike;
-another one is drawn anew for each. All covariances follow, also those between sections, without a
+another one is drawn again for each. All covariances follow, also those between sections, without a
 matrix that is as large as the number of points squared.
 
 References

@@ -45,16 +45,16 @@ class ViewCause:
     name, evidence, is_shared
         As of `BudgetComponent`.
     twists : ndarray, shape (n, 6, m)
-        How each view moves as a whole in b: translation of what lies at b's origin, metres, and
+        How each view moves as a whole in b: translation of what is at b's origin, metres, and
         rotation vector, radians.
     points : ndarray, shape (n, 5, 3, m)
         How its p1 to p5 move in b, metres.
     measures : ndarray, shape (n, 4, m)
         How its measures change.
     bend : callable, optional
-        How any point of a profile moves besides in the plane of the laser, which all profiles do
+        How any point of a profile moves as well in the plane of the laser, which all profiles do
         alike: gets places, metres, and unit tangents of the steel there, both in x and z of s,
-        shape (k, 2), and gives shape (k, 2, m), metres. None where views move as a whole alone.
+        shape (k, 2), and gives shape (k, 2, m), metres. None if views move as a whole alone.
     """
 
     name: str
@@ -66,7 +66,7 @@ class ViewCause:
     bend: ProfileBend | None = None
 
     def moved_too(self, sections: Sequence[ScannedSection], twists: Array) -> Self:
-        """The same cause, whose draws move the views as a whole besides.
+        """The same cause, whose draws move the views as a whole as well.
 
         Parameters
         ----------
@@ -89,7 +89,7 @@ class ViewCause:
         view : ndarray of int, shape (k,)
             Which view each was seen in.
         T_b_s : ndarray, shape (k, 4, 4)
-            Where the sensor stood then.
+            Where the sensor was then.
         points, tangents : ndarray, shape (k, 3)
             Places, metres, and unit tangents of the steel in the plane of the laser; in s.
         """
@@ -147,7 +147,7 @@ def reading_cause(sections: Sequence[ScannedSection]) -> ViewCause:
 def repeatability_cause(
     sections: Sequence[ScannedSection], repeatability: ArmRepeatability, evidence: str
 ) -> ViewCause:
-    """What the arm does not repeat: drawn anew in each view, it moves it about its flange."""
+    """What the arm does not repeat: drawn again in each view, it moves it about its flange."""
     factor = covariance_factor(repeatability.covariance)
     about_flange = [
         pose_vector.adjoint(pose(p=section.view.T_b_f[:3, 3])) @ factor for section in sections

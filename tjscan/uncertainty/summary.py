@@ -62,7 +62,7 @@ class BudgetSummary:
     coverage_factor : float
         k.
     left_out : tuple of str
-        What may err and is not in the budget, since nobody states how far.
+        What may err and is not in the budget, since nothing states how far.
     """
 
     components: tuple[BudgetRow, ...]
@@ -117,7 +117,7 @@ def summarise_budget(
 
 
 def _typical(variances: Array, counted: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which of the variances that count lie in the middle; all that count where none does."""
+    """Which of the variances that count lie in the middle; all that count if none does."""
     chosen = variances[counted] if counted.any() else variances
     low = np.quantile(chosen, TYPICAL_QUANTILES[0], method="lower")
     high = np.quantile(chosen, TYPICAL_QUANTILES[1], method="higher")

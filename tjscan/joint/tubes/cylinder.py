@@ -93,7 +93,7 @@ LEAST_POINT_SIGMA: Final = 10e-6
 """Metres; points are never taken for more certain than this."""
 
 REACH_IN_SIGMAS: Final = 6.0
-"""Standard deviations within which the spread is estimated anew."""
+"""Standard deviations within which the spread is estimated again."""
 
 MOST_ROUNDS: Final = 100
 CONVERGED_STEP: Final = 1e-8
@@ -158,7 +158,7 @@ def fit_cylinder(start: Cylinder, points: Array, scale: float) -> tuple[Cylinder
     Returns
     -------
     cylinder : Cylinder
-        The fit; `start` where there are too few points.
+        The fit; `start` if there are too few points.
     converged : bool
         Whether the points hold it.
     """

@@ -1,6 +1,6 @@
-"""Leg and brace found in a cloud of which nothing else is known.
+"""Leg and brace found in a cloud about which nothing else is known.
 
-A normal comes from a triple of neighbouring points, also where the cloud consists of scan lines,
+A normal comes from a triple of neighbouring points, also if the cloud consists of scan lines,
 whose neighbours across are far. Two points with normals make a cylinder; many are tried, those
 that explain most points are refined and the best is kept. The second tube is sought in the points
 that the first one leaves over.
@@ -21,7 +21,7 @@ from tjscan.joint.tubes.fit import FittedTubes
 from tjscan.joint.tubes.frame import LEAST_AXES_ANGLE
 
 VOXELS_ALONG_DIAGONAL: Final = 70
-"""Voxels along the cloud's diagonal, of each of which one point is used."""
+"""Voxels along the cloud's diagonal, one point of each of which is used."""
 
 NORMAL_NEIGHBOURS: Final = 24
 CYLINDER_TRIALS: Final = 4000
@@ -41,7 +41,7 @@ LOSS_SCALE: Final = 0.2 * ON_TUBE_DISTANCE
 """Metres from a tube beyond which points lose weight while it is sought."""
 
 LEAST_SHARE: Final = 0.08
-"""Of the cloud, that has to lie on either tube."""
+"""Of the cloud, that must be on either tube."""
 
 LEAST_RADIUS: Final = 0.02
 MOST_RADIUS: Final = 5.0

@@ -57,7 +57,7 @@ class WallPoints:
     view : ndarray, shape (n,)
         Which view each was seen in, from 0.
     pivots : ndarray, shape (m, 3)
-        Where the flange stood in each of m views.
+        Where the flange was in each of m views.
     """
 
     points: Array
@@ -94,15 +94,15 @@ class FittedTubes:
     brace, leg : Cylinder
         In the frame of the points.
     covariance : ndarray, shape (10, 10)
-        Of `Cylinder.boxplus`'s numbers of the brace, then of the leg. It is scaled up where the
-        points lie farther from cylinders than their errors explain, as on tubes out of round.
+        Of `Cylinder.boxplus`'s numbers of the brace, then of the leg. It is scaled up if the
+        points are farther from cylinders than their errors explain, as on tubes out of round.
     reduced_chi2 : float
-        Chi-squared over what is expected of it; about 1 where the tubes are round and the stated
+        Chi-squared over what is expected of it; about 1 if the tubes are round and the stated
         errors true.
     rms : float
         Of the points that count, about the cylinders, metres.
     by_points : ndarray, shape (n, 10, 3)
-        How these numbers change as each wall point moves. Empty where points have no views.
+        How these numbers change as each wall point moves. Empty if points have no views.
     """
 
     brace: Cylinder

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.manifest import check_as_written
-from tjscan.crawler.joint_history import GRID, section_histories
+from tjscan.crawler.joint_history import PLACES_ACROSS, section_histories
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_model import SlipState
 from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY, WARNING
@@ -110,7 +110,7 @@ def _charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
             "cross-section of the joint, median of each pass",
             "across the joint / mm",
             "over the hull / mm",
-            1e3 * GRID,
+            1e3 * PLACES_ACROSS,
             1e3 * height,
             line=f"after pass {number}" if number else "before welding",
         )

@@ -15,7 +15,7 @@ import numpy as np
 
 from tjscan.core.frames import pose, rot_z
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
-from tjscan.crawler.phases import TRANSITIONS, Event, Phase
+from tjscan.crawler.phases import PHASE_TRANSITIONS, Event, Phase
 from tjscan.crawler.topics import CRAWL_RECORDING, CrawlProfile, read_crawl
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
@@ -201,7 +201,7 @@ def phase_diagram(now: Phase) -> StateDiagram:
     """The phases and what leads from one to another, the present one marked."""
     ways = [
         (str(phase), str(after), str(event))
-        for (phase, event), after in TRANSITIONS.items()
+        for (phase, event), after in PHASE_TRANSITIONS.items()
         if event is not Event.DANGER
     ]
     return StateDiagram(tuple(map(str, Phase)), tuple(ways), str(now), str(Phase.STOP))

@@ -23,8 +23,7 @@ from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
 from tjscan.runs.scan.uncertainty import StatedCauses
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.progress import groove_length, plan_is_fulfilled, step_lengths
-from tjscan.scanning.result import ScanResult
+from tjscan.scanning.progress import ScanResult, groove_length, plan_is_fulfilled, step_lengths
 from tjscan.scanning.section import ScannedSection, Substep
 from tjscan.uncertainty.causes import budget_of_causes
 from tjscan.uncertainty.summary import BudgetSummary, summarise_budget

@@ -8,12 +8,9 @@ from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 
-from pydantic_core import to_json
-from rich.table import Table
-
 from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.cli.options.page import LiveCrawlOptions
-from tjscan.cli.output.console import add_text_row, print_message, stderr
+from tjscan.cli.output.console import print_fields, print_json, print_message
 from tjscan.crawler.journal import CombinedCrawlJournal, CrawlCycle
 from tjscan.crawler.sizing import SizeFigure
 from tjscan.crawler.slip_calibration import SlipCalibration
@@ -77,7 +74,7 @@ def print_passes(directory: Path, *, json: bool) -> None:
     """Print the passes of a run."""
     rows = read_passes(directory)
     if json:
-        print(to_json({"directory": str(directory), "passes": rows}, indent=2).decode())
+        print_json({"directory": str(directory), "passes": rows})
         return
     _print_rows(rows, f"{directory / PASSES_FILE}")
 
@@ -85,7 +82,7 @@ def print_passes(directory: Path, *, json: bool) -> None:
 def print_comparison(runs: Mapping[str, Sequence[Mapping[str, str]]], *, json: bool) -> None:
     """Print the passes of several runs below one another."""
     if json:
-        print(to_json(runs, indent=2).decode())
+        print_json(runs)
         return
     for name, rows in runs.items():
         _print_rows(rows, name)
@@ -94,25 +91,20 @@ def print_comparison(runs: Mapping[str, Sequence[Mapping[str, str]]], *, json: b
 def print_size(figures: Sequence[SizeFigure], *, json: bool) -> None:
     """Print the figures of a sizing, and which rules are broken."""
     if json:
-        rows = [
-            {
-                "name": one.name,
-                "value": one.value if isfinite(one.value) else None,
-                "unit": one.unit,
-                "least": one.least,
-                "most": one.most,
-                "holds": one.holds,
-                "advice": one.advice,
-            }
-            for one in figures
-        ]
-        print(to_json(rows, indent=2).decode())
+        names = ("name", "value", "unit", "least", "most", "holds", "advice")
+        rows = [{name: getattr(one, name) for name in names} for one in figures]
+        print_json(
+            [row | {"value": row["value"] if isfinite(row["value"]) else None} for row in rows]
+        )
         return
-    table = Table("figure", "value", "rule", "")
-    for one in figures:
-        state = "" if not one.rule else "holds" if one.holds else "BROKEN"
-        add_text_row(table, one.name, f"{one.value:.4g} {one.unit}", one.rule, state)
-    stderr.print(table)
+    states = ["" if not one.rule else "holds" if one.holds else "BROKEN" for one in figures]
+    print_fields(
+        [
+            (one.name, f"{one.value:.4g} {one.unit}", one.rule, state)
+            for one, state in zip(figures, states, strict=True)
+        ],
+        ("figure", "value", "rule", ""),
+    )
     for one in figures:
         if not one.holds:
             print_message(f"{one.name} is {one.value:.3g} {one.unit}".rstrip() + f": {one.advice}")
@@ -123,10 +115,7 @@ def print_slip_calibration(found: SlipCalibration, directory: Path, *, json: boo
     if json:
         print(found.model_dump_json(indent=2))
         return
-    table = Table("quantity", "value", "standard deviation")
-    for name, value, sigma in found.rows:
-        add_text_row(table, name, value, sigma)
-    stderr.print(table)
+    print_fields(found.rows, ("quantity", "value", "standard deviation"))
     print_message(
         f'a job takes it with: calibration = "{directory.resolve() / "calibration.toml"}"'
     )
@@ -137,9 +126,8 @@ def _print_rows(rows: Sequence[Mapping[str, str]], title: str) -> None:
         print_message(f"{title}: no pass was welded")
         return
     # Quantities go down and passes across: a terminal is not as wide as the file.
-    table = Table(title=title)
-    for name in ("", *(f"pass {row['pass']}" for row in rows)):
-        table.add_column(name)
-    for name in list(rows[0])[1:]:
-        add_text_row(table, name, *(row[name] for row in rows))
-    stderr.print(table)
+    print_fields(
+        [(name, *(row[name] for row in rows)) for name in list(rows[0])[1:]],
+        ("", *(f"pass {row['pass']}" for row in rows)),
+        title,
+    )

@@ -7,13 +7,11 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from pydantic_core import to_json
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
 from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.cli.options.page import LiveOptions
-from tjscan.cli.output.console import add_text_row, print_message, stderr
+from tjscan.cli.output.console import print_fields, print_json, print_message, stderr
 from tjscan.core.config import add_file_to_errors
 from tjscan.job.tow.cell import make_planner
 from tjscan.job.tow.job import TowJob
@@ -99,14 +97,15 @@ def print_sweep(job: TowJob, file: Path, *, json: bool) -> None:
         sweep.refuse_if_blocked()
     bend = max(abs(plan.angles).max() for plan in sweep.plans)
     if json:
-        found = {
-            "feasible": True,
-            "length_mm": 1e3 * sweep.length,
-            "bend_rad": float(bend),
-            "first_shape": sweep.chosen,
-            "first_shapes": sweep.shapes,
-        }
-        print(to_json(found, indent=2).decode())
+        print_json(
+            {
+                "feasible": True,
+                "length_mm": 1e3 * sweep.length,
+                "bend_rad": float(bend),
+                "first_shape": sweep.chosen,
+                "first_shapes": sweep.shapes,
+            }
+        )
         return
     limit = job.chain.joint_limit
     if sweep.chosen > 1:
@@ -124,11 +123,12 @@ def print_figures(directory: Path, *, json: bool) -> None:
     """Print the figures of a run."""
     figures = read_tow_figures(directory)
     if json:
-        print(to_json({"directory": str(directory), "figures": figures}, indent=2).decode())
+        print_json({"directory": str(directory), "figures": figures})
         return
-    table = Table("figure", "value", title=str(directory / FIGURES_FILE))
+    rows = []
     for name, value in figures.items():
         if value is not None:
+            word, unit = FIGURE_UNITS[name]
             text = f"{value:.4g}" if isinstance(value, float) else str(value)
-            add_text_row(table, FIGURE_UNITS[name][0], f"{text} {FIGURE_UNITS[name][1]}".strip())
-    stderr.print(table)
+            rows.append((word, f"{text} {unit}".strip()))
+    print_fields(rows, ("figure", "value"), str(directory / FIGURES_FILE))

@@ -1,18 +1,16 @@
-"""``tjscan tow run``."""
+"""The commands of ``tjscan tow``."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
+from tjscan.cli.options.overrides import JobKeys, parse_overrides
 from tjscan.cli.options.page import LiveOptions
 
 
 def run(
     job: Path,
-    *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
+    *overrides: JobKeys,
     out: Path | None = None,
     method: str | None = None,
     resume: bool = False,
@@ -39,11 +37,10 @@ def run(
     json
         Print the figures as JSON on stdout.
     """
-    from tjscan.cli.options.overrides import parse_overrides
     from tjscan.core.errors import ConfigurationError
     from tjscan.job.tow.checks import read_tow_job
 
-    keys = parse_overrides(overrides) | ({} if method is None else {"method": method})
+    keys = parse_overrides(overrides, method=method)
     file = job / "job.toml" if resume else job
     if resume and not file.is_file():
         raise ConfigurationError("holds no tow: give the run directory of one", file=job)
@@ -55,7 +52,7 @@ def run(
     page = page or LiveOptions()
     page.check()
     # A job with a mistake in it is refused before anything heavy is loaded.
-    from tjscan.cli.tow.output import print_figures, print_sweep, watch_tow
+    from tjscan.cli.output.tow import print_figures, print_sweep, watch_tow
     from tjscan.runs.run import default_run_directory
     from tjscan.runs.tow.run import resume_tow, run_tow
 
@@ -68,4 +65,37 @@ def run(
             resume_tow(context)
         else:
             run_tow(context, directory)
+    print_figures(directory, json=json)
+
+
+def replay(
+    run: Path,
+    *overrides: JobKeys,
+    out: Path | None = None,
+    method: str | None = None,
+    json: bool = False,
+) -> None:
+    """Plan a recorded tow again from its poses, into a new run directory; nothing moves.
+
+    Keys that say what a planner weighs are options: ``--weights.change 5``. The vehicles went where
+    they went, so each plan is what this planner would have asked for next.
+
+    Parameters
+    ----------
+    run
+        The run directory of the tow, whole or cut short.
+    out
+        The directory to make; ``RUN-DATE`` beside the run where left out.
+    method
+        The planner: ours, or paper; the run's own where left out.
+    json
+        Print the figures as JSON on stdout.
+    """
+    from tjscan.cli.output.tow import print_figures
+    from tjscan.report.write import write_run_report
+    from tjscan.runs.scan.reprocess import dated_sibling_directory
+    from tjscan.runs.tow.replay import replay_tow
+
+    directory = out or dated_sibling_directory(run)
+    replay_tow(run, parse_overrides(overrides, method=method), directory, write_run_report)
     print_figures(directory, json=json)
