@@ -22,7 +22,15 @@ from tjscan.job.tow.checks import read_tow_job
 from tjscan.recording.damage import RecordingDamage
 from tjscan.report.data import read_report_data
 from tjscan.result.chapter import ReportChapter
-from tjscan.result.directory import BUDGET, CLOUD, JOB, PICTURE, RECORDING, SECTIONS, SUMMARY
+from tjscan.result.directory import (
+    BUDGET_FILE,
+    CLOUD_FILE,
+    JOB_FILE,
+    RECORDING_FILE,
+    SCAN_PICTURE,
+    SECTIONS_FILE,
+    SUMMARY_FILE,
+)
 from tjscan.result.table import read_sections_csv
 from tjscan.runs.crawl.replay import replay_crawl
 from tjscan.runs.crawl.report import crawl_chapter
@@ -146,12 +154,12 @@ def make_scans(folder: Path) -> tuple[SoundRun, SoundRun]:
     """A finished scan, noise off, and the same as if it had been killed behind a section."""
     whole, file = folder / "scan", EXAMPLES / "paper.toml"
     run_scan(RunContext(read_scan_job(file, {"scan.sections": SCANNED, **NO_FAULTS}), file), whole)
-    killed = _without(whole, SECTIONS, CLOUD, PICTURE, SUMMARY, BUDGET)
-    data = (killed / RECORDING).read_bytes()
-    (killed / RECORDING).write_bytes(data[: section_ends(data)[1]])
+    killed = _without(whole, SECTIONS_FILE, CLOUD_FILE, SCAN_PICTURE, SUMMARY_FILE, BUDGET_FILE)
+    data = (killed / RECORDING_FILE).read_bytes()
+    (killed / RECORDING_FILE).write_bytes(data[: section_ends(data)[1]])
     return (
-        SoundRun(whole, RECORDING, (read_scan, reprocess_scan, go_on_scanning)),
-        SoundRun(killed, RECORDING, (reprocess_scan, go_on_scanning)),
+        SoundRun(whole, RECORDING_FILE, (read_scan, reprocess_scan, go_on_scanning)),
+        SoundRun(killed, RECORDING_FILE, (reprocess_scan, go_on_scanning)),
     )
 
 
@@ -203,7 +211,7 @@ def reprocess_scan(run: Path, cut: bool) -> Outcome:
 def go_on_scanning(run: Path, cut: bool) -> Outcome:
     """Sections of a scan that goes on; wherever it was cut off, it comes to the same."""
     events = _Events()
-    resume_scan(RunContext(read_scan_job(run / JOB), run / JOB, events))
+    resume_scan(RunContext(read_scan_job(run / JOB_FILE), run / JOB_FILE, events))
     return Outcome(_points(run), frozenset(events.changes))
 
 
@@ -229,7 +237,7 @@ def go_on_crawling(run: Path, cut: bool) -> Outcome:
     """Passes of a crawl that goes on; cut off at another moment it must get whole, no more."""
     events = _Events()
     with _nothing_left_to_do():
-        resume_crawl(CrawlContext(read_crawl_job(run / JOB), run / JOB, events))
+        resume_crawl(CrawlContext(read_crawl_job(run / JOB_FILE), run / JOB_FILE, events))
     rows = read_passes(run)
     whole = [float(row["length_mm"]) >= 1e3 * WELD - SHORTFALL_MM for row in rows]
     return Outcome((whole, None if cut else rows), frozenset(events.changes))
@@ -257,7 +265,7 @@ def go_on_towing(run: Path, cut: bool) -> Outcome:
     """Whether a tow that goes on gets whole, and where it was not cut, by which plans."""
     events = _Events()
     with _nothing_left_to_do():
-        resume_tow(TowContext(read_tow_job(run / JOB), run / JOB, events))
+        resume_tow(TowContext(read_tow_job(run / JOB_FILE), run / JOB_FILE, events))
     done = read_recorded_tow(run).complete
     return Outcome((done, None if cut else _angles(run)), frozenset(events.changes))
 
@@ -302,7 +310,7 @@ def _lacks(chapter: ReportChapter) -> frozenset[str]:
 
 
 def _points(run: Path) -> Any:
-    return np.array([section.points for section in read_sections_csv(run / SECTIONS)])
+    return np.array([section.points for section in read_sections_csv(run / SECTIONS_FILE)])
 
 
 def _angles(run: Path) -> Any:

@@ -34,8 +34,8 @@ from tjscan.robot.ur.driver import UrSettings
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan, scan_in_cell
 from tjscan.scanning.journal import CombinedJournal
+from tjscan.scanning.progress import ScanResult
 from tjscan.scanning.reader import read_recorded_scan
-from tjscan.scanning.result import ScanResult
 from tjscan_loopback.process import UrLoopbackProcess
 from tjscan_loopback.ur.faults import InjectedFault
 

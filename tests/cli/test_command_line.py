@@ -17,7 +17,7 @@ from written import content
 from tjscan.core.errors import ConfigurationError
 from tjscan.groove.read import read_groove
 from tjscan.job import read_scan_job
-from tjscan.result.table import COLUMNS
+from tjscan.result.table import RUN_COLUMNS
 from tjscan.scanning.reader import read_recorded_scan
 
 RUN_FILES = {
@@ -50,7 +50,7 @@ def test_sections_csv_has_its_columns_and_tells_of_a_groove(run: Path) -> None:
     with (run / "sections.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
     assert len(rows) == 5
-    assert tuple(rows[0]) == COLUMNS
+    assert tuple(rows[0]) == RUN_COLUMNS
     azimuths = [float(row["azimuth_deg"]) for row in rows]
     assert azimuths == sorted(azimuths)  # counterclockwise
     for row in rows:
@@ -294,7 +294,7 @@ def test_compare_tells_the_corners_first_and_of_a_unit_that_is_not_used(
     assert tjscan("compare", run, run / "joint.toml", "--units", "um") == 0
     printed = capsys.readouterr()
     assert printed.out.index("corners to feature edges") < printed.out.index("cloud to mesh")
-    assert "--units um is not used: paper is in mm, as the run says" in printed.err
+    assert "--units um is not used: paper is in mm, as the run states" in printed.err
 
 
 def test_a_refused_scan_shows_no_bar(run: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
 from tjscan.crawler.slip_model import (
-    STATES,
+    STATE_COUNT,
     CrawlerGeometry,
     SlipState,
     TrackOdometry,
@@ -23,7 +23,7 @@ WIDE = SteeringSettings(gain=8.0, least_radius=0.5)
 
 
 def slipping(offset: float = 0.0, heading: float = 0.0, crab: float = 0.0) -> Array:
-    x = np.zeros(STATES)
+    x = np.zeros(STATE_COUNT)
     x[[SlipState.OFFSET, SlipState.HEADING, SlipState.CRAB]] = offset, heading, crab
     x[[SlipState.YAW_EFFICIENCY, SlipState.DRIFT]] = 0.7, 5e-3
     return x

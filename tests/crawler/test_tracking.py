@@ -14,9 +14,9 @@ from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.crawler.joint_tracking.registration import ReferenceProfile
 from tjscan.crawler.joint_tracking.tracking import (
-    FILLED,
-    REGISTERED,
-    TACK,
+    FILLED_GROOVE,
+    REGISTERED_JOINT,
+    TACK_WELD,
     ButtJointReading,
     JointTracker,
 )
@@ -171,7 +171,7 @@ def test_tack_is_noticed_and_passes() -> None:
     joint = HullJoint(tacks=(HullTack(at=0.1, length=20e-3),))
     tracker, rng = JointTracker(), np.random.default_rng(0)
     on_tack = {
-        along: TACK in tracker.read(see(joint, rng, along=along)).conditions
+        along: TACK_WELD in tracker.read(see(joint, rng, along=along)).conditions
         for along in np.arange(0, 0.15, 1e-3)
     }
     # Half a tack is 10 mm long, and its end rises to what is noticed over one.
@@ -212,11 +212,11 @@ def test_capped_joint_is_read_by_what_it_looked_like_before() -> None:
         )
         error = readings[-1].centre + offset
         assert abs(error) < 5 * readings[-1].centre_sigma
-    assert all(r.conditions == (FILLED, REGISTERED) for r in readings)
+    assert all(r.conditions == (FILLED_GROOVE, REGISTERED_JOINT) for r in readings)
     assert np.mean([r.centre_sigma for r in readings]) < 0.08e-3
     # Its edges are taken up again where they are seen again.
     again = tracker.read(see(EMPTY, rng, pose=SectionLaserPose(offset=offset)))
-    assert REGISTERED not in again.conditions
+    assert REGISTERED_JOINT not in again.conditions
     assert again.centre == pytest.approx(-offset, abs=5 * again.centre_sigma)
 
 

@@ -15,8 +15,8 @@ from tjscan.groove.prior import (
     posterior,
 )
 from tjscan.groove.read import read_groove
+from tjscan.groove.refinement import solve_with_prior
 from tjscan.groove.section import GrooveSection
-from tjscan.groove.sides import NormalEquations
 from tjscan.laser.profile import Profile
 
 NOISE = Noise(sigma=0.03 * MM)
@@ -84,8 +84,8 @@ def test_a_prior_and_a_fit_make_the_product_of_two_normal_distributions() -> Non
     rng = np.random.default_rng(3)
     basis = rng.standard_normal((4, 30))
     y, mean, sigmas = rng.standard_normal(30), rng.standard_normal(4), rng.uniform(0.1, 2, 4)
-    equations = NormalEquations((basis @ basis.T)[None], (basis @ y)[None])
-    found, inverse = equations.solve_with_prior(1 / sigmas[None] ** 2, mean[None])
+    equations = ((basis @ basis.T)[None], (basis @ y)[None])
+    found, inverse = solve_with_prior(equations, 1 / sigmas[None] ** 2, mean[None])
     P, C = np.linalg.inv(basis @ basis.T), np.diag(sigmas**2)
     gain = P @ np.linalg.inv(P + C)
     alone = P @ basis @ y

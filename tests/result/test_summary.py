@@ -15,7 +15,7 @@ from tjscan.result.summary import (
     write_summary,
 )
 from tjscan.runs.scan.results import sections_in_result_frame, summarise_scan
-from tjscan.scanning.result import ScanResult
+from tjscan.scanning.progress import ScanResult
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,6 @@ from tjscan.core.frames import Array, pose
 from tjscan.groove.read import read_groove
 from tjscan.job import read_scan_job
 from tjscan.recording.parts import recording_files
-from tjscan.scanning.correction import correction_target_pose
 from tjscan.scanning.correction_criterion import (
     CorrectionCriterion,
     view_deviation,
@@ -25,9 +24,8 @@ from tjscan.scanning.correction_criterion import (
 )
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.reader import read_recorded_scan
-from tjscan.scanning.section import Substep
-from tjscan.scanning.set_point import SetPoint
-from tjscan.scanning.target import ScanDirection
+from tjscan.scanning.section import SetPoint, Substep
+from tjscan.scanning.target import ScanDirection, correction_target_pose
 
 ANGLE = 0.175
 SKIPPING = {"scan.skip.enabled": True}

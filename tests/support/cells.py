@@ -25,11 +25,10 @@ from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.runs.scan.context import RunContext
 from tjscan.scanning.profile_taker import ScanSetup
-from tjscan.scanning.result import ScanResult
+from tjscan.scanning.progress import ScanResult
 from tjscan.scanning.scanner import Scanner
-from tjscan.scanning.section import ProfileView, ScannedSection
+from tjscan.scanning.section import ProfileView, ScannedSection, SetPointPredictor
 from tjscan.scanning.sections_before import GrooveReader
-from tjscan.scanning.set_point import SetPointPredictor
 from tjscan.scanning.stopping import StopRequest
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"

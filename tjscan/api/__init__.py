@@ -26,7 +26,7 @@ __all__ = ["Recording", "Scan", "calibrate", "compare", "read_groove", "scan"]
 LengthUnit = Literal["mm", "um", "m"]
 
 OFF_PLANE: Final = 1e-6
-"""Metres that a point of a profile may lie off the laser plane."""
+"""Metres that a point of a profile may be off the laser plane."""
 
 
 def scan(
@@ -36,14 +36,14 @@ def scan(
     station: str | None = None,
     keys: Mapping[str, Any] | None = None,
 ) -> Scan:
-    """Scan a groove as a job file says, from one station.
+    """Scan a groove as a job file states, from one station.
 
     Parameters
     ----------
     job : path
         The job file (TOML).
     directory : path, optional
-        The run directory to make; ``runs/JOB-DATE`` where left out.
+        The run directory to make; ``runs/JOB-DATE`` if left out.
     station : str, optional
         The station to scan from, of a job with several.
     keys : mapping, optional
@@ -81,7 +81,7 @@ def read_groove(
     ----------
     points : array_like, shape (n, 2) or (n, 3), or Profile
         x and z, or x, y and z with y = 0, in the sensor's frame s, metres, in the order of the
-        sensor's columns; NaN where it has no point.
+        sensor's columns; NaN if it has no point.
     model : str
         Shape of the groove, of four sides: ``tee`` or ``butt-v-sharp``.
     **settings : float
@@ -125,7 +125,7 @@ def calibrate(
         Points of the board that were touched with a probe, in the base frame, metres; without
         them the board's place is estimated with the sensor's.
     radius : float, optional
-        Radius of the sphere, metres; estimated where left out.
+        Radius of the sphere, metres; estimated if left out.
     target : str
         What the profiles are of.
     noise : mapping, optional

@@ -70,13 +70,13 @@ class Scan:
         ConfigurationError
             If it holds no finished run, or its files are damaged.
         """
-        from tjscan.result.directory import SECTIONS
+        from tjscan.result.directory import SECTIONS_FILE
         from tjscan.result.shapes import read_finished_summary, read_run_shape
         from tjscan.result.table import read_sections_csv
 
         folder = Path(directory)
         summary, shape = read_finished_summary(folder), read_run_shape(folder)
-        sections = read_sections_csv(folder / SECTIONS)
+        sections = read_sections_csv(folder / SECTIONS_FILE)
         return cls(
             folder,
             summary.frame,
@@ -93,7 +93,7 @@ class Scan:
         """Table of the sections as a DataFrame of pandas.
 
         Its columns are those of ``tjscan export --to csv``: their names end in the unit, such as
-        ``root_width_mm``, and `docs/export.md` says what each is.
+        ``root_width_mm``, and `docs/export.md` states what each is.
 
         Raises
         ------
@@ -117,16 +117,16 @@ class Scan:
 
     def _repr_html_(self) -> str:
         from tjscan.core.display import rows_to_html
-        from tjscan.result.directory import PICTURE
+        from tjscan.result.directory import SCAN_PICTURE
         from tjscan.result.summary import summary_in_words
 
         name = self.directory.resolve().name
         rows = [("frame", self.frame), *summary_in_words(self.summary)]
-        return rows_to_html(name, rows, self.directory / PICTURE)
+        return rows_to_html(name, rows, self.directory / SCAN_PICTURE)
 
 
 class Recording:
-    """What a scan recorded: every profile, and where the arm stood.
+    """What a scan recorded: every profile, and where the arm was.
 
     Parameters
     ----------

@@ -139,10 +139,10 @@ def _resume(directory: Path, page: LiveOptions, *, unattended: bool, json: bool)
     from tjscan.cli.operators import chosen_operator
     from tjscan.cli.output.calibration import finish_calibration
     from tjscan.job import read_calibration_job
-    from tjscan.result.directory import JOB
+    from tjscan.result.directory import JOB_FILE
     from tjscan.runs.calibration.run import resume_calibration
 
-    file = directory / JOB
+    file = directory / JOB_FILE
     with chosen_operator(read_calibration_job(file), file, page, unattended=unattended) as operator:
         done = resume_calibration(directory, operator)
     finish_calibration(done, json=json)

@@ -31,7 +31,7 @@ def chain(
     from tjscan.cli.output.chain import one_line, print_sources
     from tjscan.cli.output.console import print_message
     from tjscan.report.write import write_run_report
-    from tjscan.result.directory import CALIBRATION
+    from tjscan.result.directory import CALIBRATION_FILE
     from tjscan.runs.chain import CALIBRATION_RUN, read_chain, run_sources
     from tjscan.runs.run import default_run_directory
 
@@ -42,6 +42,6 @@ def chain(
         rows.append(row)
         print_message(one_line(row))
         calibration = row.directory / CALIBRATION_RUN
-        if (calibration / CALIBRATION).exists():
+        if (calibration / CALIBRATION_FILE).exists():
             print_message(f"  its calibration on a page: {write_run_report(calibration)}")
     print_sources(rows, json=json)

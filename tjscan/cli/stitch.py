@@ -64,12 +64,12 @@ def _settings(
 ) -> StitchSettings:
     from tjscan.core.errors import ConfigurationError
     from tjscan.joint.tubes.fit import ArmRepeatability
-    from tjscan.stitching.stations import DEFAULT, StitchSettings
+    from tjscan.stitching.stations import DEFAULT_STITCH_SETTINGS, StitchSettings
 
     for name, value, most in (
         ("repeatability-mm", repeatability_mm, 5.0),
         ("repeatability-deg", repeatability_deg, 1.0),
-        ("out-of-round-mm", out_of_round_mm, 1e3 * DEFAULT.most_out_of_round),
+        ("out-of-round-mm", out_of_round_mm, 1e3 * DEFAULT_STITCH_SETTINGS.most_out_of_round),
     ):
         if not 0 < value <= most:
             raise ConfigurationError(f"must be more than 0, {most:g} at most", key=f"--{name}")

@@ -63,7 +63,7 @@ class Alignment:
     moved : float
         Root mean square of how far the points moved, metres.
     note : str
-        What to know of it; empty where there is nothing.
+        What to know of it; empty if there is nothing.
     """
 
     method: str
@@ -184,7 +184,7 @@ def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
 
 
 def _check_stiffness(points: Array, normals: Array) -> None:
-    """Refuse points that could slide or turn on the reference without anybody noticing."""
+    """Refuse points that could slide or turn on the reference unnoticed."""
     radius = float(np.sqrt(np.mean(np.sum(points * points, axis=1))))
     J = np.column_stack((np.cross(points / radius, normals), normals))
     least = float(np.linalg.eigvalsh(J.T @ J / len(J))[0])

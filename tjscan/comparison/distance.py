@@ -20,7 +20,7 @@ class DistanceStatistics:
     Parameters
     ----------
     mean, median : float
-        With their signs, where the distances have one.
+        With their signs, if the distances have one.
     rms : float
         Root of the mean square.
     p95, max : float
@@ -83,7 +83,7 @@ class DeviationDistances:
 
     @property
     def within(self) -> float | None:
-        """Share of absolute distances within the tolerance; None where there is none."""
+        """Share of absolute distances within the tolerance; None if there is none."""
         if self.tolerance is None:
             return None
         return float(np.mean(np.abs(self.known) <= self.tolerance))

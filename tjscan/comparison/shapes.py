@@ -1,4 +1,4 @@
-"""What is compared: points, meshes and edges, in metres, with what their files say of them."""
+"""What is compared: points, meshes and edges, in metres, with what their files state."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ EventListener = Callable[[str, str], None]
 
 @dataclass(frozen=True, slots=True)
 class DeviceIdentity:
-    """Which device it is, as far as it reports that; empty where it does not.
+    """Which device it is, as far as it reports that; empty if it does not.
 
     Parameters
     ----------

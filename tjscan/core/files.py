@@ -16,9 +16,9 @@ from typing import IO, Any, Final
 
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.locks import lock_directory
-from tjscan.core.manifest import MANIFEST, manifest_text
+from tjscan.core.manifest import MANIFEST_FILE, manifest_text
 
-WINDOWS: Final = os.name == "nt"
+ON_WINDOWS: Final = os.name == "nt"
 """There the names of a directory need no help, and a file must be open for writing."""
 
 
@@ -30,9 +30,9 @@ def bring_stream_to_disk(stream: IO[Any]) -> None:
 
 def bring_to_disk(path: Path) -> None:
     """Bring a closed file to the disk, or the names in a directory; OSError if it can't be."""
-    if WINDOWS and path.is_dir():
+    if ON_WINDOWS and path.is_dir():
         return
-    handle = os.open(path, os.O_RDWR if WINDOWS else os.O_RDONLY)
+    handle = os.open(path, os.O_RDWR if ON_WINDOWS else os.O_RDONLY)
     try:
         os.fsync(handle)
     finally:
@@ -118,20 +118,20 @@ def write_files_atomically(
 ) -> Iterator[Path]:
     """Give a draft folder whose files move into `directory`, all or none, after the block.
 
-    No file is replaced before all of them are on the disk. Where a link stands in the place of
+    No file is replaced before all of them are on the disk. If a link is in the place of
     one, the link is replaced, and what it leads to stays as it is.
 
     Parameters
     ----------
     directory : Path
-        Made where it is not there.
+        Made if it is not there.
     last : str
         The file that is moved last: where it is, all are.
     listed : bool
         Whether a new directory gets a list of its files, see `tjscan.core.manifest`. One that is
         there is kept true in any case.
     instead_of : sequence of str
-        Patterns of names whose files are removed where the draft holds none of that name: of an
+        Patterns of names whose files are removed if the draft holds none of that name: of an
         earlier result, and no longer true beside this one.
 
     Raises
@@ -139,7 +139,7 @@ def write_files_atomically(
     RecordingError
         If writing fails; the directory then holds what it held before.
     """
-    order = {MANIFEST: 1, last: 2}
+    order = {MANIFEST_FILE: 1, last: 2}
     try:
         directory.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=directory, prefix=DRAFT_PREFIX) as name:
@@ -148,9 +148,9 @@ def write_files_atomically(
             is_new = all(file == draft for file in directory.iterdir())
             earlier = {file for pattern in instead_of for file in directory.glob(pattern)}
             gone = [file for file in earlier if not (draft / file.name).exists()]
-            if (listed and is_new) or (directory / MANIFEST).is_file():
+            if (listed and is_new) or (directory / MANIFEST_FILE).is_file():
                 text = manifest_text(directory, draft, gone)
-                (draft / MANIFEST).write_text(text, encoding="utf-8")
+                (draft / MANIFEST_FILE).write_text(text, encoding="utf-8")
             for file in draft.iterdir():
                 bring_to_disk(file)
             for file in gone:

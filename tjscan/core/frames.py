@@ -1,7 +1,7 @@
 """Poses and points: ``T_b_s`` is the pose of s in b and maps s-coordinates into b.
 
 Inner letters cancel: ``T_b_s = T_b_f @ T_f_s``. Poses are 4 x 4 arrays; lengths are metres,
-angles radians. The table of frames stands in ``docs/frames.md``.
+angles radians. The table of frames is in ``docs/frames.md``.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def rot_z(angle: float) -> Array:
 
 
 def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
-    """Pose from a rotation and a position; identity where left out.
+    """Pose from a rotation and a position; identity if left out.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def pose_from_rounded_matrix(T: ArrayLike) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointOrBaseFrame:
-    """Frame of the results: the joint's where the job says where the joint is, else the base frame.
+    """Frame of the results: the joint's if the job states its place, else the base frame.
 
     Parameters
     ----------

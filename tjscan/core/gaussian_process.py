@@ -128,7 +128,7 @@ class SimpleKriging:
         Parameters
         ----------
         start, by : float
-            The first input, and how far beyond it the second lies.
+            The first input, and how far beyond it the second is.
         """
         k_start, k_end = self.kernel(np.array((start, start + by))[:, None] - self.x)
         return float((k_end - k_start) @ self.alpha)

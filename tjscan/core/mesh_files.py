@@ -39,7 +39,7 @@ TEXT_RATES: Final = {
     ".txt": (0, 36),
     ".csv": (0, 36),
 }
-"""Bytes of memory for each byte and for each word of a text, of which the larger counts."""
+"""Bytes of memory for each byte and for each word of a text; the larger product counts."""
 
 PLY_VERTEX: Final = 120
 PLY_FACE: Final = 180
@@ -144,7 +144,7 @@ ROOM_FOR_HEADERS: Final = 1_000_000
 def read_mesh_file(path: Path) -> tuple[Array, np.ndarray[Any, np.dtype[np.intp]]]:
     """Vertices and triangles of a PLY, STL, OBJ, 3MF or STEP file.
 
-    Materials and textures that it names are not opened. What its header says of its size must
+    Materials and textures that it names are not opened. What its header states of its size must
     be what it holds.
 
     Parameters

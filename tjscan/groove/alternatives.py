@@ -253,7 +253,7 @@ def with_knee(
     Polyline or None
         With one side more; None if no two lines explain that much more.
     """
-    own = fitted.points_of(k)
+    own = fitted.spans[k]
     points, residuals = row.points[own], fitted.residuals[own]
     near = np.flatnonzero(np.abs(residuals) < KNEE_REACH)
     if len(near) < FEWEST_DIVIDED_POINTS:

@@ -156,7 +156,8 @@ def best_hypotheses(
     budget : SearchBudget
     """
     until, since = stretches
-    d_first, d_last = (side.signed_distances(row.points) / tolerance for side in outer)
+    d_first = outer[0].signed_distances(row.points) / tolerance
+    d_last = outer[1].signed_distances(row.points) / tolerance
     lo = max(end_of_support(np.abs(d_first[: until + 1]) < 1) - OUTER_MARGIN, 0)
     behind = end_of_support(np.abs(d_last[since:][::-1]) < 1) - OUTER_MARGIN
     hi = len(row.points) - max(behind, 0)

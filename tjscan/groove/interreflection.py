@@ -62,9 +62,6 @@ PULL_DOUBT: Final = 0.15
 FEWEST_PULLED_POINTS: Final = 4
 """Points about a notch that show a pull."""
 
-LEAST_RAY_SINE: Final = 0.2
-"""Least sine of the angle between a ray and a flank that shows how far a point moved along it."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NotchPull:
@@ -186,7 +183,8 @@ def find_pull(row: OrderedProfilePoints, fitted: FittedProfile, k: int) -> Notch
 
 def _flank(curve: CubicCurve, s: float, sign: float, points: Array, limit: float) -> _Flank:
     x, z = curve.points_at(s)
-    tx, tz = (sign * t for t in curve.tangent_at(s))
+    tx, tz = curve.tangent_at(s)
+    tx, tz = sign * tx, sign * tz
     px, pz = points.T
     across = tx * pz - tz * px
     with np.errstate(divide="ignore"):
@@ -249,12 +247,6 @@ def closeness_to_notch(points: Array, notch: Array) -> Array:
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.minimum(away / PULL_REACH, 1.0)))
 
 
-def sines_with_rays(curve: CubicCurve, points: Array) -> Array:
-    """Sines of the angles between a side and the rays to points, shape (n, 2)."""
-    square = points @ np.array((curve.tz, -curve.tx)) / np.linalg.norm(points, axis=1)
-    return np.asarray(np.maximum(np.abs(square), LEAST_RAY_SINE))
-
-
 def estimate_pull(
     row: OrderedProfilePoints, fitted: FittedProfile, model: GrooveModel
 ) -> tuple[float, float]:
@@ -279,11 +271,11 @@ def estimate_pull(
     value, information = 0.0, 0.0
     last = len(fitted.curves) - 1
     for k in (last - 2, last):
-        own, side = fitted.points_of(k), model.sides[k]
+        own, side = fitted.spans[k], model.sides[k]
         curve = fitted.curves[k].rebased_at_tangent(fitted.middles[k])
         points = row.points[own]
         s, d = curve.local_coordinates(points)
-        pull = -closeness[own] * sines_with_rays(curve, points)
+        pull = -closeness[own] * curve.chord_sines_with_rays(points)
         close = closeness[own] > 0
         off = d - (curve.c0 + s * (curve.c1 + s * (curve.c2 + s * curve.c3)))
         sigma = max(float(fitted.sigmas[k]), LEAST_NOISE)

@@ -156,14 +156,14 @@ def estimate_noise_correlation(
     keep = fitted.keep
     scaled = fitted.residuals[keep] / np.maximum(fitted.sigmas, 1e-9).repeat(fitted.counts)
     return estimate_correlation(
-        scaled, row.columns[keep], row.count, int(fitted.parameter_counts.sum())
+        scaled, row.columns[keep], row.count, int((2 + fitted.curved).sum())
     )
 
 
 def noise_variances(fitted: FittedProfile) -> Array:
     """Variance of each side's noise, with what its fit took up, in m², shape (k,)."""
     inflation = fitted.noise.variance_inflation
-    lost = noise_share_in_fit(fitted.parameter_counts, inflation, fitted.counts)
+    lost = noise_share_in_fit(2 + fitted.curved, inflation, fitted.counts)
     return np.asarray(fitted.sigmas**2 / (1 - lost))
 
 
@@ -180,14 +180,14 @@ def undulation_sigmas(fitted: FittedProfile) -> Array:
     # Variance of a mean of correlated points, over that of one.
     share = (block * lags[0] + 2 * ((block - np.arange(1, len(lags))) * lags[1:]).sum()) / block**2
     for k, sigma in enumerate(np.sqrt(noise_variances(fitted)).tolist()):
-        side = fitted.points_of(k)
+        side = fitted.spans[k]
         own = fitted.residuals[side][fitted.keep[side]]
         count = len(own) // block
         if count < FEWEST_BLOCKS:
             continue
         start = (len(own) - count * block) // 2
         means = own[start : start + count * block].reshape(count, block).mean(axis=1)
-        free = max(count - int(fitted.parameter_counts[k]), 1)
+        free = max(count - (2 + int(fitted.curved[k])), 1)
         variance = float((means**2).sum()) / free
         expected = sigma**2 * share
         if variance > expected * (1 + SIGNIFICANT_SIGMAS * sqrt(2 / free)):

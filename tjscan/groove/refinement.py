@@ -29,7 +29,6 @@ from tjscan.groove.sides import (
     FittedProfile,
     Index,
     NoiseCorrelation,
-    NormalEquations,
     OrderedProfilePoints,
     Polyline,
     corners_between_sides,
@@ -178,6 +177,26 @@ def prior_weights(
     return weight
 
 
+def solve_with_prior(
+    equations: tuple[Array, Array], weight: Array, expected: Array
+) -> tuple[Array, Array]:
+    """Solve normal equations for coefficients (k, 4) and inverses (k, 4, 4), with a prior.
+
+    Parameters
+    ----------
+    equations : tuple of ndarray
+        Matrices, shape (k, 4, 4), and right-hand sides, shape (k, 4).
+    weight : ndarray, shape (k, 4)
+        What the prior adds to the diagonals; a coefficient that has to be zero weighs
+        `FIXED_WEIGHT`.
+    expected : ndarray, shape (k, 4)
+        Its mean, for the other coefficients.
+    """
+    inverse = np.linalg.inv(equations[0] + weight[:, :, None] * np.eye(4))
+    rhs = equations[1] + np.where(weight < FIXED_WEIGHT, weight * expected, 0.0)
+    return (inverse @ rhs[:, :, None])[:, :, 0], np.asarray(inverse, dtype=np.float64)
+
+
 def _round(
     row: OrderedProfilePoints,
     start: Polyline,
@@ -222,9 +241,9 @@ def _round(
     counts = sums[0]
     if counts.min() < FEWEST_SIDE_POINTS:
         return None
-    equations = NormalEquations(sums[_HANKEL_INDEX].transpose(2, 0, 1), sums[7:].T)
+    equations = sums[_HANKEL_INDEX].transpose(2, 0, 1), sums[7:].T
     try:
-        c, inverse = equations.solve_with_prior(*prior)
+        c, inverse = solve_with_prior(equations, *prior)
     except np.linalg.LinAlgError:
         return None
     c0, c1, c2, c3 = c.T.repeat(sizes, axis=1)
@@ -243,6 +262,7 @@ def _round(
         met[1],
         met[0],
         edges,
+        tuple(map(slice, edges, edges[1:])),
         s,
         residuals,
         keep,

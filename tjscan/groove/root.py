@@ -307,7 +307,7 @@ def _spread(curve: CubicCurve, s: float, along: float, across: float) -> Array:
 def _seam_beside(fit: GrooveFit) -> bool:
     """Whether a bump that a weld's cap may be stands on the leg."""
     fitted = fit.fitted
-    own = fitted.points_of(len(fitted.curves) - 1)
+    own = fitted.spans[len(fitted.curves) - 1]
     s, d = fitted.along[own], -fitted.residuals[own]
     starts, stops = true_stretches(d > 0.3 * CAP_HEIGHT)
     for a, b in zip(starts.tolist(), stops.tolist(), strict=True):

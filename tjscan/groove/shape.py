@@ -17,7 +17,7 @@ import numpy as np
 import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array
-from tjscan.groove.interreflection import LEAST_RAY_SINE, NotchPull, find_pull
+from tjscan.groove.interreflection import NotchPull, find_pull
 from tjscan.groove.models import SideModel
 from tjscan.groove.noise import (
     SIGNIFICANT_SIGMAS,
@@ -30,10 +30,10 @@ from tjscan.groove.refinement import (
     prior_shape_sigmas,
     prior_uncertainty_terms,
     prior_weights,
+    solve_with_prior,
 )
 from tjscan.groove.sides import (
     UNIT_POWERS,
-    CubicCurve,
     FittedProfile,
     GrooveFit,
     OrderedProfilePoints,
@@ -176,7 +176,7 @@ def _patches(fitted: FittedProfile) -> Array:
     edges = fitted.edges
     # Noise lies along the rays: a side that slants shows less of it.
     along = fitted.sigmas / np.array(
-        [_square(c, m) for c, m in zip(fitted.curves, fitted.middles, strict=True)]
+        [c.sine_with_ray(m) for c, m in zip(fitted.curves, fitted.middles, strict=True)]
     )
     usual = median(along.tolist())
     for i in range(k):
@@ -200,7 +200,7 @@ def gaps_beside_corners(fitted: FittedProfile) -> Array:
     on = fitted.points_on_sides
     for i, places in enumerate(fitted.places):
         for j, s in enumerate(places):
-            own = fitted.points_of(i + j)
+            own = fitted.spans[i + j]
             seen, away = on[own], np.abs(fitted.along[own] - s)
             if j:
                 seen, away = seen[::-1], away[::-1]
@@ -263,7 +263,7 @@ def points_lead_away_from_side(fitted: FittedProfile, k: int) -> bool:
     k : int
         Number of the side.
     """
-    own = fitted.points_of(k)
+    own = fitted.spans[k]
     residuals, keep = fitted.residuals[own], fitted.keep[own]
     starts, stops = true_stretches(~keep)
     for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
@@ -289,13 +289,6 @@ def _jumps(residuals: Array) -> bool:
     a, b, c = residuals[:-2], residuals[1:-1], residuals[2:]
     middle = np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c))
     return bool(np.abs(np.diff(middle)).max(initial=0.0) > RESIDUAL_JUMP)
-
-
-def _square(curve: CubicCurve, s: float) -> float:
-    """Sine of the angle between a side and the ray that hits it at s."""
-    x, z = curve.points_at(s)
-    tx, tz = curve.tangent_at(s)
-    return max(abs(x * tz - z * tx) / hypot(x, z), LEAST_RAY_SINE)
 
 
 def _if_pulled(fitted: FittedProfile, k: int, pull: NotchPull) -> ShapeErrors:
@@ -340,14 +333,14 @@ def corner_estimates(fit: GrooveFit) -> tuple[Array, Array]:
     spread = _coefficient_covariances(fit)
     k = len(fitted.curves)
     jacobian = np.zeros((2 * k, 4 * k))
-    for i, place in enumerate(fitted.places):
-        (a, b), (sa, sb) = fitted.curves[i : i + 2], place
+    powers = [[(1.0, s, s * s, s * s * s) for s in place] for place in fitted.places]
+    for i, ((sa, sb), (pa, pb)) in enumerate(zip(fitted.places, powers, strict=True)):
+        a, b = fitted.curves[i : i + 2]
         (ax, az), (bx, bz) = a.tangent_at(sa), b.tangent_at(sb)
         # Normals are (tz, -tx); heights count along the chord's, 1 / cos of the slope farther.
         wa = 1.0 / hypot(1.0, a.height_and_slope(sa)[1])
         wb = 1.0 / hypot(1.0, b.height_and_slope(sb)[1])
         det = ax * bz - az * bx
-        pa, pb = ((1.0, s, s * s, s * s * s) for s in place)
         jacobian[2 * i : 2 * i + 2, 4 * i : 4 * i + 8] = [
             [-bx * wa * p / det for p in pa] + [ax * wb * p / det for p in pb],
             [-bz * wa * p / det for p in pa] + [az * wb * p / det for p in pb],
@@ -400,7 +393,7 @@ def _coefficient_covariances(fit: GrooveFit) -> Array:
         other = prior_weights(
             spread, bends & ~fitted.curved, fitted.sigmas, fitted.noise.variance_inflation
         )
-        there, inverse = fitted.equations.solve_with_prior(other, expected)
+        there, inverse = solve_with_prior(fitted.equations, other, expected)
         away = there - here
         odds = np.where(fitted.curved, fitted.straight, -fitted.straight)
         share = np.where(bends, scipy.special.expit(odds), 0.0)[:, None, None]

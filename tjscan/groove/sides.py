@@ -39,8 +39,10 @@ SUPPORT_NEIGHBOURS: Final = 4
 """Points on either side of one that tell, with it, whether it lies on a side."""
 
 _SUPPORT_WINDOW: Final = np.ones(2 * SUPPORT_NEIGHBOURS + 1)
-_IDENTITY_4: Final = np.eye(4)
 
+
+LEAST_RAY_SINE: Final = 0.2
+"""Least sine of the angle between a ray and a flank that shows how far a point moved along it."""
 
 STEEPEST_SLOPE: Final = 1.5
 """Largest slope over its chord that a side may have where it meets its neighbour."""
@@ -92,6 +94,17 @@ class CubicCurve(NamedTuple):
         _, slope = self.height_and_slope(s)
         scale = 1 / hypot(1.0, slope)
         return (self.tx + slope * self.tz) * scale, (self.tz - slope * self.tx) * scale
+
+    def sine_with_ray(self, s: float) -> float:
+        """Sine of the angle between the curve and the ray that hits it at s."""
+        x, z = self.points_at(s)
+        tx, tz = self.tangent_at(s)
+        return max(abs(x * tz - z * tx) / hypot(x, z), LEAST_RAY_SINE)
+
+    def chord_sines_with_rays(self, points: Array) -> Array:
+        """Sines of the angles between the chord and the rays to points, shape (n, 2)."""
+        square = points @ np.array((self.tz, -self.tx)) / np.linalg.norm(points, axis=1)
+        return np.asarray(np.maximum(np.abs(square), LEAST_RAY_SINE))
 
     def position_along_chord(self, x: float, z: float) -> float:
         """Parameter s of a point, along the chord."""
@@ -185,34 +198,6 @@ class OrderedProfilePoints:
         return replace(self, points=(self.points + away[:, None] * rays).T.copy().T)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class NormalEquations:
-    """Normal equations of the coefficients of k sides, without any prior.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (k, 4, 4)
-    rhs : ndarray, shape (k, 4)
-    """
-
-    matrix: Array
-    rhs: Array
-
-    def solve_with_prior(self, weight: Array, expected: Array) -> tuple[Array, Array]:
-        """Solve for coefficients (k, 4) and inverses (k, 4, 4), with a prior.
-
-        Parameters
-        ----------
-        weight : ndarray, shape (k, 4)
-            What it adds to the diagonals; a coefficient that has to be zero weighs `FIXED_WEIGHT`.
-        expected : ndarray, shape (k, 4)
-            Its mean, for the other coefficients.
-        """
-        inverse = np.linalg.inv(self.matrix + weight[:, :, None] * _IDENTITY_4)
-        rhs = self.rhs + np.where(weight < FIXED_WEIGHT, weight * expected, 0.0)
-        return (inverse @ rhs[:, :, None])[:, :, 0], np.asarray(inverse, dtype=np.float64)
-
-
 class Polyline(NamedTuple):
     """Curves for the sides of a groove, from wall to leg, before they are fitted to the points.
 
@@ -264,6 +249,8 @@ class FittedProfile:
         x and z in metres.
     edges : list of int
         First point of each side, and the number n of points; k + 1.
+    spans : tuple of slice
+        The points of each side among those of the row.
     along : ndarray, shape (n,)
         Each point's s on its side.
     residuals : ndarray, shape (n,)
@@ -274,8 +261,9 @@ class FittedProfile:
         Standard deviation of each side's residuals, in metres.
     curved : ndarray of bool, shape (k,)
         Which sides are curved.
-    equations : NormalEquations
-        What the coefficients solve.
+    equations : tuple of ndarray
+        Normal equations that the coefficients solve, without any prior: matrices, shape
+        (k, 4, 4), and right-hand sides, shape (k, 4).
     inverse : ndarray, shape (k, 4, 4)
         Inverses of their matrices with the prior, in powers of s / 20 mm.
     weight : ndarray, shape (k, 4)
@@ -294,12 +282,13 @@ class FittedProfile:
     places: tuple[tuple[float, float], ...]
     corners: Array
     edges: list[int]
+    spans: tuple[slice, ...]
     along: Array
     residuals: Array
     keep: NDArray[np.bool_]
     sigmas: Array
     curved: NDArray[np.bool_]
-    equations: NormalEquations
+    equations: tuple[Array, Array]
     inverse: Array
     weight: Array
     counts: Index
@@ -309,12 +298,8 @@ class FittedProfile:
 
     def kept_along(self, k: int) -> Array:
         """Values of s of the points that the fit of side k rests on."""
-        own = self.points_of(k)
+        own = self.spans[k]
         return self.along[own][self.keep[own]]
-
-    def points_of(self, k: int) -> slice:
-        """The points of side k among those of the row."""
-        return slice(self.edges[k], self.edges[k + 1])
 
     def corner_shift(self, corner: int, side: int) -> Array:
         """How far a corner moves, shape (2,), per metre that one of its sides moves back.
@@ -330,11 +315,6 @@ class FittedProfile:
         own = self.curves[side].tangent_at(self.places[corner][j])
         tx, tz = self.curves[corner + 1 - j].tangent_at(self.places[corner][1 - j])
         return np.array((tx, tz)) / (tx * own[1] - tz * own[0])
-
-    @property
-    def parameter_counts(self) -> Index:
-        """Number of coefficients fitted to each side, shape (k,)."""
-        return np.asarray(2 + self.curved)
 
     @property
     def inlier_shares(self) -> Array:

@@ -20,7 +20,6 @@ from tjscan.groove.interreflection import (
     PULL_DOUBT,
     closeness_to_notch,
     estimate_pull,
-    sines_with_rays,
 )
 from tjscan.groove.prior import (
     NOTCH_PULLS,
@@ -186,7 +185,7 @@ def find_scaled_side(fit: GrooveFit, k: int, pulled: Array) -> ScaledSide | None
         How far light seems to pull each of the row's points, square to its side, in metres.
     """
     fitted, side = fit.fitted, fit.model.sides[k]
-    own = fitted.points_of(k)
+    own = fitted.spans[k]
     near = np.flatnonzero(np.abs(fitted.residuals[own]) < SURFACE_REACH)
     count = len(near) // SCALE_BLOCK
     if count < FEWEST_BLOCKS_OF_SIDE:
@@ -265,9 +264,9 @@ def _without_scale(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> tupl
     pulled = expected_pull * closeness_to_notch(row.points, notch)
     scaled: dict[int, ScaledSide] = {}
     for k in (0, last):
-        own = fitted.points_of(k)
+        own = fitted.spans[k]
         square = np.zeros(len(row.points))
-        square[own] = sines_with_rays(fitted.curves[k], row.points[own])
+        square[own] = fitted.curves[k].chord_sines_with_rays(row.points[own])
         seen = find_scaled_side(fit, k, pulled * square)
         if seen is not None:
             scaled[k] = seen
@@ -280,12 +279,12 @@ def _without_scale(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> tupl
     bends, sigmas = np.zeros(2), np.full(2, np.inf)
     curves = list(fitted.curves)
     for k, seen in scaled.items():
-        own = fitted.points_of(k)
+        own = fitted.spans[k]
         steel = seen.find_steel(thickness)
         bends[int(k > 0)], sigmas[int(k > 0)] = steel.bend, steel.bend_sigma
         if not thickness:
             continue
-        back[own] = steel.on_scale * thickness / sines_with_rays(seen.base, row.points[own])
+        back[own] = steel.on_scale * thickness / seen.base.chord_sines_with_rays(row.points[own])
         curves[k] = steel.curve
         corner = 0 if k == 0 else last - 1
         s = seen.base.position_along_chord(*fitted.corners[corner].tolist())
@@ -311,14 +310,14 @@ def _without_pull(fit: GrooveFit, moved: Array, prior: GroovePrior, tolerance: f
     shift = np.zeros(2 * face + 4)
     for corner in (face - 1, face):
         at = fitted.corners[corner][None]
-        sine = float(sines_with_rays(fitted.curves[face], at)[0])
+        sine = float(fitted.curves[face].chord_sines_with_rays(at)[0])
         shift[2 * corner : 2 * corner + 2] = sine * fitted.corner_shift(corner, face)
     closeness = closeness_to_notch(fit.row.points, fitted.corners[-2:])
     # At its ends the face is pulled in most. Few of its points would be bent by less between.
-    closeness[fitted.points_of(face)] = 1.0
+    closeness[fitted.spans[face]] = 1.0
     curves = list(fitted.curves)
     middle = np.array([curves[face].points_at(fitted.middles[face])])
-    deeper = pull * float(sines_with_rays(curves[face], middle)[0])
+    deeper = pull * float(curves[face].chord_sines_with_rays(middle)[0])
     curves[face] = curves[face]._replace(c0=curves[face].c0 + deeper)
     evidence = None if fit.evidence is None else replace(fit.evidence, log_pulls=log_pulls)
     covariance = fit.steel_covariance + doubt * np.outer(shift, shift)

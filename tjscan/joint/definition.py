@@ -23,7 +23,7 @@ class FitUpTolerance:
     groove_angle : float
         Radians.
     root_opening : float
-        Also of the root bead's width, where one is laid.
+        Also of the root bead's width, if one is laid.
     root_face, depth : float
     high_low : float
         By which brace or leg may stand out of where they are drawn, or in.
@@ -49,7 +49,7 @@ class JointDefinition:
     name : str
         What its files are called.
     leg_radius, leg_wall, leg_length : float
-        Outer radius, wall thickness, and length, which lies evenly about the brace's axis.
+        Outer radius, wall thickness, and length, half to either side of the brace's axis.
     brace_radius, brace_wall, brace_length : float
         Outer radius, wall thickness, and distance from where the axes cross to the free end.
     angle : float
@@ -66,7 +66,7 @@ class JointDefinition:
     imperfections : Imperfections
         What makes the joint as built differ from its drawing, which all else describes.
     tolerance : FitUpTolerance
-        How far its fit-up may lie from the drawing.
+        How far its fit-up may be from the drawing.
     """
 
     name: str

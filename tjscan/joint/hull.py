@@ -17,7 +17,7 @@ from annotated_types import Ge, Gt, Le, Len
 from tjscan.core.config import read_toml, validate_table
 from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, FileUnit, SettingsTable
 
-METRES: Final = FileUnit("m")
+IN_METRES: Final = FileUnit("m")
 
 NARROWEST_GAP: Final = -1e-6
 """Least root gap, in metres: below zero by no more than what rounding of the file leaves."""
@@ -37,7 +37,7 @@ class HullTack(SettingsTable):
         Over the groove's bottom, in metres.
     """
 
-    at: Annotated[float, Ge(0.0), Le(1000.0), METRES]
+    at: Annotated[float, Ge(0.0), Le(1000.0), IN_METRES]
     length: Annotated[float, Ge(2.0), Le(500.0), MM] = 0.03
     height: Annotated[float, Gt(0.0), Le(40.0), MM] = 0.005
 
@@ -104,8 +104,8 @@ class HullJoint(SettingsTable):
     root_face: Annotated[float, Ge(0.0), Le(20.0), MM] = 0.0
     backing: bool = True
     high_low: Annotated[float, Ge(-10.0), Le(10.0), MM] = 0.0
-    length: Annotated[float, Gt(0.0), Le(1000.0), METRES] = 2.0
-    radius: Annotated[float | None, METRES] = None
+    length: Annotated[float, Gt(0.0), Le(1000.0), IN_METRES] = 2.0
+    radius: Annotated[float | None, IN_METRES] = None
     tacks: Annotated[tuple[HullTack, ...], Len(0, 1000), LIST_OR_WORD_IN_FILE] = ()
     beads: Annotated[tuple[WeldBead, ...], Len(0, 50), LIST_OR_WORD_IN_FILE] = ()
     ripple: Annotated[float, Ge(0.0), Le(2.0), MM] = 0.0

@@ -34,7 +34,7 @@ BOWED_STRIPS = 12
 """Strips of a curved bead's face, whose edges lie on the true one."""
 
 SINK_DEPTH: Final = 2e-3
-"""How deep bead and brace dip into the leg's wall, in metres, where the wall allows."""
+"""How deep bead and brace dip into the leg's wall, in metres, if the wall allows it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +69,7 @@ def build_joint_mesh(definition: JointDefinition) -> TriangleMesh:
     spans = tack_spans(definition)
     added = [tack_solid(definition, t, span) for t, span in zip(built.tacks, spans, strict=True)]
     solid = _together(solid, added + [seam_cap_solid(definition, seam) for seam in built.seams])
-    # Each tack across an open root joins two rings once more.
+    # Each tack across an open root joins two rings again.
     genus = 1 + len(built.tacks) * built.root.is_open
     if solid.status() != manifold3d.Error.NoError or solid.genus() != genus:
         raise ConfigurationError(f"{definition.name} does not join into one solid", key="brace")
@@ -193,7 +193,7 @@ def _first_of_groove(definition: JointDefinition) -> int:
 
 
 def _bead(definition: JointDefinition, s: JointGrooveSections) -> list[Array]:
-    """The root bead from behind the land to below p3; nothing where the root is open."""
+    """The root bead from behind the land to below p3; nothing if the root is open."""
     root = definition.imperfections.root
     if root.is_open:
         return []

@@ -22,7 +22,7 @@ from tjscan.report.dimensions import (
 )
 from tjscan.result.directions import section_directions
 
-IN_PLANE: Final = 0.2e-3
+IN_PLANE_DISTANCE: Final = 0.2e-3
 """Metres from a section's plane within which points belong to its profile."""
 
 MOST_DOTS: Final = 250
@@ -30,7 +30,7 @@ MOST_DOTS: Final = 250
 
 @dataclass(frozen=True, slots=True)
 class DrawnLabel:
-    """A dimension as it stands in a drawing.
+    """A dimension as a drawing shows it.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class _Plane:
     def flat(self, points: Array) -> Array:
         """Points near the plane, (m, 2), of points (n, 3) in the sections' frame."""
         points_g = transform_points(self.T_g_r, points)
-        near = points_g[np.abs(points_g[:, 0]) < IN_PLANE]
+        near = points_g[np.abs(points_g[:, 0]) < IN_PLANE_DISTANCE]
         return 1e3 * near[:, [2, 1]] * (1, -1)
 
     @property

@@ -12,13 +12,13 @@ import numpy as np
 from tjscan.comparison.result import Comparison
 from tjscan.report.data import ReportData
 from tjscan.report.stations import stitching_findings
-from tjscan.result.directory import JOINT
+from tjscan.result.directory import JOINT_FILE
 
-GAP: Final = 2.5
+GAP_RATIO: Final = 2.5
 """Neighbouring sections farther apart than so many times the usual distance leave a gap."""
 
-UNSURE: Final = 0.2
-"""Standard deviation of a corner's reading in mm above which a finding says so."""
+UNSURE_SIGMA_MM: Final = 0.2
+"""Standard deviation of a corner's reading in mm above which a finding states it."""
 
 
 def report_findings(data: ReportData) -> Iterator[str]:
@@ -89,7 +89,7 @@ def is_closed(data: ReportData) -> bool:
     if azimuths is None or len(azimuths) < 3:
         return False
     steps = np.diff(azimuths, append=azimuths[0] + 360)
-    return bool(steps.max() <= max(GAP * np.median(steps), 5.0))
+    return bool(steps.max() <= max(GAP_RATIO * np.median(steps), 5.0))
 
 
 def _compared(data: ReportData) -> Iterator[str]:
@@ -116,7 +116,7 @@ def wide_steps(data: ReportData) -> dict[int, float]:
     steps = 1e3 * np.linalg.norm(np.diff(origins, axis=0), axis=1)
     if len(steps) < 3:
         return {}
-    return {int(k): float(steps[k]) for k in np.flatnonzero(steps > GAP * np.median(steps))}
+    return {int(k): float(steps[k]) for k in np.flatnonzero(steps > GAP_RATIO * np.median(steps))}
 
 
 def _gaps(data: ReportData) -> Iterator[str]:
@@ -132,10 +132,10 @@ def _gaps(data: ReportData) -> Iterator[str]:
 def _unsure(data: ReportData) -> Iterator[str]:
     # What all sections share has a chapter of its own.
     sigma = 1e3 * np.array([section.own_corner_sigmas.max() for section in data.sections])
-    if (bad := int((sigma > UNSURE).sum())) > 0:
+    if (bad := int((sigma > UNSURE_SIGMA_MM).sum())) > 0:
         yield (
-            f"In {bad} of {len(sigma)} sections a corner is read to worse than {UNSURE:g} mm (one "
-            f"standard deviation); the worst to {sigma.max():.2f} mm."
+            f"In {bad} of {len(sigma)} sections a corner is read to worse than "
+            f"{UNSURE_SIGMA_MM:g} mm (one standard deviation); the worst to {sigma.max():.2f} mm."
         )
 
 
@@ -191,7 +191,7 @@ def headline_numbers(data: ReportData) -> Iterator[HeadlineNumber]:
 def name_of_reference(comparison: Comparison) -> str:
     """What a run was compared with, in words."""
     name = comparison.reference.name
-    return "the joint as designed" if name == Path(JOINT).stem else name
+    return "the joint as designed" if name == Path(JOINT_FILE).stem else name
 
 
 def _deviation(comparison: Comparison) -> HeadlineNumber:

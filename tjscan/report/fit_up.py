@@ -13,14 +13,14 @@ from tjscan.groove.section import TACK_WELD
 from tjscan.joint.imperfections import NO_IMPERFECTIONS
 from tjscan.report.data import ReportData
 from tjscan.report.dimensions import (
-    COVERAGE,
+    COVERAGE_SIGMAS,
     DEGREES_PER_HOUR,
     clock_text,
     section_dimensions,
     sections_by_the_clock,
 )
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
-from tjscan.result.picture import BAND, CORNER, LASER, PATH, ROOT
+from tjscan.result.picture import BAND_SIGMAS, CORNER_COLOUR, LASER_COLOUR, PATH_COLOUR, ROOT_COLOUR
 from tjscan.result.section import absent_corners, lengths_along_groove
 
 ROOT_WIDTH: Final = 1
@@ -47,11 +47,11 @@ def draw_fit_up(data: ReportData) -> ReportPicture:
     edges = 1e3 * np.array([section.own_corner_sigmas[1] for section in sections])
     widths = 1e3 * np.array([section.sigmas[ROOT_WIDTH] for section in sections])
     for name, y, sigma, colour in (
-        ("root opening", opening, edges, ROOT),
-        ("width of the root bead", np.where(closed, width, np.nan), widths, LASER),
+        ("root opening", opening, edges, ROOT_COLOUR),
+        ("width of the root bead", np.where(closed, width, np.nan), widths, LASER_COLOUR),
     ):
         if not np.isnan(y).all():
-            bars = BAND * sigma
+            bars = BAND_SIGMAS * sigma
             panels[0].errorbar(
                 x, y, bars, fmt="o-", markersize=3, linewidth=1, color=colour, label=name
             )
@@ -59,7 +59,10 @@ def draw_fit_up(data: ReportData) -> ReportPicture:
     panels[0].set_ylim(bottom=0)
     if high_low is not None:
         for y, name, colour in zip(
-            high_low.T, ("brace's wall at p2", "leg at p4"), (CORNER, PATH), strict=True
+            high_low.T,
+            ("brace's wall at p2", "leg at p4"),
+            (CORNER_COLOUR, PATH_COLOUR),
+            strict=True,
         ):
             panels[1].plot(x, 1e3 * y, marker="o", markersize=3, color=colour, label=name)
         panels[1].axhline(0, color="grey", linewidth=0.8)
@@ -77,7 +80,7 @@ def draw_fit_up(data: ReportData) -> ReportPicture:
         figure,
         "Fit-up, unrolled",
         f"Shaded: tack welds, {int(tacked.sum())} of {len(sections)} sections lie on one. Bars are "
-        f"± {BAND:g} standard deviations.{off}",
+        f"± {BAND_SIGMAS:g} standard deviations.{off}",
         f"Charts along the groove of the root{'' if high_low is None else ' and of high-low'}, "
         f"{int(tacked.sum())} sections on tack welds.",
         vector=True,
@@ -85,7 +88,7 @@ def draw_fit_up(data: ReportData) -> ReportPicture:
 
 
 def _unrolled(data: ReportData) -> tuple[Array, str]:
-    """Where the sections stand, and what that is called."""
+    """Where the sections are, and what that is called."""
     if (azimuths := data.unwrapped_azimuths) is not None:
         return azimuths / DEGREES_PER_HOUR, (
             "clock position / h: 0 (12 o'clock) at the crown, 3 at azimuth 90°"
@@ -96,7 +99,7 @@ def _unrolled(data: ReportData) -> tuple[Array, str]:
 def _high_low(data: ReportData, order: NDArray[np.intp]) -> Array | None:
     """Metres by which brace and leg stand out of their drawn cylinders, (n, 2), if these are known.
 
-    NaN where the corner is not seen.
+    NaN if the corner is not seen.
     """
     if data.joint is None:
         return None
@@ -160,7 +163,7 @@ def fit_up_table(data: ReportData) -> FitUpTable:
         cells = [FitUpCell(one.text, one.designed_text, one.verdict) for one in dimensions]
         rows.append((FitUpCell(where), FitUpCell(data.section_number(section)), *cells))
     stated = any(one.verdict for row in every for one in row)
-    note = f"± is {COVERAGE:g} standard deviations. "
+    note = f"± is {COVERAGE_SIGMAS:g} standard deviations. "
     if data.joint is not None:
         note += "In brackets what is drawn, in the section's own plane"
         note += ", and its tolerance" if stated else ""

@@ -20,7 +20,7 @@ from tjscan.report.picture import (
     picture_from_png,
 )
 
-PAGE: Final = "plan.html"
+PLAN_PAGE: Final = "plan.html"
 PLAN, BEADS, PICTURE = "plan.json", "beads.csv", "plan.png"
 
 MOST_PICTURE_BYTES: Final = 5_000_000
@@ -67,8 +67,8 @@ def write_plan_page(directory: Path) -> Path:
         provenance=plan.provenance.header_entries,
     )
     with write_files_atomically(directory) as draft:
-        (draft / PAGE).write_text(page, encoding="utf-8")
-    return directory / PAGE
+        (draft / PLAN_PAGE).write_text(page, encoding="utf-8")
+    return directory / PLAN_PAGE
 
 
 def draw_positions(courses: Sequence[BeadCourse]) -> ReportPicture:

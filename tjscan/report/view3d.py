@@ -17,22 +17,22 @@ from tjscan.report.charts import indices_near_groove
 from tjscan.report.data import ReportData
 from tjscan.report.dimensions import clock_text
 from tjscan.report.findings import is_closed, wide_steps
-from tjscan.result.section import MEASURES, SIGMAS, SYMBOLS, absent_corners
+from tjscan.result.section import MEASURE_FIELDS, SIGMA_FIELDS, UNIT_SYMBOLS, absent_corners
 from tjscan.result.wireframe import ghost_of_joint, joint_wireframe
 
 MOST_POINTS: Final = 40_000
 """A page of more would be slow, and too large."""
 
 SEQUENTIAL, DIVERGING = "viridis", "coolwarm"
-SHADES: Final = 9
+SHADE_COUNT: Final = 9
 """Between which the page mixes colours."""
 
-SHOWN: Final = ("groove_angle", "root_width", "depth")
+SHOWN_MEASURES: Final = ("groove_angle", "root_width", "depth")
 """Measures that the groove is coloured by."""
 
 
 def view_data(data: ReportData) -> dict[str, Any]:
-    """All that the view draws and tells, in millimetres and degrees, for JSON.
+    """All that the view draws and shows, in millimetres and degrees, for JSON.
 
     Parameters
     ----------
@@ -85,13 +85,13 @@ def _quantities(data: ReportData) -> Iterator[dict[str, Any]]:
             rows = np.nan_to_num(1e3 * deviation.distances.reshape(-1, 3), nan=-1).max(axis=1)
             yield _quantity(deviation.kind, "mm", np.where(rows < 0, np.nan, rows))
     rootless = absent_corners(data.sections).any(axis=1)
-    for field, spread in zip(MEASURES, SIGMAS, strict=True):
-        if field.name not in SHOWN:
+    for field, spread in zip(MEASURE_FIELDS, SIGMA_FIELDS, strict=True):
+        if field.name not in SHOWN_MEASURES:
             continue
         values = field.values(data.sections)
         if field.name != "groove_angle":
             values = np.where(rootless, np.nan, values)
-        symbol = SYMBOLS.get(field.unit.suffix, field.unit.suffix)
+        symbol = UNIT_SYMBOLS.get(field.unit.suffix, field.unit.suffix)
         yield _quantity(field.name_in_words, symbol, values, spread.values(data.sections))
     opening = 1e3 * np.array([section.root_opening for section in data.sections])
     if not np.isnan(opening).all():
@@ -113,7 +113,7 @@ def _quantity(name: str, unit: str, values: Array, sigmas: Array | None = None) 
 
 def _coloured(name: str, unit: str, limits: tuple[float, float], colours: str) -> dict[str, Any]:
     """A quantity without values, and its scale of colours."""
-    shades = [to_hex(colour) for colour in colormaps[colours](np.linspace(0, 1, SHADES))]
+    shades = [to_hex(colour) for colour in colormaps[colours](np.linspace(0, 1, SHADE_COUNT))]
     low, high = limits
     return {
         "name": name,

@@ -39,10 +39,10 @@ from tjscan.report.tables import (
 )
 from tjscan.report.view3d import view_data
 from tjscan.result.chapter import ChapterWriter, ReportSheet
-from tjscan.result.directory import JOB, job_label_of_run
+from tjscan.result.directory import JOB_FILE, job_label_of_run
 from tjscan.result.picture import write_png
 
-ALIGNED: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest points"}
+ALIGNED_BY: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest points"}
 """What brought what was measured onto its reference."""
 
 
@@ -83,7 +83,7 @@ def render_report_page(data: ReportData) -> str:
         drawn_sections=describe_drawings(data),
         comparison=comparison,
         compared_with="" if comparison is None else name_of_reference(comparison),
-        aligned_by=ALIGNED["none" if comparison is None else comparison.alignment.method],
+        aligned_by=ALIGNED_BY["none" if comparison is None else comparison.alignment.method],
         deviations=deviation_table_rows(data),
         going=scan_statistics_rows(data),
         events=event_rows(data),
@@ -97,7 +97,7 @@ def render_report_page(data: ReportData) -> str:
     )
 
 
-REPORT: Final = "report.html"
+REPORT_FILE: Final = "report.html"
 
 
 def write_run_report(
@@ -137,17 +137,17 @@ def write_run_report(
     else:
         page = render_report_page(read_report_data(directory, reference, tolerance, options))
     with write_files_atomically(directory) as draft:
-        (draft / REPORT).write_text(page, encoding="utf-8")
+        (draft / REPORT_FILE).write_text(page, encoding="utf-8")
         if sheet is not None:
             head = Provenance.for_file_written_now(job_label_of_run(directory), sheet.frame)
             write_png(draft / sheet.picture, draw_sheet_picture(chapter), head)
-    return directory / REPORT
+    return directory / REPORT_FILE
 
 
 def task_with_own_page(directory: Path) -> TaskPlugin | None:
-    """The task that made a run and has a page of its own for it; None where it is a scan's."""
+    """The task that made a run and has a page of its own for it; None if it is a scan's."""
     tasks = [TASKS.load(name) for name in TASKS.names]
     left = [(task, task.recording) for task in tasks]
-    if not (directory / JOB).is_file():  # a run of a job keeps copies of what others found
+    if not (directory / JOB_FILE).is_file():  # a run of a job keeps copies of what others found
         left += [(task, task.result) for task in tasks]
     return next((task for task, name in left if name and (directory / name).is_file()), None)

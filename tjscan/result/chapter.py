@@ -1,4 +1,4 @@
-"""What an algorithm has to say of a run in its report: facts, findings, charts, events, profiles.
+"""What an algorithm reports on a run in its report: facts, findings, charts, events, profiles.
 
 Each algorithm registers one function that takes a run directory and gives a `ReportChapter`. The
 report renders chapters, and knows no algorithm.
@@ -67,9 +67,9 @@ class PlaneAnimation:
     times : ndarray, shape (frames,)
         Seconds.
     polygons : sequence of ndarray, shape (n, 2)
-        What stands: the first is the floor, the others stand on it.
+        What does not move: the first is the floor, the others are on it.
     path : ndarray, shape (n, 2)
-        A line that stands.
+        A line that does not move.
     lines : sequence of MovingLine
     discs : sequence of MovingDiscs
     values : sequence of (str, ndarray of shape (frames,))
@@ -239,7 +239,7 @@ class ChapterWriter(Protocol):
     """A function that makes a task's chapter of the report on a run directory."""
 
     def __call__(self, directory: Path) -> ReportChapter:
-        """Give the chapter of a run directory, an empty one where it has nothing to say.
+        """Give the chapter of a run directory, an empty one where it has nothing to report.
 
         Parameters
         ----------

@@ -15,7 +15,7 @@ from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import inverse_pose, pose_from_rounded_matrix, transform_points
 from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.directory import SECTIONS, job_label_of_run
+from tjscan.result.directory import SECTIONS_FILE, job_label_of_run
 from tjscan.result.document import build_sections_document, sections_to_json
 from tjscan.result.ply import sections_to_ply
 from tjscan.result.shapes import read_finished_summary
@@ -23,8 +23,8 @@ from tjscan.result.table import read_sections_csv, sections_to_csv
 
 Format = Literal["csv", "ply", "json", "weldx"]
 
-STEM: Final = "export"
-"""Name of the file in the run directory, where none is given."""
+EXPORT_STEM: Final = "export"
+"""Name of the file in the run directory, if none is given."""
 
 
 def export_run(
@@ -41,7 +41,7 @@ def export_run(
     units : str
         Unit of its lengths: mm or m.
     out : Path, optional
-        The file to write; ``export.FORMAT`` in the run directory where left out.
+        The file to write; ``export.FORMAT`` in the run directory if left out.
 
     Raises
     ------
@@ -49,18 +49,18 @@ def export_run(
         If there is no finished run, the folder of the file does not exist, or an extra is not
         installed.
     RecordingError
-        If the file can't be written; what stood there before then still does.
+        If the file can't be written; what was there before is unchanged.
     """
     summary = read_finished_summary(directory)
-    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS))
+    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
     if len(sections) < 2:
         raise ConfigurationError(
             "two sections or more are needed to find the groove's direction",
-            file=directory / SECTIONS,
+            file=directory / SECTIONS_FILE,
         )
     run, calibration = directory.resolve().name, summary.calibration
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), summary.frame, units)
-    file = out or directory / f"{STEM}.{to}"
+    file = out or directory / f"{EXPORT_STEM}.{to}"
     if not file.parent.is_dir() or file.is_dir():
         raise ConfigurationError("is no file in a folder that exists", file=file, key="--out")
     with write_files_atomically(file.parent) as draft:
@@ -78,7 +78,7 @@ def export_run(
 
 
 def sort_sections_by_azimuth(sections: tuple[MeasuredSection, ...]) -> tuple[MeasuredSection, ...]:
-    """Sections by growing azimuth, whichever way the scan went; as they are where none is known.
+    """Sections by growing azimuth, whichever way the scan went; as they are if none is known.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def sort_sections_by_azimuth(sections: tuple[MeasuredSection, ...]) -> tuple[Mea
     return tuple(sections[i] for i in np.argsort(azimuths))
 
 
-ROOTS = {"j": "joint", "b": "arm base"}
+WELDX_ROOTS = {"j": "joint", "b": "arm base"}
 """What the frame of the result is called in the tree of frames."""
 
 
@@ -105,7 +105,7 @@ def write_weldx(
     """Write section frames and points as a weldx file, with the JSON document beside them.
 
     Every section is a frame g below the joint (or the arm's base), with its five points as
-    ``SpatialData`` in it. The document stands under ``groove``, the frames under
+    ``SpatialData`` in it. The document is under ``groove``, the frames under
     ``coordinate_systems``.
 
     Parameters
@@ -127,7 +127,7 @@ def write_weldx(
     weldx: Any = import_module("weldx")
     unit = provenance.length
     per_metre = 1e3 if unit == "mm" else 1.0
-    root = ROOTS.get(provenance.frame, provenance.frame)
+    root = WELDX_ROOTS.get(provenance.frame, provenance.frame)
     frames = weldx.CoordinateSystemManager(root, "groove")
     for k, section in enumerate(sections):
         T = pose_from_rounded_matrix(section.T_r_g)  # weldx is strict about rotations

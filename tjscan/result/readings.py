@@ -15,7 +15,7 @@ from tjscan.groove.read import fit_groove, read_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
-from tjscan.result.section import MEASURES
+from tjscan.result.section import MEASURE_FIELDS
 
 SIDE_POINTS: Final = 24
 """Points of a fitted side in a picture."""
@@ -32,7 +32,7 @@ class ProfileReading:
     profile : Profile
         The profile.
     points_s : ndarray, shape (k, 3)
-        Corners in frame s, metres; with the ends for a tee; empty where refused.
+        Corners in frame s, metres; with the ends for a tee; empty if refused.
     section : GrooveSection or None
         The section of a tee.
     refusal : GrooveNotFound or None
@@ -66,7 +66,7 @@ class ProfileReading:
 def measure_grooves(
     profiles: Mapping[str, Profile], settings: GrooveSettings
 ) -> Iterator[ProfileReading]:
-    """Read the groove in every profile; where none is found, the reading says why.
+    """Read the groove in every profile; if none is found, the reading states why.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def fitted_side_polylines(profile: Profile, settings: GrooveSettings) -> list[Ar
     Returns
     -------
     list of ndarray
-        From the first side to the last, each as far as its points reach; empty where none fit.
+        From the first side to the last, each as far as its points reach; empty if none fit.
     """
     try:
         fitted = fit_groove(profile, settings).fitted
@@ -150,7 +150,7 @@ def measures_with_sigmas(section: GrooveSection) -> list[tuple[str, float, float
     section : GrooveSection
         As it was read.
     """
-    values = (getattr(section, field.name) for field in MEASURES)
+    values = (getattr(section, field.name) for field in MEASURE_FIELDS)
     sigmas = np.sqrt(np.diag(section.measure_covariance))
     return [
         (
@@ -158,5 +158,5 @@ def measures_with_sigmas(section: GrooveSection) -> list[tuple[str, float, float
             float(value / field.unit.factor),
             float(sigma / field.unit.factor),
         )
-        for field, value, sigma in zip(MEASURES, values, sigmas, strict=True)
+        for field, value, sigma in zip(MEASURE_FIELDS, values, sigmas, strict=True)
     ]

@@ -1,8 +1,8 @@
 """The one description of a section: each quantity's name, unit, meaning and printed digits.
 
 Every file of sections and every chart of a report takes its names, units and numbers from
-`FIELDS`. A field that neighbouring sections decide, such as the groove's direction, is marked as
-derived: it is written, and not read again.
+`SECTION_FIELDS`. A field that neighbouring sections decide, such as the groove's direction, is
+marked as derived: it is written, and not read again.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from tjscan.result.directions import section_directions
 
 NO_UNIT: Final = FileUnit("")
 IN_METRES: Final = {MM: FileUnit("m"), MM2: FileUnit("m2")}
-"""What lengths and areas are given in where a file is in metres."""
+"""What lengths and areas are given in if a file is in metres."""
 
-SYMBOLS: Final = {"deg": "°", "mm2": "mm²"}
-CORNERS: Final = (2, 3, 4)
+UNIT_SYMBOLS: Final = {"deg": "°", "mm2": "mm²"}
+CORNER_NUMBERS: Final = (2, 3, 4)
 WORD_SEPARATOR: Final = "; "
-"""What stands between several words of one text."""
+"""What separates several words of one text."""
 
 TakeValues = Callable[[Sequence[MeasuredSection]], Any]
 """Takes the values of sections, in SI units and in their order along the groove."""
 
-_UPPER: Final = np.triu_indices(3)
-_PAIRS: Final = np.triu_indices(4, 1)
+UPPER_TRIANGLE: Final = np.triu_indices(3)
+MEASURE_PAIRS: Final = np.triu_indices(4, 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,15 +51,15 @@ class SectionQuantity:
         Of the file, in millimetres and degrees.
     take : callable
         Gives the values of sections in their order along the groove, in SI units and its shape
-        after the number of sections; the attribute of its name where left out.
+        after the number of sections; the attribute of its name if left out.
     labels : tuple of str
-        Names of its columns without their unit, one a number; its own name where left out.
+        Names of its columns without their unit, one a number; its own name if left out.
     shape : tuple of int
         Of the value of one section.
     decimals : int or None
         That are printed in millimetres and degrees; None for six significant digits.
     least, most : float
-        Between which a file's value lies.
+        Bounds of a file's value.
     derived : bool
         Whether it follows from the other fields.
     text : bool
@@ -95,7 +95,7 @@ class SectionQuantity:
     @property
     def chart_title(self) -> str:
         """The quantity's name and unit as the title of a chart."""
-        symbol = SYMBOLS.get(self.unit.suffix, self.unit.suffix)
+        symbol = UNIT_SYMBOLS.get(self.unit.suffix, self.unit.suffix)
         return f"{self.name_in_words}{symbol and f' / {symbol}'}"
 
     def unit_for_lengths(self, length: LengthUnit) -> FileUnit:
@@ -123,7 +123,7 @@ class SectionQuantity:
     def formatted_columns(
         self, sections: Sequence[MeasuredSection], length: LengthUnit = "mm"
     ) -> list[list[str]]:
-        """Numbers of each section as text, in the order of the columns; empty where unknown."""
+        """Numbers of each section as text, in the order of the columns; empty if unknown."""
         unit = self.unit_for_lengths(length)
         decimals = self.decimals
         if decimals is not None:
@@ -174,10 +174,10 @@ def columns_of_sections(sections: Sequence[MeasuredSection]) -> dict[str, Any]:
     Returns
     -------
     dict of str to ndarray, shape (n,)
-        As tables hold them, to the last digit; NaN where a number is not known.
+        As tables hold them, to the last digit; NaN if a number is not known.
     """
     columns: dict[str, Any] = {}
-    for field in (one for one in FIELDS if len(sections) > 1 or not one.derived):
+    for field in (one for one in SECTION_FIELDS if len(sections) > 1 or not one.derived):
         values = field.raw_values(sections)
         if field.unit is not NO_UNIT:
             values = values / field.unit.factor
@@ -195,12 +195,12 @@ def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
         Value by the field's name, in SI units and of the field's shape.
     """
     correlation = np.eye(4)
-    correlation[_PAIRS] = values["correlations"]
-    correlation[_PAIRS[::-1]] = correlation[_PAIRS]
-    sigmas = np.array([values[field.name] for field in SIGMAS])
+    correlation[MEASURE_PAIRS] = values["correlations"]
+    correlation[MEASURE_PAIRS[::-1]] = correlation[MEASURE_PAIRS]
+    sigmas = np.array([values[field.name] for field in SIGMA_FIELDS])
     covariances = np.empty((3, 3, 3))
-    covariances[:, *_UPPER] = values["covariances"]
-    covariances[:, *_UPPER[::-1]] = covariances[:, *_UPPER]
+    covariances[:, *UPPER_TRIANGLE] = values["covariances"]
+    covariances[:, *UPPER_TRIANGLE[::-1]] = covariances[:, *UPPER_TRIANGLE]
     return MeasuredSection(
         index=int(values["index"]),
         station=str(values["station"]),
@@ -208,7 +208,7 @@ def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
         T_r_g=pose(np.transpose(values["axes"]), values["origin"]),
         points=values["points"],
         covariances=covariances,
-        measures=np.array([values[field.name] for field in MEASURES]),
+        measures=np.array([values[field.name] for field in MEASURE_FIELDS]),
         measure_covariance=correlation * np.outer(sigmas, sigmas),
         work_angle=float(values["work_angle"]),
         rms=float(values["rms"]),
@@ -239,9 +239,11 @@ def _sigma(k: int) -> TakeValues:
 
 
 def _correlations(sections: Sequence[MeasuredSection]) -> Array:
-    """Correlations of pairs of measures, shape (n, 6); zero where nothing varies."""
-    covariances = np.array([s.measure_covariance[_PAIRS] for s in sections]).reshape(-1, 6)
-    scales = np.array([np.outer(s.sigmas, s.sigmas)[_PAIRS] for s in sections]).reshape(-1, 6)
+    """Correlations of pairs of measures, shape (n, 6); zero if nothing varies."""
+    covariances = np.array([s.measure_covariance[MEASURE_PAIRS] for s in sections]).reshape(-1, 6)
+    scales = np.array([np.outer(s.sigmas, s.sigmas)[MEASURE_PAIRS] for s in sections]).reshape(
+        -1, 6
+    )
     zeros = np.zeros_like(covariances)
     ratios = np.divide(covariances, scales, out=zeros, where=scales > 0)
     return np.asarray(np.clip(ratios, -1, 1))
@@ -258,7 +260,7 @@ def _vector(name: str, meaning: str, side: str) -> SectionQuantity:
     )
 
 
-MEASURES: Final = (
+MEASURE_FIELDS: Final = (
     SectionQuantity("groove_angle", "angle between bevel and leg", DEG, _measure(0)),
     SectionQuantity(
         "root_width",
@@ -280,7 +282,7 @@ MEASURES: Final = (
 )
 """What a section measures, in the order of `MeasuredSection.measures`."""
 
-SIGMAS: Final = tuple(
+SIGMA_FIELDS: Final = tuple(
     replace(
         field,
         name=f"sigma_{field.name}",
@@ -290,11 +292,11 @@ SIGMAS: Final = tuple(
         decimals=None,
         least=0,
     )
-    for k, field in enumerate(MEASURES)
+    for k, field in enumerate(MEASURE_FIELDS)
 )
 """Standard deviations of the measures, in the same order."""
 
-FIELDS: Final = (
+SECTION_FIELDS: Final = (
     SectionQuantity("index", "number of the section in its scan", NO_UNIT, decimals=0, least=0),
     SectionQuantity(
         "station", "from where it was scanned; several joined by +", NO_UNIT, text=True
@@ -322,7 +324,7 @@ FIELDS: Final = (
         labels=tuple(f"p{i}{axis}" for i in range(1, 6) for axis in "xyz"),
         shape=(5, 3),
     ),
-    *MEASURES,
+    *MEASURE_FIELDS,
     SectionQuantity("work_angle", "from z of g to the middle of the groove angle", DEG),
     SectionQuantity("rms", "of the profile's points about the fitted sides", MM, least=0),
     SectionQuantity(
@@ -344,16 +346,20 @@ FIELDS: Final = (
         least=-1,
         most=1,
     ),
-    *SIGMAS,
+    *SIGMA_FIELDS,
     SectionQuantity(
         "correlations",
         "of pairs of measures: "
         + ", ".join(
-            f"{MEASURES[a].name} and {MEASURES[b].name}" for a, b in zip(*_PAIRS, strict=True)
+            f"{MEASURE_FIELDS[a].name} and {MEASURE_FIELDS[b].name}"
+            for a, b in zip(*MEASURE_PAIRS, strict=True)
         ),
         NO_UNIT,
         _correlations,
-        tuple(f"corr_{MEASURES[a].name}_{MEASURES[b].name}" for a, b in zip(*_PAIRS, strict=True)),
+        tuple(
+            f"corr_{MEASURE_FIELDS[a].name}_{MEASURE_FIELDS[b].name}"
+            for a, b in zip(*MEASURE_PAIRS, strict=True)
+        ),
         (6,),
         5,
         least=-1,
@@ -363,9 +369,13 @@ FIELDS: Final = (
         "covariances",
         "of p2, p3 and p4, each as xx, xy, xz, yy, yz, zz; all components of uncertainty together",
         MM2,
-        lambda sections: np.array([section.covariances[:, *_UPPER] for section in sections]),
+        lambda sections: np.array(
+            [section.covariances[:, *UPPER_TRIANGLE] for section in sections]
+        ),
         tuple(
-            f"cov_p{i}_{'xyz'[a]}{'xyz'[b]}" for i in CORNERS for a, b in zip(*_UPPER, strict=True)
+            f"cov_p{i}_{'xyz'[a]}{'xyz'[b]}"
+            for i in CORNER_NUMBERS
+            for a, b in zip(*UPPER_TRIANGLE, strict=True)
         ),
         (3, 6),
         None,
@@ -374,7 +384,7 @@ FIELDS: Final = (
         "corner_sigmas",
         "standard deviation of the places of p2, p3 and p4, all directions together",
         MM,
-        labels=tuple(f"sigma_p{i}" for i in CORNERS),
+        labels=tuple(f"sigma_p{i}" for i in CORNER_NUMBERS),
         shape=(3,),
         decimals=None,
         least=0,
@@ -418,7 +428,7 @@ FIELDS: Final = (
         "part of corner_sigmas that all sections of a scan share: they err alike by it; see "
         "uncertainty.json",
         MM,
-        labels=tuple(f"sigma_shared_p{i}" for i in CORNERS),
+        labels=tuple(f"sigma_shared_p{i}" for i in CORNER_NUMBERS),
         shape=(3,),
         decimals=None,
         least=0,
@@ -428,7 +438,7 @@ FIELDS: Final = (
 )
 """Every quantity of a section."""
 
-MEASURED: Final = tuple(field for field in FIELDS if not field.derived)
+MEASURED_FIELDS: Final = tuple(field for field in SECTION_FIELDS if not field.derived)
 """What a section is made of again."""
 
-BY_NAME: Final = {field.name: field for field in FIELDS}
+FIELD_BY_NAME: Final = {field.name: field for field in SECTION_FIELDS}

@@ -23,7 +23,7 @@ MOST_SUMMARY_BYTES: Final = 1_000_000
 """A larger file is no summary."""
 
 
-SUMMED: Final = (
+SUMMED_KEYS: Final = (
     "scans",
     "half_steps",
     "flange_travel_mm",
@@ -111,11 +111,11 @@ class ScanSummary:
     motion_time_s : float
         On the arm's clock.
     corner_error_mm : DistanceStatistics or None
-        Distance of p2, p3, p4 to the joint's feature edges; None where no joint is named.
+        Distance of p2, p3, p4 to the joint's feature edges; None if no joint is named.
     calibration : str
         Where the sensor's pose on the flange comes from.
     stations : tuple of StationSummary
-        The places it was scanned from; empty where that was one. Numbers of the whole are then
+        The places it was scanned from; empty if that was one. Numbers of the whole are then
         sums over them, or hold for the stitched groove.
     scans_per_section : float or None
         Profiles for each section that was not taught; None without one.
@@ -126,7 +126,7 @@ class ScanSummary:
     uncertainty : BudgetSummary or None
         Where the uncertainty of its corners and measures comes from; None in older files.
     provenance : Provenance or None
-        Of the file that it stands in; None before it is written, and in files of version 0.1.0.
+        Of the file that holds it; None before it is written, and in files of version 0.1.0.
     """
 
     sections: int
@@ -197,7 +197,7 @@ def summarise_stations(
         stations=tuple(_station(name, part) for name, part in parts.items()),
         scans_per_section=_mean_scans(all_parts),
         uncertainty=uncertainty,
-        **{name: sum(getattr(part, name) for part in all_parts) for name in SUMMED},
+        **{name: sum(getattr(part, name) for part in all_parts) for name in SUMMED_KEYS},
     )
 
 
@@ -206,7 +206,7 @@ def _each_once(words: Iterable[str]) -> str:
 
 
 def _detail(parts: Mapping[str, ScanSummary]) -> str:
-    """What each station says that did not do what was asked."""
+    """What each station reports that did not do what was asked."""
     bad = [f"{name}: {part.detail}" for name, part in parts.items() if not part.complete]
     return "; ".join(bad) or f"{len(parts)} stations did what was asked"
 
@@ -243,7 +243,7 @@ def check_recording_complete(directory: Path, summary: ScanSummary, sections: in
     Raises
     ------
     RecordingError
-        If it holds fewer sections than the summary says.
+        If it holds fewer sections than the summary states.
     """
     if sections < summary.sections:
         raise RecordingError(

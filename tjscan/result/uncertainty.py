@@ -68,7 +68,7 @@ def _rounded(values: Array) -> Any:
 
 
 def read_budget(file: Path, count: int) -> UncertaintyBudget | None:
-    """Read ``uncertainty.json``; None where a run has none, as one of an earlier version.
+    """Read ``uncertainty.json``; None if a run has none, as one of an earlier version.
 
     Parameters
     ----------

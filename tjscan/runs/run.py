@@ -16,21 +16,21 @@ from tjscan.core.config import table_to_dict
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import DRAFT_PREFIX, write_files_atomically
 from tjscan.core.locks import lock_directory
-from tjscan.core.manifest import MANIFEST, changed_since_written, check_as_written
+from tjscan.core.manifest import MANIFEST_FILE, changed_since_written, check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.job import CalibrationSettings, CellJob
 from tjscan.recording.header import JobSnapshot, file_sha256
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import (
-    CALIBRATION,
-    JOB,
-    JOINT,
-    URDF,
+    CALIBRATION_FILE,
+    JOB_FILE,
+    JOINT_FILE,
+    URDF_FILE,
     job_label_of_run,
     job_name_and_hash,
 )
 
-COPIED_FILES: Final = (JOB, JOINT, CALIBRATION, URDF)
+COPIED_FILES: Final = (JOB_FILE, JOINT_FILE, CALIBRATION_FILE, URDF_FILE)
 """What a run directory is made with."""
 
 REPLAYED_TASKS: Final = ("crawl", "tow")
@@ -77,11 +77,11 @@ def make_run_directory(
     check_as_written(*(file for file in (joint, calibration) if file is not None))
     with empty_run_directory(directory) as draft:
         if joint is not None:
-            shutil.copyfile(joint, draft / JOINT)
+            shutil.copyfile(joint, draft / JOINT_FILE)
         if calibration is not None:
-            shutil.copyfile(calibration, draft / CALIBRATION)
+            shutil.copyfile(calibration, draft / CALIBRATION_FILE)
         if Path(job.arm.model).suffix == ".urdf":
-            shutil.copyfile(job.arm.model, draft / URDF)
+            shutil.copyfile(job.arm.model, draft / URDF_FILE)
         write_job_copy(draft, _text(job, draft), job_file, "w" if job.station else "b")
 
 
@@ -121,7 +121,7 @@ def check_replay(
             raise ConfigurationError(
                 f"says how the {what} was done, and it is done. What may change: "
                 f"{', '.join(name.rstrip('.') for name in replayable)}",
-                file=directory / JOB,
+                file=directory / JOB_FILE,
                 key=key,
             )
     if out.resolve().is_relative_to(directory.resolve()):
@@ -130,7 +130,7 @@ def check_replay(
 
 def _holds(directory: Path, what: str) -> bool:
     """Whether a directory is that of a run, with its job and a recording of that name."""
-    return (directory / JOB).is_file() and recording_files(directory, what)[0].is_file()
+    return (directory / JOB_FILE).is_file() and recording_files(directory, what)[0].is_file()
 
 
 @contextmanager
@@ -150,7 +150,7 @@ def empty_run_directory(directory: Path) -> Iterator[Path]:
         raise RecordingError(f"{directory}: can't be made: {error.strerror}") from error
     with (
         lock_directory(directory),
-        write_files_atomically(directory, last=JOB, listed=True) as draft,
+        write_files_atomically(directory, last=JOB_FILE, listed=True) as draft,
     ):
         _check_empty(directory, draft)
         yield draft
@@ -183,14 +183,14 @@ def write_job_copy(draft: Path, text: str, job_file: Path, frame: str) -> None:
     """
     name = job_name_and_hash(_first_name(job_file), text.encode())
     head = Provenance.for_file_written_now(name, frame).comment_lines("#")
-    (draft / JOB).write_text(head + text, encoding="utf-8")
+    (draft / JOB_FILE).write_text(head + text, encoding="utf-8")
 
 
 def _first_name(job_file: Path) -> str:
     """Name of the file that a job was first read from, be it from a copy in a run directory."""
     copied = (
         job_label_of_run(job_file.parent).rpartition(", SHA-256 ")[0]
-        if job_file.name == JOB
+        if job_file.name == JOB_FILE
         else ""
     )
     return copied or job_file.name
@@ -200,7 +200,7 @@ def _check_empty(directory: Path, draft: Path) -> None:
     """Refuse a directory that holds anything but what one killed in the making of it left."""
     names = {file.name for file in directory.iterdir()} - {draft.name}
     files = {name for name in names if not name.startswith(DRAFT_PREFIX)}
-    half_made = files < names and files <= {*COPIED_FILES, MANIFEST} - {JOB}
+    half_made = files < names and files <= {*COPIED_FILES, MANIFEST_FILE} - {JOB_FILE}
     if files and not half_made:
         raise ConfigurationError(
             "is not empty; a run never overwrites another. Choose another --out", file=directory
@@ -210,7 +210,7 @@ def _check_empty(directory: Path, draft: Path) -> None:
 def nothing_recorded_yet(directory: Path) -> bool:
     """Whether a run directory was made and nothing was recorded in it yet."""
     return all(
-        file.name in (*COPIED_FILES, MANIFEST) or file.name.startswith(DRAFT_PREFIX)
+        file.name in (*COPIED_FILES, MANIFEST_FILE) or file.name.startswith(DRAFT_PREFIX)
         for file in directory.iterdir()
     )
 
@@ -227,11 +227,11 @@ def take_job_snapshot(directory: Path, job: CellJob) -> JobSnapshot:
         texts = {
             name: file.read_text(encoding="utf-8") if file.is_file() else ""
             for name, file in (
-                ("joint", directory / JOINT),
-                ("calibration", directory / CALIBRATION),
+                ("joint", directory / JOINT_FILE),
+                ("calibration", directory / CALIBRATION_FILE),
             )
         }
-        urdf = directory / URDF
+        urdf = directory / URDF_FILE
         arm = file_sha256(urdf) if urdf.is_file() else ""
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(f"{directory}: can't be read: {error}") from error
@@ -240,10 +240,10 @@ def take_job_snapshot(directory: Path, job: CellJob) -> JobSnapshot:
 
 def _text(job: CellJob, directory: Path) -> str:
     """A job as TOML that names the copies which stand in a directory."""
-    if job.joint is not None and (directory / JOINT).is_file():
-        job = job.model_copy(update={"joint": replace(job.joint, file=JOINT)})
-    if (directory / CALIBRATION).is_file():
-        job = job.model_copy(update={"calibration": CalibrationSettings(file=CALIBRATION)})
-    if (directory / URDF).is_file():
-        job = job.model_copy(update={"arm": replace(job.arm, model=URDF)})
+    if job.joint is not None and (directory / JOINT_FILE).is_file():
+        job = job.model_copy(update={"joint": replace(job.joint, file=JOINT_FILE)})
+    if (directory / CALIBRATION_FILE).is_file():
+        job = job.model_copy(update={"calibration": CalibrationSettings(file=CALIBRATION_FILE)})
+    if (directory / URDF_FILE).is_file():
+        job = job.model_copy(update={"arm": replace(job.arm, model=URDF_FILE)})
     return tomli_w.dumps(table_to_dict(job))

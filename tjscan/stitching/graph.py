@@ -165,7 +165,7 @@ def spanning_tree_poses(
     Parameters
     ----------
     count : int
-        Of the stations, all of which overlaps connect.
+        Of the stations, which overlaps all connect.
     registrations : sequence of StationRegistration
         Of all overlaps.
 

@@ -27,19 +27,19 @@ class StitchSettings:
     Parameters
     ----------
     repeatability : ArmRepeatability
-        How exactly the arm reports where it stands; it weighs views against points.
+        How exactly the arm reports where it is; it weighs views against points.
     out_of_round : float
         How far a tube's wall may bulge from a circle, metres: what each station finds of the
         joint's frame is taken to be no surer than that.
     most_out_of_round : float
-        How far it may be found to, where the tubes as stations found them disagree with their
+        How far it may be found to, if the tubes as stations found them disagree with their
         overlaps.
     least_overlap : float
         Azimuth that two stations must share, radians.
     fewest_sections : int
         Sections that each of them must have there.
     largest_sigma : float
-        How uncertain an overlap may leave the place where it lies, metres.
+        How uncertain an overlap may leave its place, metres.
     largest_reduced_chi2 : float
         Chi-squared per degree of freedom that the overlap's residuals may have.
     least_counted : float
@@ -56,7 +56,7 @@ class StitchSettings:
     least_counted: float = 0.75
 
 
-DEFAULT = StitchSettings()
+DEFAULT_STITCH_SETTINGS = StitchSettings()
 
 
 SIDE_W = unit_vector(np.array((4.0, 2.0, 1.0)))
@@ -66,7 +66,7 @@ along ±x, else +y, else +z."""
 MOST_TURNED = radians(30.0)
 """By which nominal poses may disagree; at 90° nothing would show which side is which."""
 
-FEWEST = 4
+FEWEST_SECTIONS = 4
 """Sections needed to start the fit of the tubes."""
 
 SAME_POSE = 1e-9
@@ -76,14 +76,14 @@ SAME_POSE = 1e-9
 @dataclass(frozen=True, slots=True, eq=False)
 @frozen_arrays
 class Station:
-    """Sections that were scanned from one station, and where the arm's base nominally stood.
+    """Sections that were scanned from one station, and where the arm's base nominally was.
 
     Parameters
     ----------
     name : str
         Unlike any other's.
     T_w_b : ndarray, shape (4, 4)
-        Where the arm's base was meant to stand; good to some millimetres and degrees.
+        Where the arm's base was meant to be; good to some millimetres and degrees.
     sections : tuple of ScannedSection
         The finished sections in the order in which they were scanned.
     all_sections : tuple of ScannedSection
@@ -125,11 +125,11 @@ def station_from_recording(
     name : str
         Unlike any other's.
     T_w_b : ndarray, shape (4, 4)
-        Where the arm's base was meant to stand.
+        Where the arm's base was meant to be.
     sections : sequence of ScannedSection
         Finished sections in the order of the scan.
     views : sequence of ProfileView
-        All views; those that made no section are read once more.
+        All views; those that made no section are read again.
     read : callable
         Reads the groove in a profile.
     """
@@ -230,8 +230,10 @@ def _start(station: Station) -> tuple[Cylinder, Cylinder]:
     """Rough brace and leg: tangents across and along the groove span the walls' planes."""
     sections = station.sections
     corners = np.array([scan.points_b[[1, 3]] for scan in sections])
-    if len(corners) < FEWEST:
-        raise TubesNotFound(f"they are too few, {FEWEST} at least are needed: scan further")
+    if len(corners) < FEWEST_SECTIONS:
+        raise TubesNotFound(
+            f"they are too few, {FEWEST_SECTIONS} at least are needed: scan further"
+        )
     # A chord over two steps is parallel to the tangent half-way, also on a curve.
     along = corners[2:] - corners[:-2]
     cylinders = []

@@ -26,7 +26,7 @@ from tjscan.stitching.graph import (
     spanning_tree_poses,
 )
 from tjscan.stitching.overlaps import (
-    TURN,
+    FULL_TURN,
     AzimuthArc,
     StationOverlap,
     arc_of_azimuths,
@@ -36,7 +36,7 @@ from tjscan.stitching.overlaps import (
 )
 from tjscan.stitching.registration import StationRegistration, StitchingDraft, align_second_to_first
 from tjscan.stitching.stations import (
-    DEFAULT,
+    DEFAULT_STITCH_SETTINGS,
     Station,
     StationTubeFit,
     StitchSettings,
@@ -46,17 +46,17 @@ from tjscan.stitching.stations import (
 from tjscan.stitching.unrolled_views import UnrolledViews, unroll_views
 from tjscan.uncertainty.budget import UncertaintyBudget
 
-ROUNDS = 6
-"""Times that a station is laid on another anew where it began far off."""
+ALIGNMENT_ROUNDS = 6
+"""Times that a station is laid on another again if it began far off."""
 
-STILL = 1e-8
+CONVERGED_MOTION = 1e-8
 """Metres and radians that it moves by no more in the end."""
 
-AGREED = 2.5
+AGREED_CHI2 = 2.5
 """Chi-squared per degree of freedom of stations and overlaps that agree."""
 
-FAR = 0.05
-"""Metres and radians by which no station is laid anew: both see something else."""
+LARGEST_MOTION = 0.05
+"""Metres and radians by which no station is laid again: both see something else."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +77,7 @@ class PlacedStation:
     views : int
         Number of views that its place rests on.
     tubes_reduced_chi2, tubes_rms : float
-        How its walls lie about leg and brace: chi-squared per degree of freedom, and metres.
+        How far its walls are from leg and brace: chi-squared per degree of freedom, and metres.
     """
 
     station: Station
@@ -109,7 +109,7 @@ class StitchedGroove:
     out_of_round : float
         How far the tubes' walls were taken to bulge from circles, metres.
     gap_before, gap_after : float or None
-        The largest where the way round closes, by overlaps alone and in the end, metres; None
+        The largest if the way round closes, by overlaps alone and in the end, metres; None
         where it does not close.
     covered : float
         Azimuth without a gap, radians.
@@ -135,11 +135,11 @@ class StitchedGroove:
     @property
     def is_closed(self) -> bool:
         """Whether the stitched sections go all the way round, without a gap."""
-        return self.covered > TURN - 1e-9
+        return self.covered > FULL_TURN - 1e-9
 
 
 def stitch_stations(
-    stations: Sequence[Station], settings: StitchSettings = DEFAULT
+    stations: Sequence[Station], settings: StitchSettings = DEFAULT_STITCH_SETTINGS
 ) -> StitchedGroove:
     """Stitch what several stations saw of one joint into one groove.
 
@@ -241,11 +241,11 @@ def register_overlaps(
     edges = []
     for overlap in overlaps:
         first, second, T = own[overlap.first], own[overlap.second], np.eye(4)
-        for _ in range(ROUNDS):
+        for _ in range(ALIGNMENT_ROUNDS):
             edge = align_second_to_first(overlap, first, second)
             T = edge.T @ T
             moved = float(np.abs(pose_vector.pose_to_vector(edge.T)).max())
-            if moved < STILL or moved > FAR:
+            if moved < CONVERGED_MOTION or moved > LARGEST_MOTION:
                 break
             second = seen(overlap.second, T)
         edges.append(replace(edge, T=T))
@@ -285,7 +285,7 @@ def place_stations_with_out_of_round(
     while True:
         frames = [widen_for_out_of_round(fit.frame, allowance) for fit in fits]
         placement = solve_station_poses(frames, registrations, shared)
-        if placement.reduced_chi2 < AGREED or 2 * allowance > settings.most_out_of_round:
+        if placement.reduced_chi2 < AGREED_CHI2 or 2 * allowance > settings.most_out_of_round:
             return placement, allowance
         allowance *= 2
 
@@ -305,7 +305,7 @@ def _check_apart(stations: Sequence[Station]) -> None:
 
 
 def _held(draft: StitchingDraft, settings: StitchSettings) -> list[StationOverlap]:
-    """The overlaps that are large enough; refuse where one that is needed is not."""
+    """The overlaps that are large enough; refuse if one that is needed is not."""
 
     def enough(overlap: StationOverlap) -> bool:
         return (

@@ -17,16 +17,16 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array
 
 LEFT_PLATE, LEFT_BEVEL, RIGHT_BEVEL, RIGHT_PLATE = range(4)
-SIDES: Final = ((LEFT_PLATE, LEFT_BEVEL), (RIGHT_PLATE, RIGHT_BEVEL))
+EDGE_SIDES: Final = ((LEFT_PLATE, LEFT_BEVEL), (RIGHT_PLATE, RIGHT_BEVEL))
 """The two lines that meet at the left and at the right top edge."""
 
-CAPTURE: Final = (0.35e-3, 0.15e-3)
+CAPTURE_SIGMAS: Final = (0.35e-3, 0.15e-3)
 """Standard deviations of the first rounds, in metres: a line this far off is still found."""
 
-ROUNDS: Final = 12
+MOST_ROUNDS: Final = 12
 """Most rounds after those."""
 
-SETTLED: Final = 0.02
+SETTLED_SIGMAS: Final = 0.02
 """Edges that move less from one round to the next are final, in standard deviations of a point."""
 
 DEPTH_OF_FIELD: Final = 0.08
@@ -38,10 +38,10 @@ LEAST_FILL: Final = 1e-3
 BEVEL_SPREAD: Final = radians(1.0)
 """By how much a bevel's angle differs from what it was before, one standard deviation."""
 
-CLEAR: Final = 3.0
+CLEAR_SIGMAS: Final = 3.0
 """Standard deviations below the plate from which a point shows a bevel."""
 
-NEAR, UNMOVED = 2.5, 8.0
+SAME_FOOT_POINTS, SAME_FOOT_LOG_ODDS = 2.5, 8.0
 """Points within which a bevel ends where it did before, and the logarithm of the odds that it does:
 only at tacks and where a pass ended it does not."""
 
@@ -96,7 +96,7 @@ class EdgeLines:
     def point_covariances(self) -> Array:
         """Covariance of x and z of each top edge, in m², shape (2, 2, 2)."""
         found, points = np.empty((2, 2, 2)), self.points.tolist()
-        for k, (plate, bevel) in enumerate(SIDES):
+        for k, (plate, bevel) in enumerate(EDGE_SIDES):
             t, (x, z) = float(self.edges[k]), points[k]
             slope = float(self.lines[plate, 1] - self.lines[bevel, 1])
             terms = np.array((1.0, t))
@@ -185,19 +185,19 @@ def fit_edge_lines(
     )
     prior = _angle_prior(start, bevel_angles)
     found = start
-    for k in range(len(CAPTURE) + ROUNDS):
-        sigma = max(CAPTURE[k], start.noise) if k < len(CAPTURE) else start.noise
+    for k in range(len(CAPTURE_SIGMAS) + MOST_ROUNDS):
+        sigma = max(CAPTURE_SIGMAS[k], start.noise) if k < len(CAPTURE_SIGMAS) else start.noise
         after = _round(t, z, moments, found, sigma, prior)
         if after is None:
             return None
         moved = float(np.abs(after.edges - found.edges).max()) * float(z[len(z) // 2])
-        if k < len(CAPTURE):
+        if k < len(CAPTURE_SIGMAS):
             found = after
             continue
         feet = _feet(t, z, after, start.feet)
         ended = (feet == found.feet).all()
         found = replace(after, feet=feet)
-        if ended and moved < SETTLED * start.noise:
+        if ended and moved < SETTLED_SIGMAS * start.noise:
             break
     return found
 
@@ -223,14 +223,16 @@ def _round(
         return None
     covariances = np.asarray(np.linalg.inv(normal), dtype=np.float64)
     lines = (covariances @ sums[:, 3:5, None])[:, :, 0]
-    edges = np.array([(lines[k, 0] - lines[j, 0]) / (lines[j, 1] - lines[k, 1]) for j, k in SIDES])
+    edges = np.array(
+        [(lines[k, 0] - lines[j, 0]) / (lines[j, 1] - lines[k, 1]) for j, k in EDGE_SIDES]
+    )
     sizes = np.maximum(spans[:, 1] - spans[:, 0], 1)
     background = 1 - float(on.sum()) / float(sizes.sum())
     counts = on.copy()
-    for plate, bevel in SIDES:
+    for plate, bevel in EDGE_SIDES:
         own = slice(*spans[bevel].tolist())
         below = z[own] - 1 / (lines[plate, 0] + lines[plate, 1] * t[own])
-        counts[bevel] = weight[own] @ (below > CLEAR * before.noise)
+        counts[bevel] = weight[own] @ (below > CLEAR_SIGMAS * before.noise)
     found = replace(
         before,
         lines=lines,
@@ -298,7 +300,7 @@ def _feet(t: Array, z: Array, found: EdgeLines, last: Array) -> Array:
         room = np.maximum(height - hull, LEAST_FILL)
         off = np.where(np.abs(seen - height) < room, (1 - share) / room, 0.0)
         evidence = np.cumsum(np.log((on + arc) / (off + arc)))
-        evidence[np.abs(u - old) < NEAR * pitch] += UNMOVED
+        evidence[np.abs(u - old) < SAME_FOOT_POINTS * pitch] += SAME_FOOT_LOG_ODDS
         k = int(evidence.argmax())
         after = pitch if k + 1 == len(u) else min(abs(float(u[k + 1] - u[k])), pitch)
         foot = float(u[k]) + inward * after / 2

@@ -12,16 +12,16 @@ from math import floor, sqrt
 from typing import Final
 
 from tjscan.crawler.joint_tracking.registration import JointPlacement, ReferenceProfile
-from tjscan.crawler.joint_tracking.tracking import REGISTERED, ButtJointReading, JointTracker
+from tjscan.crawler.joint_tracking.tracking import REGISTERED_JOINT, ButtJointReading, JointTracker
 from tjscan.laser.profile import Profile
 
-STATION: Final = 5e-3
+STATION_LENGTH: Final = 5e-3
 """Metres along the joint for which one reference stands."""
 
-SPACING: Final = 0.5e-3
+PROFILE_SPACING: Final = 0.5e-3
 """Metres between two profiles that are remembered."""
 
-FEWEST: Final = 4
+FEWEST_PROFILES: Final = 4
 """Profiles that make a reference: the median of fewer shows the light of the arc."""
 
 
@@ -36,7 +36,7 @@ class JointMemory:
 
     def reference_at(self, travel: float) -> ReferenceProfile | None:
         """What the joint looked like at a place along it, in metres; None where it was not seen."""
-        return self._references.get(floor(travel / STATION))
+        return self._references.get(floor(travel / STATION_LENGTH))
 
     def remember(
         self, travel: float, profile: Profile, placement: JointPlacement, noise: float
@@ -57,12 +57,12 @@ class JointMemory:
         """
         if self._last is None or travel > self._last:
             self._last = travel
-        if travel > self._last - SPACING:
+        if travel > self._last - PROFILE_SPACING:
             return
         self._last = travel
-        station = floor(travel / STATION)
+        station = floor(travel / STATION_LENGTH)
         if station != self._station:
-            if len(self._seen) >= FEWEST:
+            if len(self._seen) >= FEWEST_PROFILES:
                 profiles, placements = zip(*self._seen, strict=True)
                 reference = ReferenceProfile.from_profiles(profiles, placements, noise)
                 self._references[self._station] = reference
@@ -89,7 +89,7 @@ class RememberingTracker:
         self._memory.remember(travel, profile, reading, self._tracker.noise)
         if reference is not self._reference:
             self._reference, self._readings = reference, 0
-        if REGISTERED not in reading.conditions:
+        if REGISTERED_JOINT not in reading.conditions:
             return reading
         self._readings += 1
         own = reading.centre_sigma**2 - reading.shared_sigma**2

@@ -13,31 +13,31 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array, frozen_arrays
 from tjscan.core.robust import MAD_TO_SIGMA
 from tjscan.crawler.joint_tracking.edge_lines import (
-    CAPTURE,
+    CAPTURE_SIGMAS,
     DEPTH_OF_FIELD,
     LEAST_BACKGROUND,
     MOST_BACKGROUND,
 )
 from tjscan.laser.profile import Profile
 
-PITCH: Final = 0.25e-3
+REFERENCE_PITCH: Final = 0.25e-3
 """Distance of a reference's points, in metres: about that of the sensor's columns."""
 
-SMOOTHED: Final = 7
+SMOOTHED_POINTS: Final = 7
 """Points over which a reference's slope is taken: that of its noise must not look like shape."""
 
-ROUNDS: Final = 8
-SETTLED: Final = 1e-6
+MOST_ROUNDS: Final = 8
+SETTLED_MOVE: Final = 1e-6
 """Most rounds after the first wide ones, and the move, in metres, from which a fit is final."""
 
-FEWEST: Final = 40
+FEWEST_ON_REFERENCE: Final = 40
 """Points that must lie on the reference."""
 
 LEAST_OF_SIDE: Final = 0.1
 """Share of what each side of a reference tells of its place across that must be left: a bead laid
 since hides much of a bevel, but over another joint only the places where outlines cross agree."""
 
-DEEPER, FAR_DEEPER = 4.0, 6e-3
+DEEPER_SIGMAS, FARTHEST_DEEPER = 4.0, 6e-3
 """Standard deviations and metres between which a point lies deeper than the reference as another
 joint's would: the arc's light lies anywhere, mostly farther."""
 
@@ -121,16 +121,16 @@ class ReferenceProfile:
             for profile, placement in zip(profiles, placements, strict=True)
         ]
         u, h = (np.concatenate(part) for part in zip(*parts, strict=True))
-        cells, index = np.unique(np.round(u / PITCH).astype(np.intp), return_inverse=True)
-        across = PITCH * np.arange(cells[0], cells[-1] + 1)
-        depth = np.interp(across, PITCH * cells, _medians(index, h))
+        cells, index = np.unique(np.round(u / REFERENCE_PITCH).astype(np.intp), return_inverse=True)
+        across = REFERENCE_PITCH * np.arange(cells[0], cells[-1] + 1)
+        depth = np.interp(across, REFERENCE_PITCH * cells, _medians(index, h))
         # Within a cell of a steep side depth changes, too.
-        aside = u - PITCH * cells[index]
+        aside = u - REFERENCE_PITCH * cells[index]
         level = h - aside * np.interp(u, across, _slope(depth))
         middle = _medians(index, level)
         spread = MAD_TO_SIGMA * _medians(index, np.abs(level - middle[index]))
-        depth, spread = (np.interp(across, PITCH * cells, v) for v in (middle, spread))
-        variance = _convolved(spread**2, np.full(SMOOTHED, 1 / SMOOTHED))
+        depth, spread = (np.interp(across, REFERENCE_PITCH * cells, v) for v in (middle, spread))
+        variance = _convolved(spread**2, np.full(SMOOTHED_POINTS, 1 / SMOOTHED_POINTS))
         # A median of independent values is less certain than their mean.
         own = noise**2 * min(0.5 * np.pi / len(placements), 1.0)
         changes = np.maximum(variance - noise**2, 0.0)
@@ -147,8 +147,8 @@ def _sigma_of_mean(placements: Sequence[JointPlacement]) -> float:
 
 def _slope(depth: Array) -> Array:
     """Slope of depths at even steps: of the line through the points about each."""
-    window = np.arange(SMOOTHED) - SMOOTHED // 2
-    return _convolved(depth, -window / (PITCH * (window @ window)))
+    window = np.arange(SMOOTHED_POINTS) - SMOOTHED_POINTS // 2
+    return _convolved(depth, -window / (REFERENCE_PITCH * (window @ window)))
 
 
 def _convolved(values: Array, window: Array) -> Array:
@@ -193,8 +193,8 @@ def register_profile(
     place = np.array((c * start.centre - s * start.hull_z, s * start.centre + c * start.hull_z))
     share = 0.1
     information = np.zeros((3, 3))
-    for k in range(len(CAPTURE) + ROUNDS):
-        sigma = max(CAPTURE[k], noise) if k < len(CAPTURE) else noise
+    for k in range(len(CAPTURE_SIGMAS) + MOST_ROUNDS):
+        sigma = max(CAPTURE_SIGMAS[k], noise) if k < len(CAPTURE_SIGMAS) else noise
         c, s = cos(roll), sin(roll)
         level, deep = c * x - s * z, s * x + c * z
         u = level - place[0]
@@ -206,7 +206,7 @@ def register_profile(
         bell = np.exp(-0.5 * np.minimum((away / spread) ** 2, 100.0))
         weight = bell / (bell + odds)
         weight[(u < reference.across[0]) | (u > reference.across[-1])] = 0.0
-        if weight.sum() < FEWEST:
+        if weight.sum() < FEWEST_ON_REFERENCE:
             return None
         share = min(max(1 - float(weight.mean()), LEAST_BACKGROUND), MOST_BACKGROUND)
         jacobian = np.stack((slope, -np.ones_like(u), level + slope * deep), axis=1)
@@ -218,14 +218,14 @@ def register_profile(
             return None
         place += step[:2]
         roll += float(step[2])
-        if k >= len(CAPTURE) and np.abs(step[:2]).max() < SETTLED:
+        if k >= len(CAPTURE_SIGMAS) and np.abs(step[:2]).max() < SETTLED_MOVE:
             break
     telling = (slope / spread) ** 2
     for side in (u < 0, u > 0):
         tells = telling[side].sum()
         if weight[side] @ telling[side] < LEAST_OF_SIDE * tells:
             return None
-        deeper = (away[side] > DEEPER * spread[side]) & (away[side] < FAR_DEEPER)
+        deeper = (away[side] > DEEPER_SIGMAS * spread[side]) & (away[side] < FARTHEST_DEEPER)
         if telling[side] @ deeper > MOST_DEEPER * tells:
             return None
     c, s = cos(roll), sin(roll)

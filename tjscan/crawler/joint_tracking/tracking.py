@@ -36,7 +36,7 @@ from tjscan.laser.profile import Profile, ProfileRepeats
 HULL_JOINT: Final = GrooveSettings(model=BUTT_V, noise=0.06e-3, largest_sigma=0.15e-3)
 """A crawler's joint and its sensor's noise."""
 
-FILLED, TACK, REGISTERED = "filled", "tack", "registered"
+FILLED_GROOVE, TACK_WELD, REGISTERED_JOINT = "filled", "tack", "registered"
 """Conditions of a reading: nothing is left to fill; the root is buried under a tack; the edges are
 gone, and the centre is where an earlier profile had it."""
 
@@ -47,7 +47,7 @@ angle is known four show where its edge is."""
 LEAST_SHARE: Final = 0.3
 """Share of the points before a plate that must lie on it."""
 
-TURNS: Final = (radians(10.0), radians(80.0))
+BEVEL_TURNS: Final = (radians(10.0), radians(80.0))
 """Angles at which a bevel may leave its plate."""
 
 MOST_BETWEEN_PLATES: Final = radians(20.0)
@@ -59,7 +59,7 @@ WIDTH_CHANGE: Final = 1.0e-3
 REGISTERED_SHARE: Final = 0.3
 """Share of the points that must lie on the reference."""
 
-FARTHEST, SIDEWAYS = 4.0, 0.03e-3
+FARTHEST_SIGMAS, FARTHEST_SIDEWAYS = 4.0, 0.03e-3
 """How far a joint that is found by the reference may lie from where it was last: in standard
 deviations, and, in metres, for each profile since then. A vehicle at 20 mm/s that turns with a
 radius of 5 m carries its laser sideways by half of that."""
@@ -68,26 +68,26 @@ LOST_BEFORE_SEARCH: Final = 5
 """Profiles in a row that are refused before the joint is searched for anew: a search takes longer
 than a sensor's period."""
 
-LEARNING: Final = 0.05
+LEARNING_SHARE: Final = 0.05
 """Share that each profile has in what is known of noise, width and the bevels' angles."""
 
 CORRELATION_EVERY: Final = 5
 """Of how many profiles one shows how its noise is correlated: that takes a while, and stays."""
 
-DEPTHS, DEPTH_EVERY = 21, 50
+DEPTHS_KEPT, DEPTH_EVERY = 21, 50
 """How many depths tell what is usual, and of how many profiles one is taken: a tack passes sooner
 than half of them."""
 
-SHORT: Final = 0.1
+SHORT_BEVEL_SHARE: Final = 0.1
 """Share of the way to the root that a bevel still has in a groove nearly filled."""
 
-BURIED: Final = 1.0e-3
+BURIED_HEIGHT: Final = 1.0e-3
 """A root that lies higher than usual by more, in metres, is under a tack."""
 
 FILLED_DEPTH: Final = 0.7e-3
 """A groove less deep than this is filled, in metres."""
 
-WIDE, NARROW, STRAY = 25, 9, 2.0e-3
+WIDE_MEDIAN, NARROW_MEDIAN, STRAY_HEIGHT = 25, 9, 2.0e-3
 """Points over which the bottom's heights are smoothed by their median: first over many, then,
 without the points that lie farther from that, in metres, over fewer."""
 
@@ -112,7 +112,7 @@ class ButtJointReading(JointPlacement):
     area_left : float
         Of the cross-section that is left to fill, in m².
     conditions : tuple of str
-        Of `FILLED`, `TACK`, `REGISTERED`.
+        Of `FILLED_GROOVE`, `TACK_WELD`, `REGISTERED_JOINT`.
     """
 
     time: float
@@ -150,7 +150,7 @@ class JointTracker:
         self._repeats = ProfileRepeats()
         self._reading: ButtJointReading | None = None
         self._lost = 0
-        self._depths: deque[float] = deque(maxlen=DEPTHS)
+        self._depths: deque[float] = deque(maxlen=DEPTHS_KEPT)
         self._count = 0
 
     @property
@@ -203,7 +203,7 @@ class JointTracker:
         if self._lines is None:
             raise GrooveNotFound("no bevel", "no joint has been found so far", row.points)
         edges, root = self._lines.edges, self._lines.root
-        ends = (self._lines.feet, np.full(2, root), edges + SHORT * (root - edges))
+        ends = (self._lines.feet, np.full(2, root), edges + SHORT_BEVEL_SHARE * (root - edges))
         for feet in ends[:tries]:
             try:
                 return self._by_edges(row, replace(self._lines, feet=feet))
@@ -263,7 +263,9 @@ class JointTracker:
         noise = placement.centre_sigma**2 - reference.centre_sigma**2
         sigma = sqrt(self._inflation * noise + reference.centre_sigma**2)
         self._check_sigma(row, sigma)
-        room = FARTHEST * hypot(sigma, last.centre_sigma) + SIDEWAYS * (self._lost + 1)
+        room = FARTHEST_SIGMAS * hypot(sigma, last.centre_sigma) + FARTHEST_SIDEWAYS * (
+            self._lost + 1
+        )
         if abs(placement.centre - last.centre) > room:
             raise GrooveNotFound(
                 "ambiguous",
@@ -293,7 +295,7 @@ class JointTracker:
             edge_covariances=np.full((2, 2, 2), np.nan),
             depth_left=left,
             area_left=area,
-            conditions=(*((FILLED,) if left < FILLED_DEPTH else ()), REGISTERED),
+            conditions=(*((FILLED_GROOVE,) if left < FILLED_DEPTH else ()), REGISTERED_JOINT),
         )
 
     def _search(self, row: _Row, profile: Profile) -> ButtJointReading:
@@ -312,8 +314,14 @@ class JointTracker:
                 lines.shares[[LEFT_PLATE, RIGHT_PLATE]].min() < LEAST_SHARE,
                 "the points do not lie on the plates",
             ),
-            (not TURNS[0] < left_bevel - left < TURNS[1], "the left bevel does not lead down"),
-            (not TURNS[0] < right - right_bevel < TURNS[1], "the right bevel does not lead down"),
+            (
+                not BEVEL_TURNS[0] < left_bevel - left < BEVEL_TURNS[1],
+                "the left bevel does not lead down",
+            ),
+            (
+                not BEVEL_TURNS[0] < right - right_bevel < BEVEL_TURNS[1],
+                "the right bevel does not lead down",
+            ),
             (abs(left - right) > MOST_BETWEEN_PLATES, "the plates stand at an angle"),
             (self._width > 0 and abs(width - self._width) > WIDTH_CHANGE, "the width has jumped"),
         ):
@@ -329,7 +337,7 @@ class JointTracker:
 
     def _learn(self, row: _Row, lines: EdgeLines, width: float, *, known: bool) -> None:
         """Learn noise, width and the bevels' angles against the hull."""
-        share = LEARNING if known else 1.0
+        share = LEARNING_SHARE if known else 1.0
         edges = np.searchsorted(row.t, lines.edges).tolist()
         plates = [
             row.z[own] - lines.heights(line, row.t[own])
@@ -345,14 +353,14 @@ class JointTracker:
             # Three standard deviations leave out a bit of the variance, four coefficients more.
             left = 0.973 * (1 - 4 / np.count_nonzero(on))
             noise = sqrt(float(np.mean(residuals[on] ** 2)) / left)
-            self._noise += LEARNING * (noise - self._noise)
+            self._noise += LEARNING_SHARE * (noise - self._noise)
             if self._count % CORRELATION_EVERY == 0:
                 order = np.argsort(columns[on])
                 correlation = estimate_correlation(
                     residuals[on][order] / noise, columns[on][order], row.count, 4
                 )
                 more = correlation.variance_inflation - self._inflation
-                self._inflation += LEARNING * more
+                self._inflation += LEARNING_SHARE * more
         self._width += share * (width - self._width)
         angles = lines.angles
         against = angles[[LEFT_BEVEL, RIGHT_BEVEL]] - angles[[LEFT_PLATE, RIGHT_PLATE]].mean()
@@ -363,8 +371,8 @@ class JointTracker:
             self._depths.append(depth)
         self._count += 1
         if depth < FILLED_DEPTH:
-            return (FILLED,)
-        return (TACK,) if depth < median(self._depths) - BURIED else ()
+            return (FILLED_GROOVE,)
+        return (TACK_WELD,) if depth < median(self._depths) - BURIED_HEIGHT else ()
 
 
 class _Row:
@@ -434,8 +442,8 @@ def _left_to_fill(row: _Row, lines: EdgeLines) -> tuple[float, float]:
 
 def _bottom(t: Array, z: Array) -> tuple[Array, Array]:
     """The points of a groove's bottom, without arc light, and their smoothed heights."""
-    near = np.abs(z - _running_median(z, WIDE)) < STRAY
-    return t[near], _running_median(z[near], NARROW)
+    near = np.abs(z - _running_median(z, WIDE_MEDIAN)) < STRAY_HEIGHT
+    return t[near], _running_median(z[near], NARROW_MEDIAN)
 
 
 def _running_median(values: Array, count: int) -> Array:

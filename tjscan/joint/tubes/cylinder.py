@@ -86,24 +86,24 @@ def perpendicular_pair(axis: Array) -> Array:
     return np.array((first, np.cross(axis, first)))
 
 
-START: Final = 3e-3
+FIRST_REACH: Final = 3e-3
 """Metres from a rough cylinder within which its points are sought at first."""
 
-FLOOR: Final = 10e-6
+LEAST_POINT_SIGMA: Final = 10e-6
 """Metres; points are never taken for more certain than this."""
 
-REACH: Final = 6.0
-"""Standard deviations within which the spread is estimated anew."""
+REACH_IN_SIGMAS: Final = 6.0
+"""Standard deviations within which the spread is estimated again."""
 
 MOST_ROUNDS: Final = 100
-STILL: Final = 1e-8
+CONVERGED_STEP: Final = 1e-8
 """Metres and radians that no number moves by any more in the end."""
 
 LEAST_TURN: Final = 0.05
 """Least singular value, as a share of the largest, by which normals fix an axis: about 10° round
 the tube."""
 
-FEWEST: Final = 12
+FEWEST_POINTS: Final = 12
 """Points that a cylinder is fitted to."""
 
 
@@ -158,11 +158,11 @@ def fit_cylinder(start: Cylinder, points: Array, scale: float) -> tuple[Cylinder
     Returns
     -------
     cylinder : Cylinder
-        The fit; `start` where there are too few points.
+        The fit; `start` if there are too few points.
     converged : bool
         Whether the points hold it.
     """
-    if len(points) < FEWEST:
+    if len(points) < FEWEST_POINTS:
         return start, False
     tube = start.recentred_beside(points)
 
@@ -197,19 +197,19 @@ def refine_cylinder(tube: Cylinder, points: Array) -> Cylinder:
     points : ndarray, shape (n, 3)
         Of the wall and of anything else, metres.
     """
-    reach = START
+    reach = FIRST_REACH
     for _ in range(MOST_ROUNDS):
         off = tube.signed_distances(points)
         near = np.abs(off) < reach
         if near.sum() <= 5:
             return tube
-        sigma = max(mad_sigma(off[near]), FLOOR)
+        sigma = max(mad_sigma(off[near]), LEAST_POINT_SIGMA)
         root = np.where(near, tukey_root_weights(off / sigma), 0.0)
         jacobian = tube.jacobian(points)
         solved, *_ = np.linalg.lstsq(root[:, None] * jacobian, -root * off)
         step = np.asarray(solved, dtype=float)
         tube = tube.boxplus(step)
-        if np.abs(step).max() < STILL:
+        if np.abs(step).max() < CONVERGED_STEP:
             break
-        reach = REACH * sigma
+        reach = REACH_IN_SIGMAS * sigma
     return tube.recentred_beside(points[near])

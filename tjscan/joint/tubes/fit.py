@@ -57,7 +57,7 @@ class WallPoints:
     view : ndarray, shape (n,)
         Which view each was seen in, from 0.
     pivots : ndarray, shape (m, 3)
-        Where the flange stood in each of m views.
+        Where the flange was in each of m views.
     """
 
     points: Array
@@ -76,7 +76,7 @@ class WallPoints:
 
 
 MOST_ROUNDS: Final = 60
-STILL: Final = 1e-9
+CONVERGED_STEP: Final = 1e-9
 """Metres and radians that no parameter moves by any more when a fit ends."""
 
 LEAST_WEIGHT: Final = 1e-6
@@ -94,15 +94,15 @@ class FittedTubes:
     brace, leg : Cylinder
         In the frame of the points.
     covariance : ndarray, shape (10, 10)
-        Of `Cylinder.boxplus`'s numbers of the brace, then of the leg. It is scaled up where the
-        points lie farther from cylinders than their errors explain, as on tubes out of round.
+        Of `Cylinder.boxplus`'s numbers of the brace, then of the leg. It is scaled up if the
+        points are farther from cylinders than their errors explain, as on tubes out of round.
     reduced_chi2 : float
-        Chi-squared over what is expected of it; about 1 where the tubes are round and the stated
+        Chi-squared over what is expected of it; about 1 if the tubes are round and the stated
         errors true.
     rms : float
         Of the points that count, about the cylinders, metres.
     by_points : ndarray, shape (n, 10, 3)
-        How these numbers change as each wall point moves. Empty where points have no views.
+        How these numbers change as each wall point moves. Empty if points have no views.
     """
 
     brace: Cylinder
@@ -163,7 +163,7 @@ def fit_tubes_to_walls(
                 "the walls that were seen leave leg or brace free to move: scan farther round"
             )
         brace, leg = brace.boxplus(step[:5]), leg.boxplus(step[5:])
-        if count > 1 and np.abs(step).max() < STILL:
+        if count > 1 and np.abs(step).max() < CONVERGED_STEP:
             break
     counted = weights > 0.1
     reduced_chi2 = float(white[:, -1] @ white[:, -1]) / max(int(counted.sum()) - 10, 1)

@@ -114,7 +114,7 @@ def joint_pose_from_cylinders(
     brace, leg : Cylinder
         In one frame; the brace's `point` lies on the brace's side of the leg.
     towards : ndarray, shape (3,)
-        The side that x points to where the brace is upright, see `joint_frame_from_tubes`.
+        The side that x points to if the brace is upright, see `joint_frame_from_tubes`.
 
     Returns
     -------

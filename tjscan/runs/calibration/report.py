@@ -18,13 +18,13 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.manifest import check_as_written
 from tjscan.job import read_calibration_job
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportSheet
-from tjscan.result.directory import CALIBRATION, CALIBRATION_PICTURE, JOB
+from tjscan.result.directory import CALIBRATION_FILE, CALIBRATION_PICTURE, JOB_FILE
 from tjscan.runs.scan.results import calibration_label
 
 
 def calibration_chapter(directory: Path) -> ReportChapter:
     """Make the calibration's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
-    file = directory / CALIBRATION
+    file = directory / CALIBRATION_FILE
     if not file.is_file():
         return ReportChapter(
             facts=(("calibration", "stated in the job; its uncertainty is not known"),),
@@ -54,14 +54,14 @@ USE_LABELS: Final = {True: "in use", False: "left out"}
 
 def calibration_page(directory: Path) -> ReportChapter:
     """Make the page of a calibration's directory; see `tjscan.result.chapter.ChapterWriter`."""
-    file = directory / CALIBRATION
+    file = directory / CALIBRATION_FILE
     if not file.is_file():
         raise ConfigurationError(
             "holds a calibration that is not finished; go on with it: "
             f"tjscan calibrate --resume {directory}",
             file=directory,
         )
-    check_as_written(directory / JOB, file)
+    check_as_written(directory / JOB_FILE, file)
     found = read_calibration(file)
     fixed = found.T_b_s_mm is not None
     return ReportChapter(
@@ -160,7 +160,7 @@ def _shortly(line: str) -> str:
 
 
 def _findings(directory: Path, found: CalibrationFile) -> Iterator[str]:
-    if (file := directory / JOB).is_file():
+    if (file := directory / JOB_FILE).is_file():
         job = read_calibration_job(file)
         if {job.arm.driver_kind, job.laser.driver_kind} == {DriverKind.SIMULATED}:
             yield "Simulated: no real arm or laser measured this."
@@ -171,8 +171,8 @@ def _findings(directory: Path, found: CalibrationFile) -> Iterator[str]:
         yield f"{line[:1].upper()}{line[1:]}."
     for line in basis.left_out[:MOST_NAMED]:
         yield f"{line[:1].upper()}{line[1:]}."
-    if len(basis.left_out) > MOST_NAMED:
-        yield f"{len(basis.left_out) - MOST_NAMED} more were left out; {CALIBRATION} names them."
+    if (more := len(basis.left_out) - MOST_NAMED) > 0:
+        yield f"{more} more were left out; {CALIBRATION_FILE} names them."
 
 
 def _charts(found: CalibrationFile) -> Iterator[ReportChart]:

@@ -52,7 +52,7 @@ from tjscan.job.laser import laser_model_of_job
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.drivers import SimulatedScene
 from tjscan.laser.optics import RaycastSurface
-from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
+from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
 from tjscan.runs.run import make_run_directory
 
 BALL_SUBDIVISIONS: Final = 6
@@ -257,9 +257,9 @@ def start_calibration(
 
 def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
     """Resume an interrupted calibration; raises as `start_calibration` does."""
-    check_as_written(directory / JOB)
-    job = read_calibration_job(directory / JOB)
-    file = directory / CALIBRATION
+    check_as_written(directory / JOB_FILE)
+    job = read_calibration_job(directory / JOB_FILE)
+    file = directory / CALIBRATION_FILE
     if file.exists():
         raise ConfigurationError("is finished already; there is nothing to resume", file=directory)
     if (directory / EARLY_MEASUREMENTS).exists():
@@ -272,7 +272,7 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
         DriverKind.SIMULATED
     }:
         raise ConfigurationError("a real arm moves only while somebody watches: not unattended")
-    T_f_s = sensor_mount_of_job(job, directory / JOB).T_f_s
+    T_f_s = sensor_mount_of_job(job, directory / JOB_FILE).T_f_s
     cell, probe = make_calibration_cell(job, T_f_s)
     with (
         lock_and_clean_directory(directory),

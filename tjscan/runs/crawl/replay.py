@@ -31,7 +31,7 @@ from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic
 from tjscan.recording.writer import RecordingWriter
-from tjscan.result.directory import CALIBRATION, JOB
+from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.runs.crawl.results import read_recorded_crawl, write_passes
 from tjscan.runs.crawl.run import (
     CrawlContext,
@@ -78,9 +78,9 @@ def replay_crawl(
     RecordingError
         If its recording is damaged, or the new directory can't be written.
     """
-    job_file = directory / JOB
-    refuse_links_outside(directory, JOB, CALIBRATION)
-    check_as_written(job_file, directory / CALIBRATION)
+    job_file = directory / JOB_FILE
+    refuse_links_outside(directory, JOB_FILE, CALIBRATION_FILE)
+    check_as_written(job_file, directory / CALIBRATION_FILE)
     check_replay(directory, out, overrides, REPLAYABLE_KEYS, "crawl")
     context = CrawlContext(read_crawl_job(job_file, overrides), job_file, finished=finished)
     parts = recording_files(directory, CRAWL_RECORDING)
@@ -89,7 +89,7 @@ def replay_crawl(
     # Read to their ends before anything is made: what is no crawl, or damaged, is refused.
     set_down = [_was_set_down(part) for part in parts]
     make_crawl_directory(context, out)
-    origin = JobSnapshot((out / JOB).read_text(encoding="utf-8"))
+    origin = JobSnapshot((out / JOB_FILE).read_text(encoding="utf-8"))
     with lock_and_clean_directory(out):
         for number, part in enumerate(parts):
             if number:

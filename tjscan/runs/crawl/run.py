@@ -58,7 +58,7 @@ from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.parts import next_recording_file
-from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
+from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl, write_crawl_results
 from tjscan.runs.run import accept_edited_copies, empty_run_directory, write_job_copy
 from tjscan.runs.scan.context import do_nothing_when_finished
@@ -242,8 +242,8 @@ def make_crawl_directory(context: CrawlContext, directory: Path) -> None:
     job = context.job
     with empty_run_directory(directory) as draft:
         if job.calibration is not None:
-            shutil.copyfile(context.job_file.parent / job.calibration, draft / CALIBRATION)
-            job = job.model_copy(update={"calibration": CALIBRATION})
+            shutil.copyfile(context.job_file.parent / job.calibration, draft / CALIBRATION_FILE)
+            job = job.model_copy(update={"calibration": CALIBRATION_FILE})
         write_job_copy(draft, tomli_w.dumps(table_to_dict(job)), context.job_file, "w")
 
 
@@ -269,7 +269,7 @@ def crawl_into(
     reader : JointReader, optional
         Which remembers the joint already.
     """
-    origin = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
+    origin = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
     file = next_recording_file(directory, CRAWL_RECORDING)
     with lock_and_clean_directory(directory):
         try:
@@ -413,7 +413,7 @@ def start_after_stop(
         raise ConfigurationError(
             f"pass {begun} was begun, and the job has {len(job.passes)} left: give it back the "
             "passes that were run",
-            file=directory / JOB,
+            file=directory / JOB_FILE,
             key="pass",
         )
     burned = [cycle for cycle in cycles if cycle.arc]
@@ -466,7 +466,7 @@ def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
         check_size(context.job)
         method, cell = context.make_method(), make_crawl_cell(context.job)
         make_crawl_directory(context, directory)
-    origin = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
+    origin = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
     file = next_recording_file(directory, CRAWL_RECORDING)
     with record_crawl(file, origin, cell.simulated_place) as recording, cell:
         journal = CombinedCrawlJournal((recording, context.journal))
@@ -474,5 +474,5 @@ def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
     if method.slip is None:
         raise ConfigurationError("this method learns no slip", key="method")
     found = SlipCalibration.from_belief(method.slip, context.job.vehicle.device_id)
-    write_slip_calibration(directory / CALIBRATION, found, job_label_of_run(directory))
+    write_slip_calibration(directory / CALIBRATION_FILE, found, job_label_of_run(directory))
     return found

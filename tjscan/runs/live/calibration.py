@@ -45,7 +45,7 @@ from tjscan.live.step import (
     Step,
 )
 from tjscan.recording.parts import recording_files
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.runs.calibration.run import calibration_plan_of_job
 
 POSITION_SIGMA: Final = Measure("position known to", "mm", logarithmic=True)
@@ -197,7 +197,7 @@ def read_calibration_show(directory: Path) -> RecordedShow | None:
     """Read what a calibration's recording has to show; see `tjscan.live.step.ShowReader`."""
     if not recording_files(directory, CALIBRATION_RECORDING)[0].is_file():
         return None
-    job_file = directory / JOB
+    job_file = directory / JOB_FILE
     show = CalibrationShow(read_calibration_job(job_file), job_file, directory.resolve().name)
     return RecordedShow(show.setting, tuple(map(show.step, read_calibration_entries(directory))))
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from tjscan.core.frames import pose, rot_z
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
-from tjscan.crawler.phases import TRANSITIONS, Event, Phase
+from tjscan.crawler.phases import PHASE_TRANSITIONS, Event, Phase
 from tjscan.crawler.topics import CRAWL_RECORDING, CrawlProfile, read_crawl
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
@@ -38,7 +38,7 @@ from tjscan.live.step import (
 )
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.parts import recording_files
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.robot.solids import Box, Cylinder, Solid
 from tjscan.vehicle.vehicle import REST, Twist
 
@@ -203,7 +203,7 @@ def phase_diagram(now: Phase) -> StateDiagram:
     """The phases and what leads from one to another, the present one marked."""
     ways = [
         (str(phase), str(after), str(event))
-        for (phase, event), after in TRANSITIONS.items()
+        for (phase, event), after in PHASE_TRANSITIONS.items()
         if event is not Event.DANGER
     ]
     return StateDiagram(tuple(map(str, Phase)), tuple(ways), str(now), str(Phase.STOP))
@@ -213,7 +213,7 @@ def read_crawl_show(directory: Path) -> RecordedShow | None:
     """Read what a crawl's recording has to show; see `tjscan.live.step.ShowReader`."""
     if not recording_files(directory, CRAWL_RECORDING)[0].is_file():
         return None
-    show = CrawlShow(read_crawl_job(directory / JOB), directory.resolve().name)
+    show = CrawlShow(read_crawl_job(directory / JOB_FILE), directory.resolve().name)
     return RecordedShow(show.setting, tuple(map(show.step, _entries(directory))))
 
 

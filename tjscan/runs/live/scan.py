@@ -26,7 +26,7 @@ from tjscan.live.page import PageAddress
 from tjscan.live.step import Measure, NotedEvent, PlaneCurve, RecordedShow, Sample, Setting, Step
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.parts import recording_files
-from tjscan.result.directory import JOB, RECORDING
+from tjscan.result.directory import JOB_FILE, RECORDING_FILE
 from tjscan.result.section import absent_corners
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
@@ -258,10 +258,10 @@ def _in_words(measure: Measure, values: dict[str, float], sigmas: dict[str, floa
 
 def read_recorded_scan_show(directory: Path) -> RecordedShow | None:
     """Read what a scan's recording has to show; see `tjscan.live.step.ShowReader`."""
-    if not (directory / RECORDING).is_file():
+    if not (directory / RECORDING_FILE).is_file():
         return None
-    job = read_scan_job(directory / JOB)
-    context = RunContext(job.job_at_station(), directory / JOB)
+    job = read_scan_job(directory / JOB_FILE)
+    context = RunContext(job.job_at_station(), directory / JOB_FILE)
     show = ScanShow(context, directory.resolve().name)
     return RecordedShow(
         show.setting, tuple(show.step(entry) for entry in recorded_entries(directory, context))
@@ -365,7 +365,7 @@ def show_scan(
         simulation = context.job.simulation
         if simulation is not None and simulation.arm is not None:
             yield Step(drawn={"arm": Posture(np.array(simulation.arm.home))})
-        if resumed is not None and (resumed / RECORDING).is_file():
+        if resumed is not None and (resumed / RECORDING_FILE).is_file():
             yield from map(show.step, recorded_entries(resumed, context))
 
     show = ScanShow(context, context.job_file.stem)

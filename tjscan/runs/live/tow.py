@@ -26,7 +26,7 @@ from tjscan.live.page import PageAddress
 from tjscan.live.step import STATE_FACT, Measure, NotedEvent, RecordedShow, Sample, Setting, Step
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.parts import recording_files
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.robot.solids import Cylinder, Solid
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.seam import Seam
@@ -214,7 +214,7 @@ def read_tow_show(directory: Path) -> RecordedShow | None:
     """Read what a tow's recording has to show; see `tjscan.live.step.ShowReader`."""
     if not recording_files(directory, TOW_RECORDING)[0].is_file():
         return None
-    show = TowShow(read_tow_job(directory / JOB), directory.resolve().name)
+    show = TowShow(read_tow_job(directory / JOB_FILE), directory.resolve().name)
     return RecordedShow(show.setting, tuple(map(show.step, _entries(directory))))
 
 

@@ -17,7 +17,7 @@ from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import MM, MM_S
-from tjscan.crawler.joint_tracking.tracking import BURIED, ButtJointReading, JointTracker
+from tjscan.crawler.joint_tracking.tracking import BURIED_HEIGHT, ButtJointReading, JointTracker
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.topics import CRAWL_RECORDING
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
@@ -27,7 +27,7 @@ from tjscan.planning.document import plan_document
 from tjscan.planning.edges import GrooveEdges, fit_edges_to_corners
 from tjscan.planning.plan import plan_weld
 from tjscan.planning.wps import M_MIN, read_wps
-from tjscan.result.directory import JOB, job_label_of_run
+from tjscan.result.directory import JOB_FILE, job_label_of_run
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.plan.run import (
     CRAWL_PASSES_FILE,
@@ -84,7 +84,7 @@ def plan_crawl_run(
     RecordingError
         If the files can't be written, or the recording is damaged.
     """
-    wps, job = read_wps(wps_file), read_crawl_job(directory / JOB)
+    wps, job = read_wps(wps_file), read_crawl_job(directory / JOB_FILE)
     seen = _profiles(directory, job, after_pass)
     if after_pass and not seen:
         raise ConfigurationError(
@@ -179,9 +179,12 @@ def butt_joint_edges(
     places = np.array([at for at, _ in readings])
     higher = _above_usual(places, np.array([reading.depth_left for _, reading in readings]))
     station = (places / STATION_LENGTH).astype(int)
-    tacks = {int(k): bool(np.mean(higher[station == k] > BURIED) > 0.5) for k in np.unique(station)}
+    tacks = {
+        int(k): bool(np.mean(higher[station == k] > BURIED_HEIGHT) > 0.5)
+        for k in np.unique(station)
+    }
     bare = {
-        k: [readings[i] for i in np.flatnonzero((station == k) & (np.abs(higher) <= BURIED))]
+        k: [readings[i] for i in np.flatnonzero((station == k) & (np.abs(higher) <= BURIED_HEIGHT))]
         for k in tacks
     }
     rows = [bare[k] for k in tacks if len(bare[k]) >= FEWEST_PROFILES]

@@ -26,9 +26,9 @@ from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.stops import StationStretch
-from tjscan.planning.urscript import BeadWay, StationWay
+from tjscan.planning.urscript import BeadPath, StationPath
 from tjscan.planning.wps import TorchSettings
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.result.stitching import read_stitching_report
 from tjscan.robot.collision import SCANNED_GROOVE, CollisionModel
 from tjscan.robot.deviations import with_deviations
@@ -147,7 +147,7 @@ def welding_stations(directory: Path, frame: str) -> tuple[WeldingStation, ...]:
         return (
             _station(job.station_names[0] if job.station else ARM_STATION, job, directory, T_b_r),
         )
-    order = _job(directory).station_names if (directory / JOB).is_file() else ()
+    order = _job(directory).station_names if (directory / JOB_FILE).is_file() else ()
     found = []
     for one in report.stations:
         folder = directory / one.source
@@ -157,17 +157,17 @@ def welding_stations(directory: Path, frame: str) -> tuple[WeldingStation, ...]:
 
 
 def _station(name: str, job: ScanJob, folder: Path, T_b_r: Array) -> WeldingStation:
-    with add_file_to_errors(folder / JOB):
+    with add_file_to_errors(folder / JOB_FILE):
         model = kinematics_of_job(job)
-        deviations = RunContext(job, folder / JOB).sensor_mount.deviations
+        deviations = RunContext(job, folder / JOB_FILE).sensor_mount.deviations
     calibrated = model if deviations is None else with_deviations(model, deviations)
-    return WeldingStation(name, job, folder / JOB, model, calibrated, T_b_r)
+    return WeldingStation(name, job, folder / JOB_FILE, model, calibrated, T_b_r)
 
 
 def _job(folder: Path) -> ScanJob:
-    if not (folder / JOB).is_file():
+    if not (folder / JOB_FILE).is_file():
         raise ConfigurationError("the run holds no job that says where its arm stood", file=folder)
-    return read_scan_job(folder / JOB)
+    return read_scan_job(folder / JOB_FILE)
 
 
 PLACE_STEP: Final = 25e-3
@@ -251,7 +251,7 @@ class StationReach:
                 found.append(UnreachedLength(at, at, reason))
         return tuple(found)
 
-    def lead_torch(self, plan: WeldPlan) -> StationWay:
+    def lead_torch(self, plan: WeldPlan) -> StationPath:
         """Lead the torch along this station's beads, one after the other.
 
         Between beads it is drawn back along the wire and goes back over the bead it has laid.
@@ -273,7 +273,7 @@ class StationReach:
         torch, arm = plan.wps.torch, self.station.kinematics
         T_tool_f, back = inverse_pose(torch.tcp.T), pose(p=(0.0, 0.0, -torch.retract))
         leader = _Leader(self.station, torch.tcp.T, self.hindrance)
-        found, before = list[BeadWay](), None
+        found, before = list[BeadPath](), None
         for bead in (bead for bead in plan.beads if bead.station == self.station.name):
             turns = np.round((0.5 * (at[0] + at[-1]) - bead.s.mean()) / self.length)
             s = bead.s + turns * self.length * self.holds.closed
@@ -290,9 +290,9 @@ class StationReach:
             way = np.concatenate((way, leader.way(np.array([T[0] @ back, T[0]]), where)))
             path = leader.bead(T, bead, where)
             leave = leader.way(np.array([T[-1] @ back]), where)
-            found.append(BeadWay(bead, way, path, leave))
+            found.append(BeadPath(bead, way, path, leave))
             before = (T @ back)[::-1][_every(bead, torch.retract)]
-        return StationWay(self.station.name, start, tuple(found))
+        return StationPath(self.station.name, start, tuple(found))
 
     def _at(self, i: NDArray[np.int64]) -> Array:
         """Metres along the groove of places, beyond its length after a turn."""

@@ -25,13 +25,13 @@ from tjscan.planning.details import DetailStretch, compare_with_details
 from tjscan.planning.document import LengthEntry, PlanDocument, StationEntry, plan_document
 from tjscan.planning.edges import GrooveEdges, fit_groove_edges
 from tjscan.planning.plan import WeldPlan, plan_weld
-from tjscan.planning.stops import NOBODY, StationStretch, crowns_and_saddles
+from tjscan.planning.stops import NO_STATION, StationStretch, crowns_and_saddles
 from tjscan.planning.tables import beads_to_csv
-from tjscan.planning.urscript import StationWay, way_to_urscript
+from tjscan.planning.urscript import StationPath, path_to_urscript
 from tjscan.planning.weldx_file import weldx_is_installed, write_plan_as_weldx
 from tjscan.planning.wps import WeldingProcedure, read_wps
-from tjscan.result.directory import CLOUD, SECTIONS, job_label_of_run
-from tjscan.result.export import ROOTS, sort_sections_by_azimuth
+from tjscan.result.directory import CLOUD_FILE, SECTIONS_FILE, job_label_of_run
+from tjscan.result.export import WELDX_ROOTS, sort_sections_by_azimuth
 from tjscan.result.shapes import read_finished_summary, read_run_shape
 from tjscan.result.summary import ScanSummary
 from tjscan.result.table import read_sections_csv
@@ -84,7 +84,7 @@ def write_plan_files(
     table = beads_to_csv(plan, provenance)
     (draft / BEADS_FILE).write_text(table, encoding="utf-8", newline="")
     if weldx_is_installed():
-        root = ROOTS.get(provenance.frame, provenance.frame)
+        root = WELDX_ROOTS.get(provenance.frame, provenance.frame)
         write_plan_as_weldx(draft / WELDX_FILE, plan, document, root)
     (draft / PLAN_FILE).write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
@@ -139,7 +139,7 @@ def details_of_run(
         raise ConfigurationError(
             f"the local dihedral angle is not known, since leg and brace were not found: {error}. "
             "Leave out [[detail]] to plan without",
-            file=directory / CLOUD,
+            file=directory / CLOUD_FILE,
         ) from None
     origins = np.array([section.T_r_g[:3, 3] for section in sections])
     return compare_with_details(
@@ -154,8 +154,8 @@ Replan = Callable[[tuple[StationStretch, ...]], WeldPlan]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PartedPlan:
-    """A plan parted among stations, and how each leads the torch.
+class DividedPlan:
+    """A plan divided among stations, and the path of the torch at each.
 
     Parameters
     ----------
@@ -163,21 +163,21 @@ class PartedPlan:
         Its beads, in parts.
     stations : tuple of StationEntry
         As they stand in ``plan.json``.
-    ways : dict of str to StationWay
+    paths : dict of str to StationPath
         Of each station that has a program, by the program's file.
     """
 
     plan: WeldPlan
     stations: tuple[StationEntry, ...]
-    ways: dict[str, StationWay]
+    paths: dict[str, StationPath]
 
 
-def part_plan(
+def divide_plan(
     arms: Sequence[WeldingStation],
     plan: WeldPlan,
     sections: Sequence[MeasuredSection],
     replan: Replan,
-) -> PartedPlan:
+) -> DividedPlan:
     """Part a plan among the stations from which a run was scanned.
 
     Parameters
@@ -189,7 +189,7 @@ def part_plan(
     sections : sequence of MeasuredSection
         Along the groove.
     replan : callable
-        Makes the same plan anew, parted among stretches.
+        Makes the same plan anew, divided among stretches.
 
     Raises
     ------
@@ -208,17 +208,17 @@ def part_plan(
             + "; ".join(f"{reach.station.name}: {_mostly(reach)}" for reach in reaches),
             key="torch",
         )
-    parted, ways, entries = replan(stretches), dict[str, StationWay](), []
+    divided, paths, entries = replan(stretches), dict[str, StationPath](), []
     for reach in reaches:
         name, problem, file = reach.station.name, "", ""
-        if any(bead.station == name for bead in parted.beads):
+        if any(bead.station == name for bead in divided.beads):
             file = program_name(name)
             try:
-                ways[file] = reach.lead_torch(parted)
+                paths[file] = reach.lead_torch(divided)
             except PoseUnreachable as error:
                 file, problem = "", error.reason
         entries.append(_entry(reach, file, problem))
-    return PartedPlan(parted, tuple(entries), ways)
+    return DividedPlan(divided, tuple(entries), paths)
 
 
 def program_name(station: str) -> str:
@@ -278,7 +278,7 @@ class WrittenPlan:
         Where its files are.
     files : tuple of str
         Their names.
-    ways : dict of str to StationWay
+    paths : dict of str to StationPath
         How each station leads the torch, by its program's file.
     """
 
@@ -286,12 +286,12 @@ class WrittenPlan:
     document: PlanDocument
     directory: Path
     files: tuple[str, ...]
-    ways: dict[str, StationWay] = field(default_factory=dict)
+    paths: dict[str, StationPath] = field(default_factory=dict)
 
     @property
-    def nobody_s(self) -> tuple[tuple[float, float], ...]:
+    def unreached_spans(self) -> tuple[tuple[float, float], ...]:
         """Lengths that no station reaches, where that was looked for; metres."""
-        found = [bead for bead in self.plan.beads if bead.station == NOBODY and bead.layer == 1]
+        found = [bead for bead in self.plan.beads if bead.station == NO_STATION and bead.layer == 1]
         spans = tuple((float(bead.s.min()), float(bead.s.max())) for bead in found)
         return spans if self.document.stations else ()
 
@@ -334,8 +334,8 @@ def plan_run(
     """
     wps = read_wps(wps_file)
     summary = read_finished_summary(directory)
-    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS))
-    with add_file_of_key(wps_file, directory / SECTIONS):
+    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
+    with add_file_of_key(wps_file, directory / SECTIONS_FILE):
         shared = _shared_area_sigma(summary)
         edges = fit_groove_edges(sections, wps.sequence.longest_step, shared)
         # In frame j, z is the brace's axis; in an arm's base frame nothing is known of the tubes.
@@ -345,26 +345,26 @@ def plan_run(
         arms, without = (
             _arms(directory, summary.frame) if reach else ((), "reach was not asked for")
         )
-        parted = PartedPlan(plan, (), {})
+        divided = DividedPlan(plan, (), {})
         if arms:
-            parted = part_plan(
+            divided = divide_plan(
                 arms, plan, sections, lambda s: plan_weld(edges, wps, gravity, marks, s, after_pass)
             )
-            plan = parted.plan
+            plan = divided.plan
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), summary.frame, "mm")
     label = f"{wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
     document = plan_document(
-        plan, provenance, directory.resolve().name, label, details, parted.stations, without
+        plan, provenance, directory.resolve().name, label, details, divided.stations, without
     )
     folder = out or directory
     with write_files_atomically(folder, last=PLAN_FILE, instead_of=EARLIER_FILES) as draft:
         lines = provenance.comment_lines("#").splitlines(keepends=True)[:3]  # no frame, no units
-        for name, way in parted.ways.items():
-            script = way_to_urscript(way, wps.torch, switch.output, arc=switch.on)
+        for name, path in divided.paths.items():
+            script = path_to_urscript(path, wps.torch, switch.output, arc=switch.on)
             (draft / name).write_text("".join((*lines, script)), encoding="utf-8")
         write_plan_files(draft, plan, document, provenance)
         files = tuple(sorted(file.name for file in draft.iterdir()))
-    return WrittenPlan(plan, document, folder, files, parted.ways)
+    return WrittenPlan(plan, document, folder, files, divided.paths)
 
 
 def _shared_area_sigma(summary: ScanSummary) -> float:

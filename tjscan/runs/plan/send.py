@@ -14,9 +14,9 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.arm import kinematics_of_job, solids_in_base
-from tjscan.planning.urscript import StationWay, way_to_urscript
+from tjscan.planning.urscript import StationPath, path_to_urscript
 from tjscan.planning.wps import TorchSettings
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.robot.collision import CollisionModel
 from tjscan.robot.collision_checked import CollisionCheckedArm
@@ -72,8 +72,8 @@ def arm_for_program(job_file: Path, station: str | None, run: Path) -> ArmForPro
                 f"{job.arm.driver!r})",
                 key="arm.driver",
             )
-        if (run / JOB).is_file():
-            scanned = RunContext(read_scan_job(run / JOB), run / JOB)
+        if (run / JOB_FILE).is_file():
+            scanned = RunContext(read_scan_job(run / JOB_FILE), run / JOB_FILE)
             model = scanned.job.arm.model
             if job.arm.model != model:
                 raise ConfigurationError(
@@ -109,20 +109,20 @@ def _check_place(job: ScanJob, scanned: ScanJob, station: str | None) -> None:
         )
 
 
-def way_of_station(ways: Mapping[str, StationWay], station: str | None) -> StationWay:
-    """The way of a station, or the only one there is.
+def path_of_station(paths: Mapping[str, StationPath], station: str | None) -> StationPath:
+    """The path of a station, or the only one there is.
 
     Raises
     ------
     ConfigurationError
         If there is none, or several and none is named.
     """
-    names = [way.station for way in ways.values()]
+    names = [path.station for path in paths.values()]
     if station is None and len(names) == 1:
         station = names[0]
-    for way in ways.values():
-        if way.station == station:
-            return way
+    for path in paths.values():
+        if path.station == station:
+            return path
     if not names:
         raise ConfigurationError("there is no program to send: the plan says why", key="--send-to")
     wanted = f"there is no program of {station!r}" if station else "there are several programs"
@@ -131,7 +131,7 @@ def way_of_station(ways: Mapping[str, StationWay], station: str | None) -> Stati
 
 def send_program(
     arm: ArmForProgram,
-    way: StationWay,
+    path: StationPath,
     torch: TorchSettings,
     output: int,
     *,
@@ -144,7 +144,7 @@ def send_program(
     ----------
     arm : ArmForProgram
         The arm.
-    way : StationWay
+    path : StationPath
         Of the station it stands at.
     torch : TorchSettings
         What it carries.
@@ -173,9 +173,9 @@ def send_program(
     limits = MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration)
     device = UrArm(model, arm.settings, limits)
     off = f"def tjscan_arc_off():\n  set_standard_digital_out({output}, False)\nend\n"
-    T_b_tcp: Array = way.beads[-1].leave[-1]
-    script = way_to_urscript(way, torch, output, arc=arc)
+    T_b_tcp: Array = path.beads[-1].retreat[-1]
+    script = path_to_urscript(path, torch, output, arc=arc)
     with CollisionCheckedArm(device, clearance, torch.tcp.T, lifts=job.clearance.lifts) as checked:
-        start = way.beads[0].way[0] @ inverse_pose(torch.tcp.T)
-        checked.move_joint_to_pose(start, near=np.asarray(way.q))
+        start = path.beads[0].approach[0] @ inverse_pose(torch.tcp.T)
+        checked.move_joint_to_pose(start, near=np.asarray(path.q))
         device.run_program(UrProgram(script, T_b_tcp, off), started)

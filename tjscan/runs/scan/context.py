@@ -21,7 +21,7 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.parts import next_recording_file
-from tjscan.result.directory import URDF
+from tjscan.result.directory import URDF_FILE
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.run import make_run_directory, take_job_snapshot
@@ -132,7 +132,7 @@ class RunContext:
             self.job_snapshot(directory),
             joint_names=arm.joint_names,
             fixed=root if T_b_j is None else {**root, "j": T_b_j},
-            attachments={URDF: arm.urdf.read_bytes()},
+            attachments={URDF_FILE: arm.urdf.read_bytes()},
         ) as recording:
             yield CombinedJournal(recording, self.journal)
 

@@ -14,7 +14,7 @@ from tjscan.core.manifest import check_as_written
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.recording.damage import RecordingDamage
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
-from tjscan.result.directory import JOB, RECORDING, SUMMARY
+from tjscan.result.directory import JOB_FILE, RECORDING_FILE, SUMMARY_FILE
 from tjscan.result.summary import check_recording_complete, read_summary
 from tjscan.runs.run import COPIED_FILES
 from tjscan.scanning.events import ScanEvent
@@ -30,13 +30,13 @@ COUNTED_EVENTS: Final = (ScanEvent.HALF_STEP,)
 
 def scan_chapter(directory: Path) -> ReportChapter:
     """Make a scan's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
-    if not (directory / RECORDING).is_file():
+    if not (directory / RECORDING_FILE).is_file():
         return ReportChapter()
     damages: list[RecordingDamage] = []
     check_as_written(*(directory / name for name in COPIED_FILES))
-    job = read_scan_job(directory / JOB)
+    job = read_scan_job(directory / JOB_FILE)
     log = read_recorded_scan(directory, damages.append)
-    check_recording_complete(directory, read_summary(directory / SUMMARY), len(log.sections))
+    check_recording_complete(directory, read_summary(directory / SUMMARY_FILE), len(log.sections))
     started = "" if log.started is None else f"{log.started:%Y-%m-%d %H:%M} UTC"
     events = tuple(ReportEvent(event.time, event.name, event.detail) for event in log.events)
     return ReportChapter(

@@ -21,16 +21,15 @@ from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.arm import SensorMount
 from tjscan.recording.damage import RecordingDamage
 from tjscan.recording.parts import recording_files
-from tjscan.result.directory import CALIBRATION, JOB
+from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.result.summary import ScanSummary
 from tjscan.runs.run import COPIED_FILES
 from tjscan.runs.scan.context import RunContext, do_nothing_when_finished, groove_reader_of_job
 from tjscan.runs.scan.run import write_job_results
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
-from tjscan.scanning.progress import StopReason
+from tjscan.scanning.progress import ScanResult, StopReason
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedScan, RecordedSection
-from tjscan.scanning.result import ScanResult
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.sections_before import read_section
 
@@ -130,7 +129,7 @@ def reprocess_run(
     StitchingRefused
         If the stations can't be stitched any more.
     """
-    job_file = directory / JOB
+    job_file = directory / JOB_FILE
     refuse_links_outside(directory, *COPIED_FILES)
     check_as_written(*(directory / name for name in COPIED_FILES))
     for key in overrides:
@@ -154,13 +153,13 @@ def reprocess_run(
         _reprocess(
             replace(
                 context,
-                job=read_scan_job(run / JOB, overrides).job_at_station(),
-                job_file=run / JOB,
+                job=read_scan_job(run / JOB_FILE, overrides).job_at_station(),
+                job_file=run / JOB_FILE,
             ),
             out / run.name,
         )
         for run in (directory / station.name for station in job.station)
-        if (run / JOB).is_file()
+        if (run / JOB_FILE).is_file()
     )
     whole = len(stations) == len(job.station) and all(one.is_whole for one in stations)
     return ReprocessedRun(
@@ -199,7 +198,7 @@ def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
 
 def _refuse_other_kinematics(mount: SensorMount, directory: Path) -> None:
     """Recorded flange poses hold for the arm's kinematics as they were then."""
-    file = directory / CALIBRATION
+    file = directory / CALIBRATION_FILE
     then = read_calibration(file).kinematics if file.is_file() else None
     before, now = (
         np.zeros(0) if found is None else found

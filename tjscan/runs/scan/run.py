@@ -33,10 +33,9 @@ from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.profile_taker import ScanSetup
-from tjscan.scanning.progress import plan_is_fulfilled
+from tjscan.scanning.progress import ScanResult, plan_is_fulfilled
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedScan
-from tjscan.scanning.result import ScanResult
 from tjscan.scanning.scanned_surface import ScannedSurfaceObstacle
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.section import ProfileView

@@ -36,7 +36,7 @@ from tjscan.runs.scan.study_rules import (
 )
 from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.result import ScanResult
+from tjscan.scanning.progress import ScanResult
 from tjscan.scanning.section import Substep
 from tjscan.study.backend import (
     ReportedQuantity,

@@ -28,11 +28,11 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import (
-    JOB,
-    JOINT,
-    STATIONS,
+    JOB_FILE,
+    JOINT_FILE,
+    STATIONS_FILE,
     STATIONS_PICTURE,
-    SUMMARY,
+    SUMMARY_FILE,
     job_label_of_run,
 )
 from tjscan.result.picture import draw_groove_overview, write_png
@@ -63,7 +63,12 @@ from tjscan.stitching.registration import (
     StitchingDraft,
     point_covariance_from_pose,
 )
-from tjscan.stitching.stations import DEFAULT, Station, StitchSettings, station_from_recording
+from tjscan.stitching.stations import (
+    DEFAULT_STITCH_SETTINGS,
+    Station,
+    StitchSettings,
+    station_from_recording,
+)
 from tjscan.stitching.stitch import PlacedStation, StitchedGroove, stitch_stations
 from tjscan.uncertainty.summary import summarise_budget
 
@@ -212,7 +217,7 @@ class StitchedRun:
 def stitch_run_directories(
     runs: Sequence[Path],
     directory: Path,
-    settings: StitchSettings = DEFAULT,
+    settings: StitchSettings = DEFAULT_STITCH_SETTINGS,
     finished: Callable[[Path], object] = do_nothing_when_finished,
 ) -> StitchedRun:
     """Stitch run directories and write the result.
@@ -275,7 +280,7 @@ def _check_names(read: Sequence[StationRun]) -> None:
         if one.station.name == other.station.name:
             raise ConfigurationError(
                 f"is of station {one.station.name}, and so is {one.directory}: leave one out or, "
-                f"where they are two, rename one in its {JOB}",
+                f"where they are two, rename one in its {JOB_FILE}",
                 file=other.directory,
             )
 
@@ -288,8 +293,8 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
             found.append(run)
             continue
         # Runs that were stitched from elsewhere have no job of the whole.
-        check_as_written(run / JOB)
-        names = read_scan_job(run / JOB).station_names if (run / JOB).is_file() else ()
+        check_as_written(run / JOB_FILE)
+        names = read_scan_job(run / JOB_FILE).station_names if (run / JOB_FILE).is_file() else ()
         folders = [run / name for name in names] or sorted(run.glob("*/scan.mcap"))
         if not folders:
             raise ConfigurationError("is no run directory, nor holds any of stations", file=run)
@@ -299,7 +304,7 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
 
 def read_station_run(directory: Path) -> StationRun:
     """Read the run directory of one station; raises as `stitch_run_directories` does."""
-    job_file = directory / JOB
+    job_file = directory / JOB_FILE
     check_as_written(*(directory / name for name in COPIED_FILES))
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file)
@@ -309,11 +314,11 @@ def read_station_run(directory: Path) -> StationRun:
         sections = done.reread_sections(read)
         context = RunContext(job, job_file)
         joint = context.joint
-    if not (directory / SUMMARY).is_file():
+    if not (directory / SUMMARY_FILE).is_file():
         raise ConfigurationError(
             f"its scan did not end; go on with: tjscan scan --resume {directory}", file=directory
         )
-    summary = read_summary(directory / SUMMARY)
+    summary = read_summary(directory / SUMMARY_FILE)
     check_recording_complete(directory, summary, len(sections))
     station = station_from_recording(name, job.T_w_b, sections, done.views, read)
     with add_file_to_errors(job_file):
@@ -345,8 +350,8 @@ def _gather(directory: Path, read: Sequence[StationRun]) -> None:
         for one in read:
             if not _lies_in(directory, one):
                 shutil.copytree(one.directory, draft / one.station.name)
-        if (joint := _common_joint(read)) is not None and not (directory / JOINT).exists():
-            shutil.copyfile(joint, draft / JOINT)
+        if (joint := _common_joint(read)) is not None and not (directory / JOINT_FILE).exists():
+            shutil.copyfile(joint, draft / JOINT_FILE)
 
 
 def _lies_in(directory: Path, one: StationRun) -> bool:
@@ -360,7 +365,7 @@ def _folder(directory: Path, one: StationRun) -> str:
 
 def _common_joint(read: Sequence[StationRun]) -> Path | None:
     """The file of the joint that all runs name, if they do."""
-    files = [one.directory / JOINT for one in read]
+    files = [one.directory / JOINT_FILE for one in read]
     same = all(one.joint == read[0].joint for one in read)
     return files[0] if same and read[0].joint is not None and files[0].is_file() else None
 
@@ -413,7 +418,7 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: StitchedGroove
     provenance = Provenance.for_file_written_now(job, "j")
     report = replace(report, provenance=provenance)
     with write_files_atomically(directory, listed=True) as draft:
-        write_stitching_report(draft / STATIONS, report)
+        write_stitching_report(draft / STATIONS_FILE, report)
         write_png(draft / STATIONS_PICTURE, draw_stitching(stitched.draft), provenance)
     summary = write_run_results(
         directory, stitched.sections, points, summary, picture, job, stitched.budget

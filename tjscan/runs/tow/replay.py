@@ -19,7 +19,7 @@ from tjscan.job.tow.cell import fixed_obstacles, make_planner
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.header import JobSnapshot
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.runs.run import check_replay
 from tjscan.runs.scan.context import do_nothing_when_finished
 from tjscan.runs.tow.results import write_tow_results
@@ -64,8 +64,8 @@ def replay_tow(
     RecordingError
         If its recording is damaged, or the new directory can't be written.
     """
-    job_file = directory / JOB
-    refuse_links_outside(directory, JOB)
+    job_file = directory / JOB_FILE
+    refuse_links_outside(directory, JOB_FILE)
     check_as_written(job_file)
     check_replay(directory, out, overrides, REPLAYABLE_KEYS, "tow")
     context = TowContext(read_tow_job(job_file, overrides), job_file, finished=finished)
@@ -73,7 +73,7 @@ def replay_tow(
         planner = make_planner(context.job)
     entries = list(read_tow(directory))
     make_tow_directory(context, out)
-    origin = JobSnapshot((out / JOB).read_text(encoding="utf-8"))
+    origin = JobSnapshot((out / JOB_FILE).read_text(encoding="utf-8"))
     truths = iter([entry for entry in entries if isinstance(entry, TowTruth)])
     truth = (lambda: next(truths)) if any(isinstance(e, TowTruth) for e in entries) else None
     seam = Seam(context.job.seam)

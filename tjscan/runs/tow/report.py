@@ -21,7 +21,7 @@ from tjscan.result.chapter import (
     ReportChart,
     ReportEvent,
 )
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.runs.tow.figures import FIGURE_UNITS, TowFigures
 from tjscan.runs.tow.results import RecordedTow, read_recorded_tow
 from tjscan.towing.seam import Seam
@@ -49,8 +49,8 @@ def tow_chapter(directory: Path) -> ReportChapter:
     """Make a tow's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
     if not (directory / f"{TOW_RECORDING}.mcap").is_file():
         return ReportChapter()
-    check_as_written(directory / JOB)
-    job, found = read_tow_job(directory / JOB), read_recorded_tow(directory)
+    check_as_written(directory / JOB_FILE)
+    job, found = read_tow_job(directory / JOB_FILE), read_recorded_tow(directory)
     events = tuple(ReportEvent(event.time, event.name, event.detail) for event in found.events)
     figures = found.figures(job)
     if figures is None:

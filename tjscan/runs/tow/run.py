@@ -18,7 +18,7 @@ from tjscan.job.tow.sweep import sweep_seam
 from tjscan.recording.header import JobSnapshot, job_snapshot_changes
 from tjscan.recording.parts import next_recording_file
 from tjscan.recording.reader import read_job_snapshot
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.runs.run import accept_edited_copies, empty_run_directory, write_job_copy
 from tjscan.runs.scan.context import do_nothing_when_finished
 from tjscan.runs.tow.results import read_recorded_tow, write_tow_results
@@ -154,14 +154,14 @@ def _is_edited(directory: Path) -> bool:
     before = read_job_snapshot(directory, TOW_RECORDING)
     if before is None:
         return False
-    now = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
+    now = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
     changed = list(job_snapshot_changes(before, now))
     for key, what in changed:
         if not key.startswith(RESUMABLE_KEYS):
             raise ConfigurationError(
                 f"{what}. The cable lies as it was towed before: put it back, or start a new tow. "
                 f"What may change: {', '.join(RESUMABLE_KEYS)}",
-                file=directory / JOB,
+                file=directory / JOB_FILE,
                 key=key,
             )
     return bool(changed)
@@ -192,7 +192,7 @@ def _tow(
     stood: float = 0.0,
 ) -> None:
     """Tow, record, and write the results, however it ended."""
-    origin = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
+    origin = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
     file = next_recording_file(directory, TOW_RECORDING)
     with lock_and_clean_directory(directory):
         try:
