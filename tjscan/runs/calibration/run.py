@@ -215,7 +215,7 @@ PROBE_STREAM: Final = 2
 def start_calibration(
     job: CalibrationJob, job_file: Path, directory: Path, operator: Operator, *, arm: bool = False
 ) -> SavedCalibration:
-    """Calibrate as a job says, in a new directory that can be resumed.
+    """Calibrate as a job states, in a new directory that can be resumed.
 
     Parameters
     ----------
@@ -269,7 +269,7 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
     if not operator.present and {job.arm.driver_kind, job.laser.driver_kind} != {
         DriverKind.SIMULATED
     }:
-        raise ConfigurationError("a real arm moves only while somebody watches: not unattended")
+        raise ConfigurationError("a real arm moves only while a person watches: not unattended")
     T_f_s = sensor_mount_of_job(job, directory / JOB_FILE).T_f_s
     cell, probe = make_calibration_cell(job, T_f_s)
     with (
@@ -322,7 +322,7 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
     job : CalibrationJob
         The job.
     T_f_s : ndarray, shape (4, 4)
-        About where the laser sits.
+        Rough pose of the laser.
 
     Raises
     ------
@@ -376,14 +376,14 @@ def _targets_surface(job: CalibrationJob, T_b_board: Array) -> RaycastSurface:
 
 
 def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPlan:
-    """Plan of a calibration: what its job says about board, laser and numbers of lines.
+    """Plan of a calibration: what its job states of board, laser and numbers of lines.
 
     Parameters
     ----------
     job : CalibrationJob
         The job.
     T_f_s : ndarray, shape (4, 4)
-        About where the laser sits.
+        Rough pose of the laser.
     """
     board = job.board
     window = measuring_range_of_job(job)
@@ -409,7 +409,7 @@ def measuring_range_of_job(job: CalibrationJob) -> MeasuringRange:
 
 
 def laser_deviation_of_job(job: CalibrationJob, window: MeasuringRange) -> LaserDeviation | None:
-    """By what a job's laser may deviate in its window; none where it is stated to be exact."""
+    """By what a job's laser may deviate in its window; none if it is stated to be exact."""
     largest, _ = job.laser.uncertainty.linear
     if largest == 0:
         return None
