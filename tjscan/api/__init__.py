@@ -143,10 +143,13 @@ def calibrate(
     ValueError
         If the arguments do not fit together.
     """
-    from tjscan.calibration.fits.posed_profile import PosedProfile
     from tjscan.calibration.noise import NoiseModel
-    from tjscan.calibration.offline import TargetRecording, calibrate_from_profiles
-    from tjscan.calibration.targets import PlaneTarget, SphereTarget, UnknownRoof, fit_plane
+    from tjscan.calibration.recorded import TargetRecording, calibrate_from_profiles
+    from tjscan.calibration.targets.ball import SphereTarget
+    from tjscan.calibration.targets.plane import PlaneTarget
+    from tjscan.calibration.targets.roof import UnknownRoof
+    from tjscan.calibration.targets.target import PosedProfile
+    from tjscan.calibration.targets.touched import fit_plane
 
     poses = np.asarray(T_b_f, dtype=float)
     if poses.shape != (len(profiles), 4, 4):
