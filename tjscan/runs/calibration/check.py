@@ -9,13 +9,14 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.fits.posed_profile import PosedProfile
-from tjscan.calibration.solve.design import HandEyeUncertainty, predict_uncertainty
-from tjscan.calibration.targets import fit_plane
+from tjscan.calibration.result import HandEyeUncertainty
+from tjscan.calibration.solve.design import predict_uncertainty
+from tjscan.calibration.targets.target import PosedProfile
+from tjscan.calibration.targets.touched import fit_plane
 from tjscan.calibration.wizard.advice import BoardRectangle
 from tjscan.calibration.wizard.logbook import MeasurementsSoFar
-from tjscan.calibration.wizard.plan import CalibrationPlan
 from tjscan.calibration.wizard.session import (
+    CalibrationPlan,
     CalibrationProgress,
     planned_touch_points,
     start_poses_over_board,

@@ -12,9 +12,9 @@ import trimesh
 
 from tjscan.calibration.arm.design import BallPlan, plan_views
 from tjscan.calibration.arm.geometry import ArmGeometry
-from tjscan.calibration.arm.kept import as_hand_eye_calibration, kinematics_entry
+from tjscan.calibration.arm.result import as_hand_eye_calibration
 from tjscan.calibration.arm.wizard import ArmWizard
-from tjscan.calibration.basis import BasisEntry, ShrinkingEntry, views_of_poses
+from tjscan.calibration.entries import BasisEntry, ShrinkingEntry, views_of_poses
 from tjscan.calibration.file import (
     CalibrationFile,
     SavedCalibration,
@@ -24,12 +24,11 @@ from tjscan.calibration.file import (
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.plucker import plane_through_point
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.targets import PlaneTarget
+from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.calibration.wizard.logbook import Logbook, MeasurementsSoFar
 from tjscan.calibration.wizard.operator import Operator, Question
-from tjscan.calibration.wizard.plan import CalibrationPlan
 from tjscan.calibration.wizard.probe import JoggedProbe, TouchProbe
-from tjscan.calibration.wizard.session import current_progress, fit_touched_board
+from tjscan.calibration.wizard.session import CalibrationPlan, current_progress, fit_touched_board
 from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
 from tjscan.calibration.wizard.topics import CALIBRATION_RECORDING
 from tjscan.calibration.wizard.wizard import CalibrationWizard
@@ -112,14 +111,13 @@ def calibrate_arm_in_cell(
         plan, views, kinematics, cell.arm, cell.laser, operator, logbook, cell.arm.state().q
     )
     found, arcs = wizard.run()
-    result = as_hand_eye_calibration(found, [arc.name for arc in arcs])
+    result = as_hand_eye_calibration(found, [arc.name for arc in arcs], kinematics.name)
     return result, to_calibration_file(
         result,
         ball.noise,
         arm=job.arm.device_id,
         laser=job.laser.device_id,
         date=logbook.measured.started_at,
-        kinematics=kinematics_entry(found, kinematics.name),
         linearity=0.0 if laser is None else laser.largest,
         basis=basis_of_postures(logbook.measured, result, 1e3 * ball.radius),
     )
@@ -334,7 +332,7 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
     simulation, board = job.simulation, job.board
     if job.laser.driver_kind is DriverKind.REPLAYED:
         raise ConfigurationError(
-            "a calibration touches its board: recorded profiles go in with --lines and --poses",
+            "a calibration touches its board: recorded profiles go into tables [[recorded]]",
             key="laser.driver",
         )
     if job.laser.driver_kind is DriverKind.REAL:

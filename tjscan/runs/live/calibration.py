@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.fits.posed_profile import PosedProfile
+from tjscan.calibration.targets.target import PosedProfile
 from tjscan.calibration.wizard.operator import Answer, Question
 from tjscan.calibration.wizard.session import CalibrationProgress
 from tjscan.calibration.wizard.topics import (
