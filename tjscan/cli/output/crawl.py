@@ -18,7 +18,7 @@ from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.report.write import write_run_report
 from tjscan.runs.crawl.results import PASSES_FILE, read_passes
-from tjscan.runs.crawl.run import CrawlContext, WeldsAlways
+from tjscan.runs.crawl.run import ConfirmsEveryWeld, CrawlContext
 
 
 class EventPrinter:
@@ -57,7 +57,7 @@ def watch_crawl(
     page : LiveCrawlOptions, optional
         Whether it is shown in a browser too, and driven by hand there before it begins.
     """
-    operator = TerminalWeldOperator() if job.simulation is None else WeldsAlways()
+    operator = TerminalWeldOperator() if job.simulation is None else ConfirmsEveryWeld()
     context = CrawlContext(job, file, EventPrinter(), operator, write_run_report)
     if page is None or not page.live:
         yield context

@@ -58,7 +58,7 @@ EARLIER_FILES: Final = (
     WELDX_FILE,
     "plan.html",
 )
-"""Not every plan has them: those of an earlier one do not stay beside a new one."""
+"""Not every plan has them: files of an earlier one do not stay beside a new one."""
 
 
 def write_plan_files(
@@ -73,7 +73,7 @@ def write_plan_files(
     plan : WeldPlan
         The plan.
     document : PlanDocument
-        As it stands in ``plan.json``.
+        As in ``plan.json``.
     provenance : Provenance
         Of all of them.
     """
@@ -91,9 +91,9 @@ def write_plan_files(
 
 @contextmanager
 def add_file_of_key(wps_file: Path, sections: Path) -> Iterator[None]:
-    """Add to errors of the block the file that their key stands in: the WPS, or the sections.
+    """Add to errors of the block the file that holds their key: the WPS, or the sections.
 
-    An option of the command line stands in no file.
+    An option of the command line is in no file.
     """
     try:
         yield
@@ -162,7 +162,7 @@ class DividedPlan:
     plan : WeldPlan
         Its beads, in parts.
     stations : tuple of StationEntry
-        As they stand in ``plan.json``.
+        As in ``plan.json``.
     paths : dict of str to StationPath
         Of each station that has a program, by the program's file.
     """
@@ -189,7 +189,7 @@ def divide_plan(
     sections : sequence of MeasuredSection
         Along the groove.
     replan : callable
-        Makes the same plan anew, divided among stretches.
+        Makes the same plan, divided among stretches.
 
     Raises
     ------
@@ -205,7 +205,10 @@ def divide_plan(
     if not stretches:
         raise ConfigurationError(
             "no station reaches any of the groove with this torch: "
-            + "; ".join(f"{reach.station.name}: {_mostly(reach)}" for reach in reaches),
+            + "; ".join(
+                f"{reach.station.name}: {Counter(reach.holds.hindrances).most_common(1)[0][0]}"
+                for reach in reaches
+            ),
             key="torch",
         )
     divided, paths, entries = replan(stretches), dict[str, StationPath](), []
@@ -240,10 +243,6 @@ def _entry(reach: StationReach, file: str, problem: str) -> StationEntry:
     )
 
 
-def _mostly(reach: StationReach) -> str:
-    return Counter(reason for reason in reach.holds.hindrances).most_common(1)[0][0]
-
-
 def _mm(value: float) -> float:
     return round(value / MM.factor, 1)
 
@@ -273,7 +272,7 @@ class WrittenPlan:
     plan : WeldPlan
         The plan.
     document : PlanDocument
-        As it stands in ``plan.json``.
+        As in ``plan.json``.
     directory : Path
         Where its files are.
     files : tuple of str
@@ -342,9 +341,13 @@ def plan_run(
         marks = crowns_and_saddles(edges, np.eye(4)) if summary.frame == "j" else np.empty(0)
         plan = plan_weld(edges, wps, gravity, marks, after_pass=after_pass)
         details = details_of_run(directory, sections, edges, wps)
-        arms, without = (
-            _arms(directory, summary.frame) if reach else ((), "reach was not asked for")
-        )
+        arms: tuple[WeldingStation, ...] = ()
+        without = "" if reach else "reach was not asked for"
+        if reach:
+            try:
+                arms = welding_stations(directory, summary.frame)
+            except ConfigurationError as error:
+                without = str(error)
         divided = DividedPlan(plan, (), {})
         if arms:
             divided = divide_plan(
@@ -371,11 +374,3 @@ def _shared_area_sigma(summary: ScanSummary) -> float:
     """Standard deviation by which the areas of all sections err alike, m²; 0 where not known."""
     parts = () if summary.uncertainty is None else summary.uncertainty.components
     return MM2.factor * float(np.linalg.norm([part.area_mm2 for part in parts if part.shared]))
-
-
-def _arms(directory: Path, frame: str) -> tuple[tuple[WeldingStation, ...], str]:
-    """Arms of a run, or why they are not known."""
-    try:
-        return welding_stations(directory, frame), ""
-    except ConfigurationError as error:
-        return (), str(error)

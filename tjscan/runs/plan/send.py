@@ -1,4 +1,4 @@
-"""Send a station's program to the arm that stands there."""
+"""Send a station's program to its arm."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ class ArmForProgram:
 
 
 def arm_for_program(job_file: Path, station: str | None, run: Path) -> ArmForProgram:
-    """Read the job of an arm that is to run a program, and see that it is that of the run.
+    """Read the job of an arm that is to run a program, and check that it is the run's arm.
 
     Parameters
     ----------
     job_file : Path
         The job.
     station : str or None
-        Which of the job's stations it stands at.
+        Its station in the job.
     run : Path
         The run directory, with the job that the groove was scanned with.
 
@@ -91,7 +91,7 @@ def arm_for_program(job_file: Path, station: str | None, run: Path) -> ArmForPro
 
 
 def _check_place(job: ScanJob, scanned: ScanJob, station: str | None) -> None:
-    """Refuse a job whose arm stands elsewhere by the joint than it did for the run."""
+    """Refuse a job whose arm is at another place by the joint than it was for the run."""
     if job.joint is None or scanned.joint is None:
         return
     name = station or next(iter(job.station_names), None)
@@ -103,7 +103,7 @@ def _check_place(job: ScanJob, scanned: ScanJob, station: str | None) -> None:
     if not np.allclose(T_j_b, T_j_b_scanned, atol=1e-6):
         away = 1e3 * np.linalg.norm((T_j_b - T_j_b_scanned)[:3, 3])
         raise ConfigurationError(
-            f"the arm stands elsewhere by the joint than in the run's own job, {away:.1f} mm away "
+            f"the arm is elsewhere by the joint than in the run's own job, {away:.1f} mm away "
             "and perhaps turned: the program would weld beside the groove. Scan it from there",
             key="joint",
         )
@@ -124,7 +124,9 @@ def path_of_station(paths: Mapping[str, StationPath], station: str | None) -> St
         if path.station == station:
             return path
     if not names:
-        raise ConfigurationError("there is no program to send: the plan says why", key="--send-to")
+        raise ConfigurationError(
+            "there is no program to send: the plan states why", key="--send-to"
+        )
     wanted = f"there is no program of {station!r}" if station else "there are several programs"
     raise ConfigurationError(f"{wanted}; choose one of: {', '.join(names)}", key="--station")
 
@@ -138,14 +140,14 @@ def send_program(
     arc: bool,
     started: Callable[[], object],
 ) -> None:
-    """Move an arm to where a program begins, on a checked way, and run the program.
+    """Move an arm to the beginning of a program, on a checked path, and run it.
 
     Parameters
     ----------
     arm : ArmForProgram
         The arm.
     path : StationPath
-        Of the station it stands at.
+        Of its station.
     torch : TorchSettings
         What it carries.
     output : int

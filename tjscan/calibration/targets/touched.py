@@ -1,9 +1,8 @@
-"""Calibration targets: a plane, touched or unknown, or a sphere."""
+"""A calibration board whose plane was touched with the arm's probe tip, or is stated."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,8 +10,9 @@ from scipy.special import chdtrc
 
 from tjscan.calibration.arm_error import ARM_REACH
 from tjscan.calibration.plucker import PluckerPlane, plane_through_point
+from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, frozen_arrays, unit_vector
+from tjscan.core.frames import Array
 
 MIN_TOUCHES: Final = 3
 MIN_TOUCH_PATTERN_RATIO: Final = 0.1
@@ -21,76 +21,10 @@ MAX_NORMAL_SIGMA: Final = float(np.radians(0.2))
 """Radians; a touched plane whose normal is less certain would spoil any calibration."""
 MIN_TOUCH_PROBABILITY: Final = 1e-4
 """Touches less probable than this under the stated noise are refused."""
-
-
 NOT_FLAT: Final = "touched points not on one plane"
 """The reason for which to touch again; none of the other reasons goes away by that."""
 STATED_BOARD_SIZE: Final = 0.2
 """Metres; see `plane_stated_beforehand`."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
-class PlaneTarget:
-    """A flat calibration board in frame b, with what is known about where it is.
-
-    A nearby plane is written as (tilt, tilt, height): its normal is ``u + tilts @ axes_b``,
-    scaled to length one, and `centre_b` lies at the signed distance `height` from it.
-
-    Parameters
-    ----------
-    plane : PluckerPlane
-        The board, frame b.
-    centre_b : ndarray, shape (3,)
-        The point on it that heights count from, in metres.
-    axes_b : ndarray, shape (2, 3)
-        Two unit vectors in the plane, the long side of the touched pattern first.
-    information : ndarray, shape (3, 3)
-        Inverse covariance of (tilt, tilt, height), radians and metres; zero where nothing is
-        known.
-    residuals : ndarray, shape (n,)
-        Distances of the touched points from the plane, in metres; empty where none was touched.
-    singular_values : ndarray, shape (3,)
-        Of the touched points about their centroid, in metres: length, width and thickness of
-        the pattern, times the root of the number of points.
-    by_arm : ndarray, shape (3, m), or None
-        How (tilt, tilt, height) move with draws of the arm's geometry, see `ArmGeometry.moves`;
-        `information` is then that of the touches alone. None where it holds both.
-    """
-
-    plane: PluckerPlane
-    centre_b: Array
-    axes_b: Array
-    information: Array
-    residuals: Array
-    singular_values: Array
-    by_arm: Array | None = None
-
-    @classmethod
-    def unknown_plane(cls, plane: PluckerPlane, near_b: ArrayLike) -> Self:
-        """Make a target whose plane is unknown beforehand, from a starting value.
-
-        Parameters
-        ----------
-        plane : PluckerPlane
-            A start for it, frame b.
-        near_b : array_like, shape (3,)
-            Heights count from the point of the plane next to this one; metres.
-        """
-        near = np.asarray(near_b, dtype=float)
-        foot = near - float(plane.signed_distances(near)) * plane.u
-        axes = np.linalg.svd(plane.u[None])[2][1:]
-        return cls(plane, foot, axes, np.zeros((3, 3)), np.zeros(0), np.zeros(3))
-
-    @property
-    def was_touched(self) -> bool:
-        """Whether the board's place is known, from touches or as stated."""
-        return bool(self.information.any())
-
-    def boxplus(self, by: Array) -> PluckerPlane:
-        """Plane a step (tilt, tilt, height), shape (3,), away from this one."""
-        u = unit_vector(self.plane.u + by[:2] @ self.axes_b)
-        return plane_through_point(self.centre_b - by[2] * u, u)
 
 
 def fit_plane(
@@ -207,59 +141,3 @@ def _check_flatness(residuals: Array, across: Array, covariance: Array, sigma: f
         f"their distances from the best plane are {shown} mm, more than {1e3 * sigma:.3f} mm of "
         f"noise explain; touch number {worst} again first, then check that the board is flat",
     )
-
-
-@dataclass(frozen=True, slots=True)
-class SphereTarget:
-    """A ball as calibration target: it stays where it is, somewhere in frame b.
-
-    Parameters
-    ----------
-    radius : float, optional
-        Metres, where it is stated.
-    tolerance : float
-        Standard deviation of a stated radius, metres. The default is an assumption: that of a
-        ball from a bearing, painted matt.
-    """
-
-    radius: float | None = None
-    tolerance: float = 10e-6
-
-    def __post_init__(self) -> None:
-        if self.radius is not None and not 0 < self.radius < np.inf:
-            raise ValueError("a sphere's radius is positive and finite")
-        if not 0 < self.tolerance < np.inf:
-            raise ValueError("a radius has a tolerance, positive and finite")
-
-
-@dataclass(frozen=True, slots=True)
-class UnknownRoof:
-    """A roof edge that stays where it is, somewhere in frame b."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RoofTarget:
-    """A roof edge: two planes that meet, somewhere in frame b.
-
-    Parameters
-    ----------
-    left, right : PlaneTarget
-        The planes; the profiles show the left one at smaller x_s.
-    """
-
-    left: PlaneTarget
-    right: PlaneTarget
-
-    @property
-    def edge_b(self) -> tuple[Array, Array]:
-        """The point of the edge next to the left plane's centre, metres, and its unit direction."""
-        normals = np.stack((self.left.plane.u, self.right.plane.u))
-        direction = unit_vector(np.cross(*normals))
-        heights = np.array((self.left.plane.u0, self.right.plane.u0))
-        near = self.left.centre_b
-        return near - np.linalg.pinv(normals) @ (normals @ near + heights), direction
-
-    @property
-    def angle(self) -> float:
-        """Between the planes on the sensor's side, radians."""
-        return float(np.pi - np.arccos(np.clip(self.left.plane.u @ self.right.plane.u, -1, 1)))

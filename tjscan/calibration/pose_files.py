@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.fits.arm_formats import (
+from tjscan.calibration.arm_formats import (
     CONVENTIONS,
     FANUC,
     KUKA,
@@ -20,7 +20,7 @@ from tjscan.calibration.fits.arm_formats import (
     poses_of_fanuc_program,
     poses_of_kuka_data,
 )
-from tjscan.calibration.fits.posed_profile import PosedProfile
+from tjscan.calibration.targets.target import PosedProfile
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array, pose

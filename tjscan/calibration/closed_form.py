@@ -7,12 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.fits.line_bundle import LineBundle
-from tjscan.calibration.plucker import (
-    PluckerPlane,
-    incidence_residuals,
-    transform_line,
-)
+from tjscan.calibration.plucker import PluckerPlane, incidence_residuals, transform_line
+from tjscan.calibration.targets.line import LineBundle
 from tjscan.core.frames import Array, pose, skew_matrix
 
 SIGN_RESIDUAL_RATIO: Final = 0.3
@@ -30,20 +26,11 @@ class ClosedFormSolution:
     singular_values : ndarray, shape (6,)
         Of A in eq. (21); the last belongs to the solution, the others must be far from zero.
     residual : float
-        RMS of what eq. (22) leaves, in metres.
+        RMS residual of eq. (22), in metres.
     """
 
     T_f_s: Array
     singular_values: Array
-    residual: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Solution:
-    """Rotation and position of the sensor, and the RMS of what eq. (22) leaves, metres."""
-
-    R_f_s: Array
-    p_f_s: Array
     residual: float
 
 
@@ -107,16 +94,16 @@ def sensor_position(lines: LineBundle, plane: PluckerPlane, R_f_s: Array) -> tup
     p_f_s : ndarray, shape (3,)
         Metres.
     residual : float
-        RMS of what eq. (22) leaves, per line, metres.
+        RMS residual of eq. (22), per line, metres.
     """
     line_f = transform_line(pose(R_f_s), lines.plucker_lines_s)  # (18), as if p_f_s were zero
     T_b_f = np.tile(np.eye(4), (len(lines.p_b_f), 1, 1))
     T_b_f[:, :3, :3], T_b_f[:, :3, 3] = lines.R_b_f, lines.p_b_f
     line_b = transform_line(T_b_f, line_f)  # (18)
     A_p = (skew_matrix(plane.u) @ lines.R_b_f @ skew_matrix(line_f.a)).reshape(-1, 3)  # (24)
-    b = incidence_residuals(line_b, plane)[:, 1:].ravel()  # (25): what (17) leaves without p_f_s
+    b = incidence_residuals(line_b, plane)[:, 1:].ravel()  # (25): (17) without p_f_s
     p = np.asarray(np.linalg.lstsq(A_p, b, rcond=None)[0], dtype=float)
-    # Three rows per line, of which one says something: the RMS is per line.
+    # Three rows per line have rank one: the RMS is per line.
     return p, float(np.linalg.norm(A_p @ p - b) / np.sqrt(len(line_f.a)))
 
 
@@ -133,29 +120,32 @@ def solve_closed_form(lines: LineBundle, plane: PluckerPlane) -> ClosedFormSolut
     Notes
     -----
     Cibicik et al. 2022, appendix. Of the two signs of the null vector in eq. (21) the one is
-    taken that leaves the smaller residual in eq. (22). Where the central ray always meets the
-    board at the same distance and point, both residuals are alike: the wrong sensor then looks at
-    the board from behind, and that it stands on the flange's side decides.
+    taken that leaves the smaller residual in eq. (22). If the central ray always meets the board
+    at the same distance and point, both residuals are alike: the wrong sensor then looks at the
+    board from behind, and the sensor on the flange's side is taken.
     """
     if len(lines.points_s) < 5:
         raise ValueError("the closed form needs at least five lines")
     both, singular = rotation_candidates(rotation_equations(lines, plane.u))
-    found = [_Solution(R, *sensor_position(lines, plane, R)) for R in both]
+    found = []
+    for R in both:
+        p, residual = sensor_position(lines, plane, R)
+        found.append(ClosedFormSolution(pose(R, p), singular, residual))
     best, other = sorted(found, key=lambda solution: solution.residual)
     if best.residual > SIGN_RESIDUAL_RATIO * other.residual:
         best = max(
-            found, key=lambda solution: sensor_on_flange_side_share(lines, plane, solution.p_f_s)
+            found, key=lambda one: sensor_on_flange_side_share(lines, plane, one.T_f_s[:3, 3])
         )
-    return ClosedFormSolution(pose(best.R_f_s, best.p_f_s), singular, best.residual)
+    return best
 
 
 def sensor_on_flange_side_share(lines: LineBundle, plane: PluckerPlane, p_f_s: Array) -> float:
-    """Share of the lines for which sensor and flange stand on the same side of the plane.
+    """Share of the lines for which sensor and flange are on the same side of the plane.
 
     Parameters
     ----------
     lines : LineBundle
-        Lines, and where the flange was.
+        Lines, and the poses of the flange.
     plane : PluckerPlane
         Frame b.
     p_f_s : ndarray, shape (3,)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from tjscan.calibration.arm_error import geometry_correlation, geometry_covariance
-from tjscan.calibration.models.linearised import LinearisedModel, TargetModel
+from tjscan.calibration.targets.target import LinearisedModel, TargetModel
 from tjscan.core.frames import Array
 
 
@@ -22,15 +22,16 @@ class StackedResiduals:
     Parameters
     ----------
     residuals : ndarray, shape (N,)
-        Zero where everything fits.
-    jacobian : ndarray, shape (N, 6 + m)
-        Derivative by a step of T_f_s (axes of f) and the parameters of the targets.
+        Zero if everything fits; metres and radians.
+    jacobian : ndarray, shape (N, p)
+        Derivative by a step of T_f_s (axes of f), by the joints' deviations if these are
+        estimated, and by the parameters of the targets.
     covariance : ndarray, shape (N, N)
         Of the residuals: range noise, the arm's pose noise and its geometry error.
     geometry : ndarray, shape (N, N)
-        What a geometry error of one metre would add to the covariance.
+        Covariance that a geometry error of one metre would add.
     profile : ndarray of int, shape (N,)
-        To which profile each residual belongs.
+        Number of the profile that each residual belongs to.
     by_laser : ndarray, shape (N, m), or None
         Derivative by draws of the laser's deviation, which the covariance holds.
     """
@@ -41,6 +42,13 @@ class StackedResiduals:
     geometry: Array
     profile: NDArray[np.intp]
     by_laser: Array | None = None
+
+    @property
+    def is_length(self) -> NDArray[np.bool_]:
+        """Whether each residual is a length: of an arc all three, of a line every other one."""
+        sizes, first = np.bincount(self.profile), np.searchsorted(self.profile, self.profile)
+        place = np.arange(len(self.profile)) - first
+        return np.asarray((sizes[self.profile] == 3) | (place % 2 == 0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +66,7 @@ class CombinedModel:
 
     Notes
     -----
-    `correlation` counts where the arm's postures are not known; see `LinearisedModel.by_geometry`.
+    `correlation` counts if the arm's postures are not known; see `LinearisedModel.by_geometry`.
     """
 
     models: tuple[TargetModel, ...]
@@ -107,7 +115,7 @@ class CombinedModel:
         ]
 
     def misfit(self, T_f_s: Array, target: Array) -> float:
-        """Weighted sum of squares, profile by profile: which of several starts is nearest."""
+        """Weighted sum of squares, profile by profile: the nearest of several starts has least."""
         total = 0.0
         for part in self.linearise_each(T_f_s, target):
             r = part.residuals[..., None]
@@ -130,54 +138,44 @@ class CombinedModel:
     def linearise(self, T_f_s: Array, target: Array) -> StackedResiduals:
         """Residuals of all profiles, with derivatives and covariance; see `linearise_each`."""
         parts = self.linearise_each(T_f_s, target)
-        sizes = [np.full(len(part.residuals), part.residuals.shape[1]) for part in parts]
-        profile = np.repeat(np.arange(len(self.correlation)), np.concatenate(sizes))
-        shared = _stacked([part.by_geometry for part in parts])
+        plain, shared = stack_residuals(parts), _stacked([part.by_geometry for part in parts])
         if shared is None:
             by_arm = np.concatenate([part.by_arm.reshape(-1, 6) for part in parts])
-            geometry = geometry_covariance(by_arm, self.correlation[profile][:, profile])
+            correlation = self.correlation[plain.profile][:, plain.profile]
+            geometry = geometry_covariance(by_arm, correlation)
         else:
             geometry = shared @ shared.T
-        covariance, by_laser = _own_covariance(parts), _stacked([part.by_laser for part in parts])
-        if by_laser is not None:
-            covariance = covariance + by_laser @ by_laser.T
-        return StackedResiduals(
-            np.concatenate([part.residuals.ravel() for part in parts]),
-            _jacobian(parts),
-            covariance + self.geometry**2 * geometry,
-            geometry,
-            profile,
-            by_laser,
-        )
+        covariance = plain.covariance + self.geometry**2 * geometry
+        return replace(plain, covariance=covariance, geometry=geometry)
 
 
-def _jacobian(parts: list[LinearisedModel]) -> Array:
-    J = np.zeros(
-        (sum(p.residuals.size for p in parts), 6 + sum(p.by_target.shape[2] for p in parts))
+def stack_residuals(parts: Sequence[LinearisedModel]) -> StackedResiduals:
+    """Residuals of all targets in one column, on an arm without any geometry error."""
+    sizes = [np.full(len(part.residuals), part.residuals.shape[1]) for part in parts]
+    counts = np.concatenate(sizes)
+    # Range noise and pose noise have nothing in common from one profile to another.
+    covariance = np.asarray(block_diag(*(block for part in parts for block in part.covariance)))
+    by_laser = _stacked([part.by_laser for part in parts])
+    if by_laser is not None:
+        covariance = covariance + by_laser @ by_laser.T
+    return StackedResiduals(
+        np.concatenate([part.residuals.ravel() for part in parts]),
+        _jacobian(parts),
+        covariance,
+        np.zeros_like(covariance),
+        np.repeat(np.arange(len(counts)), counts),
+        by_laser,
     )
-    row, column = 0, 6
-    for part in parts:
-        m = part.by_target.shape[2]
-        rows = slice(row, row + part.residuals.size)
-        J[rows, :6] = part.by_pose.reshape(-1, 6)
-        J[rows, column : column + m] = part.by_target.reshape(-1, m)
-        row, column = rows.stop, column + m
-    return J
 
 
-def _stacked(parts: list[Array | None]) -> Array | None:
-    """Rows of all targets, shape (N, m); none where some target has none."""
+def _jacobian(parts: Sequence[LinearisedModel]) -> Array:
+    """Derivatives by what all targets share, and by the parameters of each."""
+    shared = [part.by_pose.reshape(-1, part.by_pose.shape[2]) for part in parts]
+    own = [part.by_target.reshape(-1, part.by_target.shape[2]) for part in parts]
+    return np.hstack((np.concatenate(shared), block_diag(*own)))
+
+
+def _stacked(parts: Sequence[Array | None]) -> Array | None:
+    """Rows of all targets, shape (N, m); None if a target has none."""
     known = [part.reshape(-1, part.shape[2]) for part in parts if part is not None]
     return np.concatenate(known) if len(known) == len(parts) else None
-
-
-def _own_covariance(parts: list[LinearisedModel]) -> Array:
-    """Of range noise and pose noise: none from one profile to another."""
-    total = sum(part.residuals.size for part in parts)
-    covariance, row = np.zeros((total, total)), 0
-    for part in parts:
-        n, k = part.residuals.shape
-        each = row + np.arange(n * k).reshape(n, k)
-        covariance[each[:, :, None], each[:, None, :]] = part.covariance
-        row += n * k
-    return covariance

@@ -1,4 +1,4 @@
-"""Which points of a profile follow one curve: the robust start of the line and circle fits."""
+"""Which points of a profile follow one curve: the robust start of every fit."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.core.robust import mad_sigma
+from tjscan.laser.profile import Profile
 
 SCORED_POINTS: Final = 96
 """Points at which a hypothesis is scored: enough to rank, few enough to be quick."""
@@ -20,52 +21,67 @@ OUTLIER_SIGMAS: Final = 3.5
 """A point farther from the curve than so many standard deviations does not belong to it."""
 MAX_SCATTER_RATIO: Final = 4.0
 """A curve may be so many times rougher than stated before its points count as outliers."""
+MAX_TRIMS: Final = 8
+"""Rounds of refitting and trimming; the points in use settle in two or three."""
 
 InlierMask = NDArray[np.bool_]
 
 
-def evenly_spaced_indices(count: int, wanted: int) -> NDArray[np.intp]:
-    """At most `wanted` indices spread over ``range(count)``.
+def valid_points(profile: Profile) -> Array:
+    """Points of a profile that hold a measurement: x and z in frame s, shape (n, 2), metres."""
+    return np.column_stack((profile.x_s[profile.valid], profile.z_s[profile.valid]))
 
-    Parameters
-    ----------
-    count : int
-        Length of the range.
-    wanted : int
-        How many indices to return at most.
-    """
+
+def columns_of(profile: Profile, inlier: InlierMask) -> NDArray[np.bool_]:
+    """Mask of a profile's columns, from a mask of its valid points."""
+    columns = np.zeros(len(profile.valid), dtype=bool)
+    columns[np.flatnonzero(profile.valid)[inlier]] = True
+    return columns
+
+
+def evenly_spaced_indices(count: int, wanted: int) -> NDArray[np.intp]:
+    """At most `wanted` indices spread over ``range(count)``."""
     return np.unique(np.linspace(0, count - 1, min(count, wanted)).astype(np.intp))
 
 
 def sample_index_sets(count: int, size: int) -> NDArray[np.intp]:
-    """Index sets, shape (k, size), spread over ``range(count)``; the same ones every time.
-
-    Parameters
-    ----------
-    count : int
-        Number of points to draw from.
-    size : int
-        Points in each set.
-    """
+    """Sets of `size` indices, shape (k, size), spread over ``range(count)``; always the same."""
     anchors = evenly_spaced_indices(count, ANCHOR_POINTS)
     return np.asarray(anchors[np.array(list(combinations(range(len(anchors)), size)))])
 
 
-def best_hypothesis(distances: Array, tolerance: float) -> int:
-    """Index of the hypothesis that most points lie close to.
+def consensus(
+    points: Array,
+    hypotheses: Array,
+    distances: Callable[[Array, Array], Array],
+    sigma: float,
+    scored: int = SCORED_POINTS,
+) -> InlierMask:
+    """Points close to the one of many curves that most of them are close to, shape (n,).
 
     Distances count squared and, beyond the tolerance, all the same (MSAC, Torr and Zisserman
     2000, doi:10.1006/cviu.1999.0832).
 
     Parameters
     ----------
-    distances : ndarray, shape (k, n)
-        Of n points from k hypotheses, metres.
-    tolerance : float
-        Distance beyond which a point counts as an outlier, metres.
+    points : ndarray, shape (n, 2)
+        Valid points of a profile, metres.
+    hypotheses : ndarray, shape (k, m)
+        Parameters of the curves.
+    distances : callable
+        From points, shape (n, 2), and curves, shape (k, m), to distances, shape (k, n), metres.
+    sigma : float
+        Standard deviation of a point, metres.
+    scored : int
+        Number of points that rank the curves.
     """
-    cost = np.minimum(np.square(distances), tolerance**2).sum(axis=1)
-    return int(np.argmin(cost))
+    if not len(hypotheses):
+        return np.zeros(len(points), dtype=bool)
+    tolerance = 2 * OUTLIER_SIGMAS * sigma
+    few = points[evenly_spaced_indices(len(points), scored)]
+    cost = np.minimum(np.square(distances(few, hypotheses)), tolerance**2).sum(axis=1)
+    best = hypotheses[[int(np.argmin(cost))]]
+    return np.asarray(np.abs(distances(points, best)[0]) < tolerance)
 
 
 def inlier_scatter(residuals: Array, stated: float) -> float:
@@ -97,7 +113,7 @@ def refit_and_trim(
     stated : float
         Standard deviation that the noise model states.
     """
-    for _ in range(8):
+    for _ in range(MAX_TRIMS):
         residuals = residuals_of(inlier)
         kept = np.abs(residuals) < OUTLIER_SIGMAS * inlier_scatter(residuals, stated)
         if (kept == inlier).all() or kept.sum() < 3:

@@ -1,4 +1,4 @@
-"""A sensor that stands fixed while the arm carries the target: the same problem, poses inverted."""
+"""A sensor that is fixed in the room while the arm carries the target: poses are inverted."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tjscan.calibration.models.linearised import LinearisedModel, TargetModel
-from tjscan.core.frames import Array, skew_matrix
+from tjscan.calibration.targets.target import LinearisedModel, TargetModel
+from tjscan.core.frames import Array, inverse_pose, skew_matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FixedSensorModel:
     """A target's model with the roles of base and flange swapped.
 
-    Seen from the flange the sensor moves, on the base as if that were its flange. What the inner
-    model calls T_b_f is the base in the flange's frame, T_f_s is the sensor in the base's, and
-    the target's parameters count in the flange's.
+    Seen from the flange the sensor moves, on the base as if that were its flange. T_b_f of the
+    inner model is the base in the flange's frame, T_f_s is the sensor in the base's, and the
+    target's parameters count in the flange's.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class FixedSensorModel:
 
     @property
     def prior_information(self) -> Array:
-        """That of the inner model."""
+        """Prior of the inner model."""
         return self.model.prior_information
 
     def linearise(self, T_f_s: Array, target: Array) -> LinearisedModel:
@@ -41,8 +41,13 @@ class FixedSensorModel:
         return replace(found, by_arm=found.by_arm @ self.by_true_pose)
 
 
+def inverse_poses(T: Array) -> Array:
+    """Inverse of each pose, shape (n, 4, 4)."""
+    return np.stack([inverse_pose(one) for one in T])
+
+
 def inverse_pose_errors(T_b_f: Array) -> Array:
-    """What a small error of a pose does to its inverse, shape (n, 6, 6).
+    """Effect of a small error of each pose on its inverse.
 
     Parameters
     ----------
