@@ -122,7 +122,7 @@ def findings_of_stops(
             below = seen.get((bead.zone, bead.station, end, bead.layer - 1), [])
             away = min((stops.apart(at, other) for other in below), default=spread)
             if away < spread - NO_LENGTH:
-                text = f"a stop {1e3 * away:.0f} from the layer below, {apart:g} asked for"
+                text = f"a stop {1e3 * away:.0f} from that of the layer below, {apart:g} asked for"
                 yield _finding(bead, "sequence.start_spread_mm", bead.s == at, text)
 
 
