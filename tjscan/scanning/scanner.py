@@ -20,15 +20,7 @@ from tjscan.core.frames import Array
 from tjscan.groove.section import GrooveSection
 from tjscan.robot.arm import ArmState
 from tjscan.scanning.adaptive import adaptive_step_rule
-from tjscan.scanning.checks import (
-    check_agrees_with_prediction,
-    check_measures_plausible,
-    check_section_one_step_ahead,
-    check_section_orientation,
-    check_set_point,
-    largest_chance_differences,
-    measures_are_plausible,
-)
+from tjscan.scanning.checks import check_set_point
 from tjscan.scanning.correction_criterion import view_deviation, view_deviation_sigmas
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import Journal, ScanResultsJournal
@@ -61,7 +53,16 @@ from tjscan.scanning.section import (
     StepRequest,
     Substep,
 )
-from tjscan.scanning.sections_before import read_section, root_is_seen
+from tjscan.scanning.sections_before import (
+    check_agrees_with_prediction,
+    check_measures_plausible,
+    check_section_one_step_ahead,
+    check_section_orientation,
+    largest_chance_differences,
+    measures_are_plausible,
+    read_section,
+    root_is_seen,
+)
 from tjscan.scanning.smooth import tube_fit_predictor
 from tjscan.scanning.stopping import StopRequest
 from tjscan.scanning.target import ScanDirection, correction_target_pose
@@ -79,9 +80,9 @@ class Scanner:
     journal : Journal
         Receives everything at once.
     predictor : SetPointPredictor, optional
-        Predicts where the next section lies; the plan's where left out.
+        Predicts where the next section lies; the plan's if left out.
     step_rule : StepLengthRule, optional
-        Chooses the length of each step; the plan's where left out.
+        Chooses the length of each step; the plan's if left out.
     stop : StopRequest, optional
         Asks for an end before the plan is fulfilled.
     """
@@ -145,7 +146,7 @@ class Scanner:
         JointMoved
             If the last section lies elsewhere now, or is not found any more.
         PoseUnreachable
-            Before anything moves, if the arm can't get from where it stands into the
+            Before anything moves, if the arm can't get from where it is into the
             configuration that it scanned in.
         ArmFault, LaserFault, Interrupted
             As `run` does.
@@ -198,7 +199,7 @@ class Scanner:
         self._log.record_section(section)
 
     def _step_with_retries(self, d_st: float) -> ScannedSection:
-        """Make a step; where it leads to no section, one of `step_retries`.
+        """Make a step; if it leads to no section, one of `step_retries`.
 
         Raises
         ------
