@@ -1,4 +1,4 @@
-"""One cycle of a crawl: command, measure, estimate, guard, record; and driving by hand before it."""
+"""One cycle of a crawl: command, measure, estimate, guard, record; and cycles driven by hand."""
 
 from __future__ import annotations
 
