@@ -95,9 +95,8 @@ def read_groove(
     ValueError
         If the points are not of that shape or off the laser plane, or a setting can't be.
     """
-    from tjscan.groove.models import GROOVE_MODELS
     from tjscan.groove.read import read_groove as read_groove_in_profile
-    from tjscan.groove.settings import GrooveSettings
+    from tjscan.groove.settings import GROOVE_MODELS, GrooveSettings
 
     _check_word("model", model, tuple(GROOVE_MODELS))
     chosen = GrooveSettings(GROOVE_MODELS[model], **settings)

@@ -17,8 +17,7 @@ from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, PoseSettings
-from tjscan.groove.models import GROOVE_MODELS
-from tjscan.groove.settings import GrooveSettings
+from tjscan.groove.settings import GROOVE_MODELS, GrooveSettings
 from tjscan.job.devices import ArmSettings, CalibrationSettings, LaserSettings
 from tjscan.job.reading import casefolded_name, read_job, replace_keys
 from tjscan.job.simulation import SimulationSettings
