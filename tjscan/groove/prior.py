@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array, frozen_arrays, readonly_copy
-from tjscan.groove.settings import PRIOR_SETTINGS, GrooveModel
+from tjscan.groove.settings import PRIOR_SETTINGS, GrooveModel, SideModel
 
 NOTCH_PULLS: Final = readonly_copy(
     np.concatenate((np.arange(21) * 25e-6, np.arange(6, 16) * 100e-6))
@@ -155,6 +155,20 @@ class GroovePrior:
 
     def expected_model(self, model: GrooveModel) -> GrooveModel:
         """A groove's model, and its alternatives, with what is known of their form and bends."""
+        others = model.alternatives
+        expected = [self._expected_sides(one) for one in (model, *others)]
+        likely = not self.forms.isdisjoint([other.name for other in others])
+        return replace(
+            model,
+            sides=expected[0],
+            alternatives=tuple(
+                [replace(o, sides=s) for o, s in zip(others, expected[1:], strict=True)]
+            ),
+            likely_another=likely,
+        )
+
+    def _expected_sides(self, model: GrooveModel) -> tuple[SideModel, ...]:
+        """The sides of a model, wall and leg bent as far as that is known."""
         sides = list(model.sides)
         for k, bend, sigma in zip((0, -1), self.bends, self.bend_sigmas, strict=True):
             if sigma < sides[k].bend and sides[k].bend > PRIOR_SETTINGS.straight_bend:
@@ -164,11 +178,7 @@ class GroovePrior:
                     twist=min(sides[k].twist, PRIOR_SETTINGS.bend_change / 3),
                     expected_bend=float(bend),
                 )
-        others = tuple(map(self.expected_model, model.alternatives))
-        likely_another = not self.forms.isdisjoint(other.name for other in others)
-        return replace(
-            model, sides=tuple(sides), alternatives=others, likely_another=likely_another
-        )
+        return tuple(sides)
 
 
 def posterior(log_prior: Array, log_likelihood: Array) -> Array:
