@@ -10,19 +10,13 @@ from towed import YARD, bent_angles
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import DiscObstacle
-from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import CableEstimate, estimate_shape
 from tjscan.towing.shape.limited import optimise_limited
 from tjscan.towing.shape.paper_planner import PaperPlanner
 from tjscan.towing.shape.plan import TowingPlan
-from tjscan.towing.shape.planner import (
-    CheckedShape,
-    PlannerSettings,
-    TowingPlanner,
-    optimise_freely,
-)
-from tjscan.towing.shape.team import TowingLimits, TowingTeam
-from tjscan.towing.shape.weights import TowingWeights
+from tjscan.towing.shape.planner import CheckedShape, TowingPlanner, optimise_freely
+from tjscan.towing.shape.settings import PlannerSettings, TowingLimits, TowingWeights
 
 CABLE, TEAM = Cable(), TowingTeam()
 HELD = list(TEAM.held_links)

@@ -39,9 +39,9 @@ def make_planner(job: TowJob) -> ShapePlanner:
     """
     known = job.localisation
     try:
-        from tjscan.towing.shape.estimate import PoseTrust
         from tjscan.towing.shape.paper_planner import PaperPlanner
-        from tjscan.towing.shape.planner import PlannerSettings, TowingPlanner
+        from tjscan.towing.shape.planner import TowingPlanner
+        from tjscan.towing.shape.settings import PlannerSettings, PoseTrust
     except ModuleNotFoundError as error:
         raise package_missing(error, "towing", EXTRA, "method") from error
     settings = PlannerSettings(

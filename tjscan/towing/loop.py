@@ -19,9 +19,8 @@ from tjscan.towing.journal import WELDED, TowCycle, TowJournal
 from tjscan.towing.pose_filter import SIGMAS
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
-from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
-from tjscan.towing.shape.team import TowingTeam
 from tjscan.towing.standing import StandingVehicles
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings
 from tjscan.towing.team_poses import TeamEstimate, TeamPoses

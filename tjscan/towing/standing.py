@@ -10,9 +10,8 @@ import numpy as np
 from tjscan.core.errors import VehicleFault, VehicleLinkLost
 from tjscan.core.frames import Array
 from tjscan.towing.following import velocity_from_twist
-from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.plan import TowingPlan
-from tjscan.towing.shape.team import TowingTeam
 from tjscan.towing.standstill import StandstillCheck
 from tjscan.towing.team_poses import TeamEstimate
 from tjscan.towing.waiting import Waiting

@@ -10,8 +10,7 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.towing.pose_filter import SIGMAS, PoseEstimate, VehiclePoseFilter
-from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.team import TowingTeam
+from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.tables import LocalisationSettings
 from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.vehicle import Twist
