@@ -36,7 +36,7 @@ docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 bench: $(READY)
-	@status=0; for file in $(filter-out bench/reliability.py,$(wildcard bench/[a-z]*.py)); do $(BIN)/python $$file || status=1; done; exit $$status
+	@status=0; for file in $(filter-out bench/reliability.py bench/paper_tables.py,$(wildcard bench/[a-z]*.py)); do $(BIN)/python $$file || status=1; done; exit $$status
 
 # Kills, cuts, full disks, arms moved meanwhile, bad sensors, bad files, spoilt runs, wire faults.
 # See docs/reliability.md.
@@ -76,9 +76,9 @@ $(PLAIN): pyproject.toml constraints.txt
 	@touch $@
 
 # What tests, checks and benchmarks need besides.
-$(READY): $(PLAIN)
-	$(PIP) -e '.[dev,browser,live,pandas,study,towing,ur,vehicle]'
+$(READY): $(PLAIN) loopback/pyproject.toml
+	$(PIP) -e '.[dev,browser,live,pandas,study,towing,ur,vehicle]' -e ./loopback
 	@touch $@
 
 clean:
-	rm -rf $(VENV) build site .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) build loopback/build site .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

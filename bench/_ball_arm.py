@@ -19,7 +19,7 @@ from tjscan.calibration.targets import SphereTarget
 from tjscan.core.frames import Array, pose
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.tolerance import PlacementTolerance
+from tjscan.robot.settings import PlacementTolerance
 
 T_F_S: Final = pose(p=(-0.0007, -0.1148, 0.1676))
 CENTRE_B: Final = np.array((0.6, -0.3, 0.15))

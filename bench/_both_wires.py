@@ -19,12 +19,11 @@ from _table import Row
 
 from tjscan.core.frames import Array
 from tjscan.job import read_scan_job
-from tjscan.laser.loopback.process import LaserLoopbackProcess
-from tjscan.robot.loopback.process import LoopbackProcess
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import scan_in_cell
 from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.section import ProfileView, ScannedSection
+from tjscan_loopback.process import LaserLoopbackProcess, UrLoopbackProcess
 
 PAPER: Final = Path(__file__).resolve().parents[1] / "examples" / "paper.toml"
 HALF_COUNT_MM: Final = 0.0025
@@ -49,7 +48,7 @@ class Views:
         """Keep nothing of events."""
 
 
-def scan(arm: LoopbackProcess, keys: dict[str, Any]) -> tuple[list[ProfileView], Array]:
+def scan(arm: UrLoopbackProcess, keys: dict[str, Any]) -> tuple[list[ProfileView], Array]:
     """Views of a scan of the paper's joint with the loopback arm, and its corners."""
     arm.schedule_fault("clear")
     arm.schedule_fault("home")
@@ -63,7 +62,7 @@ def whole_scan() -> list[Row]:
     """The same scan with the simulated laser and over the wire, points and corners apart."""
     host = address()
     with (
-        LoopbackProcess(address(), "--fast") as arm,
+        UrLoopbackProcess(address(), "--fast") as arm,
         LaserLoopbackProcess(host, str(PAPER), "--arm", arm.host) as laser,
     ):
         one, corners_one = scan(arm, {})
@@ -86,7 +85,7 @@ def broken_off(rounds: int) -> list[Row]:
     random, outcomes = Random(7), []
     with (
         TemporaryDirectory() as folder,
-        LoopbackProcess(address(), "--fast") as arm,
+        UrLoopbackProcess(address(), "--fast") as arm,
         LaserLoopbackProcess(address(), str(PAPER), "--arm", arm.host, *_faultless()) as laser,
     ):
         wires = ["--arm.driver=ur", f"--arm.ur.host={arm.host}"]
@@ -142,7 +141,7 @@ def _break_off(
     process: subprocess.Popen[bytes],
     how: str,
     after: float,
-    arm: LoopbackProcess,
+    arm: UrLoopbackProcess,
     laser: LaserLoopbackProcess,
 ) -> None:
     """Kill a scan after some seconds, or cut off one of its devices and wait for its end."""

@@ -12,10 +12,10 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.laser.loopback.coding import STEP_MM
-from tjscan.laser.loopback.sensor import LoopbackSensor
-from tjscan.laser.loopback.server import run_laser_server
 from tjscan.laser.profile import Profile
+from tjscan_loopback.laser.coding import STEP_MM
+from tjscan_loopback.laser.sensor import LoopbackSensor
+from tjscan_loopback.laser.server import run_laser_server
 
 COLUMNS: Final = 640
 BASE: Final = 10_000

@@ -33,10 +33,10 @@ from tjscan.cli.options.overrides import parse_overrides
 from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.config import validate_table
 from tjscan.core.provenance import Provenance
-from tjscan.groove.find import DEFAULT
+from tjscan.groove.settings import DEFAULT_SETTINGS
 from tjscan.job import read_calibration_job, read_scan_job
-from tjscan.job.crawl_reading import read_crawl_job
-from tjscan.job.tow_reading import read_tow_job
+from tjscan.job.crawl.job import read_crawl_job
+from tjscan.job.tow.checks import read_tow_job
 from tjscan.joint.export import build_and_write_joint
 from tjscan.joint.file import read_joint
 from tjscan.laser.files.format import ProfileFormat
@@ -49,17 +49,15 @@ from tjscan.result.shapes import read_shape
 from tjscan.result.summary import read_summary
 from tjscan.result.table import read_sections_csv
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.models.generate import urdf_text
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan
-from tjscan.runs.scan_study.outcome import ScanOutcome
+from tjscan.runs.scan.study import ScanOutcome
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.topics import record_scan
-from tjscan.study.file import read_study_file
-from tjscan.study.grid import trials_of_study
-from tjscan.study.row import StudyRow
-from tjscan.study.store import PLAN, ROWS, make_study_directory, read_rows, read_trials
+from tjscan.study.file import read_study_file, trials_of_study
+from tjscan.study.store import PLAN_FILE, ROWS_FILE, make_study_directory, read_rows, read_trials
+from tjscan.study.trial import StudyRow
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 EXAMPLES, CAD = ROOT / "examples", ROOT / "cad"
@@ -111,9 +109,8 @@ def _configurations(folder: Path, run: Path) -> Iterator[Reader]:
     yield Reader("joint", "joint.toml", joints, read_joint, 3)
     yield Reader("calibration", "calibration.toml", (_calibration(folder),), read_calibration, 3)
     yield Reader("options", "options", (b"--scan.step-mm\n20\n--groove.noise-mm=0.1",), _options, 2)
-    yield Reader(
-        "arm", "arm.urdf", (urdf_text("ur10e").encode(),), lambda f: Kinematics.load(str(f))
-    )
+    urdf = Kinematics.load("ur10e").urdf.read_bytes()
+    yield Reader("arm", "arm.urdf", (urdf,), lambda f: Kinematics.load(str(f)))
 
 
 def _options(file: Path) -> None:
@@ -183,7 +180,7 @@ def _profiles(profile: Profile) -> Iterator[Reader]:
 
     def groove(file: Path) -> None:
         table = read_profiles(file, form)
-        list(measure_grooves(table.profiles, DEFAULT))
+        list(measure_grooves(table.profiles, DEFAULT_SETTINGS))
 
     yield Reader("groove", "groove.csv", (lines,), groove, 0.15)
 
@@ -222,11 +219,11 @@ def _studies(folder: Path) -> Iterator[Reader]:
     )
     trials = trials_of_study(read_study_file(file), file)
     make_study_directory(folder / "study", trials)
-    plan = (folder / "study" / PLAN).read_bytes()
-    yield Reader("plan", f"study/{PLAN}", (plan,), lambda f: read_trials(f.parent), 1)
+    plan = (folder / "study" / PLAN_FILE).read_bytes()
+    yield Reader("plan", f"study/{PLAN_FILE}", (plan,), lambda f: read_trials(f.parent), 1)
     short = ScanOutcome(False, "cut", "short")
     rows = b"".join(StudyRow.from_trial(t, short).to_json_line().encode() + b"\n" for t in trials)
-    yield Reader("rows", f"study/{ROWS}", (rows,), lambda f: read_rows(f.parent, trials), 1)
+    yield Reader("rows", f"study/{ROWS_FILE}", (rows,), lambda f: read_rows(f.parent, trials), 1)
 
 
 def _shapes(folder: Path) -> Iterator[Reader]:

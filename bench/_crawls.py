@@ -14,15 +14,15 @@ from tjscan.core.frames import Array
 from tjscan.crawler.control_cycle import CrawlDevices
 from tjscan.crawler.crawler import Crawler, CrawlPlan
 from tjscan.crawler.guards import Guards
-from tjscan.crawler.joint_memory import RememberingTracker
+from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.proximity import CornerPlaces, ProximityFilter
 from tjscan.crawler.slip_estimator import SlipBelief
-from tjscan.job.crawl_cell import CrawlCell, make_crawl_cell
-from tjscan.job.crawl_job import CrawlJob
-from tjscan.joint.hull_path import joint_pose, laser_offset
+from tjscan.job.crawl.cell import CrawlCell, make_crawl_cell
+from tjscan.job.crawl.job import CrawlJob
+from tjscan.joint.hull import joint_pose, laser_offset
 from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.run import CrawlContext, WeldsAlways
 

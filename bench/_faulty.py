@@ -12,12 +12,11 @@ from _sensors import Fault, FaultyLaser, frozen, missing
 
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.errors import TjscanError
-from tjscan.core.frames import transform_points
+from tjscan.core.frames import JointOrBaseFrame, transform_points
 from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.laser.profile import Profile
-from tjscan.result.frame import JointOrBaseFrame
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import scan_in_cell
 from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.progress import plan_is_fulfilled

@@ -15,8 +15,8 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.laser.files.format import ProfileFormat
 from tjscan.laser.files.read import read_profiles
-from tjscan.laser.loopback.contents import initial_memory
 from tjscan.laser.profile import Profile
+from tjscan_loopback.laser.contents import initial_memory
 
 COLUMNS: Final = 640
 WANTED: Final = {"A": (0.005, -163.84), "C": (0.005, 0.0)}

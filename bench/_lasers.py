@@ -24,11 +24,11 @@ from tjscan.core.errors import (
     TjscanError,
     WrongLaser,
 )
-from tjscan.groove.find import find_groove
+from tjscan.groove.read import read_groove
+from tjscan.laser.genicam.driver import GenicamSettings
 from tjscan.laser.genicam.laser import GenicamLaser
-from tjscan.laser.genicam.settings import GenicamSettings
-from tjscan.laser.loopback.process import LaserLoopbackProcess
 from tjscan.laser.profile import Profile
+from tjscan_loopback.process import LaserLoopbackProcess
 
 RECORDED: Final = 50
 """Profiles in the file, each of its own."""
@@ -111,7 +111,7 @@ def ends_as_it_should(loopback: LaserLoopbackProcess, fault: str) -> tuple[bool,
                 start = time.perf_counter()
             profile = laser.capture()
             if fault == "all-invalid":
-                find_groove(profile)
+                read_groove(profile)
     except TjscanError as error:
         ended = error
     seconds = time.perf_counter() - start

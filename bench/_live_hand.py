@@ -11,9 +11,9 @@ from _browser import launched
 from _live_browser import STRIP, kill_browser, opened_page, served_page
 from _table import Row
 
-from tjscan.vehicle.loopback.broker import MosquittoProcess, find_mosquitto
-from tjscan.vehicle.loopback.process import VehicleLoopbackProcess
 from tjscan.vehicle.vehicle import DEAD_MAN
+from tjscan_loopback.broker import MosquittoProcess, find_mosquitto
+from tjscan_loopback.process import VehicleLoopbackProcess
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

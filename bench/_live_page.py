@@ -34,9 +34,9 @@ from _table import Row
 from tjscan.core.frames import Array
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.topics import read_crawl
-from tjscan.live.access import LOCAL
+from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.buttons import Button
-from tjscan.live.colours import ARM, viridis
+from tjscan.live.colours import ARM_COLOUR, viridis
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import Setting
 from tjscan.recording.event import RecordedEvent
@@ -136,8 +136,8 @@ def traffic_rows(run: Path) -> Iterator[Row]:
     yield Row(
         "server's time for a step, 99th percentile", 1e3 * np.percentile(seconds, 99), 30, "ms"
     )
-    yield Row("addresses bound but 127.0.0.1", len(bound - {LOCAL}), 0)
-    yield Row("… 127.0.0.1", len(bound & {LOCAL}), 1, at_least=1)
+    yield Row("addresses bound but 127.0.0.1", len(bound - {LOOPBACK_ADDRESS}), 0)
+    yield Row("… 127.0.0.1", len(bound & {LOOPBACK_ADDRESS}), 1, at_least=1)
 
 
 def _bound_addresses(port: int) -> set[str]:
@@ -204,7 +204,9 @@ def scan_rows(browser: Browser, folder: Path) -> Iterator[Row]:
     yield Row("… pages opened again that show another state", wrong, 0)
     yield Row("… errors of the page's scripts", len(faults), 0)
     yield Row("… requests to anywhere else", len(foreign), 0)
-    yield Row("… share of the picture that is the arm", 100 * share_like(picture, ARM), 100, "%", 2)
+    yield Row(
+        "… share of the picture that is the arm", 100 * share_like(picture, ARM_COLOUR), 100, "%", 2
+    )
     yield Row("… that is the groove", 100 * coloured, 100, "%", 0.05)
 
 

@@ -16,13 +16,12 @@ from _stops import START_LIMIT, Break
 
 from tjscan.core.errors import CrawlStopped, TjscanError, VehicleFault
 from tjscan.crawler.journal import CrawlCycle
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.job import read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.results import read_recorded_crawl
-from tjscan.runs.crawl.resume import resume_crawl
-from tjscan.runs.crawl.run import CrawlContext, run_crawl
-from tjscan.vehicle.loopback.broker import MosquittoProcess
-from tjscan.vehicle.loopback.process import VehicleLoopbackProcess
+from tjscan.runs.crawl.run import CrawlContext, resume_crawl, run_crawl
+from tjscan_loopback.broker import MosquittoProcess
+from tjscan_loopback.process import VehicleLoopbackProcess
 
 BROKEN: Final = (Break.LINK_CUT, Break.PROGRAM_KILLED, Break.DRIVE_FAULT)
 """What breaks a crawl off: in turn."""

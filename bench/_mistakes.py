@@ -20,7 +20,7 @@ from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.tolerance import PlacementTolerance
+from tjscan.robot.settings import PlacementTolerance
 
 RADIUS: Final = 0.040
 RADIUS_OFF: Final = 0.5e-3

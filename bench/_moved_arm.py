@@ -16,9 +16,9 @@ from tjscan.core.errors import PoseUnreachable
 from tjscan.core.frames import Array
 from tjscan.job import read_scan_job
 from tjscan.job.cell import Cell
-from tjscan.result.directory import RECORDING
+from tjscan.result.directory import RECORDING_FILE
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan, scan_in_cell
 from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.reader import read_recorded_scan
@@ -70,10 +70,10 @@ def resume_from_elsewhere(whole: Path, seed: int) -> Resumed:
         as far as its cell lets it.
     """
     dice = np.random.default_rng(seed)
-    data = (whole / RECORDING).read_bytes()
+    data = (whole / RECORDING_FILE).read_bytes()
     end = int(dice.choice(section_ends(data)[1:-1]))
     with TemporaryDirectory() as name:
-        (Path(name) / RECORDING).write_bytes(data[:end])
+        (Path(name) / RECORDING_FILE).write_bytes(data[:end])
         done = read_recorded_scan(Path(name))
     cell, q = _cell_elsewhere(dice, done.views[-1])
     where = f"seed {seed}, section {len(done.sections)}, {np.degrees(q).round().tolist()}"

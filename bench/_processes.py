@@ -20,7 +20,7 @@ from _corpus import EXAMPLES
 from tjscan.core.errors import TjscanError
 from tjscan.core.frames import Array
 from tjscan.recording.parts import recording_files
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.scanning.reader import read_recorded_scan
 
 SECTIONS: Final = 8
@@ -103,7 +103,7 @@ def killed(run: Path, whole: Array, life: float, seed: int) -> Outcome | None:
     dice = random.Random(seed)
     if not _kill(scan(*JOB_OPTIONS, "--out", run), dice.uniform(0, life)):
         return None
-    if dice.random() < 1 / 3 and (run / JOB).exists():
+    if dice.random() < 1 / 3 and (run / JOB_FILE).exists():
         _kill(scan("--resume", run), dice.uniform(0, life))
     return go_on(run, whole)
 
@@ -113,7 +113,7 @@ def go_on(
 ) -> Outcome:
     """Go on with a scan that was broken off, and hold it against the unbroken one."""
     before = {file: file.read_bytes() for file in recording_files(run) if file.exists()}
-    begun = (run / JOB).exists()
+    begun = (run / JOB_FILE).exists()
     again: list[Any] = ["--resume", run] if begun else [*options, "--out", run]
     code, told = finish(scan(*again, "--simulation.arm.realtime=false", first=NO_REPORT))
     kept = all(file.read_bytes() == data for file, data in before.items())

@@ -11,7 +11,7 @@ from _corpus import EXAMPLES
 from _table import Row
 
 from tjscan.job import read_scan_job
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import scan_in_cell
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.topics import RecordingJournal, record_scan

@@ -17,24 +17,31 @@ from _processes import LASER_FAULTS
 from tjscan.core.errors import ConfigurationError
 from tjscan.crawler.topics import CRAWL_RECORDING
 from tjscan.job import read_scan_job
-from tjscan.job.crawl_reading import read_crawl_job
-from tjscan.job.tow_reading import read_tow_job
+from tjscan.job.crawl.job import read_crawl_job
+from tjscan.job.tow.checks import read_tow_job
 from tjscan.recording.damage import RecordingDamage
 from tjscan.report.data import read_report_data
 from tjscan.result.chapter import ReportChapter
-from tjscan.result.directory import BUDGET, CLOUD, JOB, PICTURE, RECORDING, SECTIONS, SUMMARY
+from tjscan.result.directory import (
+    BUDGET_FILE,
+    CLOUD_FILE,
+    JOB_FILE,
+    RECORDING_FILE,
+    SCAN_PICTURE,
+    SECTIONS_FILE,
+    SUMMARY_FILE,
+)
 from tjscan.result.table import read_sections_csv
-from tjscan.runs.context import RunContext
 from tjscan.runs.crawl.replay import replay_crawl
 from tjscan.runs.crawl.report import crawl_chapter
-from tjscan.runs.crawl.results import PASSES, WELD_LOG, read_passes
-from tjscan.runs.crawl.resume import resume_crawl
-from tjscan.runs.crawl.run import CrawlContext, run_crawl
+from tjscan.runs.crawl.results import PASSES_FILE, WELD_LOG_FILE, read_passes
+from tjscan.runs.crawl.run import CrawlContext, resume_crawl, run_crawl
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.reprocess import reprocess_run
 from tjscan.runs.scan.run import resume_scan, run_scan
 from tjscan.runs.tow.replay import replay_tow
 from tjscan.runs.tow.report import tow_chapter
-from tjscan.runs.tow.results import FIGURES, PLANS, read_recorded_tow, read_tow_figures
+from tjscan.runs.tow.results import FIGURES_FILE, PLANS_FILE, read_recorded_tow, read_tow_figures
 from tjscan.runs.tow.run import TowContext, resume_tow, run_tow
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.reader import read_recorded_scan
@@ -147,12 +154,12 @@ def make_scans(folder: Path) -> tuple[SoundRun, SoundRun]:
     """A finished scan, noise off, and the same as if it had been killed behind a section."""
     whole, file = folder / "scan", EXAMPLES / "paper.toml"
     run_scan(RunContext(read_scan_job(file, {"scan.sections": SCANNED, **NO_FAULTS}), file), whole)
-    killed = _without(whole, SECTIONS, CLOUD, PICTURE, SUMMARY, BUDGET)
-    data = (killed / RECORDING).read_bytes()
-    (killed / RECORDING).write_bytes(data[: section_ends(data)[1]])
+    killed = _without(whole, SECTIONS_FILE, CLOUD_FILE, SCAN_PICTURE, SUMMARY_FILE, BUDGET_FILE)
+    data = (killed / RECORDING_FILE).read_bytes()
+    (killed / RECORDING_FILE).write_bytes(data[: section_ends(data)[1]])
     return (
-        SoundRun(whole, RECORDING, (read_scan, reprocess_scan, go_on_scanning)),
-        SoundRun(killed, RECORDING, (reprocess_scan, go_on_scanning)),
+        SoundRun(whole, RECORDING_FILE, (read_scan, reprocess_scan, go_on_scanning)),
+        SoundRun(killed, RECORDING_FILE, (reprocess_scan, go_on_scanning)),
     )
 
 
@@ -161,7 +168,7 @@ def make_crawls(folder: Path) -> tuple[SoundRun, SoundRun]:
     whole, file = folder / "crawl", EXAMPLES / "crawl.toml"
     run_crawl(CrawlContext(read_crawl_job(file, CRAWL), file), whole)
     recording = f"{CRAWL_RECORDING}.mcap"
-    killed = _cut_off(_without(whole, PASSES, WELD_LOG), recording)
+    killed = _cut_off(_without(whole, PASSES_FILE, WELD_LOG_FILE), recording)
     return (
         SoundRun(whole, recording, (read_crawl, read_crawl_table, replay_crawled, go_on_crawling)),
         SoundRun(killed, recording, (read_crawl, replay_crawled, go_on_crawling)),
@@ -173,7 +180,7 @@ def make_tows(folder: Path) -> tuple[SoundRun, SoundRun]:
     whole, file = folder / "tow", EXAMPLES / "tow-simulation.toml"
     run_tow(TowContext(read_tow_job(file, TOW), file), whole)
     recording = f"{TOW_RECORDING}.mcap"
-    killed = _cut_off(_without(whole, PLANS, FIGURES), recording)
+    killed = _cut_off(_without(whole, PLANS_FILE, FIGURES_FILE), recording)
     return (
         SoundRun(whole, recording, (read_tow, read_tow_table, replay_towed, go_on_towing)),
         SoundRun(killed, recording, (read_tow, replay_towed, go_on_towing)),
@@ -204,7 +211,7 @@ def reprocess_scan(run: Path, cut: bool) -> Outcome:
 def go_on_scanning(run: Path, cut: bool) -> Outcome:
     """Sections of a scan that goes on; wherever it was cut off, it comes to the same."""
     events = _Events()
-    resume_scan(RunContext(read_scan_job(run / JOB), run / JOB, events))
+    resume_scan(RunContext(read_scan_job(run / JOB_FILE), run / JOB_FILE, events))
     return Outcome(_points(run), frozenset(events.changes))
 
 
@@ -230,7 +237,7 @@ def go_on_crawling(run: Path, cut: bool) -> Outcome:
     """Passes of a crawl that goes on; cut off at another moment it must get whole, no more."""
     events = _Events()
     with _nothing_left_to_do():
-        resume_crawl(CrawlContext(read_crawl_job(run / JOB), run / JOB, events))
+        resume_crawl(CrawlContext(read_crawl_job(run / JOB_FILE), run / JOB_FILE, events))
     rows = read_passes(run)
     whole = [float(row["length_mm"]) >= 1e3 * WELD - SHORTFALL_MM for row in rows]
     return Outcome((whole, None if cut else rows), frozenset(events.changes))
@@ -258,7 +265,7 @@ def go_on_towing(run: Path, cut: bool) -> Outcome:
     """Whether a tow that goes on gets whole, and where it was not cut, by which plans."""
     events = _Events()
     with _nothing_left_to_do():
-        resume_tow(TowContext(read_tow_job(run / JOB), run / JOB, events))
+        resume_tow(TowContext(read_tow_job(run / JOB_FILE), run / JOB_FILE, events))
     done = read_recorded_tow(run).complete
     return Outcome((done, None if cut else _angles(run)), frozenset(events.changes))
 
@@ -303,7 +310,7 @@ def _lacks(chapter: ReportChapter) -> frozenset[str]:
 
 
 def _points(run: Path) -> Any:
-    return np.array([section.points for section in read_sections_csv(run / SECTIONS)])
+    return np.array([section.points for section in read_sections_csv(run / SECTIONS_FILE)])
 
 
 def _angles(run: Path) -> Any:

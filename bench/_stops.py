@@ -14,8 +14,8 @@ from typing import Final
 from _commander import drive_until_ended
 
 from tjscan.core.errors import VehicleFault
-from tjscan.vehicle.loopback.broker import MosquittoProcess
-from tjscan.vehicle.loopback.process import VehicleLoopbackProcess
+from tjscan_loopback.broker import MosquittoProcess
+from tjscan_loopback.process import VehicleLoopbackProcess
 
 START_LIMIT: Final = 600.0
 """Seconds in which a program starts; a busy machine takes its time."""

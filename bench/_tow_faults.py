@@ -21,10 +21,10 @@ from _tows import EXAMPLES, Tow, passer_by
 
 from tjscan.core.config import table_to_dict
 from tjscan.core.errors import TjscanError
-from tjscan.job.tow_reading import read_tow_job
+from tjscan.job.tow.checks import read_tow_job
 from tjscan.runs.tow.results import read_recorded_tow
-from tjscan.vehicle.loopback.broker import MosquittoProcess
-from tjscan.vehicle.loopback.process import VehicleLoopbackProcess
+from tjscan_loopback.broker import MosquittoProcess
+from tjscan_loopback.process import VehicleLoopbackProcess
 
 PROGRAM: Final = (sys.executable, "-c", "from tjscan.cli import main; main()", "tow", "run")
 START_LIMIT: Final = 240.0

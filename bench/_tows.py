@@ -9,9 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.errors import TjscanError
-from tjscan.job.tow_reading import read_tow_job
-from tjscan.runs.tow_study.outcome import TowOutcome
-from tjscan.runs.tow_study.run import run_study_tow
+from tjscan.job.tow.checks import read_tow_job
+from tjscan.runs.tow.study import TowOutcome, run_study_tow
 
 EXAMPLES: Final = Path(__file__).parents[1] / "examples"
 

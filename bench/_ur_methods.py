@@ -14,7 +14,7 @@ import numpy as np
 
 from tjscan.core.pose_vector import pose_to_vector
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.loopback.process import LoopbackProcess
+from tjscan_loopback.process import UrLoopbackProcess
 
 HOME: Final = np.radians([-110, -95, 160, 105, -110, 0])
 """Where the loopback controller's arm starts, joint angles in radians."""
@@ -61,7 +61,7 @@ class MethodOutcome:
 def call_every_method(host: str) -> list[MethodOutcome]:
     """Call every method of a loopback controller that is started on an address."""
     program = Path(__file__).with_name("_ur_api.py")
-    with LoopbackProcess(host, "--fast") as loopback:
+    with UrLoopbackProcess(host, "--fast") as loopback:
         done = subprocess.run(
             [sys.executable, str(program), host], capture_output=True, text=True, check=True
         )

@@ -17,9 +17,8 @@ from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.stops import crowns_and_saddles
 from tjscan.planning.urscript import StationWay, way_to_urscript
 from tjscan.planning.wps import WeldingProcedure
-from tjscan.robot.loopback.controller import LoopbackController
-from tjscan.runs.plan.reach import StationReach, find_station_reach, groove_surface
-from tjscan.runs.plan.welding_station import WeldingStation
+from tjscan.runs.plan.reach import StationReach, WeldingStation, find_station_reach, groove_surface
+from tjscan_loopback.ur.controller import LoopbackController
 
 ROOT: Final = Path(__file__).parent.parent
 JOB: Final = ROOT / "examples" / "whole-joint.toml"

@@ -17,9 +17,8 @@ from tjscan.core.errors import CalibrationRefused, StitchingRefused
 from tjscan.core.frames import inverse_pose
 from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
-from tjscan.runs.chain.run import run_chain
-from tjscan.runs.chain.settings import read_chain
-from tjscan.runs.context import RunContext
+from tjscan.runs.chain import read_chain, run_chain
+from tjscan.runs.scan.context import RunContext
 
 EXAMPLE: Final = Path(__file__).resolve().parents[1] / "examples" / "paper-chain.toml"
 CHAINS: Final = {"quick": 1, "full": 30}

@@ -29,13 +29,11 @@ from _table import Row, main
 from tjscan.core.errors import CrawlStopped
 from tjscan.core.frames import Array
 from tjscan.crawler.guards import Guards
-from tjscan.crawler.joint_memory import RememberingTracker
+from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.plan import GuardSettings
 from tjscan.crawler.proximity import CornerPlaces, ProximityFilter, ProximitySettings
-from tjscan.job.crawl_cell import make_crawl_cell
+from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.runs.crawl.run import CrawlContext
-from tjscan.vehicle.loopback.broker import MosquittoProcess
-from tjscan.vehicle.loopback.process import VehicleLoopbackProcess
 from tjscan.vehicle.simulated import SimulatedVehicle
 from tjscan.vehicle.simulated_body import SimulatedBody
 from tjscan.vehicle.simulation import VehicleSimulationSettings
@@ -43,6 +41,8 @@ from tjscan.vehicle.steel import ProximitySensors, SteelArea
 from tjscan.vehicle.steel import ProximitySettings as SensorSettings
 from tjscan.vehicle.tracks import TrackGeometry
 from tjscan.vehicle.vehicle import Twist
+from tjscan_loopback.broker import MosquittoProcess
+from tjscan_loopback.process import VehicleLoopbackProcess
 
 SEEDS: Final = range(1, 9)
 QUICK_SEEDS: Final = range(1, 3)

@@ -21,10 +21,10 @@ from _table import Row, main
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.crawler.joint_memory import RememberingTracker
+from tjscan.crawler.joint_tracking.memory import RememberingTracker
+from tjscan.crawler.joint_tracking.registration import JointPlacement, ReferenceProfile
+from tjscan.crawler.joint_tracking.tracking import JointTracker
 from tjscan.crawler.paper_joint import read_joint_as_paper
-from tjscan.groove.butt.registration import JointPlacement, ReferenceProfile
-from tjscan.groove.butt.tracking import JointTracker
 from tjscan.joint.hull import HullJoint, HullTack, WeldBead
 from tjscan.joint.hull_section import hull_section
 from tjscan.laser.profile import Profile

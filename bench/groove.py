@@ -26,7 +26,7 @@ from _views import Stage, View, bound, hits_of, profile_of, view
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.find import find_groove
+from tjscan.groove.read import read_groove
 from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import JointFile, read_joint
@@ -112,7 +112,7 @@ class Tally:
 def read(profile: Profile) -> GrooveSection | None:
     """The section; None where it is refused."""
     try:
-        return find_groove(profile)
+        return read_groove(profile)
     except GrooveNotFound:
         return None
 

@@ -33,11 +33,11 @@ from _table import Row, main
 from tjscan.core.errors import (
     LaserFault,
 )
-from tjscan.laser.loopback.coding import encode_profile
-from tjscan.laser.loopback.process import LaserLoopbackProcess
 from tjscan.laser.profile import Profile
-from tjscan.laser.scan3d import FORMATS, AxisScale, Scan3dScales, points
-from tjscan.laser.scancontrol import SCALES, ScanControlLayout, parse_scancontrol
+from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, points
+from tjscan.laser.scancontrol import MODEL_SCALES, ScanControlLayout, parse_scancontrol
+from tjscan_loopback.laser.coding import encode_profile
+from tjscan_loopback.process import LaserLoopbackProcess
 
 HERE: Final = Path(__file__).resolve().parent
 DEBIAN_PACKAGES: Final = "/usr/lib/python3/dist-packages"
@@ -174,8 +174,13 @@ def fuzzed(rounds: int) -> Row:
         for stamped in (True, False)
     ]
     for k in range(rounds):
-        name, layout = list(FORMATS)[k % len(FORMATS)], layouts[k % len(layouts)]
-        right = encode_profile(profile, FORMATS[name]) if k % 2 else bytes(layout.row_bytes)
+        name, layout = (
+            list(COORDINATE_FORMATS)[k % len(COORDINATE_FORMATS)],
+            layouts[k % len(layouts)],
+        )
+        right = (
+            encode_profile(profile, COORDINATE_FORMATS[name]) if k % 2 else bytes(layout.row_bytes)
+        )
         raw = bytearray(right)
         for at in random.integers(0, len(raw), int(random.integers(1, 40))):
             raw[at] = int(random.integers(0, 256))
@@ -187,7 +192,7 @@ def fuzzed(rounds: int) -> Row:
             if k % 2:
                 found = points(bytes(raw), name, scales)
             else:
-                found = parse_scancontrol(bytes(raw), layout, SCALES["2600-100"])[0]
+                found = parse_scancontrol(bytes(raw), layout, MODEL_SCALES["2600-100"])[0]
             bad += not bool(np.isfinite(found.points_s).all())
         except LaserFault:
             pass

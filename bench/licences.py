@@ -14,7 +14,7 @@ from typing import Final
 
 from _table import Row, main
 
-OWN: Final = "tjscan"
+OWN: Final = ("tjscan", "tjscan-loopback")
 
 NOT_STATED: Final = {"cmeel-qhull": "Qhull"}
 """Packages that state none, and the licence in the sources that they wrap."""
@@ -58,7 +58,7 @@ def _is_known(licence: str) -> bool:
 def licences() -> Iterator[tuple[str, str, str]]:
     """Name, version and licence of every installed package."""
     for package in sorted(distributions(), key=lambda one: one.name.lower()):
-        if package.name != OWN:
+        if package.name not in OWN:
             yield package.name, package.version, stated_licence(package)
 
 

@@ -38,13 +38,12 @@ from _weld_programs import find_reaches, follow_program
 from tjscan.cli import main as tjscan
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.job.wps import read_wps
 from tjscan.joint.file import read_joint
 from tjscan.planning.edges import GrooveEdges, fit_groove_edges
 from tjscan.planning.lay import cut_groove
 from tjscan.planning.path import chord_error_and_kink, stations_at, template_at
 from tjscan.planning.plan import WeldPlan, plan_weld
-from tjscan.planning.wps import WeldingProcedure
+from tjscan.planning.wps import WeldingProcedure, read_wps
 from tjscan.result.export import sort_sections_by_azimuth
 from tjscan.result.table import read_sections_csv
 

@@ -30,8 +30,8 @@ from _stopwatch import Stopwatch
 from _table import Row, main
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.groove.find import find_groove, fit_groove_to_profile
 from tjscan.groove.models import BUTT_V
+from tjscan.groove.read import fit_groove, read_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
@@ -75,7 +75,7 @@ def profile_of(points: Array) -> Profile:
 def read(points: Array) -> Reading | str:
     """The reading, or the words of the refusal."""
     try:
-        return Reading.of(find_groove(profile_of(points)))
+        return Reading.of(read_groove(profile_of(points)))
     except GrooveNotFound as refusal:
         return str(refusal).lower()
 
@@ -276,7 +276,7 @@ def _columns_off(heights: Array, label: Array) -> Array | None:
 def _butt_corners(profile: Profile) -> Array | None:
     """Corners from top to top, shape (n, 2)."""
     try:
-        _, fitted = fit_groove_to_profile(profile, GrooveSettings(model=BUTT_V))
+        fitted = fit_groove(profile, GrooveSettings(model=BUTT_V)).fitted
     except GrooveNotFound:
         return None
     return np.asarray(fitted.corners)
@@ -292,7 +292,7 @@ def time_rows(count: int) -> list[Row]:
     for k in range(count):
         profile = profile_of(shoot(faults[k % len(faults)], k).points)
         with watch, suppress(GrooveNotFound):
-            find_groove(profile)
+            read_groove(profile)
     return [
         watch.row("time per profile, median", statistics.median, 2),
         watch.row("time per profile, 99 %", lambda seconds: float(np.percentile(seconds, 99)), 8),

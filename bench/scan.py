@@ -16,12 +16,11 @@ from _stopwatch import Stopwatch
 from _table import Row, main
 
 from tjscan.comparison.distance import corner_to_edge_distances
-from tjscan.core.frames import transform_points
+from tjscan.core.frames import JointOrBaseFrame, transform_points
 from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
-from tjscan.result.frame import JointOrBaseFrame
 from tjscan.result.summary import ScanSummary
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.results import summarise_scan
 from tjscan.runs.scan.run import scan_in_cell
 from tjscan.scanning.journal import CombinedJournal

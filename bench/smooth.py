@@ -20,14 +20,14 @@ import numpy as np
 from _stopwatch import Stopwatch
 from _table import Row, main
 
+from tjscan.core.frames import JointOrBaseFrame
 from tjscan.job import read_scan_job
-from tjscan.result.frame import JointOrBaseFrame
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.results import summarise_scan
 from tjscan.runs.scan.run import scan_in_cell
 from tjscan.scanning.journal import CombinedJournal
-from tjscan.scanning.method import predictor_for_plan
 from tjscan.scanning.progress import groove_length
+from tjscan.scanning.scanner import predictor_for_plan
 
 EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"
 JOBS: Final = {"ccw": EXAMPLES / "paper.toml", "cw": EXAMPLES / "paper-clockwise.toml"}

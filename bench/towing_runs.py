@@ -20,8 +20,8 @@ from _table import Row, main
 from _tow_faults import FAULTS, fault_over_broker, random_fault
 from _tows import EXAMPLES, NOISE, Tow, passer_by, run_tow, seam_piece
 
-from tjscan.job.tow_reading import read_tow_job
-from tjscan.runs.tow_study.outcome import TowOutcome
+from tjscan.job.tow.checks import read_tow_job
+from tjscan.runs.tow.study import TowOutcome
 
 SEEDS: Final = range(1, 6)
 PASSERS_BY: Final = 20

@@ -29,15 +29,15 @@ from tjscan.core.errors import (
 from tjscan.core.frames import Array, pose
 from tjscan.job import read_scan_job
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.loopback.faults import InjectedFault
-from tjscan.robot.loopback.process import LoopbackProcess
 from tjscan.robot.ur.arm import UrArm
-from tjscan.robot.ur.settings import UrSettings
-from tjscan.runs.context import RunContext
+from tjscan.robot.ur.driver import UrSettings
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan, scan_in_cell
 from tjscan.scanning.journal import CombinedJournal
+from tjscan.scanning.progress import ScanResult
 from tjscan.scanning.reader import read_recorded_scan
-from tjscan.scanning.result import ScanResult
+from tjscan_loopback.process import UrLoopbackProcess
+from tjscan_loopback.ur.faults import InjectedFault
 
 PAPER: Final = Path(__file__).resolve().parents[1] / "examples" / "paper.toml"
 HOSTS: Final = ("127.0.0.2", "127.0.0.3")
@@ -81,7 +81,7 @@ def arm_at(host: str) -> UrArm:
     return UrArm(KINEMATICS, UrSettings(host))
 
 
-def park(loopback: LoopbackProcess) -> None:
+def park(loopback: UrLoopbackProcess) -> None:
     """Set a controller right, and its arm where it started."""
     loopback.schedule_fault("clear")
     loopback.schedule_fault("home")
@@ -98,7 +98,7 @@ def scan(keys: dict[str, Any]) -> ScanResult:
     return scan_in_cell(RunContext(job, PAPER).make_cell(), job, CombinedJournal())
 
 
-def difference_mm(loopback: LoopbackProcess) -> float:
+def difference_mm(loopback: UrLoopbackProcess) -> float:
     """Largest distance of a corner of the scan over the wire from the simulated arm's."""
     park(loopback)
     one, other = scan(FAULTLESS), scan(FAULTLESS | driven(loopback.host))
@@ -108,7 +108,7 @@ def difference_mm(loopback: LoopbackProcess) -> float:
     return 1e3 * max(float(np.abs(a.points_b - b.points_b).max()) for a, b in pairs)
 
 
-def as_it_should(loopback: LoopbackProcess, fault: InjectedFault) -> tuple[bool, float]:
+def as_it_should(loopback: UrLoopbackProcess, fault: InjectedFault) -> tuple[bool, float]:
     """Whether a fault in a move ends in its error, and the seconds that took."""
     park(loopback)
     with arm_at(loopback.host) as arm:
@@ -122,7 +122,7 @@ def as_it_should(loopback: LoopbackProcess, fault: InjectedFault) -> tuple[bool,
     return False, perf_counter() - start
 
 
-def survives(loopback: LoopbackProcess, fault: InjectedFault, seconds: float, move: int) -> bool:
+def survives(loopback: UrLoopbackProcess, fault: InjectedFault, seconds: float, move: int) -> bool:
     """Whether a scan with a fault in it ends in that fault, with a recording that reads."""
     park(loopback)
     timer = Timer(
@@ -143,7 +143,7 @@ def survives(loopback: LoopbackProcess, fault: InjectedFault, seconds: float, mo
         return known
 
 
-def side_by_side(*loopbacks: LoopbackProcess) -> int:
+def side_by_side(*loopbacks: UrLoopbackProcess) -> int:
     """How many of the arms scan to the end when all scan at once."""
     found: list[ScanResult] = []
     for loopback in loopbacks:
@@ -170,8 +170,8 @@ def measure() -> list[Row]:
     random = np.random.default_rng(1)
     rows = []
     with (
-        LoopbackProcess(HOSTS[0], "--fast") as first,
-        LoopbackProcess(HOSTS[1], "--fast") as second,
+        UrLoopbackProcess(HOSTS[0], "--fast") as first,
+        UrLoopbackProcess(HOSTS[1], "--fast") as second,
     ):
         rows.append(Row("same scan over the wire: corners apart", difference_mm(first), 0.01, "mm"))
         for fault in ENDS_IN:

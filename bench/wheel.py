@@ -41,7 +41,6 @@ NAMES_EXTRA: Final = {
     "study study/paper-study.toml": "study",
     "scan paper.toml --arm.driver ur --arm.ur.host 127.0.0.2": "ur",
     "export run --to weldx": "weldx",
-    "vehicle-loopback": "vehicle",
 }
 """Commands that need an extra, and which."""
 

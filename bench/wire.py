@@ -35,10 +35,10 @@ from tjscan.core.errors import (
 )
 from tjscan.core.frames import pose
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.loopback.process import LoopbackProcess
 from tjscan.robot.motion import MotionLimits
 from tjscan.robot.ur.arm import UrArm
-from tjscan.robot.ur.settings import UrSettings
+from tjscan.robot.ur.driver import UrSettings
+from tjscan_loopback.process import UrLoopbackProcess
 
 CASES: Final = 200
 QUICK: Final = 20
@@ -52,7 +52,7 @@ HOME: Final = np.radians([-110, -95, 160, 105, -110, 0])
 KINEMATICS: Final = Kinematics.load("ur10e")
 SLOWLY: Final = MotionLimits(tcp_speed=0.1)
 
-Inject = Callable[[Wire, LoopbackProcess, Random], None]
+Inject = Callable[[Wire, UrLoopbackProcess, Random], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ class Fault:
 
 
 def _held(least: float, most: float) -> Inject:
-    def inject(wire: Wire, loopback: LoopbackProcess, random: Random) -> None:
+    def inject(wire: Wire, loopback: UrLoopbackProcess, random: Random) -> None:
         wire.hold()
         time.sleep(random.uniform(least, most))
         wire.release()
@@ -80,8 +80,8 @@ def _held(least: float, most: float) -> Inject:
     return inject
 
 
-def _stalled(whose: Callable[[LoopbackProcess], int], least: float, most: float) -> Inject:
-    def inject(wire: Wire, loopback: LoopbackProcess, random: Random) -> None:
+def _stalled(whose: Callable[[UrLoopbackProcess], int], least: float, most: float) -> Inject:
+    def inject(wire: Wire, loopback: UrLoopbackProcess, random: Random) -> None:
         pid = whose(loopback)
         os.kill(pid, signal.SIGSTOP)
         time.sleep(random.uniform(least, most))
@@ -91,15 +91,15 @@ def _stalled(whose: Callable[[LoopbackProcess], int], least: float, most: float)
     return inject
 
 
-def _delayed(wire: Wire, loopback: LoopbackProcess, random: Random) -> None:
+def _delayed(wire: Wire, loopback: UrLoopbackProcess, random: Random) -> None:
     wire.delay = random.uniform(0.01, 0.1)
 
 
-def _garbled(wire: Wire, loopback: LoopbackProcess, random: Random) -> None:
+def _garbled(wire: Wire, loopback: UrLoopbackProcess, random: Random) -> None:
     wire.garbled = 1.0
 
 
-def _client(loopback: LoopbackProcess) -> int:
+def _client(loopback: UrLoopbackProcess) -> int:
     for file in Path("/proc/self/task").glob("*/children"):
         for pid in file.read_text(encoding="ascii").split():
             if b"ur.client" in Path(f"/proc/{pid}/cmdline").read_bytes():
@@ -157,7 +157,7 @@ def _case(seed: int) -> Outcome:
     fault, random, rest = FAULTS[name], Random(seed), 0.0
     block, row = divmod(seed, 250)
     controller, host = (f"127.{7 + block}.{row + 1}.{i}" for i in (1, 2))
-    with LoopbackProcess(controller) as loopback, Wire(host, controller, seed) as wire:
+    with UrLoopbackProcess(controller) as loopback, Wire(host, controller, seed) as wire:
         error: list[ArmFault | None] = []
         with UrArm(KINEMATICS, UrSettings(host), SLOWLY) as arm:
             mover = Thread(target=partial(_move, arm, error))

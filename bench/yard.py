@@ -20,12 +20,11 @@ from _table import Row, main
 
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.errors import LaserFault
-from tjscan.core.frames import Array, transform_points
+from tjscan.core.frames import Array, JointOrBaseFrame, transform_points
 from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
-from tjscan.result.frame import JointOrBaseFrame
 from tjscan.result.section import absent_corners
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import scan_in_cell
 from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.progress import plan_is_fulfilled

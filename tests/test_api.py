@@ -31,7 +31,7 @@ def loaded_by(code: str) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    "module", ["tjscan", "tjscan.groove.find", "tjscan.scanning.scanner", "tjscan.job"]
+    "module", ["tjscan", "tjscan.groove.read", "tjscan.scanning.scanner", "tjscan.job"]
 )
 def test_nothing_heavy_is_loaded_before_it_is_used(module: str) -> None:
     assert not loaded_by(f"import {module}") & HEAVY

@@ -23,7 +23,7 @@ from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.core.pose_vector import boxminus, boxplus
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.tolerance import PlacementTolerance
+from tjscan.robot.settings import PlacementTolerance
 
 TOLERANCE = PlacementTolerance()
 SIGMAS = np.tile(TOLERANCE.sigmas, (6, 1))

@@ -31,7 +31,7 @@ from tjscan.core.frames import Array, pose, skew_matrix
 from tjscan.core.pose_vector import boxminus, boxplus
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.tolerance import PlacementTolerance
+from tjscan.robot.settings import PlacementTolerance
 
 POSES = circle(25)
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from tjscan.calibration.file import read_calibration
 from tjscan.core.frames import Array, inverse_pose, pose, transform_points
 from tjscan.robot.deviations import with_deviations
-from tjscan.robot.tolerance import PlacementTolerance
+from tjscan.robot.settings import PlacementTolerance
 
 POSES = 30
 

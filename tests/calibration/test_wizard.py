@@ -54,8 +54,8 @@ from tjscan.core.errors import CalibrationRefused, ConfigurationError, Recording
 from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.core.units import pose_from_rows_mm, pose_to_rows_mm
 from tjscan.job import read_calibration_job
+from tjscan.job.arm import sensor_mount_of_job
 from tjscan.job.cell import Cell
-from tjscan.job.sensor_mount import sensor_mount_of_job
 from tjscan.laser.profile import Profile
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic, make_json_topic

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,9 +15,9 @@ from command import tjscan
 from written import content
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.groove.find import find_groove
+from tjscan.groove.read import read_groove
 from tjscan.job import read_scan_job
-from tjscan.result.table import COLUMNS
+from tjscan.result.table import RUN_COLUMNS
 from tjscan.scanning.reader import read_recorded_scan
 
 RUN_FILES = {
@@ -49,7 +50,7 @@ def test_sections_csv_has_its_columns_and_tells_of_a_groove(run: Path) -> None:
     with (run / "sections.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
     assert len(rows) == 5
-    assert tuple(rows[0]) == COLUMNS
+    assert tuple(rows[0]) == RUN_COLUMNS
     azimuths = [float(row["azimuth_deg"]) for row in rows]
     assert azimuths == sorted(azimuths)  # counterclockwise
     for row in rows:
@@ -77,7 +78,7 @@ def test_the_recorded_profiles_give_the_recorded_sections_again(run: Path) -> No
     scan = read_recorded_scan(run)
     assert len(scan.views) == 8
     assert len(scan.sections) == 5
-    again = scan.reread_sections(find_groove)
+    again = scan.reread_sections(read_groove)
     for index, section in scan.sections.items():
         np.testing.assert_allclose(again[index].points_b, section.points_b, atol=1e-12)
 
@@ -235,9 +236,9 @@ def test_a_scan_that_ends_early_says_so_with_its_exit_code(tmp_path: Path) -> No
 
 
 def test_an_arm_of_ones_own_is_sought_beside_the_job_and_goes_into_the_run(tmp_path: Path) -> None:
-    from tjscan.robot.models.generate import urdf_text
+    from tjscan.robot.kinematics import Kinematics
 
-    (tmp_path / "mine.urdf").write_text(urdf_text("ur10e"), encoding="utf-8")
+    shutil.copy(Kinematics.load("ur10e").urdf, tmp_path / "mine.urdf")
     job = tmp_path / "job.toml"
     text = PAPER.read_text(encoding="utf-8").replace('model = "ur10e"', 'model = "mine.urdf"')
     cad = PAPER.parent.parent / "cad"

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 from command import tjscan
+from cyclopts import App
 
+from tjscan.cli import LOOPBACK_COMMANDS
 from tjscan.core.display import to_data_frame
 from tjscan.core.errors import ConfigurationError
 
@@ -30,6 +32,15 @@ def test_the_line_to_type_is_named(
     monkeypatch.setitem(sys.modules, package, None)
     assert tjscan(*command) == 2
     assert f"pip install 'tjscan[{extra}]'" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize("command", LOOPBACK_COMMANDS)
+def test_the_package_of_a_loopback_device_is_named(
+    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("tjscan.cli.app", App(name="tjscan"))
+    assert tjscan(command) == 2
+    assert "pip install ./loopback" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_table_of_pandas_names_it_too(monkeypatch: pytest.MonkeyPatch) -> None:

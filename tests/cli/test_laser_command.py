@@ -15,9 +15,9 @@ from laser_cell import loopback_laser, require_broadcasts, write_groove_profiles
 from tjscan.cli.output.laser import draw_profile
 from tjscan.laser.files.format import ProfileFormat
 from tjscan.laser.files.read import read_profiles
-from tjscan.laser.loopback.process import LaserLoopbackProcess
 from tjscan.laser.profile import Profile
 from tjscan.result.readings import ProfileReading
+from tjscan_loopback.process import LaserLoopbackProcess
 
 pytest.importorskip("viva_genicam")
 require_broadcasts()

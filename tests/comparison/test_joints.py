@@ -15,6 +15,7 @@ from tjscan.comparison.shapes import Mesh, Shape, UnitAndFrame
 from tjscan.core.errors import ComparisonRefused
 from tjscan.core.frames import (
     Array,
+    JointOrBaseFrame,
     inverse_pose,
     pose,
     rot_z,
@@ -24,7 +25,6 @@ from tjscan.core.frames import (
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_joint_mesh
-from tjscan.result.frame import JointOrBaseFrame
 from tjscan.runs.scan.results import all_profile_points
 
 CAD = Path(__file__).parent.parent.parent / "cad"

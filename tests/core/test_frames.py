@@ -1,14 +1,20 @@
-"""Laws of poses."""
+"""Laws of poses and of read-only arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
 
 from tjscan.core.frames import (
     Array,
     cross,
+    frozen_arrays,
     inverse_pose,
     pose,
     pose_from_euler_zyx,
@@ -25,6 +31,8 @@ from tjscan.core.frames import (
 
 EXACT = 1e-12
 """A few roundings of numbers of order one."""
+
+Mask = NDArray[np.bool_]
 
 vectors = arrays(np.float64, 3, elements=st.floats(-3, 3))
 
@@ -107,3 +115,35 @@ def test_cross_products_are_those_of_numpy() -> None:
 def test_the_skew_matrix_is_the_cross_product(v: Array, w: Array) -> None:
     np.testing.assert_allclose(skew_matrix(v) @ w, np.cross(v, w), atol=EXACT)
     np.testing.assert_array_equal(skew_matrix(np.stack((v, w)))[1], skew_matrix(w))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
+class Points:
+    points: Array
+    used: Mask
+    sigma: Array | None = None
+
+    def __post_init__(self) -> None:
+        if self.points.ndim != 2:
+            raise ValueError("no rows of points")
+
+
+def test_a_frozen_dataclass_holds_read_only_copies_of_its_arrays() -> None:
+    original = np.zeros((2, 3))
+    used = np.ones(2, dtype=bool)
+    held = Points(original, used)
+    original[0] = 1
+    used[0] = False
+    assert not held.points.any()
+    assert held.used.all()
+    assert held.sigma is None
+    for array in (held.points, held.used):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
+
+
+def test_a_frozen_dataclass_takes_lists_and_checks_what_it_made_of_them() -> None:
+    assert Points([[0, 1, 2]], [1]).points.dtype == np.float64  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="rows"):
+        Points([0, 1, 2], [1])  # type: ignore[arg-type]

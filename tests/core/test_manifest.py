@@ -7,7 +7,7 @@ import pytest
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.files import write_files_atomically
-from tjscan.core.manifest import MANIFEST, changed_since_written, check_as_written
+from tjscan.core.manifest import MANIFEST_FILE, changed_since_written, check_as_written
 
 NAMES = ("job.toml", "sections.csv")
 
@@ -39,14 +39,14 @@ def test_every_flipped_bit_is_found(run: Path) -> None:
 
 
 def test_a_list_that_is_damaged_or_cut_off_vouches_for_nothing(run: Path) -> None:
-    data = (run / MANIFEST).read_bytes()
+    data = (run / MANIFEST_FILE).read_bytes()
     for end in range(len(data) - 1):
-        (run / MANIFEST).write_bytes(data[:end])
+        (run / MANIFEST_FILE).write_bytes(data[:end])
         assert changed_since_written(*(run / name for name in NAMES))
     for place in range(len(data)):
         spoilt = bytearray(data)
         spoilt[place] ^= 4
-        (run / MANIFEST).write_bytes(spoilt)
+        (run / MANIFEST_FILE).write_bytes(spoilt)
         assert changed_since_written(*(run / name for name in NAMES))
 
 
@@ -66,12 +66,12 @@ def test_only_of_a_scan_results_are_written_anew(run: Path, recording: str) -> N
 
 
 def test_sha256sum_reads_the_list(run: Path) -> None:
-    subprocess.run(["sha256sum", "--strict", "-c", MANIFEST], cwd=run, check=True)
+    subprocess.run(["sha256sum", "--strict", "-c", MANIFEST_FILE], cwd=run, check=True)
 
 
 def test_only_a_directory_that_began_with_a_list_has_one(tmp_path: Path) -> None:
     (tmp_path / "older.csv").write_text("1\n")
     with write_files_atomically(tmp_path, listed=True) as draft:
         (draft / "new.csv").write_text("2\n")
-    assert not (tmp_path / MANIFEST).exists()
+    assert not (tmp_path / MANIFEST_FILE).exists()
     check_as_written(tmp_path / "older.csv", tmp_path / "new.csv")

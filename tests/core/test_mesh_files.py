@@ -90,6 +90,6 @@ def test_what_takes_too_much_memory_to_read_is_refused_before_it_is_read(
         BOX.export(file)
     stated = StatedUnitAndFrame("mm", "j")
     read_shape_file(file, stated)
-    monkeypatch.setattr("tjscan.core.mesh_memory.MOST_MEMORY", 600)
+    monkeypatch.setattr("tjscan.core.mesh_files.MOST_MEMORY", 600)
     with pytest.raises(ConfigurationError, match="of memory to read, 0 at most: thin it out"):
         read_shape_file(file, stated)

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 import tjscan
-from tjscan.core import disk, locks, signals
+from tjscan.core import files, locks, signals
 from tjscan.core.errors import RecordingError
 from tjscan.core.files import write_files_atomically
 
@@ -20,7 +20,7 @@ PACKAGE = Path(tjscan.__file__).parent
 HOMES = {
     "core/locks.py": {"fcntl", "msvcrt"},
     "core/signals.py": {"signal"},
-    "core/disk.py": {"fsync"},
+    "core/files.py": {"fsync"},
 }
 """Files and what they alone may use."""
 
@@ -76,8 +76,8 @@ def test_where_directories_cannot_be_opened_files_are_written_all_the_same(
         return real(path, flags)
 
     real = os.open
-    monkeypatch.setattr(disk, "WINDOWS", True)
-    monkeypatch.setattr(disk, "os", SimpleNamespace(**{**vars(os), "open": open_no_directory}))
+    monkeypatch.setattr(files, "WINDOWS", True)
+    monkeypatch.setattr(files, "os", SimpleNamespace(**{**vars(os), "open": open_no_directory}))
     with write_files_atomically(tmp_path) as draft:
         (draft / "a.txt").write_text("a", encoding="utf-8")
     assert (tmp_path / "a.txt").read_text(encoding="utf-8") == "a"

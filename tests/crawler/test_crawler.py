@@ -13,8 +13,8 @@ from crawls import SHORT
 from tjscan.core.errors import CrawlStopped, VehicleLinkLost, VehicleStopped
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.torch_axes import SimulatedTorchAxes
-from tjscan.job.crawl_cell import make_crawl_cell
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.cell import make_crawl_cell
+from tjscan.job.crawl.job import read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
 from tjscan.vehicle.vehicle import REST, Twist, VehicleState

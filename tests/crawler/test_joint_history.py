@@ -3,7 +3,7 @@
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.crawler.joint_history import GRID, height_over_hull, section_histories
+from tjscan.crawler.joint_history import PLACES_ACROSS, height_over_hull, section_histories
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
@@ -39,12 +39,12 @@ def test_sections_are_those_after_each_pass_wherever_the_vehicle_was() -> None:
         [(seen(*one), profile(one[3], one[4])) for one in taken], length=0.1, laser_to_torch=0.5
     )
     assert list(found) == [0, 1, 2]
-    middle = len(GRID) // 2
+    middle = len(PLACES_ACROSS) // 2
     np.testing.assert_allclose(
         [found[k][middle] for k in found], [-0.02, -0.012, -0.004], atol=1e-5
     )
     for height in found.values():
-        np.testing.assert_allclose(height[np.abs(GRID) > 0.011], 0.0, atol=1e-5)
+        np.testing.assert_allclose(height[np.abs(PLACES_ACROSS) > 0.011], 0.0, atol=1e-5)
 
 
 def test_what_lies_beside_the_weld_does_not_count() -> None:
@@ -58,7 +58,7 @@ def test_a_section_is_level_with_its_hull_under_the_light_of_an_arc() -> None:
     z = np.where(lit, groove.z_s + rng.uniform(-0.04, 0.04, len(X)), groove.z_s) + 0.02 * X
     height = height_over_hull(Profile(X, z), 0.0)
     assert height is not None
-    depth = np.where(np.abs(GRID) < 0.0095, -0.02, 0.0)
-    beside = np.abs(np.abs(GRID) - 0.01) > 1e-3
+    depth = np.where(np.abs(PLACES_ACROSS) < 0.0095, -0.02, 0.0)
+    beside = np.abs(np.abs(PLACES_ACROSS) - 0.01) > 1e-3
     assert abs(float(np.median((height - depth)[beside]))) < 1e-4
     assert height_over_hull(Profile(X[X < 0], z[X < 0]), 0.0) is None

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.crawler.joint_memory import (
-    STATION,
+from tjscan.crawler.joint_tracking.memory import (
+    STATION_LENGTH,
     JointMemory,
     RememberingTracker,
     sigma_of_addition,
 )
-from tjscan.groove.butt.registration import JointPlacement
-from tjscan.groove.butt.tracking import ButtJointReading
+from tjscan.crawler.joint_tracking.registration import JointPlacement
+from tjscan.crawler.joint_tracking.tracking import ButtJointReading
 from tjscan.joint.hull import HullJoint, WeldBead
 from tjscan.joint.hull_section import hull_section
 from tjscan.laser.profile import Profile
@@ -123,7 +123,7 @@ def test_error_of_what_is_remembered_grows_from_way_to_way() -> None:
         reference = memory.reference_at(0.022)
         assert reference is not None
         shared = reference.centre_sigma
-        seen = round(STATION / 0.8e-3)  # every second profile is far enough from the last
+        seen = round(STATION_LENGTH / 0.8e-3)  # every second profile is far enough from the last
         assert shared == pytest.approx(own * np.sqrt(way / seen), rel=0.1)
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tjscan.crawler.phases import TRANSITIONS, Event, Phase, draw_state_diagram, next_phase
+from tjscan.crawler.phases import PHASE_TRANSITIONS, Event, Phase, draw_state_diagram, next_phase
 
 
 def test_a_job_goes_round_and_ends_in_manual() -> None:
@@ -32,7 +32,7 @@ def test_danger_stops_it_from_anywhere(phase: Phase) -> None:
 
 
 def test_only_the_operator_ends_a_stop() -> None:
-    leads = {event for (phase, event), after in TRANSITIONS.items() if phase is Phase.STOP}
+    leads = {event for (phase, event), after in PHASE_TRANSITIONS.items() if phase is Phase.STOP}
     assert leads == {Event.CLEARED, Event.DANGER}
 
 
@@ -42,7 +42,9 @@ def test_what_can_not_happen_is_refused() -> None:
 
 
 def test_the_diagram_shows_every_transition() -> None:
-    assert draw_state_diagram().count("-->") == len(TRANSITIONS) - 1 + 1  # Stop to Stop; start
+    assert (
+        draw_state_diagram().count("-->") == len(PHASE_TRANSITIONS) - 1 + 1
+    )  # Stop to Stop; start
 
 
 def test_the_documented_diagram_is_that_of_the_code() -> None:

@@ -16,8 +16,7 @@ from tjscan.crawler.sizing import (
     tightest_turn,
     torque_of_turn,
 )
-from tjscan.job.crawl_job import CrawlJob, CrawlSimulationSettings
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings, read_crawl_job
 from tjscan.vehicle.tracks import TrackGeometry
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -6,8 +6,8 @@ import pytest
 from tjscan.core.frames import Array
 from tjscan.crawler.slip_estimator import SlipBelief, SlipEstimator, SlipUncertainty
 from tjscan.crawler.slip_model import (
-    SETTLING,
-    STATES,
+    SETTLING_LENGTH,
+    STATE_COUNT,
     CrawlerGeometry,
     SlipState,
     TrackOdometry,
@@ -40,7 +40,7 @@ def crawl(seed: int, changes: float = 1.0) -> tuple[float, float]:
     first = SlipBelief.before_any_reading(UNSURE, curvature_sigma=1e-4)
     truth = rng.multivariate_normal(first.x, first.P)
     estimator = SlipEstimator(GEOMETRY, first, UNSURE)
-    walks = np.zeros(STATES)
+    walks = np.zeros(STATE_COUNT)
     walks[[2, 3, 4, 5, 8]] = (
         UNSURE.rotation_centre_walk,
         UNSURE.yaw_efficiency_walk,
@@ -53,11 +53,13 @@ def crawl(seed: int, changes: float = 1.0) -> tuple[float, float]:
         speed = 0.02 if k < 600 else -0.02
         asked = 2e-3 * np.sin(2 * np.pi * k / 300)
         noise = UNSURE.turn_rate / np.sqrt(PERIOD) * rng.standard_normal()
-        kept = np.exp(-abs(speed) * PERIOD / SETTLING)
+        kept = np.exp(-abs(speed) * PERIOD / SETTLING_LENGTH)
         recent = kept * (0.0 if k == 600 else recent) + (1 - kept) * asked / abs(speed)
         truly = TrackOdometry(speed, asked - noise, PERIOD, recent)
         truth, _ = propagate_state(truth, truly, GEOMETRY)
-        truth = truth + walks * np.sqrt(abs(speed) * PERIOD) * changes * rng.standard_normal(STATES)
+        truth = truth + walks * np.sqrt(abs(speed) * PERIOD) * changes * rng.standard_normal(
+            STATE_COUNT
+        )
         turns = kept * turns + (1 - kept) * truth[SlipState.YAW_EFFICIENCY] * asked / speed
         truth[UNSTEADY] += np.sqrt(1 - kept**2) * unsteady(turns) * changes * rng.standard_normal(2)
         estimator.move(TrackOdometry(speed, asked, PERIOD, recent))
@@ -66,7 +68,7 @@ def crawl(seed: int, changes: float = 1.0) -> tuple[float, float]:
         estimator.read(d, SIGMA)
         if k % 40 == 39:
             error = estimator.belief.x - truth
-            found.append(error @ np.linalg.solve(estimator.belief.P, error) / STATES)
+            found.append(error @ np.linalg.solve(estimator.belief.P, error) / STATE_COUNT)
     return float(np.mean(found)), estimator.unsteadiness
 
 
@@ -111,7 +113,7 @@ def test_an_outlier_moves_it_little() -> None:
 
 
 def test_how_it_slips_is_kept_where_it_stands_is_not() -> None:
-    known = SlipBelief(np.arange(STATES) / 10, np.diag(np.arange(1.0, STATES + 1)))
+    known = SlipBelief(np.arange(STATE_COUNT) / 10, np.diag(np.arange(1.0, STATE_COUNT + 1)))
     moved = known.at_new_start(UNSURE)
     np.testing.assert_array_equal(moved.x[2:], known.x[2:])
     np.testing.assert_array_equal(moved.P[2:, 2:], known.P[2:, 2:])

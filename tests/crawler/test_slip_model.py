@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from tjscan.core.frames import Array
 from tjscan.crawler.odometry_filter import OdometryFilter
 from tjscan.crawler.slip_model import (
-    SETTLING,
-    STATES,
+    SETTLING_LENGTH,
+    STATE_COUNT,
     CrawlerGeometry,
     SlipState,
     TrackOdometry,
@@ -52,7 +52,7 @@ def finite_differences(function: object, x: Array) -> Array:
     step = 1e-6
     columns = [
         (function(x + step * e) - function(x - step * e)) / (2 * step)  # type: ignore[operator]
-        for e in np.eye(STATES)
+        for e in np.eye(STATE_COUNT)
     ]
     return np.array(columns).T
 
@@ -88,9 +88,9 @@ def test_a_mirror_image_moves_as_a_mirror_image(x: Array, odometry: TrackOdometr
 
 def observability(speeds: list[float]) -> Array:
     """Rows of how each reading depends on the state at first, shape (n, 11)."""
-    x = np.zeros(STATES)
+    x = np.zeros(STATE_COUNT)
     x[SlipState.YAW_EFFICIENCY] = 0.8
-    onward, rows = np.eye(STATES), []
+    onward, rows = np.eye(STATE_COUNT), []
     for speed in speeds:
         odometry = TrackOdometry(speed, 0.0, 1.0)
         rows.append(laser_offset(x, GEOMETRY)[1] @ onward)
@@ -109,15 +109,15 @@ def test_crab_shows_at_a_reversal_only() -> None:
 
 
 def test_what_is_unsteady_is_forgotten_over_the_settling_length() -> None:
-    x = np.zeros(STATES)
+    x = np.zeros(STATE_COUNT)
     x[SlipState.UNSTEADY_CRAB] = 1e-3
     for _ in range(100):
-        x, _ = propagate_state(x, TrackOdometry(-0.02, 0.0, SETTLING / 2), GEOMETRY)
+        x, _ = propagate_state(x, TrackOdometry(-0.02, 0.0, SETTLING_LENGTH / 2), GEOMETRY)
     assert x[SlipState.UNSTEADY_CRAB] == pytest.approx(1e-3 * np.exp(-1))
 
 
 def test_a_vehicle_on_a_circle_beside_a_joint_that_is_one_stays_beside_it() -> None:
-    x = np.zeros(STATES)
+    x = np.zeros(STATE_COUNT)
     x[SlipState.YAW_EFFICIENCY], x[SlipState.CURVATURE] = 0.8, 1 / 20
     still = CrawlerGeometry(0.5, 0.0)
     turn = 0.02 / 20 / 0.8
@@ -130,7 +130,7 @@ def test_a_vehicle_on_a_circle_beside_a_joint_that_is_one_stays_beside_it() -> N
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_the_centre_of_rotation_comes_ahead_as_the_contact_fills(way: float) -> None:
-    x = np.zeros(STATES)
+    x = np.zeros(STATE_COUNT)
     x[SlipState.YAW_EFFICIENCY], x[SlipState.SETTLED_CENTRE] = 0.5, 0.1
     tracks, speed, turn = OdometryFilter(0.05), 0.02 * way, 2e-5
     sideways = []

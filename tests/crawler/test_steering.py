@@ -9,21 +9,21 @@ from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
 from tjscan.crawler.slip_model import (
-    STATES,
+    STATE_COUNT,
     CrawlerGeometry,
     SlipState,
     TrackOdometry,
     propagate_state,
 )
 from tjscan.crawler.steering import SteeringSettings, track_turn_rate
-from tjscan.runs.crawl.run import TO_SETTLE, TO_TURN
+from tjscan.runs.crawl.run import SETTLING_GAINS, TURNING_RADII
 
 GEOMETRY = CrawlerGeometry(0.5, 0.0)
 WIDE = SteeringSettings(gain=8.0, least_radius=0.5)
 
 
 def slipping(offset: float = 0.0, heading: float = 0.0, crab: float = 0.0) -> Array:
-    x = np.zeros(STATES)
+    x = np.zeros(STATE_COUNT)
     x[[SlipState.OFFSET, SlipState.HEADING, SlipState.CRAB]] = offset, heading, crab
     x[[SlipState.YAW_EFFICIENCY, SlipState.DRIFT]] = 0.7, 5e-3
     return x
@@ -84,7 +84,7 @@ def shuttled(length: float, crab: float, settings: SteeringSettings, times: int 
 def test_ways_too_short_to_turn_by_twice_the_crab_lead_outward(crab: float, radius: float) -> None:
     """With everything known: it is geometry, and `tjscan.runs.crawl.run.short_way` tells of it."""
     settings = SteeringSettings(least_radius=radius)
-    needed = TO_SETTLE / settings.gain + TO_TURN * crab * radius
+    needed = SETTLING_GAINS / settings.gain + TURNING_RADII * crab * radius
     # Where it goes straight along the joint, it stands askew by the crab.
     assert shuttled(needed, crab, settings) < crab / settings.gain * 3
     short = 0.3 * needed

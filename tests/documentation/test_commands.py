@@ -18,9 +18,9 @@ import tjscan as api
 from tjscan.cli import app
 from tjscan.cli.options.overrides import parse_overrides
 from tjscan.job import read_calibration_job, read_laser_job, read_scan_job
-from tjscan.job.crawl_reading import read_crawl_job
-from tjscan.job.tow_reading import read_tow_job
-from tjscan.runs.chain.settings import read_chain
+from tjscan.job.crawl.job import read_crawl_job
+from tjscan.job.tow.checks import read_tow_job
+from tjscan.runs.chain import read_chain
 from tjscan.study.file import read_study_file
 
 RUN: Final = {
@@ -52,7 +52,7 @@ PARSED: Final = {
     r"tjscan calibrate": "takes minutes; tests/calibration/test_calibrate_command.py runs it",
     r"tjscan stitch": "takes minutes; tests/runs/test_stitch_command.py runs it",
     r"tjscan chain": "takes minutes; tests/runs/test_chain.py runs it",
-    r"tjscan laser ": "needs a laser; tests/laser/test_laser_loopback.py has one",
+    r"tjscan laser ": "needs a laser; tests/loopback/laser/test_laser_loopback.py has one",
     r"tjscan (ur|laser|vehicle)-loopback": "serves until it is interrupted",
     r"tjscan view": "serves a page until it is closed",
     r"tjscan study .*--(scheduler|resume)": "wants a cluster, or a study that was interrupted",

@@ -6,11 +6,10 @@ from grooves import MM, Groove, Noise, draw, seen, turned
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.background import find_runs
-from tjscan.groove.find import find_groove
-from tjscan.groove.fitted_profile import OrderedProfilePoints
-from tjscan.groove.rivals import share_in_long_stretches
+from tjscan.groove.read import read_groove
+from tjscan.groove.reflections import find_runs, share_in_long_stretches
 from tjscan.groove.section import GrooveSection
+from tjscan.groove.sides import OrderedProfilePoints
 from tjscan.laser.profile import Profile
 
 NOISE = Noise(0.03 * MM)
@@ -69,7 +68,7 @@ def test_the_part_of_a_root_that_hangs_on_to_a_side_is_its_face(seed: int, end: 
     run = (share > -0.3) & (share < 0.6) if end else (share > 0.4) & (share < 1.3)
     scale = 1 - 2.5 * MM / z[run]
     x[run], z[run] = x[run] * scale, z[run] * scale
-    off, sigma = errors_and_sigmas(find_groove(Profile(x, z)), groove)
+    off, sigma = errors_and_sigmas(read_groove(Profile(x, z)), groove)
     shown = 1 if (p3[0] / p3[1] > p4[0] / p4[1]) == bool(end) else 2
     assert off[shown] < 0.3 * MM
     assert off[sigma < SURE].max() < 1 * MM
@@ -113,7 +112,7 @@ def test_no_corner_is_surely_on_spatter() -> None:
         groove, rng = Groove(), np.random.default_rng(seed)
         profile = with_blobs(draw(groove, NOISE, seed), groove.corners[1:].mean(axis=0), rng)
         try:
-            section = find_groove(profile)
+            section = read_groove(profile)
         except GrooveNotFound:
             continue
         read += 1
@@ -137,7 +136,7 @@ def test_rims_that_curl_about_holes_bend_no_face(seed: int, lift: float) -> None
                 scale = 1 + lift * MM * (1 - k / 5) / z[i]
                 x[i], z[i] = x[i] * scale, z[i] * scale
         x[hole - 7 : hole + 8] = z[hole - 7 : hole + 8] = np.nan
-    off, sigma = errors_and_sigmas(find_groove(Profile(x, z)), groove)
+    off, sigma = errors_and_sigmas(read_groove(Profile(x, z)), groove)
     assert off[sigma < SURE].max() < 1 * MM
     assert (off / sigma).max() < 4
 
@@ -154,7 +153,7 @@ def test_the_form_is_right_as_often_as_it_is_stated_to_be() -> None:
             sides[1] = np.array([p2, p2 + 0.5 * turned(p3 - p2, bend / 2) / np.cos(bend / 2), p3])
         noise = Noise(0.03 * MM, ghosts=0.25 * (seed // 2 % 2))
         try:
-            section = find_groove(seen(sides, noise, seed))
+            section = read_groove(seen(sides, noise, seed))
         except GrooveNotFound:
             continue
         stated.append(section.model_probability)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
-from tjscan.groove.find import find_groove
+from tjscan.groove.read import read_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 
@@ -41,7 +41,7 @@ def moved(profile: Profile, angle: float, shift: Array) -> Profile:
 @pytest.mark.parametrize("root", [0.002, 0.01])
 def test_corners_without_noise_are_exact(curvature: float, roll: float, root: float) -> None:
     groove = Groove(curvature=curvature, roll=roll, root=root)
-    section = find_groove(draw(groove, Noise(sigma=0)))
+    section = read_groove(draw(groove, Noise(sigma=0)))
     assert np.abs(corners(section) - groove.corners).max() < EXACT
     # Ends lie on the wall above p2 and on the leg beyond p4.
     assert section.points_s[0, 0] > section.points_s[1, 0]
@@ -58,14 +58,14 @@ def test_little_of_the_wall_is_enough_with_noise_and_without(
     groove = Groove(curvature=curvature, bevel=0.024, opening=0.9, shift=(high, 0.0))
     sides = groove.outline()
     sides[0] = groove.corners[0] + np.outer((-0.008, 0), groove.directions[0])
-    section = find_groove(seen(sides, Noise(sigma=sigma * MM)))
+    section = read_groove(seen(sides, Noise(sigma=sigma * MM)))
     assert np.abs(corners(section) - groove.corners).max() < 4 * sigma * MM + LONG_ARC
 
 
 @pytest.mark.parametrize("opening", np.radians([45, 60, 75, 90]))
 @pytest.mark.parametrize("ridge", np.radians([20, 40, 60]))
 def test_angles_without_noise_are_exact(opening: float, ridge: float) -> None:
-    section = find_groove(draw(Groove(opening=opening, ridge=ridge), Noise(sigma=0)))
+    section = read_groove(draw(Groove(opening=opening, ridge=ridge), Noise(sigma=0)))
     assert section.groove_angle == pytest.approx(opening, abs=1e-4)
     # The wall stands at the ridge's angle to the bevel.
     assert section.gamma_1 == pytest.approx(np.pi / 2 - ridge, abs=1e-4)
@@ -80,7 +80,7 @@ def test_angles_without_noise_are_exact(opening: float, ridge: float) -> None:
 )
 def test_moving_the_profile_moves_the_corners(angle: float, x: float, z: float, seed: int) -> None:
     profile, shift = draw(GROOVE, NOISE, seed), np.array([x, z])
-    here, there = find_groove(profile), find_groove(moved(profile, angle, shift))
+    here, there = read_groove(profile), read_groove(moved(profile, angle, shift))
     expected = turned(corners(here) - CENTRE, angle) + CENTRE + shift
     assert np.abs(corners(there) - expected).max() < SAME
     assert there.area == pytest.approx(here.area, rel=2e-3)
@@ -91,17 +91,17 @@ def test_moving_the_profile_moves_the_corners(angle: float, x: float, z: float, 
 def test_the_order_of_columns_does_not_matter(seed: int) -> None:
     profile = draw(GROOVE, REFLECTIVE, seed)
     back = Profile(profile.x_s[::-1], profile.z_s[::-1])
-    np.testing.assert_allclose(find_groove(back).points_s, find_groove(profile).points_s, atol=1e-9)
+    np.testing.assert_allclose(read_groove(back).points_s, read_groove(profile).points_s, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_same_profile_gives_the_same_section(seed: int) -> None:
     profile = draw(GROOVE, REFLECTIVE, seed)
-    np.testing.assert_array_equal(find_groove(profile).points_s, find_groove(profile).points_s)
+    np.testing.assert_array_equal(read_groove(profile).points_s, read_groove(profile).points_s)
 
 
 def rms(groove: Groove, noise: Noise, columns: int = 640, runs: int = 40) -> float:
-    found = [corners(find_groove(draw(groove, noise, seed, columns))) for seed in range(runs)]
+    found = [corners(read_groove(draw(groove, noise, seed, columns))) for seed in range(runs)]
     return float(np.sqrt(np.mean((np.array(found) - groove.corners) ** 2)))
 
 
@@ -131,9 +131,9 @@ def test_no_outlier_moves_a_corner_by_much(column: int, run: int, by: float, see
     spoiled = slice(column, column + run)
     scale = 1 + by / 0.24
     x[spoiled], z[spoiled] = x[spoiled] * scale, z[spoiled] * scale
-    clean = find_groove(profile)
+    clean = read_groove(profile)
     sigma = np.sqrt(np.diag(clean.covariance_s)).max()
-    off = corners(find_groove(Profile(x, z))) - corners(clean)
+    off = corners(read_groove(Profile(x, z))) - corners(clean)
     assert np.abs(off).max() < 2 * sigma
 
 
@@ -147,7 +147,7 @@ def test_reflections_leave_corners_where_they_are(seed: int) -> None:
         roll=rng.uniform(-0.1, 0.1),
         curvature=rng.uniform(0, 3.3),
     )
-    section = find_groove(draw(groove, REFLECTIVE, seed))
+    section = read_groove(draw(groove, REFLECTIVE, seed))
     off = np.linalg.norm(corners(section) - groove.corners, axis=1)
     assert off.max() < 0.3 * MM
 
@@ -158,7 +158,7 @@ def test_errors_are_as_large_as_the_section_says(correlation: int, wall: float) 
     groove = Groove(curvature=2.0, wall_curvature=wall)
     normalised = []
     for seed in range(100 * correlation, 100 * correlation + 100):
-        section = find_groove(draw(groove, Noise(0.02 * MM, correlation), seed))
+        section = read_groove(draw(groove, Noise(0.02 * MM, correlation), seed))
         off = corners(section) - groove.corners
         spread = np.linalg.inv(section.corner_covariances_s)
         normalised.append(np.einsum("ki,kij,kj->k", off, spread, off) / 2)
@@ -167,7 +167,7 @@ def test_errors_are_as_large_as_the_section_says(correlation: int, wall: float) 
 
 
 def test_measures_scatter_as_much_as_the_section_says() -> None:
-    sections = [find_groove(draw(GROOVE, NOISE, seed)) for seed in range(60)]
+    sections = [read_groove(draw(GROOVE, NOISE, seed)) for seed in range(60)]
     for name in ("groove_angle", "root_width", "depth", "area"):
         scatter = np.std([getattr(s, name) for s in sections])
         said = np.sqrt(np.mean([getattr(s, f"{name}_sigma") ** 2 for s in sections]))

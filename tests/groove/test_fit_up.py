@@ -5,9 +5,9 @@ import pytest
 from grooves import MM, Groove, Noise, pulled_in, raised_cosine, seen, turned
 
 from tjscan.core.frames import Array
-from tjscan.groove.find import find_groove
+from tjscan.groove.read import read_groove
 from tjscan.groove.root import OPEN_ROOT, SEAM_BESIDE
-from tjscan.groove.section import TACK, GrooveSection
+from tjscan.groove.section import TACK_WELD, GrooveSection
 from tjscan.laser.profile import Profile
 
 NOISE = Noise(sigma=0.03 * MM)
@@ -40,7 +40,7 @@ def test_a_curved_root_bead_leaves_its_corners_where_they_are(height: float, see
     groove = Groove(root=0.007)
     sides = groove.outline()
     sides[2] = bowed(groove.corners[1], groove.corners[2], height * MM)
-    section = find_groove(seen(sides, NOISE, seed))
+    section = read_groove(seen(sides, NOISE, seed))
     assert normalised(section, groove.corners).max() < 8
     off = np.linalg.norm(section.points_s[1:4, [0, 2]] - groove.corners, axis=1)
     assert off.max() < 0.3 * MM
@@ -55,7 +55,7 @@ def test_a_blunt_root_pass_has_both_its_toes(rise: int, seed: int) -> None:
     sides[1] = np.array([groove.corners[0], low])
     sides[2] = bowed(low, out, 0.12 * float(np.linalg.norm(out - low)), power=0.75)
     sides[3] = np.array([out, groove.corners[2] + 0.12 * d[3]])
-    section = find_groove(seen(sides, NOISE, seed))
+    section = read_groove(seen(sides, NOISE, seed))
     off = np.linalg.norm(section.points_s[1:4, [0, 2]] - (groove.corners[0], low, out), axis=1)
     assert off.max() < SURE
 
@@ -68,8 +68,8 @@ def test_a_tack_is_named_and_the_corners_under_it_are_not_known(seed: int) -> No
     sides[1] = np.array([groove.corners[0], low])
     sides[2] = bowed(low, out, 0.25 * float(np.linalg.norm(out - low)))
     sides[3] = np.array([out, groove.corners[2] + 0.12 * d[3]])
-    section = find_groove(seen(sides, NOISE, seed))
-    assert TACK in section.conditions
+    section = read_groove(seen(sides, NOISE, seed))
+    assert TACK_WELD in section.conditions
     assert section.absent == ("p3", "p4")
     assert np.sqrt(np.trace(section.corner_covariances_s[1])) > SURE
     assert normalised(section, groove.corners)[0] < 8
@@ -87,7 +87,7 @@ def test_an_open_root_is_named_and_measured(seed: int) -> None:
         np.array([p3, p3 - 0.02 * d[3]]),
         np.array([foot - 0.03 * d[3], foot + 0.12 * d[3]]),
     ]
-    section = find_groove(seen(sides, NOISE, seed))
+    section = read_groove(seen(sides, NOISE, seed))
     assert OPEN_ROOT in section.conditions
     assert section.absent == ("p4",)
     assert section.root_opening == pytest.approx(opening, abs=0.3 * MM)
@@ -100,7 +100,7 @@ def test_a_bevel_in_two_facets_has_the_corners_of_both(bend: float) -> None:
     sides, (p2, p3, _) = groove.outline(), groove.corners
     knee = p2 + 0.5 * turned(p3 - p2, bend / 2) / np.cos(bend / 2)
     sides[1] = np.array([p2, knee, p3])
-    sections = [find_groove(seen(sides, NOISE, seed)) for seed in range(6)]
+    sections = [read_groove(seen(sides, NOISE, seed)) for seed in range(6)]
     # One that takes the knee for an end states how far it may be off.
     assert max(normalised(section, groove.corners).max() for section in sections) < 8
     assert sum(section.model == "tee with two facets" for section in sections) >= 5
@@ -112,7 +112,7 @@ def test_a_seam_weld_beside_the_groove_is_named(seed: int) -> None:
     sides, d, p4 = groove.outline(), groove.directions, groove.corners[2]
     begin, end = p4 + 0.012 * d[3], p4 + 0.025 * d[3]
     sides.append(bowed(begin, end, 2 * MM))
-    section = find_groove(seen(sides, NOISE, seed))
+    section = read_groove(seen(sides, NOISE, seed))
     assert SEAM_BESIDE in section.conditions
     assert normalised(section, groove.corners).max() < 8
 
@@ -127,7 +127,7 @@ def test_ghosts_before_the_surface_move_no_corner_that_is_stated_to_be_known(see
         run = slice(first, first + int(rng.integers(8, 25)))
         scale = 1 - rng.uniform(2, 8) * MM / z[run]
         x[run], z[run] = x[run] * scale, z[run] * scale
-    section = find_groove(Profile(x, z))
+    section = read_groove(Profile(x, z))
     off = np.linalg.norm(section.points_s[1:4, [0, 2]] - groove.corners, axis=1)
     known = np.sqrt(np.trace(section.corner_covariances_s, axis1=1, axis2=2)) < SURE
     assert known[0]
@@ -148,7 +148,7 @@ def test_a_bevel_half_of_which_is_a_reflection_is_not_surely_elsewhere(
     run = (tangents > ends[0]) & (tangents < at)
     scale = 1 + by * MM / z[run]
     x[run], z[run] = x[run] * scale, z[run] * scale
-    section = find_groove(Profile(x, z))
+    section = read_groove(Profile(x, z))
     off = np.linalg.norm(section.points_s[1:4, [0, 2]] - groove.corners, axis=1)
     known = np.sqrt(np.trace(section.corner_covariances_s, axis1=1, axis2=2)) < SURE
     assert off[known].max(initial=0.0) < 1 * MM
@@ -159,7 +159,7 @@ def test_a_bevel_half_of_which_is_a_reflection_is_not_surely_elsewhere(
 def test_a_notch_that_light_pulls_in_is_stated_to_be_unknown(pull: float, seed: int) -> None:
     groove = Groove(root=0.006)
     profile = seen(groove.outline(), NOISE, seed)
-    section = find_groove(pulled_in(profile, groove, pull * MM, raised_cosine))
+    section = read_groove(pulled_in(profile, groove, pull * MM, raised_cosine))
     assert normalised(section, groove.corners).max() < 8
 
 
@@ -178,6 +178,6 @@ def test_the_leg_under_an_open_root_is_not_taken_for_the_end_of_the_bevel(
         np.array([p3, p3 - 2 * MM * d[3], p3 - 2 * MM * d[3] + 0.02 * np.array([1.0, -0.5])]),
         np.array([foot - 0.03 * d[3], foot + 0.12 * d[3]]),
     ]
-    section = find_groove(seen(sides, NOISE, seed))
+    section = read_groove(seen(sides, NOISE, seed))
     assert OPEN_ROOT in section.conditions
     assert np.linalg.norm(section.points_s[2, [0, 2]] - p3) < 1 * MM

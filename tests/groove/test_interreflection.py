@@ -7,10 +7,11 @@ import pytest
 from grooves import MM, Groove, Noise, pulled_in, raised_cosine, seen
 
 from tjscan.core.frames import Array
-from tjscan.groove.fit import find_best_candidate
-from tjscan.groove.fitted_profile import FittedProfile
 from tjscan.groove.interreflection import NotchPull, find_pull
-from tjscan.groove.settings import DEFAULT
+from tjscan.groove.read import order_points
+from tjscan.groove.search import find_best_fit
+from tjscan.groove.settings import DEFAULT_SETTINGS
+from tjscan.groove.sides import FittedProfile
 from tjscan.laser.profile import Profile
 
 NOISE = Noise(sigma=0.03 * MM)
@@ -26,7 +27,8 @@ def cone(away: Array) -> Array:
 
 
 def pull_of(profile: Profile) -> tuple[NotchPull, FittedProfile]:
-    row, found = find_best_candidate(profile, DEFAULT)
+    row = order_points(profile, DEFAULT_SETTINGS)
+    found = find_best_fit(row, DEFAULT_SETTINGS)
     return find_pull(row, found.fitted, len(found.model.sides) - 2), found.fitted
 
 

@@ -8,8 +8,9 @@ from grooves import MM, Noise, seen, turned
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.find import GrooveSettings, fit_groove_to_profile
-from tjscan.groove.models import BUTT_V, BUTT_V_SHARP, TEE, GrooveModel
+from tjscan.groove.models import BUTT_V, BUTT_V_SHARP, TEE_GROOVE, GrooveModel
+from tjscan.groove.read import fit_groove
+from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
 
 NOISE = Noise(sigma=0.03 * MM)
@@ -37,7 +38,7 @@ def corners(sides: list[Array]) -> Array:
 @pytest.mark.parametrize("seed", range(8))
 def test_a_butt_joint_shows_its_four_corners(noise: Noise, seed: int) -> None:
     sides = plates(root=0.005)
-    _, fitted = fit_groove_to_profile(seen(sides, noise, seed), GrooveSettings(model=BUTT_V))
+    fitted = fit_groove(seen(sides, noise, seed), GrooveSettings(model=BUTT_V)).fitted
     off = np.linalg.norm(fitted.corners - corners(sides), axis=1)
     assert off.max() < CLOSE
 
@@ -45,7 +46,7 @@ def test_a_butt_joint_shows_its_four_corners(noise: Noise, seed: int) -> None:
 @pytest.mark.parametrize("seed", range(8))
 def test_a_sharp_butt_joint_shows_its_three_corners(seed: int) -> None:
     sides = plates(root=0.0)
-    _, fitted = fit_groove_to_profile(seen(sides, NOISE, seed), GrooveSettings(model=BUTT_V_SHARP))
+    fitted = fit_groove(seen(sides, NOISE, seed), GrooveSettings(model=BUTT_V_SHARP)).fitted
     off = np.linalg.norm(fitted.corners - corners(sides), axis=1)
     assert off.max() < CLOSE
 
@@ -59,7 +60,7 @@ def test_bevels_that_bow_meet_the_plates_where_they_are_seen_to(bow: float, seed
         along = end - start
         square = np.array((along[1], -along[0])) / np.linalg.norm(along)
         sides[k] = start + share * along + 4 * bow * share * (1 - share) * square
-    _, fitted = fit_groove_to_profile(seen(sides, NOISE, seed), GrooveSettings(model=BUTT_V))
+    fitted = fit_groove(seen(sides, NOISE, seed), GrooveSettings(model=BUTT_V)).fitted
     tops = np.linalg.norm(fitted.corners - corners(sides), axis=1)[[0, -1]]
     assert tops.max() < CLOSE
 
@@ -69,8 +70,8 @@ def test_a_mirrored_groove_gives_mirrored_corners(seed: int) -> None:
     profile = seen(plates(root=0.005), REFLECTIVE, seed)
     mirrored = Profile(-profile.x_s, profile.z_s)
     settings = GrooveSettings(model=BUTT_V)
-    _, here = fit_groove_to_profile(profile, settings)
-    _, there = fit_groove_to_profile(mirrored, settings)
+    here = fit_groove(profile, settings).fitted
+    there = fit_groove(mirrored, settings).fitted
     np.testing.assert_allclose(there.corners[::-1] * (-1, 1), here.corners, atol=0.02 * MM)
 
 
@@ -78,11 +79,11 @@ def test_a_mirrored_groove_gives_mirrored_corners(seed: int) -> None:
 def test_a_template_that_does_not_fit_is_refused(model: GrooveModel) -> None:
     flat = [np.array([[0.08, 0.24], [-0.08, 0.24]])]
     with pytest.raises(GrooveNotFound):
-        fit_groove_to_profile(seen(flat, NOISE), GrooveSettings(model=model))
+        fit_groove(seen(flat, NOISE), GrooveSettings(model=model))
 
 
 def test_a_model_has_a_turn_between_each_two_sides() -> None:
     with pytest.raises(ValueError, match="a turn between each two"):
-        replace(TEE, turns=TEE.turns[:-1])
+        replace(TEE_GROOVE, turns=TEE_GROOVE.turns[:-1])
     with pytest.raises(ValueError, match="three sides"):
-        replace(TEE, sides=TEE.sides[:2], turns=TEE.turns[:1])
+        replace(TEE_GROOVE, sides=TEE_GROOVE.sides[:2], turns=TEE_GROOVE.turns[:1])

@@ -7,9 +7,15 @@ import pytest
 from grooves import MM, Groove, Noise, cast, draw, pulled_in, raised_cosine
 
 from tjscan.core.frames import Array
-from tjscan.groove.find import find_groove
-from tjscan.groove.fitted_profile import NormalEquations
-from tjscan.groove.prior import PULLS, THICKNESSES, GroovePrior, SectionEvidence, posterior
+from tjscan.groove.prior import (
+    NOTCH_PULLS,
+    SCALE_THICKNESSES,
+    GroovePrior,
+    SectionEvidence,
+    posterior,
+)
+from tjscan.groove.read import read_groove
+from tjscan.groove.refinement import solve_with_prior
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 
@@ -62,15 +68,15 @@ def chain(profiles: list[Profile]) -> list[GrooveSection]:
     found: list[GrooveSection] = []
     for profile in profiles:
         before = [(evidence(one), STEP * (len(found) - i)) for i, one in enumerate(found)]
-        found.append(find_groove(profile, prior=GroovePrior.from_sections(before)))
+        found.append(read_groove(profile, prior=GroovePrior.from_sections(before)))
     return found
 
 
 def test_a_prior_that_knows_nothing_changes_nothing() -> None:
     for groove in (GROOVE, Groove(roll=0.2), Groove(curvature=3.3, root=0.01)):
         profile = draw(groove, Noise(sigma=0))
-        known = find_groove(profile, prior=GroovePrior())
-        assert np.abs(corners(known) - corners(find_groove(profile))).max() < MICRON
+        known = read_groove(profile, prior=GroovePrior())
+        assert np.abs(corners(known) - corners(read_groove(profile))).max() < MICRON
     assert GroovePrior.from_sections([]).bend_sigmas.tolist() == [np.inf, np.inf]
 
 
@@ -78,8 +84,8 @@ def test_a_prior_and_a_fit_make_the_product_of_two_normal_distributions() -> Non
     rng = np.random.default_rng(3)
     basis = rng.standard_normal((4, 30))
     y, mean, sigmas = rng.standard_normal(30), rng.standard_normal(4), rng.uniform(0.1, 2, 4)
-    equations = NormalEquations((basis @ basis.T)[None], (basis @ y)[None])
-    found, inverse = equations.solve_with_prior(1 / sigmas[None] ** 2, mean[None])
+    equations = ((basis @ basis.T)[None], (basis @ y)[None])
+    found, inverse = solve_with_prior(equations, 1 / sigmas[None] ** 2, mean[None])
     P, C = np.linalg.inv(basis @ basis.T), np.diag(sigmas**2)
     gain = P @ np.linalg.inv(P + C)
     alone = P @ basis @ y
@@ -89,7 +95,7 @@ def test_a_prior_and_a_fit_make_the_product_of_two_normal_distributions() -> Non
 
 def test_likelihoods_on_a_grid_make_that_product_too() -> None:
     (m, s), (x, t) = (0.25 * MM, 0.05 * MM), (0.20 * MM, 0.04 * MM)
-    values = PULLS[:21]
+    values = NOTCH_PULLS[:21]
     p = posterior(about(values, m, s), about(values, x, t))
     variance = 1 / (1 / s**2 + 1 / t**2)
     assert p @ values == pytest.approx(variance * (m / s**2 + x / t**2), rel=1e-3)
@@ -101,7 +107,7 @@ def test_a_section_says_what_its_profile_does_whatever_it_was_told(seed: int) ->
     profile = draw(GROOVE, NOISE, seed)
     told = replace(GroovePrior(), bends=np.array([0.0, BEND]), bend_sigmas=np.full(2, 0.2))
     alone, with_it = (
-        evidence(find_groove(profile, prior=prior)) for prior in (GroovePrior(), told)
+        evidence(read_groove(profile, prior=prior)) for prior in (GroovePrior(), told)
     )
     # Its bend is nearly the same, as is its uncertainty: what it was told does not count again.
     np.testing.assert_allclose(with_it.bends, alone.bends, atol=alone.bend_sigmas.max())
@@ -112,12 +118,12 @@ def test_a_section_says_what_its_profile_does_whatever_it_was_told(seed: int) ->
 WRONG = {
     "bends": replace(GroovePrior(), bends=np.array([1.5, -2.0]), bend_sigmas=np.full(2, 0.2)),
     "pull": GroovePrior.from_sections(
-        [(SectionEvidence(np.zeros(2), np.full(2, np.inf), 50 * about(PULLS, 0.5 * MM, 0.1 * MM),
-          np.zeros(len(THICKNESSES))), STEP)]
+        [(SectionEvidence(np.zeros(2), np.full(2, np.inf),
+          50 * about(NOTCH_PULLS, 0.5 * MM, 0.1 * MM), np.zeros(len(SCALE_THICKNESSES))), STEP)]
     ),
     "thickness": GroovePrior.from_sections(
-        [(SectionEvidence(np.zeros(2), np.full(2, np.inf), np.zeros(len(PULLS)),
-          50 * about(THICKNESSES, 0.4 * MM, 0.05 * MM)), STEP)]
+        [(SectionEvidence(np.zeros(2), np.full(2, np.inf), np.zeros(len(NOTCH_PULLS)),
+          50 * about(SCALE_THICKNESSES, 0.4 * MM, 0.05 * MM)), STEP)]
     ),
 }  # fmt: skip
 
@@ -125,7 +131,7 @@ WRONG = {
 @pytest.mark.parametrize("what", WRONG)
 @pytest.mark.parametrize("seed", range(3))
 def test_a_wrong_prior_makes_no_reading_wrong_and_sure(what: str, seed: int) -> None:
-    section = find_groove(draw(GROOVE, NOISE, seed), prior=WRONG[what])
+    section = read_groove(draw(GROOVE, NOISE, seed), prior=WRONG[what])
     assert normalised_squares(section).max() < 8
     off = np.linalg.norm(corners(section) - GROOVE.corners, axis=1)
     assert off.max() < 0.6 * MM
@@ -136,7 +142,7 @@ def test_a_pull_is_told_from_section_to_section() -> None:
         pulled_in(draw(GROOVE, NOISE, seed), GROOVE, 0.2 * MM, raised_cosine) for seed in range(8)
     ]
     found = chain(profiles)
-    alone = [find_groove(profile) for profile in profiles]
+    alone = [read_groove(profile) for profile in profiles]
     errors, before = (
         np.linalg.norm([corners(one) - GROOVE.corners for one in some], axis=2)[3:, 1:]
         for some in (found, alone)
@@ -147,19 +153,21 @@ def test_a_pull_is_told_from_section_to_section() -> None:
 
 def test_scale_is_told_from_section_to_section() -> None:
     profiles = [with_scale(draw(GROOVE, NOISE, seed), 0.3 * MM, seed) for seed in range(8)]
-    found, alone = chain(profiles), [find_groove(profile) for profile in profiles]
+    found, alone = chain(profiles), [read_groove(profile) for profile in profiles]
     errors, before = (
         np.linalg.norm([corners(one) - GROOVE.corners for one in some], axis=2)[1:, [0, 2]]
         for some in (found, alone)
     )
     assert np.sqrt(np.mean(errors**2)) < 0.6 * np.sqrt(np.mean(before**2))
     last = GroovePrior.from_sections([(evidence(one), STEP) for one in found])
-    assert THICKNESSES[last.log_thicknesses.argmax()] == pytest.approx(0.3 * MM, abs=0.05 * MM)
+    assert SCALE_THICKNESSES[last.log_thicknesses.argmax()] == pytest.approx(
+        0.3 * MM, abs=0.05 * MM
+    )
 
 
 def test_sound_sections_are_read_no_worse_one_after_the_other_and_stay_honest() -> None:
     profiles = [draw(GROOVE, NOISE, seed) for seed in range(12)]
-    found, alone = chain(profiles), [find_groove(profile) for profile in profiles]
+    found, alone = chain(profiles), [read_groove(profile) for profile in profiles]
     errors, before = (
         np.sqrt(np.mean([(corners(one) - GROOVE.corners) ** 2 for one in some]))
         for some in (found, alone)
@@ -170,12 +178,15 @@ def test_sound_sections_are_read_no_worse_one_after_the_other_and_stay_honest() 
 
 def test_what_lies_far_back_counts_less_and_the_same_patches_count_once() -> None:
     likely = SectionEvidence(
-        np.zeros(2), np.ones(2), about(PULLS, 0.2 * MM, 0.1 * MM), np.zeros(len(THICKNESSES))
+        np.zeros(2),
+        np.ones(2),
+        about(NOTCH_PULLS, 0.2 * MM, 0.1 * MM),
+        np.zeros(len(SCALE_THICKNESSES)),
     )
 
     def sure(*aways: float) -> float:
         prior = GroovePrior.from_sections([(likely, away) for away in aways])
-        return float(np.exp(prior.log_pulls)[PULLS.searchsorted(0.19 * MM)])
+        return float(np.exp(prior.log_pulls)[NOTCH_PULLS.searchsorted(0.19 * MM)])
 
     assert sure(2.0) < sure(0.5) < sure(0.04)
     assert sure(0.040, 0.040) == pytest.approx(sure(0.040))

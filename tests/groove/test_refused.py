@@ -9,8 +9,9 @@ from grooves import MM, Groove, Noise, draw, seen
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.find import GrooveSettings, find_groove
 from tjscan.groove.models import BUTT_V
+from tjscan.groove.read import read_groove
+from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
 
 REASONS = {"too few points", "no bevel", "ambiguous", "out of range"}
@@ -19,7 +20,7 @@ NOISE = Noise(sigma=0.03 * MM)
 
 def refusal(profile: Profile, settings: GrooveSettings | None = None) -> GrooveNotFound:
     with pytest.raises(GrooveNotFound) as caught:
-        find_groove(profile, settings or GrooveSettings())
+        read_groove(profile, settings or GrooveSettings())
     assert caught.value.reason in REASONS
     return caught.value
 
@@ -43,10 +44,10 @@ def test_zeros_that_stand_for_no_point_are_none() -> None:
     hidden = np.arange(640) % 5 == 0
     x, z = profile.x_s.copy(), profile.z_s.copy()
     x[hidden] = z[hidden] = np.nan
-    there = find_groove(Profile(x, z))
+    there = read_groove(Profile(x, z))
     for x_0, z_0 in ((0.0, 0.0), (0.01, 0.0), (0.01, -0.1)):
         x[hidden], z[hidden] = x_0, z_0
-        np.testing.assert_array_equal(find_groove(Profile(x, z)).points_s, there.points_s)
+        np.testing.assert_array_equal(read_groove(Profile(x, z)).points_s, there.points_s)
     assert refusal(Profile(profile.x_s, np.zeros(640))).reason == "too few points"
 
 
@@ -110,7 +111,7 @@ def test_what_lies_at_a_root_that_is_not_seen_is_not_invented(seed: int) -> None
     groove = Groove()
     sides = groove.outline()
     del sides[2]
-    section = find_groove(seen(sides, NOISE, seed))
+    section = read_groove(seen(sides, NOISE, seed))
     assert section.absent == ("p3", "p4")
     off = section.points_s[1:4, [0, 2]] - groove.corners
     assert np.linalg.norm(off[0]) < 0.2 * MM
@@ -133,7 +134,7 @@ def test_too_uncertain_a_corner_is_refused() -> None:
 
 def test_a_model_without_five_points_is_wrong_use() -> None:
     with pytest.raises(ValueError, match="butt-v"):
-        find_groove(draw(Groove(), NOISE), GrooveSettings(model=BUTT_V))
+        read_groove(draw(Groove(), NOISE), GrooveSettings(model=BUTT_V))
 
 
 @pytest.mark.parametrize("name", ["noise", "largest_sigma", "largest_rms"])

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, rot_y
-from tjscan.groove.measures import GrooveMeasures, measure_groove
-from tjscan.groove.section import section_from_points
+from tjscan.groove.section import GrooveMeasures, measure_groove, section_from_points
 
 ROUNDING = 1e-12
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tjscan.core.frames import Array, inverse_pose, pose, rot_x, transform_points, unit_vector
-from tjscan.groove.find import find_groove
+from tjscan.groove.read import read_groove
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.joint.file import read_joint
@@ -79,7 +79,7 @@ def test_without_faults_the_edges_are_found(
     joint: JointDefinition, edges: FeatureEdges, surface: RaycastSurface, phi: float
 ) -> None:
     T_j_s = before(joint, edges, phi)
-    section = find_groove(profile(surface, T_j_s, LaserModel.without_faults(), 0))
+    section = read_groove(profile(surface, T_j_s, LaserModel.without_faults(), 0))
     off = section.points_s[1:4, [0, 2]] - corners(edges, T_j_s, phi)
     assert np.abs(off).max() < 2 * MESH
 
@@ -92,7 +92,7 @@ def test_with_default_faults_they_are_found_nearly(
         T_j_s = before(joint, edges, phi)
         truth = corners(edges, T_j_s, phi)
         for seed in range(4):
-            section = find_groove(profile(surface, T_j_s, model, 10 * k + seed))
+            section = read_groove(profile(surface, T_j_s, model, 10 * k + seed))
             off.append(np.linalg.norm(section.points_s[1:4, [0, 2]] - truth, axis=1))
     assert np.percentile(off, 95) < NOISY
     assert np.max(off) < 4 * NOISY
@@ -103,7 +103,7 @@ def test_x_of_g_runs_counterclockwise_round_the_brace(
     joint: JointDefinition, edges: FeatureEdges, surface: RaycastSurface, phi: float
 ) -> None:
     T_j_s = before(joint, edges, phi)
-    section = find_groove(profile(surface, T_j_s, LaserModel.without_faults(), 0))
+    section = read_groove(profile(surface, T_j_s, LaserModel.without_faults(), 0))
     T_j_g = T_j_s @ section.T_s_g
     around = np.array([-np.sin(phi), np.cos(phi), 0.0])
     assert T_j_g[:3, 0] @ around > np.cos(np.radians(25))

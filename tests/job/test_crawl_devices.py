@@ -8,9 +8,8 @@ import pytest
 from tjscan.core.devices import DriverFactory, NoSettings
 from tjscan.core.errors import ConfigurationError
 from tjscan.crawler.torch_axes import FixedTorch
-from tjscan.job.crawl_cell import make_crawl_cell
-from tjscan.job.crawl_job import CrawlJob
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.cell import make_crawl_cell
+from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.drivers import LASER_DRIVERS, LaserDriverInputs
 from tjscan.laser.replay import ReplayedLaser
 

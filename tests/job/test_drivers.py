@@ -20,10 +20,10 @@ from tjscan.core.config import table_to_dict
 from tjscan.core.errors import ConfigurationError
 from tjscan.job import read_calibration_job, read_scan_job
 from tjscan.laser.drivers import LASER_DRIVERS
-from tjscan.robot.drivers import ARMS
-from tjscan.robot.loopback.process import LoopbackProcess
+from tjscan.robot.drivers import ARM_DRIVERS
 from tjscan.runs.calibration.run import make_calibration_cell
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
+from tjscan_loopback.process import UrLoopbackProcess
 
 ACME = """
 from dataclasses import dataclass
@@ -78,7 +78,7 @@ def test_a_real_arm_scans_with_a_replayed_laser_and_nothing_simulated(tmp_path: 
     sections, run, again = ("--scan.sections", "4"), tmp_path / "run", tmp_path / "again"
     assert tjscan("scan", PAPER, *sections, "--out", run) == 0
     file = bare(tmp_path, UR | REPLAY)
-    with LoopbackProcess(address(), "--fast") as loopback:
+    with UrLoopbackProcess(address(), "--fast") as loopback:
         options = ("--arm.ur.host", loopback.host, "--laser.recording", run, "--out", again)
         assert tjscan("scan", file, *sections, *options) == 0
         assert any(line.startswith("move") for line in loopback.unread_output())
@@ -193,14 +193,14 @@ class TestDriverOfAnotherPackage:
 
 
 def test_a_missing_client_library_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tjscan.robot.ur.driver.CLIENT", "no_such_client")
+    monkeypatch.setitem(vars(ARM_DRIVERS), "clients", {"ur": "no_such_client"})
     with pytest.raises(ConfigurationError, match=r"pip install 'tjscan\[ur\]'") as caught:
         RunContext(read_scan_job(PAPER, UR), PAPER).make_cell()
     assert caught.value.key == "arm.driver"
 
 
 def test_every_registered_driver_loads() -> None:
-    for registry in (ARMS, LASER_DRIVERS):
+    for registry in (ARM_DRIVERS, LASER_DRIVERS):
         for name in registry.names:
             assert registry.load(name).kind
 

@@ -7,7 +7,7 @@ import pytest
 
 from tjscan.cli.options.overrides import parse_overrides
 from tjscan.core.errors import ConfigurationError
-from tjscan.groove.settings import DEFAULT
+from tjscan.groove.settings import DEFAULT_SETTINGS
 from tjscan.job import ScanJob, read_scan_job
 
 JOB = """
@@ -165,6 +165,6 @@ def test_devices_are_called_by_their_ids_or_by_what_they_are(tmp_path: Path) -> 
 
 
 def test_a_groove_is_read_as_its_table_says_and_as_always_without_one(tmp_path: Path) -> None:
-    assert read_scan_job(write(tmp_path, JOB)).groove == DEFAULT
+    assert read_scan_job(write(tmp_path, JOB)).groove == DEFAULT_SETTINGS
     settings = read_scan_job(write(tmp_path, JOB), {"groove.largest_sigma_mm": 0.2}).groove
     assert settings.largest_sigma == pytest.approx(2e-4)

@@ -4,8 +4,8 @@ import pytest
 
 from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.tow_checks import check_tow_job
-from tjscan.job.tow_job import TowJob
+from tjscan.job.tow.checks import check_tow_job
+from tjscan.job.tow.job import TowJob
 
 SQUARE = {"outline_mm": [[0, -5000], [2600, -5000], [2600, 5000], [0, 5000]]}
 SEAM = {"points_mm": [[2600, -4800], [2600, 4800]], "speed_mm_min": 600}
@@ -80,7 +80,7 @@ def test_the_piece_behind_the_welder_may_be_shorter_than_the_others() -> None:
             "simulation.towing_vehicle.force_n",
             "vehicles.force_n",
         ),
-        ({"limits": {"cable_gap_mm": 9000}}, "limits.cable_gap_mm", "say less than 3820"),
+        ({"limits": {"cable_gap_mm": 9000}}, "limits.cable_gap_mm", "take less than 3820"),
         ({"weights": {"bending": 0}}, "weights.bending", "greater than 0"),
         ({"targets": {"distance_mm": -1}}, "targets.distance_mm", "greater than 0"),
         ({"cable": {"lenght_mm": 6000}}, "cable.lenght_mm", "length_mm"),

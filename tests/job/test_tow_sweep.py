@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.tow_cell import make_planner
-from tjscan.job.tow_reading import read_tow_job
-from tjscan.job.tow_sweep import sweep_seam
+from tjscan.job.tow.cell import make_planner
+from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.sweep import sweep_seam
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "tow-simulation.toml"
 

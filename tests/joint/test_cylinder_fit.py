@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
-from tjscan.joint.tubes.cylinder import Cylinder
-from tjscan.joint.tubes.cylinder_fit import refine_cylinder
+from tjscan.joint.tubes.cylinder import Cylinder, refine_cylinder
 
 TUBE = Cylinder(np.array((0.1, -0.2, 0.3)), np.array((0.3, 0.2, 0.9)), 0.3)
 NOISE = 30e-6

@@ -7,8 +7,8 @@ import pytest
 
 from tjscan.core.config import read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
+from tjscan.joint.definition import FitUpTolerance
 from tjscan.joint.file import JointFile, read_joint
-from tjscan.joint.tolerance import FitUpTolerance
 
 CAD = Path(__file__).parents[2] / "cad"
 PAPER = CAD / "tjoint-600x457.toml"

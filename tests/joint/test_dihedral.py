@@ -8,8 +8,7 @@ import pytest
 from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import cylindrical_to_j
 from tjscan.joint.tubes.cylinder import Cylinder
-from tjscan.joint.tubes.dihedral import dihedral_angles, dihedral_sigmas
-from tjscan.joint.tubes.fit import FittedTubes
+from tjscan.joint.tubes.fit import FittedTubes, dihedral_angles, dihedral_sigmas
 
 CAD = Path(__file__).parent.parent.parent / "cad"
 

@@ -11,8 +11,15 @@ from hypothesis import strategies as st
 
 from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.errors import ConfigurationError
-from tjscan.joint.hull import HullJoint, HullTack, WeldBead, read_hull_joint
-from tjscan.joint.hull_path import joint_pose, laser_offset, place_beside_joint
+from tjscan.joint.hull import (
+    HullJoint,
+    HullTack,
+    WeldBead,
+    joint_pose,
+    laser_offset,
+    place_beside_joint,
+    read_hull_joint,
+)
 from tjscan.joint.hull_section import BEAD_NODES, area_left_to_fill, hull_section, top_edges
 
 NM2 = 1e-9 * 30e-3

@@ -21,7 +21,7 @@ from tjscan.core.frames import Array
 from tjscan.joint.bevel import groove_sections
 from tjscan.joint.checks import check_buildable
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.edges import feature_edges
+from tjscan.joint.edges import feature_edges, tack_spans, within_spans
 from tjscan.joint.file import JointFile, read_joint
 from tjscan.joint.geometry import LegSurface, cylindrical_to_j
 from tjscan.joint.imperfections import (
@@ -38,7 +38,6 @@ from tjscan.joint.imperfections import (
 )
 from tjscan.joint.mesh import TriangleMesh, build_joint_mesh
 from tjscan.joint.oval import Ellipse, OvalLegSurface, semi_axes_same_circumference
-from tjscan.joint.tacks import tack_spans, within_spans
 from tjscan.laser.optics import RaycastSurface
 
 CAD = Path(__file__).parents[2] / "cad"

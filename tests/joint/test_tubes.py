@@ -14,18 +14,22 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tjscan.core.errors import TubesNotFound
-from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between, transform_points
+from tjscan.core.frames import (
+    Array,
+    JointOrBaseFrame,
+    inverse_pose,
+    pose,
+    rotation_angle_between,
+    transform_points,
+)
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import cylindrical_to_j
 from tjscan.joint.mesh import build_joint_mesh
-from tjscan.joint.tubes.cylinder import Cylinder
-from tjscan.joint.tubes.cylinder_fit import cylinder_from_normals
+from tjscan.joint.tubes.cylinder import Cylinder, cylinder_from_normals
 from tjscan.joint.tubes.find import find_tubes_in_cloud
-from tjscan.joint.tubes.fit import fit_tubes_to_walls
+from tjscan.joint.tubes.fit import ArmRepeatability, WallPoints, fit_tubes_to_walls
 from tjscan.joint.tubes.frame import joint_frame_from_tubes, joint_pose_from_cylinders
-from tjscan.joint.tubes.walls import ArmRepeatability, WallPoints
-from tjscan.result.frame import JointOrBaseFrame
 from tjscan.runs.scan.results import all_profile_points
 
 CAD = Path(__file__).parent.parent.parent / "cad"

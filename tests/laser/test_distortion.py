@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tjscan.laser.distortion import Distortion
+from tjscan.laser.deviation import Distortion
 from tjscan.laser.model import LaserModel
 
 MODEL = LaserModel(linearity=1e-4)

@@ -30,11 +30,11 @@ from tjscan.core.errors import (
     WrongLaser,
 )
 from tjscan.job import read_scan_job
+from tjscan.laser.genicam.driver import ScanControlSettings
 from tjscan.laser.genicam.gige import TAKEN_AGAIN
 from tjscan.laser.genicam.scancontrol_laser import ScanControlLaser
-from tjscan.laser.genicam.settings import ScanControlSettings
-from tjscan.laser.loopback.process import LaserLoopbackProcess
-from tjscan.laser.scan3d import FORMATS
+from tjscan.laser.scan3d import COORDINATE_FORMATS
+from tjscan_loopback.process import LaserLoopbackProcess
 
 pytest.importorskip("viva_genicam")
 require_broadcasts()
@@ -105,13 +105,13 @@ def test_each_acquisition_begins_with_the_same_profiles(loopback: LaserLoopbackP
     assert not np.array_equal(taken[0][0].z_s, taken[0][1].z_s, equal_nan=True)
 
 
-@pytest.mark.parametrize("name", sorted(set(FORMATS) - {"Mono16"}))
+@pytest.mark.parametrize("name", sorted(set(COORDINATE_FORMATS) - {"Mono16"}))
 def test_any_format_gives_the_same_surface(loopback: LaserLoopbackProcess, name: str) -> None:
     with laser_at(loopback.host) as laser:
         true = laser.capture()
     with laser_at(loopback.host, pixel_format=name) as laser:
         profile = laser.capture()
-    if FORMATS[name].has_x:
+    if COORDINATE_FORMATS[name].has_x:
         np.testing.assert_allclose(profile.x_s, true.x_s, atol=HALF_COUNT)
         np.testing.assert_allclose(profile.z_s, true.z_s, atol=HALF_COUNT)
     else:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tjscan.core.errors import LaserFault, ProfileFormatRefused
 from tjscan.laser.profile import Profile
-from tjscan.laser.scan3d import FORMATS, AxisScale, Scan3dScales, points
+from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, points
 
 STEP = 5e-6
 SCALES = Scan3dScales(AxisScale(STEP, -0.16384), AxisScale(STEP), invalid=0)
@@ -51,7 +51,7 @@ def test_points_beyond_the_limits_of_the_axes_are_missing() -> None:
 
 @pytest.mark.parametrize("name", ["Coord3D_C16", "Coord3D_C32f", "Mono16"])
 def test_where_points_state_no_x_it_follows_from_the_column(name: str) -> None:
-    raw = np.array([10, 20, 30], dtype=FORMATS[name].dtype)
+    raw = np.array([10, 20, 30], dtype=COORDINATE_FORMATS[name].dtype)
     scales = Scan3dScales(AxisScale(2e-3, -2e-3), AxisScale(1e-3))
     profile = points(raw.tobytes(), name, scales)
     np.testing.assert_allclose(profile.x_s, [-2e-3, 0.0, 2e-3])
@@ -95,7 +95,7 @@ def test_what_is_no_row_of_points_is_refused(raw: bytes, name: str) -> None:
 
 @given(
     st.binary(max_size=200),
-    st.one_of(st.sampled_from(sorted(FORMATS)), st.text(max_size=12)),
+    st.one_of(st.sampled_from(sorted(COORDINATE_FORMATS)), st.text(max_size=12)),
     st.tuples(*[st.floats()] * 4),
     st.one_of(st.none(), st.floats()),
 )

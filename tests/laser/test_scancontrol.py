@@ -14,14 +14,14 @@ from tjscan.core.errors import LaserFault, ProfileFormatRefused
 from tjscan.laser.profile import Profile
 from tjscan.laser.scancontrol import (
     FIELD_WORDS,
-    POINTS,
-    SCALES,
+    MODEL_SCALES,
+    POINT_COUNTS,
     ScanControlLayout,
     parse_scancontrol,
     parse_time_stamp,
 )
 
-SCALE = SCALES["2600-100"]
+SCALE = MODEL_SCALES["2600-100"]
 OFFSET_SECONDS = 1 / (8000 * 3072)
 
 
@@ -69,7 +69,7 @@ def assert_is(profile: Profile, pairs: list[tuple[int, int]]) -> None:
             assert 1e3 * profile.z_s[i] == pytest.approx((z - 32768) * 0.005 + 250, abs=1e-9)
 
 
-@pytest.mark.parametrize("points", POINTS)
+@pytest.mark.parametrize("points", POINT_COUNTS)
 def test_a_full_profile_is_read_as_the_specification_has_it(points: int) -> None:
     pairs = raw_numbers(points)
     raw = full_profile(pairs, time_stamp(77, 12.5, 12.501))
@@ -140,7 +140,7 @@ def test_payloads_of_another_size_are_refused() -> None:
 def test_whatever_comes_is_a_profile_or_a_fault_of_the_laser(data: st.DataObject) -> None:
     layout = ScanControlLayout(
         data.draw(st.sampled_from(["full", "container"])),
-        data.draw(st.sampled_from(POINTS[:2])),
+        data.draw(st.sampled_from(POINT_COUNTS[:2])),
         data.draw(st.integers(0, 3)),
         time_stamp=data.draw(st.booleans()),
         little_endian=data.draw(st.booleans()),

@@ -9,7 +9,7 @@ from _live_client import page_client
 from websockets.exceptions import InvalidStatus
 
 from tjscan.core.errors import PageUnavailable
-from tjscan.live.access import LOCAL, answer_without_token
+from tjscan.live.access import LOOPBACK_ADDRESS, answer_without_token
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import Setting
 
@@ -29,11 +29,11 @@ def test_the_whole_address_opens_the_page(page: Page) -> None:
 
 def test_without_the_token_page_and_socket_are_refused(page: Page) -> None:
     port = page.server.get_port()
-    assert answer_without_token(LOCAL, port) == 403
+    assert answer_without_token(LOOPBACK_ADDRESS, port) == 403
     for path in ("", "guess", page.token[:-1], f"x/{page.token}"):
         with (
             pytest.raises(InvalidStatus, match="403"),
-            page_client(page, f"http://{LOCAL}:{port}/{path}"),
+            page_client(page, f"http://{LOOPBACK_ADDRESS}:{port}/{path}"),
         ):
             pass
 
@@ -46,7 +46,7 @@ def test_two_pages_have_two_tokens(page: Page) -> None:
 def test_it_is_bound_to_this_machine_alone(page: Page) -> None:
     bound = page.server._websock_server
     assert bound is not None
-    assert page.server.get_host() == LOCAL
+    assert page.server.get_host() == LOOPBACK_ADDRESS
     with socket.socket() as other:
         other.settimeout(1)
         # The whole net 127/8 is this machine's; another address of it must find nothing there.

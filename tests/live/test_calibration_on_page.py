@@ -12,12 +12,11 @@ from command import tjscan
 
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Question
 from tjscan.job import CalibrationJob, read_calibration_job
-from tjscan.live.access import LOCAL
+from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.listening import RunOnPage
 from tjscan.live.step import Step
 from tjscan.runs.calibration.run import start_calibration
-from tjscan.runs.live.calibration import CalibrationShow
-from tjscan.runs.live.calibration_operator import PageOperator
+from tjscan.runs.live.calibration import CalibrationShow, PageOperator
 from tjscan.runs.live.view import read_recorded_show
 
 JOB = EXAMPLES / "calibrate.toml"
@@ -94,7 +93,7 @@ def test_its_recording_is_shown_too(unattended: Path) -> None:
 
 
 def test_without_a_page_nobody_could_answer(tmp_path: Path) -> None:
-    with socket.create_server((LOCAL, 0)) as taken:
+    with socket.create_server((LOOPBACK_ADDRESS, 0)) as taken:
         port = taken.getsockname()[1]
         out = ("--out", tmp_path / "run")
         assert tjscan("calibrate", JOB, *out, "--live", "--port", port) == 1

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.live.colours import UNKNOWN, ColourScale, viridis
+from tjscan.live.colours import UNKNOWN_COLOUR, ColourScale, viridis
 
 FLOATS = st.floats(-1e4, 1e4)
 
@@ -26,7 +26,7 @@ def test_its_ends_have_the_ends_of_the_colours() -> None:
     scale = ColourScale(-1.0, 3.0)
     assert scale.colour_of(-1.0) == scale.colour_of(-9.0) == viridis()[0]
     assert scale.colour_of(3.0) == scale.colour_of(9.0) == viridis()[-1]
-    assert scale.colour_of(np.nan) == UNKNOWN
+    assert scale.colour_of(np.nan) == UNKNOWN_COLOUR
 
 
 def test_without_values_there_is_still_a_scale() -> None:

@@ -5,7 +5,7 @@ from threading import Event
 
 import pytest
 
-from tjscan.live.feed import CAPACITY, LiveFeed
+from tjscan.live.feed import FEED_CAPACITY, LiveFeed
 
 
 def test_entries_come_in_their_order() -> None:
@@ -28,12 +28,12 @@ def test_a_page_that_hangs_holds_nobody_up() -> None:
     feed = LiveFeed(hang, said.append)
     feed.post(0)
     assert seen.wait(10)
-    for k in range(3 * CAPACITY):
+    for k in range(3 * FEED_CAPACITY):
         feed.post(k)
-    assert feed.dropped == 2 * CAPACITY
+    assert feed.dropped == 2 * FEED_CAPACITY
     going.set()
     feed.close()
-    assert said == [f"the page did not keep up: {2 * CAPACITY} entries are missing from it"]
+    assert said == [f"the page did not keep up: {2 * FEED_CAPACITY} entries are missing from it"]
 
 
 def test_a_page_that_dies_is_reported_once_and_left_alone() -> None:

@@ -13,14 +13,14 @@ from crawls import SHORT
 
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
-from tjscan.job.crawl_cell import make_crawl_cell
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.cell import make_crawl_cell
+from tjscan.job.crawl.job import read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.live.buttons import HOLD_RATE, HoldButton
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import Setting
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
-from tjscan.runs.live.hand_drive import CYCLE, HELD, PageHandDrive
+from tjscan.runs.live.crawl import HOLD_LIFETIME, SHORTEST_CYCLE, PageHandDrive
 from tjscan.vehicle.vehicle import DEAD_MAN, REST, Twist
 
 SPEED, CURVATURE = 0.02, 0.125
@@ -58,7 +58,7 @@ def test_it_drives_while_it_hears_that_a_button_is_held(hand: PageHandDrive, clo
     for word in hand.words:
         hand.hear(word)
         driven.append(hand.order())
-        clock.wait(HELD)
+        clock.wait(HOLD_LIFETIME)
         assert hand.order() == REST
     turn = SPEED * CURVATURE
     assert driven == [Twist(SPEED, 0), Twist(SPEED, -turn), Twist(SPEED, turn), Twist(-SPEED, 0)]
@@ -79,7 +79,7 @@ def test_once_begun_nothing_held_is_heard(hand: PageHandDrive) -> None:
 def test_a_simulated_clock_does_not_outrun_the_hand(hand: PageHandDrive, clock: Clock) -> None:
     for _ in range(101):
         hand.order()
-    assert clock.now == pytest.approx(100 * CYCLE)
+    assert clock.now == pytest.approx(100 * SHORTEST_CYCLE)
 
 
 class StopsOnceItStands:

@@ -24,7 +24,7 @@ from tjscan.core.frames import Array
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.topics import read_crawl
-from tjscan.live.colours import ARM, TOOL, viridis
+from tjscan.live.colours import ARM_COLOUR, TOOL_COLOUR, viridis
 from tjscan.recording.event import RecordedEvent
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.vehicle.vehicle import DEAD_MAN, REST
@@ -66,8 +66,8 @@ def test_a_scan_is_started_stepped_paused_and_stopped_by_clicks(
         shown.press("Step")
         shown.wait_for("paused: after section 2.*3 of 58")
         picture = shown.picture()
-        assert share_like(picture, ARM) > 0.02
-        assert share_like(picture, TOOL) > 0.002
+        assert share_like(picture, ARM_COLOUR) > 0.02
+        assert share_like(picture, TOOL_COLOUR) > 0.002
         assert sum(share_like(picture, colour) for colour in viridis()[120:256:45]) > 5e-4
         assert shown.faults == []
         asked_of = {urlsplit(address).netloc for address in shown.requests}

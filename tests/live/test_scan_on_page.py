@@ -11,11 +11,11 @@ from command import tjscan
 
 from tjscan.core.errors import ScanInterrupted
 from tjscan.job import read_scan_job
-from tjscan.live.access import LOCAL
+from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.page import Page, PageAddress
-from tjscan.runs.context import RunContext
-from tjscan.runs.live.scan_page import show_scan
+from tjscan.runs.live.scan import show_scan
 from tjscan.runs.live.view import read_recorded_show
+from tjscan.runs.scan.context import RunContext
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.stopping import StopRequest
 
@@ -58,7 +58,7 @@ def test_a_scan_that_is_gone_on_with_shows_what_was_scanned(without_page: Path) 
 def test_a_port_that_is_taken_costs_the_page_and_not_the_scan(
     without_page: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with socket.create_server((LOCAL, 0)) as taken:
+    with socket.create_server((LOOPBACK_ADDRESS, 0)) as taken:
         port = taken.getsockname()[1]
         run = tmp_path / "run"
         assert tjscan("scan", PAPER, "--out", run, *SHORT, "--live", "--port", port) == 0

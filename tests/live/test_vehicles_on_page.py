@@ -14,20 +14,19 @@ from crawls import SHORT
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
-from tjscan.job.crawl_reading import read_crawl_job
-from tjscan.job.tow_cell import TowCell
-from tjscan.job.tow_reading import read_tow_job
+from tjscan.job.crawl.job import read_crawl_job
+from tjscan.job.tow.cell import TowCell
+from tjscan.job.tow.checks import read_tow_job
 from tjscan.laser.profile import Profile
-from tjscan.live.access import LOCAL
+from tjscan.live.access import LOOPBACK_ADDRESS
+from tjscan.live.buttons import stop_button
 from tjscan.live.drawables import Lines, MeasuredPiece, Placement
-from tjscan.live.events import NotedEvent
 from tjscan.live.listening import RunOnPage
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.replay import Replay
-from tjscan.live.step import STATE, RecordedShow, Setting
-from tjscan.runs.live.crawl import DEVIATION, CrawlEntry, CrawlShow
-from tjscan.runs.live.tow import CLEARANCE, TowShow, clearance, vehicles_apart
-from tjscan.runs.live.vehicle_pages import CrawlPageJournal, stop_button
+from tjscan.live.step import STATE_FACT, NotedEvent, RecordedShow, Setting
+from tjscan.runs.live.crawl import TORCH_DEVIATION, CrawlEntry, CrawlPageJournal, CrawlShow
+from tjscan.runs.live.tow import CABLE_CLEARANCE, TowShow, clearance, vehicles_apart
 from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.shape.plan import PlanTerms, TowingPlan
@@ -52,9 +51,9 @@ def test_a_crawl_shows_where_the_vehicle_is_and_what_is_welded() -> None:
     ]
     welded = [thing for step in steps for thing in step.drawn.values()]
     pieces = [piece for piece in welded if isinstance(piece, MeasuredPiece)]
-    assert [piece.values[DEVIATION.name] for piece in pieces] == pytest.approx([2.0, 2.0])
+    assert [piece.values[TORCH_DEVIATION.name] for piece in pieces] == pytest.approx([2.0, 2.0])
     facts = steps[-1].facts
-    assert facts[STATE] == "welding"
+    assert facts[STATE_FACT] == "welding"
     assert facts["nearest corner"] == "200 mm"
     diagram = steps[-1].diagram
     assert diagram is not None
@@ -94,7 +93,7 @@ def test_a_tow_shows_cable_vehicles_clearance_and_forces() -> None:
     cable = step.drawn["cable"]
     assert isinstance(cable, Lines)
     assert len(cable.segments) == links
-    assert step.samples[0].values[CLEARANCE.name] == pytest.approx(800, rel=0.02)
+    assert step.samples[0].values[CABLE_CLEARANCE.name] == pytest.approx(800, rel=0.02)
     truth = TowTruth(5.0, line, poses, np.array((3.0, 4.0, 0.0)), np.zeros(count), beside[:, :3])
     facts = show.step(truth).facts
     assert facts["force on the welder"] == "5.0 N"
@@ -130,10 +129,10 @@ def test_a_stop_is_shown_in_state_and_diagram() -> None:
     show = CrawlShow(read_crawl_job(CRAWL), "crawl")
     step = show.step(NotedEvent("stop", "interrupted"))
     assert step.diagram is not None
-    assert step.diagram.now == step.facts[STATE] == "stop"
+    assert step.diagram.now == step.facts[STATE_FACT] == "stop"
     assert show.step(NotedEvent("arc on", "pass 1")).diagram is None
     tow = TowShow(read_tow_job(TOW), "tow")
-    assert tow.step(NotedEvent("stop", "interrupted")).facts == {STATE: "stop: interrupted"}
+    assert tow.step(NotedEvent("stop", "interrupted")).facts == {STATE_FACT: "stop: interrupted"}
 
 
 def test_the_slider_hides_a_state_of_later() -> None:
@@ -163,7 +162,7 @@ def test_options_of_the_page_need_the_page(words: tuple[object, ...]) -> None:
 def test_only_a_new_crawl_waits_and_only_for_a_page(tmp_path: Path) -> None:
     (tmp_path / "job.toml").write_text(SHORT)
     assert tjscan("crawl", "run", tmp_path, "--resume", "--live", "--wait") == 2
-    with socket.create_server((LOCAL, 0)) as taken:
+    with socket.create_server((LOOPBACK_ADDRESS, 0)) as taken:
         port, out = taken.getsockname()[1], tmp_path / "run"
         words = ("crawl", "run", tmp_path / "job.toml", "--out", out, "--live", "--wait")
         assert tjscan(*words, "--port", port) == 1

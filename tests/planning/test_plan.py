@@ -11,10 +11,9 @@ from ringed_grooves import corners_along_arc, edges_of
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.job.wps import read_wps
 from tjscan.planning.path import CHORD_ERROR, KINK, chord_error_and_kink
 from tjscan.planning.plan import WeldPlan, plan_weld
-from tjscan.planning.wps import WeldingProcedure
+from tjscan.planning.wps import WeldingProcedure, read_wps
 
 EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "wps.toml"
 DOWN = np.array((0.0, 0.0, -1.0))

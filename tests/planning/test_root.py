@@ -12,7 +12,6 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.job.wps import read_wps
 from tjscan.planning.document import plan_document
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.path import KINK, LONGEST
@@ -20,7 +19,7 @@ from tjscan.planning.plan import plan_weld
 from tjscan.planning.root import root_of_sections
 from tjscan.planning.tables import beads_to_csv, read_beads_csv
 from tjscan.planning.weldx_file import write_plan_as_weldx
-from tjscan.planning.wps import WeldingProcedure
+from tjscan.planning.wps import WeldingProcedure, read_wps
 
 EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "wps.toml"
 UP = np.array((0.0, -1.0, 0.0))

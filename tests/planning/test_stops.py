@@ -8,9 +8,9 @@ import pytest
 from plates import sheared_groove
 from ringed_grooves import corners_along_arc, edges_of
 
-from tjscan.job.wps import read_wps
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.stops import NOBODY, StationStretch, StopPlacement, crowns_and_saddles
+from tjscan.planning.wps import read_wps
 
 WPS = read_wps(Path(__file__).parent.parent.parent / "examples" / "wps.toml")
 DOWN = np.array((0.0, 0.0, -1.0))

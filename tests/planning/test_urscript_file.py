@@ -10,11 +10,11 @@ from ringed_grooves import edges_of
 from ur_cell import HOME, KINEMATICS
 
 from tjscan.core.frames import Array, inverse_pose, pose
-from tjscan.job.wps import read_wps
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.urscript import BeadWay, StationWay, way_to_urscript
-from tjscan.robot.loopback.controller import LoopbackController
+from tjscan.planning.wps import read_wps
+from tjscan_loopback.ur.controller import LoopbackController
 
 EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "wps.toml"
 OUTPUT = 3

@@ -8,10 +8,10 @@ from plates import half_v
 from ringed_grooves import edges_of
 
 from tjscan.core.provenance import Provenance
-from tjscan.job.wps import read_wps
 from tjscan.planning.document import plan_document
 from tjscan.planning.plan import plan_weld
 from tjscan.planning.weldx_file import write_plan_as_weldx
+from tjscan.planning.wps import read_wps
 
 WPS = Path(__file__).parent.parent.parent / "examples" / "wps.toml"
 

@@ -8,7 +8,7 @@ import pytest
 from tomli_w import dumps
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.wps import read_wps
+from tjscan.planning.wps import read_wps
 
 EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "wps.toml"
 

@@ -25,7 +25,7 @@ from tjscan.core.frames import pose, rot_x, rot_y
 from tjscan.core.manifest import changed_since_written
 from tjscan.core.provenance import Provenance
 from tjscan.report.write import write_run_report
-from tjscan.runs.calibration.page import calibration_page
+from tjscan.runs.calibration.report import calibration_page
 
 PROVENANCE = Provenance.for_file_written_now("calibrate.toml, SHA-256 0123456789abcdef", "f")
 

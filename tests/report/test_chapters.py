@@ -14,7 +14,7 @@ from command import tjscan
 from tjscan.core.errors import RecordingError
 from tjscan.report.charts import draw_scan_charts
 from tjscan.report.data import read_report_data
-from tjscan.report.page import render_report_page
+from tjscan.report.write import render_report_page
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.runs.calibration import report as calibration_report
 from tjscan.runs.scan import report as scan_report

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from tjscan.report.clock import clock_text
 from tjscan.report.data import ReportData
-from tjscan.report.dimensions import sections_by_the_clock
+from tjscan.report.dimensions import clock_text, sections_by_the_clock
 from tjscan.report.drawings import draw_sections
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from tjscan.report.data import ReportData
-from tjscan.report.headline import headline_numbers
+from tjscan.report.findings import headline_numbers
 
 
 def test_the_first_number_is_the_corners_and_no_ghost_leads(data: ReportData) -> None:

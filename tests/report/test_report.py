@@ -16,16 +16,15 @@ from measured import ORIGIN
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import transform_points
-from tjscan.core.manifest import MANIFEST
-from tjscan.groove.find import find_groove
+from tjscan.core.manifest import MANIFEST_FILE
+from tjscan.groove.read import read_groove
 from tjscan.joint.file import read_joint
 from tjscan.report.data import read_report_data
 from tjscan.report.design import designed_measures
 from tjscan.report.findings import report_findings
-from tjscan.report.page import render_report_page
-from tjscan.report.write import write_run_report
-from tjscan.result.directory import BUDGET
-from tjscan.result.section import MEASURES
+from tjscan.report.write import render_report_page, write_run_report
+from tjscan.result.directory import BUDGET_FILE
+from tjscan.result.section import MEASURE_FIELDS
 from tjscan.result.stitching import (
     OverlapReport,
     StationReport,
@@ -126,7 +125,7 @@ def test_a_report_says_what_the_run_holds(run: Path, page: str) -> None:
 def test_what_is_buried_is_neither_measured_nor_compared(run: Path, tmp_path: Path) -> None:
     tacked = tmp_path / "tacked"
     shutil.copytree(run, tacked)
-    (tacked / MANIFEST).unlink()
+    (tacked / MANIFEST_FILE).unlink()
     before = read_report_data(run)
     one = replace(before.sections[2], conditions=("tack",), absent=("p3", "p4"))
     sections = (*before.sections[:2], one, *before.sections[3:])
@@ -144,7 +143,7 @@ def test_what_is_buried_is_neither_measured_nor_compared(run: Path, tmp_path: Pa
 def test_names_are_text_whatever_they_hold(run: Path, tmp_path: Path) -> None:
     odd = tmp_path / "<script>alert(1) & $\\frac$ \"x' <b>"
     shutil.copytree(run, odd)
-    (odd / MANIFEST).unlink()
+    (odd / MANIFEST_FILE).unlink()
     summary = json.loads((odd / "summary.json").read_text(encoding="utf-8"))
     summary |= {"detail": "<img src=x onerror=alert(1)>", "complete": False}
     (odd / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
@@ -160,7 +159,7 @@ def test_measures_are_those_of_the_design_cut_by_the_same_planes(run: Path) -> N
     design = designed_measures(sections, read_joint(CAD))
     measured = np.array([section.measures for section in sections])
     assert (
-        np.abs(measured - design) / [field.unit.factor for field in MEASURES] < AS_DESIGNED
+        np.abs(measured - design) / [field.unit.factor for field in MEASURE_FIELDS] < AS_DESIGNED
     ).all()
 
 
@@ -168,7 +167,7 @@ def test_the_log_holds_every_section_where_it_was_read(run: Path) -> None:
     log = read_recorded_scan(run)
     assert sorted(log.sections) == list(range(6))
     assert len(log.views) == read_summary(run / "summary.json").scans
-    for found, again in zip(log.sections.values(), log.reread_sections(find_groove), strict=True):
+    for found, again in zip(log.sections.values(), log.reread_sections(read_groove), strict=True):
         np.testing.assert_allclose(again.T_b_g, found.T_b_g, atol=1e-9)
         np.testing.assert_allclose(
             transform_points(found.T_b_g, np.zeros(3)), found.T_b_g[:3, 3], atol=1e-12
@@ -179,8 +178,8 @@ def test_the_log_holds_every_section_where_it_was_read(run: Path) -> None:
 def test_gaps_and_what_is_over_tolerance_are_reported(run: Path, tmp_path: Path) -> None:
     gappy = tmp_path / "gappy"
     shutil.copytree(run, gappy)
-    (gappy / MANIFEST).unlink()
-    (gappy / BUDGET).unlink()  # it is of all sections
+    (gappy / MANIFEST_FILE).unlink()
+    (gappy / BUDGET_FILE).unlink()  # it is of all sections
     sections = read_sections_csv(run / "sections.csv")
     write_sections_csv(gappy / "sections.csv", [sections[i] for i in (0, 1, 2, 5)], ORIGIN)
     found = list(report_findings(read_report_data(gappy, CAD, tolerance=1e-9)))
@@ -193,7 +192,7 @@ def test_gaps_and_what_is_over_tolerance_are_reported(run: Path, tmp_path: Path)
 def test_a_run_without_a_joint_is_reported_along_its_groove(run: Path, tmp_path: Path) -> None:
     bare = tmp_path / "bare"
     shutil.copytree(run, bare)
-    (bare / MANIFEST).unlink()
+    (bare / MANIFEST_FILE).unlink()
     (bare / "joint.toml").unlink()
     summary = json.loads((bare / "summary.json").read_text(encoding="utf-8"))
     summary |= {"frame": "b", "corner_error_mm": None}
@@ -212,7 +211,7 @@ def test_a_run_without_a_joint_is_reported_along_its_groove(run: Path, tmp_path:
 def test_the_command_writes_it_again_against_another_reference(run: Path, tmp_path: Path) -> None:
     again = tmp_path / "again"
     shutil.copytree(run, again)
-    (again / MANIFEST).unlink()
+    (again / MANIFEST_FILE).unlink()
     (again / "report.html").unlink()
     assert tjscan("report", again, "--reference", CAD, "--tolerance-mm", "0.5", pictures=True) == 0
     text = Page((again / "report.html").read_text(encoding="utf-8")).text
@@ -242,7 +241,7 @@ def stitched(run: Path, tmp_path: Path) -> Path:
     """A stitched result as its files have it: the run as its only station, with an overlap."""
     directory = tmp_path / "stitched"
     shutil.copytree(run, directory)
-    (directory / MANIFEST).unlink()
+    (directory / MANIFEST_FILE).unlink()
     (directory / "scan.mcap").unlink()
     (directory / "joint.toml").unlink()
     shutil.copytree(run, directory / "left & <b>")

@@ -11,7 +11,7 @@ from _browser import changed_share, open_file, printed_pages, started_browser, w
 
 from tjscan.core.frames import Array
 from tjscan.report.data import ReportData
-from tjscan.report.page import render_report_page
+from tjscan.report.write import render_report_page
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

@@ -12,8 +12,8 @@ import pytest
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.file import read_joint
 from tjscan.report.data import ReportData
-from tjscan.report.ghost import ghost_of_joint
 from tjscan.report.view3d import view_data
+from tjscan.result.wireframe import ghost_of_joint
 
 CAD = Path(__file__).parent.parent.parent / "cad" / "tjoint-600x457.toml"
 

@@ -23,7 +23,7 @@ from tjscan.joint.edges import feature_edges
 from tjscan.joint.file import read_joint
 from tjscan.result.directions import tangents_along_line
 from tjscan.result.directory import job_label_of_run
-from tjscan.result.document import DOCUMENT
+from tjscan.result.document import GROOVE_DOCUMENT
 from tjscan.result.export import export_run, sort_sections_by_azimuth
 from tjscan.result.summary import read_summary
 from tjscan.result.table import read_sections_csv, write_sections_csv
@@ -119,7 +119,7 @@ def test_vectors_have_length_one(run: Path) -> None:
 def test_the_document_keeps_to_its_schema_and_says_what_it_holds(run: Path) -> None:
     text = export_run(run, "json").read_bytes()
     document = json.loads(text)
-    again = DOCUMENT.model_validate_json(text).model_dump_json()
+    again = GROOVE_DOCUMENT.model_validate_json(text).model_dump_json()
     assert json.loads(again) == document
     assert (document["schema_name"], document["version"]) == ("tjscan.groove", 3)
     stated = document["provenance"]
@@ -131,7 +131,7 @@ def test_the_document_keeps_to_its_schema_and_says_what_it_holds(run: Path) -> N
 
 def test_the_schema_is_the_one_in_the_documents() -> None:
     stated = json.loads(SCHEMA.read_text(encoding="utf-8"))
-    assert stated == DOCUMENT.model_json_schema()
+    assert stated == GROOVE_DOCUMENT.model_json_schema()
 
 
 def test_the_document_agrees_with_the_sections_file(run: Path) -> None:

@@ -14,7 +14,13 @@ from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.document import sections_to_json
 from tjscan.result.ply import sections_to_ply
-from tjscan.result.section import BY_NAME, FIELDS, MEASURED, SectionQuantity, section_from_values
+from tjscan.result.section import (
+    FIELD_BY_NAME,
+    MEASURED_FIELDS,
+    SECTION_FIELDS,
+    SectionQuantity,
+    section_from_values,
+)
 from tjscan.result.table import sections_to_csv
 
 SECTIONS = tuple(a_section(seed) for seed in range(1, 6))
@@ -23,7 +29,7 @@ SUFFIX = {
     "m": {"mm": "m", "mm2": "m2", "deg": "deg", "": ""},
 }
 PER_SI = {"mm": 1e3, "m": 1.0, "mm2": 1e6, "m2": 1.0, "deg": 180 / np.pi, "": 1.0}
-NUMBERS = [field for field in FIELDS if not field.text]
+NUMBERS = [field for field in SECTION_FIELDS if not field.text]
 LENGTHS = pytest.mark.parametrize("length", ["mm", "m"])
 EVERY = pytest.mark.parametrize("field", NUMBERS, ids=lambda field: field.name)
 
@@ -62,7 +68,7 @@ def tolerance(field: SectionQuantity, values: Array, length: LengthUnit) -> Arra
 
 def expected(field: SectionQuantity, length: LengthUnit) -> Array:
     """What a file must hold, converted here from SI units."""
-    raw = np.asarray(field.take(SECTIONS), dtype=float)
+    raw = np.asarray(field.raw_values(SECTIONS), dtype=float)
     return raw * PER_SI[SUFFIX[length][field.unit.suffix]]
 
 
@@ -110,7 +116,7 @@ def test_every_format_says_where_it_comes_from(length: LengthUnit) -> None:
 def same(now: MeasuredSection, was: MeasuredSection) -> None:
     """Both are one section, to the printed digits."""
     assert (now.index, now.station) == (was.index, was.station)
-    for field in MEASURED:
+    for field in MEASURED_FIELDS:
         if field.text:
             assert getattr(now, field.name) == getattr(was, field.name)
             continue
@@ -122,12 +128,12 @@ def same(now: MeasuredSection, was: MeasuredSection) -> None:
 def test_sections_come_back_from_csv_and_json(length: LengthUnit) -> None:
     cells, written = table(length), document(length)["sections"]
     for k, was in enumerate(SECTIONS):
-        texts = [field.name for field in MEASURED if field.text]
+        texts = [field.name for field in MEASURED_FIELDS if field.text]
         from_csv: dict[str, Any] = {name: cells[name][k] for name in texts} | {
             "station": was.station
         }
         from_json: dict[str, Any] = {name: written[k][name] for name in texts}
-        for field in MEASURED:
+        for field in MEASURED_FIELDS:
             if field.text:
                 continue
             factor = field.unit_for_lengths(length).factor
@@ -142,32 +148,32 @@ def test_sections_come_back_from_csv_and_json(length: LengthUnit) -> None:
 def test_points_come_back_from_ply(length: LengthUnit) -> None:
     text = sections_to_ply(SECTIONS, provenance(length))
     cloud = trimesh.load(io.BytesIO(text), file_type="ply", process=False)
-    points = expected(BY_NAME["points"], length).reshape(-1, 3)
-    allowed = tolerance(BY_NAME["points"], points, length)
+    points = expected(FIELD_BY_NAME["points"], length).reshape(-1, 3)
+    allowed = tolerance(FIELD_BY_NAME["points"], points, length)
     assert (np.abs(cloud.vertices - points) <= allowed + 1e-12).all()
     data = cloud.metadata["_ply_raw"]["vertex"]["data"]
-    sigmas = expected(BY_NAME["corner_sigmas"], length)
+    sigmas = expected(FIELD_BY_NAME["corner_sigmas"], length)
     found = data["sigma"].reshape(-1, 5)
     np.testing.assert_allclose(found[:, 1:4], sigmas, rtol=1e-5)
     assert np.isnan(found[:, [0, 4]]).all()
     np.testing.assert_allclose(
-        data["azimuth"].reshape(-1, 5)[:, 0], expected(BY_NAME["azimuth"], length), atol=1e-4
+        data["azimuth"].reshape(-1, 5)[:, 0], expected(FIELD_BY_NAME["azimuth"], length), atol=1e-4
     )
 
 
 def test_each_column_stands_once() -> None:
-    columns = [column for field in FIELDS for column in field.column_names()]
+    columns = [column for field in SECTION_FIELDS for column in field.column_names()]
     assert len(set(columns)) == len(columns)
 
 
 def test_an_unknown_azimuth_is_left_empty() -> None:
     sections = [a_section(1, azimuth=float("nan")), a_section(2)]
-    assert BY_NAME["azimuth"].formatted_columns(sections)[0] == [""]
+    assert FIELD_BY_NAME["azimuth"].formatted_columns(sections)[0] == [""]
     text = sections_to_json(sections, ORIGIN, "run", "known")
     assert json.loads(text)["sections"][0]["azimuth"] is None
 
 
 def test_axes_are_those_of_frame_g() -> None:
     section = SECTIONS[0]
-    axes = BY_NAME["axes"].values([section])[0]
+    axes = FIELD_BY_NAME["axes"].values([section])[0]
     np.testing.assert_allclose(axes, inverse_pose(section.T_r_g)[:3, :3])

@@ -6,8 +6,8 @@ import pytest
 from cells import PAPER, scan_example
 
 from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import JointOrBaseFrame
 from tjscan.job import read_scan_job
-from tjscan.result.frame import JointOrBaseFrame
 from tjscan.result.summary import (
     ScanSummary,
     read_summary,
@@ -15,7 +15,7 @@ from tjscan.result.summary import (
     write_summary,
 )
 from tjscan.runs.scan.results import sections_in_result_frame, summarise_scan
-from tjscan.scanning.result import ScanResult
+from tjscan.scanning.progress import ScanResult
 
 
 @pytest.fixture(scope="module")

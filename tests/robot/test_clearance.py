@@ -18,16 +18,16 @@ from tjscan.core.frames import Array, pose, rot_y, rot_z, transform_points
 from tjscan.job import read_scan_job
 from tjscan.job.arm import clear_path_planner_of_job
 from tjscan.robot.arm import Arm, ArmState
-from tjscan.robot.clearance import RESOLUTION, ClearPathPlanner
-from tjscan.robot.collision import SEEN, CollisionModel, check_ignored_links
-from tjscan.robot.collision_checked import SWEEP, CollisionCheckedArm
+from tjscan.robot.clearance import CHECK_RESOLUTION, ClearPathPlanner
+from tjscan.robot.collision import SCANNED_GROOVE, CollisionModel, check_ignored_links
+from tjscan.robot.collision_checked import LARGEST_SWEEP, CollisionCheckedArm
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.margins import ClearanceMargins
 from tjscan.robot.path import interpolate_joints, linear_waypoints
+from tjscan.robot.settings import ClearanceMargins
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.solids import Box, Capsule, Cylinder, Solid
-from tjscan.robot.urdf import MODELS
-from tjscan.runs.context import RunContext
+from tjscan.robot.urdf import ARM_MODELS
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import check_scan_job, scan_in_cell
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.scanned_surface import ScannedSurfaceObstacle, grid_triangles
@@ -156,9 +156,9 @@ def test_what_passes_keeps_its_margin_everywhere_between_the_waypoints(seed: int
     try:
         keeps.joint_angles_after_joint_move(HOME, T_b_f)
     except PathBlocked:
-        assert closest < RESOLUTION
+        assert closest < CHECK_RESOLUTION
     else:
-        assert closest > -RESOLUTION
+        assert closest > -CHECK_RESOLUTION
 
 
 def test_a_path_through_a_solid_is_refused_and_names_it_where_and_how_deep() -> None:
@@ -238,7 +238,7 @@ def test_a_line_that_passes_near_a_singularity_is_refused() -> None:
     keeps.joint_angles_after_linear_move(start, pose(far[:3, :3], far[:3, 3] + (0.04, 0, 0)))
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", ARM_MODELS)
 def test_no_arm_touches_itself_where_it_is_built(model: str) -> None:
     random = np.random.default_rng(0)
     arm = CollisionModel(Kinematics.load(model))
@@ -341,7 +341,10 @@ def test_no_joint_goes_the_long_way_round_where_its_limit_bars_the_short_one() -
     goal = kinematics().forward(q) @ pose(rot_z(0.05))
     spy = Spy(SimulatedArm(kinematics(), q))
     with CollisionCheckedArm(spy, clearance(), np.eye(4)) as arm:
-        assert np.abs(arm.plan_clear_path(q, goal, straight=False).segments[-1].q - q).max() > SWEEP
+        assert (
+            np.abs(arm.plan_clear_path(q, goal, straight=False).segments[-1].q - q).max()
+            > LARGEST_SWEEP
+        )
         with pytest.raises(PoseUnreachable, match="would turn by"):
             arm.move_joint_to_pose(goal, near=q)
     assert spy.told == []
@@ -390,7 +393,7 @@ def test_what_has_been_seen_is_in_the_way() -> None:
     keeps.set_measured_surface(grid.reshape(-1, 3), grid_triangles(3, 5))
     with pytest.raises(PathBlocked) as refusal:
         keeps.joint_angles_after_linear_move(HOME, aside(0.5))
-    assert refusal.value.other == SEEN
+    assert refusal.value.other == SCANNED_GROOVE
 
 
 def test_the_strip_covers_every_cell_of_its_grid_once() -> None:
@@ -464,11 +467,11 @@ def test_a_scan_keeps_clear_of_what_it_scanned() -> None:
     q = result.views[-1].q
     before = {pair.other for pair in fresh._model.pairs}
     ScannedSurfaceObstacle(fresh, result.sections)
-    assert {pair.other for pair in fresh._model.pairs} - before == {SEEN}
+    assert {pair.other for pair in fresh._model.pairs} - before == {SCANNED_GROOVE}
     seen = [
         d
         for pair, d in zip(fresh._model.pairs, fresh._model.distances(q), strict=True)
-        if pair.other == SEEN
+        if pair.other == SCANNED_GROOVE
     ]
     # The sensor looks at the groove from its standoff, its corners a little nearer.
     assert 0.15 < min(seen) < 0.23

@@ -12,23 +12,28 @@ from ur_cell import address, arm_at
 
 from tjscan.robot.dh import DhParameters, compare_with_model
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.loopback.primary import draw_calibration, kinematics_message, with_dh_parameters
-from tjscan.robot.loopback.process import LoopbackProcess
 from tjscan.robot.ur.kinematics_info import (
     PRIMARY_PORT,
     find_kinematics,
     read_controller_kinematics,
 )
-from tjscan.robot.urdf import MODELS
+from tjscan.robot.urdf import ARM_MODELS
+from tjscan_loopback.process import UrLoopbackProcess
+from tjscan_loopback.ur.primary import (
+    draw_calibration,
+    kinematics_message,
+    nominal_dh_parameters,
+    with_dh_parameters,
+)
 
 
 def nominal(model: str = "ur10e") -> DhParameters:
-    found = DhParameters.nominal(model)
+    found = nominal_dh_parameters(model)
     assert found is not None
     return found
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", ARM_MODELS)
 def test_the_maker_s_parameters_and_the_urdf_are_one_arm(model: str) -> None:
     off = compare_with_model(nominal(model), Kinematics.load(model))
     assert off.largest < 1e-12
@@ -92,7 +97,7 @@ def test_the_driver_says_where_model_and_controller_disagree() -> None:
     pytest.importorskip("rtde_control")
     own = draw_calibration(nominal(), 7)
     off = compare_with_model(own, Kinematics.load("ur10e"))
-    with LoopbackProcess(address(), "--fast", "--calibration-seed", "7") as process:
+    with UrLoopbackProcess(address(), "--fast", "--calibration-seed", "7") as process:
         stated = read_controller_kinematics(process.host)
         assert stated is not None
         np.testing.assert_array_equal(stated.dh.a, own.a)

@@ -11,11 +11,10 @@ from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between
 from tjscan.core.pose_vector import boxminus
 from tjscan.robot.deviations import deviation_jacobian, length_growth, with_deviations
 from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.settings import ArmErrorSettings, PlacementTolerance
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.simulated_errors import SimulatedArmErrors
-from tjscan.robot.simulation import ArmErrorSettings
-from tjscan.robot.tolerance import PlacementTolerance
-from tjscan.robot.urdf import MODELS
+from tjscan.robot.urdf import ARM_MODELS
 
 WELL = np.radians([10, -80, 100, -60, -80, 20])
 STEP = 1e-6
@@ -31,7 +30,7 @@ def posture(seed: int) -> Array:
     return np.random.default_rng(seed).uniform(-3, 3, 6)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", ARM_MODELS)
 def test_the_jacobian_is_the_derivative_of_the_forward_kinematics(model: str) -> None:
     arm, q = kinematics(model), posture(1)
     J = deviation_jacobian(arm, q)

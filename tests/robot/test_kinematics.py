@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from tjscan.core.errors import ConfigurationError, PoseUnreachable
 from tjscan.core.frames import Array, pose, rot_x, rot_y
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.models.generate import urdf_text
-from tjscan.robot.urdf import MODELS
+from tjscan.robot.urdf import ARM_MODELS
 
 # d1, a2, a3, d4, d5, d6 as the maker publishes them, apart from the project's own table.
 DH = {
@@ -43,7 +42,7 @@ WELL = np.radians([10, -80, 100, -60, -80, 20])
 """An elbow-up configuration of any of the arms, far from singular."""
 
 angles = st.lists(st.floats(-1, 1), min_size=6, max_size=6).map(np.array)
-models = st.sampled_from(MODELS)
+models = st.sampled_from(ARM_MODELS)
 
 
 @cache
@@ -145,7 +144,7 @@ def test_the_inverse_near_the_angles_returns_them(model: str, share: Array, offs
     np.testing.assert_allclose(solution, q, rtol=0, atol=ANGLES)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", ARM_MODELS)
 def test_branches_of_many_poses_are_the_inverse_and_keep_their_places_along_a_path(
     model: str,
 ) -> None:
@@ -163,11 +162,12 @@ def test_branches_of_many_poses_are_the_inverse_and_keep_their_places_along_a_pa
     assert len(set(same.argmax(axis=1).tolist())) == 1
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", ARM_MODELS)
 def test_a_general_arm_is_solved_without_the_closed_form(model: str, tmp_path: Path) -> None:
     # The same arm with its joints' axes turned round is none that the closed form knows.
     file = tmp_path / "arm.urdf"
-    file.write_text(urdf_text(model).replace('xyz="0 0 1"', 'xyz="0 0 -1"'), encoding="utf-8")
+    text = arm(model).urdf.read_text("utf-8")
+    file.write_text(text.replace('xyz="0 0 1"', 'xyz="0 0 -1"'), encoding="utf-8")
     general = Kinematics.load(file)
     random = np.random.default_rng(3)
     for _ in range(10):
@@ -232,7 +232,7 @@ def test_links_are_drawn_from_the_base_to_the_flange() -> None:
     assert np.linalg.norm(elbow - shoulder) == pytest.approx(0.6127, abs=ROUNDING)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", ARM_MODELS)
 def test_a_pose_beyond_the_reach_is_refused_with_what_is_missing(model: str) -> None:
     kinematics = arm(model)
     T_b_f = kinematics.forward(np.radians([0, -45, 0, -45, -90, 0]))
@@ -244,9 +244,8 @@ def test_a_pose_beyond_the_reach_is_refused_with_what_is_missing(model: str) -> 
 def test_a_joint_beyond_its_limit_is_named_with_its_excess(tmp_path: Path) -> None:
     whole = 'lower="-6.283185307179586" upper="6.283185307179586"'
     file = tmp_path / "fenced.urdf"
-    file.write_text(
-        urdf_text("ur10e").replace(whole, 'lower="-0.5" upper="0.5"', 1), encoding="utf-8"
-    )
+    text = arm("ur10e").urdf.read_text("utf-8")
+    file.write_text(text.replace(whole, 'lower="-0.5" upper="0.5"', 1), encoding="utf-8")
     fenced = Kinematics.load(file)
     q = WELL.copy()
     q[0] = 0.5 + np.radians(4)

@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from tjscan.core.errors import ConfigurationError, PoseUnreachable
 from tjscan.core.frames import Array, pose, rot_x, rot_y, rot_z, rotation_angle_between
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.models.generate import urdf_text
 from tjscan.robot.motion import JointTrajectory, MotionLimits
 from tjscan.robot.path import joint_path, linear_path
 
@@ -204,7 +203,8 @@ def test_a_joint_that_runs_into_its_limit_is_named() -> None:
 def test_a_line_beyond_a_narrow_limit_is_refused(tmp_path: Path) -> None:
     whole = 'lower="-6.283185307179586" upper="6.283185307179586"'
     file = tmp_path / "fenced.urdf"
-    file.write_text(urdf_text("ur10e").replace(whole, 'lower="-0.5" upper="0.5"'), encoding="utf-8")
+    text = arm().urdf.read_text("utf-8")
+    file.write_text(text.replace(whole, 'lower="-0.5" upper="0.5"'), encoding="utf-8")
     fenced = Kinematics.load(file)
     q = np.array([0.4, -0.4, 1, 0.4, 0.4, 0.4])
     T_b_f = fenced.forward(q + np.array([0.2, 0, 0, 0, 0, 0]))

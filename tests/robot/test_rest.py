@@ -15,13 +15,20 @@ from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits
-from tjscan.robot.rest import LIMIT, PAUSE, STILL_TOLERANCE, WINDOW, await_rest, check_not_moved
+from tjscan.robot.rest import (
+    READING_PAUSE,
+    REST_LIMIT,
+    STILL_DURATION,
+    STILL_TOLERANCE,
+    await_rest,
+    check_not_moved,
+)
 from tjscan.robot.simulated import SimulatedArm
 
 FLICKER = 5e-5
 """Radians: encoders at rest."""
 
-CREEP = 2 * STILL_TOLERANCE / WINDOW
+CREEP = 2 * STILL_TOLERANCE / STILL_DURATION
 """rad/s: slower than this is not told from rest for sure."""
 
 
@@ -54,13 +61,13 @@ class LedArm(SimulatedArm):
 
 
 @settings(max_examples=50, deadline=None)
-@given(speed=st.floats(CREEP, 1.0), seconds=st.floats(0.0, LIMIT - 2 * WINDOW))
+@given(speed=st.floats(CREEP, 1.0), seconds=st.floats(0.0, REST_LIMIT - 2 * STILL_DURATION))
 def test_a_state_at_rest_is_one_after_the_motion(speed: float, seconds: float) -> None:
     with LedArm(speed, seconds) as arm:
         state = arm.rest()
-        assert state.time >= min(seconds, LIMIT)
+        assert state.time >= min(seconds, REST_LIMIT)
         # Flickering encoders may hold a slow motion on for another window.
-        assert state.time <= seconds + 2 * WINDOW + 3 * PAUSE
+        assert state.time <= seconds + 2 * STILL_DURATION + 3 * READING_PAUSE
         check_not_moved(state, arm.state())
 
 
@@ -70,7 +77,7 @@ def test_an_arm_that_never_rests_is_not_waited_for_for_ever(speed: float) -> Non
     with LedArm(speed, np.inf) as arm:
         with pytest.raises(ArmFault, match="does not come to rest"):
             arm.rest()
-        assert LIMIT < arm.clock <= LIMIT + 2 * PAUSE
+        assert REST_LIMIT < arm.clock <= REST_LIMIT + 2 * READING_PAUSE
 
 
 def test_an_arm_that_moved_meanwhile_is_told() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.robot.ur.silence import REMEMBERED, LongestSilence
+from tjscan.robot.ur.client import SILENCE_MEMORY, LongestSilence
 
 
 @given(st.lists(st.floats(0.01, 5.0), min_size=1, max_size=40), st.floats(0, 3))
@@ -16,5 +16,5 @@ def test_it_is_the_longest_gap_that_ended_lately_or_lasts(gaps: list[float], sin
         watch.note_sign_of_life(moment)
         ended.append((moment, gap))
     now = moment + since
-    lately = [gap for end, gap in ended if now - end < REMEMBERED]
+    lately = [gap for end, gap in ended if now - end < SILENCE_MEMORY]
     assert abs(watch.longest(now) - max([since, *lately])) < 1e-9

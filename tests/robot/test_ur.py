@@ -45,15 +45,15 @@ from tjscan.core.errors import (
 )
 from tjscan.core.frames import pose, rot_y, rot_z, rotation_angle_between
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.loopback.process import LoopbackProcess
-from tjscan.robot.loopback.server import RTDE_PORT
-from tjscan.robot.loopback.wire import HEADER, INPUTS
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.dashboard import DashboardClient
+from tjscan.robot.ur.driver import UrSettings
 from tjscan.robot.ur.faults import fault_from_state
-from tjscan.robot.ur.messages import PLAYING, ControllerState, RobotMode, SafetyMode
-from tjscan.robot.ur.settings import UrSettings
+from tjscan.robot.ur.messages import PROGRAM_PLAYING, ControllerState, RobotMode, SafetyMode
 from tjscan.scanning.reader import read_recorded_scan
+from tjscan_loopback.process import UrLoopbackProcess
+from tjscan_loopback.ur.server import RTDE_PORT
+from tjscan_loopback.ur.wire import HEADER, INPUTS
 
 pytest.importorskip("rtde_control")
 
@@ -62,14 +62,14 @@ SAME = 1e-6
 
 
 @pytest.fixture(scope="module")
-def running() -> Iterator[LoopbackProcess]:
+def running() -> Iterator[UrLoopbackProcess]:
     """A controller that stays for all tests of this module."""
-    with LoopbackProcess(address(), "--fast") as loopback:
+    with UrLoopbackProcess(address(), "--fast") as loopback:
         yield loopback
 
 
 @pytest.fixture
-def loopback(running: LoopbackProcess) -> Iterator[LoopbackProcess]:
+def loopback(running: UrLoopbackProcess) -> Iterator[UrLoopbackProcess]:
     """That controller, all right and where it started; no client's process is left behind."""
     running.schedule_fault("clear")
     running.schedule_fault("home")
@@ -78,7 +78,7 @@ def loopback(running: LoopbackProcess) -> Iterator[LoopbackProcess]:
     assert client_processes() == []
 
 
-def test_moves_arrive_where_they_were_told_to(loopback: LoopbackProcess) -> None:
+def test_moves_arrive_where_they_were_told_to(loopback: UrLoopbackProcess) -> None:
     with arm_at(loopback.host) as arm:
         for move, T_b_f in (
             (arm.move_joint_to_pose, beside_home(0.05, 0.0, 0.03)),
@@ -95,7 +95,7 @@ def test_moves_arrive_where_they_were_told_to(loopback: LoopbackProcess) -> None
         assert arm.state().time >= before.time
 
 
-def test_it_says_which_arm_it_is_and_sets_what_it_carries(loopback: LoopbackProcess) -> None:
+def test_it_says_which_arm_it_is_and_sets_what_it_carries(loopback: UrLoopbackProcess) -> None:
     settings = UrSettings(loopback.host, payload=1.25, payload_centre=(0.0, 0.01, 0.08))
     with UrArm(KINEMATICS, settings) as arm:
         assert arm.identity.model == "UR10"
@@ -104,7 +104,7 @@ def test_it_says_which_arm_it_is_and_sets_what_it_carries(loopback: LoopbackProc
         assert arm.identity.payload == pytest.approx(1.25)
 
 
-def test_nothing_is_moved_to_where_the_arm_does_not_reach(loopback: LoopbackProcess) -> None:
+def test_nothing_is_moved_to_where_the_arm_does_not_reach(loopback: UrLoopbackProcess) -> None:
     with arm_at(loopback.host) as arm:
         before = arm.state()
         for move in (arm.move_joint_to_pose, arm.move_linear, arm.check_moves):
@@ -113,7 +113,7 @@ def test_nothing_is_moved_to_where_the_arm_does_not_reach(loopback: LoopbackProc
         np.testing.assert_array_equal(arm.state().q, before.q)
 
 
-def test_another_arm_than_the_job_says_is_refused(loopback: LoopbackProcess) -> None:
+def test_another_arm_than_the_job_says_is_refused(loopback: UrLoopbackProcess) -> None:
     with (
         pytest.raises(ConfigurationError, match=r"arm\.model"),
         arm_at(loopback.host, Kinematics.load("ur5e")),
@@ -135,7 +135,7 @@ MID_MOVE = {
 
 @pytest.mark.parametrize("fault", MID_MOVE)
 def test_a_fault_in_mid_move_ends_in_its_error_and_nothing_resumes(
-    loopback: LoopbackProcess, fault: str
+    loopback: UrLoopbackProcess, fault: str
 ) -> None:
     # A busy machine, too, may be silent for a second.
     with arm_at(loopback.host, silence=1.0 if fault == "freeze" else 30.0) as arm:
@@ -166,7 +166,7 @@ def test_a_fault_in_mid_move_ends_in_its_error_and_nothing_resumes(
     ],
 )
 def test_an_arm_that_is_not_ready_is_not_connected(
-    loopback: LoopbackProcess, fault: str, error: type[ArmFault]
+    loopback: UrLoopbackProcess, fault: str, error: type[ArmFault]
 ) -> None:
     loopback.schedule_fault(fault)
     with pytest.raises(error), arm_at(loopback.host):
@@ -178,14 +178,14 @@ def test_nobody_at_the_address_is_told_at_once() -> None:
         pass
 
 
-def test_a_program_of_somebody_else_is_left_alone(loopback: LoopbackProcess) -> None:
+def test_a_program_of_somebody_else_is_left_alone(loopback: UrLoopbackProcess) -> None:
     with arm_at(loopback.host) as first:
         with pytest.raises(ArmBusy), arm_at(loopback.host):
             pass
         first.move_joint_to_pose(beside_home(0.02))
 
 
-def test_inputs_that_another_client_writes_are_not_taken(loopback: LoopbackProcess) -> None:
+def test_inputs_that_another_client_writes_are_not_taken(loopback: UrLoopbackProcess) -> None:
     names = b"input_int_register_0,input_double_register_0"
     with socket.create_connection((loopback.host, RTDE_PORT)) as other:
         other.sendall(HEADER.pack(HEADER.size + len(names), INPUTS) + names)
@@ -194,7 +194,7 @@ def test_inputs_that_another_client_writes_are_not_taken(loopback: LoopbackProce
             pass
 
 
-def test_a_controller_that_takes_no_programs_is_told_apart(loopback: LoopbackProcess) -> None:
+def test_a_controller_that_takes_no_programs_is_told_apart(loopback: UrLoopbackProcess) -> None:
     # A dashboard, and nothing else behind that address.
     with socket.create_server((address(), 29999)) as server:
         host = server.getsockname()[0]
@@ -219,7 +219,7 @@ def test_a_controller_that_takes_no_programs_is_told_apart(loopback: LoopbackPro
         thread.join()
 
 
-def test_a_target_that_the_controller_refuses_is_not_moved_to(loopback: LoopbackProcess) -> None:
+def test_a_target_that_the_controller_refuses_is_not_moved_to(loopback: UrLoopbackProcess) -> None:
     with arm_at(loopback.host) as arm:
         before = arm.move_joint_to_pose(beside_home())
         loopback.schedule_fault("refuse-targets")
@@ -231,7 +231,7 @@ def test_a_target_that_the_controller_refuses_is_not_moved_to(loopback: Loopback
 
 
 def test_a_stop_ends_the_move_and_leaves_the_arm_at_hand() -> None:
-    with LoopbackProcess(address()) as loopback, slow_arm_at(loopback.host) as arm:
+    with UrLoopbackProcess(address()) as loopback, slow_arm_at(loopback.host) as arm:
 
         def stop() -> None:
             loopback.wait_for_line("move")
@@ -253,7 +253,7 @@ def test_a_stop_ends_the_move_and_leaves_the_arm_at_hand() -> None:
     assert client_processes() == []
 
 
-def test_a_stop_given_before_a_move_begins_holds(loopback: LoopbackProcess) -> None:
+def test_a_stop_given_before_a_move_begins_holds(loopback: UrLoopbackProcess) -> None:
     with arm_at(loopback.host) as arm:
         before = arm.state()
         arm.stop()
@@ -265,7 +265,7 @@ def test_a_stop_given_before_a_move_begins_holds(loopback: LoopbackProcess) -> N
         arm.move_joint_to_pose(beside_home(0.05))
 
 
-def test_a_controller_that_does_not_end_the_program_is_told_of(loopback: LoopbackProcess) -> None:
+def test_a_controller_that_does_not_end_the_program_is_told_of(loopback: UrLoopbackProcess) -> None:
     with arm_at(loopback.host) as arm:
         loopback.schedule_fault("refuse-stop")
         # Not its link alone: a client that connects again may end the program after all.
@@ -277,7 +277,7 @@ def test_a_controller_that_does_not_end_the_program_is_told_of(loopback: Loopbac
         assert "emergency stop" in message_with_notes(caught.value)
 
 
-def test_nothing_to_stop_is_stopped(loopback: LoopbackProcess) -> None:
+def test_nothing_to_stop_is_stopped(loopback: UrLoopbackProcess) -> None:
     for order in ("clear", "refuse-stop"):
         loopback.schedule_fault(order)
         with DashboardClient(loopback.host) as dashboard:
@@ -290,7 +290,7 @@ sys.path.insert(0, sys.argv[2])
 from tjscan.core.errors import MoveSupervisionLost
 from tjscan.robot.motion import MotionLimits
 from tjscan.robot.ur.arm import UrArm
-from tjscan.robot.ur.settings import UrSettings
+from tjscan.robot.ur.driver import UrSettings
 from ur_cell import KINEMATICS, beside_home
 with UrArm(KINEMATICS, UrSettings(sys.argv[1]), MotionLimits(tcp_speed=0.05)) as arm:
     for _ in range(2):
@@ -304,7 +304,7 @@ with UrArm(KINEMATICS, UrSettings(sys.argv[1]), MotionLimits(tcp_speed=0.05)) as
 
 
 def test_the_arm_stops_when_the_program_is_killed() -> None:
-    with LoopbackProcess(address()) as loopback:
+    with UrLoopbackProcess(address()) as loopback:
         folder = str(Path(__file__).parents[1] / "support")
         with subprocess.Popen([sys.executable, "-c", DRIVER, loopback.host, folder]) as program:
             loopback.wait_for_line("move")
@@ -315,7 +315,7 @@ def test_the_arm_stops_when_the_program_is_killed() -> None:
 
 
 def test_the_arm_stops_when_the_program_stands_still() -> None:
-    with LoopbackProcess(address()) as loopback:
+    with UrLoopbackProcess(address()) as loopback:
         folder = str(Path(__file__).parents[1] / "support")
         command = [sys.executable, "-c", DRIVER, loopback.host, folder]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
@@ -337,7 +337,7 @@ def test_the_arm_stops_when_the_program_stands_still() -> None:
 
 
 def test_a_program_that_stands_still_for_a_moment_moves_on() -> None:
-    with LoopbackProcess(address(), "--fast") as loopback:
+    with UrLoopbackProcess(address(), "--fast") as loopback:
         folder = str(Path(__file__).parents[1] / "support")
         command = [sys.executable, "-c", DRIVER, loopback.host, folder]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
@@ -349,7 +349,7 @@ def test_a_program_that_stands_still_for_a_moment_moves_on() -> None:
 
 
 def test_the_controllers_watchdog_stops_an_arm_whose_client_hangs() -> None:
-    with LoopbackProcess(address()) as loopback, slow_arm_at(loopback.host) as arm:
+    with UrLoopbackProcess(address()) as loopback, slow_arm_at(loopback.host) as arm:
 
         def hang() -> None:
             loopback.wait_for_line("move")
@@ -368,7 +368,7 @@ def test_the_controllers_watchdog_stops_an_arm_whose_client_hangs() -> None:
 
 
 def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
-    with LoopbackProcess(address()) as loopback:
+    with UrLoopbackProcess(address()) as loopback:
         scan = [sys.executable, "-c", "from tjscan.cli import main; main()", "scan", str(PAPER)]
         ur = ["--arm.driver", "ur", "--arm.ur.host", loopback.host, "--out", str(tmp_path / "run")]
         ur += ["--arm.speed-mm-s", "30"]  # for a first move that lasts
@@ -386,7 +386,7 @@ def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
         assert "serial number 00000000000" in events[0].detail
 
 
-def test_a_dashboard_that_hangs_up_is_connected_again(loopback: LoopbackProcess) -> None:
+def test_a_dashboard_that_hangs_up_is_connected_again(loopback: UrLoopbackProcess) -> None:
     events: list[tuple[str, str]] = []
     with arm_at(loopback.host, silence=20.0) as arm:
         arm.report_events_to(lambda name, detail: events.append((name, detail)))
@@ -399,7 +399,7 @@ def test_a_dashboard_that_hangs_up_is_connected_again(loopback: LoopbackProcess)
 
 
 def test_without_its_dashboard_the_arm_is_stopped() -> None:
-    with LoopbackProcess(address()) as loopback:
+    with UrLoopbackProcess(address()) as loopback:
         with slow_arm_at(loopback.host) as arm:
 
             def close() -> None:
@@ -428,7 +428,7 @@ def test_a_stopped_program_is_put_down_to_the_one_who_fell_silent(
     unheard: float, unseen: float, error: type[ArmFault]
 ) -> None:
     zeros = (0.0,) * 6
-    modes = (RobotMode.RUNNING, SafetyMode.NORMAL, PLAYING + 2)
+    modes = (RobotMode.RUNNING, SafetyMode.NORMAL, PROGRAM_PLAYING + 2)
     state = (True, 1.0, zeros, zeros, zeros, *modes, 1, True, unheard, unseen, None, None)
     fault = fault_from_state(ControllerState(*state))
     assert type(fault) is error
@@ -437,7 +437,7 @@ def test_a_stopped_program_is_put_down_to_the_one_who_fell_silent(
 
 def test_a_client_held_up_for_a_moment_too_long_is_told_as_that() -> None:
     with (
-        LoopbackProcess(address()) as loopback,
+        UrLoopbackProcess(address()) as loopback,
         UrArm(KINEMATICS, UrSettings(loopback.host, silence_limit=10.0), SLOWLY) as arm,
     ):
 
@@ -456,7 +456,7 @@ def test_a_client_held_up_for_a_moment_too_long_is_told_as_that() -> None:
 
 
 def test_a_scan_finds_the_sections_that_it_finds_with_the_simulated_arm(
-    loopback: LoopbackProcess,
+    loopback: UrLoopbackProcess,
 ) -> None:
     simulated = scan_example(FAULTLESS)
     driven = scan_example(FAULTLESS | {"arm.driver": "ur", "arm.ur": {"host": loopback.host}})
@@ -466,7 +466,7 @@ def test_a_scan_finds_the_sections_that_it_finds_with_the_simulated_arm(
 
 
 def test_a_fault_in_a_scan_ends_with_its_exit_code_and_a_whole_recording(
-    loopback: LoopbackProcess, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    loopback: UrLoopbackProcess, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = tmp_path / "run"
     loopback.schedule_fault("protective-stop 6")
@@ -483,16 +483,16 @@ def test_a_fault_in_a_scan_ends_with_its_exit_code_and_a_whole_recording(
     assert (run / "summary.json").exists()
 
 
-def test_a_dry_run_moves_nothing(loopback: LoopbackProcess) -> None:
+def test_a_dry_run_moves_nothing(loopback: UrLoopbackProcess) -> None:
     loopback.unread_output()
     ur = ("--arm.driver", "ur", "--arm.ur.host", loopback.host)
     assert tjscan("scan", PAPER, *ur, "--dry-run") == 0
     assert not any(line.startswith("move") for line in loopback.unread_output())
 
 
-def test_two_arms_work_side_by_side(loopback: LoopbackProcess) -> None:
+def test_two_arms_work_side_by_side(loopback: UrLoopbackProcess) -> None:
     with (
-        LoopbackProcess(address(), "--fast") as second,
+        UrLoopbackProcess(address(), "--fast") as second,
         arm_at(loopback.host) as one,
         arm_at(second.host) as other,
     ):
@@ -511,10 +511,10 @@ def test_the_loopback_starts_where_it_is_told_to() -> None:
         angles = ("-100", "-90", "150", wrong, "-100", "10")
         assert tjscan("ur-loopback", "--host", address(), "--home-deg", *angles) == 2
     angles = ("-100", "-90", "150", "100", "-100", "10")
-    with LoopbackProcess(address(), "--home-deg", *angles) as loopback:
+    with UrLoopbackProcess(address(), "--home-deg", *angles) as loopback:
         with arm_at(loopback.host) as arm:
             np.testing.assert_allclose(np.degrees(arm.state().q), [float(a) for a in angles])
-        with pytest.raises(ArmNotConnected), LoopbackProcess(loopback.host):
+        with pytest.raises(ArmNotConnected), UrLoopbackProcess(loopback.host):
             pass  # that address is taken
 
 
@@ -530,7 +530,9 @@ def test_a_job_for_a_real_arm_needs_its_host(capsys: pytest.CaptureFixture[str])
     assert "[arm.ur]" in capsys.readouterr().err
 
 
-def test_a_turn_on_the_spot_arrives_and_a_wide_one_is_not_begun(loopback: LoopbackProcess) -> None:
+def test_a_turn_on_the_spot_arrives_and_a_wide_one_is_not_begun(
+    loopback: UrLoopbackProcess,
+) -> None:
     with arm_at(loopback.host) as arm:
         before = arm.state()
         turned = before.T_b_f @ pose(rot_z(0.05))

@@ -9,8 +9,8 @@ from ur_cell import HOME, KINEMATICS, address, arm_at, output_is_on
 from tjscan.core.errors import ArmFault, PoseNotReached
 from tjscan.core.frames import pose
 from tjscan.core.pose_vector import pose_to_vector
-from tjscan.robot.loopback.process import LoopbackProcess
 from tjscan.robot.ur.program import UrProgram
+from tjscan_loopback.process import UrLoopbackProcess
 
 pytest.importorskip("rtde_control")
 
@@ -31,19 +31,19 @@ def moving(speed: float) -> UrProgram:
 
 
 @pytest.fixture(scope="module")
-def running() -> Iterator[LoopbackProcess]:
-    with LoopbackProcess(address()) as loopback:
+def running() -> Iterator[UrLoopbackProcess]:
+    with UrLoopbackProcess(address()) as loopback:
         yield loopback
 
 
 @pytest.fixture
-def loopback(running: LoopbackProcess) -> LoopbackProcess:
+def loopback(running: UrLoopbackProcess) -> UrLoopbackProcess:
     running.schedule_fault("clear")
     running.schedule_fault("home")
     return running
 
 
-def test_a_program_runs_to_its_end(loopback: LoopbackProcess) -> None:
+def test_a_program_runs_to_its_end(loopback: UrLoopbackProcess) -> None:
     """For longer than the controller waits for a sign of life of this computer."""
     seen: list[bool] = []
     with arm_at(loopback.host) as arm:
@@ -52,7 +52,7 @@ def test_a_program_runs_to_its_end(loopback: LoopbackProcess) -> None:
     assert not output_is_on(loopback.host, OUTPUT)
 
 
-def test_a_stop_ends_the_program_and_switches_its_output_off(loopback: LoopbackProcess) -> None:
+def test_a_stop_ends_the_program_and_switches_its_output_off(loopback: UrLoopbackProcess) -> None:
     with arm_at(loopback.host) as arm:
         stopper = threading.Thread(target=arm.stop)
         with pytest.raises(ArmFault, match="stopped on its way"):
@@ -62,14 +62,14 @@ def test_a_stop_ends_the_program_and_switches_its_output_off(loopback: LoopbackP
 
 
 def test_a_program_that_somebody_else_ends_is_told_from_one_that_came_to_its_end(
-    loopback: LoopbackProcess,
+    loopback: UrLoopbackProcess,
 ) -> None:
     with arm_at(loopback.host) as arm, pytest.raises(PoseNotReached, match="the program ended"):
         arm.run_program(moving(0.002), lambda: loopback.schedule_fault("stop-program"))
     assert not output_is_on(loopback.host, OUTPUT)
 
 
-def test_a_fault_of_the_arm_is_told_by_its_own_error(loopback: LoopbackProcess) -> None:
+def test_a_fault_of_the_arm_is_told_by_its_own_error(loopback: UrLoopbackProcess) -> None:
     from tjscan.core.errors import ProtectiveStop
 
     with arm_at(loopback.host) as arm, pytest.raises(ProtectiveStop):
@@ -77,7 +77,7 @@ def test_a_fault_of_the_arm_is_told_by_its_own_error(loopback: LoopbackProcess) 
 
 
 def test_where_nobody_watches_any_more_the_controller_ends_the_program(
-    loopback: LoopbackProcess,
+    loopback: UrLoopbackProcess,
 ) -> None:
     """The client that feeds the watchdog is gone, as when this computer fails."""
     with arm_at(loopback.host) as arm:

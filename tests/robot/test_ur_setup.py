@@ -14,26 +14,26 @@ from taught import HALF_DIGIT, example, standing
 from ur_cell import address, client_processes
 
 from tjscan.job import read_scan_job
-from tjscan.robot.loopback.process import LoopbackProcess
+from tjscan_loopback.process import UrLoopbackProcess
 
 pytest.importorskip("rtde_control")
 
 
 @pytest.fixture(scope="module")
-def loopback() -> Iterator[LoopbackProcess]:
+def loopback() -> Iterator[UrLoopbackProcess]:
     """A controller whose arm was led to about the first start pose."""
     angles = standing(read_scan_job(PAPER).start_poses[0].T).strip("[]").split(", ")
-    with LoopbackProcess(address(), "--fast", "--home-deg", *angles) as process:
+    with UrLoopbackProcess(address(), "--fast", "--home-deg", *angles) as process:
         yield process
     assert client_processes() == []
 
 
-def ur(loopback: LoopbackProcess) -> tuple[str, ...]:
+def ur(loopback: UrLoopbackProcess) -> tuple[str, ...]:
     return ("--arm.driver", "ur", "--arm.ur.host", loopback.host)
 
 
 def test_a_pose_is_taught_from_where_the_arm_stands_and_nothing_moves(
-    loopback: LoopbackProcess, tmp_path: Path
+    loopback: UrLoopbackProcess, tmp_path: Path
 ) -> None:
     job = example(tmp_path)
     loopback.unread_output()
@@ -45,7 +45,7 @@ def test_a_pose_is_taught_from_where_the_arm_stands_and_nothing_moves(
 
 
 def test_the_doctor_tells_which_arm_it_is_and_what_is_wrong_with_it(
-    loopback: LoopbackProcess, capsys: pytest.CaptureFixture[str]
+    loopback: UrLoopbackProcess, capsys: pytest.CaptureFixture[str]
 ) -> None:
     loopback.unread_output()
     assert tjscan("doctor", PAPER, "--json", *ur(loopback)) == 0

@@ -10,8 +10,7 @@ from command import tjscan
 
 from tjscan.core.config import table_to_dict
 from tjscan.job import read_calibration_job, read_scan_job
-from tjscan.runs.chain.settings import read_chain
-from tjscan.runs.chain.sources import OFF
+from tjscan.runs.chain import KEYS_SWITCHING_OFF, read_chain
 from tjscan.study.file import flatten_to_dotted_keys
 
 CHAIN = EXAMPLES / "paper-chain.toml"
@@ -33,13 +32,13 @@ def test_both_jobs_are_of_one_cell_that_errs() -> None:
     assert worlds[0].T_f_s_mm == worlds[1].T_f_s_mm
 
 
-@pytest.mark.parametrize("source", OFF)
+@pytest.mark.parametrize("source", KEYS_SWITCHING_OFF)
 def test_each_source_is_there_and_can_be_switched_off(source: str) -> None:
     chain = read_chain(CHAIN)
     as_it_is = flatten_to_dotted_keys(table_to_dict(read_scan_job(chain.scan, chain.both)))
-    without = chain.with_keys(dict(OFF[source]))
+    without = chain.with_keys(dict(KEYS_SWITCHING_OFF[source]))
     off = flatten_to_dotted_keys(table_to_dict(read_scan_job(chain.scan, without.both)))
-    for key in OFF[source]:
+    for key in KEYS_SWITCHING_OFF[source]:
         assert as_it_is[key] > 0
         assert off[key] == 0
 

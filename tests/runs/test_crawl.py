@@ -20,18 +20,23 @@ from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.last_view import GOES_ON
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.slip_estimator import ASIDE, SlipBelief
-from tjscan.crawler.slip_model import STATES
+from tjscan.crawler.slip_estimator import MOST_ASIDE, SlipBelief
+from tjscan.crawler.slip_model import STATE_COUNT
 from tjscan.crawler.topics import CRAWL_RECORDING, WARNING, record_crawl
-from tjscan.job.crawl_cell import CrawlCell, LeftWorld, make_crawl_cell
-from tjscan.job.crawl_job import CrawlJob
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
+from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.recording.parts import next_recording_file
 from tjscan.runs.crawl.report import crawl_chapter
 from tjscan.runs.crawl.results import read_recorded_crawl
-from tjscan.runs.crawl.resume import belief_after_stop, resume_crawl, start_after_stop
-from tjscan.runs.crawl.run import CrawlContext, run_crawl, short_way
+from tjscan.runs.crawl.run import (
+    CrawlContext,
+    belief_after_stop,
+    resume_crawl,
+    run_crawl,
+    short_way,
+    start_after_stop,
+)
 from tjscan.vehicle.vehicle import DEAD_MAN, REST, Twist, VehicleState
 
 
@@ -166,7 +171,7 @@ def test_a_report_says_what_was_not_welded_and_what_was_cut_off(cut_short: Path)
 def moved_by_hand(monkeypatch: pytest.MonkeyPatch, *by: float) -> None:
     """Let a vehicle that goes on stand elsewhere, by x, y in metres and an angle."""
 
-    def make_moved_cell(job: CrawlJob, left: LeftWorld) -> CrawlCell:
+    def make_moved_cell(job: CrawlJob, left: InterruptedWorld) -> CrawlCell:
         return make_crawl_cell(job, replace(left, pose_w=left.pose_w + np.array(by)))
 
     monkeypatch.setattr("tjscan.runs.crawl.resume.make_crawl_cell", make_moved_cell)
@@ -256,8 +261,8 @@ def test_before_the_end_of_the_steel_it_stops(job_file: Path, tmp_path: Path) ->
 def test_a_calibration_is_learned_and_holds_for_its_vehicle_alone(
     job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tjscan.runs.crawl.calibrate.LENGTH", 0.06)
-    monkeypatch.setattr("tjscan.runs.crawl.calibrate.TIMES", 1)
+    monkeypatch.setattr("tjscan.runs.crawl.run.SHUTTLE_LENGTH", 0.06)
+    monkeypatch.setattr("tjscan.runs.crawl.run.SHUTTLE_TIMES", 1)
     out = tmp_path / "shuttle"
     assert tjscan("crawl", "calibrate", job_file, "--out", out) == 0
     calibrated = tmp_path / "calibrated.toml"
@@ -360,7 +365,7 @@ def write_parts(directory: Path, *names: str) -> None:
                 phase = Phase.MANUAL if waits else Phase.WELDING
                 state = VehicleState(0.1 * k, Twist(0.02, 0.0))
                 torch = TorchEstimate(0.0, 1e-3, 0.0)
-                slip = SlipBelief(np.zeros(STATES), np.eye(STATES))
+                slip = SlipBelief(np.zeros(STATE_COUNT), np.eye(STATE_COUNT))
                 journal.record_cycle(
                     CrawlCycle(
                         phase, 1, 0.01 * k, state, REST, torch, 0.0, 0.0, not waits, slip=slip
@@ -391,7 +396,7 @@ def test_how_it_ended_is_told_by_what_crawled_last(
     belief = belief_after_stop(found, read_crawl_job(EXAMPLES / "crawl.toml"))
     assert belief is not None
     seconds = DEAD_MAN if stopped else GOES_ON
-    assert belief.P[0, 0] - 1 == pytest.approx((ASIDE * 0.02 * seconds) ** 2)
+    assert belief.P[0, 0] - 1 == pytest.approx((MOST_ASIDE * 0.02 * seconds) ** 2)
 
 
 def test_the_way_since_a_belief_was_recorded_is_doubted(tmp_path: Path) -> None:
@@ -401,7 +406,7 @@ def test_the_way_since_a_belief_was_recorded_is_doubted(tmp_path: Path) -> None:
     old = tuple(replace(cycle, slip=found.cycles[-1].slip) for cycle in found.cycles)
     belief = belief_after_stop(replace(found, cycles=old), read_crawl_job(EXAMPLES / "crawl.toml"))
     assert belief is not None
-    assert belief.P[0, 0] - 1 == pytest.approx((ASIDE * (0.08 + 0.02 * DEAD_MAN)) ** 2)
+    assert belief.P[0, 0] - 1 == pytest.approx((MOST_ASIDE * (0.08 + 0.02 * DEAD_MAN)) ** 2)
 
 
 def test_a_place_that_was_told_to_a_crawl_that_never_went_on_is_none(tmp_path: Path) -> None:

@@ -12,13 +12,12 @@ from crawls import SHORT
 from tjscan.core.errors import VehicleFault
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.job import read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.results import read_recorded_crawl
-from tjscan.runs.crawl.resume import resume_crawl
-from tjscan.runs.crawl.run import CrawlContext, run_crawl
-from tjscan.vehicle.loopback.broker import MosquittoProcess, find_mosquitto
-from tjscan.vehicle.loopback.process import VehicleLoopbackProcess
+from tjscan.runs.crawl.run import CrawlContext, resume_crawl, run_crawl
+from tjscan_loopback.broker import MosquittoProcess, find_mosquitto
+from tjscan_loopback.process import VehicleLoopbackProcess
 
 pytestmark = pytest.mark.skipif(find_mosquitto() is None, reason="mosquitto is not installed")
 

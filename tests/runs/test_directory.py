@@ -6,7 +6,7 @@ import pytest
 from command import tjscan
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.runs.directory import check_replay
+from tjscan.runs.run import check_replay
 
 
 def make_run(directory: Path, what: str) -> Path:

@@ -13,9 +13,8 @@ from command import tjscan
 from laser_cell import require_broadcasts
 from ur_cell import address
 
-from tjscan.laser.loopback.process import LaserLoopbackProcess
-from tjscan.robot.loopback.process import LoopbackProcess
 from tjscan.scanning.reader import read_recorded_scan
+from tjscan_loopback.process import LaserLoopbackProcess, UrLoopbackProcess
 
 pytest.importorskip("rtde_control")
 pytest.importorskip("viva_genicam")
@@ -35,18 +34,18 @@ NOISELESS = [
 
 
 @pytest.fixture(scope="module")
-def arm() -> Iterator[LoopbackProcess]:
-    with LoopbackProcess(address(), "--fast") as process:
+def arm() -> Iterator[UrLoopbackProcess]:
+    with UrLoopbackProcess(address(), "--fast") as process:
         yield process
 
 
 @pytest.fixture(scope="module")
-def laser(arm: LoopbackProcess) -> Iterator[LaserLoopbackProcess]:
+def laser(arm: UrLoopbackProcess) -> Iterator[LaserLoopbackProcess]:
     with LaserLoopbackProcess(address(), str(PAPER), *NOISELESS, "--arm", arm.host) as process:
         yield process
 
 
-def scan(arm: LoopbackProcess, run: Path, *options: str) -> int:
+def scan(arm: UrLoopbackProcess, run: Path, *options: str) -> int:
     arm.schedule_fault("clear")
     arm.schedule_fault("home")
     real = ("--arm.driver", "ur", "--arm.ur.host", arm.host)
@@ -58,7 +57,7 @@ def over_the_wire(laser: LaserLoopbackProcess) -> tuple[str, ...]:
 
 
 def test_the_scan_is_the_same_as_with_the_simulated_laser(
-    arm: LoopbackProcess, laser: LaserLoopbackProcess, tmp_path: Path
+    arm: UrLoopbackProcess, laser: LaserLoopbackProcess, tmp_path: Path
 ) -> None:
     assert scan(arm, tmp_path / "simulated", *NOISELESS) == 0
     assert scan(arm, tmp_path / "wire", *NOISELESS, *over_the_wire(laser)) == 0
@@ -74,7 +73,7 @@ def test_the_scan_is_the_same_as_with_the_simulated_laser(
 
 
 def test_a_laser_that_fails_on_the_way_ends_the_scan_and_it_can_be_resumed(
-    arm: LoopbackProcess, laser: LaserLoopbackProcess, tmp_path: Path
+    arm: UrLoopbackProcess, laser: LaserLoopbackProcess, tmp_path: Path
 ) -> None:
     run = tmp_path / "run"
     laser.schedule_fault("stale")
@@ -86,7 +85,7 @@ def test_a_laser_that_fails_on_the_way_ends_the_scan_and_it_can_be_resumed(
 
 
 def test_the_doctor_reports_the_laser_and_its_range(
-    arm: LoopbackProcess, laser: LaserLoopbackProcess, capsys: pytest.CaptureFixture[str]
+    arm: UrLoopbackProcess, laser: LaserLoopbackProcess, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arm.schedule_fault("home")
     real = ("--arm.driver", "ur", "--arm.ur.host", arm.host, *over_the_wire(laser))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from command import tjscan
 
-from tjscan.core.manifest import MANIFEST, manifest_text
+from tjscan.core.manifest import MANIFEST_FILE, manifest_text
 from tjscan.planning.document import PlanDocument
 
 ROOT = Path(__file__).parent.parent.parent
@@ -60,11 +60,11 @@ def test_nothing_of_an_earlier_plan_stays_beside_a_new_one(run: Path) -> None:
     earlier = [run / name for name in ("plan.urscript", "plan-left.urscript", "plan-passes.toml")]
     for file in earlier:
         file.write_text("of an earlier plan", encoding="utf-8")
-    (run / MANIFEST).write_text(manifest_text(run, run), encoding="utf-8")
+    (run / MANIFEST_FILE).write_text(manifest_text(run, run), encoding="utf-8")
     (run / "plan of mine.txt").touch()
     assert planned(run) in (0, 3)
     assert not [file for file in earlier if file.exists()]
-    assert "urscript" not in (run / MANIFEST).read_text(encoding="utf-8")
+    assert "urscript" not in (run / MANIFEST_FILE).read_text(encoding="utf-8")
     assert (run / "plan of mine.txt").is_file()
 
 

@@ -11,15 +11,14 @@ from hull_views import DEFAULT, FILLED_15_MM, see
 
 from tjscan.core.config import validate_table
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.crawl_job import CrawlJob
-from tjscan.job.wps import read_wps
+from tjscan.job.crawl.job import CrawlJob
 from tjscan.joint.hull import HullJoint, HullTack
 from tjscan.laser.profile import Profile
 from tjscan.laser.section_laser import SectionLaserModel
 from tjscan.planning.crawl_passes import passes_of_plan
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.plan import WeldPlan, plan_weld
-from tjscan.planning.wps import WeldingProcedure
+from tjscan.planning.wps import WeldingProcedure, read_wps
 from tjscan.runs.plan.crawl import butt_joint_edges, passes_to_toml
 
 EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "wps.toml"

@@ -16,12 +16,12 @@ from tjscan.core.frames import Array
 from tjscan.core.pose_vector import pose_from_vector
 from tjscan.core.signals import press_ctrl_c
 from tjscan.job import read_scan_job
-from tjscan.job.wps import read_wps
+from tjscan.planning.wps import read_wps
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.loopback.controller import LoopbackController
-from tjscan.robot.loopback.process import LoopbackProcess
-from tjscan.runs.plan.welding_station import WeldingStation
+from tjscan.runs.plan.reach import WeldingStation
+from tjscan_loopback.process import UrLoopbackProcess
+from tjscan_loopback.ur.controller import LoopbackController
 
 ROOT = Path(__file__).parent.parent.parent
 RUN = ROOT / "tests" / "data" / "run-0.1.0"
@@ -176,7 +176,7 @@ def test_a_program_is_sent_to_an_arm_and_ctrl_c_stops_it(
     way = (run / "plan.urscript").read_text(encoding="utf-8")
     home = way[way.index("movej([") + 7 : way.index("], a=")]
     degrees = [f"{np.degrees(float(x)):.6f}" for x in home.split(",")]
-    with LoopbackProcess(host, "--fast", "--home-deg", *degrees) as loopback:
+    with UrLoopbackProcess(host, "--fast", "--home-deg", *degrees) as loopback:
         stopper = threading.Thread(target=_interrupt_once_on, args=(host,))
         stopper.start()
         options = ("--gravity", 0, 0, -1, "--output", OUTPUT, "--arc", "--out", run / "sent")

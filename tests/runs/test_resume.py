@@ -24,7 +24,7 @@ from tjscan.core.files import lock_and_clean_directory
 from tjscan.job import read_scan_job
 from tjscan.recording.parts import recording_files
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import check_joint_angles, scan_in_cell
 from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.reader import read_recorded_scan

@@ -13,8 +13,8 @@ from command import tjscan
 
 from tjscan.job import read_scan_job
 from tjscan.result.table import read_sections_csv
-from tjscan.runs.context import RunContext
-from tjscan.runs.directory import make_run_directory
+from tjscan.runs.run import make_run_directory
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan
 
 EXAMPLE = EXAMPLES / "whole-joint.toml"

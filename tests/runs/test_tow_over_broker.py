@@ -9,12 +9,12 @@ pytest.importorskip("mujoco")
 pytest.importorskip("proxsuite")
 
 from tjscan.core.errors import VehicleFault
-from tjscan.job.tow_reading import read_tow_job
+from tjscan.job.tow.checks import read_tow_job
 from tjscan.runs.tow.results import read_recorded_tow
 from tjscan.runs.tow.run import TowContext, run_tow
 from tjscan.towing.journal import TowCycle
-from tjscan.vehicle.loopback.broker import MosquittoProcess, find_mosquitto
-from tjscan.vehicle.loopback.process import VehicleLoopbackProcess
+from tjscan_loopback.broker import MosquittoProcess, find_mosquitto
+from tjscan_loopback.process import VehicleLoopbackProcess
 
 pytestmark = pytest.mark.skipif(find_mosquitto() is None, reason="mosquitto is not installed")
 

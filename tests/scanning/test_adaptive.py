@@ -8,7 +8,7 @@ import pytest
 from cells import scan_example
 from seams import NONE, Noise, Seam, seam
 
-from tjscan.scanning.adaptive import CHOICES, AdaptiveStepSettings, adaptive_step_rule
+from tjscan.scanning.adaptive import TRIED_LENGTHS, AdaptiveStepSettings, adaptive_step_rule
 from tjscan.scanning.progress import StopReason, step_lengths
 from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.smooth import tube_fit_predictor
@@ -62,7 +62,7 @@ def test_steps_keep_their_bounds_and_depend_on_the_sections_alone() -> None:
     assert adaptive_step_rule(generous)(scans) == pytest.approx(generous.most)
     step = adaptive_step_rule(LIMITS)(scans)
     assert step == adaptive_step_rule(LIMITS)(tuple(scans))
-    places = (step - LIMITS.least) / (LIMITS.most - LIMITS.least) * (CHOICES - 1)
+    places = (step - LIMITS.least) / (LIMITS.most - LIMITS.least) * (TRIED_LENGTHS - 1)
     assert places == pytest.approx(round(places))
 
 

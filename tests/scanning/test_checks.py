@@ -13,12 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.errors import SetPointRefused
 from tjscan.core.frames import Array, inverse_pose, pose, rot_x, rotation_angle_between
-from tjscan.scanning.checks import FARTHEST, LARGEST_VIEW_SHIFT, check_set_point
-from tjscan.scanning.prediction import CASES, paper_predictor
+from tjscan.scanning.checks import FARTHEST_STEPS, LARGEST_VIEW_SHIFT, check_set_point
+from tjscan.scanning.prediction import PREDICTION_CASES, paper_predictor
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.retries import LARGEST_SHIFT, TURN, ViewAdjustment
-from tjscan.scanning.section import ScannedSection, Substep
-from tjscan.scanning.set_point import SetPoint, StepRequest
+from tjscan.scanning.retries import LARGEST_SHIFT, NUDGE_TURN, ViewAdjustment
+from tjscan.scanning.section import ScannedSection, SetPoint, StepRequest, Substep
 from tjscan.scanning.target import ScanDirection
 
 ANGLE = 2 * np.arcsin(PLAN.step / 2 / 0.2286)
@@ -39,7 +38,10 @@ def nothing_further(to: SetPoint) -> None:
     assert turned <= REQUEST.max_rotation + 1e-6
     assert (
         moved
-        <= FARTHEST * REQUEST.length + 2 * lever * np.sin(turned / 2) + LARGEST_VIEW_SHIFT + 1e-3
+        <= FARTHEST_STEPS * REQUEST.length
+        + 2 * lever * np.sin(turned / 2)
+        + LARGEST_VIEW_SHIFT
+        + 1e-3
     )
 
 
@@ -73,13 +75,13 @@ def test_what_passes_leads_no_further_than_the_step_allows(
     nothing_further(to)
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", PREDICTION_CASES)
 @pytest.mark.parametrize("share", [0.25, 0.5, 1.0])
 @pytest.mark.parametrize("offset", [-1, 1])
 def test_the_papers_set_points_and_every_nudge_of_them_pass(
     case: int, share: float, offset: int
 ) -> None:
-    to = paper_predictor(CASES[case], ScanDirection.COUNTERCLOCKWISE)(
+    to = paper_predictor(PREDICTION_CASES[case], ScanDirection.COUNTERCLOCKWISE)(
         [BEFORE, LAST], share * PLAN.step
     )
     request = StepRequest(LAST, to.T_b_t[:3, 3], share * PLAN.step)
@@ -87,7 +89,7 @@ def test_the_papers_set_points_and_every_nudge_of_them_pass(
     for nudge in (
         ViewAdjustment(standoff=offset * LARGEST_SHIFT),
         ViewAdjustment(offset=offset * LARGEST_SHIFT),
-        ViewAdjustment(work_angle=offset * TURN),
+        ViewAdjustment(work_angle=offset * NUDGE_TURN),
     ):
         check_set_point(nudge.adjusted_set_point(to, PLAN.direction), request, PLAN)
 

@@ -14,10 +14,9 @@ from rings import GROOVE, PLAN, ring_section
 from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array, pose
-from tjscan.groove.find import find_groove
+from tjscan.groove.read import read_groove
 from tjscan.job import read_scan_job
 from tjscan.recording.parts import recording_files
-from tjscan.scanning.correction import correction_target_pose
 from tjscan.scanning.correction_criterion import (
     CorrectionCriterion,
     view_deviation,
@@ -25,9 +24,8 @@ from tjscan.scanning.correction_criterion import (
 )
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.reader import read_recorded_scan
-from tjscan.scanning.section import Substep
-from tjscan.scanning.set_point import SetPoint
-from tjscan.scanning.target import ScanDirection
+from tjscan.scanning.section import SetPoint, Substep
+from tjscan.scanning.target import ScanDirection, correction_target_pose
 
 ANGLE = 0.175
 SKIPPING = {"scan.skip.enabled": True}
@@ -132,12 +130,12 @@ def test_a_scan_that_skips_goes_on_as_if_it_had_not_been_cut(tmp_path: Path) -> 
     options = [word for key, value in keys.items() for word in (f"--{key}", str(value).lower())]
     run = tmp_path / "run"
     assert tjscan("scan", PAPER, "--out", run, *options) == 0
-    whole = read_recorded_scan(run).reread_sections(find_groove)
+    whole = read_recorded_scan(run).reread_sections(read_groove)
     assert Substep.PREDICTION in {scan.view.substep for scan in whole}
     recording = recording_files(run)[0]
     recording.write_bytes(recording.read_bytes()[: recording.stat().st_size // 2])
     assert tjscan("scan", "--resume", run) == 0
-    again = read_recorded_scan(run).reread_sections(find_groove)
+    again = read_recorded_scan(run).reread_sections(read_groove)
     assert [s.view.substep for s in again] == [s.view.substep for s in whole]
     for one, other in zip(again, whole, strict=True):
         np.testing.assert_allclose(one.points_b, other.points_b, atol=1e-12)

@@ -13,9 +13,8 @@ from tjscan.core.frames import (
     rotation_angle_between,
     transform_points,
 )
-from tjscan.scanning.correction import correction_target_pose
-from tjscan.scanning.prediction import CASES, predicted_target_pose
-from tjscan.scanning.target import ScanDirection
+from tjscan.scanning.prediction import PREDICTION_CASES, predicted_target_pose
+from tjscan.scanning.target import ScanDirection, correction_target_pose
 
 EXACT = 1e-12
 RADIUS = 0.2286
@@ -39,7 +38,7 @@ def predict_on_ring(case: int, direction: ScanDirection, angle: float = 0.2) -> 
     g_before, g_last, g_next = (groove(sign * i * angle) for i in (0, 1, 2))
     turn = np.eye(4) if sign > 0 else REVERSED
     predicted = predicted_target_pose(
-        g_last @ turn, g_before, g_last, chord(angle), CASES[case], direction
+        g_last @ turn, g_before, g_last, chord(angle), PREDICTION_CASES[case], direction
     )
     return predicted, g_next @ turn
 
@@ -66,19 +65,21 @@ def test_cases_2_and_3_turn_the_step(direction: ScanDirection, case: int, exact:
     assert error == pytest.approx(0.0 if exact else chord(0.2) * 2 * np.sin(0.1), abs=EXACT)
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", PREDICTION_CASES)
 @pytest.mark.parametrize("direction", ScanDirection)
 def test_the_step_has_the_length_asked_for(case: int, direction: ScanDirection) -> None:
     sign = 1 if direction is ScanDirection.COUNTERCLOCKWISE else -1
     T_b_t = groove(sign * 0.2)
-    predicted = predicted_target_pose(T_b_t, groove(0.0), T_b_t, 0.055, CASES[case], direction)
+    predicted = predicted_target_pose(
+        T_b_t, groove(0.0), T_b_t, 0.055, PREDICTION_CASES[case], direction
+    )
     assert np.linalg.norm(predicted[:3, 3] - T_b_t[:3, 3]) == pytest.approx(0.055)
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", PREDICTION_CASES)
 def test_prediction_does_not_depend_on_where_the_base_stands(case: int) -> None:
     T_a_b = pose(rot_x(0.3) @ rot_z(2.0), (1.0, -2.0, 0.5))
-    args = (0.04, CASES[case], ScanDirection.COUNTERCLOCKWISE)
+    args = (0.04, PREDICTION_CASES[case], ScanDirection.COUNTERCLOCKWISE)
     before, last = groove(0.0), groove(0.2)
     in_b = predicted_target_pose(last, before, last, *args)
     in_a = predicted_target_pose(T_a_b @ last, T_a_b @ before, T_a_b @ last, *args)

@@ -11,19 +11,18 @@ from cells import FAULTLESS, Notes, example_corner_errors, reading_fails_at, sca
 
 from tjscan.core.errors import GrooveNotFound, LaserFault
 from tjscan.core.frames import pose, rot_y
-from tjscan.groove.find import find_groove
 from tjscan.groove.prior import GroovePrior
+from tjscan.groove.read import read_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.recording.event import RecordedEvent
 from tjscan.scanning.checks import check_section_orientation
 from tjscan.scanning.events import RetryCounts, ScanEvent
 from tjscan.scanning.journal import CombinedJournal, ScanResultsJournal
-from tjscan.scanning.merge import AGREEING, merge_repeated_profiles
-from tjscan.scanning.progress import StopReason, step_lengths
+from tjscan.scanning.profile_taker import AGREEING_PROFILES, merge_repeated_profiles
+from tjscan.scanning.progress import ScanResult, StopReason, step_lengths
 from tjscan.scanning.recorded import RecordedScan
-from tjscan.scanning.result import ScanResult
-from tjscan.scanning.retries import MISSING
+from tjscan.scanning.retries import MOST_MISSING
 from tjscan.scanning.section import Substep
 from tjscan.scanning.sections_before import GrooveReader
 
@@ -72,13 +71,13 @@ def test_no_profile_of_another_place_is_taken_however_old_it_is(back: int) -> No
             given.append(super().capture())
             return given[-1]
 
-    failing = range(SIDE_VIEW, SIDE_VIEW + MISSING)
+    failing = range(SIDE_VIEW, SIDE_VIEW + MOST_MISSING)
     result = scan_example(
         SHORT,
         through=lambda laser: Remembering(laser, lambda k: out_of_a_ring if k in failing else None),
     )
     assert result.stop is StopReason.SECTIONS
-    assert result.counts == RetryCounts(taken_again=MISSING)
+    assert result.counts == RetryCounts(taken_again=MOST_MISSING)
     assert example_corner_errors(result).max() < TRUE_CORNER
 
 
@@ -95,10 +94,10 @@ def test_points_anywhere_cost_no_section(share: float, merges: bool) -> None:
 @pytest.mark.parametrize("fault", [missing, frozen, late], ids=lambda f: str(f.__name__))
 def test_a_laser_that_stays_away_ends_the_scan_and_what_was_found_is_told(fault: Fault) -> None:
     notes = Notes()
-    with pytest.raises(LaserFault, match=f"{MISSING + 1} profiles in a row"):
+    with pytest.raises(LaserFault, match=f"{MOST_MISSING + 1} profiles in a row"):
         scan_with(lambda k: fault if k >= SIDE_VIEW else None, notes)
     assert len(notes.sections) == 4
-    assert [name for name, _ in notes.events] == ["taken again"] * MISSING
+    assert [name for name, _ in notes.events] == ["taken again"] * MOST_MISSING
 
 
 def test_a_groove_that_is_gone_ends_the_scan_after_every_remedy() -> None:
@@ -174,7 +173,7 @@ def readings_changed_from(first: int, change: Callable[[Profile], Profile]) -> G
     count = iter(range(10_000))
 
     def read(profile: Profile, *, prior: GroovePrior | None = None) -> GrooveSection:
-        return find_groove(change(profile) if next(count) >= first else profile, prior=prior)
+        return read_groove(change(profile) if next(count) >= first else profile, prior=prior)
 
     return read
 
@@ -202,7 +201,7 @@ def test_a_correction_that_shows_another_place_than_the_prediction_is_not_believ
     def read(profile: Profile, *, prior: GroovePrior | None = None) -> GrooveSection:
         shift = 0.004 if next(count) >= SIDE_VIEW + 1 else 0.0
         moved = Profile(profile.x_s + shift, profile.z_s, None, profile.time)
-        return find_groove(moved, prior=prior)
+        return read_groove(moved, prior=prior)
 
     notes = Notes()
     keys = FAULTLESS | {"scan.sections": 5, "scan.prediction_case": 2}
@@ -245,7 +244,7 @@ def test_profiles_without_faults_merge_to_their_mean() -> None:
 def test_copies_of_one_profile_agree_on_nothing() -> None:
     _, noisy = profiles(1, 0.3, 1)
     assert merge_repeated_profiles(noisy * 7) is None
-    _, noisy = profiles(AGREEING - 1, 0.0, 1)
+    _, noisy = profiles(AGREEING_PROFILES - 1, 0.0, 1)
     assert merge_repeated_profiles(noisy) is None
 
 

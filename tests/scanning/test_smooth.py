@@ -15,13 +15,11 @@ from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between
 from tjscan.groove.section import section_from_points
 from tjscan.scanning import smooth
 from tjscan.scanning.checks import check_set_point
-from tjscan.scanning.correction import correction_target_pose
 from tjscan.scanning.correction_criterion import CorrectionCriterion, view_deviation
-from tjscan.scanning.prediction import CASES, paper_predictor
-from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.set_point import SetPoint, StepRequest
+from tjscan.scanning.prediction import PREDICTION_CASES, paper_predictor
+from tjscan.scanning.section import ScannedSection, SetPoint, StepRequest
 from tjscan.scanning.smooth import tube_fit_predictor
-from tjscan.scanning.target import ScanDirection
+from tjscan.scanning.target import ScanDirection, correction_target_pose
 
 JOINTS = pytest.mark.parametrize(
     "joint", ["tjoint-600x457", "yjoint-600x457-60deg", "tjoint-406x324"]
@@ -141,7 +139,9 @@ def test_it_does_not_amplify_the_noise_of_the_last_sections() -> None:
         noisy = replace(world, noise=Noise(), rng=np.random.default_rng(seed))
         seen = [noisy.look(SetPoint(s.T_b_t, s.T_s_t)) for s in scans]
         smooth_.append(tube_fit_predictor(world.plan)(seen, step).T_b_t[:3, 3])
-        case_3.append(paper_predictor(CASES[3], world.direction)(seen, step).T_b_t[:3, 3])
+        case_3.append(
+            paper_predictor(PREDICTION_CASES[3], world.direction)(seen, step).T_b_t[:3, 3]
+        )
         read.append(seen[-1].T_b_g[:3, 3])
     spread = [float(np.linalg.norm(np.std(p, axis=0))) for p in (smooth_, case_3, read)]
     assert spread[0] < spread[1]
@@ -203,7 +203,7 @@ def test_where_the_tubes_tell_nothing_the_papers_case_3_predicts(
     scans = walk_of(world, 0.04, 3)
     monkeypatch.setattr(smooth, "fit_tubes_to_sections", lost)
     ahead = tube_fit_predictor(world.plan)(scans, 0.04)
-    case_3 = paper_predictor(CASES[3], world.direction)(scans, 0.04)
+    case_3 = paper_predictor(PREDICTION_CASES[3], world.direction)(scans, 0.04)
     np.testing.assert_array_equal(ahead.T_b_t, case_3.T_b_t)
     assert ahead.covariance is None
 

@@ -21,7 +21,7 @@ from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.progress import StopReason, step_lengths
 from tjscan.scanning.retries import step_retries
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
-from tjscan.scanning.tacks import with_tack_named
+from tjscan.scanning.sections_before import with_tack_named
 
 YARD = EXAMPLES / "yard-joint.toml"
 BURIED = 2e-3

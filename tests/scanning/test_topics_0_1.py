@@ -9,7 +9,7 @@ import pytest
 from command import tjscan
 
 from tjscan.core.frames import inverse_pose, transform_points
-from tjscan.groove.find import find_groove
+from tjscan.groove.read import read_groove
 from tjscan.job import read_scan_job
 from tjscan.recording.header import FORMAT_VERSION
 from tjscan.recording.reader import read_header
@@ -45,7 +45,7 @@ def test_it_is_read(old: Path) -> None:
     assert scan.stop_reason.startswith("number of sections reached")
     assert scan.events[-1].name == "stop"
     for section, again in zip(
-        scan.sections.values(), scan.reread_sections(find_groove), strict=True
+        scan.sections.values(), scan.reread_sections(read_groove), strict=True
     ):
         np.testing.assert_allclose(again.points_b, section.points_b, atol=READERS)
         np.testing.assert_allclose(again.T_b_g, section.T_b_g, atol=READERS)

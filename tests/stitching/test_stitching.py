@@ -23,12 +23,11 @@ from tjscan.core.frames import (
     rotation_angle_between,
 )
 from tjscan.joint.edges import feature_edges
-from tjscan.joint.tubes.walls import ArmRepeatability
-from tjscan.runs.stations.report import build_stitching_report
-from tjscan.stitching.draft import StitchingDraft
+from tjscan.joint.tubes.fit import ArmRepeatability
+from tjscan.runs.stations.stitch import build_stitching_report
 from tjscan.stitching.picture import draw_stitching
-from tjscan.stitching.settings import StitchSettings
-from tjscan.stitching.stations import Station
+from tjscan.stitching.registration import StitchingDraft
+from tjscan.stitching.stations import Station, StitchSettings
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
 
 NAMES = sorted(file.stem for file in CAD.glob("?joint-*.toml"))

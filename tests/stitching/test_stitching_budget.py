@@ -16,12 +16,11 @@ from tjscan.core.pose_vector import pose_to_vector
 from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ScannedSection
-from tjscan.stitching.settings import StitchSettings
 from tjscan.stitching.sides import moves_of_walls
-from tjscan.stitching.stations import Station, fit_tubes_to_stations
+from tjscan.stitching.stations import Station, StitchSettings, fit_tubes_to_stations
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
-from tjscan.uncertainty.causes import HAND_EYE, ViewCause, hand_eye_cause, motion_cause
-from tjscan.uncertainty.laser_causes import LINEARITY, linearity_cause
+from tjscan.uncertainty.causes import HAND_EYE_CAUSE, ViewCause, hand_eye_cause, motion_cause
+from tjscan.uncertainty.laser_causes import LINEARITY_CAUSE, linearity_cause
 
 T_F_S = inverse_pose(pose(p=(0.1, 0.0, -0.15)))
 """How `exact_stations` mounts its sensor."""
@@ -75,7 +74,7 @@ def test_a_wrong_calibration_moves_stitched_sections_as_stated(axis: int) -> Non
     wrong = [moved(s, lambda one: one.view.T_b_f @ stepped(T_F_S, step)) for s in stations]
     found = stitch_stations(wrong, SMALL)
     off = np.array([section.points for section in found.sections]) - truth
-    (by,) = np.moveaxis(component_of(stated, HAND_EYE), -1, 0)
+    (by,) = np.moveaxis(component_of(stated, HAND_EYE_CAUSE), -1, 0)
     sign = np.sign(np.sum(off * by))
     corners = slice(1, 4)
     size_off = np.linalg.norm(off[:, corners])
@@ -154,7 +153,7 @@ def test_a_bent_lens_moves_stitched_sections_as_stated(draw: int) -> None:
     found = stitch_stations([bent(s, draw) for s in stations], SMALL)
     off = np.array([section.points for section in found.sections])
     off = (off - [section.points for section in stated.sections])[:, 1:4]
-    (by,) = np.moveaxis(component_of(stated, LINEARITY)[:, 1:4], -1, 0)
+    (by,) = np.moveaxis(component_of(stated, LINEARITY_CAUSE)[:, 1:4], -1, 0)
     assert np.linalg.norm(off - by) < LINEAR * np.linalg.norm(off)
 
 

@@ -10,14 +10,12 @@ import tomli_w
 from cells import PAPER
 from command import tjscan
 
-from tjscan.runs.scan_study.outcome import ScanOutcome
-from tjscan.study.file import read_study_file
-from tjscan.study.grid import trials_of_study
-from tjscan.study.row import LOST_WORKER, StudyRow
+from tjscan.runs.scan.study import ScanOutcome
+from tjscan.study.file import read_study_file, trials_of_study
 from tjscan.study.run import run_study, run_trial
 from tjscan.study.schedule import CrashedTask, DaskScheduler, FinishedTask
-from tjscan.study.store import ROWS, make_study_directory, read_rows
-from tjscan.study.trial import Trial
+from tjscan.study.store import ROWS_FILE, make_study_directory, read_rows
+from tjscan.study.trial import LOST_WORKER, StudyRow, Trial
 
 STUDY = {
     "job": str(PAPER),
@@ -99,7 +97,7 @@ def test_an_interrupted_study_goes_on_to_the_same_table(
         run_study(tmp_path / "s", Here(stop_after=2), ignore)
     assert len(pq.read_table(tmp_path / "s" / "study.parquet")) == 2
     # The machine lost power in the middle of a line.
-    with (tmp_path / "s" / ROWS).open("a") as file:
+    with (tmp_path / "s" / ROWS_FILE).open("a") as file:
         file.write(rows[3].to_json_line()[:50])
     rest = Here()
     assert timeless(run_study(tmp_path / "s", rest, ignore)) == rows
@@ -134,7 +132,7 @@ def test_the_command_writes_tables_pictures_and_a_report(study: Path, tmp_path: 
     out = tmp_path / "s"
     assert tjscan("study", study, "--out", out, "--workers", 1, pictures=True) == 0
     names = {file.name for file in out.iterdir()}
-    assert names >= {"study.csv", "study.parquet", "report.md", "steps.png", "effort.png"}
+    assert names >= {"study.csv", "study.parquet", "report.md", "overview.png"}
     table = pq.read_table(out / "study.parquet")
     lines = (out / "study.csv").read_text().splitlines()
     assert lines[0].split(",") == table.column_names

@@ -16,12 +16,10 @@ from cells import PAPER
 from study_work import double_or_die, once, threads
 
 from tjscan.core.errors import ComputeClusterFault, ConfigurationError
-from tjscan.study.file import StudyFile
-from tjscan.study.grid import trials_of_study
-from tjscan.study.row import StudyRow
+from tjscan.study.file import StudyFile, trials_of_study
 from tjscan.study.run import run_trial
 from tjscan.study.schedule import CrashedTask, DaskScheduler, FinishedTask, check_study_packages
-from tjscan.study.trial import Trial
+from tjscan.study.trial import StudyRow, Trial
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -81,7 +79,7 @@ def test_a_study_on_this_machine_listens_on_loopback_only() -> None:
 
 
 def test_a_scheduler_that_is_not_there_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tjscan.study.schedule.PATIENCE", 0.5)
+    monkeypatch.setattr("tjscan.study.schedule.CLUSTER_TIMEOUT", 0.5)
     scheduler = DaskScheduler(address="tcp://127.0.0.1:1")
     with pytest.raises(ConfigurationError, match="no scheduler answers"):
         list(scheduler(once, (0,)))
@@ -98,7 +96,7 @@ def test_a_scheduler_that_goes_away_is_reported_and_what_is_done_was_given() -> 
 
 
 def test_a_cluster_without_workers_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tjscan.study.schedule.PATIENCE", 2.0)
+    monkeypatch.setattr("tjscan.study.schedule.CLUSTER_TIMEOUT", 2.0)
     with (
         cluster_of(0) as cluster,
         pytest.raises(ComputeClusterFault, match="no worker has joined"),
@@ -137,6 +135,6 @@ def test_a_package_that_is_missing_is_named_with_its_extra(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     check_study_packages()
-    monkeypatch.setattr("tjscan.study.schedule.NEEDED", ("distributed", "no_such_package"))
+    monkeypatch.setattr("tjscan.study.schedule.STUDY_PACKAGES", ("distributed", "no_such_package"))
     with pytest.raises(ConfigurationError, match=r"no_such_package.*pip install 'tjscan\[study\]'"):
         check_study_packages()

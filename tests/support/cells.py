@@ -14,23 +14,21 @@ from tjscan.calibration.noise import NoiseModel
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.config import validate_table
 from tjscan.core.errors import GrooveNotFound
-from tjscan.core.frames import Array, transform_points
+from tjscan.core.frames import Array, JointOrBaseFrame, transform_points
 from tjscan.core.provenance import Provenance
-from tjscan.groove.find import find_groove
 from tjscan.groove.prior import GroovePrior
+from tjscan.groove.read import read_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
-from tjscan.result.frame import JointOrBaseFrame
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.scanning.profile_taker import ScanSetup
-from tjscan.scanning.result import ScanResult
+from tjscan.scanning.progress import ScanResult
 from tjscan.scanning.scanner import Scanner
-from tjscan.scanning.section import ProfileView, ScannedSection
+from tjscan.scanning.section import ProfileView, ScannedSection, SetPointPredictor
 from tjscan.scanning.sections_before import GrooveReader
-from tjscan.scanning.set_point import SetPointPredictor
 from tjscan.scanning.stopping import StopRequest
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
@@ -81,7 +79,7 @@ def scan_example(
     *,
     file: Path = PAPER,
     notes: Notes | None = None,
-    read: GrooveReader = find_groove,
+    read: GrooveReader = read_groove,
     through: Callable[[LineLaser], LineLaser] = lambda laser: laser,
     predictor: SetPointPredictor | None = None,
     stop: StopRequest | None = None,
@@ -143,6 +141,6 @@ def reading_fails_at(calls: Container[int]) -> GrooveReader:
     def read(profile: Profile, *, prior: GroovePrior | None = None) -> GrooveSection:
         if next(count) in calls:
             raise GrooveNotFound("no bevel", "hidden by a clamp")
-        return find_groove(profile, prior=prior)
+        return read_groove(profile, prior=prior)
 
     return read

@@ -13,7 +13,7 @@ from tjscan.groove.section import section_from_points
 from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import cylindrical_to_j, radial_direction
-from tjscan.joint.tubes.walls import ArmRepeatability
+from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.stitching.stations import Station

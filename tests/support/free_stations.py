@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.devices import DeviceBase
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_euler_zyx, unit_vector
-from tjscan.groove.find import find_groove
+from tjscan.groove.read import read_groove
 from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
@@ -154,10 +154,10 @@ def true_station(
     )
     notes = Notes()
     with laser:
-        scanner = Scanner(ScanSetup(arm, laser, T_F_S, find_groove), plan, notes)
+        scanner = Scanner(ScanSetup(arm, laser, T_F_S, read_groove), plan, notes)
         poses = [inverse_pose(T_j_b) @ view_of(joint, start + k * taught, plan) for k in (0, 1)]
         result = scanner.run(*poses)
-    return station_from_recording(name, nominal, result.sections, result.views, find_groove), T_j_b
+    return station_from_recording(name, nominal, result.sections, result.views, read_groove), T_j_b
 
 
 def view_of(joint: JointDefinition, phi: float, plan: ScanPlan) -> Array:

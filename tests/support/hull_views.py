@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.groove.butt.registration import JointPlacement
+from tjscan.crawler.joint_tracking.registration import JointPlacement
 from tjscan.joint.hull import HullJoint, WeldBead
 from tjscan.joint.hull_section import hull_section
 from tjscan.laser.profile import Profile

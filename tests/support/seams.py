@@ -22,11 +22,9 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
-from tjscan.scanning.correction import correction_target_pose
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.section import ProfileView, ScannedSection, Substep
-from tjscan.scanning.set_point import SetPoint
-from tjscan.scanning.target import ScanDirection
+from tjscan.scanning.section import ProfileView, ScannedSection, SetPoint, Substep
+from tjscan.scanning.target import ScanDirection, correction_target_pose
 
 CAD = Path(__file__).parent.parent.parent / "cad"
 SEEN_OF_BRACE, SEEN_OF_LEG = 0.031, 0.070

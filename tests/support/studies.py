@@ -9,9 +9,8 @@ from typing import Any
 import tomli_w
 from cells import PAPER
 
-from tjscan.runs.scan_study.settings import StudyScanSettings
-from tjscan.study.file import read_study_file
-from tjscan.study.grid import trials_of_study
+from tjscan.runs.scan.study import StudyScanSettings
+from tjscan.study.file import read_study_file, trials_of_study
 from tjscan.study.trial import Trial
 
 ANY_JOINT = PAPER.parent / "any-joint.toml"

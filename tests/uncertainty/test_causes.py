@@ -13,11 +13,11 @@ from views_on_arm import T_F_S, ur10e, views
 
 from tjscan.core.frames import Array, transform_points
 from tjscan.groove.section import GrooveSection, section_from_points
-from tjscan.joint.tubes.walls import ArmRepeatability
+from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.laser.deviation import BY_DEGREE
 from tjscan.laser.model import LaserModel
 from tjscan.robot.deviations import deviation_jacobian, with_deviations
-from tjscan.robot.tolerance import PlacementTolerance
+from tjscan.robot.settings import PlacementTolerance
 from tjscan.uncertainty.budget import BudgetComponent, UncertaintyBudget, points_moved_by_twist
 from tjscan.uncertainty.causes import (
     ViewCause,

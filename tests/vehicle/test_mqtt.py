@@ -20,9 +20,9 @@ from tjscan.core.errors import (
     VehicleStopped,
 )
 from tjscan.core.frames import Array
-from tjscan.vehicle.loopback.broker import MosquittoProcess, find_mosquitto
-from tjscan.vehicle.loopback.process import VehicleLoopbackProcess
 from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState
+from tjscan_loopback.broker import MosquittoProcess, find_mosquitto
+from tjscan_loopback.process import VehicleLoopbackProcess
 
 mqtt = pytest.importorskip("tjscan.vehicle.mqtt.vehicle", reason="paho-mqtt is not installed")
 pytestmark = pytest.mark.skipif(find_mosquitto() is None, reason="mosquitto is not installed")
@@ -328,7 +328,7 @@ def test_the_command_takes_a_job_and_says_what_is_wrong(
 
 
 def test_addresses_of_other_machines_and_odd_topics_are_refused() -> None:
-    from tjscan.vehicle.loopback.serve import run_loopback_vehicles
+    from tjscan_loopback.vehicle.serve import run_loopback_vehicles
 
     for address in ("0.0.0.0:1883", "192.168.0.1:1883", "localhost:1883", "127.0.0.1", "::1"):
         with pytest.raises(ConfigurationError):

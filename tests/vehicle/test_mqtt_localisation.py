@@ -9,7 +9,7 @@ from typing import Self
 import pytest
 
 from tjscan.core.errors import VehicleLinkLost
-from tjscan.vehicle.loopback.broker import MosquittoProcess, find_mosquitto
+from tjscan_loopback.broker import MosquittoProcess, find_mosquitto
 
 pytest.importorskip("paho.mqtt", reason="paho-mqtt is not installed")
 pytestmark = pytest.mark.skipif(find_mosquitto() is None, reason="mosquitto is not installed")

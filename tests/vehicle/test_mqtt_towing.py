@@ -10,9 +10,9 @@ import pytest
 from command import tjscan
 
 from tjscan.core.errors import DriveFault
-from tjscan.vehicle.loopback.broker import MosquittoProcess, find_mosquitto
-from tjscan.vehicle.loopback.process import VehicleLoopbackProcess
 from tjscan.vehicle.vehicle import Twist
+from tjscan_loopback.broker import MosquittoProcess, find_mosquitto
+from tjscan_loopback.process import VehicleLoopbackProcess
 
 pytest.importorskip("paho.mqtt", reason="paho-mqtt is not installed")
 for package in ("mujoco", "numba", "proxsuite", "shapely"):

@@ -15,7 +15,7 @@ from tjscan.core.errors import (
     VehicleLinkLost,
     VehicleStopped,
 )
-from tjscan.vehicle.drivers import VEHICLES, VehicleDriverInputs
+from tjscan.vehicle.drivers import VEHICLE_DRIVERS, VehicleDriverInputs
 from tjscan.vehicle.drives import DriveSettings
 from tjscan.vehicle.replay import ReplayedVehicle
 from tjscan.vehicle.simulated import SimulatedVehicle
@@ -176,14 +176,14 @@ def test_drivers_make_their_vehicle() -> None:
     inputs = VehicleDriverInputs(
         TrackGeometry(), 1, VehicleSimulationSettings(), left, no_recording
     )
-    driver = VEHICLES.load("simulated")
+    driver = VEHICLE_DRIVERS.load("simulated")
     with driver.make(inputs, None) as made:
         assert made.next_state().time == pytest.approx(5.0 + PERIOD)
         np.testing.assert_allclose(driver.truth(made)[:2, 3], (1.0, 2.0))
     pytest.importorskip("paho.mqtt")
-    driver = VEHICLES.load("mqtt")
+    driver = VEHICLE_DRIVERS.load("mqtt")
     assert driver.make(inputs, driver.table()).dead_man == 0.5
-    driver = VEHICLES.load("replay")
+    driver = VEHICLE_DRIVERS.load("replay")
     with driver.make(inputs, None) as replayed:
         assert replayed.next_state() == VehicleState(0.0, REST)
         with pytest.raises(ConfigurationError):

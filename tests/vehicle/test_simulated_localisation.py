@@ -92,7 +92,7 @@ def test_it_reads_a_world_in_order_and_drops_what_is_no_pose() -> None:
     pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'tjscan[towing]'")
     from tjscan.vehicle.cable.model import CableModel, PasserBy, TowingWorldModel
     from tjscan.vehicle.cable.world import TowingWorld
-    from tjscan.vehicle.localisation_drivers import LOCALISATIONS, LocalisationInputs
+    from tjscan.vehicle.localisation_drivers import LOCALISATION_DRIVERS, LocalisationInputs
     from tjscan.vehicle.simulated_localisation import SimulatedLocalisation
 
     model = TowingWorldModel(
@@ -100,7 +100,7 @@ def test_it_reads_a_world_in_order_and_drops_what_is_no_pose() -> None:
         passers_by=(PasserBy(0.2, np.array(((0.0, 2.0), (1.0, 2.0))), speed=0.1),),
     )
     world = TowingWorld(model, np.zeros(10), settle=0.0)
-    factory = LOCALISATIONS.load("simulated")
+    factory = LOCALISATION_DRIVERS.load("simulated")
     eyes = factory.make(
         LocalisationInputs(vehicles=2, world=world, simulation=EXACT), factory.table()
     )

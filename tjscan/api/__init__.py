@@ -26,7 +26,7 @@ __all__ = ["Recording", "Scan", "calibrate", "compare", "read_groove", "scan"]
 LengthUnit = Literal["mm", "um", "m"]
 
 OFF_PLANE: Final = 1e-6
-"""Metres that a point of a profile may lie off the laser plane."""
+"""Metres that a point of a profile may be off the laser plane."""
 
 
 def scan(
@@ -36,14 +36,14 @@ def scan(
     station: str | None = None,
     keys: Mapping[str, Any] | None = None,
 ) -> Scan:
-    """Scan a groove as a job file says, from one station.
+    """Scan a groove as a job file states, from one station.
 
     Parameters
     ----------
     job : path
         The job file (TOML).
     directory : path, optional
-        The run directory to make; ``runs/JOB-DATE`` where left out.
+        The run directory to make; ``runs/JOB-DATE`` if left out.
     station : str, optional
         The station to scan from, of a job with several.
     keys : mapping, optional
@@ -57,8 +57,8 @@ def scan(
     """
     from tjscan.core.config import add_file_to_errors
     from tjscan.job import read_scan_job
-    from tjscan.runs.context import RunContext
-    from tjscan.runs.directory import default_run_directory
+    from tjscan.runs.run import default_run_directory
+    from tjscan.runs.scan.context import RunContext
     from tjscan.runs.scan.run import run_scan
 
     file = Path(job)
@@ -73,11 +73,7 @@ def read_groove(
     points: ArrayLike | Profile,
     *,
     model: str = "tee",
-    noise: float = 0.05e-3,
-    minimum_points: int = 80,
-    largest_sigma: float = 0.6e-3,
-    largest_rms: float = 0.15e-3,
-    inlier_share: float = 0.1,
+    **settings: Any,
 ) -> GrooveSection:
     """Read the groove's section in one profile.
 
@@ -85,19 +81,12 @@ def read_groove(
     ----------
     points : array_like, shape (n, 2) or (n, 3), or Profile
         x and z, or x, y and z with y = 0, in the sensor's frame s, metres, in the order of the
-        sensor's columns; NaN where it has no point.
+        sensor's columns; NaN if it has no point.
     model : str
         Shape of the groove, of four sides: ``tee`` or ``butt-v-sharp``.
-    noise : float
-        Largest standard deviation of the range that is expected, metres.
-    minimum_points : int
-        Fewest points that are worth a search.
-    largest_sigma : float
-        Largest standard deviation of a corner that is accepted, metres.
-    largest_rms : float
-        Largest deviation of the points from the fitted sides, metres.
-    inlier_share : float
-        Least share of a side's points that must lie on it.
+    **settings : float
+        What differs from the defaults of `tjscan.groove.settings.GrooveSettings`: ``noise``,
+        ``minimum_points``, ``largest_sigma``, ``largest_rms`` and ``inlier_share``, in metres.
 
     Raises
     ------
@@ -106,14 +95,13 @@ def read_groove(
     ValueError
         If the points are not of that shape or off the laser plane, or a setting can't be.
     """
-    from tjscan.groove.find import GrooveSettings, find_groove
-    from tjscan.groove.models import MODELS
+    from tjscan.groove.models import GROOVE_MODELS
+    from tjscan.groove.read import read_groove as read_groove_in_profile
+    from tjscan.groove.settings import GrooveSettings
 
-    _check_word("model", model, tuple(MODELS))
-    settings = GrooveSettings(
-        MODELS[model], noise, minimum_points, largest_sigma, largest_rms, inlier_share
-    )
-    return find_groove(_profile(points), settings)
+    _check_word("model", model, tuple(GROOVE_MODELS))
+    chosen = GrooveSettings(GROOVE_MODELS[model], **settings)
+    return read_groove_in_profile(_profile(points), chosen)
 
 
 def calibrate(
@@ -137,7 +125,7 @@ def calibrate(
         Points of the board that were touched with a probe, in the base frame, metres; without
         them the board's place is estimated with the sensor's.
     radius : float, optional
-        Radius of the sphere, metres; estimated where left out.
+        Radius of the sphere, metres; estimated if left out.
     target : str
         What the profiles are of.
     noise : mapping, optional
@@ -159,12 +147,7 @@ def calibrate(
     from tjscan.calibration.fits.posed_profile import PosedProfile
     from tjscan.calibration.noise import NoiseModel
     from tjscan.calibration.offline import TargetRecording, calibrate_from_profiles
-    from tjscan.calibration.targets import (
-        PlaneTarget,
-        SphereTarget,
-        UnknownRoof,
-        fit_plane,
-    )
+    from tjscan.calibration.targets import PlaneTarget, SphereTarget, UnknownRoof, fit_plane
 
     poses = np.asarray(T_b_f, dtype=float)
     if poses.shape != (len(profiles), 4, 4):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays, readonly_copy
 
 if TYPE_CHECKING:
     from tjscan.core.display import Picture
@@ -25,6 +25,7 @@ MOST_PROFILES: Final = 9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class Scan:
     """A scanned groove, as a run directory holds it; all arrays are in one frame.
 
@@ -69,21 +70,21 @@ class Scan:
         ConfigurationError
             If it holds no finished run, or its files are damaged.
         """
-        from tjscan.result.directory import SECTIONS
+        from tjscan.result.directory import SECTIONS_FILE
         from tjscan.result.shapes import read_finished_summary, read_run_shape
         from tjscan.result.table import read_sections_csv
 
         folder = Path(directory)
         summary, shape = read_finished_summary(folder), read_run_shape(folder)
-        sections = read_sections_csv(folder / SECTIONS)
+        sections = read_sections_csv(folder / SECTIONS_FILE)
         return cls(
             folder,
             summary.frame,
-            readonly_copy([section.points for section in sections]),
-            readonly_copy([section.T_r_g for section in sections]),
-            readonly_copy([section.measures for section in sections]),
-            readonly_copy([section.sigmas for section in sections]),
-            readonly_copy(np.empty((0, 3)) if shape.points is None else shape.points),
+            np.array([section.points for section in sections]),
+            np.array([section.T_r_g for section in sections]),
+            np.array([section.measures for section in sections]),
+            np.array([section.sigmas for section in sections]),
+            np.empty((0, 3)) if shape.points is None else shape.points,
             sections,
             summary,
         )
@@ -92,7 +93,7 @@ class Scan:
         """Table of the sections as a DataFrame of pandas.
 
         Its columns are those of ``tjscan export --to csv``: their names end in the unit, such as
-        ``root_width_mm``, and `docs/export.md` says what each is.
+        ``root_width_mm``, and `docs/export.md` states what each is.
 
         Raises
         ------
@@ -116,16 +117,16 @@ class Scan:
 
     def _repr_html_(self) -> str:
         from tjscan.core.display import rows_to_html
-        from tjscan.result.directory import PICTURE
-        from tjscan.result.summary_words import summary_in_words
+        from tjscan.result.directory import SCAN_PICTURE
+        from tjscan.result.summary import summary_in_words
 
         name = self.directory.resolve().name
         rows = [("frame", self.frame), *summary_in_words(self.summary)]
-        return rows_to_html(name, rows, self.directory / PICTURE)
+        return rows_to_html(name, rows, self.directory / SCAN_PICTURE)
 
 
 class Recording:
-    """What a scan recorded: every profile, and where the arm stood.
+    """What a scan recorded: every profile, and where the arm was.
 
     Parameters
     ----------
@@ -209,7 +210,7 @@ class Recording:
     def plot(self) -> Picture:
         """Draw profiles in the laser plane, nine at most, with what is read in them."""
         from tjscan.core.display import Picture
-        from tjscan.groove.settings import DEFAULT
+        from tjscan.groove.settings import DEFAULT_SETTINGS
         from tjscan.result.picture import draw_profiles_with_fits
         from tjscan.result.readings import measure_grooves
 
@@ -218,8 +219,8 @@ class Recording:
             f"profile {k + 1}: section {self._views[k].index}": self._views[k].profile
             for k in chosen.tolist()
         }
-        readings = list(measure_grooves(profiles, DEFAULT))
-        return Picture(draw_profiles_with_fits(readings, DEFAULT))
+        readings = list(measure_grooves(profiles, DEFAULT_SETTINGS))
+        return Picture(draw_profiles_with_fits(readings, DEFAULT_SETTINGS))
 
     def _repr_html_(self) -> str:
         from tjscan.core.display import rows_to_html

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tjscan.core.frames import Array, readonly_copy, skew_matrix
+from tjscan.core.frames import Array, frozen_arrays, readonly_copy, skew_matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class PluckerLine:
     """A line {a, m}, or many: every point p on it has ``p × a = m``.
 
@@ -24,10 +25,6 @@ class PluckerLine:
 
     a: Array
     m: Array
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "a", readonly_copy(self.a))
-        object.__setattr__(self, "m", readonly_copy(self.m))
 
     @property
     def six_coordinates(self) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from tjscan.calibration.solve.closed_form import ClosedFormSolution
 from tjscan.calibration.solve.design import HandEyeUncertainty
 from tjscan.calibration.targets import PlaneTarget, RoofTarget
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 
 TARGET_SIGMA_POSITION: Final = 0.5e-3
 TARGET_SIGMA_ROTATION: Final = float(np.radians(0.1))
@@ -73,6 +73,7 @@ class SampleResidual:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class HandEyeCalibration:
     """Result of a calibration: the sensor's pose on the flange, its covariance and residuals.
 
@@ -137,10 +138,6 @@ class HandEyeCalibration:
     closed_form: ClosedFormSolution | None = None
     notes: tuple[str, ...] = ()
     by_laser: Array | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "T_f_s", readonly_copy(self.T_f_s))
-        object.__setattr__(self, "joint_covariance", readonly_copy(self.joint_covariance))
 
     @property
     def covariance(self) -> Array:

@@ -12,7 +12,7 @@ from scipy.special import chdtrc
 from tjscan.calibration.arm_error import ARM_REACH
 from tjscan.calibration.plucker import PluckerPlane, plane_through_point
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, readonly_copy, unit_vector
+from tjscan.core.frames import Array, frozen_arrays, unit_vector
 
 MIN_TOUCHES: Final = 3
 MIN_TOUCH_PATTERN_RATIO: Final = 0.1
@@ -30,6 +30,7 @@ STATED_BOARD_SIZE: Final = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class PlaneTarget:
     """A flat calibration board in frame b, with what is known about where it is.
 
@@ -64,10 +65,6 @@ class PlaneTarget:
     residuals: Array
     singular_values: Array
     by_arm: Array | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("centre_b", "axes_b", "information", "residuals", "singular_values"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
     def unknown_plane(cls, plane: PluckerPlane, near_b: ArrayLike) -> Self:

@@ -11,6 +11,6 @@ TASK: Final = TaskPlugin(
     report="tjscan.runs.calibration.report:calibration_chapter",
     recording="measured.mcap",
     result="calibration.toml",
-    page="tjscan.runs.calibration.page:calibration_page",
+    page="tjscan.runs.calibration.report:calibration_page",
     live="tjscan.runs.live.calibration:read_calibration_show",
 )

@@ -6,6 +6,7 @@ import errno
 import logging
 import sys
 from collections.abc import Sequence
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Final
 
@@ -49,7 +50,6 @@ COMMANDS: Final = (
     (app, "scan", "calibrate", "teach", "doctor", "laser", "reprocess", "groove", "stitch"),
     (app, "chain", "compare", "export", "plan", "report", "view", "joint", "study"),
     (app, "init", "schema"),
-    (app, "ur_loopback", "laser_loopback", "vehicle_loopback"),
     (crawl, "run", "size", "calibrate", "compare", "replay"),
     (tow, "run", "replay"),
 )
@@ -60,6 +60,13 @@ for group, *functions in COMMANDS:
     for function in functions:
         group.command(f"{folder}.{function}:{function}", name=function.replace("_", "-"))
 app.register_install_completion_command()
+
+for command in entry_points(group="tjscan.command"):
+    if command.name not in app:
+        app.command(command.value, name=command.name)
+
+LOOPBACK_COMMANDS: Final = ("ur-loopback", "laser-loopback", "vehicle-loopback")
+"""Commands that the distribution tjscan-loopback adds by entry points, as any package may."""
 
 EXIT_CODES: dict[type[TjscanError], int] = {
     ConfigurationError: 2,
@@ -83,6 +90,15 @@ def exit_code_of_error(error: TjscanError) -> int:
     return next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), 1)
 
 
+def _check_is_installed(tokens: Sequence[str]) -> None:
+    """Refuse the command of a loopback device whose package is missing."""
+    if tokens and tokens[0] in LOOPBACK_COMMANDS and tokens[0] not in app:
+        raise ConfigurationError(
+            f"'tjscan {tokens[0]}' needs the package tjscan-loopback, which is not installed: "
+            "pip install ./loopback in the checkout of tjscan"
+        )
+
+
 def _load_listed_commands(tokens: Sequence[str]) -> None:
     """Load the commands that a page of help lists: it shows the first lines of their docstrings."""
     words = tuple(token for token in tokens if not token.startswith("-"))
@@ -98,6 +114,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
     logging.getLogger("trimesh").propagate = False
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
     try:
+        _check_is_installed(tokens)
         _load_listed_commands(tokens)
         app(tokens, exit_on_error=False, print_error=True)
     except CycloptsError:

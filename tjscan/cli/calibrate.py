@@ -126,7 +126,7 @@ def _start(
     from tjscan.cli.operators import chosen_operator
     from tjscan.cli.output.calibration import finish_calibration
     from tjscan.runs.calibration.run import start_calibration
-    from tjscan.runs.directory import default_run_directory
+    from tjscan.runs.run import default_run_directory
 
     directory = out or default_run_directory(file)
     with chosen_operator(job, file, page, unattended=unattended) as operator:
@@ -139,10 +139,10 @@ def _resume(directory: Path, page: LiveOptions, *, unattended: bool, json: bool)
     from tjscan.cli.operators import chosen_operator
     from tjscan.cli.output.calibration import finish_calibration
     from tjscan.job import read_calibration_job
-    from tjscan.result.directory import JOB
+    from tjscan.result.directory import JOB_FILE
     from tjscan.runs.calibration.run import resume_calibration
 
-    file = directory / JOB
+    file = directory / JOB_FILE
     with chosen_operator(read_calibration_job(file), file, page, unattended=unattended) as operator:
         done = resume_calibration(directory, operator)
     finish_calibration(done, json=json)

@@ -27,9 +27,9 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.provenance import Provenance
 from tjscan.laser.files.format import ProfileFormat
 from tjscan.laser.files.read import read_profiles
-from tjscan.result.directory import CALIBRATION
+from tjscan.result.directory import CALIBRATION_FILE
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.directory import default_run_directory
+from tjscan.runs.run import default_run_directory
 
 NOISE: Final = (
     "range_mm",
@@ -58,7 +58,7 @@ def calibrate_recorded(options: RecordedProfileOptions, out: Path | None, *, jso
         raise ConfigurationError(
             f"each --lines has its --poses (found: {len(options.lines)} and {len(options.poses)})"
         )
-    file = (out or default_run_directory(options.lines[0])) / CALIBRATION
+    file = (out or default_run_directory(options.lines[0])) / CALIBRATION_FILE
     if file.exists():
         raise ConfigurationError("stands there already; choose another --out", file=file)
     if options.arm_model is not None and options.fixed_sensor:

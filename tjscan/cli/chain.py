@@ -31,11 +31,9 @@ def chain(
     from tjscan.cli.output.chain import one_line, print_sources
     from tjscan.cli.output.console import print_message
     from tjscan.report.write import write_run_report
-    from tjscan.result.directory import CALIBRATION
-    from tjscan.runs.chain.run import CALIBRATION_RUN
-    from tjscan.runs.chain.settings import read_chain
-    from tjscan.runs.chain.sources import run_sources
-    from tjscan.runs.directory import default_run_directory
+    from tjscan.result.directory import CALIBRATION_FILE
+    from tjscan.runs.chain import CALIBRATION_RUN, read_chain, run_sources
+    from tjscan.runs.run import default_run_directory
 
     read = read_chain(chain)
     directory = out or default_run_directory(chain)
@@ -44,6 +42,6 @@ def chain(
         rows.append(row)
         print_message(one_line(row))
         calibration = row.directory / CALIBRATION_RUN
-        if (calibration / CALIBRATION).exists():
+        if (calibration / CALIBRATION_FILE).exists():
             print_message(f"  its calibration on a page: {write_run_report(calibration)}")
     print_sources(rows, json=json)

@@ -77,11 +77,11 @@ def _read_profiles(file: Path, options: ProfileFileOptions | None) -> FileProfil
     from tjscan.core.errors import ConfigurationError
     from tjscan.laser.files.format import FileProfiles
     from tjscan.laser.files.read import read_profiles
-    from tjscan.result.directory import JOB
+    from tjscan.result.directory import JOB_FILE
     from tjscan.scanning.reader import load_profiles_of_run as read_recorded
 
     o = options or ProfileFileOptions()
-    is_run = (file / JOB).is_file()
+    is_run = (file / JOB_FILE).is_file()
     table = FileProfiles(read_recorded(file)) if is_run else read_profiles(file, o.profile_format)
     print_bad_rows(file, table.bad)
     for note in table.notes:

@@ -60,7 +60,7 @@ def chosen_operator(
         If there is no page to ask on.
     """
     if page.live:
-        from tjscan.runs.live.calibration_operator import operator_on_page
+        from tjscan.runs.live.calibration import operator_on_page
 
         with operator_on_page(
             job, job_file, page.where, print_message, ctrl_c_presser()

@@ -120,10 +120,10 @@ def _send(
 
 def _print_plan(done: WrittenPlan, page: Path) -> None:
     from tjscan.cli.output.console import print_message, print_table
-    from tjscan.planning.bead_table import BEAD_HEAD, bead_rows
+    from tjscan.planning.tables import BEAD_COLUMNS, bead_rows
 
     found = done.document
-    print_table([BEAD_HEAD, *bead_rows(found)])
+    print_table([tuple(BEAD_COLUMNS), *bead_rows(found)])
     zones = "" if len(found.zones) == 1 else f" in {len(found.zones)} zones"
     print(
         f"{len({bead.number for bead in found.beads})} beads{zones} over {found.groove_mm:.0f} mm"

@@ -37,11 +37,11 @@ def report(
         from tjscan.comparison.sidecar import StatedUnitAndFrame
         from tjscan.report.plan_page import PLAN, write_plan_page
         from tjscan.report.write import write_run_report
-        from tjscan.result.directory import SUMMARY
+        from tjscan.result.directory import SUMMARY_FILE
 
         if (run / PLAN).is_file():
             print_message(f"written to {write_plan_page(run)}")
-            if reference is None and not (run / SUMMARY).is_file():
+            if reference is None and not (run / SUMMARY_FILE).is_file():
                 return  # the plan of a run that lies elsewhere
         tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
         page = write_run_report(run, reference, tolerance, StatedUnitAndFrame(units, frame))

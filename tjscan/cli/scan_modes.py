@@ -22,9 +22,9 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.job import ScanJob
 from tjscan.report.write import write_run_report
 from tjscan.result.summary import ScanSummary
-from tjscan.runs.context import RunContext
-from tjscan.runs.directory import default_run_directory
+from tjscan.runs.run import default_run_directory
 from tjscan.runs.scan import run as scan
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.stations import run as stations
 from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.plan import ScanPlan
@@ -113,7 +113,7 @@ def _on_page(
     if not page.live:
         yield context
         return
-    from tjscan.runs.live.scan_page import show_scan
+    from tjscan.runs.live.scan import show_scan
 
     job = context.job.job_at_station()
     context_there = replace(context, job=job)

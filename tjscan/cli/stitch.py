@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tjscan.stitching.settings import StitchSettings
+    from tjscan.stitching.stations import StitchSettings
 
 
 def stitch(
@@ -45,7 +45,7 @@ def stitch(
     with show_phase("loading what stitches"):
         from tjscan.cli.output.stitching import print_stitched_groove
         from tjscan.report.write import write_run_report
-        from tjscan.runs.directory import default_run_directory
+        from tjscan.runs.run import default_run_directory
         from tjscan.runs.stations.stitch import stitch_run_directories
 
     directory = out or default_run_directory(Path("stitched"))
@@ -63,13 +63,13 @@ def _settings(
     repeatability_mm: float, repeatability_deg: float, out_of_round_mm: float
 ) -> StitchSettings:
     from tjscan.core.errors import ConfigurationError
-    from tjscan.joint.tubes.walls import ArmRepeatability
-    from tjscan.stitching.settings import DEFAULT, StitchSettings
+    from tjscan.joint.tubes.fit import ArmRepeatability
+    from tjscan.stitching.stations import DEFAULT_STITCH_SETTINGS, StitchSettings
 
     for name, value, most in (
         ("repeatability-mm", repeatability_mm, 5.0),
         ("repeatability-deg", repeatability_deg, 1.0),
-        ("out-of-round-mm", out_of_round_mm, 1e3 * DEFAULT.most_out_of_round),
+        ("out-of-round-mm", out_of_round_mm, 1e3 * DEFAULT_STITCH_SETTINGS.most_out_of_round),
     ):
         if not 0 < value <= most:
             raise ConfigurationError(f"must be more than 0, {most:g} at most", key=f"--{name}")

@@ -39,9 +39,8 @@ def study(
     from tjscan.cli.output.console import print_message
     from tjscan.cli.output.study import print_study_outcome, study_progress_bar
     from tjscan.core.errors import ConfigurationError
-    from tjscan.runs.directory import default_run_directory
-    from tjscan.study.file import read_study_file
-    from tjscan.study.grid import trials_of_study
+    from tjscan.runs.run import default_run_directory
+    from tjscan.study.file import read_study_file, trials_of_study
     from tjscan.study.run import run_study
     from tjscan.study.schedule import DaskScheduler, check_study_packages
     from tjscan.study.store import make_study_directory, read_trials

@@ -1,1 +1,1 @@
-"""How far what was scanned lies from what was designed."""
+"""How far what was scanned is from what was designed."""

@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 
 from tjscan.comparison.surface import MeshDistance
 from tjscan.core.errors import ComparisonRefused
-from tjscan.core.frames import Array, pose, readonly_copy, rotation_angle_between, transform_points
+from tjscan.core.frames import Array, frozen_arrays, pose, rotation_angle_between, transform_points
 from tjscan.core.robust import TUKEY_CUTOFF, mad_sigma
 
 MOST_ALIGNED_POINTS: Final = 30_000
@@ -43,6 +43,7 @@ NearestOnReference = Callable[[Array], tuple[Array, Array]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class Alignment:
     """Result of an alignment: the pose that brings what was measured onto its reference, and fit.
 
@@ -62,7 +63,7 @@ class Alignment:
     moved : float
         Root mean square of how far the points moved, metres.
     note : str
-        What to know of it; empty where there is nothing.
+        What to know of it; empty if there is nothing.
     """
 
     method: str
@@ -72,9 +73,6 @@ class Alignment:
     rounds: int = 0
     moved: float = 0.0
     note: str = ""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "T", readonly_copy(self.T))
 
     @property
     def rotation_angle(self) -> float:
@@ -186,7 +184,7 @@ def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
 
 
 def _check_stiffness(points: Array, normals: Array) -> None:
-    """Refuse points that could slide or turn on the reference without anybody noticing."""
+    """Refuse points that could slide or turn on the reference unnoticed."""
     radius = float(np.sqrt(np.mean(np.sum(points * points, axis=1))))
     J = np.column_stack((np.cross(points / radius, normals), normals))
     least = float(np.linalg.eigvalsh(J.T @ J / len(J))[0])

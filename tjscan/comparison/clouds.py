@@ -24,11 +24,11 @@ from tjscan.comparison.sidecar import (
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.core.mesh_files import read_mesh_file
-from tjscan.core.mesh_memory import (
+from tjscan.core.mesh_files import (
     LONGEST_LINE,
     MOST_MEMORY,
     check_memory_to_read,
+    read_mesh_file,
     read_ply_header,
     refuse_memory,
 )
@@ -38,7 +38,7 @@ from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.laser.files.format import METRES_PER_UNIT
 
-E57_POINT: Final = 120
+BYTES_PER_E57_POINT: Final = 120
 """Bytes of memory that reading a point of an E57 takes."""
 
 FileContent = tuple[Array, "np.ndarray[Any, np.dtype[np.intp]] | None", tuple[str, str] | None]
@@ -59,7 +59,7 @@ def read_shape_file(path: Path, options: StatedUnitAndFrame | None = None) -> Sh
     ------
     ConfigurationError
         If it is missing, damaged or empty, takes more memory to read than `MOST_MEMORY`, or
-        nobody states its unit or its frame.
+        nothing states its unit or its frame.
     """
     options = options or StatedUnitAndFrame()
     kind = path.suffix.lower()
@@ -96,7 +96,7 @@ def read_shape_file(path: Path, options: StatedUnitAndFrame | None = None) -> Sh
     scaled = METRES_PER_UNIT[stated.unit] * points
     if triangles is not None and len(triangles):
         _check_triangles(path, scaled, triangles)
-        # The edges of a joint are in frame j, whatever the sidecar says of the mesh.
+        # The edges of a joint are in frame j, whatever the sidecar states of the mesh.
         joint = sidecar.joint if sidecar is not None and stated.frame == "j" else None
         edges = None if joint is None else feature_edges(joint)
         mesh = Mesh(readonly_copy(scaled), triangles)
@@ -122,7 +122,7 @@ def _read_joint_sidecar(path: Path) -> Shape:
 
 
 def _read_edges(path: Path) -> FeatureEdges | None:
-    """``edges.csv`` of a joint; None where the file is another table."""
+    """``edges.csv`` of a joint; None if the file is another table."""
     with path.open(encoding="utf-8-sig", errors="replace") as stream:
         if stream.readline(1000).strip() != "edge,azimuth_deg,x_mm,y_mm,z_mm":
             return None
@@ -154,7 +154,7 @@ def _read_ply(path: Path) -> FileContent:
 
 
 def _read_3mf(path: Path) -> FileContent:
-    """3MF states its unit in the model, millimetre where it says none."""
+    """3MF states its unit in the model, millimetre if it states none."""
     with zipfile.ZipFile(path) as archive:
         model = next(name for name in archive.namelist() if name.lower().endswith(".model"))
         with archive.open(model) as stream:
@@ -180,7 +180,7 @@ def _read_e57(path: Path) -> FileContent:
     _need("pye57", "E57", "e57")
     file = import_module("pye57").E57(str(path))
     points_of_all = sum(file.get_header(i).point_count for i in range(file.scan_count))
-    refuse_memory(path, E57_POINT * points_of_all)
+    refuse_memory(path, BYTES_PER_E57_POINT * points_of_all)
     scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
     points = [np.column_stack([s[f"cartesian{axis}"] for axis in "XYZ"]) for s in scans]
     return np.concatenate(points), None, ("m", "its standard")

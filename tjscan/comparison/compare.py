@@ -60,8 +60,8 @@ def compare_shapes(
     reference : Shape
         A mesh, a cloud, or edges.
     align : str
-        ``none``: both stand in the same frame. ``joint``: their tubes are found, and the frames
-        that these make are brought together. ``icp``: they stand nearly in the same frame, and
+        ``none``: both are in the same frame. ``joint``: their tubes are found, and the frames
+        that these make are brought together. ``icp``: they are nearly in the same frame, and
         the rest is found.
     tolerance : float, optional
         Metres.
@@ -120,7 +120,7 @@ def _corner_uncertainty(
     budget, corners, normals = measured.budget, measured.corners, measured.wall_normals
     if budget is None or corners is None:
         return None
-    # What stands in its joint's own frame was aligned when that was found.
+    # What is in its joint's own frame was aligned when that was found.
     if alignment.method == "icp" or (alignment.method == "joint" and not in_joint):
         if normals is None:
             return None

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.joint.edges import FeatureEdges
 
 
@@ -20,7 +20,7 @@ class DistanceStatistics:
     Parameters
     ----------
     mean, median : float
-        With their signs, where the distances have one.
+        With their signs, if the distances have one.
     rms : float
         Root of the mean square.
     p95, max : float
@@ -48,6 +48,7 @@ class DistanceStatistics:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class DeviationDistances:
     """Distances of one kind between what was measured and its reference.
 
@@ -75,10 +76,6 @@ class DeviationDistances:
     distances: Array
     tolerance: float | None = None
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "points", readonly_copy(self.points))
-        object.__setattr__(self, "distances", readonly_copy(self.distances))
-
     @property
     def known(self) -> Array:
         """Distances that are known, shape (k,), metres: a corner that is absent has none."""
@@ -86,7 +83,7 @@ class DeviationDistances:
 
     @property
     def within(self) -> float | None:
-        """Share of absolute distances within the tolerance; None where there is none."""
+        """Share of absolute distances within the tolerance; None if there is none."""
         if self.tolerance is None:
             return None
         return float(np.mean(np.abs(self.known) <= self.tolerance))

@@ -96,7 +96,7 @@ def align_joints(measured: Shape, reference: Shape, surface: MeshDistance | None
 
 
 def _frame_of(shape: Shape) -> JointFrame | None:
-    """Frame j of a shape in its own frame; None where that is its frame already."""
+    """Frame j of a shape in its own frame; None if that is its frame already."""
     if shape.is_in_joint_frame:
         return None
     try:
@@ -112,7 +112,7 @@ def _frame_of(shape: Shape) -> JointFrame | None:
 
 
 def _outside(mesh: Mesh) -> Array:
-    """Points on a mesh from which nothing stands in the way: inner walls are no tubes to fit."""
+    """Points on a mesh whose normals meet nothing: inner walls are no tubes to fit."""
     o3d: Any = import_module("open3d")
     import trimesh
 

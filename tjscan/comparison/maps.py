@@ -109,7 +109,7 @@ class CornerCurves:
 
 
 def groove_corner_curves(measured: Shape, reference: Shape) -> CornerCurves | None:
-    """Curves of the groove's corners: as designed, else as measured; None where unknown."""
+    """Curves of the groove's corners: as designed, else as measured; None if unknown."""
     edges, corners = reference.edges, measured.corners
     if edges is not None:
         points = np.stack([line.points_j for line in (edges.p2, edges.p3, edges.p4)], axis=1)
@@ -182,7 +182,7 @@ def deviation_map_figure(
 
 
 def deviation_scale_mm(deviation: DeviationDistances) -> float:
-    """Largest deviation in mm that colours tell apart: ghosts and flyers must not set it."""
+    """Largest deviation in mm that colours distinguish: ghosts and flyers must not set it."""
     some_percent = float(np.percentile(np.abs(deviation.known), 90))
     return max(SMALLEST_SCALE_MM, 1.5e3 * some_percent)
 

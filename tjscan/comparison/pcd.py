@@ -1,7 +1,7 @@
 """Clouds in the PCD format of the Point Cloud Library.
 
 Only compressed clouds are left to Open3D, once their header has been checked: its readers take the
-whole process down where a header is damaged, and the one without tensors reads binary float64 as
+whole process down if a header is damaged, and the one without tensors reads binary float64 as
 something else.
 """
 
@@ -16,7 +16,7 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.core.mesh_memory import refuse_memory
+from tjscan.core.mesh_files import refuse_memory
 
 NUMPY_TYPES: Final = {
     **{f"F{size}": f"<f{size}" for size in (4, 8)},
@@ -27,14 +27,14 @@ NUMPY_TYPES: Final = {
 MOST_HEADER_LINES: Final = 100
 """Lines."""
 
-POINT: Final = 110
-COMPRESSED_POINT: Final = 260
+BYTES_PER_POINT: Final = 110
+BYTES_PER_COMPRESSED_POINT: Final = 260
 """Bytes of memory that reading a point takes, beside its own; as measured."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Head:
-    """What a header says: the layout of a point, how many there are, and how they are written."""
+    """What a header states: the layout of a point, how many there are, and how they are written."""
 
     layout: np.dtype[Any]
     points: int
@@ -56,7 +56,7 @@ def read_pcd(path: Path) -> Array:
     with path.open("rb") as stream:
         head = _read_head(stream)
         rest = path.stat().st_size - stream.tell()
-        rate = COMPRESSED_POINT if head.data == "binary_compressed" else POINT
+        rate = BYTES_PER_COMPRESSED_POINT if head.data == "binary_compressed" else BYTES_PER_POINT
         refuse_memory(path, head.points * (rate + head.layout.itemsize))
         if head.data == "ascii":
             lines = (line.decode("ascii") for line in stream)
@@ -106,7 +106,7 @@ def _read_head(stream: BinaryIO) -> _Head:
 
 
 def _first_column(layout: np.dtype[Any], axis: str) -> int:
-    """Column of a field in a text, where a field of many numbers takes as many."""
+    """Column of a field in a text, if a field of many numbers takes as many."""
     names = list(layout.names or ())
     return sum(prod(layout[name].shape) for name in names[: names.index(axis)])
 

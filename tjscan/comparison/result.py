@@ -32,7 +32,7 @@ class Comparison:
     warnings : tuple of str
         What limits the meaning of the distances.
     uncertainty : BudgetSummary or None
-        How sure the corners are once they are aligned; None where that is not known.
+        How sure the corners are once they are aligned; None if that is not known.
     """
 
     measured: Shape
@@ -47,7 +47,7 @@ class Comparison:
     def passed(self) -> bool:
         """Whether the 95th percentile of the distances that decide is within the tolerance.
 
-        Corners decide where there are any, for they come from segments without ghosts and
+        Corners decide if there are any, for they come from segments without ghosts and
         flyers; else every kind of distance does.
         """
         if self.tolerance is None:

@@ -1,4 +1,4 @@
-"""What is compared: points, meshes and edges, in metres, with what their files say of them."""
+"""What is compared: points, meshes and edges, in metres, with what their files state."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.comparison.facets import IndexArray
+from tjscan.comparison.surface import IndexArray
 from tjscan.core.frames import Array, readonly_copy, transform_points
 from tjscan.joint.edges import FeatureEdges
 from tjscan.uncertainty.budget import UncertaintyBudget

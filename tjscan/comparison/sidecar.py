@@ -1,4 +1,4 @@
-"""Who says what a file's numbers mean: its sidecar, else the user, and never a guess."""
+"""Unit and frame of a file: as its sidecar states them, else the user, and never a guess."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import JointFile
 from tjscan.laser.files.format import METRES_PER_UNIT
 
-MOST_BYTES: Final = 1_000_000
+MOST_SIDECAR_BYTES: Final = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ def read_sidecar(file: Path) -> Sidecar:
         If it is no JSON object, its unit is unknown or its joint can't be built.
     """
     try:
-        data: Any = json.loads(read_small_file(file, MOST_BYTES, "a sidecar"))
+        data: Any = json.loads(read_small_file(file, MOST_SIDECAR_BYTES, "a sidecar"))
     except (ValueError, RecursionError) as error:
         raise ConfigurationError(f"is no JSON: {error}", file=file) from None
     except OSError as error:
@@ -76,13 +76,13 @@ def read_sidecar(file: Path) -> Sidecar:
         return Sidecar(file, units, frame)
     if not isinstance(joint, dict):
         raise ConfigurationError("a joint is a table", file=file, key="joint")
-    # JSON gives lists where the file's model is strict about tuples only in appearance.
+    # JSON holds lists, which the file's model takes for tuples.
     definition = validate_table(JointFile, joint, file).definition(file.stem)
     return Sidecar(file, units, frame, definition)
 
 
 def find_sidecar(file: Path) -> Sidecar | None:
-    """Find and read the sidecar beside a file; None where there is none."""
+    """Find and read the sidecar beside a file; None if there is none."""
     beside = file.with_suffix(".json")
     return read_sidecar(beside) if beside != file and beside.is_file() else None
 
@@ -102,14 +102,14 @@ def resolve_unit_and_frame(
     options : StatedUnitAndFrame
         What the user states.
     sidecar : Sidecar or None
-        What stands beside the file.
+        What is beside the file.
     own : (str, str), optional
         The unit that the file itself states, and where in it.
 
     Raises
     ------
     ConfigurationError
-        If nobody states unit or frame, or two state different units.
+        If nothing states unit or frame, or two state different units.
     """
     beside = None
     if sidecar is not None and sidecar.units is not None:

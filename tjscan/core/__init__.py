@@ -1,1 +1,1 @@
-"""What every other room stands on: errors, frames, files, configuration."""
+"""What every other room uses: errors, frames, files, configuration."""

@@ -15,6 +15,7 @@ from pydantic_core import CoreSchema, ErrorDetails
 
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import read_small_file
+from tjscan.core.manifest import check_as_written
 from tjscan.core.units import SettingsTable
 
 
@@ -36,6 +37,7 @@ class StrictFileModel(BaseModel):
         return schema
 
 
+J = TypeVar("J")
 M = TypeVar("M", bound=StrictFileModel | SettingsTable)
 
 UNKNOWN_KEY_ERRORS: Final = ("extra_forbidden", "unexpected_keyword_argument")
@@ -90,9 +92,9 @@ def validate_table(model: type[M], data: Mapping[str, Any], file: Path | None = 
     model : type
         A `StrictFileModel`, or `SettingsTable`.
     data : mapping
-        Keys and values as they stand in the file.
+        Keys and values as they are in the file.
     file : Path, optional
-        Where they stand, for messages.
+        Where they are, for messages.
 
     Raises
     ------
@@ -102,11 +104,46 @@ def validate_table(model: type[M], data: Mapping[str, Any], file: Path | None = 
     try:
         return TypeAdapter(model).validate_python(dict(data))
     except ValidationError as error:
-        # A misspelt key is both unknown and missing: say the former.
+        # A misspelt key is both unknown and missing: report the former.
         first = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN_KEY_ERRORS)
         key = ".".join(str(part) for part in first["loc"])
         message = _counted(first["loc"]) + _explain(model, first)
         raise ConfigurationError(message, file=file, key=key or None) from None
+
+
+def read_json_as_written(model: type[J], file: Path, most: int, what: str) -> J:
+    """Read a JSON file of a run directory that this program wrote, into a dataclass.
+
+    Parameters
+    ----------
+    model : type
+        The dataclass.
+    file : Path
+        The file.
+    most : int
+        Bytes of the largest file of its kind.
+    what : str
+        What it should be, in words, such as ``summary of a scan``.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is missing, or is something else.
+    RecordingError
+        If it is not as it was written.
+    """
+    try:
+        content = read_small_file(file, most, f"a {what}")
+        check_as_written(file)
+        return TypeAdapter(model).validate_json(content)
+    except OSError as error:
+        raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"])) or None
+        raise ConfigurationError(
+            f"is no {what}, or damaged: {first['msg']}", file=file, key=key
+        ) from None
 
 
 def table_to_dict(table: StrictFileModel | SettingsTable) -> dict[str, Any]:
@@ -119,7 +156,7 @@ def table_to_dict(table: StrictFileModel | SettingsTable) -> dict[str, Any]:
 
 @contextmanager
 def add_file_to_errors(file: Path | None = None, *, key: str | None = None) -> Iterator[None]:
-    """Add a file to configuration errors of the block that name none, and say which key it is.
+    """Add a file to configuration errors of the block that name none, and state which key it is.
 
     Parameters
     ----------
@@ -137,7 +174,7 @@ def add_file_to_errors(file: Path | None = None, *, key: str | None = None) -> I
 
 
 def _explain(model: Any, detail: ErrorDetails) -> str:
-    """One sentence that says what is wrong with a key and what would be right."""
+    """One sentence that states what is wrong with a key and what would be right."""
     if detail["type"] in UNKNOWN_KEY_ERRORS:
         known = _keys_at(model, [str(part) for part in detail["loc"][:-1]])
         return f"unknown key; did you mean: {nearest_word(str(detail['loc'][-1]), known)}?"
@@ -185,7 +222,7 @@ def _fields(model: Any) -> Mapping[str, Any]:
 
 
 def _tables(hint: Any) -> Iterator[type[StrictFileModel | SettingsTable]]:
-    """The tables that stand in a type, however deep."""
+    """The tables that are in a type, however deep."""
     if isinstance(hint, type) and issubclass(hint, StrictFileModel | SettingsTable):
         yield hint
     for part in get_args(hint):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
+from importlib.util import find_spec
 from typing import Any, Generic, TypeVar
 
+from tjscan.core.registry import Registry
 from tjscan.core.units import SettingsTable
 
 C = TypeVar("C")
@@ -18,7 +20,7 @@ EventListener = Callable[[str, str], None]
 
 @dataclass(frozen=True, slots=True)
 class DeviceIdentity:
-    """Which device it is, as far as it reports that; empty where it does not.
+    """Which device it is, as far as it reports that; empty if it does not.
 
     Parameters
     ----------
@@ -68,13 +70,13 @@ class DriverFactory(Generic[C, D]):
     """How a driver makes its device from the settings in a job file.
 
     A driver is a module with one of these: a `tjscan.robot.drivers.ArmDriverFactory`, registered
-    by name in `ARMS` there, or a `tjscan.laser.drivers.LaserDriverFactory`, in `LASER_DRIVERS`. A
-    package of its own registers it by an entry point::
+    by name in `ARM_DRIVERS` there, or a `tjscan.laser.drivers.LaserDriverFactory`, in
+    `LASER_DRIVERS`. A package of its own registers it by an entry point::
 
         [project.entry-points."tjscan.laser"]
         acme = "acme_tjscan:DRIVER"
 
-    Then a job may say ``laser.driver = "acme"``, and its table ``[laser.acme]`` is checked against
+    Then a job may have ``laser.driver = "acme"``, and its table ``[laser.acme]`` is checked against
     `table`. Import what is heavy inside `make`: tables are checked without it.
 
     Parameters
@@ -91,3 +93,44 @@ class DriverFactory(Generic[C, D]):
     make: Callable[[C, Any], D]
     table: type[SettingsTable] = NoSettings
     kind: DriverKind = DriverKind.REAL
+
+
+F = TypeVar("F", bound=DriverFactory[Any, Any])
+
+
+@dataclass(frozen=True)
+class DriverRegistry(Registry[F]):
+    """Every driver of a kind of device by name; see `DriverFactory` for how to add one.
+
+    Parameters
+    ----------
+    clients : mapping of str to str, optional
+        For a driver whose client library is imported in a process of its own alone: the library's
+        module.
+    """
+
+    clients: Mapping[str, str] = field(default_factory=dict)
+
+    def make(self, name: str, inputs: Any, settings: Any) -> Any:
+        """Make the device of a driver, not yet connected.
+
+        Parameters
+        ----------
+        name : str
+            Name of the driver.
+        inputs : object
+            What every driver of this kind is given, for instance `ArmDriverInputs`.
+        settings : object
+            Settings of the driver, an instance of its `DriverFactory.table`.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is no such driver, or a package is missing that it needs.
+        """
+        factory = self.load(name)
+        client = self.clients.get(name)
+        if client is not None and find_spec(client) is None:
+            raise self.missing_package_error(name, client)
+        with self.explain_missing_package(name):
+            return factory.make(inputs, settings)

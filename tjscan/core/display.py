@@ -11,7 +11,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from tjscan.core.extras import package_missing
+from tjscan.core.errors import package_missing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,7 +39,7 @@ class Picture:
 
 
 def rows_to_html(title: str, rows: Iterable[tuple[str, str]], picture: Path | None = None) -> str:
-    """Table of names and values as HTML, under a title, over a PNG where one is named and there.
+    """Table of names and values as HTML, under a title, over a PNG if one is named and there.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The one tree of errors. Each carries its evidence and says what to do next.
+"""The one tree of errors. Each carries its evidence and states what to do next.
 
 Library code raises them; only the command line turns them into exit codes.
 """
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def _copy_of(values: ArrayLike) -> NDArray[np.float64]:
-    """Evidence that nobody changes later. The command line's help needs no NumPy."""
+    """Evidence that is not changed later. The command line's help needs no NumPy."""
     import numpy as np
 
     return np.array(values, dtype=float)
@@ -33,7 +33,7 @@ class ConfigurationError(TjscanError):
     message : str
         What is wrong and what would be right.
     file : Path, optional
-        The file it stands in.
+        The file that holds it.
     key : str, optional
         The dotted key inside that file, for instance ``scan.step_mm``.
     """
@@ -54,7 +54,7 @@ class PoseUnreachable(ArmFault):
     Parameters
     ----------
     reason : str
-        What stands in the way, and what to do about it.
+        What is in the way, and what to do about it.
     T_b_f : array_like, shape (4, 4)
         The flange pose asked for, in the base frame.
     """
@@ -124,7 +124,7 @@ class RegistersInUse(ArmFault):
 
 
 class ArmBusy(ArmFault):
-    """The arm's controller runs a program of somebody else."""
+    """The arm's controller runs a program of another client."""
 
 
 class ArmNotInRemoteMode(ArmFault):
@@ -140,7 +140,7 @@ class ProtectiveStop(ArmFault):
 
 
 class EmergencyStop(ArmFault):
-    """Somebody pressed an emergency stop."""
+    """An emergency stop was pressed."""
 
 
 class ArmConnectionLost(ArmFault):
@@ -157,7 +157,7 @@ class TargetRefused(ArmFault):
     Parameters
     ----------
     reason : str
-        What it says, and what to do about it.
+        What it reports, and what to do about it.
     T_b_f : array_like, shape (4, 4)
         The flange pose asked for, in the base frame.
     """
@@ -173,15 +173,15 @@ class TargetRefused(ArmFault):
 
 
 class ProgramStopped(ArmFault):
-    """The program that the arm ran for this one was stopped, by somebody else or the controller."""
+    """The arm's program for this one was stopped, by another client or the controller."""
 
 
 class MoveSupervisionLost(ArmFault):
-    """The arm was stopped, because this program or its computer stood still while it moved."""
+    """The arm was stopped, because this program or its computer paused while it moved."""
 
 
 class PoseNotReached(ArmFault):
-    """The arm says it has arrived, and stands somewhere else.
+    """The arm reports that it has arrived, and is elsewhere.
 
     Parameters
     ----------
@@ -216,11 +216,11 @@ class VehicleStopped(VehicleFault):
 
 
 class DriveFault(VehicleFault):
-    """A drive of the vehicle reports a fault, and the vehicle stands."""
+    """A drive of the vehicle reports a fault, and the vehicle has stopped."""
 
 
 class CrawlStopped(VehicleFault):
-    """A guard stopped the crawler, and it stands.
+    """A guard stopped the crawler.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ class WrongLaser(LaserFault):
 
 
 class ProfileFormatRefused(LaserFault):
-    """What the laser sends, or says about it, can't be turned into millimetres."""
+    """What the laser sends, or states about it, can't be turned into millimetres."""
 
 
 class ProfileNotReceived(LaserFault):
@@ -361,7 +361,7 @@ class CalibrationRefused(TjscanError):
 
 
 class JointMoved(LaserFault):
-    """The workpiece (the tubular joint), or the arm's base, does not stand where it stood."""
+    """The workpiece (the tubular joint), or the arm's base, is not where it was."""
 
     def __init__(self, evidence: str) -> None:
         self.evidence = evidence
@@ -389,7 +389,7 @@ class StitchingRefused(TjscanError):
     evidence : str
         Which stations and where, by how much, and what to do next.
     draft : object, optional
-        What was known until then, to be drawn: a `tjscan.stitching.draft.StitchingDraft`.
+        What was known until then, to be drawn: a `tjscan.stitching.registration.StitchingDraft`.
     """
 
     def __init__(self, reason: str, evidence: str, draft: object = None) -> None:
@@ -429,3 +429,29 @@ def nearest_word(word: str, known: Sequence[str]) -> str:
 
     close = get_close_matches(word, known, n=1, cutoff=0.5)
     return close[0] if close else ", ".join(sorted(known))
+
+
+def package_missing(
+    error: ModuleNotFoundError, what: str, extra: str, key: str | None = None
+) -> ConfigurationError:
+    """Error that names a package which is not installed, and the extra that brings it.
+
+    Parameters
+    ----------
+    error : ModuleNotFoundError
+        Of the import; raised again where it is of a module of tjscan itself.
+    what : str
+        What needs the package, in words.
+    extra : str
+        Name of the extra.
+    key : str, optional
+        Key of the job file that asks for it.
+    """
+    package = (error.name or "").partition(".")[0]
+    if package == "tjscan":
+        raise error
+    return ConfigurationError(
+        f"{what} needs the package {package}, which is not installed: "
+        f"pip install 'tjscan[{extra}]'",
+        key=key,
+    )

@@ -1,19 +1,43 @@
-"""Files that are there whole, and together, or not at all."""
+"""Files that are there whole, and together, or not at all.
+
+It is the only module that brings to the disk what the system still holds in memory.
+"""
 
 from __future__ import annotations
 
+import os
 import shutil
 import stat
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final
+from typing import IO, Any, Final
 
-from tjscan.core.disk import bring_to_disk
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.locks import lock_directory
-from tjscan.core.manifest import MANIFEST, manifest_text
+from tjscan.core.manifest import MANIFEST_FILE, manifest_text
+
+ON_WINDOWS: Final = os.name == "nt"
+"""There the names of a directory need no help, and a file must be open for writing."""
+
+
+def bring_stream_to_disk(stream: IO[Any]) -> None:
+    """Bring everything that was written to an open file to the disk; OSError if it can't be."""
+    stream.flush()
+    os.fsync(stream.fileno())
+
+
+def bring_to_disk(path: Path) -> None:
+    """Bring a closed file to the disk, or the names in a directory; OSError if it can't be."""
+    if ON_WINDOWS and path.is_dir():
+        return
+    handle = os.open(path, os.O_RDWR if ON_WINDOWS else os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
 
 DRAFT_PREFIX: Final = ".partial-"
 """How the names of draft folders begin."""
@@ -94,20 +118,20 @@ def write_files_atomically(
 ) -> Iterator[Path]:
     """Give a draft folder whose files move into `directory`, all or none, after the block.
 
-    No file is replaced before all of them are on the disk. Where a link stands in the place of
+    No file is replaced before all of them are on the disk. If a link is in the place of
     one, the link is replaced, and what it leads to stays as it is.
 
     Parameters
     ----------
     directory : Path
-        Made where it is not there.
+        Made if it is not there.
     last : str
         The file that is moved last: where it is, all are.
     listed : bool
         Whether a new directory gets a list of its files, see `tjscan.core.manifest`. One that is
         there is kept true in any case.
     instead_of : sequence of str
-        Patterns of names whose files are removed where the draft holds none of that name: of an
+        Patterns of names whose files are removed if the draft holds none of that name: of an
         earlier result, and no longer true beside this one.
 
     Raises
@@ -115,7 +139,7 @@ def write_files_atomically(
     RecordingError
         If writing fails; the directory then holds what it held before.
     """
-    order = {MANIFEST: 1, last: 2}
+    order = {MANIFEST_FILE: 1, last: 2}
     try:
         directory.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=directory, prefix=DRAFT_PREFIX) as name:
@@ -124,9 +148,9 @@ def write_files_atomically(
             is_new = all(file == draft for file in directory.iterdir())
             earlier = {file for pattern in instead_of for file in directory.glob(pattern)}
             gone = [file for file in earlier if not (draft / file.name).exists()]
-            if (listed and is_new) or (directory / MANIFEST).is_file():
+            if (listed and is_new) or (directory / MANIFEST_FILE).is_file():
                 text = manifest_text(directory, draft, gone)
-                (draft / MANIFEST).write_text(text, encoding="utf-8")
+                (draft / MANIFEST_FILE).write_text(text, encoding="utf-8")
             for file in draft.iterdir():
                 bring_to_disk(file)
             for file in gone:

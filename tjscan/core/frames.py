@@ -1,12 +1,14 @@
 """Poses and points: ``T_b_s`` is the pose of s in b and maps s-coordinates into b.
 
 Inner letters cancel: ``T_b_s = T_b_f @ T_f_s``. Poses are 4 x 4 arrays; lengths are metres,
-angles radians. The table of frames stands in ``docs/frames.md``.
+angles radians. The table of frames is in ``docs/frames.md``.
 """
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, TypeVar
 
 import numpy as np
 import scipy  # its parts are loaded at first use
@@ -15,6 +17,18 @@ from pytransform3d.rotations import active_matrix_from_angle
 from pytransform3d.transformations import invert_transform
 
 Array = NDArray[np.float64]
+
+ARRAY_DTYPES: Final[dict[str, type[np.generic]]] = {
+    "Array": np.float64,
+    "Mask": np.bool_,
+    "NDArray[np.bool_]": np.bool_,
+    "NDArray[np.int8]": np.int8,
+    "NDArray[np.int32]": np.int32,
+    "NDArray[np.intp]": np.intp,
+}
+"""The annotations that `frozen_arrays` takes for arrays, each with the type of its copy."""
+
+T = TypeVar("T")
 
 _NEXT, _NEXT_BUT_ONE = np.array((1, 2, 0)), np.array((2, 0, 1))
 
@@ -27,6 +41,35 @@ def readonly_copy(values: ArrayLike) -> Array:
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array
+
+
+def frozen_arrays(cls: type[T]) -> type[T]:
+    """Let a frozen dataclass hold its arrays as read-only copies.
+
+    It belongs under ``@dataclass``, and acts before a ``__post_init__`` of the class itself.
+    Every argument annotated as an array (`ARRAY_DTYPES`) becomes a copy of that type; a value
+    None stays.
+    """
+    dtypes = {
+        name: ARRAY_DTYPES[kind]
+        for name, annotation in cls.__annotations__.items()
+        if (kind := annotation.removesuffix(" | None")) in ARRAY_DTYPES
+        and getattr(getattr(cls, name, None), "init", True)
+    }
+    check: Callable[[T], None] | None = getattr(cls, "__post_init__", None)
+
+    def freeze(self: T) -> None:
+        for name, dtype in dtypes.items():
+            value = getattr(self, name)
+            if value is not None:
+                array = np.array(value, dtype=dtype)
+                array.flags.writeable = False
+                object.__setattr__(self, name, array)
+        if check is not None:
+            check(self)
+
+    cls.__post_init__ = freeze  # type: ignore[attr-defined]
+    return cls
 
 
 def unit_vector(v: Array) -> Array:
@@ -75,7 +118,7 @@ def rot_z(angle: float) -> Array:
 
 
 def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
-    """Pose from a rotation and a position; identity where left out.
+    """Pose from a rotation and a position; identity if left out.
 
     Parameters
     ----------
@@ -174,3 +217,26 @@ def pose_from_rounded_matrix(T: ArrayLike) -> Array:
         raise ValueError("its rotation is left-handed: an axis has the wrong sign")
     U, _, Vt = np.linalg.svd(R)
     return pose(U @ Vt, T[:3, 3])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointOrBaseFrame:
+    """Frame of the results: the joint's if the job states its place, else the base frame.
+
+    Parameters
+    ----------
+    T_b_j : ndarray, shape (4, 4), optional
+        Pose of the joint in the base frame.
+    """
+
+    T_b_j: Array | None = None
+
+    @property
+    def letter(self) -> str:
+        """Letter of the frame: j for the joint's, b for the base's."""
+        return "b" if self.T_b_j is None else "j"
+
+    @property
+    def T_r_b(self) -> Array:
+        """Pose of the base frame in it, shape (4, 4)."""
+        return np.eye(4) if self.T_b_j is None else inverse_pose(self.T_b_j)

@@ -18,7 +18,7 @@ from typing import Protocol, Self
 import numpy as np
 import scipy  # its parts are loaded at first use
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 
 
 class Kernel(Protocol):
@@ -80,6 +80,7 @@ class PeriodicKernel:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class SimpleKriging:
     """Posterior mean of a process whose mean is known ([1]_ eq. 2.25).
 
@@ -99,10 +100,6 @@ class SimpleKriging:
     x: Array
     alpha: Array
     mean: float
-
-    def __post_init__(self) -> None:
-        for name in ("x", "alpha"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
     def fit(cls, kernel: Kernel, x: Array, y: Array, sigma_n: float) -> Self:
@@ -131,7 +128,7 @@ class SimpleKriging:
         Parameters
         ----------
         start, by : float
-            The first input, and how far beyond it the second lies.
+            The first input, and how far beyond it the second is.
         """
         k_start, k_end = self.kernel(np.array((start, start + by))[:, None] - self.x)
         return float((k_end - k_start) @ self.alpha)

@@ -9,13 +9,13 @@ from typing import Any, Final
 from docstring_parser import Docstring, DocstringStyle, parse
 from pydantic import TypeAdapter
 
-DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
+SCHEMA_DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 
 _UNITS_INSIDE: Final = re.compile(
     r"[,;]?\s+(?:in )?(?:square )?(?:metres|radians|m/s²?)(?: and (?:radians|m/s²?))?(?=[.,;:]|$)"
     r"|\s+\((?:metres|radians)\)|\s+in (?:metres|radians)(?= )|\s+Metres, radians\."
 )
-"""A docstring says which units the program keeps; the file has the ones that its keys end in."""
+"""A docstring states which units the program keeps; the file has the ones that its keys end in."""
 
 
 def json_schema_of(model: type[Any], title: str) -> dict[str, Any]:
@@ -28,7 +28,7 @@ def json_schema_of(model: type[Any], title: str) -> dict[str, Any]:
     title : str
         What such a file is.
     """
-    return {"$schema": DIALECT} | TypeAdapter(model).json_schema() | {"title": title}
+    return {"$schema": SCHEMA_DIALECT} | TypeAdapter(model).json_schema() | {"title": title}
 
 
 def describe_table(
@@ -46,7 +46,7 @@ def describe_table(
     table : type
         The class; its docstring and those of its bases are numpydoc.
     keys : mapping of str to str
-        Key in the file of each field; others stand in no file.
+        Key in the file of each field; others are in no file.
     to_file : mapping, optional
         What brings a key's default into the unit of the file, for keys that have one.
     """

@@ -14,7 +14,7 @@ from typing import Final
 
 from tjscan.core.errors import RecordingError
 
-MANIFEST: Final = "SHA256SUMS"
+MANIFEST_FILE: Final = "SHA256SUMS"
 
 MOST_MANIFEST_BYTES: Final = 100_000
 """A larger file lists no run directory."""
@@ -22,7 +22,7 @@ MOST_MANIFEST_BYTES: Final = 100_000
 _RECORDINGS_OF_SCANS: Final = ("scan.mcap", "*/scan.mcap")
 """In a run directory, or in one of several stations: what `tjscan reprocess` takes."""
 
-_LINE: Final = re.compile(r"([0-9a-f]{64})  (\S.*)")
+MANIFEST_LINE: Final = re.compile(r"([0-9a-f]{64})  (\S.*)")
 
 
 def check_as_written(*files: Path) -> None:
@@ -44,11 +44,11 @@ def check_as_written(*files: Path) -> None:
         directory = changed[0].parent
         names = ", ".join(file.name for file in changed)
         scans = any(any(directory.glob(name)) for name in _RECORDINGS_OF_SCANS)
-        anew = f", or write results anew from the recording (tjscan reprocess {directory})"
+        again = f", or write results again from the recording (tjscan reprocess {directory})"
         raise RecordingError(
-            f"{directory}: {names}: not as {MANIFEST} lists it: edited or damaged since, or "
-            f"written by a program that was killed. Put back a copy{anew if scans else ''}; "
-            f"without {MANIFEST} files are taken as they are"
+            f"{directory}: {names}: not as {MANIFEST_FILE} lists it: edited or damaged since, or "
+            f"written by a program that was killed. Put back a copy{again if scans else ''}; "
+            f"without {MANIFEST_FILE} files are taken as they are"
         )
 
 
@@ -78,7 +78,7 @@ def manifest_text(directory: Path, written: Path, removed: Sequence[Path] = ()) 
     removed : sequence of Path
         Files that are removed from it.
     """
-    kept = dict(_read(directory / MANIFEST)) if (directory / MANIFEST).is_file() else {}
+    kept = dict(_read(directory / MANIFEST_FILE)) if (directory / MANIFEST_FILE).is_file() else {}
     for file in removed:
         kept.pop(file.name, None)
     new = {file.name: _sha256(file) for file in written.iterdir() if file.is_file()}
@@ -86,7 +86,7 @@ def manifest_text(directory: Path, written: Path, removed: Sequence[Path] = ()) 
 
 
 def _is_changed(file: Path) -> bool:
-    manifest = file.parent / MANIFEST
+    manifest = file.parent / MANIFEST_FILE
     if not manifest.is_file():
         return False
     return _read(manifest).get(file.name) != _sha256(file)
@@ -100,7 +100,7 @@ def _read(manifest: Path) -> Mapping[str, str]:
 
 def _entries(text: str) -> Iterator[tuple[str, str]]:
     for line in text.splitlines():
-        if match := _LINE.fullmatch(line):
+        if match := MANIFEST_LINE.fullmatch(line):
             yield match[2], match[1]
 
 

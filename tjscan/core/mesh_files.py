@@ -1,16 +1,135 @@
-"""Points and triangles from mesh files, no further than the file itself goes."""
+"""Points and triangles from mesh files, no further than the file itself goes.
+
+A parser takes the more memory the more elements a file has, not the more bytes: of a text of short
+numbers eighty times its size. So what reading takes is estimated before it begins. The rates were
+measured with the densest files of each kind that are legal. They hold for reading and checking a
+file, not for what is made of it.
+"""
 
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Iterator
+from itertools import islice, takewhile
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.core.mesh_memory import check_memory_to_read, read_ply_header
+
+MOST_MEMORY: Final = 500_000_000
+"""Bytes that reading a file may take."""
+
+MOST_HEADER_LINES: Final = 1000
+"""Of a PLY."""
+
+LONGEST_LINE: Final = 10_000
+"""Bytes of a line in such a header."""
+
+CHUNK_BYTES: Final = 1 << 16
+"""Bytes that are counted at once."""
+
+TEXT_RATES: Final = {
+    ".stl": (6.6, 80),  # the rate of a binary STL
+    ".obj": (8, 65),
+    ".ply": (0, 152),
+    ".xyz": (0, 36),
+    ".txt": (0, 36),
+    ".csv": (0, 36),
+}
+"""Bytes of memory for each byte and for each word of a text; the larger product counts."""
+
+PLY_VERTEX: Final = 120
+PLY_FACE: Final = 180
+"""Bytes for each element of a binary PLY, beside those of the file."""
+
+MODEL_ELEMENT: Final = 135
+MODEL_ATTRIBUTE: Final = 300
+"""Bytes for each element of a 3MF's model, and for each of its attributes."""
+
+WORD_SEPARATORS: Final = bytes.maketrans(b",;/", b"   ")
+"""What separates words, beside white space."""
+
+
+def check_memory_to_read(path: Path) -> None:
+    """Refuse a mesh or cloud that would take more than `MOST_MEMORY` to read.
+
+    Raises
+    ------
+    ConfigurationError
+        If it would.
+    zipfile.BadZipFile
+        If it should be an archive, and is none.
+    """
+    refuse_memory(path, memory_to_read(path))
+
+
+def memory_to_read(path: Path) -> float:
+    """Bytes of memory that reading a mesh or a table of points takes at most.
+
+    Parameters
+    ----------
+    path : Path
+        The file, whose ending names its kind; 0 for one that is not known here.
+    """
+    kind = path.suffix.lower()
+    if kind == ".3mf":
+        return _memory_of_3mf(path)
+    if kind == ".ply" and (needed := _memory_of_binary_ply(path)) is not None:
+        return needed
+    by_byte, by_word = TEXT_RATES.get(kind, (0, 0))
+    return max(by_byte * path.stat().st_size, by_word * _count_words(path)) if by_word else 0.0
+
+
+def refuse_memory(path: Path, needed: float) -> None:
+    """Refuse a file that needs so many bytes of memory, if that is more than `MOST_MEMORY`."""
+    if needed > MOST_MEMORY:
+        raise ConfigurationError(
+            f"would take {1e-6 * needed:.0f} MB of memory to read, {1e-6 * MOST_MEMORY:.0f} at "
+            "most: thin it out, or cut out what is near the joint",
+            file=path,
+        )
+
+
+def read_ply_header(path: Path) -> list[str]:
+    """Lines of a PLY file's header."""
+    with path.open("rb") as stream:
+        ends = iter(lambda: stream.readline(LONGEST_LINE), b"")
+        lines = (line.decode("ascii", errors="replace").strip() for line in ends)
+        return list(islice(takewhile(lambda line: line != "end_header", lines), MOST_HEADER_LINES))
+
+
+def _memory_of_binary_ply(path: Path) -> float | None:
+    """Bytes of memory that a binary PLY takes; None for a text."""
+    lines = [line.split() for line in read_ply_header(path)]
+    if ["format", "ascii", "1.0"] in lines:
+        return None
+    counts = {words[1]: int(words[2]) for words in lines if words[:1] == ["element"]}
+    needed = PLY_VERTEX * counts.get("vertex", 0) + PLY_FACE * counts.get("face", 0)
+    return float(needed + path.stat().st_size)
+
+
+def _memory_of_3mf(path: Path) -> float:
+    needed = 0
+    with zipfile.ZipFile(path) as archive:
+        for part in archive.infolist():
+            with archive.open(part) as stream:
+                for chunk in _chunks(stream):
+                    needed += MODEL_ELEMENT * chunk.count(b"<")
+                    needed += MODEL_ATTRIBUTE * chunk.count(b"=")
+    return float(needed)
+
+
+def _count_words(path: Path) -> int:
+    with path.open("rb") as stream:
+        return sum(len(chunk.translate(WORD_SEPARATORS).split()) for chunk in _chunks(stream))
+
+
+def _chunks(stream: IO[bytes]) -> Iterator[bytes]:
+    return iter(lambda: stream.read(CHUNK_BYTES), b"")
+
 
 MOST_UNPACKED_BYTES: Final = 500_000_000
 """What an archive may hold."""
@@ -25,7 +144,7 @@ ROOM_FOR_HEADERS: Final = 1_000_000
 def read_mesh_file(path: Path) -> tuple[Array, np.ndarray[Any, np.dtype[np.intp]]]:
     """Vertices and triangles of a PLY, STL, OBJ, 3MF or STEP file.
 
-    Materials and textures that it names are not opened. What its header says of its size must
+    Materials and textures that it names are not opened. What its header states of its size must
     be what it holds.
 
     Parameters

@@ -79,7 +79,7 @@ def pose_to_vector(T: Array) -> Array:
 
 
 def boxplus(T: Array, step: Array) -> Array:
-    """Pose that lies a step away from another, along and about the axes of the outer frame.
+    """Pose that is a step away from another, along and about the axes of the outer frame.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ class Provenance:
         }
 
     def comment_lines(self, mark: str) -> str:
-        """The entries as comment lines for the head of a file, each of which begins with a mark."""
+        """The entries as comment lines for the head of a file, each beginning with a mark."""
         return "".join(
             f"{mark} {name}: {' '.join(text.split())}\n"
             for name, text in self.header_entries.items()
@@ -74,7 +74,7 @@ class Provenance:
 
     @classmethod
     def from_comment_lines(cls, text: str, mark: str) -> Self | None:
-        """Read the provenance from the comment lines of a file; None where they are not there."""
+        """Read the provenance from the comment lines of a file; None if they are not there."""
         found: dict[str, str] = {}
         for line in text.splitlines():
             name, colon, value = line.removeprefix(f"{mark} ").partition(": ")

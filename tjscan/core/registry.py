@@ -85,7 +85,7 @@ class Registry(Generic[T]):
 
     @contextmanager
     def explain_missing_package(self, name: str) -> Iterator[None]:
-        """Say which extra to install where the block can't import a package that an entry needs.
+        """Name the extra to install if the block can't import a package that an entry needs.
 
         Raises
         ------
@@ -101,7 +101,7 @@ class Registry(Generic[T]):
             raise self.missing_package_error(name, package) from error
 
     def missing_package_error(self, name: str, package: str) -> ConfigurationError:
-        """Error that says what to install for an entry whose package is missing.
+        """Error that states what to install for an entry whose package is missing.
 
         Parameters
         ----------
@@ -136,11 +136,11 @@ class TaskPlugin:
     study : str
         What a study varies, runs and measures: a `tjscan.study.backend.StudyBackend`.
     recording : str
-        Name of its recording, where the chapter of a run that has one is a page of its own.
+        Name of its recording, if the chapter of a run that has one is a page of its own.
     result : str
         Name of a file by which a directory without job and recording is known to hold its result.
     page : str
-        Its chapter on its own page, where that is another than in the reports of other tasks.
+        Its chapter on its own page, if that is another than in the reports of other tasks.
     live : str
         What the live page shows of its recording: a `tjscan.live.step.ShowReader`.
     """
@@ -181,4 +181,4 @@ TASKS: Final[Registry[TaskPlugin]] = Registry(
         "tow": "tjscan.towing.task:TASK",
     },
 )
-"""The algorithms. What each brings to results, reports and studies is said there."""
+"""The algorithms. What each brings to results, reports and studies is stated there."""

@@ -54,6 +54,6 @@ def tukey_weights(standardised: Array, least: float = 0.0) -> Array:
     standardised : ndarray, shape (n,)
         Residuals over their standard deviations.
     least : float
-        The smallest weight to return, where a weight of zero can't be divided by.
+        The smallest weight to return, if a weight of zero can't be divided by.
     """
     return np.asarray(np.maximum(tukey_root_weights(standardised) ** 2, least))

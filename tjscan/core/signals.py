@@ -33,7 +33,7 @@ def hold_ctrl_c() -> Iterator[None]:
     """Let Ctrl-C wait until the block of the main thread has ended: what it does stays whole."""
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(before):
-        yield  # where nobody is interrupted
+        yield  # nothing is interrupted there
         return
     pressed = 0
 

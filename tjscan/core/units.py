@@ -1,4 +1,4 @@
-"""Settings that hold metres and radians, and stand in files in millimetres and degrees.
+"""Settings that hold metres and radians, and are written to files in millimetres and degrees.
 
 A settings class is a frozen dataclass whose fields carry the unit of the file once::
 
@@ -7,7 +7,7 @@ A settings class is a frozen dataclass whose fields carry the unit of the file o
         step: Annotated[float, Ge(5), Le(300), MM] = 0.04
 
 The program writes ``Plan(step=0.04)`` and reads ``plan.step`` in metres. In a file the same number
-is the key ``step_mm``, between 5 and 300: bounds stand before the unit and count in the file's.
+is the key ``step_mm``, between 5 and 300: bounds come before the unit and count in the file's.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pydantic.json_schema import JsonSchemaValue
     from pydantic_core import CoreSchema
 
-_DIGITS: Final = (15, 16, 17)
+DECIMAL_DIGITS: Final = (15, 16, 17)
 """Decimal digits that may be needed to write a number so that it is read as the same again."""
 
 
@@ -50,7 +50,7 @@ class FileUnit:
     key: str | None = None
 
     def with_key(self, key: str) -> FileUnit:
-        """Return the same unit for a field that stands in the file under another key."""
+        """Return the same unit for a field that is in the file under another key."""
         return replace(self, key=key)
 
     def to_si(self, value: Any) -> Any:
@@ -65,7 +65,7 @@ class FileUnit:
             return tuple(map(self.to_file, value))
         if value is None or self.factor == 1.0:
             return value
-        for digits in _DIGITS:
+        for digits in DECIMAL_DIGITS:
             shortest = float(f"{value / self.factor:.{digits}g}")
             if self.to_si(shortest) == value:
                 break
@@ -152,7 +152,7 @@ LIST_OR_WORD_IN_FILE: Final = ListOrWordInFile()
 class SettingsTable:
     """Base of frozen dataclasses that are tables of a file: closed, and strict about types.
 
-    A check across several fields stands in ``__post_init__`` and raises ValueError.
+    A check across several fields is in ``__post_init__`` and raises ValueError.
     """
 
     __slots__ = ()
@@ -170,7 +170,7 @@ class SettingsTable:
 
     @classmethod
     def _types_in_file(cls) -> dict[str, Any]:
-        """Type of each field that stands in a file."""
+        """Type of each field that is in a file."""
         hints = get_type_hints(cls, include_extras=True)
         own = {field.name: hints[field.name] for field in fields(cls)}  # type: ignore[arg-type]
         return {
@@ -222,7 +222,7 @@ def _key(name: str, hint: Any) -> str:
 
 
 def _mark(hint: Any) -> FileUnit | FileKey | None:
-    """The unit or key that stands in a type, however deep."""
+    """The unit or key that is in a type, however deep."""
     for part in (*getattr(hint, "__metadata__", ()), *get_args(hint)):
         found = part if isinstance(part, FileUnit | FileKey) else _mark(part)
         if found is not None:

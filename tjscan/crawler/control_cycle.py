@@ -18,7 +18,7 @@ from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.vehicle.vehicle import REST, Twist, Vehicle
 
-STANDS: Final = 30
+CYCLES_AT_REST: Final = 30
 """Cycles for which it stands before it turns back."""
 
 LONGEST_PERIOD: Final = 2.0
@@ -96,7 +96,7 @@ class ControlCycle:
 
     def come_to_rest(self, path: float = 0.0, height: float = 0.0) -> None:
         """Stand before the way is turned: what pads and drives do meanwhile, no model knows."""
-        for _ in range(STANDS):
+        for _ in range(CYCLES_AT_REST):
             self.run(REST, path, height)
 
     def set_arc(self, *, burning: bool) -> None:

@@ -23,16 +23,16 @@ from tjscan.vehicle.vehicle import REST, Twist
 TURN_BACK: Final = 0.5
 """Metres before a reversal from which the vehicle makes room for it."""
 
-WAVE: Final = 0.05
+WAVE_CURVATURE: Final = 0.05
 """1/m: curvature of the waves of a shuttle, which show how well the vehicle turns."""
 
 RUN_UPS: Final = 6
 """How often it runs up to a weld until it knows well enough where the torch is."""
 
-WAVELENGTH: Final = 0.4
+WAVE_LENGTH: Final = 0.4
 """Metres of a wave."""
 
-PATIENCE: Final = 5.0
+LONGEST_WAIT: Final = 5.0
 """Seconds after which it says what it waits for before anything moves."""
 
 
@@ -179,7 +179,7 @@ class Crawler:
 
     def _drive_in_waves(self, speed: float) -> None:
         """Drive one cycle along the joint, with a wave on top that the encoders see too."""
-        wave = WAVE * speed * cos(2 * pi * self._cycle.travel / WAVELENGTH)
+        wave = WAVE_CURVATURE * speed * cos(2 * pi * self._cycle.travel / WAVE_LENGTH)
         self._cycle.run(Twist(speed, self._method.turn_rate(speed) + wave))
 
     def _weld_all(self, start: CrawlStart | None) -> None:
@@ -226,7 +226,7 @@ class Crawler:
         while seen < limit or not self._guards.stands_on_steel:
             period, found = self._cycle.run(REST)
             seen = seen + period if found else 0.0
-            if waited <= PATIENCE < waited + period:
+            if waited <= LONGEST_WAIT < waited + period:
                 missing = "steel below every corner" if seen >= limit else "the joint in view"
                 self._journal.record_event(str(self._cycle.phase), f"waits for {missing}")
             waited += period

@@ -14,11 +14,11 @@ from tjscan.vehicle.vehicle import Twist, VehicleState
 NO_SAMPLE: Final = 0.5
 """Seconds without a sample of the proximity sensors, five of theirs, after which it stops."""
 
-VOUCHED: Final = 0.1
+VOUCHED_TIME: Final = 0.1
 """Seconds before it that a state speaks for at most: in a longer gap nobody was heard, which says
 nothing against a sensor or a drive."""
 
-STANDING: Final = 1.0
+STANDSTILL_TIME: Final = 1.0
 """Seconds by which more periods show less than half the speed asked for than show more: no drive
 takes so long to get going."""
 
@@ -57,7 +57,7 @@ class Guards:
             silent.
         """
         self._proximity.add_sample(state.proximity)
-        silent = self._without_sample + min(period, VOUCHED)
+        silent = self._without_sample + min(period, VOUCHED_TIME)
         self._without_sample = 0.0 if state.proximity else silent
         if self._without_sample > NO_SAMPLE:
             raise CrawlStopped(
@@ -94,9 +94,9 @@ class Guards:
             If it stands, or goes the other way.
         """
         standing = asked != 0 and shown / asked < 0.5
-        period = min(period, VOUCHED)
+        period = min(period, VOUCHED_TIME)
         self._standing = max(self._standing + (period if standing else -period), 0.0)
-        if self._standing > STANDING:
+        if self._standing > STANDSTILL_TIME:
             raise CrawlStopped(
                 "not moving",
                 f"the drives were asked for {1e3 * asked:g} mm/s, and the encoders show "

@@ -12,7 +12,7 @@ from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
 from tjscan.laser.profile import Profile
 
-GRID: Final = np.arange(-0.030, 0.030001, 0.25e-3)
+PLACES_ACROSS: Final = np.arange(-0.030, 0.030001, 0.25e-3)
 """Places across the joint, metres."""
 
 
@@ -36,8 +36,8 @@ def section_histories(
     Returns
     -------
     dict of int to ndarray, shape (m,)
-        For each number of passes that were welded, height over the hull at each place of `GRID`,
-        metres; NaN where nothing was seen.
+        For each number of passes that were welded, height over the hull at each place of
+        `PLACES_ACROSS`, metres; NaN where nothing was seen.
     """
     heights: dict[int, list[Array]] = {}
     for cycle, profile in profiles:
@@ -53,7 +53,7 @@ def section_histories(
 
 
 def height_over_hull(profile: Profile, d: float) -> Array | None:
-    """Height over the hull at each place of `GRID`, metres; None where the hull is not seen.
+    """Height over the hull at `PLACES_ACROSS`, metres; None if the hull is not seen.
 
     Parameters
     ----------
@@ -63,10 +63,10 @@ def height_over_hull(profile: Profile, d: float) -> Array | None:
     """
     valid = profile.valid
     across, z = profile.x_s[valid] + d, profile.z_s[valid]
-    sides = (across < -GRID[-1] * 0.6, across > GRID[-1] * 0.6)
+    sides = (across < -PLACES_ACROSS[-1] * 0.6, across > PLACES_ACROSS[-1] * 0.6)
     if not all(map(np.any, sides)):
         return None
     # A line through the middle of each side, which the light of an arc does not move.
     (x0, z0), (x1, z1) = ((np.median(across[side]), np.median(z[side])) for side in sides)
     level = z0 + (z1 - z0) / (x1 - x0) * (across - x0)
-    return np.asarray(np.interp(GRID, across, level - z, left=np.nan, right=np.nan))
+    return np.asarray(np.interp(PLACES_ACROSS, across, level - z, left=np.nan, right=np.nan))

@@ -11,11 +11,11 @@ from tjscan.crawler.journal import CrawlJournal
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 
-OLDEST: Final = 0.1
+OLDEST_PROFILE: Final = 0.1
 """Seconds before now, or after it by a clock gone wrong, of which a profile is not read: ten of a
 sensor's periods, in which a vehicle that turns at 40 mm/s goes on by 4 mm."""
 
-RECENT: Final = 10
+RECENT_PROFILES: Final = 10
 """Profiles that are kept."""
 
 
@@ -75,7 +75,7 @@ class JointSensor:
     ) -> None:
         self._laser, self._reader, self._clock = laser, reader, clock
         self._journal, self._late = journal, False
-        self._seen: deque[tuple[float, Profile]] = deque(maxlen=RECENT)
+        self._seen: deque[tuple[float, Profile]] = deque(maxlen=RECENT_PROFILES)
 
     def look(self, travel: float) -> tuple[Profile, JointReading | None]:
         """Take a profile, and find the joint in it, if it shows it and is of now.
@@ -92,7 +92,7 @@ class JointSensor:
         """
         profile = self._laser.capture()
         off = self._seconds_off(profile)
-        was_late, self._late = self._late, off > OLDEST
+        was_late, self._late = self._late, off > OLDEST_PROFILE
         if self._late:
             if not was_late:
                 self._journal.record_event(

@@ -13,7 +13,7 @@ from tjscan.core.frames import Array
 from tjscan.crawler.joint_history import height_over_hull
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.slip_estimator import ASIDE
+from tjscan.crawler.slip_estimator import MOST_ASIDE
 from tjscan.laser.profile import Profile
 
 PROFILES: Final = 10
@@ -95,7 +95,7 @@ class LastView:
             If the joint lies elsewhere in the laser's line, or looks otherwise.
         """
         aside = float(np.median([d for d, _ in seen])) - self.d
-        if abs(aside) > GIVES_WAY + ASIDE * self.way:
+        if abs(aside) > GIVES_WAY + MOST_ASIDE * self.way:
             raise _moved(f"the laser is {1e3 * abs(aside):.1f} mm aside of where it was")
         section = median_section(seen)
         if section is None:

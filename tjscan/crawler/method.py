@@ -8,7 +8,7 @@ from typing import Final, Protocol
 from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.vehicle.vehicle import Twist
 
-SURELY: Final = 3.0
+SURE_SIGMAS: Final = 3.0
 """Standard deviations within which something surely lies."""
 
 
@@ -44,7 +44,7 @@ class LaserEstimate:
 
     def surely_within(self, limit: float) -> bool:
         """Whether the joint surely lies within a distance of the laser's middle, metres."""
-        return abs(self.offset) + SURELY * self.sigma < limit
+        return abs(self.offset) + SURE_SIGMAS * self.sigma < limit
 
 
 class FollowingMethod(Protocol):

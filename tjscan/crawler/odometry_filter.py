@@ -5,10 +5,10 @@ from __future__ import annotations
 from math import copysign, exp
 from typing import Final
 
-from tjscan.crawler.slip_model import SETTLING, TrackOdometry
+from tjscan.crawler.slip_model import SETTLING_LENGTH, TrackOdometry
 from tjscan.vehicle.vehicle import REST, Twist
 
-MEMORY: Final = 0.5
+AVERAGING_TIME: Final = 0.5
 """Seconds over which encoders are averaged about what was asked."""
 
 
@@ -16,7 +16,7 @@ SPEED_RAMP: Final = 2e-3
 TURN_RAMP: Final = 10e-3
 """m/s and rad/s: encoders this far from what was asked show a ramp, not noise, and count alone."""
 
-CREEPS: Final = 1e-3
+CREEPING_SPEED: Final = 1e-3
 """m/s: what is slower shows no curvature, its turn being divided by hardly anything."""
 
 
@@ -49,7 +49,7 @@ class OdometryFilter:
         commanded : Twist
             What the drives were asked for meanwhile.
         """
-        follow, correct = min(period / self._lag, 1.0), min(period / MEMORY, 1.0)
+        follow, correct = min(period / self._lag, 1.0), min(period / AVERAGING_TIME, 1.0)
         speed = self._speed + follow * (commanded.speed - self._speed)
         turn_rate = self._turn_rate + follow * (commanded.turn_rate - self._turn_rate)
         ramps = (
@@ -60,11 +60,11 @@ class OdometryFilter:
         self._speed = speed + correct * (measured.speed - speed)
         self._turn_rate = turn_rate + correct * (measured.turn_rate - turn_rate)
         turned_back = False
-        if abs(self._speed) > CREEPS:
+        if abs(self._speed) > CREEPING_SPEED:
             way = copysign(1.0, self._speed)
             turned_back = way == -self._way
             if way != self._way:
                 self._way, self._recent_turn = way, 0.0
-            new = 1 - exp(-abs(self._speed) * period / SETTLING)
+            new = 1 - exp(-abs(self._speed) * period / SETTLING_LENGTH)
             self._recent_turn += new * (self._turn_rate / abs(self._speed) - self._recent_turn)
         return TrackOdometry(self._speed, self._turn_rate, period, self._recent_turn, turned_back)

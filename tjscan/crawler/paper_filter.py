@@ -13,7 +13,7 @@ from tjscan.core.frames import Array
 from tjscan.vehicle.tracks import TrackGeometry
 from tjscan.vehicle.vehicle import Twist
 
-PERIOD: Final = 0.02
+LOOP_PERIOD: Final = 0.02
 """Seconds of the paper's tracking loop, for which the process noise below holds."""
 
 PROCESS_VARIANCES: Final = np.array((1e-6, 1e-4, 1e-12, 1e-9, 1e-10))
@@ -87,7 +87,7 @@ class PaperFilter:
         independent errors if the encoders have.
         """
         self.x, F = propagate_paper_state(self.x, period)
-        self.P = F @ self.P @ F.T + np.diag(PROCESS_VARIANCES * (period / PERIOD))
+        self.P = F @ self.P @ F.T + np.diag(PROCESS_VARIANCES * (period / LOOP_PERIOD))
         r, b = self.tracks.sprocket_radius, self.tracks.gauge
         for which, value, scale in (
             (PaperState.SPEED, odometry.speed, r / 2**0.5),

@@ -16,26 +16,26 @@ import numpy as np
 import scipy  # its parts are loaded at first use
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.core.robust import mad_sigma, tukey_weights
 from tjscan.laser.profile import Profile
 
-WINDOW, ORDER = 11, 2
+FILTER_POINTS, FILTER_DEGREE = 11, 2
 """Points and degree of the Savitzky-Golay filter (the paper's [25])."""
 
-FIRST: Final = 20
+FIRST_POINTS: Final = 20
 """Points at an end that the first line is fitted to."""
 
-REFITS: Final = 5
+LINE_REFITS: Final = 5
 """Reweighted fits of that line."""
 
-OUTLIER: Final = 4.0
+OUTLIER_SIGMAS: Final = 4.0
 """Standard deviations from the line beyond which a point is an outlier."""
 
 LEAST_SIGMA: Final = 0.02e-3
 """Least standard deviation that this rests on, in metres: smoothed points are near their line."""
 
-OUTLIERS: Final = 6
+OUTLIERS_IN_ROW: Final = 6
 """Outliers one after the other that end the hull."""
 
 LEAST_AREA: Final = 1e-6
@@ -43,6 +43,7 @@ LEAST_AREA: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class PaperJoint:
     """Edges and barycentre of a joint, in frame s.
 
@@ -56,10 +57,6 @@ class PaperJoint:
 
     edges: Array
     barycentre: Array
-
-    def __post_init__(self) -> None:
-        for name in ("edges", "barycentre"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 def read_joint_as_paper(profile: Profile) -> PaperJoint:
@@ -78,11 +75,11 @@ def read_joint_as_paper(profile: Profile) -> PaperJoint:
     valid = profile.valid
     x, z = profile.x_s[valid], profile.z_s[valid]
     points = np.column_stack((x, z))
-    if len(x) < 2 * FIRST + WINDOW:
+    if len(x) < 2 * FIRST_POINTS + FILTER_POINTS:
         raise GrooveNotFound("too few points", f"{len(x)} columns hold a point", points)
     if x[0] > x[-1]:
         x, z = x[::-1], z[::-1]
-    z = scipy.signal.savgol_filter(z, WINDOW, ORDER)
+    z = scipy.signal.savgol_filter(z, FILTER_POINTS, FILTER_DEGREE)
     first, last = _last_inlier(x, z), len(x) - 1 - _last_inlier(x[::-1], z[::-1])
     if not first < last:
         raise GrooveNotFound("no bevel", "the hull goes on from end to end", points)
@@ -112,15 +109,19 @@ def _last_inlier(x: Array, z: Array) -> int:
     """Number of the last point on the line that begins at the first one."""
     # Far coordinates make sums of squares useless.
     x, z = x - x[0], z - z[0]
-    slope, height, sigma = _first_line(x[:FIRST], z[:FIRST])
-    on = np.abs(z[:FIRST] - height - slope * x[:FIRST]) < OUTLIER * sigma * hypot(1.0, slope)
-    a, b = x[:FIRST][on], z[:FIRST][on]
+    slope, height, sigma = _first_line(x[:FIRST_POINTS], z[:FIRST_POINTS])
+    on = np.abs(
+        z[:FIRST_POINTS] - height - slope * x[:FIRST_POINTS]
+    ) < OUTLIER_SIGMAS * sigma * hypot(1.0, slope)
+    a, b = x[:FIRST_POINTS][on], z[:FIRST_POINTS][on]
     n, sx, sz, sxx, sxz = float(len(a)), a.sum(), b.sum(), a @ a, a @ b
-    last, missed = FIRST - 1, 0
-    for k, (u, w) in enumerate(zip(x[FIRST:].tolist(), z[FIRST:].tolist(), strict=True), FIRST):
-        if abs(w - height - slope * u) > OUTLIER * sigma * hypot(1.0, slope):
+    last, missed = FIRST_POINTS - 1, 0
+    for k, (u, w) in enumerate(
+        zip(x[FIRST_POINTS:].tolist(), z[FIRST_POINTS:].tolist(), strict=True), FIRST_POINTS
+    ):
+        if abs(w - height - slope * u) > OUTLIER_SIGMAS * sigma * hypot(1.0, slope):
             missed += 1
-            if missed == OUTLIERS:
+            if missed == OUTLIERS_IN_ROW:
                 break
             continue
         last, missed = k, 0
@@ -133,7 +134,7 @@ def _last_inlier(x: Array, z: Array) -> int:
 def _first_line(x: Array, z: Array) -> tuple[float, float, float]:
     """Slope, height and robust standard deviation of the points about a line."""
     weight = np.ones_like(x)
-    for _ in range(REFITS):
+    for _ in range(LINE_REFITS):
         slope, height = np.polyfit(x, z, 1, w=np.sqrt(weight)).tolist()
         away = z - height - slope * x
         sigma = max(mad_sigma(away), LEAST_SIGMA)

@@ -35,7 +35,7 @@ class Event(StrEnum):
     CLEARED = "cleared by the operator"
 
 
-TRANSITIONS: Final[Mapping[tuple[Phase, Event], Phase]] = MappingProxyType(
+PHASE_TRANSITIONS: Final[Mapping[tuple[Phase, Event], Phase]] = MappingProxyType(
     {
         (Phase.MANUAL, Event.JOINT_IN_VIEW): Phase.FORWARD_ALIGNMENT,
         (Phase.FORWARD_ALIGNMENT, Event.ALIGNED): Phase.BACKWARD_ALIGNMENT,
@@ -61,7 +61,7 @@ def next_phase(phase: Phase, event: Event) -> Phase:
         If the event can't happen in that phase.
     """
     try:
-        return TRANSITIONS[phase, event]
+        return PHASE_TRANSITIONS[phase, event]
     except KeyError:
         raise ValueError(f"in phase {phase} there is no event {event}") from None
 
@@ -69,7 +69,7 @@ def next_phase(phase: Phase, event: Event) -> Phase:
 def draw_state_diagram() -> str:
     """The phases as a Mermaid state diagram, from the table itself."""
     lines = ["stateDiagram-v2", f"    [*] --> {_name(Phase.MANUAL)}"]
-    for (phase, event), after in TRANSITIONS.items():
+    for (phase, event), after in PHASE_TRANSITIONS.items():
         if event is not Event.DANGER:
             lines.append(f"    {_name(phase)} --> {_name(after)}: {event}")
     moving = [phase for phase in Phase if phase is not Phase.STOP]

@@ -9,8 +9,8 @@ from annotated_types import Ge, Gt, Le
 
 from tjscan.core.units import MM, MM_S, SECONDS, FileUnit, SettingsTable
 
-N_M = FileUnit("n_m")
-METRES = FileUnit("m")
+NEWTON_METRE_UNIT = FileUnit("n_m")
+METRE_UNIT = FileUnit("m")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +58,7 @@ class WeldSettings(SettingsTable):
         What the weld's log names: welding procedure specification, welder, and the joint.
     """
 
-    length: Annotated[float, Gt(0), Le(1000), METRES] = 1.0
+    length: Annotated[float, Gt(0), Le(1000), METRE_UNIT] = 1.0
     run_up: Annotated[float, Ge(0), Le(5000), MM] = 0.4
     procedure: str = ""
     welder: str = ""
@@ -90,7 +90,7 @@ class GuardSettings(SettingsTable):
     blind_travel: Annotated[float, Gt(0), Le(1000), MM] = 0.020
     blind_time: Annotated[float, Gt(0), Le(60), SECONDS] = 2.0
     field: Annotated[float, Gt(0), Le(500), MM] = 0.022
-    torque: Annotated[float, Gt(0), Le(1000), N_M] = 84.0
+    torque: Annotated[float, Gt(0), Le(1000), NEWTON_METRE_UNIT] = 84.0
     torch_off: Annotated[float, Gt(0), Le(50), MM] = 1e-3
     torch_sigma: Annotated[float, Gt(0), Le(50), MM] = 0.6e-3
 
@@ -108,7 +108,7 @@ class CourseSettings(SettingsTable):
         Its standard deviation, as a share of it.
     """
 
-    radius: Annotated[float | None, METRES] = None
+    radius: Annotated[float | None, METRE_UNIT] = None
     radius_sigma: Annotated[float, Gt(0), Le(1)] = 0.02
 
     @property

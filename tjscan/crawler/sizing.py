@@ -17,16 +17,16 @@ from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array
 from tjscan.core.units import FileUnit, SettingsTable
-from tjscan.crawler.plan import N_M
+from tjscan.crawler.plan import NEWTON_METRE_UNIT
 from tjscan.vehicle.pad_plant import GRAVITY, PadPlant, PadSettings
 from tjscan.vehicle.tracks import TrackGeometry
 
-M_MIN: Final = FileUnit("m_min", 1 / 60)
-WATTS: Final = FileUnit("w")
-RADII: Final = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
+METRES_PER_MINUTE: Final = FileUnit("m_min", 1 / 60)
+WATT_UNIT: Final = FileUnit("w")
+TURN_RADII: Final = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
 """Metres at which the torque of a turn is told."""
 
-MAGNETS: Final = "take more pads, or stronger magnets"
+MAGNETS_ADVICE: Final = "take more pads, or stronger magnets"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,9 +54,9 @@ class SizeSettings(SettingsTable):
 
     pads: PadSettings = field(default_factory=lambda: PadSettings(friction=0.3, down=pi))
     gear: Annotated[float, Gt(0), Le(1e4)] = 390.0
-    torque: Annotated[float, Gt(0), Le(1e5), N_M] = 84.0
-    top_speed: Annotated[float, Gt(0), Le(100), M_MIN] = 0.05
-    power: Annotated[float, Gt(0), Le(1e6), WATTS] = 600.0
+    torque: Annotated[float, Gt(0), Le(1e5), NEWTON_METRE_UNIT] = 84.0
+    top_speed: Annotated[float, Gt(0), Le(100), METRES_PER_MINUTE] = 0.05
+    power: Annotated[float, Gt(0), Le(1e6), WATT_UNIT] = 600.0
     safety: Annotated[float, Ge(1), Le(100)] = 5.0
 
 
@@ -129,15 +129,25 @@ def _closed_forms(size: SizeSettings, tracks: TrackGeometry) -> tuple[SizeFigure
     pull = size.torque / radius
     return (
         SizeFigure(
-            "grip of both tracks over the weight", 2 * share, "", least=size.safety, advice=MAGNETS
+            "grip of both tracks over the weight",
+            2 * share,
+            "",
+            least=size.safety,
+            advice=MAGNETS_ADVICE,
         ),
-        SizeFigure("the same with one track broken", share, "", least=size.safety, advice=MAGNETS),
+        SizeFigure(
+            "the same with one track broken", share, "", least=size.safety, advice=MAGNETS_ADVICE
+        ),
         SizeFigure("least pads of a track for that", size.safety * pads.mass / pads.grip, ""),
         SizeFigure(
-            "friction needed on both tracks", 0.5 / share, "", most=pads.friction, advice=MAGNETS
+            "friction needed on both tracks",
+            0.5 / share,
+            "",
+            most=pads.friction,
+            advice=MAGNETS_ADVICE,
         ),
         SizeFigure(
-            "friction needed on one track", 1 / share, "", most=pads.friction, advice=MAGNETS
+            "friction needed on one track", 1 / share, "", most=pads.friction, advice=MAGNETS_ADVICE
         ),
         SizeFigure("pull of a track", pull, "N"),
         SizeFigure(
@@ -174,7 +184,7 @@ def _turns(
     size: SizeSettings, tracks: TrackGeometry, least_radius: float
 ) -> tuple[SizeFigure, ...]:
     """Torque against radius, and the rule of the tightest turn that the job allows."""
-    radii = sorted({*RADII, least_radius})
+    radii = sorted({*TURN_RADII, least_radius})
     torques = [torque_of_turn(size.pads, tracks, turn) for turn in radii]
     tightest = tightest_turn(radii, torques, size.torque)
     advice = (

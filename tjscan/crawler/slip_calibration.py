@@ -17,7 +17,7 @@ from tjscan.core.provenance import Provenance
 from tjscan.crawler.slip_estimator import SlipBelief, SlipUncertainty
 from tjscan.crawler.slip_model import SlipState
 
-LEARNED = (
+LEARNED_STATES = (
     SlipState.ROTATION_CENTRE,
     SlipState.YAW_EFFICIENCY,
     SlipState.DRIFT,
@@ -27,7 +27,7 @@ LEARNED = (
 )
 """What belongs to vehicle and hull, not to where it stands."""
 
-_SHOWN = (
+_SHOWN_STATES = (
     ("centre of rotation, ahead in travel direction", 1e3, "mm"),
     ("yaw efficiency", 1.0, ""),
     ("drift", 1e3, "mrad/m"),
@@ -65,8 +65,8 @@ class SlipCalibration(StrictFileModel):
     @classmethod
     def from_belief(cls, belief: SlipBelief, vehicle: str) -> SlipCalibration:
         """What a belief says of slip, for a vehicle of this id."""
-        P = belief.P[np.ix_(LEARNED, LEARNED)]
-        values = belief.x[list(LEARNED)].tolist()
+        P = belief.P[np.ix_(LEARNED_STATES, LEARNED_STATES)]
+        values = belief.x[list(LEARNED_STATES)].tolist()
         return cls(
             vehicle=vehicle,
             date=datetime.now(UTC),
@@ -97,7 +97,9 @@ class SlipCalibration(StrictFileModel):
         sigmas = np.sqrt(np.diag(np.array(self.covariance)))
         return [
             (name, f"{scale * value:.3g} {unit}".strip(), f"{scale * sigma:.2g} {unit}".strip())
-            for (name, scale, unit), value, sigma in zip(_SHOWN, self.values, sigmas, strict=True)
+            for (name, scale, unit), value, sigma in zip(
+                _SHOWN_STATES, self.values, sigmas, strict=True
+            )
         ]
 
     def belief_at_start(
@@ -108,8 +110,8 @@ class SlipCalibration(StrictFileModel):
             uncertainty, curvature=curvature, curvature_sigma=curvature_sigma
         )
         x, P = first.x.copy(), first.P.copy()
-        x[list(LEARNED)] = self.values
-        P[np.ix_(LEARNED, LEARNED)] = self.covariance
+        x[list(LEARNED_STATES)] = self.values
+        P[np.ix_(LEARNED_STATES, LEARNED_STATES)] = self.covariance
         return SlipBelief(x, P)
 
 

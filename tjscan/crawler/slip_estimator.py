@@ -12,7 +12,7 @@ from annotated_types import Gt, Le
 from tjscan.core.frames import Array
 from tjscan.core.units import MM, MRAD, SettingsTable
 from tjscan.crawler.slip_model import (
-    STATES,
+    STATE_COUNT,
     CrawlerGeometry,
     SlipState,
     TrackOdometry,
@@ -23,24 +23,24 @@ from tjscan.crawler.slip_model import (
 DEGREES_OF_FREEDOM: Final = 4.0
 """Of Student's t distribution of a reading's error: what is farther off counts less."""
 
-WINDOW: Final = 0.05
+WINDOW_LENGTH: Final = 0.05
 """Metres over which differences between readings and what was expected are added up."""
 
-MEMORY: Final = 0.7
+MEMORY_LENGTH: Final = 0.7
 """Metres of such windows that say how unsteady the slip is: the contact of a track (assumption)."""
 
 MOST_MISFIT: Final = 9.0
 """A window's misfit counts as no more: one that was disturbed says little about the others."""
 
-UNSTEADINESS: Final = (0.02, 1.0)
+UNSTEADINESS_BOUNDS: Final = (0.02, 1.0)
 """Least and most that the variances of slip's changes are multiplied by: as stated they are what a
 track does at most, and with none of them the filter would learn no more."""
 
-ASIDE: Final = 0.1
+MOST_ASIDE: Final = 0.1
 """Metres by which torch or laser go aside at most while the vehicle goes on by one: by its slope
 against the joint, and by how it turns."""
 
-UNSTEADY: Final = [SlipState.UNSTEADY_CRAB, SlipState.UNSTEADY_DRIFT]
+UNSTEADY_STATES: Final = [SlipState.UNSTEADY_CRAB, SlipState.UNSTEADY_DRIFT]
 
 Deviation = Annotated[float, Gt(0), Le(1000)]
 
@@ -129,7 +129,7 @@ class SlipBelief:
         curvature, curvature_sigma : float, optional
             Of the joint, 1/m, as the job states them.
         """
-        x = np.zeros(STATES)
+        x = np.zeros(STATE_COUNT)
         x[SlipState.YAW_EFFICIENCY], x[SlipState.CURVATURE] = yaw_efficiency, curvature
         own = uncertainty
         sigmas = np.array(
@@ -175,7 +175,7 @@ class SlipBelief:
             Of the tightest turn, metres.
         """
         P = self.P.copy()
-        P[SlipState.OFFSET, SlipState.OFFSET] += (ASIDE * way) ** 2
+        P[SlipState.OFFSET, SlipState.OFFSET] += (MOST_ASIDE * way) ** 2
         P[SlipState.HEADING, SlipState.HEADING] += (way / least_radius) ** 2
         return type(self)(self.x, P)
 
@@ -209,7 +209,7 @@ class SlipEstimator:
     ) -> None:
         self.geometry, self.belief, self._uncertainty = geometry, belief, uncertainty
         own = uncertainty
-        walks = np.zeros(STATES)
+        walks = np.zeros(STATE_COUNT)
         walks[[2, 3, 4, 5, 7, 8]] = (
             own.rotation_centre_walk,
             own.yaw_efficiency_walk,
@@ -231,7 +231,7 @@ class SlipEstimator:
         P = F @ self.belief.P @ F.T
         travel = abs(odometry.speed) * odometry.period
         changes = self._walk_per_metre * travel + self._settled(odometry, float(F[-1, -1]))
-        P[np.diag_indices(STATES)] += self.unsteadiness * changes
+        P[np.diag_indices(STATE_COUNT)] += self.unsteadiness * changes
         # White noise of the turn rate: its spectral density does not depend on the period.
         by_turn = F[:2, SlipState.YAW_EFFICIENCY] / (odometry.turn_rate or 1.0)
         if odometry.turn_rate == 0.0:
@@ -240,7 +240,7 @@ class SlipEstimator:
         P[:2, :2] += np.outer(by_turn, by_turn) * self._uncertainty.turn_rate**2 / odometry.period
         self.belief = SlipBelief(x, (P + P.T) / 2)
         self._window += travel
-        if self._window >= WINDOW:
+        if self._window >= WINDOW_LENGTH:
             self._match_covariances()
 
     def _forget_unsteady_slip(self) -> None:
@@ -249,16 +249,16 @@ class SlipEstimator:
         A reversal shears every foot the other way, so it is as uncertain as a track makes it.
         """
         x, P = self.belief.x.copy(), self.belief.P.copy()
-        x[UNSTEADY], P[UNSTEADY, :], P[:, UNSTEADY] = 0.0, 0.0, 0.0
-        P[UNSTEADY, UNSTEADY] = self._unsteady_variances()
+        x[UNSTEADY_STATES], P[UNSTEADY_STATES, :], P[:, UNSTEADY_STATES] = 0.0, 0.0, 0.0
+        P[UNSTEADY_STATES, UNSTEADY_STATES] = self._unsteady_variances()
         self.belief = SlipBelief(x, P)
 
     def _match_covariances(self) -> None:
         """Learn from a window how unsteady the slip is."""
         if self._readings:
             misfit = min(self._misfit**2 / self._readings, MOST_MISFIT)
-            learned = self.unsteadiness * exp((misfit - 1) * self._window / MEMORY)
-            self.unsteadiness = min(max(learned, UNSTEADINESS[0]), UNSTEADINESS[1])
+            learned = self.unsteadiness * exp((misfit - 1) * self._window / MEMORY_LENGTH)
+            self.unsteadiness = min(max(learned, UNSTEADINESS_BOUNDS[0]), UNSTEADINESS_BOUNDS[1])
         self._misfit, self._readings, self._window = 0.0, 0, 0.0
 
     def _settled(self, odometry: TrackOdometry, kept: float) -> Array:
@@ -267,12 +267,12 @@ class SlipEstimator:
         In a turn the feet shear and slide the more the tighter it is, and go on doing so until
         they have left: hence the curvature that the track remembers.
         """
-        added = np.zeros(STATES)
+        added = np.zeros(STATE_COUNT)
         if odometry.speed:
             efficiency = float(self.belief.x[SlipState.YAW_EFFICIENCY])
             curvature = efficiency * odometry.turn_rate / odometry.speed
             self._turns = kept * self._turns + (1 - kept) * curvature
-        added[UNSTEADY] = self._unsteady_variances()
+        added[UNSTEADY_STATES] = self._unsteady_variances()
         return (1 - kept**2) * added
 
     def _unsteady_variances(self) -> tuple[float, float]:
@@ -308,7 +308,7 @@ class SlipEstimator:
         nu = DEGREES_OF_FREEDOM
         variance *= (nu + off) / (nu + 1) if off > 1 else 1.0
         gain = PH / (before + variance)
-        rest = np.eye(STATES) - np.outer(gain, H)
+        rest = np.eye(STATE_COUNT) - np.outer(gain, H)
         P = rest @ P @ rest.T + np.outer(gain, gain) * variance
         self.belief = SlipBelief(x + gain * (d - expected), P)
         return off

@@ -29,7 +29,7 @@ class SlipState(IntEnum):
     TURNING_CRAB its sideways travel per radian of turn, metres. SETTLED_CENTRE is how much farther
     ahead than ROTATION_CENTRE the centre of rotation comes to lie in a gentle turn that lasts,
     metres. UNSTEADY_CRAB and UNSTEADY_DRIFT are what crab and drift differ from those for now, and
-    forget over `SETTLING`.
+    forget over `SETTLING_LENGTH`.
     """
 
     OFFSET = 0
@@ -45,13 +45,13 @@ class SlipState(IntEnum):
     UNSTEADY_DRIFT = 10
 
 
-STATES: Final = len(SlipState)
+STATE_COUNT: Final = len(SlipState)
 
-SETTLING: Final = 0.1
+SETTLING_LENGTH: Final = 0.1
 """Metres after which a track has forgotten how its feet were sheared: they leave at its end, at the
 latest after its contact, and let go before where they slide (assumption)."""
 
-TIGHT: Final = 0.1
+TIGHT_CURVATURE: Final = 0.1
 """1/m: a turn in which most feet slide, so that half of what a turn that lasts shifts the centre of
 rotation by is gone. Feet that stuck over a contact of 0.7 m would be sheared by 6 mm, and give way
 by 1 mm (assumption)."""
@@ -71,7 +71,7 @@ class TrackOdometry:
         Seconds.
     recent_turn : float, optional
         What such a vehicle turned per metre of its way lately, rad/m: the mean over the way since
-        it last turned back, faded over `SETTLING`.
+        it last turned back, faded over `SETTLING_LENGTH`.
     turned_back : bool, optional
         Whether it now goes the other way than in the periods before.
     """
@@ -126,15 +126,15 @@ def propagate_state(
     # Travel sideways: by heading, by crab, and as the torch swings round the centre of rotation.
     q += dt * (u * sin(heading) + (crab + sways) * abs(u) + turning_crab * abs(turn) - turn * arm)
     # A turn that lasts shifts the centre farther, the less so the more feet slide.
-    sticks = 1 / (1 + efficiency * abs(odometry.recent_turn) / TIGHT)
+    sticks = 1 / (1 + efficiency * abs(odometry.recent_turn) / TIGHT_CURVATURE)
     turned = u * odometry.recent_turn * sticks
     q -= dt * settled * efficiency * turned
-    kept = exp(-abs(u) * dt / SETTLING)
+    kept = exp(-abs(u) * dt / SETTLING_LENGTH)
     after = x.copy()
     after[SlipState.UNSTEADY_CRAB :] *= kept
     after[SlipState.OFFSET] = q
     after[SlipState.HEADING] = heading + dt * (turn - curvature * u)
-    F = np.eye(STATES)
+    F = np.eye(STATE_COUNT)
     by_turn = turning_crab * (copysign(1.0, turn) if turn else 0.0) - arm
     F[0, 1:] = (
         dt * u * cos(heading),
@@ -173,7 +173,7 @@ def laser_offset(x: Array, geometry: CrawlerGeometry) -> tuple[float, Array]:
     H : ndarray, shape (11,)
     """
     D, slope = geometry.laser_to_torch, tan(x[SlipState.HEADING])
-    H = np.zeros(STATES)
+    H = np.zeros(STATE_COUNT)
     H[[SlipState.OFFSET, SlipState.HEADING, SlipState.CURVATURE]] = (
         1,
         D * (1 + slope**2),

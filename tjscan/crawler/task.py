@@ -9,7 +9,7 @@ from tjscan.core.registry import TaskPlugin
 TASK: Final = TaskPlugin(
     "crawl",
     report="tjscan.runs.crawl.report:crawl_chapter",
-    study="tjscan.runs.crawl_study.backend:CRAWL_STUDY",
+    study="tjscan.runs.crawl.study:CRAWL_STUDY",
     recording="crawl.mcap",
     live="tjscan.runs.live.crawl:read_crawl_show",
 )

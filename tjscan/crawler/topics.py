@@ -20,7 +20,7 @@ from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipBelief
-from tjscan.crawler.slip_model import STATES
+from tjscan.crawler.slip_model import STATE_COUNT
 from tjscan.laser.profile import Profile
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.foxglove import (
@@ -135,9 +135,9 @@ def _from_slip(slip: SlipBelief) -> dict[str, Any]:
 def _to_slip(fields: dict[str, Any]) -> SlipBelief | None:
     x = np.array(to_finite_floats(fields["state"]))
     P = np.array(to_finite_floats(fields["covariance"]))
-    if len(x) != STATES and len(P) == len(x) ** 2:
+    if len(x) != STATE_COUNT and len(P) == len(x) ** 2:
         return None  # of an earlier estimator, with other quantities
-    return SlipBelief(x.reshape(STATES), P.reshape(STATES, STATES))
+    return SlipBelief(x.reshape(STATE_COUNT), P.reshape(STATE_COUNT, STATE_COUNT))
 
 
 CYCLE: Final = make_json_topic(

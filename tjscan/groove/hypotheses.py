@@ -17,70 +17,80 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.budget import SearchBudget
-from tjscan.groove.curves import CubicCurve
 from tjscan.groove.models import GrooveModel, SideModel, TurnBounds
-from tjscan.groove.segments import CurvedSegments, Index
+from tjscan.groove.segments import CurvedSegments
+from tjscan.groove.settings import SearchBudget
+from tjscan.groove.sides import (
+    CubicCurve,
+    Index,
+    OrderedProfilePoints,
+    Polyline,
+    bearing_tangents,
+    end_of_support,
+)
 
-LAGS: Final = (2, 4, 7, 12, 20, 35, 60, 110)
+PAIR_LAGS: Final = (2, 4, 7, 12, 20, 35, 60, 110)
 """How many points apart the pairs are that propose a line."""
 
 GAP_COST: Final = 0.15
 """What a point costs the stretch it lies in, in points, unless the line explains it."""
 
-COARSE: Final = 6
+STRETCH_BLOCK: Final = 6
 """Points between the ends that a stretch may have."""
 
-SUPPORTS: Final = 0.2
+SUPPORT_GAIN: Final = 0.2
 """Gain from which a line counts as explaining a point."""
 
-MARGIN: Final = 10
+OUTER_MARGIN: Final = 10
 """Points of the outer sides that may belong to the sides between them."""
 
-FEWEST: Final = 4
+FEWEST_INNER_POINTS: Final = 4
 """Points that must support an inner side."""
 
-LEAST_SHARE: Final = 0.12
+LEAST_SUPPORT_SHARE: Final = 0.12
 """Share of an inner side's points that must support it."""
 
-NEIGHBOURS: Final = 4
-"""Points on either side of one that tell, with it, whether it lies on a side."""
-
-DISTINCT: Final = 1e-3
+DISTINCT_DISTANCE: Final = 1e-3
 """Chains that differ less than this at every corner are the same one, in metres."""
 
-RIVALS: Final = 3
+MOST_REFINED: Final = 3
 """Most hypotheses looked at more closely."""
 
-MOST_RIVALS: Final = 150
+MOST_COMPARED: Final = 150
 """Most hypotheses of which the distinct ones are sought."""
 
 RIVAL_MARGIN: Final = 12.0
 """By how many outliers a hypothesis may be dearer than the cheapest and still be looked at."""
 
-NEAREST: Final = 0.02
+NEAREST_RANGE: Final = 0.02
 """Least distance of anything from the sensor, in metres."""
 
-AWAY: Final = 30e-3
+CORNER_ROOM: Final = 30e-3
 """How far a corner may lie outside all points, in metres."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PolylineHypothesis:
-    """Hypothesis of a groove: one curve for every side, from wall to leg, and the corners.
+_Neighbour = tuple[CubicCurve, TurnBounds]
+"""An outer side, and by how much the side beside it may turn from it."""
 
-    Parameters
-    ----------
-    sides : tuple of CubicCurve
-    corners : ndarray, shape (k - 1, 2)
-        Where neighbours meet, x and z in metres.
-    cost : float
-        What all points pay, in outliers.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Region:
+    """The n points between two outer sides, shape (n, 2), and their bearings' tangents, (n,)."""
+
+    points: Array
+    tangents: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Proposed:
+    """Lines through pairs of points: points and directions, shape (m, 4).
+
+    The points' scaled distances from them and what each adds to a stretch have shape (m, n).
     """
 
-    sides: tuple[CubicCurve, ...]
-    corners: Array
-    cost: float
+    lines: Array
+    distances: Array
+    gains: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,11 +107,6 @@ class _Lines:
     support: Array
     before: tuple[Array, Array] | None = None
     after: tuple[Array, Array] | None = None
-
-
-def bearing_tangents(points: Array) -> Array:
-    """Tangents of bearings of points, shape (..., 2), from the sensor; grow from wall to leg."""
-    return np.asarray(-points[..., 0] / points[..., 1])
 
 
 def outer_side_pairs(
@@ -130,83 +135,60 @@ def outer_side_pairs(
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def best_hypotheses(
     model: GrooveModel,
-    points: Array,
-    tangents: Array,
+    row: OrderedProfilePoints,
     outer: tuple[CubicCurve, CubicCurve],
-    until: int,
-    since: int,
+    stretches: tuple[int, int],
     tolerance: float,
     budget: SearchBudget,
-) -> list[PolylineHypothesis]:
+) -> list[Polyline]:
     """Cheapest hypothesis between two outer sides, and its distinct rivals; none if nothing fits.
 
     Parameters
     ----------
     model : GrooveModel
-    points : ndarray, shape (n, 2)
-        x and z in metres, ordered from wall to leg.
-    tangents : ndarray, shape (n,)
-        Their bearings, rising.
+    row : OrderedProfilePoints
     outer : tuple of CubicCurve
         The outer sides.
-    until, since : int
+    stretches : tuple of int
         Last point of the first side's stretch, and first point of the last side's.
     tolerance : float
         Distance at which a point stops supporting a side, in metres.
     budget : SearchBudget
     """
-    d_first, d_last = (side.signed_distances(points) / tolerance for side in outer)
-    lo = max(end_of_support(np.abs(d_first[: until + 1]) < 1) - MARGIN, 0)
-    hi = len(points) - max(end_of_support(np.abs(d_last[since:][::-1]) < 1) - MARGIN, 0)
-    if hi - lo < FEWEST * (len(model.sides) - 2):
+    until, since = stretches
+    d_first = outer[0].signed_distances(row.points) / tolerance
+    d_last = outer[1].signed_distances(row.points) / tolerance
+    lo = max(end_of_support(np.abs(d_first[: until + 1]) < 1) - OUTER_MARGIN, 0)
+    behind = end_of_support(np.abs(d_last[since:][::-1]) < 1) - OUTER_MARGIN
+    hi = len(row.points) - max(behind, 0)
+    inner = len(model.sides) - 2
+    if hi - lo < FEWEST_INNER_POINTS * inner:
         return []
-    region, u = points[lo:hi], tangents[lo:hi]
     outside = float(_costs(d_first[:lo]).sum() + _costs(d_last[hi:]).sum())
-    paid, support = _running(np.array((d_first[lo:hi], d_last[lo:hi])))
-    nowhere = np.zeros((1, 2))
-    ends = [_Lines(nowhere, nowhere, paid[k : k + 1], support[k : k + 1]) for k in (0, 1)]
-    lines, scaled = _proposals(region, d_first[lo:hi], d_last[lo:hi], tolerance, budget.proposals)
+    scaled = np.array((d_first[lo:hi], d_last[lo:hi]))
+    region = _Region(row.points[lo:hi], row.tangents[lo:hi])
+    lines, distances = _proposals(region.points, scaled, tolerance, budget.proposals)
     if not len(lines):
         return []
-    # What a point adds to the stretch it lies in.
-    gains = scaled * scaled
+    paid, support = _running(scaled)
+    nowhere = np.zeros((1, 2))
+    first, last = (_Lines(nowhere, nowhere, paid[k : k + 1], support[k : k + 1]) for k in (0, 1))
+    # What a point adds to its stretch.
+    gains = distances * distances
     np.subtract(1, gains, out=gains)
     np.maximum(gains, 0, out=gains)
     gains -= np.float32(GAP_COST)
-    inner = len(model.sides) - 2
-    layers = [ends[0]]
+    proposed = _Proposed(lines, distances, gains)
+    layers = [first]
     for k in range(inner):
         before = (outer[0], model.turns[0]) if k == 0 else None
         after = (outer[1], model.turns[-1]) if k == inner - 1 else None
-        layers.append(
-            _pool(
-                lines,
-                scaled,
-                gains,
-                region,
-                u,
-                before,
-                after,
-                model.sides[k + 1].longest,
-                budget.pool,
-            )
-        )
-    layers.append(ends[1])
+        longest = model.sides[k + 1].longest
+        layers.append(_pool(proposed, region, (before, after), longest, budget.pool))
+    layers.append(last)
     if any(len(layer.point) == 0 for layer in layers):
         return []
-    return _cheapest(model, layers, u, outer, region, outside)
-
-
-def end_of_support(support: NDArray[np.bool_]) -> int:
-    """Index after the last point around which most points support a side."""
-    if not len(support):
-        return 0
-    near = np.convolve(support, _NEIGHBOURHOOD)[NEIGHBOURS : NEIGHBOURS + len(support)]
-    where = (near > NEIGHBOURS).nonzero()[0]
-    return int(where[-1]) + 1 if len(where) else 0
-
-
-_NEIGHBOURHOOD: Final = np.ones(2 * NEIGHBOURS + 1)
+    return _cheapest(model, layers, region, outer, outside)
 
 
 def _costs(scaled: Array) -> Array:
@@ -224,13 +206,14 @@ def _running(scaled: Array) -> tuple[Array, Array]:
     return paid, support
 
 
-def _proposals(
-    region: Array, d_first: Array, d_last: Array, tolerance: float, most: int
-) -> tuple[Array, Array]:
-    """Lines through pairs of points, (m, 4), and the points' scaled distances, (m, n)."""
+def _proposals(region: Array, outer: Array, tolerance: float, most: int) -> tuple[Array, Array]:
+    """Lines through pairs of points, (m, 4), and the points' scaled distances, (m, n).
+
+    Those from the two outer sides are `outer`, shape (2, n).
+    """
     # What an outer side explains needs no other line, except near the region's ends.
-    free = np.flatnonzero((np.abs(d_first) > 0.6) & (np.abs(d_last) > 0.6))
-    pairs = [(free[:-k], free[k:]) for k in LAGS if k < len(free)]
+    free = np.flatnonzero((np.abs(outer) > 0.6).all(axis=0))
+    pairs = [(free[:-k], free[k:]) for k in PAIR_LAGS if k < len(free)]
     if not pairs:
         return np.zeros((0, 4)), np.zeros((0, len(region)))
     a, b = (np.concatenate(v) for v in zip(*pairs, strict=True))
@@ -251,13 +234,9 @@ def _proposals(
 
 
 def _pool(
-    lines: Array,
-    scaled: Array,
-    gains: Array,
-    region: Array,
-    u: Array,
-    before: tuple[CubicCurve, TurnBounds] | None,
-    after: tuple[CubicCurve, TurnBounds] | None,
+    proposed: _Proposed,
+    region: _Region,
+    neighbours: tuple[_Neighbour | None, _Neighbour | None],
     longest: float,
     most: int,
 ) -> _Lines:
@@ -266,48 +245,54 @@ def _pool(
     A line next to an outer side is judged by its best stretch that begins at their corner and
     is no longer than `longest`.
     """
-    n = scaled.shape[1]
+    lines, n = proposed.lines, len(region.points)
     keep = np.ones(len(lines), dtype=bool)
     bounds = [np.zeros(len(lines), dtype=np.intp), np.full(len(lines), n)]
     met: list[tuple[Array, Array] | None] = [None, None]
-    for i, (neighbour, following) in enumerate(((before, True), (after, False))):
+    for i, neighbour in enumerate(neighbours):
         if neighbour is None:
             continue
         side, allowed = neighbour
+        following = i == 0
         corner, turned = _meet_outer(side, lines[:, :2], lines[:, 2:], after=following)
         met[i] = corner, turned
         keep &= (turned >= allowed.least) & (turned <= allowed.most)
         keep &= np.isfinite(corner[:, 0]) & (corner[:, 1] > 0)
         corner = np.where(keep[:, None], corner, 1.0)
-        bounds[i] = np.searchsorted(u, bearing_tangents(corner))
+        bounds[i] = np.searchsorted(region.tangents, bearing_tangents(corner))
         end = corner + (longest if following else -longest) * lines[:, 2:]
-        end[:, 1] = np.maximum(end[:, 1], NEAREST)
-        bounds[1 - i] = np.searchsorted(u, bearing_tangents(end))
+        end[:, 1] = np.maximum(end[:, 1], NEAREST_RANGE)
+        bounds[1 - i] = np.searchsorted(region.tangents, bearing_tangents(end))
     which = np.flatnonzero(keep)
     if not len(which):
         return _Lines(lines[:0, :2], lines[:0, 2:], np.zeros((0, 1)), np.zeros((0, 1)))
-    if before is None and after is None:
-        best = which[_one_by_one(gains[which] + np.float32(GAP_COST), most)]
+    if neighbours == (None, None):
+        gains = proposed.gains[which] + np.float32(GAP_COST)
+        best = which[_one_by_one(gains, most)]
     else:
         index = np.arange(n)
-        mine = index >= bounds[0][which, None]
-        mine &= index < bounds[1][which, None]
-        gain = np.where(mine, gains[which], np.float32(0))
-        # Stretches end at every few points: that is near enough, and quicker to sum.
-        blocks = np.add.reduceat(gain, np.arange(0, n, COARSE), axis=1)
-        if before is None:
-            blocks = blocks[:, ::-1]
-        score = blocks.cumsum(axis=1).max(axis=1)
-        order = np.argsort(-score, kind="stable")
-        order = order[: max(np.count_nonzero(score > 0), 1)]
-        # Of the lines that explain a point the best one claims it.
-        claims = gain[order] > SUPPORTS - GAP_COST
-        winners = np.zeros(len(order), dtype=np.bool_)
-        winners[claims.argmax(axis=0)[claims.any(axis=0)]] = True
-        winners &= score[order] > 0
-        best = which[order[winners][:most]]
+        own = (index >= bounds[0][which, None]) & (index < bounds[1][which, None])
+        gain = np.where(own, proposed.gains[which], np.float32(0))
+        best = which[_best_stretches(gain, most, backward=neighbours[0] is None)]
     ends = [None if m is None else (m[0][best], m[1][best]) for m in met]
-    return _Lines(lines[best, :2], lines[best, 2:], *_running(scaled[best]), *ends)
+    return _Lines(lines[best, :2], lines[best, 2:], *_running(proposed.distances[best]), *ends)
+
+
+def _best_stretches(gain: Array, most: int, *, backward: bool) -> Index:
+    """Lines that explain some point best, by the best stretches from their first or last point."""
+    # Stretches end at every few points: that is near enough, and quicker to sum.
+    blocks = np.add.reduceat(gain, np.arange(0, gain.shape[1], STRETCH_BLOCK), axis=1)
+    if backward:
+        blocks = blocks[:, ::-1]
+    score = blocks.cumsum(axis=1).max(axis=1)
+    order = np.argsort(-score, kind="stable")
+    order = order[: max(np.count_nonzero(score > 0), 1)]
+    # Of the lines that explain a point the best one claims it.
+    claims = gain[order] > SUPPORT_GAIN - GAP_COST
+    winners = np.zeros(len(order), dtype=np.bool_)
+    winners[claims.argmax(axis=0)[claims.any(axis=0)]] = True
+    winners &= score[order] > 0
+    return order[winners][:most]
 
 
 def _one_by_one(gain: Array, most: int) -> Index:
@@ -315,8 +300,8 @@ def _one_by_one(gain: Array, most: int) -> Index:
     gain, found = gain.copy(), []
     for _ in range(most):
         best = int(gain.sum(axis=1).argmax())
-        explained = gain[best] > SUPPORTS
-        if np.count_nonzero(explained) < FEWEST:
+        explained = gain[best] > SUPPORT_GAIN
+        if np.count_nonzero(explained) < FEWEST_INNER_POINTS:
             break
         found.append(best)
         gain[:, explained] = 0
@@ -337,13 +322,15 @@ class _Joint:
 def _cheapest(
     model: GrooveModel,
     layers: list[_Lines],
-    u: Array,
+    region: _Region,
     outer: tuple[CubicCurve, CubicCurve],
-    region: Array,
     outside: float,
-) -> list[PolylineHypothesis]:
+) -> list[Polyline]:
     """Dynamic programming over the layers; `total` keeps the last three of a hypothesis apart."""
-    box = (region.min(axis=0) - AWAY).tolist(), (region.max(axis=0) + AWAY).tolist()
+    box = (
+        (region.points.min(axis=0) - CORNER_ROOM).tolist(),
+        (region.points.max(axis=0) + CORNER_ROOM).tolist(),
+    )
     joints = []
     for k, bounds in enumerate(model.turns):
         a, b = layers[k], layers[k + 1]
@@ -353,11 +340,11 @@ def _cheapest(
             corner, turned = a.after[0][:, None], a.after[1][:, None]
         else:
             corner, turned = _meet(a, b)
-        joints.append(_joint(a, b, corner, turned, bounds, u, box))
+        joints.append(_joint(a, b, corner, turned, bounds, region.tangents, box))
     value, choices = joints[0].pay, []
     for k in range(1, len(joints)):
-        fits = _fits(joints[k - 1], joints[k], model.sides[k])
-        total = np.where(fits, value[:, :, None], np.inf) + joints[k].pay[None]
+        between = _may_be_between(joints[k - 1], joints[k], model.sides[k])
+        total = np.where(between, value[:, :, None], np.inf) + joints[k].pay[None]
         if k < len(joints) - 1:
             choices.append(total.argmin(axis=0))
             value = total.min(axis=0)
@@ -365,8 +352,8 @@ def _cheapest(
     costs = total.ravel()
     most = float(costs.min()) + RIVAL_MARGIN
     likely = np.flatnonzero((costs <= most) & (costs < np.inf))
-    found: list[PolylineHypothesis] = []
-    for flat in likely[np.argsort(costs[likely], kind="stable")[:MOST_RIVALS]].tolist():
+    found: list[Polyline] = []
+    for flat in likely[np.argsort(costs[likely], kind="stable")[:MOST_COMPARED]].tolist():
         start, last = divmod(flat, total.shape[2])
         hypothesis = [*divmod(start, total.shape[1]), last]
         for choice in reversed(choices):
@@ -374,11 +361,11 @@ def _cheapest(
         corners = np.array(
             [j.corner[hypothesis[i], hypothesis[i + 1]] for i, j in enumerate(joints)]
         )
-        if all(np.abs(corners - c.corners).max() > DISTINCT for c in found):
+        if all(np.abs(corners - c.corners).max() > DISTINCT_DISTANCE for c in found):
             inner = [_curve(layers[k], hypothesis[k]) for k in range(1, len(hypothesis) - 1)]
             cost = float(costs[flat]) + constant
-            found.append(PolylineHypothesis((outer[0], *inner, outer[1]), corners, cost))
-            if len(found) == RIVALS:
+            found.append(Polyline((outer[0], *inner, outer[1]), corners, cost))
+            if len(found) == MOST_REFINED:
                 break
     return found
 
@@ -442,12 +429,12 @@ def _joint(
     return _Joint(corner, place, pay, a.support[i, place], b.support[j, place])
 
 
-def _fits(before: _Joint, after: _Joint, side: SideModel) -> NDArray[np.bool_]:
-    """Whether a line can stand between two neighbours, shape (m1, m2, m3)."""
+def _may_be_between(before: _Joint, after: _Joint, side: SideModel) -> NDArray[np.bool_]:
+    """Whether a line can be between two neighbours, shape (m1, m2, m3)."""
     span = after.place[None] - before.place[:, :, None]
     good = after.until[None] - before.since[:, :, None]
     gap = after.corner[None] - before.corner[:, :, None]
     square = gap[..., 0] ** 2 + gap[..., 1] ** 2
-    fits = (span > 0) & (good >= np.maximum(LEAST_SHARE * span, FEWEST * 0.7))
+    fits = (span > 0) & (good >= np.maximum(LEAST_SUPPORT_SHARE * span, FEWEST_INNER_POINTS * 0.7))
     fits &= square > side.shortest**2
     return np.asarray(fits & (square < side.longest**2))

@@ -11,43 +11,56 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from math import hypot
+from math import hypot, inf, sqrt
 from typing import Final
 
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.groove.curves import CubicCurve
-from tjscan.groove.fitted_profile import (
-    CUT,
+from tjscan.groove.models import GrooveModel
+from tjscan.groove.noise import UNDULATION_BLOCK, undulation_sigmas
+from tjscan.groove.refinement import FACE_BLUNTNESS
+from tjscan.groove.sides import (
     LEAST_NOISE,
+    OUTLIER_SIGMAS,
+    CubicCurve,
     FittedProfile,
     OrderedProfilePoints,
 )
-from tjscan.groove.refinement import BLUNT
 
-PULLS: Final = 1e-3 * np.array((0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0, 1.3, 1.6, 2.0))
-REACHES: Final = 1e-3 * np.array((3.0, 4.0, 5.0))
+TRIED_PULLS: Final = 1e-3 * np.array((0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0, 1.3, 1.6, 2.0))
+TRIED_REACHES: Final = 1e-3 * np.array((3.0, 4.0, 5.0))
 """How far a notch may be pulled in, and how far up its flanks that may be seen, in metres."""
 
-STEEPEST: Final = 0.5
+STEEPEST_PULL: Final = 0.5
 """A pull is smooth: it is no greater than this share of its reach."""
 
-PRIOR_ODDS: Final = 0.1
+PULL_PRIOR_ODDS: Final = 0.1
 """Odds that a notch is pulled in, before its points are looked at."""
 
-FUZZY: Final = 0.05
+PULL_SHAPE_SPREAD: Final = 0.05
 """A pull may differ from a raised cosine by this share, one standard deviation."""
 
-REGION: Final = 8e-3
+NOTCH_REGION: Final = 8e-3
 """Points this near a corner are looked at, in metres along its flank."""
 
-FACES: Final = (0.15, 0.35, 0.5, 0.65, 0.85)
-FEWEST: Final = 8
+FACE_PLACES: Final = (0.15, 0.35, 0.5, 0.65, 0.85)
+FEWEST_FACE_POINTS: Final = 8
 """Where, as shares of its points, those lie that propose flatter faces; fewest points for that."""
 
-LEAST_SINE: Final = 0.15
+LEAST_TURN_SINE: Final = 0.15
 """Least sine of the turn between a flank and a face that have a corner."""
+
+
+PULL_REACH: Final = 4e-3
+"""Distance from a notch in metres within which points are pulled in: real profiles
+show 3 to 5 mm."""
+
+PULL_DOUBT: Final = 0.15
+"""Share of itself by which a pull is uncertain, for its reach is."""
+
+FEWEST_PULLED_POINTS: Final = 4
+"""Points about a notch that show a pull."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +82,7 @@ class NotchPull:
 
 NO_PULL: Final = NotchPull(0.0, np.zeros(2), np.zeros(2))
 
-_ALLOWED: Final = PULLS[:, None] <= STEEPEST * REACHES
+_ALLOWED_PULLS: Final = TRIED_PULLS[:, None] <= STEEPEST_PULL * TRIED_REACHES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,10 +120,10 @@ class _Flank:
         """
         (cx, cz), (fx, fz) = self.corner, self.along
         cross = fx * tz - fz * tx
-        if abs(cross) < LEAST_SINE:
+        if abs(cross) < LEAST_TURN_SINE:
             return None
         met = (x - cx) * tz - (z - cz) * tx
-        return np.asarray((met + PULLS * (cx / cz * tz - tx)) / cross)
+        return np.asarray((met + TRIED_PULLS * (cx / cz * tz - tx)) / cross)
 
 
 def find_pull(row: OrderedProfilePoints, fitted: FittedProfile, k: int) -> NotchPull:
@@ -125,15 +138,15 @@ def find_pull(row: OrderedProfilePoints, fitted: FittedProfile, k: int) -> Notch
         Number of a side between two others.
     """
     face, places = fitted.curves[k], (fitted.places[k - 1][1], fitted.places[k][0])
-    limits = CUT * np.maximum(fitted.sigmas, LEAST_NOISE)
+    limits = OUTLIER_SIGMAS * np.maximum(fitted.sigmas, LEAST_NOISE)
     flat = float(limits[k])
     sag = -face.c2 * (places[1] - places[0]) ** 2 / 4
-    limits[k] = max(flat, BLUNT * abs(sag))
+    limits[k] = max(flat, FACE_BLUNTNESS * abs(sag))
     bounds = [
         fitted.curves[i].points_at(s)
         for i, s in (
-            (k - 1, fitted.places[k - 1][0] - REGION),
-            (k + 1, fitted.places[k][1] + REGION),
+            (k - 1, fitted.places[k - 1][0] - NOTCH_REGION),
+            (k + 1, fitted.places[k][1] + NOTCH_REGION),
         )
     ]
     a, b = row.tangents.searchsorted([-x / z for x, z in bounds]).tolist()
@@ -156,10 +169,10 @@ def find_pull(row: OrderedProfilePoints, fitted: FittedProfile, k: int) -> Notch
         return NO_PULL
     costs = np.array([cost for cost, _ in known])
     inward = np.array([corners for _, corners in known])[:, :, :, None]
-    inflation = fitted.noise.variance_inflation if fitted.noise else 1.0
-    weight = np.exp((now - costs) * CUT**2 / 2 / inflation) * _ALLOWED
+    inflation = fitted.noise.variance_inflation
+    weight = np.exp((now - costs) * OUTLIER_SIGMAS**2 / 2 / inflation) * _ALLOWED_PULLS
     total = float(weight.sum())
-    odds = PRIOR_ODDS * total / (len(known) * np.count_nonzero(_ALLOWED))
+    odds = PULL_PRIOR_ODDS * total / (len(known) * np.count_nonzero(_ALLOWED_PULLS))
     if odds < 1e-4:
         return NO_PULL
     share = weight[:, None] / total
@@ -170,7 +183,8 @@ def find_pull(row: OrderedProfilePoints, fitted: FittedProfile, k: int) -> Notch
 
 def _flank(curve: CubicCurve, s: float, sign: float, points: Array, limit: float) -> _Flank:
     x, z = curve.points_at(s)
-    tx, tz = (sign * t for t in curve.tangent_at(s))
+    tx, tz = curve.tangent_at(s)
+    tx, tz = sign * tx, sign * tz
     px, pz = points.T
     across = tx * pz - tz * px
     with np.errstate(divide="ignore"):
@@ -180,9 +194,9 @@ def _flank(curve: CubicCurve, s: float, sign: float, points: Array, limit: float
 
 def _flatter_faces(points: Array) -> list[CubicCurve]:
     """Straight faces through pairs of a face's points, shape (n, 2)."""
-    if len(points) < FEWEST:
+    if len(points) < FEWEST_FACE_POINTS:
         return []
-    chosen = points[np.rint(np.multiply(FACES, len(points) - 1)).astype(np.intp)].tolist()
+    chosen = points[np.rint(np.multiply(FACE_PLACES, len(points) - 1)).astype(np.intp)].tolist()
     found = []
     for (ax, az), (bx, bz) in combinations(chosen, 2):
         length = hypot(bx - ax, bz - az)
@@ -211,10 +225,75 @@ def _costs(
     own = np.minimum((face.signed_distances(points) / limit) ** 2, 1)
     total = (own * ~(before | after)).sum(axis=1)[:, None]
     for flank, met, on in zip(flanks, corners, (before, after), strict=True):
-        share = (met[:, None] - flank.inward)[:, None] / REACHES[:, None]
-        pull = PULLS[:, None, None] * (0.5 + 0.5 * np.cos(np.pi * np.minimum(share, 1)))
-        fuzzy = (FUZZY * CUT / flank.limit * pull) ** 2
+        share = (met[:, None] - flank.inward)[:, None] / TRIED_REACHES[:, None]
+        pull = TRIED_PULLS[:, None, None] * (0.5 + 0.5 * np.cos(np.pi * np.minimum(share, 1)))
+        fuzzy = (PULL_SHAPE_SPREAD * OUTLIER_SIGMAS / flank.limit * pull) ** 2
         away = ((flank.behind + flank.square * pull) / flank.limit) ** 2
-        pays = np.minimum(away / (1 + fuzzy), 1) + np.log1p(fuzzy) / CUT**2
+        pays = np.minimum(away / (1 + fuzzy), 1) + np.log1p(fuzzy) / OUTLIER_SIGMAS**2
         total = total + (pays * on[:, None]).sum(axis=2)
     return np.where((bearings[0] < bearings[1])[:, None], total, np.inf), np.array(corners)
+
+
+def closeness_to_notch(points: Array, notch: Array) -> Array:
+    """Share of the pull that points take, shape (n,): a raised cosine of their distance.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 2)
+    notch : ndarray, shape (m, 2)
+        Its corners, x and z in metres.
+    """
+    away = np.linalg.norm(points[:, None] - notch, axis=2).min(axis=1)
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.minimum(away / PULL_REACH, 1.0)))
+
+
+def estimate_pull(
+    row: OrderedProfilePoints, fitted: FittedProfile, model: GrooveModel
+) -> tuple[float, float]:
+    """Estimate a pull from the flanks of a root with a face: weighted least squares.
+
+    Parameters
+    ----------
+    row : OrderedProfilePoints
+        Its points may lie elsewhere than those of the fit.
+    fitted : FittedProfile
+    model : GrooveModel
+        Whose last side but one is the root's face.
+
+    Returns
+    -------
+    float, float
+        In metres, and its standard deviation, infinite where nothing shows it. It may come out
+        negative.
+    """
+    slow = undulation_sigmas(fitted)
+    closeness = closeness_to_notch(row.points, fitted.corners[-2:])
+    value, information = 0.0, 0.0
+    last = len(fitted.curves) - 1
+    for k in (last - 2, last):
+        own, side = fitted.spans[k], model.sides[k]
+        curve = fitted.curves[k].rebased_at_tangent(fitted.middles[k])
+        points = row.points[own]
+        s, d = curve.local_coordinates(points)
+        pull = -closeness[own] * curve.chord_sines_with_rays(points)
+        close = closeness[own] > 0
+        off = d - (curve.c0 + s * (curve.c1 + s * (curve.c2 + s * curve.c3)))
+        sigma = max(float(fitted.sigmas[k]), LEAST_NOISE)
+        used = fitted.keep[own] | (close & (np.abs(off) < 2 * OUTLIER_SIGMAS * sigma))
+        if np.count_nonzero(close & used) < FEWEST_PULLED_POINTS:
+            continue
+        expected = curve.c2 if side.expected_bend is None and side.bend > 1 else side.expected_bend
+        basis = np.stack([s[used] ** p for p in range(4)])
+        g, y = pull[used], d[used] - (expected or 0.0) * basis[2]
+        variance = (
+            sigma**2 * fitted.noise.variance_inflation + UNDULATION_BLOCK * float(slow[k]) ** 2
+        )
+        known = np.zeros(4)
+        known[2:] = variance / np.maximum((side.bend, side.twist), 1e-3) ** 2
+        taken = np.linalg.solve(basis @ basis.T + np.diag(known), basis @ np.column_stack((g, y)))
+        left = g - taken[:, 0] @ basis
+        value += float(left @ y) / variance
+        information += float(left @ g) / variance
+    if information <= 0:
+        return 0.0, inf
+    return value / information, 1 / sqrt(information)

@@ -4,24 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import nan
-from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly_copy, transform_points
+from tjscan.core.frames import Array, frozen_arrays, transform_points
 from tjscan.groove.section import GrooveSection
-
-_ARRAYS: Final = (
-    "T_r_g",
-    "points",
-    "covariances",
-    "measures",
-    "measure_covariance",
-    "shared_sigmas",
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class MeasuredSection:
     """One section of the groove in the frame r of the result: j, or b where no joint is known.
 
@@ -79,10 +70,6 @@ class MeasuredSection:
     absent: tuple[str, ...] = ()
     root_opening: float = nan
     shared_sigmas: Array = field(default_factory=lambda: np.zeros(3))
-
-    def __post_init__(self) -> None:
-        for name in _ARRAYS:
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
     def sigmas(self) -> Array:

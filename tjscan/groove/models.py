@@ -68,7 +68,7 @@ class GrooveModel:
         From the first side to the last.
     alternatives : tuple of GrooveModel
         What such a groove may look like instead; the points decide.
-    seldom : bool
+    likely_another : bool
         Whether it likely looks like one of these: then it is compared with all of them, however
         well it fits by itself.
     """
@@ -78,7 +78,7 @@ class GrooveModel:
     turns: tuple[TurnBounds, ...]
     across: TurnBounds
     alternatives: tuple[GrooveModel, ...] = ()
-    seldom: bool = False
+    likely_another: bool = False
 
     def __post_init__(self) -> None:
         if len(self.sides) < LEAST_SIDES or len(self.turns) != len(self.sides) - 1:
@@ -99,51 +99,51 @@ OPENING_LEAST: Final = radians(20)
 OPENING_MOST: Final = radians(100)
 """Bounds of the angle between the two faces of any groove, in radians."""
 
-_RIDGE: Final = TurnBounds(-radians(100), -radians(6))
-_HALF_VALLEY: Final = TurnBounds(radians(8), radians(150))
-_VALLEY: Final = TurnBounds(radians(180) - OPENING_MOST, radians(180) - OPENING_LEAST)
-_ROOT: Final = SideModel("root", 0.8e-3, 14e-3, bend=100.0, twist=8000.0, bead=True)
+_RIDGE_TURN: Final = TurnBounds(-radians(100), -radians(6))
+_HALF_VALLEY_TURN: Final = TurnBounds(radians(8), radians(150))
+_VALLEY_TURN: Final = TurnBounds(radians(180) - OPENING_MOST, radians(180) - OPENING_LEAST)
+_ROOT_FACE: Final = SideModel("root", 0.8e-3, 14e-3, bend=100.0, twist=8000.0, bead=True)
 
-_KNEE: Final = TurnBounds(-radians(16), radians(16))
-_WALL: Final = SideModel("wall", 4e-3, bend=0.7)
-_BEVEL: Final = SideModel("bevel", 4e-3, 120e-3, bend=0.25)
-_LEG: Final = SideModel("leg", 4e-3, bend=5.0, twist=10.0)
+_KNEE_TURN: Final = TurnBounds(-radians(16), radians(16))
+_WALL_SIDE: Final = SideModel("wall", 4e-3, bend=0.7)
+_BEVEL_SIDE: Final = SideModel("bevel", 4e-3, 120e-3, bend=0.25)
+_LEG_SIDE: Final = SideModel("leg", 4e-3, bend=5.0, twist=10.0)
 _TEE_ACROSS: Final = TurnBounds(radians(8), radians(150))
 
 TEE_TWO_FACETS: Final = GrooveModel(
     "tee with two facets",
     (
-        _WALL,
+        _WALL_SIDE,
         SideModel("upper bevel", 3e-3, 80e-3),
         # A shorter one can't be told from a flank that light between the faces pulls in.
         SideModel("lower bevel", 6e-3, 80e-3),
-        _ROOT,
-        _LEG,
+        _ROOT_FACE,
+        _LEG_SIDE,
     ),
-    (_RIDGE, _KNEE, _HALF_VALLEY, _HALF_VALLEY),
+    (_RIDGE_TURN, _KNEE_TURN, _HALF_VALLEY_TURN, _HALF_VALLEY_TURN),
     _TEE_ACROSS,
 )
 """The same with a bevel ground or cut in two facets."""
 
 TEE_NO_ROOT: Final = GrooveModel(
     "tee without a root face",
-    (_WALL, _BEVEL, _LEG),
-    (_RIDGE, _VALLEY),
+    (_WALL_SIDE, _BEVEL_SIDE, _LEG_SIDE),
+    (_RIDGE_TURN, _VALLEY_TURN),
     _TEE_ACROSS,
 )
 """The same where no face closes the root, or none is seen."""
 
-TEE: Final = GrooveModel(
+TEE_GROOVE: Final = GrooveModel(
     "tee",
-    (_WALL, _BEVEL, _ROOT, _LEG),
-    (_RIDGE, _HALF_VALLEY, _HALF_VALLEY),
+    (_WALL_SIDE, _BEVEL_SIDE, _ROOT_FACE, _LEG_SIDE),
+    (_RIDGE_TURN, _HALF_VALLEY_TURN, _HALF_VALLEY_TURN),
     _TEE_ACROSS,
     (TEE_TWO_FACETS, TEE_NO_ROOT),
 )
 """Tubular T-joint: wall, bevel, root and leg; five points."""
 
-_PLATES: Final = TurnBounds(-radians(30), radians(30))
-_PLATE: Final = SideModel("plate", 4e-3, bend=0.3)
+_PLATES_TURN: Final = TurnBounds(-radians(30), radians(30))
+_FIRST_PLATE: Final = SideModel("plate", 4e-3, bend=0.3)
 _OTHER_PLATE: Final = SideModel("other plate", 4e-3, bend=0.3)
 # Cut or ground by hand, a bevel bows by a tenth of a millimetre in 20 mm.
 _BUTT_BEVEL: Final = SideModel("bevel", 3e-3, 80e-3, bend=1.0)
@@ -152,20 +152,20 @@ _BUTT_ROOT: Final = SideModel("root", 0.8e-3, 45e-3, bend=100.0, twist=8000.0, b
 
 BUTT_V_SHARP: Final = GrooveModel(
     "butt-v-sharp",
-    (_PLATE, _BUTT_BEVEL, _OTHER_BEVEL, _OTHER_PLATE),
-    (_RIDGE, _VALLEY, _RIDGE),
-    _PLATES,
+    (_FIRST_PLATE, _BUTT_BEVEL, _OTHER_BEVEL, _OTHER_PLATE),
+    (_RIDGE_TURN, _VALLEY_TURN, _RIDGE_TURN),
+    _PLATES_TURN,
 )
 """Butt joint whose bevels, drawn on, meet in a sharp valley: three corners."""
 
 BUTT_V: Final = GrooveModel(
     "butt-v",
-    (_PLATE, _BUTT_BEVEL, _BUTT_ROOT, _OTHER_BEVEL, _OTHER_PLATE),
-    (_RIDGE, _HALF_VALLEY, _HALF_VALLEY, _RIDGE),
-    _PLATES,
+    (_FIRST_PLATE, _BUTT_BEVEL, _BUTT_ROOT, _OTHER_BEVEL, _OTHER_PLATE),
+    (_RIDGE_TURN, _HALF_VALLEY_TURN, _HALF_VALLEY_TURN, _RIDGE_TURN),
+    _PLATES_TURN,
     (BUTT_V_SHARP,),
 )
 """Butt joint with a root face or with beads up to any height: four corners; three without."""
 
-MODELS: Final = {model.name: model for model in (TEE, BUTT_V, BUTT_V_SHARP)}
+GROOVE_MODELS: Final = {model.name: model for model in (TEE_GROOVE, BUTT_V, BUTT_V_SHARP)}
 """The templates by name."""

@@ -15,26 +15,28 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays, readonly_copy
 from tjscan.groove.models import GrooveModel
 
-PULLS: Final = readonly_copy(np.concatenate((np.arange(21) * 25e-6, np.arange(6, 16) * 100e-6)))
+NOTCH_PULLS: Final = readonly_copy(
+    np.concatenate((np.arange(21) * 25e-6, np.arange(6, 16) * 100e-6))
+)
 """How far light between the faces may pull a notch in, in metres: real profiles
 show 0.4 to 1.5 mm."""
 
-THICKNESSES: Final = readonly_copy(np.concatenate(([0.0], np.arange(4, 21, 2) * 25e-6)))
+SCALE_THICKNESSES: Final = readonly_copy(np.concatenate(([0.0], np.arange(4, 21, 2) * 25e-6)))
 """How thick mill scale may be, in metres: real profiles show 0.2 to 0.4 mm."""
 
-NONE_AT_ALL: Final = 0.5
+ABSENCE_PROBABILITY: Final = 0.5
 """Probability that there is no scale, or no pull: as likely as not."""
 
 USUAL_PULL: Final = 0.5e-3
 """About how far a notch is pulled in, in metres, if it is."""
 
-ALIKE: Final = 0.5
+ALIKE_LENGTH: Final = 0.5
 """Length of groove over which scale and the faces' gloss stay alike, in metres."""
 
-PATCH: Final = 20e-3
+PATCH_LENGTH: Final = 20e-3
 """Sections nearer to each other, in metres, show the same patches of scale."""
 
 BEND_CHANGE: Final = 5.0
@@ -44,31 +46,34 @@ from none at the crown to all of it at the saddle. Across the groove it changes 
 BEND_SIGMA: Final = 0.15
 """Least standard deviation of a bend in 1/m: of 0.02 mm in 12 mm, which undulation makes too."""
 
-FORMS: Final = 3
+SECTIONS_WITH_FORMS: Final = 3
 """Of so many sections before, one with another form is reason enough to look for it again."""
 
-STRAIGHT: Final = 1.0
+STRAIGHT_BEND: Final = 1.0
 """A side that bends by less, in 1/m, is most likely straight: how far others seemed to bend says
 less of it than that."""
 
-CHANGED: Final = 0.1
+CHANGE_PROBABILITY: Final = 0.1
 """Probability that scale or pull are no more as they were: then nothing is known of them."""
 
 
 def _base_log_pulls() -> Array:
-    width = np.gradient(PULLS) * np.exp(-0.5 * (PULLS / USUAL_PULL) ** 2)
-    share = (1 - NONE_AT_ALL) * width / width[1:].sum()
-    share[0] = NONE_AT_ALL
+    width = np.gradient(NOTCH_PULLS) * np.exp(-0.5 * (NOTCH_PULLS / USUAL_PULL) ** 2)
+    share = (1 - ABSENCE_PROBABILITY) * width / width[1:].sum()
+    share[0] = ABSENCE_PROBABILITY
     return readonly_copy(np.log(share))
 
 
 def _base_log_thicknesses() -> Array:
-    share = np.full(len(THICKNESSES), (1 - NONE_AT_ALL) / (len(THICKNESSES) - 1))
-    share[0] = NONE_AT_ALL
+    share = np.full(
+        len(SCALE_THICKNESSES), (1 - ABSENCE_PROBABILITY) / (len(SCALE_THICKNESSES) - 1)
+    )
+    share[0] = ABSENCE_PROBABILITY
     return readonly_copy(np.log(share))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class SectionEvidence:
     """What one profile says, by itself, of what persists along the groove.
 
@@ -77,9 +82,9 @@ class SectionEvidence:
     bends, bend_sigmas : ndarray, shape (2,)
         Bend of wall and leg and its standard deviation, in 1/m.
     log_pulls : ndarray, shape (m,)
-        Log-likelihood of each of `PULLS`.
+        Log-likelihood of each of `NOTCH_PULLS`.
     log_thicknesses : ndarray, shape (n,)
-        Log-likelihood of each of `THICKNESSES`.
+        Log-likelihood of each of `SCALE_THICKNESSES`.
     form : str
         Name of the form of groove that was read; empty where this is not known.
     """
@@ -90,12 +95,9 @@ class SectionEvidence:
     log_thicknesses: Array
     form: str = ""
 
-    def __post_init__(self) -> None:
-        for name in self.__slots__[:4]:
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class GroovePrior:
     """What is known of a groove's section before its profile is read.
 
@@ -107,9 +109,9 @@ class GroovePrior:
         Expected bend of wall and leg and its standard deviation, in 1/m; infinite where nothing
         is known of it.
     log_pulls : ndarray, shape (m,)
-        Logarithm of the probability of each of `PULLS`.
+        Logarithm of the probability of each of `NOTCH_PULLS`.
     log_thicknesses : ndarray, shape (n,)
-        Logarithm of the probability of each of `THICKNESSES`.
+        Logarithm of the probability of each of `SCALE_THICKNESSES`.
     forms : frozenset of str
         Names of the forms of groove that the last sections had.
     """
@@ -120,10 +122,6 @@ class GroovePrior:
     log_thicknesses: Array = field(default_factory=_base_log_thicknesses)
 
     forms: frozenset[str] = frozenset()
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__[:4]:
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
     def from_sections(cls, sections: Sequence[tuple[SectionEvidence, float]]) -> GroovePrior:
@@ -137,8 +135,8 @@ class GroovePrior:
 
         Notes
         -----
-        Log-likelihoods add, fading over `ALIKE`. Of each bend the nearest good one is taken, for
-        what it has changed since is common to all before.
+        Log-likelihoods add, fading over `ALIKE_LENGTH`. Of each bend the nearest good one is taken,
+        for what it has changed since is common to all before.
         """
         prior = cls()
         if not sections:
@@ -146,8 +144,8 @@ class GroovePrior:
         pulls, thicknesses = prior.log_pulls.copy(), prior.log_thicknesses.copy()
         further = [away for _, away in sections]
         for k, (one, away) in enumerate(sections):
-            apart = PATCH if k + 1 == len(sections) else max(away - further[k + 1], 0.0)
-            weight = exp(-away / ALIKE) * min(apart / PATCH, 1.0)
+            apart = PATCH_LENGTH if k + 1 == len(sections) else max(away - further[k + 1], 0.0)
+            weight = exp(-away / ALIKE_LENGTH) * min(apart / PATCH_LENGTH, 1.0)
             pulls += weight * one.log_pulls
             thicknesses += weight * one.log_thicknesses
         aways = np.array(further)[:, None]
@@ -160,7 +158,7 @@ class GroovePrior:
             sigmas[best, (0, 1)],
             _or_anything(pulls, prior.log_pulls),
             _or_anything(thicknesses, prior.log_thicknesses),
-            frozenset(one.form for one, _ in sections[-FORMS:] if one.form),
+            frozenset(one.form for one, _ in sections[-SECTIONS_WITH_FORMS:] if one.form),
         )
 
     @property
@@ -177,7 +175,7 @@ class GroovePrior:
         """A groove's model, and its alternatives, with what is known of their form and bends."""
         sides = list(model.sides)
         for k, bend, sigma in zip((0, -1), self.bends, self.bend_sigmas, strict=True):
-            if sigma < sides[k].bend and sides[k].bend > STRAIGHT:
+            if sigma < sides[k].bend and sides[k].bend > STRAIGHT_BEND:
                 sides[k] = replace(
                     sides[k],
                     bend=float(sigma),
@@ -185,8 +183,10 @@ class GroovePrior:
                     expected_bend=float(bend),
                 )
         others = tuple(self.expected_model(other) for other in model.alternatives)
-        seldom = not self.forms.isdisjoint(other.name for other in others)
-        return replace(model, sides=tuple(sides), alternatives=others, seldom=seldom)
+        likely_another = not self.forms.isdisjoint(other.name for other in others)
+        return replace(
+            model, sides=tuple(sides), alternatives=others, likely_another=likely_another
+        )
 
 
 def posterior(log_prior: Array, log_likelihood: Array) -> Array:
@@ -201,5 +201,7 @@ def _normalised(log_share: Array) -> Array:
 
 def _or_anything(log_share: Array, log_base: Array) -> Array:
     """Logarithm of probabilities that also count what is likely without anything known."""
-    share = (1 - CHANGED) * np.exp(_normalised(log_share)) + CHANGED * np.exp(log_base)
+    share = (1 - CHANGE_PROBABILITY) * np.exp(_normalised(log_share)) + CHANGE_PROBABILITY * np.exp(
+        log_base
+    )
     return np.asarray(np.log(share))

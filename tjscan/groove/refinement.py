@@ -16,54 +16,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.background import HOLE
-from tjscan.groove.curves import CubicCurve
-from tjscan.groove.fitted_profile import (
-    CUT,
-    LEAST_NOISE,
-    POWERS,
-    STIFF,
-    UNIT,
-    FittedProfile,
-    NormalEquations,
-    OrderedProfilePoints,
-    corners_between_sides,
-    estimate_noise_correlation,
-    noise_variances,
-)
 from tjscan.groove.models import SideModel
-from tjscan.groove.noise import (
+from tjscan.groove.noise import correlated_sums, estimate_noise_correlation, noise_variances
+from tjscan.groove.reflections import HOLE_COLUMNS
+from tjscan.groove.sides import (
+    FIXED_WEIGHT,
+    LEAST_NOISE,
+    OUTLIER_SIGMAS,
+    UNIT_LENGTH,
+    UNIT_POWERS,
+    CubicCurve,
+    FittedProfile,
+    Index,
     NoiseCorrelation,
-    correlated_variance,
+    OrderedProfilePoints,
+    Polyline,
+    corners_between_sides,
+    rebased_at_tangents,
 )
-from tjscan.groove.segments import Index
 
-SHADOW: Final = 0.7
+SHADOW_SIGMAS: Final = 0.7
 """Off the surface by more, in standard deviations, and next to a run of outliers: a ghost."""
 
 SHADOW_RUN: Final = 3
 """Outliers that make a run."""
 
-FEWEST: Final = 3
+FEWEST_SIDE_POINTS: Final = 3
 """Points that a side can be fitted to."""
 
-LEANING: Final = 20
+POOLED_NOISE_POINTS: Final = 20
 """A side of few points can't tell its own noise: it leans on all by as many points as this."""
 
-BLUNT: Final = 0.2
+FACE_BLUNTNESS: Final = 0.2
 """Share of its height by which the face of a bead may lie off a parabola: its points are within
 that of the fit."""
 
-STUCK: Final = 3.0
+OUTER_SIDE_REACH: Final = 3.0
 """Points of a rough or patched outer side lie within so many tolerances of it."""
 
-ANNEALED: Final = (4.0, 2.0)
+FIRST_TOLERANCES: Final = (4.0, 2.0)
 """Tolerance of the first rounds: a side known from one end only must find its other end."""
 
-SETTLED: Final = 1.0
+SETTLED_SIGMAS: Final = 1.0
 """Corners that move less from one round to the next are final, in standard deviations."""
 
-ARRIVED: Final = 0.05e-3
+SAME_FIT_DISTANCE: Final = 0.05e-3
 """Fits whose corners differ by less, in metres, become the same."""
 
 MOST_ROUNDS: Final = 10
@@ -73,10 +70,10 @@ UNDECIDED_ROUNDS: Final = 3
 REBASED_ROUNDS: Final = 4
 """Rounds after each of which the chords become tangents again; later they lean too little."""
 
-CLEARLY: Final = 1.1
+STRAIGHT_LOG_ODDS: Final = 1.1
 """Log of the odds from which a side is straight: a factor of 3, for few points don't tell."""
 
-RIM, MOST_CURLED, CURLED, FEWEST_CURLED = 8, 0.6e-3, 2.5, 2
+RIM_POINTS, LARGEST_CURL, LEAST_CURL_SIGMAS, FEWEST_CURLED_RIMS = 8, 0.6e-3, 2.5, 2
 """Points on either side of a hole that may curl; how far they lie off at most, in metres, and at
 least, in standard deviations; and how many rims must be seen to curl."""
 
@@ -86,23 +83,20 @@ _GUESSED_INFLATION: Final = 4.0  # before the noise's correlation is known
 
 def refine_fit(
     row: OrderedProfilePoints,
-    sides: tuple[CubicCurve, ...],
-    corners: Array,
+    start: Polyline,
     model: tuple[SideModel, ...],
     tolerance: float,
     *,
     annealed: bool = True,
     known: Sequence[Array] = (),
 ) -> FittedProfile | None:
-    """Find the most likely fit near a hypothesis; None where there is none.
+    """Find the most likely fit near a polyline; None if there is none.
 
     Parameters
     ----------
     row : OrderedProfilePoints
-    sides : tuple of CubicCurve
+    start : Polyline
         A hypothesis, from the wall.
-    corners : ndarray, shape (k - 1, 2)
-        Where they meet.
     model : tuple of SideModel
         What its sides are like.
     tolerance : float
@@ -110,75 +104,64 @@ def refine_fit(
     annealed : bool
         Whether the first rounds reach farther, which sides half hidden need.
     known : sequence of ndarray, shape (k - 1, 2)
-        Corners of other fits: one that comes as near as `ARRIVED` to them is not finished.
+        Corners of other fits: one that comes as near as `SAME_FIT_DISTANCE` to them is not
+        finished.
     """
-    widths = ANNEALED if annealed else ()
+    widths = FIRST_TOLERANCES if annealed else ()
     spread, expected = prior_shape_sigmas(model), prior_shape_means(model)
-    curved = spread[:, 0] > 0
-    inflation = _GUESSED_INFLATION
+    curved, inflation = spread[:, 0] > 0, _GUESSED_INFLATION
     bead = np.array([side.bead for side in model])
     # What sticks to the long outer sides is wider than their noise.
-    reach = np.ones(len(sides))
-    reach[[0, -1]] = STUCK
-    blunt = _blunt(sides, corners, model)
-    limits = np.maximum(np.where(bead, 1.0, (*widths, 1.0)[0]) * tolerance, blunt)
-    sigmas = np.full(len(sides), tolerance / 4)
+    reach = np.ones(len(model))
+    reach[[0, -1]] = OUTER_SIDE_REACH
+    sigmas = np.full(len(model), tolerance / 4)
+    holes = np.flatnonzero(np.abs(np.diff(row.columns)) > HOLE_COLUMNS)
     fitted: FittedProfile | None = None
     noise: NoiseCorrelation | None = None
     straight: Array | None = None
-    holes = np.flatnonzero(np.abs(np.diff(row.columns)) > HOLE)
     left_out: NDArray[np.bool_] | None = None
     for count in range(MOST_ROUNDS):
-        before = fitted
-        weight = prior_weights(spread, curved, sigmas, inflation)
+        if count < max(len(widths), 1):
+            limits = np.where(bead, 1.0, (*widths, 1.0)[count]) * tolerance
+        else:
+            noticed = np.maximum(OUTLIER_SIGMAS * sigmas, OUTLIER_SIGMAS * LEAST_NOISE)
+            limits = np.minimum(noticed, tolerance * reach)
+        limits = np.maximum(limits, _face_bluntness(start, model))
+        prior = prior_weights(spread, curved, sigmas, inflation), expected
         if fitted is not None and count < REBASED_ROUNDS:
-            sides = tuple(
-                c.rebased_at_tangent(m) for c, m in zip(sides, fitted.middles, strict=True)
-            )
-        fitted = _round(
-            row,
-            sides,
-            corners,
-            limits,
-            weight,
-            expected,
-            curved,
-            left_out,
-            shadows=count >= len(widths),
-        )
+            start = start._replace(sides=rebased_at_tangents(start.sides, fitted.middles))
+        shadows = count >= len(widths)
+        fitted = _round(row, start, limits, prior, curved, left_out, shadows=shadows)
         if fitted is None:
             return None
-        sides, corners, sigmas = fitted.curves, fitted.corners, fitted.sigmas
-        if any(np.abs(corners - other).max() < ARRIVED for other in known):
-            break
-        blunt = _blunt(sides, corners, model)
-        limits = np.minimum(np.maximum(CUT * sigmas, CUT * LEAST_NOISE), tolerance * reach)
-        if count + 1 < len(widths):
-            limits = np.where(bead, 1.0, widths[count + 1]) * tolerance
-        limits = np.maximum(limits, blunt)
-        moved = np.inf if before is None else np.abs(fitted.corners - before.corners).max()
-        if noise is not None and moved < SETTLED * max(float(sigmas.mean()), LEAST_NOISE):
+        if any(np.abs(fitted.corners - other).max() < SAME_FIT_DISTANCE for other in known):
+            return fitted
+        moved = np.abs(fitted.corners - start.corners).max() if count else np.inf
+        start, sigmas = start._replace(sides=fitted.curves, corners=fitted.corners), fitted.sigmas
+        if noise is not None and moved < SETTLED_SIGMAS * max(float(sigmas.mean()), LEAST_NOISE):
             break
         settling = count >= len(widths) and moved < 0.1 * tolerance
         if noise is None and (settling or count + 1 >= UNDECIDED_ROUNDS):
             noise = estimate_noise_correlation(row, fitted)
             inflation = noise.variance_inflation
-            straight = _evidence(row, fitted, noise, model)
-            curved = curved & (straight < np.where(bead, 0.0, CLEARLY))
+            straight = _evidence(row, replace(fitted, noise=noise), model)
+            curved = curved & (straight < np.where(bead, 0.0, STRAIGHT_LOG_ODDS))
             if left_out is None and len(holes):
                 left_out = _curled_rims(fitted, holes, bead)
                 if left_out is not None:
                     curved, noise = curved | bead & (spread[:, 0] > 0), None
-    return None if fitted is None else replace(fitted, noise=noise, straight=straight)
+    if fitted is None or noise is None:
+        return None
+    return replace(fitted, noise=noise, straight=straight)
 
 
-def _blunt(sides: tuple[CubicCurve, ...], corners: Array, model: tuple[SideModel, ...]) -> Array:
+def _face_bluntness(line: Polyline, model: tuple[SideModel, ...]) -> Array:
     """How far the face of each bead may lie off a parabola, shape (k,), in metres; else zero."""
-    found = np.zeros(len(sides))
+    found = np.zeros(len(model))
     for k, side in enumerate(model):
         if side.bead:
-            gap = corners[k] - corners[k - 1]
-            found[k] = BLUNT * abs(sides[k].c2) * float(gap @ gap) / 4
+            gap = line.corners[k] - line.corners[k - 1]
+            found[k] = FACE_BLUNTNESS * abs(line.sides[k].c2) * float(gap @ gap) / 4
     return found
 
 
@@ -187,48 +170,68 @@ def prior_weights(
 ) -> Array:
     """What the prior adds to the diagonal of the normal matrices, shape (k, 4)."""
     weight = np.zeros((len(spread), 4))
-    weight[:, 2:] = STIFF
+    weight[:, 2:] = FIXED_WEIGHT
     variances = inflation * np.maximum(sigmas, LEAST_NOISE)[:, None] ** 2
     free = curved[:, None] & (spread > 0)
     np.divide(variances, spread * spread, out=weight[:, 2:], where=free)
     return weight
 
 
+def solve_with_prior(
+    equations: tuple[Array, Array], weight: Array, expected: Array
+) -> tuple[Array, Array]:
+    """Solve normal equations for coefficients (k, 4) and inverses (k, 4, 4), with a prior.
+
+    Parameters
+    ----------
+    equations : tuple of ndarray
+        Matrices, shape (k, 4, 4), and right-hand sides, shape (k, 4).
+    weight : ndarray, shape (k, 4)
+        What the prior adds to the diagonals; a coefficient that has to be zero weighs
+        `FIXED_WEIGHT`.
+    expected : ndarray, shape (k, 4)
+        Its mean, for the other coefficients.
+    """
+    inverse = np.linalg.inv(equations[0] + weight[:, :, None] * np.eye(4))
+    rhs = equations[1] + np.where(weight < FIXED_WEIGHT, weight * expected, 0.0)
+    return (inverse @ rhs[:, :, None])[:, :, 0], np.asarray(inverse, dtype=np.float64)
+
+
 def _round(
     row: OrderedProfilePoints,
-    sides: tuple[CubicCurve, ...],
-    corners: Array,
+    start: Polyline,
     limits: Array,
-    weight: Array,
-    expected: Array,
+    prior: tuple[Array, Array],
     curved: NDArray[np.bool_],
     left_out: NDArray[np.bool_] | None,
     *,
     shadows: bool,
 ) -> FittedProfile | None:
     """Who owns which point, outliers, fits, corners."""
-    cuts = row.tangents.searchsorted(-corners[:, 0] / corners[:, 1]).tolist()
+    cuts = row.tangents.searchsorted(-start.corners[:, 0] / start.corners[:, 1]).tolist()
     edges = [0, *cuts, len(row.points)]
     sizes = [b - a for a, b in pairwise(edges)]
-    if min(sizes) < FEWEST:
+    if min(sizes) < FEWEST_SIDE_POINTS:
         return None
     # Of each point's side: x and z of its s, its d and their origins, and its coefficients.
     ex, ez, es, ed, c0, c1, c2, c3, scale = np.array(
         [
-            (tx, tz, cx * tx + cz * tz, cx * tz - cz * tx, *coefficients, CUT / limit)
-            for (cx, cz, tx, tz, *coefficients), limit in zip(sides, limits.tolist(), strict=True)
+            (tx, tz, cx * tx + cz * tz, cx * tz - cz * tx, *coefficients, OUTLIER_SIGMAS / limit)
+            for (cx, cz, tx, tz, *coefficients), limit in zip(
+                start.sides, limits.tolist(), strict=True
+            )
         ]
     ).T.repeat(sizes, axis=1)
     x, z = row.points.T
     s, d = x * ex + z * ez - es, x * ez - z * ex - ed
     scaled = (d - (c0 + s * (c1 + s * (c2 + s * c3)))) * scale
-    keep = np.abs(scaled) < CUT
+    keep = np.abs(scaled) < OUTLIER_SIGMAS
     if shadows:
         keep = _unshadowed(scaled, keep)
     if left_out is not None:
         keep &= ~left_out
 
-    u = s / UNIT
+    u = s / UNIT_LENGTH
     terms = np.empty((11, len(u)))
     terms[0] = keep
     for j in range(6):
@@ -236,28 +239,30 @@ def _round(
     np.multiply(terms[:4], d, out=terms[7:])
     sums = np.add.reduceat(terms, edges[:-1], axis=1)
     counts = sums[0]
-    if counts.min() < FEWEST:
+    if counts.min() < FEWEST_SIDE_POINTS:
         return None
-    equations = NormalEquations(sums[_HANKEL].transpose(2, 0, 1), sums[7:].T)
+    equations = sums[_HANKEL_INDEX].transpose(2, 0, 1), sums[7:].T
     try:
-        c, inverse = equations.solve_with_prior(weight, expected)
+        c, inverse = solve_with_prior(equations, *prior)
     except np.linalg.LinAlgError:
         return None
     c0, c1, c2, c3 = c.T.repeat(sizes, axis=1)
     residuals = d - (c0 + u * (c1 + u * (c2 + u * c3)))
     sigmas = _sigmas(residuals, keep, edges, counts)
     fitted = tuple(
-        CubicCurve(*f[:4], *q) for f, q in zip(sides, (c / POWERS).tolist(), strict=True)
+        CubicCurve(*f[:4], *q) for f, q in zip(start.sides, (c / UNIT_POWERS).tolist(), strict=True)
     )
-    met = corners_between_sides(fitted, corners)
+    met = corners_between_sides(fitted, start.corners)
     if met is None:
         return None
-    middles = tuple((UNIT * sums[1] / counts).tolist())
+    middles = tuple((UNIT_LENGTH * sums[1] / counts).tolist())
+    weight, _ = prior
     return FittedProfile(
         fitted,
         met[1],
         met[0],
         edges,
+        tuple(map(slice, edges, edges[1:])),
         s,
         residuals,
         keep,
@@ -271,7 +276,7 @@ def _round(
     )
 
 
-_HANKEL: Final = np.add.outer(np.arange(4), np.arange(4))
+_HANKEL_INDEX: Final = np.add.outer(np.arange(4), np.arange(4))
 
 
 def _sigmas(residuals: Array, keep: NDArray[np.bool_], edges: list[int], counts: Array) -> Array:
@@ -286,14 +291,16 @@ def _sigmas(residuals: Array, keep: NDArray[np.bool_], edges: list[int], counts:
         found.append(_TO_SIGMA * float(side[half]))
     sigma = np.array(found)
     pooled = float(sigma @ counts) / float(counts.sum())
-    return np.asarray((counts * sigma + LEANING * pooled) / (counts + LEANING))
+    return np.asarray(
+        (counts * sigma + POOLED_NOISE_POINTS * pooled) / (counts + POOLED_NOISE_POINTS)
+    )
 
 
 def _unshadowed(scaled: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Drop points that lead over from the surface to a run of reflections beside it."""
     if len(keep) - np.count_nonzero(keep) < SHADOW_RUN:
         return keep
-    beside = (scaled > SHADOW).view(np.int8) - (scaled < -SHADOW).view(np.int8)
+    beside = (scaled > SHADOW_SIGMAS).view(np.int8) - (scaled < -SHADOW_SIGMAS).view(np.int8)
     starts = (beside[1:] != beside[:-1]).nonzero()[0] + 1
     if not len(starts):
         return keep
@@ -313,14 +320,14 @@ def _curled_rims(
     bead may follow what curls. Each hole comes after one of the points `holes`.
     """
     n = len(fitted.keep)
-    steps = np.arange(RIM)
+    steps = np.arange(RIM_POINTS)
     rims = np.clip(np.concatenate((holes[:, None] - steps, holes[:, None] + 1 + steps)), 0, n - 1)
     owner = np.searchsorted(fitted.edges[1:-1], rims, side="right")
     off = np.abs(fitted.residuals[rims])
-    long = ~bead[owner[:, 0]] & (off[:, 0] < MOST_CURLED)
-    curled = (off / np.maximum(fitted.sigmas, LEAST_NOISE)[owner])[long] > CURLED
+    long = ~bead[owner[:, 0]] & (off[:, 0] < LARGEST_CURL)
+    curled = (off / np.maximum(fitted.sigmas, LEAST_NOISE)[owner])[long] > LEAST_CURL_SIGMAS
     first = np.count_nonzero(curled[:, 0])
-    if first < FEWEST_CURLED or 2 * first <= len(curled):
+    if first < FEWEST_CURLED_RIMS or 2 * first <= len(curled):
         return None
     width = 1 + int(np.logical_and.accumulate(curled, axis=1).sum(axis=1).max())
     found = np.zeros(n, dtype=np.bool_)
@@ -330,28 +337,25 @@ def _curled_rims(
 
 def prior_uncertainty_terms(weight: Array, spread: Array) -> Array:
     """Terms that unknown bend and twist add to the equations' right-hand side, shape (k, 2)."""
-    return np.where(weight[:, 2:] < STIFF, weight[:, 2:] * spread, 0.0)
+    return np.where(weight[:, 2:] < FIXED_WEIGHT, weight[:, 2:] * spread, 0.0)
 
 
 def _evidence(
-    row: OrderedProfilePoints,
-    fitted: FittedProfile,
-    noise: NoiseCorrelation,
-    model: tuple[SideModel, ...],
+    row: OrderedProfilePoints, fitted: FittedProfile, model: tuple[SideModel, ...]
 ) -> Array:
     """Logarithm of the odds that each side is straight, not curved (Savage–Dickey ratio)."""
     spread = prior_shape_sigmas(model)
     keep = fitted.keep
-    u = fitted.along[keep] / UNIT
+    u = fitted.along[keep] / UNIT_LENGTH
     c0, c1, c2, c3 = fitted.inverse[:, 2].T.repeat(fitted.counts, axis=1)
     # What each point adds to the bend of its side.
     share = c0 + u * (c1 + u * (c2 + u * c3))
     doubt = prior_uncertainty_terms(fitted.weight, spread)
-    variance = noise_variances(fitted, noise)
-    variance = variance * correlated_variance(noise, share, fitted.counts, row.columns[keep])
+    sums = correlated_sums(fitted.noise, share[None], fitted.counts, row.columns[keep])
+    variance = noise_variances(fitted) * sums[:, 0, 0]
     variance += ((fitted.inverse[:, 2, 2:] * doubt) ** 2).sum(axis=1)
     variance = np.maximum(variance, 1e-30)
-    bend = np.array([c.c2 for c in fitted.curves]) * UNIT**2
+    bend = np.array([c.c2 for c in fitted.curves]) * UNIT_LENGTH**2
     prior = np.maximum(spread[:, 0], 1e-15)
     odds = np.log(prior) - 0.5 * np.log(variance) - bend**2 / (2 * variance)
     known = np.array([side.expected_bend is not None for side in model])
@@ -360,11 +364,11 @@ def _evidence(
 
 def prior_shape_sigmas(model: tuple[SideModel, ...]) -> Array:
     """Prior standard deviations of each side's bend and twist, shape (k, 2)."""
-    return np.array([[side.bend * UNIT**2, side.twist * UNIT**3] for side in model])
+    return np.array([[side.bend * UNIT_LENGTH**2, side.twist * UNIT_LENGTH**3] for side in model])
 
 
 def prior_shape_means(model: tuple[SideModel, ...]) -> Array:
     """Prior means of each side's coefficients, shape (k, 4): of its bend only."""
     means = np.zeros((len(model), 4))
-    means[:, 2] = [(side.expected_bend or 0.0) * UNIT**2 for side in model]
+    means[:, 2] = [(side.expected_bend or 0.0) * UNIT_LENGTH**2 for side in model]
     return means

@@ -2,33 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import hypot, nan, sqrt
+from dataclasses import replace
+from math import hypot, sqrt
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.curves import CubicCurve, intersect_curves
-from tjscan.groove.fit import GrooveCandidate
-from tjscan.groove.fitted_profile import (
-    CUT,
-    LEAST_NOISE,
-    FittedProfile,
-    OrderedProfilePoints,
-    estimate_noise_correlation,
-)
-from tjscan.groove.hypotheses import end_of_support
-from tjscan.groove.rivals import (
-    FAR,
-    TOUCHES,
+from tjscan.groove.reflections import (
+    FAR_DISTANCE,
+    TOUCHING_SHARE,
     reflection_probability,
     share_in_long_stretches,
     sides_that_meet,
 )
-from tjscan.groove.section import TACK
+from tjscan.groove.section import TACK_WELD, GrooveSection, section_from_points
 from tjscan.groove.shape import gaps_beside_corners
+from tjscan.groove.sides import (
+    LEAST_NOISE,
+    OUTLIER_SIGMAS,
+    CubicCurve,
+    FittedProfile,
+    GrooveFit,
+    OrderedProfilePoints,
+    end_of_support,
+    intersect_curves,
+    true_stretches,
+)
 
 OPEN_ROOT: Final = "open root"
 WELD_IN_ROOT: Final = "weld in the root"
@@ -45,7 +46,7 @@ WELD_RATIO: Final = 0.06
 LEAST_OPENING: Final = 0.8e-3
 """Distance between the end of a bevel and the leg that makes an open root, in metres."""
 
-UNDER: Final = 40
+POINTS_UNDER: Final = 40
 FEWEST_UNDER: Final = 2
 """Of so many points after the end of a bevel, so many must lie on the leg under it where a root
 is open."""
@@ -60,82 +61,79 @@ CAP_FOOT: Final = 0.5
 CAP_STEP: Final = 0.4
 """Neighbouring points of a cap differ in height by less than this share of it."""
 
-BURIED: Final = 0.5
+BURIED_CHORDS: Final = 0.5
 """Distance along bevel or leg from a tack's toe to the corner under it, in chords of the tack."""
 
 LEAST_UNSEEN: Final = 0.5e-3
 """Least standard deviation, in metres along its side, of a corner that is not seen."""
 
-ANY_FORM: Final = 0.5
+ANY_FORM_PROBABILITY: Final = 0.5
 """Probability that a root which is not seen has no face: as likely as not."""
 
-DENSER: Final = 2.0
+NOTCH_REFLECTIONS: Final = 2.0
 """By how much reflections are denser about a notch, where light finds many ways."""
 
-FARTHEST: Final = 20e-3
+FARTHEST_ROOT: Final = 20e-3
 """Metres along bevel or leg in which the root lies."""
 
-ALONG: Final = 21
+BOW_POINTS: Final = 21
 """Points by which a face's height over its chord is found."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TeeCorners:
-    """Corners p2, p3 and p4 of a tee's groove, their covariance, and conditions found.
+def read_root(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSection:
+    """Read the section of a fitted tee: its corners p2, p3 and p4, and what is found at its root.
 
     Parameters
     ----------
-    points : ndarray, shape (3, 2)
-        p2, p3 and p4, x and z in metres.
+    fit : GrooveFit
+        Of any form of a tee, of k sides.
+    covariance : ndarray, shape (2 k, 2 k)
+        Of its corners and of the angles of wall and leg.
+    tolerance : float
+        Distance within which a point lies on a side, in metres.
+    """
+    section = (
+        _with_face(fit, covariance)
+        if fit.model.has_root_bead
+        else _without_face(fit, covariance, tolerance)
+    )
+    seam = (SEAM_BESIDE,) if _seam_beside(fit) else ()
+    return replace(section, model=fit.model.name, conditions=(*section.conditions, *seam))
+
+
+def _section(
+    fit: GrooveFit, corners: Array, covariance: Array, places: tuple[float, float]
+) -> GrooveSection:
+    """Section with given corners p2, p3 and p4, x and z, shape (3, 2), in metres.
+
+    Parameters
+    ----------
     covariance : ndarray, shape (8, 8)
         Of the coordinates of p2, p3, p4, and of the angles of wall and leg.
     places : tuple of float
         s of p2 on the wall and of p4 on the leg.
-    conditions : tuple of str
-        Named conditions such as `OPEN_ROOT`.
-    absent : tuple of str
-        Corners that are not there or not seen; what is given for them is where they may be.
-    root_opening : float
-        Distance of an open root's edge from the leg, in metres; NaN where the root is not open.
-    form_seen : float
-        Probability that the groove has the fitted form as far as the root shows it.
     """
-
-    points: Array
-    covariance: Array
-    places: tuple[float, float]
-    conditions: tuple[str, ...] = ()
-    absent: tuple[str, ...] = ()
-    root_opening: float = nan
-    form_seen: float = 1.0
-
-
-def find_tee_corners(
-    row: OrderedProfilePoints, found: GrooveCandidate, covariance: Array, tolerance: float
-) -> TeeCorners:
-    """Find the corners p2, p3 and p4 of a fitted tee.
-
-    Parameters
-    ----------
-    row : OrderedProfilePoints
-    found : GrooveCandidate
-        Of any form of a tee.
-    covariance : ndarray, shape (2 k, 2 k)
-        What `corner_covariance` gives for it.
-    tolerance : float
-        Distance within which a point lies on a side, in metres.
-    """
-    seam = (SEAM_BESIDE,) if _seam_beside(found) else ()
-    if found.model.has_root_bead:
-        return _with_root(row, found, covariance, seam)
-    return _without_root(row, found, covariance, tolerance, seam)
+    fitted = fit.fitted
+    wall, leg = fitted.curves[0], fitted.curves[-1]
+    on_wall, on_leg = fitted.kept_along(0), fitted.kept_along(len(fitted.curves) - 1)
+    points = np.zeros((5, 3))
+    points[0, [0, 2]] = wall.points_at(float(on_wall.min()))
+    points[1:4, [0, 2]] = corners
+    points[4, [0, 2]] = leg.points_at(float(on_leg.max()))
+    t1, t4 = wall.tangent_at(places[0]), leg.tangent_at(places[1])
+    section = section_from_points(
+        points,
+        wall_s=(t1[0], 0.0, t1[1]),
+        leg_s=(t4[0], 0.0, t4[1]),
+        rms=float(np.sqrt(np.mean(fitted.residuals[fitted.keep] ** 2))),
+        covariance=covariance,
+    )
+    return replace(section, model_probability=fit.probability, evidence=fit.evidence)
 
 
-def _with_root(
-    row: OrderedProfilePoints, found: GrooveCandidate, covariance: Array, seam: tuple[str, ...]
-) -> TeeCorners:
+def _with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
     """p2 is the first corner, p3 and p4 are the last ones."""
-    fitted = found.fitted
+    fitted = fit.fitted
     last = len(fitted.corners) - 1
     chosen = [0, last - 1, last]
     index = [v for c in chosen for v in (2 * c, 2 * c + 1)] + [2 * last + 2, 2 * last + 3]
@@ -143,35 +141,31 @@ def _with_root(
     start, end = fitted.places[last - 1][1], fitted.places[last][0]
     bow, chord = _bow(root, start, end)
     spread = covariance[np.ix_(index, index)]
-    spread[2:6, 2:6] += _if_no_surface(row, fitted)
-    conditions = seam
+    spread[2:6, 2:6] += _if_no_surface(fit)
+    conditions: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
     if bow > max(TACK_RATIO * chord, TACK_HEIGHT):
-        conditions, absent = (TACK, *seam), ("p3", "p4")
+        conditions, absent = (TACK_WELD,), ("p3", "p4")
         for k, curve, s in (
             (2, fitted.curves[-3], fitted.places[-2][0]),
             (4, fitted.curves[-1], fitted.places[-1][1]),
         ):
-            spread[k : k + 2, k : k + 2] += _spread(curve, s, BURIED * chord, 0.0)
+            spread[k : k + 2, k : k + 2] += _spread(curve, s, BURIED_CHORDS * chord, 0.0)
     elif bow > WELD_RATIO * chord:
-        conditions = (WELD_IN_ROOT, *seam)
-    return TeeCorners(
-        fitted.corners[chosen],
-        spread,
-        (fitted.places[0][0], fitted.places[-1][1]),
-        conditions,
-        absent,
-    )
+        conditions = (WELD_IN_ROOT,)
+    places = fitted.places[0][0], fitted.places[-1][1]
+    section = _section(fit, fitted.corners[chosen], spread, places)
+    return replace(section, conditions=conditions, absent=absent)
 
 
-def _if_no_surface(row: OrderedProfilePoints, fitted: FittedProfile) -> Array:
+def _if_no_surface(fit: GrooveFit) -> Array:
     """What it adds to the covariance of p3 and p4, shape (4, 4), that a face may be no surface.
 
     One that goes over neither into the bevel nor into the leg may be a reflection. One that goes
     over into one of them may be spatter there, or its far end may be a reflection. Then the corners
     lie anywhere between the last points of bevel and leg and where these, drawn on, meet.
     """
-    found = np.zeros((4, 4))
+    fitted, found = fit.fitted, np.zeros((4, 4))
     meets = sides_that_meet(fitted)[-2:].tolist()
     if all(meets):
         return found
@@ -182,14 +176,14 @@ def _if_no_surface(row: OrderedProfilePoints, fitted: FittedProfile) -> Array:
     for k, curve in ((0, bevel), (2, leg)):
         if any(meets):
             probability = share_in_long_stretches(
-                row, fitted.residuals, points, jumping=TOUCHES if meets[k // 2] else 1.0
+                fit.row, fitted.residuals, points, jumping=TOUCHING_SHARE if meets[k // 2] else 1.0
             )
         else:
-            probability = DENSER * reflection_probability(fitted)
+            probability = NOTCH_REFLECTIONS * reflection_probability(fitted)
         place = fitted.places[-2][0] if k == 0 else fitted.places[-1][1]
         near = float(-gaps[0, 0] if k == 0 else gaps[1, 1])
-        far = near + (FARTHEST if k == 0 else -FARTHEST)
-        if met is not None and abs(met[k // 2] - place) < FARTHEST:
+        far = near + (FARTHEST_ROOT if k == 0 else -FARTHEST_ROOT)
+        if met is not None and abs(met[k // 2] - place) < FARTHEST_ROOT:
             far = met[k // 2] - place
         # Mean square of what is uniform between the two.
         square = (near * near + near * far + far * far) / 3
@@ -199,22 +193,16 @@ def _if_no_surface(row: OrderedProfilePoints, fitted: FittedProfile) -> Array:
 
 def _bow(root: CubicCurve, start: float, end: float) -> tuple[float, float]:
     """Height of a face over its chord, towards the sensor, and length of the chord."""
-    points = np.array([root.points_at(float(s)) for s in np.linspace(start, end, ALONG)])
+    points = np.array([root.points_at(float(s)) for s in np.linspace(start, end, BOW_POINTS)])
     along = points[-1] - points[0]
     chord = hypot(*along.tolist())
     away = (points - points[0]) @ np.array((along[1], -along[0])) / max(chord, 1e-9)
     return float(-away[np.abs(away).argmax()]), chord
 
 
-def _without_root(
-    row: OrderedProfilePoints,
-    found: GrooveCandidate,
-    covariance: Array,
-    tolerance: float,
-    seam: tuple[str, ...],
-) -> TeeCorners:
-    """p3 and p4 where bevel and leg end, or somewhere between their ends and the apex."""
-    fitted = found.fitted
+def _without_face(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSection:
+    """p3 and p4 at the ends of bevel and leg, or somewhere between their ends and the apex."""
+    row, fitted = fit.row, fit.fitted
     bevel, leg = fitted.curves[-2:]
     apex_bevel, apex_leg = fitted.places[-1]
     off_bevel = np.abs(bevel.signed_distances(row.points))
@@ -228,7 +216,7 @@ def _without_root(
         last += 1
     s_last = bevel.position_along_chord(*row.points[last].tolist())
     opening = abs(float(leg.signed_distances(np.array([bevel.points_at(s_last)]))[0]))
-    height = np.sqrt(_height_variances(row, found))
+    height = np.sqrt(_height_variances(fitted))
     p2 = covariance[:2, :2]
     total = np.zeros((8, 8))
     total[:2, :2] = p2
@@ -237,38 +225,43 @@ def _without_root(
     if opening > LEAST_OPENING and under is not None:
         step = _step(row, bevel, last, on_bevel)
         # A root face or a rounded edge that goes on from the bevel leaves it slowly.
-        sure = CUT * max(float(fitted.sigmas[-2]), LEAST_NOISE)
+        sure = OUTLIER_SIGMAS * max(float(fitted.sigmas[-2]), LEAST_NOISE)
         surely = int(np.flatnonzero((off_bevel < min(sure, tolerance))[: last + 1])[-1])
         hidden = abs(int(row.columns[under] - row.columns[surely]))
         s3 = bevel.position_along_chord(*row.points[surely].tolist()) + 0.5 * step * hidden
         p3 = np.array(bevel.points_at(s3))
         s4 = leg.position_along_chord(*p3.tolist())
         # What is taken for the leg under it may be a reflection. Then the bevel goes on.
-        reflected = float(np.mean((np.abs(fitted.residuals) > FAR) & ~on_leg))
-        hides = min(abs(apex_bevel - s3), FARTHEST)
+        reflected = float(np.mean((np.abs(fitted.residuals) > FAR_DISTANCE) & ~on_leg))
+        hides = min(abs(apex_bevel - s3), FARTHEST_ROOT)
         # As many columns may be lost before the edge as after it: their difference is triangular.
         along = hypot(step * hidden / sqrt(24), sqrt(reflected / 3) * hides)
         total[2:4, 2:4] = _spread(bevel, s3, along, height[-2])
         points = np.array((fitted.corners[0], p3, leg.points_at(s4)))
         opening = float(np.linalg.norm(points[1] - points[2]))
-        hides = min(abs(apex_leg - s4), FARTHEST)
+        hides = min(abs(apex_leg - s4), FARTHEST_ROOT)
         along = hypot(max(opening / 4, LEAST_UNSEEN), sqrt(reflected / 3) * hides)
         total[4:6, 4:6] = _spread(leg, s4, along, height[-1])
         places = (fitted.places[0][0], s4)
-        return TeeCorners(points, total, places, (OPEN_ROOT, *seam), ("p4",), opening)
+        section = _section(fit, points, total, places)
+        return replace(section, conditions=(OPEN_ROOT,), absent=("p4",), root_opening=opening)
     first = len(row.points) - end_of_support(on_leg[turn:][::-1])
     s_first = leg.position_along_chord(*row.points[min(first, len(row.points) - 1)].tolist())
     s3, s4 = 0.5 * (s_last + apex_bevel), 0.5 * (s_first + apex_leg)
     reach_3 = max(abs(apex_bevel - s_last) / sqrt(12), LEAST_UNSEEN)
     reach_4 = max(abs(s_first - apex_leg) / sqrt(12), LEAST_UNSEEN)
     # What is taken for the ends of bevel and leg may be reflections.
-    farther = sqrt(reflection_probability(fitted) / 3) * FARTHEST
+    farther = sqrt(reflection_probability(fitted) / 3) * FARTHEST_ROOT
     total[2:4, 2:4] = _spread(bevel, s3, hypot(reach_3, farther), height[-2])
     total[4:6, 4:6] = _spread(leg, s4, hypot(reach_4, farther), height[-1])
     points = np.array((fitted.corners[0], bevel.points_at(s3), leg.points_at(s4)))
     places = (fitted.places[0][0], s4)
-    return TeeCorners(
-        points, total, places, (ROOT_NOT_SEEN, *seam), ("p3", "p4"), form_seen=ANY_FORM
+    section = _section(fit, points, total, places)
+    return replace(
+        section,
+        conditions=(ROOT_NOT_SEEN,),
+        absent=("p3", "p4"),
+        model_probability=fit.probability * ANY_FORM_PROBABILITY,
     )
 
 
@@ -279,7 +272,7 @@ def _under(
 
     It is there beyond where the two, drawn on, meet.
     """
-    index = last + 1 + np.flatnonzero(on_leg[last + 1 : last + 1 + UNDER])
+    index = last + 1 + np.flatnonzero(on_leg[last + 1 : last + 1 + POINTS_UNDER])
     s, _ = leg.local_coordinates(row.points[index])
     under = index[s < apex - LEAST_OPENING]
     return int(under[0]) if len(under) >= FEWEST_UNDER else None
@@ -297,13 +290,11 @@ def _step(
     return float((s[-1] - s[0]) / max(int(columns), 1))
 
 
-def _height_variances(row: OrderedProfilePoints, found: GrooveCandidate) -> Array:
+def _height_variances(fitted: FittedProfile) -> Array:
     """Variance of each side's height at one of its ends, in m², shape (k,)."""
-    noise = found.fitted.noise or estimate_noise_correlation(row, found.fitted)
     # A line's height at its end is known half as well as in its middle.
-    return np.asarray(
-        found.fitted.sigmas**2 * np.minimum(4 * noise.variance_inflation / found.fitted.counts, 1.0)
-    )
+    share = np.minimum(4 * fitted.noise.variance_inflation / fitted.counts, 1.0)
+    return np.asarray(fitted.sigmas**2 * share)
 
 
 def _spread(curve: CubicCurve, s: float, along: float, across: float) -> Array:
@@ -313,14 +304,13 @@ def _spread(curve: CubicCurve, s: float, along: float, across: float) -> Array:
     return np.asarray(along**2 * np.outer(t, t) + across**2 * np.outer(n, n))
 
 
-def _seam_beside(found: GrooveCandidate) -> bool:
+def _seam_beside(fit: GrooveFit) -> bool:
     """Whether a bump that a weld's cap may be stands on the leg."""
-    fitted = found.fitted
-    own = fitted.points_of(len(fitted.curves) - 1)
+    fitted = fit.fitted
+    own = fitted.spans[len(fitted.curves) - 1]
     s, d = fitted.along[own], -fitted.residuals[own]
-    raised = np.concatenate(([False], d > 0.3 * CAP_HEIGHT, [False]))
-    bounds = (raised[1:] != raised[:-1]).nonzero()[0]
-    for a, b in zip(bounds[::2].tolist(), bounds[1::2].tolist(), strict=True):
+    starts, stops = true_stretches(d > 0.3 * CAP_HEIGHT)
+    for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
         width, height = abs(float(s[b - 1] - s[a])), float(d[a:b].max())
         if not LEAST_CAP < width < MOST_CAP or not CAP_HEIGHT < height < width / 2:
             continue

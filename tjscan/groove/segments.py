@@ -16,17 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.budget import SearchBudget
+from tjscan.groove.settings import SearchBudget
+from tjscan.groove.sides import Index
 
-Index = NDArray[np.intp]
-
-THINNED: Final = 107
+THINNED_COUNT: Final = 107
 """About how many points judge a window: noise is correlated over more than what is skipped."""
 
 CURVATURE_SPREAD: Final = 3.0
 """Standard deviation of a side's curvature coefficient, 1/m: pipes of a radius of 170 mm."""
 
-LEAST_GAIN: Final = 1.0
+LEAST_SEGMENT_GAIN: Final = 1.0
 """What a segment has to add to those before it, in points of the thinned row."""
 
 WIDE_GAP: Final = 10
@@ -106,7 +105,7 @@ def find_segments(points: Array, tolerance: float, budget: SearchBudget) -> Curv
     CurvedSegments
         Their stretches and scores count all n points.
     """
-    step = max(1, round(len(points) / THINNED))
+    step = max(1, round(len(points) / THINNED_COUNT))
     row = points[::step]
     segments = _windows(points, tolerance, budget.windows)
     if not len(segments):
@@ -235,7 +234,7 @@ def _spread(segments: CurvedSegments, gain: Array, most: int) -> CurvedSegments:
     while len(chosen) < most:
         worth = left @ every
         best = int(worth.argmax())
-        if chosen and worth[best] < LEAST_GAIN:
+        if chosen and worth[best] < LEAST_SEGMENT_GAIN:
             break
         chosen.append(best)
         left *= left[best] <= 0
@@ -262,7 +261,7 @@ def _refitted(segments: CurvedSegments, row: Array, tolerance: float) -> CurvedS
         np.multiply(powers[k], s, out=powers[k + 1])
     m = powers.sum(axis=2)
     b = (powers[:3] * d).sum(axis=2)
-    # A pipe's side is nearly straight: this is what a short stretch believes until shown more.
+    # A pipe's side is nearly straight: a short stretch is taken for straight until it shows more.
     prior = (tolerance / 2 / CURVATURE_SPREAD) ** 2
     a = np.array(
         [[m[0] + 1e-9, m[1], m[2]], [m[1], m[2] + 1e-15, m[3]], [m[2], m[3], m[4] + prior]]

@@ -1,4 +1,4 @@
-"""How a groove is looked for."""
+"""How a groove is looked for: the settings of a job, and how hard the search tries."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated, Final
 from annotated_types import Ge, Gt, Le
 
 from tjscan.core.units import MM, ChosenByName, SettingsTable
-from tjscan.groove.models import MODELS, TEE, GrooveModel
+from tjscan.groove.models import GROOVE_MODELS, TEE_GROOVE, GrooveModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class GrooveSettings(SettingsTable):
         Least share of a side's points that must lie on it.
     """
 
-    model: Annotated[GrooveModel, ChosenByName(MODELS)] = TEE
+    model: Annotated[GrooveModel, ChosenByName(GROOVE_MODELS)] = TEE_GROOVE
     noise: Annotated[float, Gt(0), Le(5), MM] = 0.05e-3
     minimum_points: Annotated[int, Ge(20), Le(10_000)] = 80
     largest_sigma: Annotated[float, Gt(0), Le(10), MM] = 0.6e-3
@@ -45,10 +45,52 @@ class GrooveSettings(SettingsTable):
     @property
     def support_tolerance(self) -> float:
         """Distance from a hypothesis within which points support it, in metres."""
-        return TOLERANCE * self.noise
+        return TOLERANCE_SIGMAS * self.noise
 
 
-TOLERANCE: Final = 4.0
+TOLERANCE_SIGMAS: Final = 4.0
 """The tolerance in expected standard deviations."""
 
-DEFAULT: Final = GrooveSettings()
+DEFAULT_SETTINGS: Final = GrooveSettings()
+
+
+@dataclass(frozen=True, slots=True)
+class SearchBudget:
+    """Limits of the search for a groove: numbers of hypotheses, pairs and refits.
+
+    Parameters
+    ----------
+    windows : tuple of int
+        Lengths of the windows that propose long sides, in points, each half the one before.
+    gap_cost : float
+        What an outlier costs the stretch of a long side, in points; less where reflections
+        hide most of it.
+    refits : int
+        How often long sides are fitted again before they are judged.
+    kept : int
+        Most segments kept as long sides.
+    pairs : int
+        Most pairs of outer sides tried.
+    proposals : int
+        Most pairs of points that propose a line between outer sides.
+    pool : int
+        Most lines that may be one inner side.
+    """
+
+    windows: tuple[int, ...]
+    gap_cost: float
+    refits: int
+    kept: int
+    pairs: int
+    proposals: int
+    pool: int
+
+
+_COARSE, _FINE = (48, 24), (48, 24, 12, 6)
+
+SEARCH_BUDGETS: Final = (
+    SearchBudget(_COARSE, gap_cost=0.35, refits=1, kept=6, pairs=3, proposals=64, pool=8),
+    SearchBudget(_FINE, gap_cost=0.35, refits=2, kept=8, pairs=3, proposals=360, pool=16),
+    SearchBudget(_FINE, gap_cost=0.12, refits=2, kept=16, pairs=8, proposals=360, pool=16),
+)
+"""One after the other, until a groove is read."""

@@ -1,4 +1,4 @@
-"""What is uncertain of a corner because steel is no line, arc or cubic: the model's part.
+"""How uncertain the corners of a fit are: from noise, and because steel is no line, arc or cubic.
 
 Noise alone explains how far an average of many points strays. It does not explain a bevel that
 undulates, points beside a corner that leave their side together, or a notch that light between
@@ -8,83 +8,84 @@ their corners.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import hypot, sqrt
 from statistics import median
 from typing import Final
 
 import numpy as np
+import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array
-from tjscan.groove.curves import CubicCurve
-from tjscan.groove.fitted_profile import (
-    FittedProfile,
-    OrderedProfilePoints,
-    estimate_noise_correlation,
-    noise_variances,
-    points_on_sides,
-)
-from tjscan.groove.hypotheses import end_of_support
 from tjscan.groove.interreflection import NotchPull, find_pull
 from tjscan.groove.models import SideModel
+from tjscan.groove.noise import (
+    SIGNIFICANT_SIGMAS,
+    correlated_sums,
+    noise_variances,
+    undulation_sigmas,
+)
+from tjscan.groove.refinement import (
+    prior_shape_means,
+    prior_shape_sigmas,
+    prior_uncertainty_terms,
+    prior_weights,
+    solve_with_prior,
+)
+from tjscan.groove.sides import (
+    UNIT_POWERS,
+    FittedProfile,
+    GrooveFit,
+    OrderedProfilePoints,
+    end_of_support,
+    true_stretches,
+)
 
-BLOCK: Final = 10
-"""Points over which residuals are averaged: undulation is longer, most noise is not."""
-
-FEWEST_BLOCKS: Final = 3
-"""Blocks that tell undulation from noise."""
-
-SIGNIFICANT: Final = 3.0
-"""Standard deviations from which a departure or an undulation is none of chance."""
-
-BESIDE: Final = 1.5e-3
+CORNER_NEIGHBOURHOOD: Final = 1.5e-3
 """Points this near a corner, in metres along their side, belong to its neighbourhood."""
 
-NEAR: Final = 2.0e-3
+REFLECTION_OFFSET: Final = 2.0e-3
 """Farther from its side a point is a reflection, in metres."""
 
-FEWEST_BESIDE: Final = 4
+FEWEST_BESIDE_CORNER: Final = 4
 """Points that show a departure."""
 
-CLOSE: Final = 0.6e-3
+PATCH_REACH: Final = 0.6e-3
 """Points this near a side, in metres, are of its surface or of what sticks to it."""
 
-FEWEST_CLOSE: Final = 12
-AT_CORNER: Final = 3
+FEWEST_PATCH_POINTS: Final = 12
+CORNER_POINTS: Final = 3
 """Points that show patches, and points next to each corner that do not."""
 
-ROUGHER: Final = 1.6
+ROUGH_FACTOR: Final = 1.6
 """Factor over the usual from which a side is rough or patched."""
 
-PATCH, PATCHED = 3.5, 0.15
+PATCH_SIGMAS, PATCHED_SHARE = 3.5, 0.15
 """Standard deviations off its side where a point is on a patch, and the share of such points that
 makes a side patched: single spatter does not."""
 
-BENT: Final = 0.04
+UNSEEN_SLOPE: Final = 0.04
 """Slope by which a side may turn where it is not seen: half the angle between two facets that a
 bevel may have, and as often it does not."""
 
-PULL_OR_FILLET: Final = 0.5
+PULL_PROBABILITY: Final = 0.5
 """Probability that a notch which looks pulled in by light is, and no fillet."""
 
-FREE: Final = 0.15
+UNSEEN_FACE_SLOPE: Final = 0.15
 """Slope by which the face of a bead may turn where it is not seen: it has no plan."""
 
-LEAVING, LEAVING_STEP = 6, 0.25e-3
+LEAVING_POINTS, LEAVING_STEP = 6, 0.25e-3
 """Points in a row that leave a side, and the most by which one lies farther off than the last, in
 metres."""
 
-JUMP: Final = 0.7e-3
+RESIDUAL_JUMP: Final = 0.7e-3
 """Neighbouring points of one surface lie no farther apart, square to it, in metres."""
 
-BLUNT: Final = 0.1
+FACE_END_SHARE: Final = 0.1
 """A bead's face is no parabola: its ends may lie off one by this share of its height. One that
 rises twice as steeply from its toes as a parabola does is off by a seventh."""
 
-LEAST_SQUARE: Final = 0.2
-"""Least sine of the angle between a ray and a flank that shows how far a point moved along it."""
-
-_MEDIAN: Final = 1.2533  # standard deviation of a median over that of a mean
+_MEDIAN_OVER_MEAN: Final = 1.2533  # standard deviation of a median over that of a mean
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,7 +122,6 @@ def estimate_shape_errors(
     model : tuple of SideModel
         What they are like.
     """
-    fitted = replace(fitted, noise=fitted.noise or estimate_noise_correlation(row, fitted))
     slow = undulation_sigmas(fitted)
     left = departures_beside_corners(fitted, model)
     shift, sigma = 0.5 * left, 0.5 * np.abs(left)
@@ -136,15 +136,17 @@ def estimate_shape_errors(
     sigma = np.hypot(sigma, np.column_stack((slow[:-1], slow[1:])))
     gaps = gaps_beside_corners(fitted)
     unseen = _unseen_shares(fitted, gaps)
-    sigma = np.hypot(sigma, BENT * np.maximum(gaps - BESIDE, 0.0) * unseen)
+    sigma = np.hypot(sigma, UNSEEN_SLOPE * np.maximum(gaps - CORNER_NEIGHBOURHOOD, 0.0) * unseen)
     for k, side in enumerate(model):
         if side.bead:
             ends = np.array((fitted.places[k - 1][1], fitted.places[k][0]))
             bow = abs(fitted.curves[k].c2) * (ends[1] - ends[0]) ** 2 / 4
             # Beyond its last points a face goes on with a slope that these hardly know.
-            slope = FREE + abs(fitted.curves[k].c2) * (ends[1] - ends[0]) / 2
-            beyond = np.maximum(gaps[(k - 1, k), (1, 0)] - CLOSE, 0.0) * unseen[(k - 1, k), (1, 0)]
-            free = np.hypot(BLUNT * bow, slope * beyond)
+            slope = UNSEEN_FACE_SLOPE + abs(fitted.curves[k].c2) * (ends[1] - ends[0]) / 2
+            beyond = (
+                np.maximum(gaps[(k - 1, k), (1, 0)] - PATCH_REACH, 0.0) * unseen[(k - 1, k), (1, 0)]
+            )
+            free = np.hypot(FACE_END_SHARE * bow, slope * beyond)
             sigma[(k - 1, k), (1, 0)] = np.hypot(sigma[(k - 1, k), (1, 0)], free)
     return ShapeErrors(shift, sigma)
 
@@ -163,38 +165,6 @@ def _unseen_shares(fitted: FittedProfile, gaps: Array) -> Array:
     return found
 
 
-def undulation_sigmas(fitted: FittedProfile) -> Array:
-    """Standard deviation of each side's slow undulation beyond noise, (k,), metres.
-
-    Parameters
-    ----------
-    fitted : FittedProfile
-        Whose noise is known.
-    """
-    noise = fitted.noise
-    if noise is None:
-        return np.zeros(len(fitted.curves))
-    sigmas = np.sqrt(noise_variances(fitted, noise))
-    found = np.zeros(len(fitted.curves))
-    lags = noise.lags[:BLOCK]
-    # Variance of a mean of correlated points, over that of one.
-    share = (BLOCK * lags[0] + 2 * ((BLOCK - np.arange(1, len(lags))) * lags[1:]).sum()) / BLOCK**2
-    for k, sigma in enumerate(sigmas.tolist()):
-        side = fitted.points_of(k)
-        own = fitted.residuals[side][fitted.keep[side]]
-        count = len(own) // BLOCK
-        if count < FEWEST_BLOCKS:
-            continue
-        start = (len(own) - count * BLOCK) // 2
-        means = own[start : start + count * BLOCK].reshape(count, BLOCK).mean(axis=1)
-        free = max(count - int(fitted.parameter_counts[k]), 1)
-        variance = float((means**2).sum()) / free
-        expected = sigma**2 * share
-        if variance > expected * (1 + SIGNIFICANT * sqrt(2 / free)):
-            found[k] = sqrt((variance - expected) * (1 + 4 / count))
-    return found
-
-
 def _patches(fitted: FittedProfile) -> Array:
     """Standard deviation of what lies on each side in patches, such as scale, (k,), metres.
 
@@ -206,17 +176,17 @@ def _patches(fitted: FittedProfile) -> Array:
     edges = fitted.edges
     # Noise lies along the rays: a side that slants shows less of it.
     along = fitted.sigmas / np.array(
-        [_square(c, m) for c, m in zip(fitted.curves, fitted.middles, strict=True)]
+        [c.sine_with_ray(m) for c, m in zip(fitted.curves, fitted.middles, strict=True)]
     )
     usual = median(along.tolist())
     for i in range(k):
-        inner = fitted.residuals[edges[i] + AT_CORNER : edges[i + 1] - AT_CORNER]
-        close = inner[np.abs(inner) < CLOSE]
-        if len(close) < FEWEST_CLOSE:
+        inner = fitted.residuals[edges[i] + CORNER_POINTS : edges[i + 1] - CORNER_POINTS]
+        close = inner[np.abs(inner) < PATCH_REACH]
+        if len(close) < FEWEST_PATCH_POINTS:
             continue
         sigma = float(fitted.sigmas[i])
-        patched = float((np.abs(close) > PATCH * sigma).mean()) > PATCHED
-        if patched or along[i] > ROUGHER * usual:
+        patched = float((np.abs(close) > PATCH_SIGMAS * sigma).mean()) > PATCHED_SHARE
+        if patched or along[i] > ROUGH_FACTOR * usual:
             found[i] = sqrt(float(np.mean(close**2)))
     return found
 
@@ -227,10 +197,10 @@ def gaps_beside_corners(fitted: FittedProfile) -> Array:
     Single points that lie on a side by chance do not show it.
     """
     found = np.zeros((len(fitted.corners), 2))
-    on = points_on_sides(fitted)
+    on = fitted.points_on_sides
     for i, places in enumerate(fitted.places):
         for j, s in enumerate(places):
-            own = fitted.points_of(i + j)
+            own = fitted.spans[i + j]
             seen, away = on[own], np.abs(fitted.along[own] - s)
             if j:
                 seen, away = seen[::-1], away[::-1]
@@ -249,39 +219,37 @@ def departures_beside_corners(fitted: FittedProfile, model: tuple[SideModel, ...
     model : tuple of SideModel
         What they are like.
     """
-    noise = fitted.noise
-    if noise is None:
-        return np.zeros((len(fitted.corners), 2))
-    sigmas = np.sqrt(noise_variances(fitted, noise))
+    sigmas = np.sqrt(noise_variances(fitted))
     found = np.zeros((len(fitted.corners), 2))
     chance = np.ones_like(found)
     edges = fitted.edges
-    near = np.abs(fitted.residuals) < NEAR
+    near = np.abs(fitted.residuals) < REFLECTION_OFFSET
     for i, places in enumerate(fitted.places):
         for j, s in enumerate(places):
             a, b = edges[i + j], edges[i + j + 1]
             # Columns lie far apart on a steep side.
-            most = min(FEWEST_BESIDE + 2, b - a)
+            most = min(FEWEST_BESIDE_CORNER + 2, b - a)
             away = np.abs((fitted.along[a : a + most] if j else fitted.along[b - most : b]) - s)
-            reach = min(max(BESIDE, float(away.max())), 2 * BESIDE)
+            reach = min(max(CORNER_NEIGHBOURHOOD, float(away.max())), 2 * CORNER_NEIGHBOURHOOD)
             beside = near[a:b] & (np.abs(fitted.along[a:b] - s) <= reach)
             residuals = fitted.residuals[a:b][beside]
             n = len(residuals)
-            if n < FEWEST_BESIDE or _jumps(residuals):
+            if n < FEWEST_BESIDE_CORNER or _jumps(residuals):
                 continue
             # Before the corner the row ends at it, after it the row begins there.
             inward = residuals if j else residuals[::-1]
             inner, outer = _median(inward[: n // 2]), _median(inward[n // 2 :])
-            if abs(outer) > abs(inner) + SIGNIFICANT * sigmas[i + j]:
+            if abs(outer) > abs(inner) + SIGNIFICANT_SIGMAS * sigmas[i + j]:
                 continue  # a reflection that grows out of the corner
             found[i, j] = _median(residuals)
-            chance[i, j] = _MEDIAN * sigmas[i + j] * sqrt(min(1.0, noise.variance_inflation / n))
+            share = sqrt(min(1.0, fitted.noise.variance_inflation / n))
+            chance[i, j] = _MEDIAN_OVER_MEAN * sigmas[i + j] * share
     ratio = found / chance
-    significant = np.abs(ratio) > SIGNIFICANT
+    significant = np.abs(ratio) > SIGNIFICANT_SIGMAS
     for k, side in enumerate(model):
         # Both flanks of a notch that are pulled in show it together.
         both = ratio[k - 1, 0], ratio[min(k, len(ratio) - 1), 1]
-        if side.bead and max(both) < 0 and sum(both) < -SIGNIFICANT * sqrt(2):
+        if side.bead and max(both) < 0 and sum(both) < -SIGNIFICANT_SIGMAS * sqrt(2):
             significant[k - 1, 0] = significant[k, 1] = True
     return np.where(significant, found, 0.0)
 
@@ -295,13 +263,12 @@ def points_lead_away_from_side(fitted: FittedProfile, k: int) -> bool:
     k : int
         Number of the side.
     """
-    own = fitted.points_of(k)
+    own = fitted.spans[k]
     residuals, keep = fitted.residuals[own], fitted.keep[own]
-    off = np.concatenate(([False], ~keep, [False]))
-    bounds = (off[1:] != off[:-1]).nonzero()[0]
-    for a, b in zip(bounds[::2].tolist(), bounds[1::2].tolist(), strict=True):
+    starts, stops = true_stretches(~keep)
+    for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
         run = residuals[a:b]
-        if b - a < LEAVING or np.abs(run).max() > 1.5 * NEAR:
+        if b - a < LEAVING_POINTS or np.abs(run).max() > 1.5 * REFLECTION_OFFSET:
             continue
         # Reflections grow out of corners; what leaves a side does so from its inside.
         ends = [(a - 1, run)] * (a > 0) + [(b, run[::-1])] * (b < len(keep))
@@ -321,14 +288,7 @@ def _jumps(residuals: Array) -> bool:
     """Whether a row of residuals jumps, as reflections do, single points apart."""
     a, b, c = residuals[:-2], residuals[1:-1], residuals[2:]
     middle = np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c))
-    return bool(np.abs(np.diff(middle)).max(initial=0.0) > JUMP)
-
-
-def _square(curve: CubicCurve, s: float) -> float:
-    """Sine of the angle between a side and the ray that hits it at s."""
-    x, z = curve.points_at(s)
-    tx, tz = curve.tangent_at(s)
-    return max(abs(x * tz - z * tx) / hypot(x, z), LEAST_SQUARE)
+    return bool(np.abs(np.diff(middle)).max(initial=0.0) > RESIDUAL_JUMP)
 
 
 def _if_pulled(fitted: FittedProfile, k: int, pull: NotchPull) -> ShapeErrors:
@@ -337,7 +297,7 @@ def _if_pulled(fitted: FittedProfile, k: int, pull: NotchPull) -> ShapeErrors:
     A fillet of steel looks the same: then the corners lie where they are seen.
     """
     shift, sigma = np.zeros((2, 2)), np.zeros((2, 2))
-    probability = PULL_OR_FILLET * pull.probability
+    probability = PULL_PROBABILITY * pull.probability
     for i, (inward, spread) in enumerate(zip(pull.inward, pull.sigma, strict=True)):
         (a, b), (sa, sb) = fitted.curves[k - 1 + i : k + 1 + i], fitted.places[k - 1 + i]
         (ax, az), (bx, bz) = a.tangent_at(sa), b.tangent_at(sb)
@@ -348,3 +308,102 @@ def _if_pulled(fitted: FittedProfile, k: int, pull: NotchPull) -> ShapeErrors:
         shift[i, 1 - i] = probability * inward * lower
         sigma[i, 1 - i] = sqrt(square) * lower
     return ShapeErrors(shift, sigma)
+
+
+def corner_estimates(fit: GrooveFit) -> tuple[Array, Array]:
+    """Corners corrected for the sides' shapes, and their covariance with both end tangents.
+
+    Each corner X lies on both its sides, so for either ``m · dX = b · dc`` with m the side's
+    normal there and b the derivatives of its height by its coefficients c.
+
+    Parameters
+    ----------
+    fit : GrooveFit
+        Of k sides.
+
+    Returns
+    -------
+    ndarray, shape (k - 1, 2)
+        x and z of the corners, in metres: where the sides meet, moved to where the points beside
+        them show the surface to be.
+    ndarray, shape (2 k, 2 k)
+        Of their coordinates and of the angles of the first and the last side's tangents.
+    """
+    fitted = fit.fitted
+    spread = _coefficient_covariances(fit)
+    k = len(fitted.curves)
+    jacobian = np.zeros((2 * k, 4 * k))
+    powers = [[(1.0, s, s * s, s * s * s) for s in place] for place in fitted.places]
+    for i, ((sa, sb), (pa, pb)) in enumerate(zip(fitted.places, powers, strict=True)):
+        a, b = fitted.curves[i : i + 2]
+        (ax, az), (bx, bz) = a.tangent_at(sa), b.tangent_at(sb)
+        # Normals are (tz, -tx); heights count along the chord's, 1 / cos of the slope farther.
+        wa = 1.0 / hypot(1.0, a.height_and_slope(sa)[1])
+        wb = 1.0 / hypot(1.0, b.height_and_slope(sb)[1])
+        det = ax * bz - az * bx
+        jacobian[2 * i : 2 * i + 2, 4 * i : 4 * i + 8] = [
+            [-bx * wa * p / det for p in pa] + [ax * wb * p / det for p in pb],
+            [-bz * wa * p / det for p in pa] + [az * wb * p / det for p in pb],
+        ]
+    ends = ((0, 0, fitted.places[0][0]), (k - 1, k - 2, fitted.places[-1][1]))
+    for angle, (side, corner, s) in enumerate(ends, start=2 * k - 2):
+        curve = fitted.curves[side]
+        _, slope = curve.height_and_slope(s)
+        # A growing slope turns the tangent towards the normal (tz, -tx): against atan2(z, x).
+        turned = -1.0 / (1.0 + slope * slope)
+        jacobian[angle, 4 * side : 4 * side + 4] = 0.0, turned, 2 * s * turned, 3 * s * s * turned
+        bend = turned * (2 * curve.c2 + 6 * s * curve.c3)
+        step = bend * np.array((curve.tx, curve.tz))
+        jacobian[angle] += step @ jacobian[2 * corner : 2 * corner + 2]
+    # Sides are fitted apart from each other.
+    parts = jacobian.reshape(2 * k, k, 4).transpose(1, 0, 2)
+    covariance = (parts @ spread @ parts.transpose(0, 2, 1)).sum(axis=0)
+    errors = estimate_shape_errors(fit.row, fitted, fit.model.sides)
+    corners = fitted.corners.copy()
+    for i, j in zip(*errors.sigma.nonzero(), strict=True):
+        moves = jacobian[2 * i : 2 * i + 2, 4 * (i + j)]
+        corners[i] += errors.shift[i, j] * moves
+        own = slice(2 * i, 2 * i + 2)
+        covariance[own, own] += errors.sigma[i, j] ** 2 * np.outer(moves, moves)
+    return corners, np.asarray(covariance)
+
+
+def _coefficient_covariances(fit: GrooveFit) -> Array:
+    """Covariance of the coefficients c0 to c3 of each side, shape (k, 4, 4).
+
+    Noise enters through the points, the unknown bend and twist through the prior: ``inverse
+    (sigma² B R Bᵀ + W S W) inverse``. Whether a side is straight is not certain either: what
+    was not chosen, with its own coefficients, counts by how likely it is (Bayesian model
+    averaging).
+    """
+    fitted, sides = fit.fitted, fit.model.sides
+    spread, expected = prior_shape_sigmas(sides), prior_shape_means(sides)
+    keep = fitted.keep
+    u = fitted.along[keep] / UNIT_POWERS[1]
+    basis = np.empty((4, len(u)))
+    basis[0], basis[1] = 1.0, u
+    np.multiply(u, u, out=basis[2])
+    np.multiply(basis[2], u, out=basis[3])
+    meat = correlated_sums(fitted.noise, basis, fitted.counts, fit.row.columns[keep])
+    meat *= noise_variances(fitted)[:, None, None]
+    bends = spread[:, 0] > 0
+    here = UNIT_POWERS * [(c.c0, c.c1, c.c2, c.c3) for c in fitted.curves]
+    total = _sandwich(fitted.inverse, meat, fitted.weight, spread)
+    if fitted.straight is not None:
+        other = prior_weights(
+            spread, bends & ~fitted.curved, fitted.sigmas, fitted.noise.variance_inflation
+        )
+        there, inverse = solve_with_prior(fitted.equations, other, expected)
+        away = there - here
+        odds = np.where(fitted.curved, fitted.straight, -fitted.straight)
+        share = np.where(bends, scipy.special.expit(odds), 0.0)[:, None, None]
+        total *= 1 - share
+        total += share * _sandwich(inverse, meat, other, spread)
+        total += share * away[:, :, None] * away[:, None]
+    return np.asarray(total / (UNIT_POWERS[:, None] * UNIT_POWERS))
+
+
+def _sandwich(inverse: Array, meat: Array, weight: Array, spread: Array) -> Array:
+    meat = meat.copy()
+    meat[:, (2, 3), (2, 3)] += prior_uncertainty_terms(weight, spread) ** 2
+    return np.asarray(inverse @ meat @ inverse)

@@ -1,40 +1,25 @@
-"""The job file: one scan, or one calibration, in millimetres and degrees, as a person writes it."""
+"""The job files: what is to be done, in millimetres and degrees, as a person writes it."""
 
-from tjscan.job.devices import ArmSettings, CalibrationSettings, LaserSettings
-from tjscan.job.files import CalibrationJob, CellJob, LaserJob, ScanJob
-from tjscan.job.reading import read_calibration_job, read_laser_job, read_scan_job
-from tjscan.job.simulation import (
-    SimulatedBoardSettings,
-    SimulatedStationSettings,
-    SimulationSettings,
+from tjscan.job.devices import CalibrationSettings, LaserSettings
+from tjscan.job.files import (
+    CalibrationJob,
+    CellJob,
+    ScanJob,
+    read_calibration_job,
+    read_laser_job,
+    read_scan_job,
 )
-from tjscan.job.station import StationPoseSettings, StationSettings
-from tjscan.job.surroundings import (
-    BoardSettings,
-    ClearanceSettings,
-    JointSettings,
-    PlacedSolidSettings,
-)
-from tjscan.robot.solid_settings import SolidSettings
+from tjscan.job.simulation import SimulatedBoardSettings
+from tjscan.job.surroundings import JointSettings
 
 __all__ = [
-    "ArmSettings",
-    "BoardSettings",
     "CalibrationJob",
     "CalibrationSettings",
     "CellJob",
-    "ClearanceSettings",
     "JointSettings",
-    "LaserJob",
     "LaserSettings",
-    "PlacedSolidSettings",
     "ScanJob",
     "SimulatedBoardSettings",
-    "SimulatedStationSettings",
-    "SimulationSettings",
-    "SolidSettings",
-    "StationPoseSettings",
-    "StationSettings",
     "read_calibration_job",
     "read_laser_job",
     "read_scan_job",

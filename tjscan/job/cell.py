@@ -1,16 +1,11 @@
-"""From a job to the arm, the laser and where the one sits on the other."""
+"""From a job to the arm, the laser and the pose of the laser on the arm."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, lru_cache, partial
 from pathlib import Path
-from types import TracebackType
-from typing import Self
-
-import numpy as np
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverKind, NoSettings
@@ -19,12 +14,13 @@ from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.units import pose_from_rows_mm
 from tjscan.job import CellJob, LaserSettings, ScanJob
 from tjscan.job.arm import clear_path_planner_of_job, kinematics_of_job
+from tjscan.job.devices import DeviceGroup
+from tjscan.job.laser import laser_model_of_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.joint.relief import make_relief_height_function
 from tjscan.laser.drivers import LASER_DRIVERS, LaserDriverInputs, LaserFlange, SimulatedScene
 from tjscan.laser.line_laser import LineLaser
-from tjscan.laser.model import LaserModel
 from tjscan.laser.optics import RaycastSurface
 from tjscan.laser.profile import Profile
 from tjscan.laser.replay import RecordedPoses
@@ -32,14 +28,14 @@ from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.robot.collision_checked import CollisionCheckedArm
 from tjscan.robot.corrected import CorrectedArm
-from tjscan.robot.drivers import ARMS, ArmDriverInputs
+from tjscan.robot.drivers import ARM_DRIVERS, ArmDriverInputs
 from tjscan.robot.motion import MotionLimits
 from tjscan.scanning.reader import read_views
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cell:
-    """An arm, the laser on its hand, and where the laser sits; a context manager for both devices.
+class Cell(DeviceGroup):
+    """An arm, the laser on its flange, and the pose of the laser there; connects both devices.
 
     Parameters
     ----------
@@ -50,9 +46,9 @@ class Cell:
     T_f_s : ndarray, shape (4, 4)
         Pose of the laser in the flange frame.
     clearance : ClearPathPlanner
-        What the arm's paths keep; scanned surfaces are added to it.
+        Keeps the arm's paths clear; scanned surfaces are added to it.
     true_flange : callable
-        Gives where the flange truly is, shape (4, 4), for what else is simulated; see
+        Returns the true pose of the flange, shape (4, 4), for other simulations; see
         `ArmDriverFactory`.
     """
 
@@ -62,23 +58,10 @@ class Cell:
     clearance: ClearPathPlanner
     true_flange: Callable[[], Array]
 
-    def __enter__(self) -> Self:
-        with ExitStack() as stack:
-            stack.enter_context(self.arm)
-            stack.enter_context(self.laser)
-            stack.pop_all()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        try:
-            self.laser.__exit__(kind, error, trace)
-        finally:
-            self.arm.__exit__(kind, error, trace)
+    @property
+    def devices(self) -> tuple[Arm, LineLaser]:
+        """The arm and the laser."""
+        return self.arm, self.laser
 
 
 def make_scan_cell(
@@ -95,11 +78,11 @@ def make_scan_cell(
     job : ScanJob
         The job.
     T_f_s : ndarray, shape (4, 4)
-        Where the laser sits, see `sensor_mount_of_job`.
+        Pose of the laser on the flange, see `sensor_mount_of_job`.
     joint : JointDefinition, optional
         What a simulated laser looks at.
     left : ArmState, optional
-        Where an interrupted scan left the arm.
+        State of the arm when a scan was interrupted.
     deviations : ndarray, shape (joints, 6), optional
         Of the arm's joints, see `make_cell`.
     """
@@ -120,11 +103,11 @@ def make_cell(
     job : CellJob
         The job, of one station if it has any.
     T_f_s : ndarray, shape (4, 4)
-        Where the laser is believed to sit on the flange.
+        Estimated pose of the laser on the flange.
     scene : callable
         Gives what a simulated laser looks at; called for such a laser alone.
     left : ArmState, optional
-        Where an interrupted scan left the arm: a simulated one stands there again.
+        State of the arm when a scan was interrupted: a simulated arm starts from it.
     deviations : ndarray, shape (joints, 6), optional
         Of the arm's joints from its model, as calibrated: its poses are corrected by them.
 
@@ -137,42 +120,38 @@ def make_cell(
     clearance, simulation = clear_path_planner_of_job(job, deviations), job.simulation
     model = kinematics_of_job(job)
     recording = cache(partial(_recording, job.laser))
-    arm_driver, laser_driver = ARMS.load(job.arm.driver), LASER_DRIVERS.load(job.laser.driver)
-    with ARMS.explain_missing_package(job.arm.driver):
-        device = arm_driver.make(
-            ArmDriverInputs(
-                model,
-                MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration),
-                seed=0 if simulation is None else simulation.seed,
-                simulation=None if simulation is None else simulation.arm,
-                left=left,
-                recording=lambda: (recording()[0], recording()[1]),
-            ),
-            job.arm.driver_settings,
-        )
-    arm: Arm = device
+    arm_driver = ARM_DRIVERS.load(job.arm.driver)
+    device: Arm = ARM_DRIVERS.make(
+        job.arm.driver,
+        ArmDriverInputs(
+            model,
+            MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration),
+            seed=0 if simulation is None else simulation.seed,
+            simulation=None if simulation is None else simulation.arm,
+            left=left,
+            recording=lambda: (recording()[0], recording()[1]),
+        ),
+        job.arm.driver_settings,
+    )
+    arm = device
     if arm_driver.kind is not DriverKind.REPLAYED:
         if deviations is not None:
             arm = CorrectedArm(arm, model, clearance.kinematics)
         arm = CollisionCheckedArm(arm, clearance, T_f_s, lifts=job.clearance.lifts)
     rows = None if simulation is None else simulation.T_f_s_mm
     true_flange = partial(arm_driver.truth, device)
-    with LASER_DRIVERS.explain_missing_package(job.laser.driver):
-        laser = laser_driver.make(
-            LaserDriverInputs(
-                laser_model_of_job(job),
-                LaserFlange(
-                    true_flange,
-                    lambda: device.state().T_b_f,
-                    lambda: device.state().time,
-                ),
-                T_f_s if rows is None else pose_from_rows_mm(rows),
-                scene,
-                seed=None if simulation is None else simulation.seed,
-                recording=lambda: (recording()[0], recording()[2]),
-            ),
-            job.laser.driver_settings,
-        )
+    laser = LASER_DRIVERS.make(
+        job.laser.driver,
+        LaserDriverInputs(
+            laser_model_of_job(job),
+            LaserFlange(true_flange, lambda: device.state().T_b_f, lambda: device.state().time),
+            T_f_s if rows is None else pose_from_rows_mm(rows),
+            scene,
+            seed=None if simulation is None else simulation.seed,
+            recording=lambda: (recording()[0], recording()[2]),
+        ),
+        job.laser.driver_settings,
+    )
     return Cell(arm, laser, T_f_s, clearance, true_flange)
 
 
@@ -183,20 +162,20 @@ def make_simulated_laser(
     T_b_f: Callable[[], Array],
     time: Callable[[], float],
 ) -> LineLaser:
-    """Make the simulated laser of a job on a flange that somebody else moves.
+    """Make the simulated laser of a job on a flange that another program moves.
 
     Parameters
     ----------
     job : ScanJob
         The job, of one station if it has any.
     T_f_s : ndarray, shape (4, 4)
-        Where the laser is believed to sit on the flange.
+        Estimated pose of the laser on the flange.
     joint : JointDefinition
         What it looks at.
     T_b_f : callable
-        Gives where the flange is, shape (4, 4).
+        Returns the pose of the flange, shape (4, 4).
     time : callable
-        Gives the seconds on the clock of the cell.
+        Returns the seconds on the clock of the cell.
 
     Raises
     ------
@@ -219,55 +198,10 @@ def make_simulated_laser(
     return laser
 
 
-def make_laser_alone(
-    table: LaserSettings, model: LaserModel, time: Callable[[], float]
-) -> LineLaser:
-    """Make a real laser that nothing carries.
-
-    Parameters
-    ----------
-    table : LaserSettings
-        Which laser.
-    model : LaserModel
-        The window that the job states.
-    time : callable
-        Gives the seconds on the clock that its profiles are timed by.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is not a real one, or a package is missing that its driver needs.
-    """
-    driver = LASER_DRIVERS.load(table.driver)
-    if driver.kind is not DriverKind.REAL:
-        raise ConfigurationError(f"{table.driver!r} is no real laser", key="laser.driver")
-    with LASER_DRIVERS.explain_missing_package(table.driver):
-        laser: LineLaser = driver.make(
-            LaserDriverInputs(
-                model,
-                LaserFlange(_no_flange, _no_flange, time),
-                np.eye(4),
-                _no_scene,
-                seed=None,
-                recording=lambda: _recording(table)[::2],
-            ),
-            table.driver_settings,
-        )
-    return laser
-
-
-def _no_flange() -> Array:
-    raise ConfigurationError("the laser sits on no arm here", key="arm")
-
-
-def _no_scene() -> SimulatedScene:
-    raise ConfigurationError("there is nothing simulated to look at", key="simulation")
-
-
 def _recording(
     table: LaserSettings,
 ) -> tuple[RecordedPoses, tuple[ArmState, ...], tuple[Profile, ...]]:
-    """What replayed devices share: where the flange stood, the arm's states, the profiles."""
+    """Recorded poses of the flange, states of the arm and profiles, shared by replayed devices."""
     with add_file_to_errors(key="laser.recording"):
         views = list(read_views(Path(table.recording or "")))
     poses = RecordedPoses(
@@ -281,7 +215,7 @@ def _recording(
 
 
 def _joint_scene(job: ScanJob, joint: JointDefinition | None) -> SimulatedScene:
-    """The joint of a job, where it truly stands."""
+    """The joint of a job at its true pose."""
     if job.joint is None or joint is None:
         raise ConfigurationError("a simulated laser needs a [joint] table to look at", key="joint")
     return SimulatedScene(_surface(joint), inverse_pose(job.T_w_b_true) @ job.joint.T_w_j)
@@ -292,10 +226,3 @@ def _surface(joint: JointDefinition) -> RaycastSurface:
     """What light hits of a joint; kept, since many cells in a row may look at the same one."""
     mesh = build_joint_mesh(joint)
     return RaycastSurface(mesh.vertices, mesh.triangles, make_relief_height_function(joint))
-
-
-def laser_model_of_job(job: CellJob) -> LaserModel:
-    """The laser that a job describes: the window of [laser], the faults of [simulation.laser]."""
-    faults = LaserModel() if job.simulation is None else job.simulation.laser
-    table = job.laser
-    return replace(faults, columns=table.points, near=table.near, far=table.far)

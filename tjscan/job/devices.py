@@ -1,8 +1,9 @@
-"""Arm, laser, and where the one sits on the other."""
+"""The tables of arm and laser, and of the pose of the laser on the arm."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field, replace
 from math import radians
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
@@ -29,11 +30,35 @@ from tjscan.core.units import (
 )
 from tjscan.job.uncertainty import ArmUncertaintySettings, LaserUncertaintySettings
 from tjscan.laser.drivers import LASER_DRIVERS
-from tjscan.robot.drivers import ARMS
+from tjscan.robot.drivers import ARM_DRIVERS
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
     from pydantic.json_schema import JsonSchemaValue
+
+
+class DeviceGroup:
+    """Base of the devices of a job: a context manager that connects and disconnects them all."""
+
+    __slots__ = ()
+
+    @property
+    def devices(self) -> tuple[AbstractContextManager[object], ...]:
+        """The devices in the order in which they are connected."""
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            for device in self.devices:
+                stack.enter_context(device)
+            stack.pop_all()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        stack = ExitStack()
+        for device in self.devices:
+            stack.push(device)
+        stack.__exit__(*error)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +73,7 @@ class DeviceSettings(SettingsTable):
     driver : str
         Name of the driver.
     id : str, optional
-        What calibrations and reports call the device.
+        Name of the device in calibrations and reports.
     drivers : mapping
         The settings of each driver that has a table.
     """
@@ -110,7 +135,7 @@ class DeviceSettings(SettingsTable):
         schema = super().__get_pydantic_json_schema__(core_schema, handler)
         keys = handler.resolve_ref_schema(schema)["properties"]
         keys["driver"]["enum"] = list(cls.registry.names)
-        for name in set(cls.registry.names) - set(keys):
+        for name in [name for name in cls.registry.names if name not in keys]:
             try:
                 table = cls.registry.load(name).table
             except ConfigurationError:  # its extra is not installed
@@ -168,10 +193,10 @@ class ArmSettings(DeviceSettings):
     speed, acceleration : float
         Of the flange, m/s and m/s².
     uncertainty : ArmUncertaintySettings
-        How far it may stand from where it reports.
+        How far it may be from where it reports.
     """
 
-    registry: ClassVar[Registry[Any]] = ARMS
+    registry: ClassVar[Registry[Any]] = ARM_DRIVERS
 
     model: str = "ur10e"
     speed: Annotated[float, Ge(1), Le(3000), MM_S] = 0.25
@@ -180,7 +205,7 @@ class ArmSettings(DeviceSettings):
 
     @property
     def device_id(self) -> str:
-        """Id of the arm in calibrations: its own id, or its model where it has none."""
+        """Id of the arm in calibrations: its own id, or else its model."""
         return self.id or self.model
 
 
@@ -192,7 +217,7 @@ class LaserSettings(DeviceSettings):
     ----------
     recording : str, optional
         What the driver "replay" takes its profiles from: a run directory, or a file of one. The
-        arm's driver "replay" stands where this recording has it.
+        arm's driver "replay" takes its poses from this recording too.
     replay_tolerance, replay_angle : float
         How far from a recorded pose the flange may be, metres and radians.
     points : int
@@ -255,11 +280,11 @@ class CalibrationSettings(SettingsTable):
         if (self.sigma_position is None) != (self.sigma_rotation is None):
             raise ValueError("sigma_position_mm and sigma_rotation_deg belong together")
         if self.file is not None and self.sigma_position is not None:
-            raise ValueError("sigma_position_mm is that of T_f_s_mm: a file holds its own")
+            raise ValueError("sigma_position_mm belongs to T_f_s_mm: a file holds its own")
 
     @property
     def T_f_s(self) -> Array | None:
-        """Pose of the sensor in the flange frame, shape (4, 4), metres, where it stands here."""
+        """Pose of the sensor in the flange frame, shape (4, 4), metres; None if a file holds it."""
         return None if self.T_f_s_mm is None else pose_from_rows_mm(self.T_f_s_mm)
 
     @property

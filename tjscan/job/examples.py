@@ -13,7 +13,7 @@ from tjscan.core.errors import ConfigurationError, nearest_word
 
 
 def examples() -> dict[str, str]:
-    """Names of the examples, and what each begins by saying."""
+    """Names of the examples, and the first sentence of each."""
     found = {file.stem: file for file in _folder("examples").glob("*.toml")}
     return {name: _beginning(found[name]) for name in sorted(found)}
 
@@ -67,7 +67,7 @@ def _strings(value: Any) -> Iterator[str]:
 
 
 def _beginning(file: Path) -> str:
-    """What the comment that a file begins with says first, up to a full stop or a colon."""
+    """First sentence of the comment at the head of a file, up to a full stop or a colon."""
     lines = []
     for line in file.read_text(encoding="utf-8").splitlines():
         if not line.startswith("#"):

@@ -1,25 +1,32 @@
-"""A whole job file: one scan, or one calibration."""
+"""The jobs of an arm with a line laser, a scan or a calibration, and how they are read."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Self
+from pathlib import Path
+from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
 from annotated_types import MaxLen
 from pydantic import model_validator
 
-from tjscan.core.config import StrictFileModel
+from tjscan.core.config import StrictFileModel, add_file_to_errors, read_toml, validate_table
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, PoseSettings
-from tjscan.groove.models import MODELS
+from tjscan.groove.models import GROOVE_MODELS
 from tjscan.groove.settings import GrooveSettings
 from tjscan.job.devices import ArmSettings, CalibrationSettings, LaserSettings
+from tjscan.job.reading import casefolded_name, read_job, replace_keys
 from tjscan.job.simulation import SimulationSettings
-from tjscan.job.station import StationSettings, casefolded_name
-from tjscan.job.surroundings import BallSettings, BoardSettings, ClearanceSettings, JointSettings
+from tjscan.job.surroundings import (
+    BallSettings,
+    BoardSettings,
+    ClearanceSettings,
+    JointSettings,
+    StationSettings,
+)
 from tjscan.scanning.plan import ScanPlan
 
 
@@ -41,7 +48,7 @@ class CellJob(StrictFileModel):
         arm, laser = self.arm.driver_kind, self.laser.driver_kind
         if arm is DriverKind.REPLAYED and laser is not DriverKind.REPLAYED:
             raise ConfigurationError(
-                'a replayed arm stands where a recording has it: laser.driver must be "replay"',
+                'a replayed arm takes its poses from a recording: laser.driver must be "replay"',
                 key="arm.driver",
             )
         if laser is DriverKind.REAL and arm is not DriverKind.REAL:
@@ -95,19 +102,19 @@ class CellJob(StrictFileModel):
     def T_w_b_true(self) -> Array:
         """True pose of the base in a simulated world; otherwise as `T_w_b`."""
         simulation = self.job_at_station().simulation
-        stands = () if simulation is None else simulation.station
-        return stands[0].T if stands else self.T_w_b
+        stations = () if simulation is None else simulation.station
+        return stations[0].T if stations else self.T_w_b
 
     def job_at_station(self, name: str | None = None) -> Self:
         """The same job at one of its stations, which then is its only one.
 
-        What the station says for itself stands where it would for a job without stations. A
-        simulated world draws other random numbers at each.
+        Keys of the station are moved to their places in a job without stations. A simulated world
+        draws other random numbers at each.
 
         Parameters
         ----------
         name : str, optional
-            Which; may be left out where there is but one, or none.
+            Which; may be left out if there is only one, or none.
 
         Raises
         ------
@@ -133,9 +140,9 @@ class CellJob(StrictFileModel):
 
     @property
     def jobs_at_stations(self) -> tuple[Self, ...]:
-        """The job at each of its stations that the arm stands at, one job a station.
+        """The job at each of its stations where the arm is, one job a station.
 
-        A simulated arm stands at all of them, a real one at one.
+        A simulated arm is at all of them, a real one at one.
 
         Raises
         ------
@@ -163,7 +170,7 @@ class CellJob(StrictFileModel):
 
 
 class LaserJob(StrictFileModel):
-    """The tables that a laser needs which nothing carries yet: itself, and how it is read."""
+    """The tables of a laser without an arm: the laser, and how its profiles are read."""
 
     laser: LaserSettings = LaserSettings()
     groove: GrooveSettings = GrooveSettings()
@@ -179,7 +186,7 @@ class ScanJob(CellJob):
     def _groove_has_a_section(self) -> ScanJob:
         if not self.groove.model.has_section_points:
             able = ", ".join(
-                repr(name) for name, model in MODELS.items() if model.has_section_points
+                repr(name) for name, model in GROOVE_MODELS.items() if model.has_section_points
             )
             raise ConfigurationError(
                 f"{self.groove.model.name!r} has no section of five points, which a scan needs; "
@@ -225,8 +232,52 @@ class ScanJob(CellJob):
 
 
 class CalibrationJob(CellJob):
-    """A job file that describes a calibration; a [scan] table may stand beside it."""
+    """A job file that describes a calibration; it may have a [scan] table too."""
 
     board: BoardSettings
     scan: ScanPlan | None = None
     groove: GrooveSettings | None = None
+
+
+J = TypeVar("J", bound=CellJob)
+
+
+def read_scan_job(file: Path, overrides: dict[str, Any] | None = None) -> ScanJob:
+    """Read the job of a scan, with single keys replaced; see `read_job`."""
+    return _located(read_job(ScanJob, file, overrides), file.parent)
+
+
+def read_calibration_job(file: Path, overrides: dict[str, Any] | None = None) -> CalibrationJob:
+    """Read the job of a calibration, with single keys replaced; see `read_job`."""
+    return _located(read_job(CalibrationJob, file, overrides), file.parent)
+
+
+def read_laser_job(file: Path, overrides: dict[str, Any] | None = None) -> LaserJob:
+    """Read the tables of a laser and its reading alone, from a job of any kind or a file of these.
+
+    Parameters
+    ----------
+    file, overrides
+        As for `read_job`.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file can't be read, or a key of these tables is wrong.
+    """
+    data = read_toml(file)
+    with add_file_to_errors(file):
+        replace_keys(data, overrides or {})
+        return validate_table(LaserJob, {k: data[k] for k in LaserJob.model_fields if k in data})
+
+
+def _located(job: J, folder: Path) -> J:
+    """Seek an arm's URDF and a recording from the job's folder, as other files that a job names."""
+    if Path(job.arm.model).suffix == ".urdf":
+        arm = replace(job.arm, model=str(folder / job.arm.model))
+        job = job.model_copy(update={"arm": arm})
+    if job.laser.recording is not None:
+        # Absolute: the job is copied into its run directory, a recording is not.
+        recording = str((folder / job.laser.recording).absolute())
+        job = job.model_copy(update={"laser": replace(job.laser, recording=recording)})
+    return job

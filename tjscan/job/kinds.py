@@ -1,4 +1,4 @@
-"""Which kind of file somebody gave, for one that is not what was asked for."""
+"""The kinds of TOML files, and how a file of another kind is recognised."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Final
 
 @dataclass(frozen=True, slots=True)
 class FileKind:
-    """A kind of TOML file, told by its tables.
+    """A kind of TOML file, recognised by its tables.
 
     Parameters
     ----------
@@ -20,9 +20,8 @@ class FileKind:
         With its article.
     model : str
         Its model: ``module:class``.
-    telling_tables : frozenset of str
-        Tables or keys that stand in every such file, and all of them in no other; none where
-        files of that kind are not told from others.
+    own_tables : frozenset of str
+        Tables or keys that every such file has, and that no file of another kind has together.
     use : str
         What such a file is for.
     """
@@ -30,7 +29,7 @@ class FileKind:
     word: str
     name: str
     model: str
-    telling_tables: frozenset[str]
+    own_tables: frozenset[str]
     use: str
 
     def json_schema(self) -> dict[str, Any]:
@@ -52,7 +51,7 @@ FILE_KINDS: Final = (
     FileKind(
         "chain",
         "a chain of a calibration and a scan",
-        "tjscan.runs.chain.settings:ChainFile",
+        "tjscan.runs.chain:ChainFile",
         frozenset({"calibrate", "scan"}),
         "run it with 'tjscan chain'",
     ),
@@ -66,14 +65,14 @@ FILE_KINDS: Final = (
     FileKind(
         "crawl",
         "a job of a crawler",
-        "tjscan.job.crawl_job:CrawlJob",
+        "tjscan.job.crawl.job:CrawlJob",
         frozenset({"vehicle", "weld"}),
         "run it with 'tjscan crawl run'",
     ),
     FileKind(
         "tow",
         "a job of towing vehicles",
-        "tjscan.job.tow_job:TowJob",
+        "tjscan.job.tow.job:TowJob",
         frozenset({"area", "seam"}),
         "run it with 'tjscan tow run'",
     ),
@@ -103,15 +102,14 @@ FILE_KINDS: Final = (
 
 
 def kind_of_other_file(tables: Collection[str], known: Collection[str]) -> FileKind | None:
-    """Kind of a file that is not of the kind that was asked for; None where its tables tell none.
+    """Kind of a file that is not of the expected kind; None if its tables fit no other kind.
 
     Parameters
     ----------
     tables : collection of str
         Tables and keys of the file.
     known : collection of str
-        Tables and keys of the kind that was asked for.
+        Tables and keys of the expected kind.
     """
-    told = (kind for kind in FILE_KINDS if kind.telling_tables <= set(tables))
-    kind = next(told, None)
-    return None if kind is None or kind.telling_tables <= set(known) else kind
+    kind = next((kind for kind in FILE_KINDS if kind.own_tables <= set(tables)), None)
+    return None if kind is None or kind.own_tables <= set(known) else kind

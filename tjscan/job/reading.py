@@ -1,34 +1,27 @@
-"""From a job file, and single keys in the place of its own, to a job."""
+"""From a file of tables, with single keys replaced, to its checked values; of any kind of job."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from tjscan.core.config import (
-    StrictFileModel,
-    add_file_to_errors,
-    read_toml,
-    validate_table,
-)
+from tjscan.core.config import StrictFileModel, add_file_to_errors, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.files import CalibrationJob, CellJob, LaserJob, ScanJob
 from tjscan.job.kinds import kind_of_other_file
-from tjscan.job.station import casefolded_name
 
-EXCLUDED: Final = {"calibration.file": "T_f_s_mm", "calibration.T_f_s_mm": "file"}
-"""What a replaced key leaves no room for in its table."""
+EXCLUDING_KEYS: Final = {"calibration.file": "T_f_s_mm", "calibration.T_f_s_mm": "file"}
+"""The key of the same table that each of these excludes, so that it goes when this is set."""
 
-J = TypeVar("J", bound=CellJob)
 M = TypeVar("M", bound=StrictFileModel)
 
 
-def read_scan_job(file: Path, overrides: dict[str, Any] | None = None) -> ScanJob:
-    """Read the job of a scan, with single keys replaced.
+def read_job(model: type[M], file: Path, overrides: dict[str, Any] | None = None) -> M:
+    """Read a job of any kind, with single keys replaced.
 
     Parameters
     ----------
+    model : type
+        The kind of job.
     file : Path
         The TOML file.
     overrides : dict, optional
@@ -38,47 +31,15 @@ def read_scan_job(file: Path, overrides: dict[str, Any] | None = None) -> ScanJo
     Raises
     ------
     ConfigurationError
-        If the file can't be read, or a key is unknown, missing or of a wrong type or value.
+        If the file can't be read, is of another kind, or a key is unknown, missing or of a wrong
+        type or value.
     """
-    return _read(ScanJob, file, overrides)
-
-
-def read_calibration_job(file: Path, overrides: dict[str, Any] | None = None) -> CalibrationJob:
-    """Read the job of a calibration, with single keys replaced; see `read_scan_job`."""
-    return _read(CalibrationJob, file, overrides)
-
-
-def _read(model: type[J], file: Path, overrides: dict[str, Any] | None) -> J:
-    return _located(read_job_table(model, file, overrides), file.parent)
-
-
-def read_job_table(model: type[M], file: Path, overrides: dict[str, Any] | None) -> M:
-    """Read a job of any model, with single keys replaced; see `read_scan_job`."""
     data = read_toml(file)
     if (other := kind_of_other_file(data, model.model_fields)) is not None:
         raise ConfigurationError(f"is {other.name}: {other.use}", file=file)
     with add_file_to_errors(file):
         replace_keys(data, overrides or {})
         return validate_table(model, data, file)
-
-
-def read_laser_job(file: Path, overrides: dict[str, Any] | None = None) -> LaserJob:
-    """Read the tables of a laser and its reading alone, from a job of any kind or a file of these.
-
-    Parameters
-    ----------
-    file, overrides
-        As for `read_scan_job`.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file can't be read, or a key of these tables is wrong.
-    """
-    data = read_toml(file)
-    with add_file_to_errors(file):
-        replace_keys(data, overrides or {})
-        return validate_table(LaserJob, {k: data[k] for k in LaserJob.model_fields if k in data})
 
 
 def replace_keys(data: dict[str, Any], overrides: dict[str, Any]) -> None:
@@ -103,11 +64,11 @@ def replace_keys(data: dict[str, Any], overrides: dict[str, Any]) -> None:
             table = _inner(table, name, key)
         if isinstance(table, list):
             raise ConfigurationError(
-                f"is an array of tables; say which one: {'.'.join(tables)}.NAME.{last}", key=key
+                f"is an array of tables; name one: {'.'.join(tables)}.NAME.{last}", key=key
             )
         table[last] = value
-        if key in EXCLUDED:
-            table.pop(EXCLUDED[key], None)
+        if key in EXCLUDING_KEYS:
+            table.pop(EXCLUDING_KEYS[key], None)
 
 
 def _inner(tables: Any, name: str, key: str) -> Any:
@@ -137,13 +98,6 @@ def _table(found: Any, name: str, key: str) -> Any:
     return found
 
 
-def _located(job: J, folder: Path) -> J:
-    """Seek an arm's URDF and a recording from the job's folder, as other files that a job names."""
-    if Path(job.arm.model).suffix == ".urdf":
-        arm = replace(job.arm, model=str(folder / job.arm.model))
-        job = job.model_copy(update={"arm": arm})
-    if job.laser.recording is not None:
-        # Absolute: the job is copied into its run directory, a recording is not.
-        recording = str((folder / job.laser.recording).absolute())
-        job = job.model_copy(update={"laser": replace(job.laser, recording=recording)})
-    return job
+def casefolded_name(name: str) -> str:
+    """Station name without upper case, as folders of some systems and options have it."""
+    return name.casefold().replace("-", "_")

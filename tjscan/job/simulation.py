@@ -1,4 +1,4 @@
-"""The world that a simulation takes for true."""
+"""The true world of a simulation."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from tjscan.core.units import (
     Position,
     SettingsTable,
 )
-from tjscan.job.station import StationPoseSettings
+from tjscan.job.surroundings import StationPoseSettings
 from tjscan.laser.model import LaserModel
-from tjscan.robot.simulation import ArmSimulationSettings, JointAngles
+from tjscan.robot.settings import ArmSimulationSettings, JointAngles
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedBoardSettings(PoseSettings):
-    """The table [simulation.board]: where the board truly is, and how well it is touched.
+    """The table [simulation.board]: the true pose of the board, and how well it is touched.
 
     Parameters
     ----------
@@ -45,12 +45,12 @@ class SimulatedBallSettings(SettingsTable):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedStationSettings(StationPoseSettings):
-    """The table [[simulation.station]]: where a station's base truly stands in frame w.
+    """The table [[simulation.station]]: the true pose of a station's base in frame w.
 
     Parameters
     ----------
     home : tuple of float, optional
-        Joint angles the arm starts with there, radians; those of [simulation.arm] else.
+        Joint angles the arm starts with there, radians; those in [simulation.arm] if left out.
     """
 
     home: JointAngles | None = None
@@ -60,7 +60,7 @@ class SimulationSettings(StrictFileModel):
     """The table [simulation]: the simulated world.
 
     `T_f_s_mm` is where the laser truly sits, `board` and `ball` where these truly are, `station`
-    where stations truly are; where left out, they are where the job believes them to be.
+    where stations truly are; if left out, they are as the job states them.
     """
 
     seed: int = Field(default=1, ge=0)

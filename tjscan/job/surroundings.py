@@ -1,4 +1,4 @@
-"""What stands about the arm: solids, the board, the joint."""
+"""What is about the arm: solids, the board, the ball, the joint, and the stations of the arm."""
 
 from __future__ import annotations
 
@@ -7,31 +7,35 @@ from math import radians
 from typing import Annotated, Final, Literal
 
 from annotated_types import Ge, Gt, Le, MaxLen
+from pydantic import Field
 
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.frames import Array
 from tjscan.core.units import (
+    FARTHEST_MM,
     LIST_OR_WORD_IN_FILE,
     MM,
     PoseSettings,
     Position,
     SettingsTable,
 )
-from tjscan.job.fields import LengthMm
-from tjscan.robot.margins import ClearanceMargins
-from tjscan.robot.solid_settings import SolidSettings
-from tjscan.robot.tolerance import PlacementTolerance
+from tjscan.robot.settings import ClearanceMargins, PlacementTolerance
+from tjscan.robot.solids import SolidSettings
+from tjscan.scanning.target import ScanDirection
 
-MOST: Final = 300
-"""Solids of a cell: each is held against every link of the arm, at every step of a path."""
+MOST_SOLIDS: Final = MaxLen(300)
+"""Of a cell: each is checked against every link of the arm, at every step of a path."""
 
 SMALLEST_BOARD: Final = 0.1
 """Metres."""
 
+LengthMm = Annotated[float, Gt(0), Le(FARTHEST_MM)]
+"""In the unit of the file; a unit after it converts it."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedSolidSettings(SolidSettings):
-    """A solid that stands in the base frame, b, or about the workpiece, w."""
+    """A solid with its pose in the base frame, b, or in the workpiece's, w."""
 
     frame: Literal["b", "w"] = "b"
 
@@ -49,9 +53,9 @@ class ClearanceSettings(ClearanceMargins):
     ignore : tuple of (str, str)
         Pairs of links that may come near each other.
     solid : tuple of PlacedSolidSettings
-        What stands in frame b or w.
+        Solids in frame b or w.
     tool : tuple of SolidSettings
-        What sits on the flange, frame f.
+        Solids on the flange, frame f.
     """
 
     self_collision: bool = True
@@ -59,8 +63,8 @@ class ClearanceSettings(ClearanceMargins):
     ignore: Annotated[
         tuple[Annotated[tuple[str, str], LIST_OR_WORD_IN_FILE], ...], LIST_OR_WORD_IN_FILE
     ] = ()
-    solid: Annotated[tuple[PlacedSolidSettings, ...], MaxLen(MOST), LIST_OR_WORD_IN_FILE] = ()
-    tool: Annotated[tuple[SolidSettings, ...], MaxLen(MOST), LIST_OR_WORD_IN_FILE] = ()
+    solid: Annotated[tuple[PlacedSolidSettings, ...], MOST_SOLIDS, LIST_OR_WORD_IN_FILE] = ()
+    tool: Annotated[tuple[SolidSettings, ...], MOST_SOLIDS, LIST_OR_WORD_IN_FILE] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,3 +147,39 @@ class JointSettings(PoseSettings):
     def T_w_j(self) -> Array:
         """Pose of the joint in frame w, shape (4, 4), metres."""
         return self.T
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StationPoseSettings(PoseSettings):
+    """Name of a station, and the pose of the arm's base there in frame w.
+
+    Parameters
+    ----------
+    name : str
+        Name of the station, and of its folder.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StationSettings(StationPoseSettings):
+    """The table [[station]]: about where the arm's base is in frame w, and its start poses.
+
+    Parameters
+    ----------
+    direction : ScanDirection, optional
+        As in [scan], which holds if this is left out.
+    length : float, optional
+        As in [scan], metres.
+    sections : int, optional
+        As in [scan].
+    first, second : PoseSettings
+        The taught poses of the flange, in this station's frame b.
+    """
+
+    direction: Annotated[ScanDirection, LIST_OR_WORD_IN_FILE] | None = None
+    length: Annotated[float | None, Gt(0), MM] = None
+    sections: Annotated[int | None, Ge(3)] = None
+    first: PoseSettings
+    second: PoseSettings

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from tjscan.core.devices import DriverFactory, DriverKind, NoSettings
+from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.registry import Registry
 from tjscan.crawler.torch_axes import FixedTorch, SimulatedTorchAxes, TorchAxes
 from tjscan.vehicle.mqtt.settings import MqttSettings
 
@@ -43,27 +42,27 @@ def _over_mqtt(context: TorchDriverInputs, settings: NoSettings) -> MqttTorch:
             'the torch "mqtt" hangs on the link of its vehicle: vehicle.driver must be "mqtt" too',
             key="torch.driver",
         )
-    with TORCHES.explain_missing_package("mqtt"):
-        from tjscan.vehicle.mqtt.torch import MqttTorch
+    from tjscan.vehicle.mqtt.torch import MqttTorch
+
     return MqttTorch(context.vehicle, context.reach)
 
 
-SIMULATED: Final = TorchDriverFactory(
+SIMULATED_DRIVER: Final = TorchDriverFactory(
     lambda context, settings: SimulatedTorchAxes(context.reach, context.speed),
     kind=DriverKind.SIMULATED,
 )
-FIXED: Final = TorchDriverFactory(lambda context, settings: FixedTorch())
-MQTT: Final = TorchDriverFactory(_over_mqtt)
+FIXED_DRIVER: Final = TorchDriverFactory(lambda context, settings: FixedTorch())
+MQTT_DRIVER: Final = TorchDriverFactory(_over_mqtt)
 
-TORCHES: Final[Registry[TorchDriverFactory]] = Registry(
+TORCH_DRIVERS: Final[DriverRegistry[TorchDriverFactory]] = DriverRegistry(
     "torch",
     {
-        "simulated": "tjscan.job.torch_drivers:SIMULATED",
-        "none": "tjscan.job.torch_drivers:FIXED",
-        "mqtt": "tjscan.job.torch_drivers:MQTT",
+        "simulated": "tjscan.job.torch_drivers:SIMULATED_DRIVER",
+        "none": "tjscan.job.torch_drivers:FIXED_DRIVER",
+        "mqtt": "tjscan.job.torch_drivers:MQTT_DRIVER",
     },
     extras={"mqtt": "vehicle"},
     key="torch.driver",
     type=DriverFactory,
 )
-"""Every torch driver by name. See `tjscan.core.devices.DriverFactory` for how to add one."""
+"""Every torch driver by name."""

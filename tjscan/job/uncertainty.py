@@ -12,33 +12,33 @@ from typing import Annotated, Final
 from annotated_types import Ge, Le
 
 from tjscan.core.units import DEG, MM, SettingsTable
-from tjscan.joint.tubes.walls import ArmRepeatability
+from tjscan.joint.tubes.fit import ArmRepeatability
 
-LINEARITY: Final = 0.1e-3
+ASSUMED_LINEARITY: Final = 0.1e-3
 """Metres: assumption, 0.1 % of a 100 mm range; data sheets of the class state 0.1 to 0.2 %."""
 
-RANGE_BIAS: Final = 0.02e-3
+ASSUMED_RANGE_BIAS: Final = 0.02e-3
 """Metres: assumption, what the simulated laser has by default (`tjscan.laser.model`)."""
 
-STATED: Final = "stated"
-ASSUMED: Final = "assumed"
+EVIDENCE_STATED: Final = "stated"
+EVIDENCE_ASSUMED: Final = "assumed"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmUncertaintySettings(SettingsTable):
-    """The table [arm.uncertainty]: how far the arm may stand from where it reports.
+    """The table [arm.uncertainty]: how far the arm may be from where it reports.
 
     Parameters
     ----------
     absolute : float, optional
-        Root mean square of the flange's distance from where it is reported, because the links
-        are not as the model has them; metres. Where left out, joints deviate as
-        `tjscan.robot.tolerance.PlacementTolerance` assumes, some 0.4 mm at the flange of an arm
+        Root mean square distance of the flange from its reported position, because the links
+        deviate from the model; metres. If left out, joints deviate as
+        `tjscan.robot.settings.PlacementTolerance` assumes, some 0.4 mm at the flange of an arm
         of a metre and more. An arm that was calibrated with its sensor has what its calibration
         found instead.
     repeatability, angular_repeatability : float, optional
         Root mean square of the distance (metres) and the angle (radians) by which the arm does
-        not repeat; those of `tjscan.joint.tubes.walls.ArmRepeatability` where left out.
+        not repeat; as in `tjscan.joint.tubes.fit.ArmRepeatability` if left out.
     """
 
     absolute: Annotated[float | None, Ge(0), Le(20), MM] = None
@@ -49,14 +49,12 @@ class ArmUncertaintySettings(SettingsTable):
 
     @property
     def repeats(self) -> tuple[ArmRepeatability, str]:
-        """What repeatability is taken for, and whether any of it is stated."""
+        """Repeatability, and whether any of it is stated or all assumed."""
         default = ArmRepeatability()
         position, evidence = _stated_or(self.repeatability, default.position)
         angle, of_angle = _stated_or(self.angular_repeatability, default.angle)
-        return ArmRepeatability(position, angle), STATED if STATED in (
-            evidence,
-            of_angle,
-        ) else ASSUMED
+        stated = EVIDENCE_STATED in (evidence, of_angle)
+        return ArmRepeatability(position, angle), EVIDENCE_STATED if stated else EVIDENCE_ASSUMED
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,10 +65,10 @@ class LaserUncertaintySettings(SettingsTable):
     ----------
     linearity : float, optional
         Largest deviation of the range over the window, as data sheets state it, metres;
-        `LINEARITY` where left out.
+        `ASSUMED_LINEARITY` if left out.
     range_bias : float, optional
         Standard deviation of the range's error at 45° of incidence, which grows with the
-        tangent of the incidence, metres; `RANGE_BIAS` where left out.
+        tangent of the incidence, metres; `ASSUMED_RANGE_BIAS` if left out.
     """
 
     linearity: Annotated[float | None, Ge(0), Le(5), MM] = None
@@ -78,14 +76,14 @@ class LaserUncertaintySettings(SettingsTable):
 
     @property
     def linear(self) -> tuple[float, str]:
-        """What `linearity` is taken for, metres, and whether it is stated or assumed."""
-        return _stated_or(self.linearity, LINEARITY)
+        """Linearity in metres, and whether it is stated or assumed."""
+        return _stated_or(self.linearity, ASSUMED_LINEARITY)
 
     @property
     def bias(self) -> tuple[float, str]:
-        """What `range_bias` is taken for, metres, and whether it is stated or assumed."""
-        return _stated_or(self.range_bias, RANGE_BIAS)
+        """Range bias in metres, and whether it is stated or assumed."""
+        return _stated_or(self.range_bias, ASSUMED_RANGE_BIAS)
 
 
 def _stated_or(value: float | None, default: float) -> tuple[float, str]:
-    return (default, ASSUMED) if value is None else (value, STATED)
+    return (default, EVIDENCE_ASSUMED) if value is None else (value, EVIDENCE_STATED)

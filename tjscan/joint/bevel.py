@@ -2,26 +2,27 @@
 
 The land lies at the root opening from the leg, over the root face's share of the wall. From its
 outer edge the bevel rises as a straight line to the brace's outer wall. The root bead closes
-the groove with a face from the bevel to the leg; where the root is open there is none.
+the groove with a face from the bevel to the leg; an open root has none.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import LegSurface, radial_direction, tangential_direction
 
-_ROUNDS: Final = 12
+WALL_CORRECTION_ROUNDS: Final = 12
 """Corrections of where a tilted wall is met; each is smaller by a fifth or less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class JointGrooveSections:
     """Sections of a joint's designed groove in radial half-planes, one for each azimuth.
 
@@ -56,10 +57,6 @@ class JointGrooveSections:
     p3: Array
     p4: Array
 
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            object.__setattr__(self, field.name, readonly_copy(getattr(self, field.name)))
-
     @property
     def root_width(self) -> Array:
         """Width of the root bead's face, or of an open root, in metres, shape (n,)."""
@@ -92,7 +89,7 @@ def groove_sections(definition: JointDefinition, phi: ArrayLike) -> JointGrooveS
         )
     p3 = land + definition.root_bead * bevel
     # The bead's face is the base of an isosceles triangle between the bevel and the leg's
-    # tangent at the apex, so it stands about square to the bisector of the groove.
+    # tangent at the apex, so it is about square to the bisector of the groove.
     p4 = leg.ray_intersections(phi, p3, _along(leg, phi, apex[:, 0]) - bevel)
     return JointGrooveSections(
         phi, dihedral, groove_angle, bevel, land_inner, land, apex, p2, p3, p4
@@ -136,7 +133,7 @@ def _bore(definition: JointDefinition, gapped: LegSurface, phi: Array) -> Array:
     rho = np.full_like(phi, definition.brace_inner_radius)
     if definition.imperfections.is_brace_nominal:
         return rho
-    for _ in range(_ROUNDS):
+    for _ in range(WALL_CORRECTION_ROUNDS):
         rho = definition.brace_wall_radius(phi, gapped.height(phi, rho)) - definition.brace_wall
     return rho
 
@@ -144,7 +141,7 @@ def _bore(definition: JointDefinition, gapped: LegSurface, phi: Array) -> Array:
 def _top(definition: JointDefinition, phi: Array, land: Array, bevel: Array) -> Array:
     """Where the bevel meets the brace's outer wall, (n, 2)."""
     top = land
-    for _ in range(1 if definition.imperfections.is_brace_nominal else _ROUNDS):
+    for _ in range(1 if definition.imperfections.is_brace_nominal else WALL_CORRECTION_ROUNDS):
         wall = definition.brace_wall_radius(phi, top[:, 1])
         top = land + ((wall - land[:, 0]) / bevel[:, 0])[:, None] * bevel
     return top

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +12,32 @@ from tjscan.core.frames import Array
 from tjscan.joint.geometry import LegSurface
 from tjscan.joint.imperfections import NO_IMPERFECTIONS, Imperfections, interpolate_around_joint
 from tjscan.joint.oval import Ellipse, OvalLegSurface, semi_axes_same_circumference
-from tjscan.joint.tolerance import NOT_STATED, FitUpTolerance
+
+
+@dataclass(frozen=True, slots=True)
+class FitUpTolerance:
+    """Largest difference of a measured fit-up from its drawing, to either side; metres, radians.
+
+    Parameters
+    ----------
+    groove_angle : float
+        Radians.
+    root_opening : float
+        Also of the root bead's width, if one is laid.
+    root_face, depth : float
+    high_low : float
+        By which brace or leg may stand out of where they are drawn, or in.
+    """
+
+    groove_angle: float = inf
+    root_opening: float = inf
+    root_face: float = inf
+    depth: float = inf
+    high_low: float = inf
+
+
+NOT_STATED = FitUpTolerance()
+"""Of a drawing that states none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +49,7 @@ class JointDefinition:
     name : str
         What its files are called.
     leg_radius, leg_wall, leg_length : float
-        Outer radius, wall thickness, and length, which lies evenly about the brace's axis.
+        Outer radius, wall thickness, and length, half to either side of the brace's axis.
     brace_radius, brace_wall, brace_length : float
         Outer radius, wall thickness, and distance from where the axes cross to the free end.
     angle : float
@@ -40,7 +66,7 @@ class JointDefinition:
     imperfections : Imperfections
         What makes the joint as built differ from its drawing, which all else describes.
     tolerance : FitUpTolerance
-        How far its fit-up may lie from the drawing.
+        How far its fit-up may be from the drawing.
     """
 
     name: str

@@ -6,19 +6,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy  # its parts are loaded at first use
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import cylindrical_to_j
-from tjscan.joint.tacks import tack_spans, within_spans
 
 FEWEST_NEIGHBOURS = 4
 """Vertices that a first search looks at; it looks at more where these can't prove the result."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class ClosedPolyline:
     """A closed line through points.
 
@@ -33,10 +33,8 @@ class ClosedPolyline:
     _half: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        points = readonly_copy(self.points_j)
-        steps = np.roll(points, -1, axis=0) - points
-        object.__setattr__(self, "points_j", points)
-        object.__setattr__(self, "_tree", scipy.spatial.KDTree(points))
+        steps = np.roll(self.points_j, -1, axis=0) - self.points_j
+        object.__setattr__(self, "_tree", scipy.spatial.KDTree(self.points_j))
         object.__setattr__(self, "_half", float(np.linalg.norm(steps, axis=1).max()) / 2)
 
     def nearest_points(self, points_j: Array) -> Array:
@@ -77,6 +75,7 @@ class ClosedPolyline:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class FeatureEdges:
     """The groove's three feature edges, along which the corners p2, p3 and p4 run (Fig. 3).
 
@@ -95,10 +94,6 @@ class FeatureEdges:
     p3: ClosedPolyline
     p4: ClosedPolyline
     tacks: Array = field(default_factory=lambda: np.empty((0, 2)))
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "phi", readonly_copy(self.phi))
-        object.__setattr__(self, "tacks", readonly_copy(self.tacks))
 
     def on_tack(self, points_j: Array) -> NDArray[np.bool_]:
         """Whether points, shape (m, 3), lie at azimuths where a tack covers the root, (m,)."""
@@ -124,3 +119,31 @@ def feature_edges(definition: JointDefinition, n: int = 3600) -> FeatureEdges:
     corners = (sections.p2, sections.p3, sections.p4)
     p2, p3, p4 = (ClosedPolyline(cylindrical_to_j(phi, rz[:, 0], rz[:, 1])) for rz in corners)
     return FeatureEdges(phi, p2, p3, p4, tack_spans(definition))
+
+
+def tack_spans(definition: JointDefinition) -> Array:
+    """First and last azimuth of each tack in radians, shape (k, 2)."""
+    spans = np.empty((len(definition.imperfections.tacks), 2))
+    for i, tack in enumerate(definition.imperfections.tacks):
+        at = np.array([tack.at])
+        land = groove_sections(definition, at).land
+        speed = float(np.linalg.norm(definition.leg_surface.azimuth_derivative(at, land[:, 0])))
+        spans[i] = tack.at + 0.5 * tack.length / speed * np.array((-1, 1))
+    return spans
+
+
+def within_spans(spans: Array, phi: ArrayLike) -> NDArray[np.bool_]:
+    """Whether azimuths lie in one of the spans that `tack_spans` gives, the shape of `phi`.
+
+    Parameters
+    ----------
+    spans : ndarray, shape (k, 2)
+        Radians.
+    phi : array_like
+        Radians; a turn more or less makes no difference.
+    """
+    phi = np.asarray(phi, dtype=float)
+    covered = np.zeros(phi.shape, dtype=bool)
+    for first, last in spans:
+        covered |= np.mod(phi - first, 2 * np.pi) <= last - first
+    return covered

@@ -13,9 +13,8 @@ from pydantic import Field, Strict
 from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.joint.checks import check_buildable
-from tjscan.joint.definition import JointDefinition
+from tjscan.joint.definition import NOT_STATED, FitUpTolerance, JointDefinition
 from tjscan.joint.imperfections import NO_IMPERFECTIONS, Imperfections
-from tjscan.joint.tolerance import NOT_STATED, FitUpTolerance
 
 METRES_PER_MM = 1e-3
 

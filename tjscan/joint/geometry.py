@@ -130,7 +130,7 @@ class LegSurface:
         Returns
         -------
         ndarray, shape (n, 2)
-            The points, NaN where a ray passes by.
+            The points, NaN if a ray passes by.
         """
         # A point's two coordinates square to the leg's axis, y and up, are linear in rho and z.
         across = np.stack((np.sin(phi), -np.cos(phi) * np.cos(self.angle)), axis=-1)

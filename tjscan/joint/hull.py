@@ -1,9 +1,14 @@
-"""A V butt joint between two plates of a ship's hull, as its file and a job describe it."""
+"""A V butt joint between two plates of a ship's hull, as its file and a job describe it.
+
+Its course in the hull's surface is a straight line or an arc. Frame h is in that surface: x along
+the joint at its start, y to the right, z into the hull. Headings count from x towards y: clockwise
+as seen from outside.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import tan
+from math import atan2, cos, hypot, sin, tan
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -12,7 +17,7 @@ from annotated_types import Ge, Gt, Le, Len
 from tjscan.core.config import read_toml, validate_table
 from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, FileUnit, SettingsTable
 
-METRES: Final = FileUnit("m")
+IN_METRES: Final = FileUnit("m")
 
 NARROWEST_GAP: Final = -1e-6
 """Least root gap, in metres: below zero by no more than what rounding of the file leaves."""
@@ -32,7 +37,7 @@ class HullTack(SettingsTable):
         Over the groove's bottom, in metres.
     """
 
-    at: Annotated[float, Ge(0.0), Le(1000.0), METRES]
+    at: Annotated[float, Ge(0.0), Le(1000.0), IN_METRES]
     length: Annotated[float, Ge(2.0), Le(500.0), MM] = 0.03
     height: Annotated[float, Gt(0.0), Le(40.0), MM] = 0.005
 
@@ -99,8 +104,8 @@ class HullJoint(SettingsTable):
     root_face: Annotated[float, Ge(0.0), Le(20.0), MM] = 0.0
     backing: bool = True
     high_low: Annotated[float, Ge(-10.0), Le(10.0), MM] = 0.0
-    length: Annotated[float, Gt(0.0), Le(1000.0), METRES] = 2.0
-    radius: Annotated[float | None, METRES] = None
+    length: Annotated[float, Gt(0.0), Le(1000.0), IN_METRES] = 2.0
+    radius: Annotated[float | None, IN_METRES] = None
     tacks: Annotated[tuple[HullTack, ...], Len(0, 1000), LIST_OR_WORD_IN_FILE] = ()
     beads: Annotated[tuple[WeldBead, ...], Len(0, 50), LIST_OR_WORD_IN_FILE] = ()
     ripple: Annotated[float, Ge(0.0), Le(2.0), MM] = 0.0
@@ -143,3 +148,70 @@ def read_hull_joint(path: Path) -> HullJoint:
         If the file can't be read, or such a joint can't be.
     """
     return validate_table(HullJoint, read_toml(path), path)
+
+
+def joint_pose(joint: HullJoint, along: float) -> tuple[float, float, float]:
+    """Place and direction of a joint's line.
+
+    Parameters
+    ----------
+    joint : HullJoint
+    along : float
+        Distance along the joint, in metres; beyond its ends it goes on as it is.
+
+    Returns
+    -------
+    tuple of float
+        x, y in frame h, in metres, and heading, in radians.
+    """
+    kappa = joint.curvature
+    if kappa == 0:
+        return along, 0.0, 0.0
+    turned = kappa * along
+    return sin(turned) / kappa, 2 * sin(turned / 2) ** 2 / kappa, turned
+
+
+def place_beside_joint(joint: HullJoint, x: float, y: float) -> tuple[float, float]:
+    """Distance along a joint of its nearest point, and distance to the right of it, in metres.
+
+    Parameters
+    ----------
+    joint : HullJoint
+    x, y : float
+        In frame h, in metres.
+    """
+    kappa = joint.curvature
+    if kappa == 0:
+        return x, y
+    # Seen from the arc's centre, (0, 1 / kappa).
+    sign = 1.0 if kappa > 0 else -1.0
+    along = atan2(sign * x, sign * (1 / kappa - y)) / kappa
+    return along, sign * (1 / abs(kappa) - hypot(x, 1 / kappa - y))
+
+
+def laser_offset(joint: HullJoint, x: float, y: float, heading: float) -> tuple[float, float]:
+    """Where a laser line crosses a joint.
+
+    Parameters
+    ----------
+    joint : HullJoint
+    x, y : float
+        The laser's centre in frame h, in metres.
+    heading : float
+        Of the vehicle: the line runs square to it. Radians.
+
+    Returns
+    -------
+    along, offset : float
+        Place on the joint, and the laser's centre minus the joint along the line, positive where
+        it stands to the right. Metres.
+    """
+    along, right = place_beside_joint(joint, x, y)
+    for _ in range(4):  # a line that runs at a small angle meets the joint a little farther on
+        px, py, direction = joint_pose(joint, along)
+        relative = heading - direction
+        ahead = (x - px) * cos(direction) + (y - py) * sin(direction)
+        right = (y - py) * cos(direction) - (x - px) * sin(direction)
+        offset = right / cos(relative)
+        along += ahead + offset * sin(relative)
+    return along, offset

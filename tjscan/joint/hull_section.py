@@ -1,6 +1,6 @@
 """The cross-section of a hull joint at one place, with the passes that are welded there.
 
-Coordinates across the joint: to the right of who goes along it, from the middle between the top
+Coordinates across the joint: to the right of a traveller along it, from the middle between the top
 edges, and height over the middle of both plates' outsides, out of the hull. Metres.
 """
 
@@ -24,13 +24,13 @@ OPEN_DEPTH: Final = 0.5
 BEAD_NODES: Final = 25
 """Points on the face of a bead; the chords between them miss it by a micrometre or two."""
 
-LEAN: Final = 1e-9
+FACE_LEAN: Final = 1e-9
 """By how much upright faces lean, in metres, so that a section has one height everywhere."""
 
 MILLIMETRE_DIGITS: Final = 3
-"""Decimals of a place along the joint: a section is that of the nearest millimetre."""
+"""Decimals of a place along the joint: a section is taken at the nearest millimetre."""
 
-RIPPLES: Final = (0.006, 0.017, 0.052)
+RIPPLE_WAVELENGTHS: Final = (0.006, 0.017, 0.052)
 """Wavelengths of a bead's ripple along the joint, in metres (assumption)."""
 
 
@@ -94,18 +94,18 @@ def _prepared(joint: HullJoint) -> Array:
     flank = _flank(joint)
     step = np.array((0.0, joint.high_low / 2))
     left, right = flank[::-1] * (-1, 1) - step, flank + step
-    if joint.backing or joint.root_gap < 4 * LEAN:
+    if joint.backing or joint.root_gap < 4 * FACE_LEAN:
         return np.vstack((left, right))
-    inward = np.array((LEAN, -OPEN_DEPTH))
+    inward = np.array((FACE_LEAN, -OPEN_DEPTH))
     return np.vstack((left, left[-1] + inward, right[0] + inward * (-1, 1), right))
 
 
 def _flank(joint: HullJoint) -> Array:
     """The right plate from the bottom of its root face outward, without high-low, (n, 2)."""
-    gap = max(joint.root_gap / 2, LEAN)
+    gap = max(joint.root_gap / 2, FACE_LEAN)
     nodes = [(gap, -joint.depth), (joint.width / 2, 0.0), (HALF_EXTENT, 0.0)]
     if joint.root_face > 0:
-        nodes.insert(1, (gap + LEAN, joint.root_face - joint.depth))
+        nodes.insert(1, (gap + FACE_LEAN, joint.root_face - joint.depth))
     return np.array(nodes)
 
 
@@ -144,5 +144,7 @@ def _tack_height(tack: HullTack, along: float) -> float:
 
 def _ripple(along: float, k: int) -> float:
     """Ripple along bead k at a place, of standard deviation one."""
-    waves = (sin(2 * pi * along / length + 2.4 * k + i) for i, length in enumerate(RIPPLES))
-    return sum(waves) * sqrt(2 / len(RIPPLES))
+    waves = (
+        sin(2 * pi * along / length + 2.4 * k + i) for i, length in enumerate(RIPPLE_WAVELENGTHS)
+    )
+    return sum(waves) * sqrt(2 / len(RIPPLE_WAVELENGTHS))

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.joint.bevel import JointGrooveSections, groove_sections, leg_normal_rz
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.deposits import seam_cap_solid, spatter_solids, tack_solid
+from tjscan.joint.edges import tack_spans
 from tjscan.joint.geometry import cylindrical_to_j, tangential_direction
 from tjscan.joint.imperfections import interpolate_around_joint
 from tjscan.joint.oval import OvalLegSurface
-from tjscan.joint.tacks import tack_spans
 
 MOST_CHORD_ERROR: Final = 2e-6
 """Largest distance, in metres, of the triangles near the groove from the true surfaces."""
@@ -34,10 +34,11 @@ BOWED_STRIPS = 12
 """Strips of a curved bead's face, whose edges lie on the true one."""
 
 SINK_DEPTH: Final = 2e-3
-"""How deep bead and brace dip into the leg's wall, in metres, where the wall allows."""
+"""How deep bead and brace dip into the leg's wall, in metres, if the wall allows it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class TriangleMesh:
     """Triangles, counter-clockwise seen from outside.
 
@@ -51,12 +52,6 @@ class TriangleMesh:
 
     vertices: Array
     triangles: NDArray[np.int32]
-
-    def __post_init__(self) -> None:
-        triangles = np.array(self.triangles, dtype=np.int32)
-        triangles.flags.writeable = False
-        object.__setattr__(self, "vertices", readonly_copy(self.vertices))
-        object.__setattr__(self, "triangles", triangles)
 
 
 def build_joint_mesh(definition: JointDefinition) -> TriangleMesh:
@@ -74,7 +69,7 @@ def build_joint_mesh(definition: JointDefinition) -> TriangleMesh:
     spans = tack_spans(definition)
     added = [tack_solid(definition, t, span) for t, span in zip(built.tacks, spans, strict=True)]
     solid = _together(solid, added + [seam_cap_solid(definition, seam) for seam in built.seams])
-    # Each tack across an open root joins two rings once more.
+    # Each tack across an open root joins two rings again.
     genus = 1 + len(built.tacks) * built.root.is_open
     if solid.status() != manifold3d.Error.NoError or solid.genus() != genus:
         raise ConfigurationError(f"{definition.name} does not join into one solid", key="brace")
@@ -198,7 +193,7 @@ def _first_of_groove(definition: JointDefinition) -> int:
 
 
 def _bead(definition: JointDefinition, s: JointGrooveSections) -> list[Array]:
-    """The root bead from behind the land to below p3; nothing where the root is open."""
+    """The root bead from behind the land to below p3; nothing if the root is open."""
     root = definition.imperfections.root
     if root.is_open:
         return []

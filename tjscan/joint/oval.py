@@ -12,7 +12,7 @@ from scipy.special import ellipe
 from tjscan.core.frames import Array
 from tjscan.joint.geometry import LegSurface
 
-_ROUNDS = 8
+DIAMETER_CORRECTION_ROUNDS = 8
 """Corrections of the mean diameter; each is smaller by the ovality squared."""
 
 
@@ -27,7 +27,7 @@ def semi_axes_same_circumference(radius: float, ovality: float) -> tuple[float, 
         Largest minus smallest diameter, over the circle's diameter.
     """
     difference, total = ovality * radius, 2 * radius
-    for _ in range(_ROUNDS):
+    for _ in range(DIAMETER_CORRECTION_ROUNDS):
         long, short = (total + difference) / 2, (total - difference) / 2
         total *= 2 * np.pi * radius / (4 * long * ellipe(1 - (short / long) ** 2))
     return float((total + difference) / 2), float((total - difference) / 2)

@@ -19,13 +19,13 @@ ReliefHeight = Callable[[Array], Array]
 ON_SURFACE_DISTANCE: Final = 0.1e-3
 """Points this near a surface of the joint lie on it, in metres."""
 
-_WAVES: Final = 16
-_RIM: Final = 0.1
+SCALE_WAVES: Final = 16
+RIM_SHARE: Final = 0.1
 """Share of a patch's size over which its rim falls."""
 
 
 def make_relief_height_function(definition: JointDefinition) -> ReliefHeight | None:
-    """Function of a joint's surface relief height; None where its surfaces are smooth."""
+    """Function of a joint's surface relief height; None if its surfaces are smooth."""
     scale, bevel = definition.imperfections.scale, definition.imperfections.bevel
     parts: list[ReliefHeight] = []
     if scale.thickness > 0:
@@ -43,19 +43,21 @@ def _mill_scale(definition: JointDefinition, scale: MillScale) -> ReliefHeight:
     The sum is about Gaussian, so its quantile sets how much is covered.
     """
     rng = np.random.default_rng(scale.seed)
-    ways = rng.standard_normal((_WAVES, 3))
+    ways = rng.standard_normal((SCALE_WAVES, 3))
     waves = np.pi / scale.patch * ways / np.linalg.norm(ways, axis=1, keepdims=True)
-    phases = rng.uniform(0, 2 * np.pi, _WAVES)
+    phases = rng.uniform(0, 2 * np.pi, SCALE_WAVES)
     limit = float(ndtri(1 - scale.coverage))
     leg = definition.leg_surface
 
     def height(points_j: Array) -> Array:
-        field = np.sqrt(2 / _WAVES) * np.cos(points_j @ waves.T + phases).sum(axis=1)
+        field = np.sqrt(2 / SCALE_WAVES) * np.cos(points_j @ waves.T + phases).sum(axis=1)
         phi = np.arctan2(points_j[:, 1], points_j[:, 0])
         rho = np.hypot(points_j[:, 0], points_j[:, 1])
         wall = np.abs(rho - definition.brace_wall_radius(phi, points_j[:, 2])) < ON_SURFACE_DISTANCE
         tubes = wall | (np.abs(leg.signed_distances(points_j)) < ON_SURFACE_DISTANCE)
-        return np.asarray(tubes * scale.thickness * np.clip((field - limit) / _RIM + 0.5, 0, 1))
+        return np.asarray(
+            tubes * scale.thickness * np.clip((field - limit) / RIM_SHARE + 0.5, 0, 1)
+        )
 
     return height
 

@@ -1,4 +1,4 @@
-"""What is known of a laser's systematic deviation before anything is measured: its size alone."""
+"""Smooth errors of a line laser over its window: scale, tilt and what its lens bends."""
 
 from __future__ import annotations
 
@@ -7,13 +7,19 @@ from math import tan
 from typing import Final, Self
 
 import numpy as np
-from numpy.polynomial.legendre import legvander
+from numpy.polynomial.legendre import legval2d, legvander
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
+from tjscan.laser.model import LaserModel
 
-DEGREE: Final = 3
-DEGREES: Final = tuple(
-    (i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1) if 0 < i + j <= DEGREE
+HIGHEST_DEGREE: Final = 3
+"""Of the polynomials in x and z: a lens' distortion is of third order."""
+
+TERM_DEGREES: Final = tuple(
+    (i, j)
+    for i in range(HIGHEST_DEGREE + 1)
+    for j in range(HIGHEST_DEGREE + 1)
+    if 0 < i + j <= HIGHEST_DEGREE
 )
 """Degrees in x and z of the polynomials that a laser's deviation is made of."""
 
@@ -23,6 +29,7 @@ largest deviation in the window is one (`tests/uncertainty/test_causes.py`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class LaserDeviation:
     """Smooth deviation of x and z over the laser's window: scale, tilt and what its lens bends.
 
@@ -42,10 +49,6 @@ class LaserDeviation:
     largest: float
     middle: Array
     half: Array
-
-    def __post_init__(self) -> None:
-        for name in ("middle", "half"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
     def in_window(
@@ -78,8 +81,79 @@ class LaserDeviation:
         ndarray, shape (n, 2, m)
             Metres.
         """
-        by_x, by_z = np.moveaxis(legvander((xz - self.middle) / self.half, DEGREE), 1, 0)
-        each = [BY_DEGREE[i + j - 1] * by_x[:, i] * by_z[:, j] for i, j in DEGREES]
+        by_x, by_z = np.moveaxis(legvander((xz - self.middle) / self.half, HIGHEST_DEGREE), 1, 0)
+        each = [BY_DEGREE[i + j - 1] * by_x[:, i] * by_z[:, j] for i, j in TERM_DEGREES]
         terms = self.largest * np.stack(each, axis=1)
         none = np.zeros_like(terms)
         return np.stack((np.hstack((terms, none)), np.hstack((none, terms))), axis=1)
+
+
+RANDOM_STREAM: Final = 4
+"""Keeps the random numbers of a sensor's make apart from those of its profiles."""
+
+SAMPLE_COUNT: Final = 41
+"""Places across the window, each way, at which the largest error is looked for."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
+class Distortion:
+    """Systematic error of a sensor's points over its window, the same in every profile.
+
+    Degree 1 is scale and tilt, degrees 2 and 3 are what the lens bends. (Assumption: a smooth
+    field with every term as likely as any other of its degree; higher ones fall as 1/degree.)
+
+    Parameters
+    ----------
+    coefficients : ndarray, shape (2, 4, 4)
+        Of the errors of x and z, in metres, by products of Legendre polynomials.
+    middle, half : ndarray, shape (2,)
+        Middle of the window and half its sizes along x and z, in metres.
+    """
+
+    coefficients: Array
+    middle: Array
+    half: Array
+
+    @classmethod
+    def draw(cls, model: LaserModel, make: int) -> Self | None:
+        """Draw a sensor of a kind, or none where the model states it has no such error.
+
+        Parameters
+        ----------
+        model : LaserModel
+            Its window, and its `linearity`: how large the error gets somewhere in the window.
+        make : int
+            Seed that decides which one.
+        """
+        if model.linearity == 0:
+            return None
+        rng = np.random.default_rng([make, RANDOM_STREAM])
+        i = np.arange(HIGHEST_DEGREE + 1)
+        degree = i[:, None] + i
+        weight = np.where(
+            (degree > 0) & (degree <= HIGHEST_DEGREE), 1.0 / np.maximum(degree, 1), 0.0
+        )
+        width = (model.far - model.emitter_z) * np.tan(model.half_angle)
+        field = cls(
+            weight * rng.standard_normal((2, HIGHEST_DEGREE + 1, HIGHEST_DEGREE + 1)),
+            np.array((0.0, 0.5 * (model.near + model.far))),
+            np.array((width, 0.5 * (model.far - model.near))),
+        )
+        largest = np.abs(field._errors(*_window(model))).max()
+        return cls(model.linearity / largest * field.coefficients, field.middle, field.half)
+
+    def distort(self, x_s: Array, z_s: Array) -> tuple[Array, Array]:
+        """Give points as the sensor reports them, for where they are; shape (n,), metres."""
+        dx, dz = self._errors(x_s, z_s)
+        return x_s + dx, z_s + dz
+
+    def _errors(self, x_s: Array, z_s: Array) -> Array:
+        u, v = (x_s - self.middle[0]) / self.half[0], (z_s - self.middle[1]) / self.half[1]
+        return np.array([legval2d(u, v, c) for c in self.coefficients])
+
+
+def _window(model: LaserModel) -> tuple[Array, Array]:
+    z = np.linspace(model.near, model.far, SAMPLE_COUNT)
+    x = np.linspace(-1, 1, SAMPLE_COUNT)[:, None] * (z - model.emitter_z) * np.tan(model.half_angle)
+    return x.ravel(), np.broadcast_to(z, x.shape).ravel()

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from tjscan.core.devices import DriverFactory, DriverKind, NoSettings
+from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.registry import Registry
 from tjscan.laser.line_laser import LineLaser
 
 if TYPE_CHECKING:
@@ -118,19 +117,20 @@ def _replayed(context: LaserDriverInputs, settings: NoSettings) -> ReplayedLaser
     return ReplayedLaser(poses, profiles, context.carrier.T_b_f, context.carrier.time)
 
 
-SIMULATED: Final = LaserDriverFactory(_simulated, kind=DriverKind.SIMULATED)
-REPLAYED: Final = LaserDriverFactory(_replayed, kind=DriverKind.REPLAYED)
+SIMULATED_DRIVER: Final = LaserDriverFactory(_simulated, kind=DriverKind.SIMULATED)
+REPLAY_DRIVER: Final = LaserDriverFactory(_replayed, kind=DriverKind.REPLAYED)
 
-LASER_DRIVERS: Final[Registry[LaserDriverFactory]] = Registry(
+LASER_DRIVERS: Final[DriverRegistry[LaserDriverFactory]] = DriverRegistry(
     "laser",
     {
-        "simulated": "tjscan.laser.drivers:SIMULATED",
-        "replay": "tjscan.laser.drivers:REPLAYED",
-        "genicam": "tjscan.laser.genicam.driver:GENICAM",
-        "scancontrol": "tjscan.laser.genicam.driver:SCANCONTROL",
+        "simulated": "tjscan.laser.drivers:SIMULATED_DRIVER",
+        "replay": "tjscan.laser.drivers:REPLAY_DRIVER",
+        "genicam": "tjscan.laser.genicam.driver:GENICAM_DRIVER",
+        "scancontrol": "tjscan.laser.genicam.driver:SCANCONTROL_DRIVER",
     },
     extras={"genicam": "genicam", "scancontrol": "genicam"},
+    clients={"genicam": "viva_genicam", "scancontrol": "viva_genicam"},
     key="laser.driver",
     type=DriverFactory,
 )
-"""Every laser driver by name. See `tjscan.core.devices.DriverFactory` for how to add one."""
+"""Every laser driver by name."""

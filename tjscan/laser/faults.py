@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, readonly_copy
-from tjscan.laser.distortion import Distortion
+from tjscan.core.frames import Array, frozen_arrays
+from tjscan.laser.deviation import Distortion
 from tjscan.laser.model import LaserModel
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ class PointOrigin(IntEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class SimulatedProfile:
     """One simulated profile together with the truth about it, by columns.
 
@@ -45,11 +46,6 @@ class SimulatedProfile:
     z_s: Array
     intensity: Array
     kind: NDArray[np.int8]
-
-    def __post_init__(self) -> None:
-        for name in ("x_s", "z_s", "intensity"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
-        self.kind.flags.writeable = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

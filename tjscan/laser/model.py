@@ -18,11 +18,11 @@ EXTENDED_RANGE: Final = (0.125, 0.390)
 """Nearest and farthest z where the same sensor still measures, less accurately, in metres."""
 
 # The trapezoid is 83 mm wide at z = 190 mm and 121 mm at z = 290 mm; its sides meet at the emitter.
-_SLOPE: Final = 0.5 * (0.121 - 0.083) / (0.290 - 0.190)
-_APEX_Z: Final = 0.190 - 0.5 * 0.083 / _SLOPE
+_WINDOW_SLOPE: Final = 0.5 * (0.121 - 0.083) / (0.290 - 0.190)
+_APEX_Z: Final = 0.190 - 0.5 * 0.083 / _WINDOW_SLOPE
 
-_PROBABILITIES: Final = ("dropout", "missing", "ghosts", "flyers", "strays")
-_AMPLITUDES: Final = (
+_PROBABILITY_FIELDS: Final = ("dropout", "missing", "ghosts", "flyers", "strays")
+_AMPLITUDE_FIELDS: Final = (
     "noise",
     "noise_correlation",
     "bias",
@@ -69,7 +69,7 @@ class LaserModel(SettingsTable):
         The range is too long by ``bias * tan(incidence)``, at most by `bias_limit`.
     linearity : float
         Largest error of the sensor's own calibration in its window, in metres: of range and of
-        x, from scale, tilt and lens, the same in every profile, see `tjscan.laser.distortion`.
+        x, from scale, tilt and lens, the same in every profile, see `tjscan.laser.deviation`.
         Data sheets of the class state 0.1 to 0.2 % of the range.
     linearity_seed : int, optional
         Which sensor of its kind it is; the simulation's seed where left out.
@@ -130,7 +130,7 @@ class LaserModel(SettingsTable):
     near: Annotated[float, NOT_IN_FILE] = STANDARD_RANGE[0]
     far: Annotated[float, NOT_IN_FILE] = STANDARD_RANGE[1]
     emitter_z: Annotated[float, NOT_IN_FILE] = _APEX_Z
-    half_angle: Annotated[float, NOT_IN_FILE] = math.atan(_SLOPE)
+    half_angle: Annotated[float, NOT_IN_FILE] = math.atan(_WINDOW_SLOPE)
     detector_y: Annotated[float, NOT_IN_FILE] = 0.080
     detector_z: Annotated[float, NOT_IN_FILE] = _APEX_Z
     noise: Annotated[float, Ge(0), Le(5), MM] = 30e-6
@@ -164,9 +164,9 @@ class LaserModel(SettingsTable):
     def __post_init__(self) -> None:
         self._check_numbers()
         self._check_optics()
-        for name in (*_PROBABILITIES, "ghost_share", "ghost_intensity"):
+        for name in (*_PROBABILITY_FIELDS, "ghost_share", "ghost_intensity"):
             _require(0 <= getattr(self, name) <= 1, name, "is a fraction, from 0 to 1")
-        for name in _AMPLITUDES:
+        for name in _AMPLITUDE_FIELDS:
             _require(getattr(self, name) >= 0, name, "can't be negative; 0 switches it off")
         _require(
             0 <= self.dropout_start < self.dropout_end <= math.pi / 2,
@@ -206,7 +206,9 @@ class LaserModel(SettingsTable):
     @classmethod
     def without_faults(cls, **changes: Any) -> Self:
         """Model without faults: all effects off except those given in `changes`."""
-        zeros = dict.fromkeys(("noise", "bias", "interreflection", *_PROBABILITIES, "step"), 0.0)
+        zeros = dict.fromkeys(
+            ("noise", "bias", "interreflection", *_PROBABILITY_FIELDS, "step"), 0.0
+        )
         return cls(**{**zeros, **changes})
 
 

@@ -1,17 +1,20 @@
-"""One profile of a line laser."""
+"""One profile of a line laser, and whether it came before."""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from hashlib import sha256
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class Profile:
     """Points of one laser line in the sensor frame s, in the order of the sensor's columns.
 
@@ -35,9 +38,6 @@ class Profile:
     time_uncertainty: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("x_s", "z_s", "intensity"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, readonly_copy(getattr(self, name)))
         if self.x_s.ndim != 1 or self.x_s.shape != self.z_s.shape:
             raise ValueError(f"x_s {self.x_s.shape} and z_s {self.z_s.shape} are not two columns")
 
@@ -59,3 +59,32 @@ class Profile:
         """The points there are, shape (m, 3), y = 0, in metres."""
         v = self.valid
         return np.column_stack((self.x_s[v], np.zeros(v.sum()), self.z_s[v]))
+
+
+REMEMBERED_PROFILES: Final = 100_000
+"""Profiles: a quarter of an hour at 100 a second, and more than any sensor's buffers hold."""
+
+
+class ProfileRepeats:
+    """Recognises profiles that came before, to the last bit.
+
+    No sensor measures the same noise twice. Profiles without a point are all alike; none of them
+    is a repeat.
+    """
+
+    def __init__(self) -> None:
+        self._order: deque[bytes] = deque()
+        self._known: set[bytes] = set()
+
+    def is_repeat(self, profile: Profile) -> bool:
+        """Whether a profile is one of those before; it is one of them from now on."""
+        if not profile.valid.any():
+            return False
+        digest = profile.digest
+        if digest in self._known:
+            return True
+        self._order.append(digest)
+        self._known.add(digest)
+        if len(self._order) > REMEMBERED_PROFILES:
+            self._known.remove(self._order.popleft())
+        return False

@@ -56,7 +56,7 @@ class CoordinateFormat:
         return "A" in self.components
 
 
-FORMATS: Final = {
+COORDINATE_FORMATS: Final = {
     "Coord3D_AC16": CoordinateFormat(0x022000BB, "<u2", "AC"),
     "Coord3D_AC32f": CoordinateFormat(0x024000C2, "<f4", "AC"),
     "Coord3D_ABC32f": CoordinateFormat(0x026000C0, "<f4", "ABC"),
@@ -136,7 +136,7 @@ def points(
     raw : bytes
         The points of the row, one after another.
     pixel_format : str
-        One of `FORMATS`.
+        One of `COORDINATE_FORMATS`.
     scales : Scan3dScales
         What the numbers mean.
     time, time_uncertainty : float, optional
@@ -147,10 +147,10 @@ def points(
     ProfileFormatRefused
         If the format is not one of these, or the bytes are not whole points.
     """
-    layout = FORMATS.get(pixel_format)
+    layout = COORDINATE_FORMATS.get(pixel_format)
     if layout is None:
         raise ProfileFormatRefused(
-            f"the laser sends {pixel_format}; what can be read is {', '.join(FORMATS)}. "
+            f"the laser sends {pixel_format}; what can be read is {', '.join(COORDINATE_FORMATS)}. "
             "Set laser.genicam.pixel_format to one that it has"
         )
     count, rest = divmod(len(raw), layout.point_size)

@@ -20,10 +20,10 @@ from tjscan.core.errors import ProfileFormatRefused
 from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
 
-POINTS: Final = (80, 160, 320, 640)
+POINT_COUNTS: Final = (80, 160, 320, 640)
 """How many points a profile may have."""
 
-REFLECTIONS: Final = 4
+REFLECTION_COUNT: Final = 4
 BYTES_OF_REFLECTION: Final = 16
 TIME_STAMP_BYTES: Final = 16
 
@@ -32,10 +32,10 @@ CLOCK_PERIOD: Final = 128.0
 
 CYCLES_PER_SECOND, OFFSETS_PER_CYCLE = 8000, 3072
 
-ZERO: Final = 32_768
+RAW_ZERO: Final = 32_768
 """Raw number of the coordinate 0, or of the offset."""
 
-GREATEST: Final = 65_535
+GREATEST_RAW: Final = 65_535
 
 Field = Literal["z", "x", "threshold", "intensity", "width", "moment0", "moment1"]
 
@@ -61,7 +61,7 @@ class ScanControlScale:
     offset: float
 
 
-SCALES: Final[Mapping[str, ScanControlScale]] = MappingProxyType(
+MODEL_SCALES: Final[Mapping[str, ScanControlScale]] = MappingProxyType(
     {
         "2600-10": ScanControlScale(0.5e-6, 0.055),
         "2600-25": ScanControlScale(1e-6, 0.065),
@@ -130,7 +130,7 @@ class ScanControlLayout:
     kind : str
         ``full`` or ``container``.
     points : int
-        Points of a profile, one of `POINTS`.
+        Points of a profile, one of `POINT_COUNTS`.
     reflection : int
         Which of the four reflections of the full profile, from 0.
     fields : sequence of str
@@ -156,7 +156,7 @@ class ScanControlLayout:
     def row_bytes(self) -> int:
         """Bytes of one profile."""
         if self.kind == "full":
-            return self.points * REFLECTIONS * BYTES_OF_REFLECTION
+            return self.points * REFLECTION_COUNT * BYTES_OF_REFLECTION
         words = sum(FIELD_WORDS[name] for name in self.fields)
         return 2 * self.points * (words + self.time_stamp)
 
@@ -204,10 +204,10 @@ def parse_scancontrol(
     stamp = parse_time_stamp(row[-TIME_STAMP_BYTES:]) if stamped else None
     raw_x, raw_z = _full_profile(row, layout) if layout.kind == "full" else _container(row, layout)
     missing = raw_z == 0  # also where the axis is turned round
-    if layout.kind == "full" and layout.reflection == REFLECTIONS - 1:
+    if layout.kind == "full" and layout.reflection == REFLECTION_COUNT - 1:
         missing[-1] = True  # the time stamp lies there
     x, z = (
-        scale.scale * ((GREATEST - values if flip else values) - ZERO)
+        scale.scale * ((GREATEST_RAW - values if flip else values) - RAW_ZERO)
         for values, flip in ((raw_x, layout.flip_x), (raw_z, layout.flip_z))
     )
     x[missing] = z[missing] = np.nan
@@ -216,7 +216,7 @@ def parse_scancontrol(
 
 def _full_profile(row: bytes, layout: ScanControlLayout) -> tuple[Array, Array]:
     """Raw x and z: the second word of a reflection, its position and its distance."""
-    words = np.frombuffer(row, dtype=">u2").reshape(layout.points, REFLECTIONS, -1)
+    words = np.frombuffer(row, dtype=">u2").reshape(layout.points, REFLECTION_COUNT, -1)
     chosen = words[:, layout.reflection].astype(np.float64)
     return chosen[:, 2], chosen[:, 3]
 

@@ -5,13 +5,16 @@ Frame s as on a vehicle: x_s to its right, z_s into the steel, the origin where 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import cos, radians, sin, tan
-from typing import Annotated, Final
+from typing import Annotated, Final, Self
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
+from tjscan.core.devices import DeviceBase
+from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array
 from tjscan.core.units import DEG, MM, NOT_IN_FILE, POINTS, SettingsTable
 from tjscan.laser.faults import choose_column_runs
@@ -166,3 +169,50 @@ def simulate_section_profile(
     gone = ~((z >= model.near) & (z <= model.far))
     x[gone] = z[gone] = np.nan
     return Profile(x, z, time=time)
+
+
+class SimulatedSectionLaser(DeviceBase):
+    """A `LineLaser` over sections of a joint.
+
+    Parameters
+    ----------
+    view : callable
+        Gives the section below the laser at this moment, shape (n, 2), and its pose over it.
+    model : callable
+        Gives its optics and faults at this moment: an arc blinds columns while it burns.
+    time : callable
+        Gives the time in seconds.
+    rng : numpy.random.Generator
+        Source of all randomness.
+    """
+
+    def __init__(
+        self,
+        view: Callable[[], tuple[Array, SectionLaserPose]],
+        model: Callable[[], SectionLaserModel],
+        time: Callable[[], float],
+        *,
+        rng: np.random.Generator,
+    ) -> None:
+        self._view, self._model, self._time, self._rng = view, model, time, rng
+        self._connected = False
+
+    def __enter__(self) -> Self:
+        self._connected = True
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._connected = False
+
+    def capture(self) -> Profile:
+        """Take one profile from where the laser is now.
+
+        Raises
+        ------
+        LaserFault
+            Outside a ``with`` block.
+        """
+        if not self._connected:
+            raise LaserFault("the simulated laser is not connected: capture inside a `with` block")
+        section, pose = self._view()
+        return simulate_section_profile(section, pose, self._model(), self._rng, self._time())

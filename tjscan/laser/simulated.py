@@ -10,7 +10,7 @@ import numpy as np
 from tjscan.core.devices import DeviceBase
 from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array
-from tjscan.laser.distortion import Distortion
+from tjscan.laser.deviation import Distortion
 from tjscan.laser.faults import FaultRandomStreams, SimulatedProfile, apply_faults
 from tjscan.laser.model import LaserModel
 from tjscan.laser.optics import RaycastSurface, laser_ray_directions, trace_laser_rays

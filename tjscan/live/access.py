@@ -26,7 +26,7 @@ from websockets.http11 import Request, Response
 
 from tjscan.core.errors import PageUnavailable
 
-LOCAL: Final = "127.0.0.1"
+LOOPBACK_ADDRESS: Final = "127.0.0.1"
 ANSWER_TIMEOUT: Final = 5.0
 """Seconds within which the server answers its own check of whether it is closed."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -61,3 +61,16 @@ class HoldButton:
 
 
 PageButton = Button | HoldButton
+
+
+def stop_button(interrupt: Callable[[], object], what: str) -> Sequence[Button]:
+    """The button of all vehicles.
+
+    Parameters
+    ----------
+    interrupt : callable
+        Does what Ctrl-C does.
+    what : str
+        Is stopped.
+    """
+    return [Button("STOP", interrupt, "red", f"As Ctrl-C: stop {what} at once", big=True)]

@@ -11,16 +11,16 @@ from typing import Final
 
 Colour = tuple[int, int, int]
 
-ARM: Final[Colour] = (72, 99, 132)
-TOOL: Final[Colour] = (226, 144, 54)
-SOLID: Final[Colour] = (172, 178, 186)
-GHOST: Final[Colour] = (150, 160, 172)
-LASER: Final[Colour] = (226, 38, 54)
-FITTED: Final[Colour] = (255, 214, 10)
-UNKNOWN: Final[Colour] = (120, 120, 120)
+ARM_COLOUR: Final[Colour] = (72, 99, 132)
+TOOL_COLOUR: Final[Colour] = (226, 144, 54)
+SOLID_COLOUR: Final[Colour] = (172, 178, 186)
+NOMINAL_COLOUR: Final[Colour] = (150, 160, 172)
+LASER_COLOUR: Final[Colour] = (226, 38, 54)
+FITTED_COLOUR: Final[Colour] = (255, 214, 10)
+UNKNOWN_COLOUR: Final[Colour] = (120, 120, 120)
 """Of a piece whose measure is not known."""
 
-STEPS: Final = (1.0, 2.0, 5.0, 10.0)
+SCALE_STEPS: Final = (1.0, 2.0, 5.0, 10.0)
 """What the ends of a scale are multiples of, times a power of ten."""
 
 
@@ -45,7 +45,7 @@ class ColourScale:
     def colour_of(self, value: float) -> Colour:
         """Colour of a value; grey where it is not known."""
         if not isfinite(value):
-            return UNKNOWN
+            return UNKNOWN_COLOUR
         share = min(max((value - self.low) / (self.high - self.low), 0.0), 1.0)
         return viridis()[round(share * (len(viridis()) - 1))]
 
@@ -66,7 +66,9 @@ def round_ends(values: Iterable[float]) -> tuple[float, float]:
     low, high = (min(known), max(known)) if known else (0.0, 1.0)
     span = max(high - low, 0.02 * max(abs(low), abs(high)), 1e-6)
     power = 10.0 ** floor(log10(span / 4))
-    step = power * STEPS[min(bisect_left(STEPS, span / 4 / power), len(STEPS) - 1)]
+    step = (
+        power * SCALE_STEPS[min(bisect_left(SCALE_STEPS, span / 4 / power), len(SCALE_STEPS) - 1)]
+    )
     first = floor(low / step + 1e-9)
     last = max(-floor(-high / step + 1e-9), first + 1)
     return first * step, last * step

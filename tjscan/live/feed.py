@@ -9,11 +9,11 @@ from typing import Final, Generic, TypeVar
 
 Entry = TypeVar("Entry")
 
-CAPACITY: Final = 512
+FEED_CAPACITY: Final = 512
 """Entries that wait for the page; what comes while it is full is not shown."""
-PACE: Final = 0.05
+DRAW_INTERVAL: Final = 0.05
 """Seconds between two looks: the page changes 20 times a second at most."""
-GOODBYE: Final = 2.0
+CLOSING_TIMEOUT: Final = 2.0
 """Seconds that the end of a run leaves the page to show what is waiting."""
 
 
@@ -33,7 +33,7 @@ class LiveFeed(Generic[Entry]):
         self, show: Callable[[Sequence[Entry]], None], report: Callable[[str], object]
     ) -> None:
         self._show, self._report = show, report
-        self._waiting: Queue[Entry] = Queue(CAPACITY)
+        self._waiting: Queue[Entry] = Queue(FEED_CAPACITY)
         self._over, self.dropped, self.is_dead = Event(), 0, False
         self._thread = Thread(target=self._run, name="live page", daemon=True)
         self._thread.start()
@@ -48,15 +48,15 @@ class LiveFeed(Generic[Entry]):
             self.dropped += 1
 
     def close(self) -> None:
-        """Show what is waiting, if that takes no longer than `GOODBYE`, and end."""
+        """Show what is waiting, if that takes no longer than `CLOSING_TIMEOUT`, and end."""
         self._over.set()
-        self._thread.join(GOODBYE)
+        self._thread.join(CLOSING_TIMEOUT)
         if self.dropped:
             self._report(f"the page did not keep up: {self.dropped} entries are missing from it")
 
     def _run(self) -> None:
         while True:
-            over = self._over.wait(PACE)
+            over = self._over.wait(DRAW_INTERVAL)
             entries = self._drain()
             try:
                 if entries:

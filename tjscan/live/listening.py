@@ -11,7 +11,7 @@ from tjscan.core.errors import PageUnavailable
 from tjscan.live.buttons import PageButton
 from tjscan.live.feed import LiveFeed
 from tjscan.live.page import Page, PageAddress
-from tjscan.live.step import STATE, Setting, Step, merge_steps
+from tjscan.live.step import STATE_FACT, Setting, Step, merge_steps
 
 Entry = TypeVar("Entry")
 Shown = TypeVar("Shown", contravariant=True)
@@ -58,7 +58,7 @@ class RunOnPage(Generic[Entry]):
 
     def say(self, state: str) -> None:
         """Show what the run is doing, in a few words."""
-        self.post(Step(facts={STATE: state}))
+        self.post(Step(facts={STATE_FACT: state}))
 
     def check_page(self) -> None:
         """Check that there is a page to press Start in.

@@ -12,7 +12,7 @@ import numpy as np
 import viser
 
 from tjscan.core.frames import Array
-from tjscan.live.access import LOCAL, close_server, new_token, open_server
+from tjscan.live.access import LOOPBACK_ADDRESS, close_server, new_token, open_server
 from tjscan.live.buttons import HOLD_RATE, HoldButton, PageButton
 from tjscan.live.colours import ColourScale, viridis
 from tjscan.live.drawables import MeasuredPiece
@@ -22,12 +22,12 @@ from tjscan.live.step import Measure, Setting, Step
 
 FIELD_OF_VIEW: Final = 0.75
 """Radians, of the picture's height."""
-GAP: Final = 1.6
+RUN_SPACING: Final = 1.6
 """Distance of runs side by side, as a multiple of the distance that they are seen from."""
 
 BUTTONS_ORDER: Final = -300.0
 """Of the first button: above all that grows, so that none moves away from who presses it."""
-BIG: Final = "height:4.5rem!important;font-size:1.8rem!important;font-weight:700"
+BIG_BUTTON_STYLE: Final = "height:4.5rem!important;font-size:1.8rem!important;font-weight:700"
 """Style of a button that nobody may have to look for."""
 
 
@@ -44,7 +44,7 @@ class PageAddress:
     """
 
     port: int = 8080
-    address: str = LOCAL
+    address: str = LOOPBACK_ADDRESS
 
 
 class RunView:
@@ -171,7 +171,7 @@ class Page:
 
     def _enlarge(self, button: Any) -> None:
         """Make a button as tall as four others."""
-        style = f"<style>[id='{button._impl.uuid}']{{{BIG}}}</style>"
+        style = f"<style>[id='{button._impl.uuid}']{{{BIG_BUTTON_STYLE}}}</style>"
         self.server.gui.add_html(style, order=BUTTONS_ORDER)
 
     def choose_measure(self, title: str) -> None:
@@ -238,7 +238,9 @@ def _shifts(settings: Sequence[Setting]) -> Array:
     """Where runs stand side by side, square to the way they are looked at, shape (n, 3)."""
     away = settings[0].look_from - settings[0].look_at
     aside = np.cross((0.0, 0.0, 1.0), away)
-    step = GAP * float(np.linalg.norm(away)) * aside / max(float(np.linalg.norm(aside)), 1e-9)
+    step = (
+        RUN_SPACING * float(np.linalg.norm(away)) * aside / max(float(np.linalg.norm(aside)), 1e-9)
+    )
     return np.outer(np.arange(len(settings)), 0.5 * step)
 
 

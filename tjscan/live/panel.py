@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from html import escape
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 import viser
+from jinja2 import Environment, PackageLoader
 from viser import uplot
 
 from tjscan.core.frames import Array
 from tjscan.live.colours import ColourScale, round_ends
-from tjscan.live.diagram import StateDiagram
-from tjscan.live.step import PRESS, STATE, Measure, PlaneCurve, Sample, Setting, Step
+from tjscan.live.step import (
+    PRESS_FACT,
+    STATE_FACT,
+    Measure,
+    PlaneCurve,
+    Sample,
+    Setting,
+    StateDiagram,
+    Step,
+)
 
 STATE_ORDER: Final = -200.0
 """Of the state: below the buttons, above all else."""
@@ -22,28 +30,24 @@ MOST_PLOTTED: Final = 600
 """Samples in the plot: of more, as many evenly chosen ones."""
 PROFILE_POINTS: Final = 64
 """Of the newest profile in its plot."""
-NO_FACTS: Final = {STATE: "", PRESS: ""}
+NO_FACTS: Final = {STATE_FACT: "", PRESS_FACT: ""}
 """Before any is known; these two stand first."""
 CHART_HEIGHT: Final = 200
 CHART_PADDING: Final = (8, 24, 0, 0)
 """Pixels above, to the right, below and to the left: half a number stands out above the axis."""
 LABEL_FONT: Final = "11px system-ui, sans-serif"
-LINE: Final = "#2a6fbb"
-BAND: Final = "rgba(42,111,187,0.35)"
-FIT: Final = "#d0452f"
-DOT: Final[uplot.Series_Points] = {"show": True, "size": 6, "fill": LINE}
-DASH: Final[uplot.Series_Points] = {"show": True, "size": 3}
+LINE_COLOUR: Final = "#2a6fbb"
+BAND_COLOUR: Final = "rgba(42,111,187,0.35)"
+FIT_COLOUR: Final = "#d0452f"
+LARGE_POINTS: Final[uplot.Series_Points] = {"show": True, "size": 6, "fill": LINE_COLOUR}
+SMALL_POINTS: Final[uplot.Series_Points] = {"show": True, "size": 3}
 
-STYLE: Final = (
-    "<style>.tj{font:13px/1.45 system-ui,sans-serif;padding:2px 12px}"
-    ".tj table{border-collapse:collapse;width:100%}"
-    ".tj td{padding:2px 4px;vertical-align:top}"
-    ".tj td:first-child{opacity:.65;white-space:nowrap;width:1%;padding-right:12px}"
-    ".tj th{text-align:left;opacity:.65;font-weight:400;padding:2px 4px}"
-    ".tj .events{max-height:260px;overflow-y:auto}"
-    ".tj .scale{height:10px;border-radius:3px}"
-    ".tj .ends{display:flex;justify-content:space-between}</style>"
+HTML_MACROS: Final = (
+    Environment(loader=PackageLoader("tjscan.live", "."), autoescape=True, trim_blocks=True)
+    .get_template("panel.html.jinja")
+    .module
 )
+"""Names of joints and devices are text, whatever they hold: escaping is on for all of it."""
 
 
 class Panel:
@@ -62,19 +66,31 @@ class Panel:
         self._facts = dict(NO_FACTS)
         self.samples: list[Sample] = []
         self.events: list[tuple[str, str]] = []
-        self._state = gui.add_html(facts_table({}), order=STATE_ORDER)
+        self._state = gui.add_html(_html("facts", {}), order=STATE_ORDER)
         self._progress: Any = gui.add_progress_bar(0.0, visible=False)
         self._legend = gui.add_html("", visible=False)
         self._plot: Any = None
         self._profile: Any = None
         if setting.measures:
-            self._plot = self._make_plot(gui)
-            self._profile = self._make_profile(gui)
+            self._plot = _add_chart(
+                gui,
+                setting.plot_axis,
+                "",
+                uplot.Series(label="value", stroke=LINE_COLOUR, width=0, points=LARGE_POINTS),
+                uplot.Series(label="+ sigma", stroke=BAND_COLOUR, width=0, points=SMALL_POINTS),
+                uplot.Series(label="- sigma", stroke=BAND_COLOUR, width=0, points=SMALL_POINTS),
+            )
+            self._profile = _add_chart(
+                gui,
+                *setting.profile_axes,
+                uplot.Series(label="profile", stroke=LINE_COLOUR, width=0, points=SMALL_POINTS),
+                uplot.Series(label="fitted", stroke=FIT_COLOUR, width=2, points={"show": False}),
+            )
         self._table = gui.add_html("", visible=False)
         self._diagram = gui.add_html("", visible=False)
         self._drawn_diagram: StateDiagram | None = None
         with gui.add_folder("Events", expand_by_default=True):
-            self._log = gui.add_html(events_table(()))
+            self._log = gui.add_html(_html("events", ()))
 
     def update(self, step: Step, measure: Measure | None, scale: ColourScale | None) -> None:
         """Show what a step changes.
@@ -89,18 +105,18 @@ class Panel:
         """
         if step.facts:
             self._facts.update(step.facts)
-            self._state.content = facts_table(self._facts)
+            self._state.content = _html("facts", self._facts)
         if step.progress is not None:
             self._progress.visible, self._progress.value = True, 100 * step.progress
         if step.events:
             self.events.extend(step.events)
-            self._log.content = events_table(self.events)
+            self._log.content = _html("events", self.events[-MOST_EVENTS:])
         if step.table is not None:
-            self._table.visible, self._table.content = True, rows_table(step.table)
+            self._table.visible, self._table.content = True, _html("table", step.table)
         if step.diagram is not None and step.diagram != self._drawn_diagram:
             self._drawn_diagram = step.diagram
             self._diagram.visible = True
-            self._diagram.content = f"{STYLE}<div class='tj'>{step.diagram.to_svg()}</div>"
+            self._diagram.content = _html("diagram", step.diagram)
         if step.profile is not None and self._profile is not None:
             x, *others = columns = profile_columns(step.profile)
             ends = round_ends(np.concatenate(others))
@@ -126,7 +142,7 @@ class Panel:
         self._progress.value = 0.0
         self._table.visible = self._diagram.visible = False
         self._drawn_diagram = None
-        self._log.content = events_table(())
+        self._log.content = _html("events", ())
 
     def plot(self, measure: Measure, scale: ColourScale | None) -> None:
         """Plot a measure of all samples, and show its colours."""
@@ -142,40 +158,24 @@ class Panel:
         if self._plot.axes != axes:
             self._plot.axes = axes
         self._legend.visible = scale is not None
-        self._legend.content = "" if scale is None else legend(measure, scale)
+        self._legend.content = "" if scale is None else _html("legend", measure.title, scale)
 
-    def _make_plot(self, gui: viser.GuiApi) -> Any:
-        return gui.add_uplot(
-            data=(np.zeros(0),) * 4,
-            series=(
-                uplot.Series(label=self._setting.plot_axis),
-                uplot.Series(label="value", stroke=LINE, width=0, points=DOT),
-                uplot.Series(label="+ sigma", stroke=BAND, width=0, points=DASH),
-                uplot.Series(label="- sigma", stroke=BAND, width=0, points=DASH),
-            ),
-            scales={"x": {"time": False}},
-            axes=_axes(self._setting.plot_axis, ""),
-            legend={"show": False},
-            height=CHART_HEIGHT,
-            padding=CHART_PADDING,
-            visible=False,
-        )
 
-    def _make_profile(self, gui: viser.GuiApi) -> Any:
-        return gui.add_uplot(
-            data=(np.zeros(0),) * 3,
-            series=(
-                uplot.Series(label=self._setting.profile_axes[0]),
-                uplot.Series(label="profile", stroke=LINE, width=0, points=DASH),
-                uplot.Series(label="fitted", stroke=FIT, width=2, points={"show": False}),
-            ),
-            scales={"x": {"time": False}},
-            axes=_axes(*self._setting.profile_axes),
-            legend={"show": False},
-            height=CHART_HEIGHT,
-            padding=CHART_PADDING,
-            visible=False,
-        )
+def _html(macro: str, *values: object) -> str:
+    return str(getattr(HTML_MACROS, macro)(*values))
+
+
+def _add_chart(gui: viser.GuiApi, x: str, y: str, *series: uplot.Series) -> Any:
+    return gui.add_uplot(
+        data=(np.zeros(0),) * (1 + len(series)),
+        series=(uplot.Series(label=x), *series),
+        scales={"x": {"time": False}},
+        axes=_axes(x, y),
+        legend={"show": False},
+        height=CHART_HEIGHT,
+        padding=CHART_PADDING,
+        visible=False,
+    )
 
 
 def _redraw(
@@ -238,41 +238,3 @@ def profile_columns(curve: PlaneCurve) -> tuple[Array, ...]:
     fitted = np.concatenate((np.full(len(x), np.nan), curve.fitted[:, 1]))
     order = np.argsort(xs, kind="stable")
     return xs[order], points[order], fitted[order]
-
-
-def facts_table(facts: Mapping[str, str]) -> str:
-    """HTML of the state: a row for each fact."""
-    rows = "".join(
-        f"<tr><td>{escape(name)}</td><td><b>{escape(text)}</b></td></tr>"
-        for name, text in facts.items()
-        if text
-    )
-    return f"{STYLE}<div class='tj state'><table>{rows}</table></div>"
-
-
-def rows_table(rows: Sequence[Sequence[str]]) -> str:
-    """HTML of a table, its head first."""
-    cells = [f"<th>{'</th><th>'.join(map(escape, rows[0]))}</th>"] if rows else []
-    cells += [f"<td>{'</td><td>'.join(map(escape, row))}</td>" for row in rows[1:]]
-    table = "".join(f"<tr>{row}</tr>" for row in cells)
-    return f"{STYLE}<div class='tj'><table>{table}</table></div>"
-
-
-def events_table(events: Sequence[tuple[str, str]]) -> str:
-    """HTML of the last events, the newest first."""
-    if not events:
-        return f"{STYLE}<div class='tj'>none yet</div>"
-    rows = "".join(
-        f"<tr><td>{escape(name)}</td><td>{escape(detail)}</td></tr>"
-        for name, detail in reversed(events[-MOST_EVENTS:])
-    )
-    return f"{STYLE}<div class='tj'><div class='events'><table>{rows}</table></div></div>"
-
-
-def legend(measure: Measure, scale: ColourScale) -> str:
-    """HTML of the colours of a measure, with the values at their ends."""
-    return (
-        f"{STYLE}<div class='tj'><div class='scale' style='background:{scale.css_gradient}'></div>"
-        f"<div class='ends'><span>{scale.low:g}</span><span>{escape(measure.title)}</span>"
-        f"<span>{scale.high:g}</span></div></div>"
-    )

@@ -10,7 +10,7 @@ import viser
 from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array
-from tjscan.live.colours import ARM, SOLID, TOOL, Colour, ColourScale
+from tjscan.live.colours import ARM_COLOUR, SOLID_COLOUR, TOOL_COLOUR, Colour, ColourScale
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Placement, Posture, Surface
 from tjscan.live.step import Setting
 from tjscan.robot.solids import Solid
@@ -47,11 +47,11 @@ class Stage:
         self.pieces: dict[str, MeasuredPiece] = {}
         self._colour_by, self._scale = "", ColourScale(0.0, 1.0)
         self._draw_arm(setting)
-        self._draw_solids("solid", setting.solids, SOLID, SOLID_OPACITY)
+        self._draw_solids("solid", setting.solids, SOLID_COLOUR, SOLID_OPACITY)
         for name, solids in setting.bodies.items():
             self._bodies[name] = self._hidden_frame(name)
             opacity = BODY_OPACITY if name in setting.see_through else 1.0
-            self._draw_solids(name, solids, ARM, opacity)
+            self._draw_solids(name, solids, ARM_COLOUR, opacity)
         for k, thing in enumerate(setting.ghost):
             self._draw(f"ghost/{k}", thing)
 
@@ -107,8 +107,8 @@ class Stage:
             self._links[name] = self._hidden_frame(f"arm/{name}")
         for body in link_bodies(setting.arm.urdf):
             path = f"{self._root}/arm/{body.link}/body"
-            self._mesh(path, body.vertices, body.triangles, ARM)
-        self._draw_solids(f"arm/{flange}/tool", setting.tool, TOOL)
+            self._mesh(path, body.vertices, body.triangles, ARM_COLOUR)
+        self._draw_solids(f"arm/{flange}/tool", setting.tool, TOOL_COLOUR)
 
     def _pose_arm(self, q: Array) -> None:
         if self._arm is None:

@@ -12,14 +12,13 @@ from typing import Final, Protocol
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.live.diagram import StateDiagram
 from tjscan.live.drawables import Drawable, Lines, Surface
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.solids import Solid
 
-STATE: Final = "state"
+STATE_FACT: Final = "state"
 """The fact that says what the run is doing, or asks."""
-PRESS: Final = "press"
+PRESS_FACT: Final = "press"
 """The fact that says which buttons answer."""
 
 
@@ -85,6 +84,52 @@ class PlaneCurve:
     x: Array
     z: Array
     fitted: Array = field(default_factory=lambda: np.empty((0, 2)))
+
+
+@dataclass(frozen=True, slots=True)
+class StateDiagram:
+    """States in a column, the transitions between them, and the present state.
+
+    Parameters
+    ----------
+    states : tuple of str
+        From top to bottom.
+    transitions : tuple of (str, str, str)
+        From a state to another, and the event that leads there.
+    now : str
+        The present state.
+    alarm : str
+        State that every other may lead to; empty if there is none.
+    """
+
+    states: tuple[str, ...]
+    transitions: tuple[tuple[str, str, str], ...]
+    now: str
+    alarm: str = ""
+
+    @property
+    def arrows(self) -> list[tuple[int, int, str]]:
+        """Numbers of two states and all events that lead from one to the other."""
+        labels: dict[tuple[int, int], list[str]] = {}
+        for start, end, label in self.transitions:
+            labels.setdefault((self.states.index(start), self.states.index(end)), []).append(label)
+        return [(start, end, " / ".join(events)) for (start, end), events in labels.items()]
+
+
+@dataclass(frozen=True, slots=True)
+class NotedEvent:
+    """An event of a run, as its journal receives it.
+
+    Parameters
+    ----------
+    name : str
+        Its kind.
+    detail : str
+        What happened.
+    """
+
+    name: str
+    detail: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 
-_ARRAYS = (
+BEAD_ARRAYS = (
     "s",
     "T_r_torch",
     "speed",
@@ -23,6 +23,7 @@ _ARRAYS = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class PlannedBead:
     """A bead, sampled at q points in the order in which it is welded.
 
@@ -86,16 +87,12 @@ class PlannedBead:
     open_root: bool = False
     part: int = 1
 
-    def __post_init__(self) -> None:
-        for name in _ARRAYS:
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
-
     def cut(self, spans: Sequence[tuple[int, int]]) -> tuple[PlannedBead, ...]:
         """The parts of it from one point to another, both included, in the order of welding."""
         return tuple(
             replace(
                 self,
-                **{name: getattr(self, name)[a : b + 1] for name in (*_ARRAYS, "positions")},
+                **{name: getattr(self, name)[a : b + 1] for name in (*BEAD_ARRAYS, "positions")},
             )
             for a, b in spans
         )
@@ -103,6 +100,16 @@ class PlannedBead:
     def numbered(self, number: int, part: int, zone: int, station: str) -> PlannedBead:
         """The same bead with its number and part, its zone's number, and its station."""
         return replace(self, number=number, part=part, zone=zone, station=station)
+
+    @property
+    def begin(self) -> float:
+        """Length along the groove at which it starts, metres."""
+        return float(self.s[0])
+
+    @property
+    def end(self) -> float:
+        """Length along the groove at which it ends, metres."""
+        return float(self.s[-1])
 
     @property
     def points(self) -> Array:

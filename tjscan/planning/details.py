@@ -10,10 +10,10 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.core.units import DEG, MM, FileUnit
-from tjscan.planning.detail_table import JointDetail
+from tjscan.core.units import DEG, MM
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.path import stations_at
+from tjscan.planning.wps import JointDetail
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,30 +26,29 @@ class DetailStretch:
         Along the groove, metres.
     dihedral : tuple of float
         Least and most, radians.
-    sigma : float
+    sigma_dihedral : float
         The largest standard deviation of the dihedral angle, radians.
     details : tuple of str
         Whose windows of the dihedral angle hold it, in the table's order.
-    out : tuple of str
-        Of the one that fits best: what lies out of its windows, and what they are.
+    out_of_table : tuple of str
+        Of the one that fits best: measures outside its windows, and these windows.
     """
 
     begin: float
     end: float
     dihedral: tuple[float, float]
-    sigma: float
+    sigma_dihedral: float
     details: tuple[str, ...]
-    out: tuple[str, ...]
+    out_of_table: tuple[str, ...]
 
 
 NO_DETAIL: Final = "no detail of the table holds this dihedral angle"
 
-_Measure = tuple[str, FileUnit, str]
-MEASURES: Final[tuple[_Measure, ...]] = (
-    ("groove_angle", DEG, "°"),
-    ("root_opening", MM, " mm"),
-    ("size", MM, " mm"),
-)
+MEASURE_UNITS: Final = {
+    "groove_angle": (DEG, "°"),
+    "root_opening": (MM, " mm"),
+    "size": (MM, " mm"),
+}
 
 
 def compare_with_details(
@@ -69,11 +68,14 @@ def compare_with_details(
     details : sequence of JointDetail
         The table.
     """
-    measured = _measures(edges)
     found = [
         (s, angle, spread, *_beside(angle, values, details))
         for s, angle, spread, values in zip(
-            edges.sections.tolist(), dihedral.tolist(), sigma.tolist(), measured, strict=True
+            edges.sections.tolist(),
+            dihedral.tolist(),
+            sigma.tolist(),
+            _measures(edges),
+            strict=True,
         )
     ]
     stretches = []
@@ -115,7 +117,7 @@ def _beside(
 
 
 def _text(name: str, out: Sequence[tuple[float, tuple[float, float]]]) -> str:
-    unit, symbol = next((unit, symbol) for key, unit, symbol in MEASURES if key == name)
+    unit, symbol = MEASURE_UNITS[name]
     values = [value / unit.factor for value, _ in out]
     low, high = (limit / unit.factor for limit in out[0][1])
     span = f"{min(values):.1f} to {max(values):.1f}{symbol}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field, ValidationError
@@ -12,20 +12,27 @@ from pydantic import Field, ValidationError
 from tjscan.core.config import StrictFileModel
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import read_small_file
-from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
-from tjscan.core.units import DEG, MM, MM2
+from tjscan.core.units import DEG, MM, MM2, FileUnit
 from tjscan.planning.details import DetailStretch
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN
 
 Range = Annotated[tuple[float, float], Field(strict=False, description="least and most")]
 
-DIGITS: Final = 6
-"""Significant ones of the numbers written."""
+SIGNIFICANT_DIGITS: Final = 6
+"""Of the numbers written."""
 
-MOST_BYTES: Final = 10_000_000
+MOST_PLAN_BYTES: Final = 10_000_000
 """A larger file holds no plan: a bead takes a kilobyte."""
+
+FIELD_UNITS: Final = (
+    *(MM, MM2, DEG, MM_MIN, M_MIN, KJ_MM),
+    *(FileUnit("mm3", 1e-9), FileUnit("l", 1e-3), FileUnit("m"), FileUnit("kg"), FileUnit("s")),
+)
+"""Units that the names of fields end with."""
+
+Entry = TypeVar("Entry", bound=StrictFileModel)
 
 
 class ZoneEntry(StrictFileModel):
@@ -186,84 +193,38 @@ def plan_document(
     details : sequence of DetailStretch
         The groove beside the WPS's table of details.
     stations : tuple of StationEntry
-        What each reaches.
+        The lengths that each reaches.
     without_stations : str
-        Why that is not known.
+        Why these are not known.
     """
     x, y, z = plan.gravity.tolist()
-    return PlanDocument(
+    return _entry(
+        PlanDocument,
+        plan,
         run=run,
         wps=wps,
-        stations=stations,
-        without_stations=without_stations,
         provenance=provenance,
         gravity=(x, y, z),
         closed=plan.edges.closed,
-        after_pass=plan.after_pass,
         root=_root(plan),
-        groove_mm=_short(plan.edges.length, MM.factor),
-        arc_time_s=_short(plan.arc_time),
-        volume_mm3=_short(plan.volume, 1e-9),
-        wire_m=_short(plan.wire_length),
-        wire_kg=_short(plan.wire_mass),
-        gas_l=_short(plan.gas_volume, 1e-3),
-        stick_out_mm=_short(plan.wps.torch.stick_out, MM.factor),
-        overlap_mm=_short(plan.wps.sequence.overlap, MM.factor),
+        groove_mm=_in_file("groove_mm", plan.edges.length),
+        wire_m=_in_file("wire_m", plan.wire_length),
+        wire_kg=_in_file("wire_kg", plan.wire_mass),
+        gas_l=_in_file("gas_l", plan.gas_volume),
+        stick_out_mm=_in_file("stick_out_mm", plan.wps.torch.stick_out),
+        overlap_mm=_in_file("overlap_mm", plan.wps.sequence.overlap),
         interpass_temperature_C=plan.wps.sequence.interpass_temperature,
         zones=tuple(
-            ZoneEntry(
-                begin_mm=_short(zone.begin, MM.factor),
-                end_mm=_short(zone.end, MM.factor),
-                beads_in_layers=zone.arrangement.counts,
-            )
-            for zone in plan.zones
+            _entry(ZoneEntry, zone, beads_in_layers=zone.arrangement.counts) for zone in plan.zones
         ),
         beads=tuple(
-            BeadEntry(
-                number=bead.number,
-                part=bead.part,
-                zone=bead.zone,
-                layer=bead.layer,
-                place=bead.place,
-                kind=bead.kind,
-                station=bead.station,
-                begin_mm=_short(bead.s[0], MM.factor),
-                end_mm=_short(bead.s[-1], MM.factor),
-                length_mm=_short(bead.length, MM.factor),
-                feed_m_min=_short(bead.feed, M_MIN.factor),
-                speed_mm_min=_range(bead.speed, MM_MIN.factor),
-                area_mm2=_range(bead.area, MM2.factor),
-                width_mm=_range(bead.width, MM.factor),
-                heat_kJ_mm=_range(bead.heat, KJ_MM.factor),
-                positions=tuple(sorted(set(bead.positions))),
-                arc_time_s=_short(bead.arc_time),
-                volume_mm3=_short(bead.volume, 1e-9),
-                fill_sigma=_short(bead.fill_sigma),
-            )
+            _entry(BeadEntry, bead, positions=tuple(sorted(set(bead.positions))))
             for bead in plan.beads
         ),
-        details=tuple(
-            DetailEntry(
-                begin_mm=_short(one.begin, MM.factor),
-                end_mm=_short(one.end, MM.factor),
-                dihedral_deg=_range(np.array(one.dihedral), DEG.factor),
-                sigma_dihedral_deg=_short(one.sigma, DEG.factor),
-                details=one.details,
-                out_of_table=one.out,
-            )
-            for one in details
-        ),
-        out_of_wps=tuple(
-            FindingEntry(
-                key=one.key,
-                bead=one.bead,
-                begin_mm=_short(one.begin, MM.factor),
-                end_mm=_short(one.end, MM.factor),
-                share=_short(one.share),
-                text=one.text,
-            )
-            for one in plan.findings
-        ),
+        details=tuple(_entry(DetailEntry, one) for one in details),
+        out_of_wps=tuple(_entry(FindingEntry, one) for one in plan.findings),
+        stations=stations,
+        without_stations=without_stations,
     )
 
 
@@ -271,12 +232,55 @@ def _root(plan: WeldPlan) -> RootEntry:
     root, settings = plan.edges.root, plan.wps.root
     opening = plan.edges.root_opening(root.s)[root.openness == 1]
     tacks = () if plan.after_pass else root.tack_spans(settings.tack_length)  # under a pass: none
-    return RootEntry(
-        opening_mm=_range(opening, MM.factor) if len(opening) else None,
-        backing=settings.backing,
-        tacks=settings.tacks,
-        tack_spans_mm=tuple(_range(np.array(span), MM.factor) for span in tacks),
+    return _entry(
+        RootEntry,
+        settings,
+        opening_mm=_in_file("opening_mm", opening) if len(opening) else None,
+        tack_spans_mm=tuple(_in_file("tack_spans_mm", span) for span in tacks),
     )
+
+
+def _entry(model: type[Entry], source: object, **own: Any) -> Entry:
+    """Fill a model with the attributes of a plan's part, in the units of the model's fields.
+
+    Parameters
+    ----------
+    model : type
+        Field ``speed_mm_min`` takes the attribute ``speed``; a field without a unit takes the
+        attribute of its name.
+    source : object
+        Holds numbers and arrays in SI units.
+    **own
+        Values of fields that `source` has no attribute for.
+    """
+    return model(
+        **own
+        | {
+            name: _in_file(name, getattr(source, _stem_and_factor(name)[0]))
+            for name in model.model_fields
+            if name not in own and name not in ("schema_name", "version")
+        }
+    )
+
+
+def _stem_and_factor(field: str) -> tuple[str, float]:
+    """Name of a field without its unit, and the unit's value in SI units."""
+    found = [unit for unit in FIELD_UNITS if field.endswith(f"_{unit.suffix}")]
+    if not found:
+        return field, 1.0
+    unit = max(found, key=lambda one: len(one.suffix))
+    return field.removesuffix(f"_{unit.suffix}"), unit.factor
+
+
+def _in_file(field: str, value: Any) -> Any:
+    """A value as the file has it: numbers in the unit of the field, least and most of several."""
+    factor = _stem_and_factor(field)[1]
+    if isinstance(value, float):
+        return float(f"{value / factor:.{SIGNIFICANT_DIGITS}g}")
+    is_range = isinstance(value, tuple) and bool(value) and isinstance(value[0], float)
+    if is_range or isinstance(value, np.ndarray):
+        return tuple(_in_file(field, float(limit)) for limit in (np.min(value), np.max(value)))
+    return value
 
 
 def read_plan(file: Path) -> PlanDocument:
@@ -288,7 +292,7 @@ def read_plan(file: Path) -> PlanDocument:
         If it is missing, or no plan as this version writes it.
     """
     try:
-        return PlanDocument.model_validate_json(read_small_file(file, MOST_BYTES, "a plan"))
+        return PlanDocument.model_validate_json(read_small_file(file, MOST_PLAN_BYTES, "a plan"))
     except OSError as error:
         raise ConfigurationError(
             f"can't be read: {error.strerror}. `tjscan plan` writes it", file=file
@@ -300,11 +304,3 @@ def read_plan(file: Path) -> PlanDocument:
             file=file,
             key=".".join(str(part) for part in first["loc"]) or None,
         ) from None
-
-
-def _range(values: Array, unit: float) -> tuple[float, float]:
-    return _short(float(values.min()), unit), _short(float(values.max()), unit)
-
-
-def _short(value: float, unit: float = 1.0) -> float:
-    return float(f"{value / unit:.{DIGITS}g}")

@@ -11,7 +11,6 @@ import numpy as np
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.planning.bead import PlannedBead
-from tjscan.planning.deposit import bead_lines
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.path import (
     CHORD_ERROR,
@@ -19,6 +18,7 @@ from tjscan.planning.path import (
     LONGEST,
     GrooveStations,
     aim_points,
+    bead_lines,
     chord_error_and_kink,
     stations_at,
     template_at,

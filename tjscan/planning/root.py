@@ -13,7 +13,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.root import OPEN_ROOT, ROOT_NOT_SEEN
-from tjscan.groove.section import TACK
+from tjscan.groove.section import TACK_WELD
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.wps import WeldingProcedure
 
@@ -22,7 +22,7 @@ RootKind = Literal["closed", "open", "welded"]
 
 Span = tuple[float, float]
 
-UNKNOWN: Final = (TACK, ROOT_NOT_SEEN)
+UNKNOWN: Final = (TACK_WELD, ROOT_NOT_SEEN)
 """Conditions of a section that does not show whether its root is open."""
 
 
@@ -96,7 +96,7 @@ def root_of_sections(
     closed : bool
         Whether it closes.
     """
-    tacked = np.array([TACK in section.conditions for section in sections])
+    tacked = np.array([TACK_WELD in section.conditions for section in sections])
     shown = np.array([not set(UNKNOWN) & set(section.conditions) for section in sections])
     openness = np.array([float(OPEN_ROOT in section.conditions) for section in sections])
     if shown.any():

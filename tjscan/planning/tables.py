@@ -1,9 +1,10 @@
-"""``beads.csv``: a row for every point of every bead."""
+"""The beads of a plan in tables: ``beads.csv``, a row a point, and a row a bead for readers."""
 
 from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -17,60 +18,36 @@ from tjscan.core.frames import Array
 from tjscan.core.pose_vector import rotation_to_vector
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import DEG, MM, MM2
+from tjscan.planning.bead import PlannedBead
+from tjscan.planning.document import BeadEntry, PlanDocument
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN
 
-COLUMNS: Final = (
-    *(
-        "bead",
-        "part",
-        "zone",
-        "layer",
-        "place",
-        "kind",
-        "s_mm",
-        "x_mm",
-        "y_mm",
-        "z_mm",
-        "rx",
-        "ry",
-        "rz",
-    ),
-    *("speed_mm_min", "sigma_speed_mm_min", "feed_m_min", "area_mm2", "sigma_area_mm2"),
-    *("width_mm", "heat_kJ_mm", "slope_deg", "rotation_deg", "position", "station"),
-)
-"""rx, ry and rz are the rotation vector of the torch, radians."""
-
-MOST_BYTES: Final = 200_000_000
+MOST_TABLE_BYTES: Final = 200_000_000
 """A larger table holds no plan."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeadCourse:
-    """How a bead, or a part of it, goes along the groove, in the units of ``beads.csv``.
+    """Welding positions of a bead, or a part of it, along the groove, as ``beads.csv`` has them.
 
     Parameters
     ----------
     number : int
         In the order of welding.
-    kind : str
-        root, fill or cap.
-    s, speed, heat : ndarray, shape (q,)
-        Millimetres along the groove, mm/min and kJ/mm.
+    s : ndarray, shape (q,)
+        Millimetres along the groove.
     positions : tuple of str
         Welding position at each point.
     """
 
     number: int
-    kind: str
     s: Array
-    speed: Array
-    heat: Array
     positions: tuple[str, ...]
 
 
 def read_beads_csv(file: Path) -> tuple[BeadCourse, ...]:
-    """Read how the beads of ``beads.csv`` go along the groove.
+    """Read the welding positions of the beads in ``beads.csv``.
 
     Raises
     ------
@@ -78,7 +55,7 @@ def read_beads_csv(file: Path) -> tuple[BeadCourse, ...]:
         If it is missing, or no such table.
     """
     try:
-        text = read_small_file(file, MOST_BYTES, "a table of beads").decode()
+        text = read_small_file(file, MOST_TABLE_BYTES, "a table of beads").decode()
         lines = (line for line in text.splitlines() if not line.startswith("#"))
         rows = list(csv.DictReader(lines, strict=True))
         return tuple(
@@ -95,49 +72,69 @@ def read_beads_csv(file: Path) -> tuple[BeadCourse, ...]:
 
 
 def _course(number: int, rows: list[dict[str, str]]) -> BeadCourse:
-    s, speed, heat = (
-        np.array([float(row[name]) for row in rows])
-        for name in ("s_mm", "speed_mm_min", "heat_kJ_mm")
-    )
-    return BeadCourse(
-        number, rows[0]["kind"], s, speed, heat, tuple(row["position"] for row in rows)
-    )
+    s = np.array([float(row["s_mm"]) for row in rows])
+    return BeadCourse(number, s, tuple(row["position"] for row in rows))
 
 
 def beads_to_csv(plan: WeldPlan, provenance: Provenance) -> str:
-    """Convert a plan's beads to CSV text; units stand in the names of the columns.
+    """Convert a plan's beads to CSV text; the names of the columns have their units.
 
     Parameters
     ----------
     plan : WeldPlan
         The plan.
     provenance : Provenance
-        Stands above the table.
+        Written above the table.
     """
     stream = io.StringIO()
     stream.write(provenance.comment_lines("#"))
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    names = ("bead", "part", "zone", "layer", "place", "kind")
+    writer.writerow((*names, *_number_columns(plan.beads[0]), "position", "station"))
     for bead in plan.beads:
-        turns = rotation_to_vector(bead.T_r_torch[:, :3, :3])
-        sigma = bead.relative_sigma
-        numbers = np.column_stack(
-            (
-                bead.s / MM.factor,
-                bead.points / MM.factor,
-                turns,
-                bead.speed / MM_MIN.factor,
-                sigma * bead.speed / MM_MIN.factor,
-                np.full(len(sigma), bead.feed / M_MIN.factor),
-                bead.area / MM2.factor,
-                sigma * bead.area / MM2.factor,
-                bead.width / MM.factor,
-                bead.heat / KJ_MM.factor,
-                bead.slope / DEG.factor,
-                bead.rotation / DEG.factor,
-            )
-        )
-        names = (bead.number, bead.part, bead.zone, bead.layer, bead.place, bead.kind)
-        for row, position in zip(numbers, bead.positions, strict=True):
-            writer.writerow((*names, *(f"{value:.6f}" for value in row), position, bead.station))
+        whose = (bead.number, bead.part, bead.zone, bead.layer, bead.place, bead.kind)
+        rows = np.column_stack(list(_number_columns(bead).values()))
+        for row, position in zip(rows, bead.positions, strict=True):
+            writer.writerow((*whose, *(f"{value:.6f}" for value in row), position, bead.station))
     return stream.getvalue()
+
+
+def _number_columns(bead: PlannedBead) -> dict[str, Array]:
+    """Columns of numbers of ``beads.csv``; rx, ry and rz are the torch's rotation vector, rad."""
+    x, y, z = bead.points.T / MM.factor
+    rx, ry, rz = rotation_to_vector(bead.T_r_torch[:, :3, :3]).T
+    return {
+        "s_mm": bead.s / MM.factor,
+        **{"x_mm": x, "y_mm": y, "z_mm": z, "rx": rx, "ry": ry, "rz": rz},
+        "speed_mm_min": bead.speed / MM_MIN.factor,
+        "sigma_speed_mm_min": bead.relative_sigma * bead.speed / MM_MIN.factor,
+        "feed_m_min": np.full(len(bead.s), bead.feed / M_MIN.factor),
+        "area_mm2": bead.area / MM2.factor,
+        "sigma_area_mm2": bead.relative_sigma * bead.area / MM2.factor,
+        "width_mm": bead.width / MM.factor,
+        "heat_kJ_mm": bead.heat / KJ_MM.factor,
+        "slope_deg": bead.slope / DEG.factor,
+        "rotation_deg": bead.rotation / DEG.factor,
+    }
+
+
+BEAD_COLUMNS: Final[Mapping[str, Callable[[BeadEntry], str]]] = {
+    "bead": lambda bead: str(bead.number),
+    "station": lambda bead: bead.station or "–",
+    "layer": lambda bead: f"{bead.layer}.{bead.place}",
+    "kind": lambda bead: bead.kind,
+    "length / mm": lambda bead: f"{bead.length_mm:.0f}",
+    "wire / (m/min)": lambda bead: f"{bead.feed_m_min:.2f}",
+    "speed / (mm/min)": lambda bead: "{:.0f}–{:.0f}".format(*bead.speed_mm_min),
+    "area / mm²": lambda bead: "{:.1f}–{:.1f}".format(*bead.area_mm2),
+    "heat / (kJ/mm)": lambda bead: "{:.2f}–{:.2f}".format(*bead.heat_kJ_mm),
+    "position": lambda bead: " ".join(bead.positions),
+    "arc / min": lambda bead: f"{bead.arc_time_s / 60:.1f}",
+    "fill ± / %": lambda bead: f"{100 * bead.fill_sigma:.1f}",
+}
+"""Columns of the table of beads that the page and the terminal show."""
+
+
+def bead_rows(plan: PlanDocument) -> list[tuple[str, ...]]:
+    """Words of each bead, in the order of `BEAD_COLUMNS`."""
+    return [tuple(word(bead) for word in BEAD_COLUMNS.values()) for bead in plan.beads]

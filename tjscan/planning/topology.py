@@ -14,8 +14,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.planning.deposit import bead_lines
-from tjscan.planning.path import GrooveStations
+from tjscan.planning.path import GrooveStations, bead_lines
 from tjscan.planning.root import RootKind
 from tjscan.planning.template import SectionTemplate
 from tjscan.planning.wire_feed import DoesNotFit, choose_wire_feed

@@ -8,29 +8,41 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 from pydantic import AfterValidator, model_validator
 
-from tjscan.core.config import StrictFileModel
+from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.frames import Array
 from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, MM2, FileUnit, PoseSettings
 from tjscan.core.units import SettingsTable as Table
-from tjscan.planning.detail_table import JointDetail
-from tjscan.planning.window import filled_window
-from tjscan.robot.solid_settings import SolidSettings
+from tjscan.robot.solids import SolidSettings
 
 MM_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
 M_MIN: Final = FileUnit("m_min", 1 / 60)
 KJ_MM: Final = FileUnit("kJ_mm", 1e6)
 L_MIN: Final = FileUnit("l_min", 1e-3 / 60)
 KG_M3: Final = FileUnit("kg_m3")
-CELSIUS: Final = FileUnit("C")
+CELSIUS_UNIT: Final = FileUnit("C")
 
 Position = Literal["PA", "PB", "PC", "PD", "PE", "PF", "PG"]
 """Welding positions by the letters of ISO 6947."""
+
+
+def _filled_window(limits: tuple[float, float]) -> tuple[float, float]:
+    """Return a window, and refuse an empty one.
+
+    Raises
+    ------
+    ValueError
+        If its second number is not larger than its first.
+    """
+    if limits[0] >= limits[1]:
+        raise ValueError("is an empty window: its second number must be larger than its first")
+    return limits
 
 
 def _power_table(rows: Any) -> Any:
@@ -41,9 +53,11 @@ def _power_table(rows: Any) -> Any:
 
 
 _Positive = Annotated[float, Gt(0)]
-_Window = Annotated[tuple[_Positive, _Positive], AfterValidator(filled_window)]
+_Window = Annotated[tuple[_Positive, _Positive], AfterValidator(_filled_window)]
 _Share = Annotated[float, Gt(0), Le(1)]
 _Tilt = Annotated[float, Ge(-60), Le(60)]
+_Angle = Annotated[float, Ge(0), Le(180)]
+_Length = Annotated[float, Ge(0), Le(200)]
 _PowerRow = tuple[_Positive, _Positive, _Positive]
 
 
@@ -252,7 +266,32 @@ class SequenceSettings(Table):
     ends: Literal["square", "cascade"]
     reverse: bool
     positions: Annotated[tuple[Position, ...], MinLen(1), LIST_OR_WORD_IN_FILE]
-    interpass_temperature: Annotated[float, CELSIUS]
+    interpass_temperature: Annotated[float, CELSIUS_UNIT]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointDetail(Table):
+    """A row of the table ``[[detail]]``: a joint detail as the user's code or drawing has it.
+
+    Parameters
+    ----------
+    name : str
+        Of the detail.
+    dihedral : tuple of float
+        Window of the local dihedral angle in which it may be used; those of two may overlap.
+    groove_angle : tuple of float
+        Window of the angle between bevel and leg, radians.
+    root_opening : tuple of float
+        Window of an open root, metres.
+    size : tuple of float
+        Window of the distance from the middle of p3 and p4 to the line from p2 to g, metres.
+    """
+
+    name: Annotated[str, MinLen(1)]
+    dihedral: Annotated[tuple[_Angle, _Angle], AfterValidator(_filled_window), DEG]
+    groove_angle: Annotated[tuple[_Angle, _Angle], AfterValidator(_filled_window), DEG]
+    root_opening: Annotated[tuple[_Length, _Length], AfterValidator(_filled_window), MM]
+    size: Annotated[tuple[_Length, _Length], AfterValidator(_filled_window), MM]
 
 
 class WeldingProcedure(StrictFileModel):
@@ -305,3 +344,19 @@ class WeldingProcedure(StrictFileModel):
     def heat_input(self, feed: Array, speed: Array) -> Array:
         """Heat input k U I / v in J/m, of wire feeds and travel speeds in m/s."""
         return np.asarray(self.arc.thermal_efficiency * self.arc.power_at(feed) / speed)
+
+
+def read_wps(file: Path) -> WeldingProcedure:
+    """Read a WPS file.
+
+    Parameters
+    ----------
+    file : Path
+        TOML; `docs/planning.md` lists its keys.
+
+    Raises
+    ------
+    ConfigurationError
+        If it can't be read, or for the first key that is unknown, missing or wrong.
+    """
+    return validate_table(WeldingProcedure, read_toml(file), file)

@@ -9,8 +9,8 @@ from typing import Any, Final, Self
 
 from mcap.writer import CompressionType, Writer
 
-from tjscan.core.disk import bring_stream_to_disk
 from tjscan.core.errors import RecordingError
+from tjscan.core.files import bring_stream_to_disk
 from tjscan.core.signals import hold_ctrl_c
 from tjscan.recording.header import (
     HEADER_RECORD,

@@ -10,13 +10,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from tjscan.core.provenance import Provenance
-from tjscan.report.picture import ReportPicture, inline_figure, new_figure
+from tjscan.report.picture import ReportPicture, inline_figure, load_template, new_figure
 from tjscan.report.tables import MOST_EVENTS
-from tjscan.report.template import load_template
 from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import job_label_of_run
 
-NARROW: Final = (4.6, 3.2)
+NARROW_SIZE: Final = (4.6, 3.2)
 """Inches of a chart that has others beside it."""
 
 
@@ -27,7 +26,7 @@ def render_chapter_page(chapter: ReportChapter, title: str, directory: Path) -> 
     ----------
     chapter : ReportChapter
     title : str
-        What kind of run it was; a sheet says so itself.
+        What kind of run it was; a sheet states it itself.
     directory : Path
         The run directory.
     """
@@ -53,9 +52,9 @@ def render_chapter_page(chapter: ReportChapter, title: str, directory: Path) -> 
 def draw_chapter_charts(
     charts: tuple[ReportChart, ...], *, narrow: bool = False
 ) -> Iterator[ReportPicture]:
-    """Draw charts, the lines of one title together; `narrow` ones stand beside each other."""
+    """Draw charts, the lines of one title together; `narrow` ones are beside each other."""
     for title, lines in _charts_by_title(charts).items():
-        size = NARROW if narrow else (12, 5.5 if lines[0].plane else 3.6)
+        size = NARROW_SIZE if narrow else (12, 5.5 if lines[0].plane else 3.6)
         figure = new_figure(*size)
         _draw_lines(figure.add_subplot(), lines)
         yield inline_figure(figure, title[:1].upper() + title[1:], lines[0].caption)
@@ -70,7 +69,7 @@ def draw_sheet_picture(chapter: ReportChapter) -> Figure:
         With a sheet.
     """
     charts = _charts_by_title(chapter.charts)
-    figure = new_figure(NARROW[0] * max(len(charts), 1), 1.3 * NARROW[1])
+    figure = new_figure(NARROW_SIZE[0] * max(len(charts), 1), 1.3 * NARROW_SIZE[1])
     if chapter.sheet is not None:
         texts = [f"{name}: {value}" for name, value in chapter.sheet.headline]
         wide = max(len(charts), 1)

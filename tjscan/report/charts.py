@@ -15,17 +15,22 @@ from tjscan.report.data import ReportData
 from tjscan.report.design import designed_measures
 from tjscan.report.findings import describe_coverage
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
-from tjscan.result.colours import CORNER, LASER, PATH, ROOT
-from tjscan.result.picture import BAND
-from tjscan.result.section import MEASURES, SIGMAS, absent_corners, lengths_along_groove
-from tjscan.result.space_picture import draw_groove_3d
+from tjscan.result.picture import (
+    BAND_SIGMAS,
+    CORNER_COLOUR,
+    LASER_COLOUR,
+    PATH_COLOUR,
+    ROOT_COLOUR,
+    draw_groove_3d,
+)
+from tjscan.result.section import MEASURE_FIELDS, SIGMA_FIELDS, absent_corners, lengths_along_groove
 from tjscan.result.wireframe import joint_wireframe
 
-DESIGN: Final = "#d62728"
-COLOURS: Final = tuple(f"C{k}" for k in range(10))
+DESIGN_COLOUR: Final = "#d62728"
+STATION_COLOURS: Final = tuple(f"C{k}" for k in range(10))
 """Of stations that are drawn together."""
 
-ABOUT: Final = 50e-3
+BOX_MARGIN: Final = 50e-3
 """Metres about the corners that the view in space shows."""
 
 
@@ -58,7 +63,7 @@ def indices_near_groove(sections: Sequence[MeasuredSection], points: Array) -> N
 
 def _box_about_groove(sections: Sequence[MeasuredSection]) -> tuple[Array, Array]:
     corners = np.array([section.points for section in sections]).reshape(-1, 3)
-    return corners.min(axis=0) - ABOUT, corners.max(axis=0) + ABOUT
+    return corners.min(axis=0) - BOX_MARGIN, corners.max(axis=0) + BOX_MARGIN
 
 
 def _within(line: Array, low: Array, high: Array) -> Array:
@@ -78,19 +83,25 @@ def draw_measure_charts(data: ReportData) -> ReportPicture:
         design = designed_measures(data.sections, data.joint)
     figure = new_figure(12, 7)
     panels = figure.subplots(2, 2, sharex=True)
-    for k, (axes, field, spread) in enumerate(zip(panels.flat, MEASURES, SIGMAS, strict=True)):
+    for k, (axes, field, spread) in enumerate(
+        zip(panels.flat, MEASURE_FIELDS, SIGMA_FIELDS, strict=True)
+    ):
         y = field.values(data.sections)[order]
-        sigma = BAND * spread.values(data.sections)[order]
+        sigma = BAND_SIGMAS * spread.values(data.sections)[order]
         if k > 0:  # the angle needs no root
             y = np.where(absent_corners(data.sections)[order].any(axis=1), np.nan, y)
-        axes.fill_between(x[order], y - sigma, y + sigma, color=LASER, alpha=0.3, linewidth=0)
-        axes.plot(x[order], y, marker="o", markersize=3, linewidth=1, color=LASER, label="measured")
+        axes.fill_between(
+            x[order], y - sigma, y + sigma, color=LASER_COLOUR, alpha=0.3, linewidth=0
+        )
+        axes.plot(
+            x[order], y, marker="o", markersize=3, linewidth=1, color=LASER_COLOUR, label="measured"
+        )
         if design is not None:
             axes.plot(
                 x[order],
                 design[order, k] / field.unit.factor,
                 "--",
-                color=DESIGN,
+                color=DESIGN_COLOUR,
                 linewidth=1,
                 label="as designed",
             )
@@ -105,7 +116,7 @@ def draw_measure_charts(data: ReportData) -> ReportPicture:
     return inline_figure(
         figure,
         "Groove angle, root width, depth and area",
-        f"Measured in the laser's plane at each section; bands are ± {BAND:g} standard "
+        f"Measured in the laser's plane at each section; bands are ± {BAND_SIGMAS:g} standard "
         f"deviations. Where the root is not seen, only the angle is known.{designed}",
         f"Four charts along the groove: {_ranges(data)}.",
         vector=True,
@@ -128,10 +139,10 @@ def draw_scan_charts(data: ReportData) -> ReportPicture | None:
     panels = figure.subplots(-(-len(titles) // 2), 2, squeeze=False)
     for axes, title in zip(panels.flat, titles, strict=False):
         lines = [(name, chart) for name, chart in charts if chart.title == title]
-        for (name, chart), colour in zip(lines, cycle(COLOURS)):
+        for (name, chart), colour in zip(lines, cycle(STATION_COLOURS)):
             axes.plot(chart.x, chart.y, marker="o", markersize=3, color=colour, label=name)
             if chart.nominal is not None:
-                axes.axhline(chart.nominal, color=DESIGN, linestyle="--", linewidth=1)
+                axes.axhline(chart.nominal, color=DESIGN_COLOUR, linestyle="--", linewidth=1)
                 axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
             axes.set_xlabel(chart.x_label)
             axes.set_ylabel(chart.y_label)
@@ -152,7 +163,7 @@ def draw_scan_charts(data: ReportData) -> ReportPicture | None:
 
 
 def draw_corner_errors(data: ReportData) -> ReportPicture | None:
-    """Draw distances of the corners from designed edges; None where these are not known."""
+    """Draw distances of the corners from designed edges; None if these are not known."""
     found = [
         d
         for d in (() if data.comparison is None else data.comparison.deviations)
@@ -165,7 +176,7 @@ def draw_corner_errors(data: ReportData) -> ReportPicture | None:
     distances = 1e3 * found[0].distances.reshape(-1, 3)[order]
     figure = new_figure(12, 3)
     axes = figure.add_subplot()
-    for k, colour in enumerate((CORNER, ROOT, PATH)):
+    for k, colour in enumerate((CORNER_COLOUR, ROOT_COLOUR, PATH_COLOUR)):
         axes.plot(
             x[order],
             distances[:, k],
@@ -176,7 +187,9 @@ def draw_corner_errors(data: ReportData) -> ReportPicture | None:
             label=f"$p_{k + 2}$",
         )
     if (tolerance := data.comparison.tolerance) is not None:
-        axes.axhline(1e3 * tolerance, color=DESIGN, linestyle="--", linewidth=1, label="tolerance")
+        axes.axhline(
+            1e3 * tolerance, color=DESIGN_COLOUR, linestyle="--", linewidth=1, label="tolerance"
+        )
     axes.set_ylim(bottom=0)
     axes.set_xlabel(label)
     axes.set_ylabel("distance / mm")
@@ -195,12 +208,51 @@ def draw_corner_errors(data: ReportData) -> ReportPicture | None:
 
 def _ranges(data: ReportData) -> str:
     """Smallest and largest of each measure, in words."""
-    every = ((field, field.values(data.sections)) for field in MEASURES)
+    every = ((field, field.values(data.sections)) for field in MEASURE_FIELDS)
     return ", ".join(f"{one.chart_title} {y.min():.1f} to {y.max():.1f}" for one, y in every)
 
 
 def _along(data: ReportData) -> tuple[Array, str]:
-    """Where the sections stand on a chart, and what that is called."""
+    """Where the sections are on a chart, and what that is called."""
     if (azimuths := data.unwrapped_azimuths) is not None:
         return azimuths, "azimuth about the brace / °"
     return 1e3 * lengths_along_groove(data.sections), "along the groove / mm"
+
+
+def draw_deviation_map(data: ReportData) -> ReportPicture | None:
+    """Draw deviations unwrapped over the azimuth; None if nothing was compared in frame j."""
+    comparison = data.comparison
+    if comparison is None or comparison.reference.stated.frame != "j":
+        return None
+    kind = comparison.deviations[0]
+    sign = "red lies outside the reference, blue inside" if kind.signed else "it has no sign"
+    return inline_figure(
+        comparison.plot().figure,
+        "Deviation from the reference, unwrapped over the azimuth",
+        f"Each column is a section, from the leg (below) over root and bevel to the brace (above); "
+        f"{sign}; cells show medians, grey ones were not seen, and small saturated patches are "
+        "ghosts of the laser.",
+        f"Map of the deviation over clock position and height: median "
+        f"{1e3 * float(np.median(kind.known)):.3f} mm.",
+    )
+
+
+def deviation_table_rows(data: ReportData) -> list[tuple[str, ...]]:
+    """Kind, number and statistics of every kind of distance, in mm; the corners' first."""
+    if data.comparison is None:
+        return []
+    rows = []
+    # The corners first: a cloud holds ghosts too.
+    for deviation in reversed(data.comparison.deviations):
+        s = deviation.statistics
+        numbers = (s.mean, s.median, s.rms, s.p95, s.max)
+        within = "" if deviation.within is None else f"{100 * deviation.within:.1f} %"
+        rows.append(
+            (
+                deviation.kind,
+                str(len(deviation.known)),
+                *(f"{number:.3f}" for number in numbers),
+                within,
+            )
+        )
+    return rows

@@ -23,7 +23,7 @@ from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
 from tjscan.report.stations import station_folders
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
-from tjscan.result.directory import JOINT, RECORDING, SECTIONS, SUMMARY
+from tjscan.result.directory import JOINT_FILE, RECORDING_FILE, SECTIONS_FILE, SUMMARY_FILE
 from tjscan.result.shapes import read_run_shape, read_shape
 from tjscan.result.stitching import StitchingReport, read_stitching_report
 from tjscan.result.summary import ScanSummary, read_summary
@@ -41,7 +41,7 @@ class StationRunData:
     summary : ScanSummary
         What was found there, in a few numbers.
     chapters : tuple of ReportChapter
-        What each algorithm has to say of it.
+        What each algorithm reports on it.
     """
 
     name: str
@@ -69,7 +69,7 @@ class StationRunData:
         return [event for chapter in self.chapters for event in chapter.events]
 
     def profile_of_section(self, index: int) -> tuple[Profile, GrooveSettings] | None:
-        """The profile of a section, and how it was read; None where it is not there."""
+        """The profile of a section, and how it was read; None if it is not there."""
         for chapter in self.chapters:
             if index in chapter.profiles:
                 return chapter.profiles[index], chapter.settings
@@ -93,7 +93,7 @@ class ReportData:
     places : tuple of StationRunData
         Where it was scanned from, as far as their recordings are there.
     joint : JointDefinition or None
-        The joint as designed, where the run names one and stands in its frame.
+        The joint as designed, if the run names one and is in its frame.
     comparison : Comparison or None
         With the joint as designed, or with another reference.
     stitching : StitchingReport or None
@@ -119,7 +119,7 @@ class ReportData:
 
     @property
     def unwrapped_azimuths(self) -> Array | None:
-        """Azimuths of the sections in degrees, without a jump; None where they are not known."""
+        """Azimuths of the sections in degrees, without a jump; None if they are not known."""
         azimuths = np.array([section.azimuth for section in self.sections])
         if np.isnan(azimuths).any():
             return None
@@ -132,7 +132,7 @@ class ReportData:
         return f"{section.index}" if self.stitching is None else f"{section.index} of {station}"
 
     def station_of_section(self, section: MeasuredSection) -> StationRunData | None:
-        """Where a section was scanned from, the first where it was several; None if not there."""
+        """Where a section was scanned from, the first if it was several; None if not there."""
         first = section.station.split("+")[0]  # which the section's number is of
         return next((place for place in self.places if place.name == first), None)
 
@@ -163,8 +163,8 @@ def read_report_data(
     """
     check_tolerance(tolerance)
     shape = read_run_shape(directory)  # which holds a section or more
-    summary = read_summary(directory / SUMMARY)
-    sections = read_sections_csv(directory / SECTIONS)
+    summary = read_summary(directory / SUMMARY_FILE)
+    sections = read_sections_csv(directory / SECTIONS_FILE)
     stitching = read_stitching_report(directory)
     folders = station_folders(directory, stitching) or {sections[0].station: directory}
     file = _joint_file(directory, folders.values()) if summary.frame == "j" else None
@@ -178,7 +178,7 @@ def read_report_data(
         tuple(
             _place(name, folder)
             for name, folder in folders.items()
-            if (folder / RECORDING).is_file() and (folder / SUMMARY).is_file()
+            if (folder / RECORDING_FILE).is_file() and (folder / SUMMARY_FILE).is_file()
         ),
         None if file is None else read_joint(file),
         comparison,
@@ -189,7 +189,7 @@ def read_report_data(
 
 def _joint_file(directory: Path, folders: Iterable[Path]) -> Path | None:
     """The joint that the run, or one of its stations, names."""
-    files = (folder / JOINT for folder in (directory, *folders))
+    files = (folder / JOINT_FILE for folder in (directory, *folders))
     file = next((file for file in files if file.is_file()), None)
     if file is not None:
         check_as_written(file)
@@ -220,4 +220,4 @@ def _compared(
 def _place(name: str, directory: Path) -> StationRunData:
     tasks = [TASKS.load(task) for task in TASKS.names]
     chapters = tuple(task.load_part("report")(directory) for task in tasks if task.report)
-    return StationRunData(name, read_summary(directory / SUMMARY), chapters)
+    return StationRunData(name, read_summary(directory / SUMMARY_FILE), chapters)

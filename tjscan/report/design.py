@@ -15,12 +15,12 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import ClosedPolyline, feature_edges
 from tjscan.joint.geometry import radial_direction
 
-NEAR: Final = 30e-3
+SEARCH_DISTANCE: Final = 30e-3
 """Metres from a measured corner within which its designed one is sought."""
 
 
 def designed_measures(sections: Sequence[MeasuredSection], joint: JointDefinition) -> Array:
-    """Groove angle, root width, depth and area, shape (n, 4); NaN where a plane meets no groove.
+    """Groove angle, root width, depth and area, shape (n, 4); NaN if a plane meets no groove.
 
     The laser's plane is turned from the groove's normal plane, where a drawing states angles. So
     the designed edges are cut by the plane of each section, and measured like it.
@@ -81,4 +81,4 @@ def _cut(line: ClosedPolyline, T_g_j: Array, near: Array) -> Array | None:
     ends = np.roll(points, -1, axis=0)[starts]
     cuts = points[starts] + share * (ends - points[starts])
     apart = np.linalg.norm(cuts - near, axis=1)
-    return np.asarray(cuts[apart.argmin()]) if apart.min() < NEAR else None
+    return np.asarray(cuts[apart.argmin()]) if apart.min() < SEARCH_DISTANCE else None

@@ -1,4 +1,4 @@
-"""What a drawing of the groove would say: measured, how sure, as designed, and what is allowed."""
+"""What a drawing of the groove states: measured, how sure, as designed, and what is allowed."""
 
 from __future__ import annotations
 
@@ -11,22 +11,35 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.groove.measured import MeasuredSection
-from tjscan.joint.definition import JointDefinition
+from tjscan.joint.definition import NOT_STATED, JointDefinition
 from tjscan.joint.geometry import radial_direction
 from tjscan.joint.imperfections import NO_IMPERFECTIONS
-from tjscan.joint.tolerance import NOT_STATED
-from tjscan.report.clock import DEGREES_PER_HOUR
 from tjscan.report.data import ReportData
 from tjscan.report.design import designed_measures
 from tjscan.report.findings import is_closed
 from tjscan.result.section import absent_corners
 
-COVERAGE: Final = 2.0
-"""Standard deviations that ± stands for."""
+DEGREES_PER_HOUR: Final = 30.0
 
-HOURS: Final = 12
-FEWEST_SHOWN: Final = 6
-"""Sections that are drawn where no clock position is known, evenly chosen."""
+
+def clock_text(azimuth: float) -> str:
+    """A clock position in hours and minutes, such as 2:30 for 75°.
+
+    Parameters
+    ----------
+    azimuth : float
+        About the brace's axis from the crown, degrees.
+    """
+    minutes = round(60 * azimuth / DEGREES_PER_HOUR) % 720
+    return f"{minutes // 60 or 12}:{minutes % 60:02d}"
+
+
+COVERAGE_SIGMAS: Final = 2.0
+"""Standard deviations of an uncertainty after ±."""
+
+CLOCK_HOURS: Final = 12
+SECTIONS_WITHOUT_CLOCK: Final = 6
+"""Sections that are drawn if no clock position is known, evenly chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +53,11 @@ class Dimension:
     unit : str
         ``°`` or ``mm``.
     value, sigma : float
-        As measured, and its standard deviation; NaN where it is not seen.
+        As measured, and its standard deviation; NaN if it is not seen.
     designed : float
-        NaN where it is not known.
+        NaN if it is not known.
     tolerance : float
-        Largest difference from the design that is allowed; infinite where none is stated.
+        Largest difference from the design that is allowed; infinite if none is stated.
     """
 
     name: str
@@ -57,7 +70,7 @@ class Dimension:
     @property
     def verdict(self) -> Literal["", "within", "outside", "unsure"]:
         """Whether it keeps its tolerance with all of its uncertainty, see ISO 14253-1."""
-        off, band = abs(self.value - self.designed), COVERAGE * self.sigma
+        off, band = abs(self.value - self.designed), COVERAGE_SIGMAS * self.sigma
         if not isfinite(self.tolerance) or isnan(off) or isnan(band):
             return ""
         if off + band <= self.tolerance:
@@ -69,14 +82,14 @@ class Dimension:
         """Value and uncertainty, to the digits that the uncertainty allows."""
         if isnan(self.value):
             return "not seen"
-        band = COVERAGE * self.sigma
+        band = COVERAGE_SIGMAS * self.sigma
         digits = 1 if isnan(band) or band >= 0.1 else 2
         degree = "°" if self.unit == "°" else ""
         return f"{self.value:z.{digits}f}{degree} ± {band:.{digits}f}".replace("-", "−")
 
     @property
     def designed_text(self) -> str:
-        """The designed value, with its tolerance where one is stated; empty where not known."""
+        """The designed value, with its tolerance if one is stated; empty if not known."""
         if isnan(self.designed):
             return ""
         degree = "°" if self.unit == "°" else ""
@@ -89,16 +102,16 @@ def sections_by_the_clock(data: ReportData) -> list[int]:
     n = len(data.sections)
     azimuths = data.unwrapped_azimuths
     if azimuths is None:
-        count = min(FEWEST_SHOWN, n)
+        count = min(SECTIONS_WITHOUT_CLOCK, n)
         return [int((k + 0.5) * n / count) for k in range(count)]
     nearest: dict[int, int] = {}
     for k in np.argsort(azimuths, kind="stable"):
         hour = round(azimuths[k] / DEGREES_PER_HOUR)
-        before = nearest.get(hour % HOURS)
+        before = nearest.get(hour % CLOCK_HOURS)
         off = abs(azimuths[k] - hour * DEGREES_PER_HOUR)
         if before is None or off < _off_hour(azimuths[before]):
-            nearest[hour % HOURS] = int(k)
-    if is_closed(data):  # all of a joint is told from 12 o'clock on
+            nearest[hour % CLOCK_HOURS] = int(k)
+    if is_closed(data):  # all of a joint is counted from 12 o'clock on
         return [nearest[hour] for hour in sorted(nearest)]
     return sorted(nearest.values(), key=lambda k: float(azimuths[k]))
 
@@ -115,7 +128,7 @@ def section_dimensions(
     Parameters
     ----------
     sections : sequence of MeasuredSection
-        In frame j where a joint is given.
+        In frame j if a joint is given.
     joint : JointDefinition or None
         As designed.
     """

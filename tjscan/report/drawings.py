@@ -13,12 +13,16 @@ from numpy.typing import ArrayLike
 from tjscan.core.frames import Array, inverse_pose, transform_points, unit_vector
 from tjscan.groove.measured import MeasuredSection
 from tjscan.joint.geometry import radial_direction
-from tjscan.report.clock import clock_text
 from tjscan.report.data import ReportData
-from tjscan.report.dimensions import Dimension, section_dimensions, sections_by_the_clock
+from tjscan.report.dimensions import (
+    Dimension,
+    clock_text,
+    section_dimensions,
+    sections_by_the_clock,
+)
 from tjscan.result.directions import section_directions
 
-IN_PLANE: Final = 0.2e-3
+IN_PLANE_DISTANCE: Final = 0.2e-3
 """Metres from a section's plane within which points belong to its profile."""
 
 MOST_DOTS: Final = 250
@@ -26,7 +30,7 @@ MOST_DOTS: Final = 250
 
 @dataclass(frozen=True, slots=True)
 class DrawnLabel:
-    """A dimension as it stands in a drawing.
+    """A dimension as a drawing shows it.
 
     Parameters
     ----------
@@ -138,7 +142,7 @@ class _Plane:
     def flat(self, points: Array) -> Array:
         """Points near the plane, (m, 2), of points (n, 3) in the sections' frame."""
         points_g = transform_points(self.T_g_r, points)
-        near = points_g[np.abs(points_g[:, 0]) < IN_PLANE]
+        near = points_g[np.abs(points_g[:, 0]) < IN_PLANE_DISTANCE]
         return 1e3 * near[:, [2, 1]] * (1, -1)
 
     @property

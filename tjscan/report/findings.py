@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
 
 import numpy as np
 
+from tjscan.comparison.result import Comparison
 from tjscan.report.data import ReportData
 from tjscan.report.stations import stitching_findings
+from tjscan.result.directory import JOINT_FILE
 
-GAP: Final = 2.5
+GAP_RATIO: Final = 2.5
 """Neighbouring sections farther apart than so many times the usual distance leave a gap."""
 
-UNSURE: Final = 0.2
-"""Standard deviation of a corner's reading in mm above which a finding says so."""
+UNSURE_SIGMA_MM: Final = 0.2
+"""Standard deviation of a corner's reading in mm above which a finding states it."""
 
 
 def report_findings(data: ReportData) -> Iterator[str]:
@@ -85,7 +89,7 @@ def is_closed(data: ReportData) -> bool:
     if azimuths is None or len(azimuths) < 3:
         return False
     steps = np.diff(azimuths, append=azimuths[0] + 360)
-    return bool(steps.max() <= max(GAP * np.median(steps), 5.0))
+    return bool(steps.max() <= max(GAP_RATIO * np.median(steps), 5.0))
 
 
 def _compared(data: ReportData) -> Iterator[str]:
@@ -112,7 +116,7 @@ def wide_steps(data: ReportData) -> dict[int, float]:
     steps = 1e3 * np.linalg.norm(np.diff(origins, axis=0), axis=1)
     if len(steps) < 3:
         return {}
-    return {int(k): float(steps[k]) for k in np.flatnonzero(steps > GAP * np.median(steps))}
+    return {int(k): float(steps[k]) for k in np.flatnonzero(steps > GAP_RATIO * np.median(steps))}
 
 
 def _gaps(data: ReportData) -> Iterator[str]:
@@ -128,8 +132,82 @@ def _gaps(data: ReportData) -> Iterator[str]:
 def _unsure(data: ReportData) -> Iterator[str]:
     # What all sections share has a chapter of its own.
     sigma = 1e3 * np.array([section.own_corner_sigmas.max() for section in data.sections])
-    if (bad := int((sigma > UNSURE).sum())) > 0:
+    if (bad := int((sigma > UNSURE_SIGMA_MM).sum())) > 0:
         yield (
-            f"In {bad} of {len(sigma)} sections a corner is read to worse than {UNSURE:g} mm (one "
-            f"standard deviation); the worst to {sigma.max():.2f} mm."
+            f"In {bad} of {len(sigma)} sections a corner is read to worse than "
+            f"{UNSURE_SIGMA_MM:g} mm (one standard deviation); the worst to {sigma.max():.2f} mm."
         )
+
+
+@dataclass(frozen=True, slots=True)
+class HeadlineNumber:
+    """A number of the headline: its text, what it says, and whether that is good or bad.
+
+    Parameters
+    ----------
+    value, meaning : str
+    judged : str
+        ``good``, ``bad`` or nothing.
+    """
+
+    value: str
+    meaning: str
+    judged: Literal["", "good", "bad"] = ""
+
+
+def headline_numbers(data: ReportData) -> Iterator[HeadlineNumber]:
+    """Give the headline's numbers: the deviation where there is one, then the groove itself.
+
+    Corners speak for a deviation, for a cloud's extremes are the laser's ghosts. Where a cloud
+    alone was compared, the half of it that lies closest does.
+
+    Parameters
+    ----------
+    data : ReportData
+        The run.
+
+    Yields
+    ------
+    HeadlineNumber
+        The one asked for first.
+    """
+    summary = data.summary
+    if data.comparison is not None:
+        yield _deviation(data.comparison)
+    yield HeadlineNumber(
+        f"{summary.groove_length_mm:.0f} mm of groove",
+        f"{summary.sections} sections, {describe_coverage(data)}",
+    )
+    yield HeadlineNumber(
+        "complete" if summary.complete else "not complete",
+        f"the scan did {'' if summary.complete else 'not do '}what was asked",
+        "good" if summary.complete else "bad",
+    )
+    if summary.uncertainty is not None:
+        corner = summary.uncertainty.combined.corner_mm
+        yield HeadlineNumber(f"± {corner:.2f} mm", "standard uncertainty of a corner's place")
+
+
+def name_of_reference(comparison: Comparison) -> str:
+    """What a run was compared with, in words."""
+    name = comparison.reference.name
+    return "the joint as designed" if name == Path(JOINT_FILE).stem else name
+
+
+def _deviation(comparison: Comparison) -> HeadlineNumber:
+    reference = name_of_reference(comparison)
+    corners = [d for d in comparison.deviations if d.kind.startswith("corners")]
+    if corners:
+        s = corners[0].statistics
+        value, what = s.p95, f"95 % of the corners lie closer to {reference}; {s.mean:.2f} mean"
+    else:
+        value = 1e3 * float(np.median(np.abs(comparison.deviations[0].known)))
+        what = f"half of the points lie closer to {reference}"
+    if comparison.tolerance is None:
+        return HeadlineNumber(f"{value:.2f} mm", what)
+    verdict = "within" if comparison.passed else "OUTSIDE"
+    return HeadlineNumber(
+        f"{value:.2f} mm, {verdict}",
+        f"the tolerance of {1e3 * comparison.tolerance:g} mm: {what}",
+        "good" if comparison.passed else "bad",
+    )

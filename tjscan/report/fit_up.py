@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.section import TACK
+from tjscan.groove.section import TACK_WELD
 from tjscan.joint.imperfections import NO_IMPERFECTIONS
-from tjscan.report.clock import DEGREES_PER_HOUR
 from tjscan.report.data import ReportData
+from tjscan.report.dimensions import (
+    COVERAGE_SIGMAS,
+    DEGREES_PER_HOUR,
+    clock_text,
+    section_dimensions,
+    sections_by_the_clock,
+)
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
-from tjscan.result.colours import CORNER, LASER, PATH, ROOT
-from tjscan.result.picture import BAND
+from tjscan.result.picture import BAND_SIGMAS, CORNER_COLOUR, LASER_COLOUR, PATH_COLOUR, ROOT_COLOUR
 from tjscan.result.section import absent_corners, lengths_along_groove
 
 ROOT_WIDTH: Final = 1
@@ -28,7 +33,7 @@ def draw_fit_up(data: ReportData) -> ReportPicture:
     order = np.argsort(x)
     sections = [data.sections[k] for k in order]
     x, absent = x[order], absent_corners(sections)
-    tacked = np.array([TACK in section.conditions for section in sections])
+    tacked = np.array([TACK_WELD in section.conditions for section in sections])
     high_low = _high_low(data, order)
     figure = new_figure(12, 3 if high_low is None else 5.5)
     panels = figure.subplots(1 if high_low is None else 2, 1, sharex=True, squeeze=False)[:, 0]
@@ -42,11 +47,11 @@ def draw_fit_up(data: ReportData) -> ReportPicture:
     edges = 1e3 * np.array([section.own_corner_sigmas[1] for section in sections])
     widths = 1e3 * np.array([section.sigmas[ROOT_WIDTH] for section in sections])
     for name, y, sigma, colour in (
-        ("root opening", opening, edges, ROOT),
-        ("width of the root bead", np.where(closed, width, np.nan), widths, LASER),
+        ("root opening", opening, edges, ROOT_COLOUR),
+        ("width of the root bead", np.where(closed, width, np.nan), widths, LASER_COLOUR),
     ):
         if not np.isnan(y).all():
-            bars = BAND * sigma
+            bars = BAND_SIGMAS * sigma
             panels[0].errorbar(
                 x, y, bars, fmt="o-", markersize=3, linewidth=1, color=colour, label=name
             )
@@ -54,7 +59,10 @@ def draw_fit_up(data: ReportData) -> ReportPicture:
     panels[0].set_ylim(bottom=0)
     if high_low is not None:
         for y, name, colour in zip(
-            high_low.T, ("brace's wall at p2", "leg at p4"), (CORNER, PATH), strict=True
+            high_low.T,
+            ("brace's wall at p2", "leg at p4"),
+            (CORNER_COLOUR, PATH_COLOUR),
+            strict=True,
         ):
             panels[1].plot(x, 1e3 * y, marker="o", markersize=3, color=colour, label=name)
         panels[1].axhline(0, color="grey", linewidth=0.8)
@@ -72,7 +80,7 @@ def draw_fit_up(data: ReportData) -> ReportPicture:
         figure,
         "Fit-up, unrolled",
         f"Shaded: tack welds, {int(tacked.sum())} of {len(sections)} sections lie on one. Bars are "
-        f"± {BAND:g} standard deviations.{off}",
+        f"± {BAND_SIGMAS:g} standard deviations.{off}",
         f"Charts along the groove of the root{'' if high_low is None else ' and of high-low'}, "
         f"{int(tacked.sum())} sections on tack welds.",
         vector=True,
@@ -80,7 +88,7 @@ def draw_fit_up(data: ReportData) -> ReportPicture:
 
 
 def _unrolled(data: ReportData) -> tuple[Array, str]:
-    """Where the sections stand, and what that is called."""
+    """Where the sections are, and what that is called."""
     if (azimuths := data.unwrapped_azimuths) is not None:
         return azimuths / DEGREES_PER_HOUR, (
             "clock position / h: 0 (12 o'clock) at the crown, 3 at azimuth 90°"
@@ -91,7 +99,7 @@ def _unrolled(data: ReportData) -> tuple[Array, str]:
 def _high_low(data: ReportData, order: NDArray[np.intp]) -> Array | None:
     """Metres by which brace and leg stand out of their drawn cylinders, (n, 2), if these are known.
 
-    NaN where the corner is not seen.
+    NaN if the corner is not seen.
     """
     if data.joint is None:
         return None
@@ -112,3 +120,59 @@ def _shade(axes: Any, x: Array, tacked: NDArray[np.bool_]) -> None:
         label = "tack weld" if first else None
         axes.axvspan(bounds[k], bounds[k + 1], color="#f2c14e", alpha=0.5, linewidth=0, label=label)
         first = False
+
+
+@dataclass(frozen=True, slots=True)
+class FitUpCell:
+    """A cell: its text, what was drawn there, and its verdict as of `Dimension`."""
+
+    text: str
+    under: str = ""
+    verdict: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class FitUpTable:
+    """Head, rows and note of the table."""
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[FitUpCell, ...], ...]
+    note: str
+
+
+def fit_up_table(data: ReportData) -> FitUpTable:
+    """Make the table of the sections nearest to the full hours.
+
+    Parameters
+    ----------
+    data : ReportData
+        The run.
+    """
+    chosen = sections_by_the_clock(data)
+    azimuths = data.unwrapped_azimuths
+    lengths = 1e3 * lengths_along_groove(data.sections)
+    sections = [data.sections[k] for k in chosen]
+    every = section_dimensions(sections, data.joint)
+    names = [one.name for one in every[0]]
+    roots = dict.fromkeys(row[1].name for row in every)
+    names[1] = " or ".join(roots)
+    head = [f"{name} / {one.unit}" for name, one in zip(names, every[0], strict=True)]
+    rows = []
+    for k, section, dimensions in zip(chosen, sections, every, strict=True):
+        where = f"{lengths[k]:.0f} mm" if azimuths is None else clock_text(azimuths[k])
+        cells = [FitUpCell(one.text, one.designed_text, one.verdict) for one in dimensions]
+        rows.append((FitUpCell(where), FitUpCell(data.section_number(section)), *cells))
+    stated = any(one.verdict for row in every for one in row)
+    note = f"± is {COVERAGE_SIGMAS:g} standard deviations. "
+    if data.joint is not None:
+        note += "In brackets what is drawn, in the section's own plane"
+        note += ", and its tolerance" if stated else ""
+        note += "; the root face is what remains of the drawn wall. "
+    if stated:
+        note += (
+            "Green keeps its tolerance with all of its uncertainty, red breaks it so, and what is "
+            "amber may do either (ISO 14253-1)."
+        )
+    elif data.joint is not None:
+        note += "The joint's file states no [tolerance] to hold it against."
+    return FitUpTable(("at", "section", *head), tuple(rows), note)

@@ -1,4 +1,4 @@
-"""Pictures as they stand in a report: drawn, and inlined as data."""
+"""Parts of a report's pages: pictures inlined as data, and the templates."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from io import BytesIO
 from typing import Any, Final
 
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-DPI: Final = 110
+SCREEN_DPI: Final = 110
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +26,7 @@ class ReportPicture:
     data : str
         A ``data:`` URI that holds all of it.
     alt : str
-        The same in words with its main numbers, for who can't see it; the title where left out.
+        The same in words with its main numbers, for who can't see it; the title if left out.
     """
 
     title: str
@@ -37,6 +38,12 @@ class ReportPicture:
         object.__setattr__(self, "alt", self.alt or f"{self.title}.")
 
 
+def picture_from_png(content: bytes, title: str, caption: str) -> ReportPicture:
+    """Make a picture of the content of a PNG file."""
+    data = b64encode(content).decode("ascii")
+    return ReportPicture(title, caption, f"data:image/png;base64,{data}")
+
+
 def new_figure(width: float, height: float) -> Figure:
     """Make an empty figure.
 
@@ -45,7 +52,7 @@ def new_figure(width: float, height: float) -> Figure:
     width, height : float
         Inches.
     """
-    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+    figure = Figure(figsize=(width, height), dpi=SCREEN_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
@@ -53,7 +60,7 @@ def new_figure(width: float, height: float) -> Figure:
 def inline_figure(
     figure: Any, title: str, caption: str, alt: str = "", *, vector: bool = False
 ) -> ReportPicture:
-    """Turn a figure into a picture that stands inside the HTML page.
+    """Turn a figure into a picture inside the HTML page.
 
     Parameters
     ----------
@@ -70,7 +77,26 @@ def inline_figure(
         with rc_context({"svg.hashsalt": title}):  # the same names in every run
             figure.savefig(stream, format="svg", metadata={"Date": None})
     else:
-        figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
+        figure.savefig(stream, format="png", dpi=SCREEN_DPI, metadata={"Software": None})
     kind = "svg+xml" if vector else "png"
     data = f"data:image/{kind};base64," + b64encode(stream.getvalue()).decode("ascii")
     return ReportPicture(title, caption, data, alt)
+
+
+def load_template(name: str) -> Template:
+    """Load a template of this package.
+
+    Escaping is on for all of it: names of jobs and joints are text, whatever they hold.
+
+    Parameters
+    ----------
+    name : str
+        Of its file.
+    """
+    environment = Environment(
+        loader=PackageLoader("tjscan.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+    )
+    return environment.get_template(name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -11,16 +10,20 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.files import read_small_file, write_files_atomically
-from tjscan.planning.bead_table import BEAD_HEAD, bead_rows
 from tjscan.planning.document import PlanDocument, StationEntry, read_plan
-from tjscan.planning.tables import BeadCourse, read_beads_csv
-from tjscan.report.picture import ReportPicture, inline_figure, new_figure
-from tjscan.report.template import load_template
+from tjscan.planning.tables import BEAD_COLUMNS, BeadCourse, bead_rows, read_beads_csv
+from tjscan.report.picture import (
+    ReportPicture,
+    inline_figure,
+    load_template,
+    new_figure,
+    picture_from_png,
+)
 
-PAGE: Final = "plan.html"
+PLAN_PAGE: Final = "plan.html"
 PLAN, BEADS, PICTURE = "plan.json", "beads.csv", "plan.png"
 
-MOST_BYTES: Final = 5_000_000
+MOST_PICTURE_BYTES: Final = 5_000_000
 """A larger picture would make the page too large to send."""
 
 POSITION_COLOURS: Final = {
@@ -55,7 +58,7 @@ def write_plan_page(directory: Path) -> Path:
         plan=plan,
         facts=list(_facts(plan)),
         beads=list(bead_rows(plan)),
-        bead_head=BEAD_HEAD,
+        bead_head=tuple(BEAD_COLUMNS),
         details=list(_detail_rows(plan)),
         pictures=[
             _filled_sections(directory / PICTURE),
@@ -64,8 +67,8 @@ def write_plan_page(directory: Path) -> Path:
         provenance=plan.provenance.header_entries,
     )
     with write_files_atomically(directory) as draft:
-        (draft / PAGE).write_text(page, encoding="utf-8")
-    return directory / PAGE
+        (draft / PLAN_PAGE).write_text(page, encoding="utf-8")
+    return directory / PLAN_PAGE
 
 
 def draw_positions(courses: Sequence[BeadCourse]) -> ReportPicture:
@@ -103,12 +106,11 @@ def _runs(bead: BeadCourse) -> Iterator[tuple[str, float, float]]:
 
 
 def _filled_sections(file: Path) -> ReportPicture:
-    data = b64encode(read_small_file(file, MOST_BYTES, "a picture")).decode("ascii")
-    return ReportPicture(
+    return picture_from_png(
+        read_small_file(file, MOST_PICTURE_BYTES, "a picture"),
         "Three sections filled, speed and heat input along each bead",
         "Beads are numbered in the order of welding. Dashed: the windows of the WPS. Where a bead "
         "overlaps its start, s goes on beyond the groove's length.",
-        f"data:image/png;base64,{data}",
     )
 
 

@@ -8,27 +8,27 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.find import find_groove_with_fit
 from tjscan.groove.measured import MeasuredSection
+from tjscan.groove.read import read_groove_with_fit
 from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
 from tjscan.report.data import ReportData, StationRunData
 from tjscan.report.picture import ReportPicture, inline_figure, new_figure
-from tjscan.result.colours import CORNER, LASER, ROOT
+from tjscan.result.picture import CORNER_COLOUR, LASER_COLOUR, ROOT_COLOUR
 
-SHOWN: Final = 6
+MOST_PROFILES_SHOWN: Final = 6
 """Profiles in the picture, evenly chosen along the groove."""
 
-LEFT_OUT: Final = "#e0a080"
-ABOUT: Final = 8e-3
+LEFT_OUT_COLOUR: Final = "#e0a080"
+LEFT_OUT_MARGIN: Final = 8e-3
 """Metres about the fitted points within which those left out are shown."""
 
-ALONG: Final = 40
+POINTS_ALONG_SIDE: Final = 40
 """Points by which a fitted side is drawn."""
 
 
 def draw_fitted_profiles(data: ReportData) -> ReportPicture | None:
-    """Draw profiles with their fitted sides; None where no recording is there."""
+    """Draw profiles with their fitted sides; None if no recording is there."""
     chosen = _chosen(data)
     if not chosen:
         return None
@@ -65,8 +65,8 @@ def _chosen(
         place = data.station_of_section(section)
         if place is not None and (found := place.profile_of_section(section.index)) is not None:
             there.append((section, place, *found))
-    count = min(SHOWN, len(there))
-    # The ends are taught or cut short: those between stand better for the whole.
+    count = min(MOST_PROFILES_SHOWN, len(there))
+    # The ends are taught or cut short: those between represent the whole better.
     places = (np.arange(count) + 0.5) * len(there) / max(count, 1)
     return [there[int(k)] for k in places]
 
@@ -78,15 +78,19 @@ def _draw(axes: Any, profile: Profile, settings: GrooveSettings, absent: tuple[s
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_xaxis()
     try:
-        section, row, fitted = find_groove_with_fit(profile, settings)
+        section, fit = read_groove_with_fit(profile, settings)
     except GrooveNotFound as error:
-        axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER, markersize=2)
+        axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER_COLOUR, markersize=2)
         axes.annotate(f"no groove read: {error.reason}", (0.05, 0.95), xycoords="axes fraction")
         return
+    row, fitted = fit.row, fit.fitted
     keep = fitted.keep
-    low, high = row.points[keep].min(axis=0) - ABOUT, row.points[keep].max(axis=0) + ABOUT
+    low, high = (
+        row.points[keep].min(axis=0) - LEFT_OUT_MARGIN,
+        row.points[keep].max(axis=0) + LEFT_OUT_MARGIN,
+    )
     near = ~keep & (row.points > low).all(axis=1) & (row.points < high).all(axis=1)
-    for part, colour, name in ((keep, LASER, "fitted"), (near, LEFT_OUT, "left out")):
+    for part, colour, name in ((keep, LASER_COLOUR, "fitted"), (near, LEFT_OUT_COLOUR, "left out")):
         axes.plot(*_zx(row.points[part]), ".", color=colour, markersize=3, label=name)
     starts = [np.nan, *(after for _, after in fitted.places)]
     ends = [*(before for before, _ in fitted.places), np.nan]
@@ -94,13 +98,15 @@ def _draw(axes: Any, profile: Profile, settings: GrooveSettings, absent: tuple[s
         own = fitted.kept_along(k)
         # Outer sides begin and end with their points, the others at corners.
         first, last = np.fmin(starts[k], own.min()), np.fmax(ends[k], own.max())
-        line = np.array([curve.points_at(float(s)) for s in np.linspace(first, last, ALONG)])
-        axes.plot(*_zx(line), color=CORNER, linewidth=0.8)
+        line = np.array(
+            [curve.points_at(float(s)) for s in np.linspace(first, last, POINTS_ALONG_SIDE)]
+        )
+        axes.plot(*_zx(line), color=CORNER_COLOUR, linewidth=0.8)
     for number, point in enumerate(section.points_s[1:4, [0, 2]], start=2):
         if f"p{number}" in absent:
             continue
         z, x = _zx(point[None])
-        axes.plot(z, x, "o", color=ROOT, markersize=7, fillstyle="none")
+        axes.plot(z, x, "o", color=ROOT_COLOUR, markersize=7, fillstyle="none")
         axes.annotate(
             f"$p_{number}$", (z[0], x[0]), xytext=(7, 0), textcoords="offset points", fontsize=9
         )

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from tjscan.report.picture import ReportPicture
+from tjscan.report.picture import ReportPicture, picture_from_png
 from tjscan.result.directory import STATIONS_PICTURE
 from tjscan.result.stitching import LOOP_OPEN, StitchingReport
 
-MOST_BYTES: Final = 1_000_000
+MOST_PICTURE_BYTES: Final = 1_000_000
 """A larger picture would make the report too large to send."""
 
-UNFIT: Final = 9.0
-"""Reduced chi-squared of an overlap above which a finding says so: three times the errors."""
+UNFIT_CHI2: Final = 9.0
+"""Reduced chi-squared of an overlap above which a finding states it: three times the errors."""
 
 
 def station_folders(directory: Path, report: StitchingReport | None) -> dict[str, Path]:
@@ -67,7 +66,7 @@ def tube_rows(report: StitchingReport) -> Iterator[tuple[str, str]]:
 
 
 def station_rows(report: StitchingReport) -> list[tuple[str, ...]]:
-    """A row for each station: where it stands, and how sure that is.
+    """A row for each station: where it is, and how sure that is.
 
     Parameters
     ----------
@@ -138,7 +137,7 @@ def stitching_findings(report: StitchingReport) -> Iterator[str]:
     elif report.loop_gap_after_mm is None:
         yield f"All of it was seen, but {LOOP_OPEN}."
     for one in report.overlaps:
-        if one.misfit > UNFIT:
+        if one.misfit > UNFIT_CHI2:
             yield (
                 f"Stations {' and '.join(one.stations)} fit at {one.azimuth_deg:.0f}° "
                 f"{np.sqrt(one.misfit):.1f} times worse than their errors explain."
@@ -146,14 +145,13 @@ def stitching_findings(report: StitchingReport) -> Iterator[str]:
 
 
 def read_stations_picture(directory: Path) -> ReportPicture | None:
-    """The picture that the stitching left; None where it is not there."""
+    """The picture that the stitching left; None if it is not there."""
     file = directory / STATIONS_PICTURE
-    if not file.is_file() or file.stat().st_size > MOST_BYTES:
+    if not file.is_file() or file.stat().st_size > MOST_PICTURE_BYTES:
         return None
-    data = b64encode(file.read_bytes()).decode("ascii")
-    return ReportPicture(
+    return picture_from_png(
+        file.read_bytes(),
         "Stations and their overlaps",
         "Left, which station saw which part of the groove, overlaps shaded; right, what is left "
         "between the stations' corners in each overlap once all are placed.",
-        f"data:image/png;base64,{data}",
     )

@@ -1,4 +1,4 @@
-"""What a report says in tables: what was scanned, with what, and how it went."""
+"""What a report shows in tables: what was scanned, with what, and how it went."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.report.data import ReportData
 from tjscan.report.findings import describe_coverage
 from tjscan.report.stations import tube_rows
-from tjscan.result.section import MEASURES, SIGMAS
+from tjscan.result.section import MEASURE_FIELDS, SIGMA_FIELDS
 
 MOST_EVENTS: Final = 200
 """Events that are listed; a run with more has other troubles."""
@@ -48,7 +48,7 @@ def measure_rows(data: ReportData) -> list[tuple[str, ...]]:
         The run.
     """
     table = []
-    for field, sigma in zip(MEASURES, SIGMAS, strict=True):
+    for field, sigma in zip(MEASURE_FIELDS, SIGMA_FIELDS, strict=True):
         values = field.values(data.sections)
         spread = np.median(sigma.values(data.sections))
         numbers = (f"{value:.2f}" for value in (values.min(), values.mean(), values.max()))

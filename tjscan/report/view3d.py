@@ -14,26 +14,25 @@ from tjscan.comparison.distance import DeviationDistances
 from tjscan.comparison.maps import deviation_scale_mm
 from tjscan.core.frames import Array
 from tjscan.report.charts import indices_near_groove
-from tjscan.report.clock import clock_text
 from tjscan.report.data import ReportData
+from tjscan.report.dimensions import clock_text
 from tjscan.report.findings import is_closed, wide_steps
-from tjscan.report.ghost import ghost_of_joint
-from tjscan.result.section import MEASURES, SIGMAS, SYMBOLS, absent_corners
-from tjscan.result.wireframe import joint_wireframe
+from tjscan.result.section import MEASURE_FIELDS, SIGMA_FIELDS, UNIT_SYMBOLS, absent_corners
+from tjscan.result.wireframe import ghost_of_joint, joint_wireframe
 
 MOST_POINTS: Final = 40_000
 """A page of more would be slow, and too large."""
 
 SEQUENTIAL, DIVERGING = "viridis", "coolwarm"
-SHADES: Final = 9
+SHADE_COUNT: Final = 9
 """Between which the page mixes colours."""
 
-SHOWN: Final = ("groove_angle", "root_width", "depth")
+SHOWN_MEASURES: Final = ("groove_angle", "root_width", "depth")
 """Measures that the groove is coloured by."""
 
 
 def view_data(data: ReportData) -> dict[str, Any]:
-    """All that the view draws and tells, in millimetres and degrees, for JSON.
+    """All that the view draws and shows, in millimetres and degrees, for JSON.
 
     Parameters
     ----------
@@ -86,13 +85,13 @@ def _quantities(data: ReportData) -> Iterator[dict[str, Any]]:
             rows = np.nan_to_num(1e3 * deviation.distances.reshape(-1, 3), nan=-1).max(axis=1)
             yield _quantity(deviation.kind, "mm", np.where(rows < 0, np.nan, rows))
     rootless = absent_corners(data.sections).any(axis=1)
-    for field, spread in zip(MEASURES, SIGMAS, strict=True):
-        if field.name not in SHOWN:
+    for field, spread in zip(MEASURE_FIELDS, SIGMA_FIELDS, strict=True):
+        if field.name not in SHOWN_MEASURES:
             continue
         values = field.values(data.sections)
         if field.name != "groove_angle":
             values = np.where(rootless, np.nan, values)
-        symbol = SYMBOLS.get(field.unit.suffix, field.unit.suffix)
+        symbol = UNIT_SYMBOLS.get(field.unit.suffix, field.unit.suffix)
         yield _quantity(field.name_in_words, symbol, values, spread.values(data.sections))
     opening = 1e3 * np.array([section.root_opening for section in data.sections])
     if not np.isnan(opening).all():
@@ -102,38 +101,37 @@ def _quantities(data: ReportData) -> Iterator[dict[str, Any]]:
     yield _quantity("standard deviation of the corners", "mm", sigmas)
 
 
-def _quantity(
-    name: str, unit: str, values: Array, sigmas: Array | None = None, colours: str = SEQUENTIAL
-) -> dict[str, Any]:
+def _quantity(name: str, unit: str, values: Array, sigmas: Array | None = None) -> dict[str, Any]:
     known = values[~np.isnan(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    limits = (round(low, 4), round(max(high, low + 1e-3), 4))
+    return _coloured(name, unit, limits, SEQUENTIAL) | {
+        "values": [None if np.isnan(value) else round(float(value), 4) for value in values],
+        "sigmas": None if sigmas is None else [round(float(sigma), 4) for sigma in sigmas],
+    }
+
+
+def _coloured(name: str, unit: str, limits: tuple[float, float], colours: str) -> dict[str, Any]:
+    """A quantity without values, and its scale of colours."""
+    shades = [to_hex(colour) for colour in colormaps[colours](np.linspace(0, 1, SHADE_COUNT))]
+    low, high = limits
     return {
         "name": name,
         "unit": unit,
-        "low": round(low, 4),
-        "high": round(max(high, low + 1e-3), 4),
-        "colours": _shades(colours),
-        "values": [None if np.isnan(value) else round(float(value), 4) for value in values],
-        "sigmas": None if sigmas is None else [round(float(sigma), 4) for sigma in sigmas],
+        "low": low,
+        "high": high,
+        "colours": shades,
+        "values": None,
+        "sigmas": None,
     }
 
 
 def _point_deviation(deviation: DeviationDistances) -> dict[str, Any]:
     """What points are coloured by."""
     scale = round(deviation_scale_mm(deviation), 3)
-    return {
-        "name": f"deviation, {deviation.kind}",
-        "unit": "mm",
-        "low": -scale if deviation.signed else 0.0,
-        "high": scale,
-        "colours": _shades(DIVERGING if deviation.signed else SEQUENTIAL),
-        "values": None,
-        "sigmas": None,
-    }
-
-
-def _shades(name: str) -> list[str]:
-    return [to_hex(colour) for colour in colormaps[name](np.linspace(0, 1, SHADES))]
+    limits = (-scale if deviation.signed else 0.0, scale)
+    colours = DIVERGING if deviation.signed else SEQUENTIAL
+    return _coloured(f"deviation, {deviation.kind}", "mm", limits, colours)
 
 
 def _points(data: ReportData) -> tuple[dict[str, Any], DeviationDistances | None]:

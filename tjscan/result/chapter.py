@@ -1,4 +1,4 @@
-"""What an algorithm has to say of a run in its report: facts, findings, charts, events, profiles.
+"""What an algorithm reports on a run in its report: facts, findings, charts, events, profiles.
 
 Each algorithm registers one function that takes a run directory and gives a `ReportChapter`. The
 report renders chapters, and knows no algorithm.
@@ -6,20 +6,124 @@ report renders chapters, and knows no algorithm.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
-from tjscan.core.frames import Array, readonly_copy
-from tjscan.groove.settings import DEFAULT, GrooveSettings
+import numpy as np
+
+from tjscan.core.frames import Array, frozen_arrays
+from tjscan.groove.settings import DEFAULT_SETTINGS, GrooveSettings
 from tjscan.laser.profile import Profile
-from tjscan.result.animation import PlaneAnimation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class MovingLine:
+    """A line that changes its shape.
+
+    Parameters
+    ----------
+    name, colour : str
+        As the legend has it; the colour as CSS writes it.
+    points : ndarray, shape (frames, n, 2)
+        Metres.
+    dashed : bool
+    """
+
+    name: str
+    colour: str
+    points: Array
+    dashed: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MovingDiscs:
+    """Discs that go about.
+
+    Parameters
+    ----------
+    name, colour : str
+        As of `MovingLine`.
+    circles : ndarray, shape (frames, n, 3)
+        x, y and radius, metres.
+    """
+
+    name: str
+    colour: str
+    circles: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneAnimation:
+    """What a report lets its reader scrub through.
+
+    Parameters
+    ----------
+    title, caption : str
+        What it shows, and what to see in it.
+    times : ndarray, shape (frames,)
+        Seconds.
+    polygons : sequence of ndarray, shape (n, 2)
+        What does not move: the first is the floor, the others are on it.
+    path : ndarray, shape (n, 2)
+        A line that does not move.
+    lines : sequence of MovingLine
+    discs : sequence of MovingDiscs
+    values : sequence of (str, ndarray of shape (frames,))
+        Numbers to show at each time, with their names and units.
+    notes : sequence of str
+        A sentence for each frame, or nothing.
+    """
+
+    title: str
+    caption: str
+    times: Array
+    polygons: Sequence[Array]
+    path: Array
+    lines: Sequence[MovingLine]
+    discs: Sequence[MovingDiscs]
+    values: Sequence[tuple[str, Array]] = ()
+    notes: Sequence[str] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """The same as JSON holds it, in whole millimetres."""
+        return {
+            "times": [round(float(time), 1) for time in self.times],
+            "polygons": [_mm(polygon) for polygon in self.polygons],
+            "path": _mm(self.path),
+            "lines": [
+                {
+                    "name": line.name,
+                    "colour": line.colour,
+                    "dashed": line.dashed,
+                    "points": _mm(line.points),
+                }
+                for line in self.lines
+            ],
+            "discs": [
+                {"name": discs.name, "colour": discs.colour, "circles": _mm(discs.circles)}
+                for discs in self.discs
+            ],
+            "values": [
+                {"name": name, "at": [None if v != v else round(v, 3) for v in values.tolist()]}
+                for name, values in self.values
+            ],
+            "notes": list(self.notes),
+        }
+
+
+def _mm(values: Array) -> list[Any]:
+    """Metres as whole millimetres, each frame in one row."""
+    whole = np.rint(1e3 * np.asarray(values)).astype(int)
+    flat: list[Any] = whole.reshape(len(whole), -1).tolist()
+    return flat
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class ReportChart:
     """A chart of a report: one quantity over another; charts of one title are drawn together.
 
@@ -56,10 +160,6 @@ class ReportChart:
     plane: bool = False
     mark: Literal["line", "bar", "dot"] = "line"
     log_y: bool = False
-
-    def __post_init__(self) -> None:
-        for name in ("x", "y"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,14 +232,14 @@ class ReportChapter:
     sheet: ReportSheet | None = None
     animation: PlaneAnimation | None = None
     profiles: Mapping[int, Profile] = field(default_factory=lambda: MappingProxyType({}))
-    settings: GrooveSettings = DEFAULT
+    settings: GrooveSettings = DEFAULT_SETTINGS
 
 
 class ChapterWriter(Protocol):
     """A function that makes a task's chapter of the report on a run directory."""
 
     def __call__(self, directory: Path) -> ReportChapter:
-        """Give the chapter of a run directory, an empty one where it has nothing to say.
+        """Give the chapter of a run directory, an empty one where it has nothing to report.
 
         Parameters
         ----------

@@ -13,19 +13,19 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.groove.measured import MeasuredSection
 
-WINDOW: Final = 60e-3
+NEIGHBOUR_DISTANCE: Final = 60e-3
 """Metres to either side within which neighbours count for the direction."""
 
-FEWEST: Final = 5
-"""Fewest sections that count, itself included, where there are as many."""
+FEWEST_NEIGHBOURS: Final = 5
+"""Fewest sections that count, itself included, if there are as many."""
 
-DEGREE: Final = 3
+POLYNOMIAL_DEGREE: Final = 3
 """Of the polynomial through them: a tube's edge bends, and bends differently along its way."""
 
-FADING: Final = 0.4
+WEIGHT_WIDTH: Final = 0.4
 """Standard deviation of the neighbours' weights, as a share of the width: near ones count more.
 
 On the edge of a 457 mm brace on a 600 mm leg, noise of 0.05 mm included, nine directions of ten
@@ -35,6 +35,7 @@ of 80 mm to 1.2° and 5°.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class SectionDirections:
     """Directions at each of n sections, unit vectors of shape (n, 3) in the sections' frame.
 
@@ -51,10 +52,6 @@ class SectionDirections:
     wall: Array
     bevel: Array
     leg: Array
-
-    def __post_init__(self) -> None:
-        for name in ("tangent", "wall", "bevel", "leg"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 def section_directions(sections: Sequence[MeasuredSection]) -> SectionDirections:
@@ -101,7 +98,7 @@ def tangents_along_line(points: Array, x: Array) -> Array:
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     s = np.concatenate(([0.0], steps.cumsum()))
     gap = float(np.linalg.norm(points[-1] - points[0]))
-    closed = len(points) > FEWEST and gap <= 2 * float(np.median(steps))
+    closed = len(points) > FEWEST_NEIGHBOURS and gap <= 2 * float(np.median(steps))
     if closed:
         whole = s[-1] + gap
         s = np.concatenate((s - whole, s, s + whole))
@@ -116,11 +113,11 @@ def tangents_along_line(points: Array, x: Array) -> Array:
 def _slope(s: Array, points: Array, i: int) -> Array:
     """Derivative at ``s[i]`` of a polynomial through the points about it."""
     away = np.abs(s - s[i])
-    reach = max(WINDOW, float(np.sort(away)[min(FEWEST, len(s)) - 1]))
+    reach = max(NEIGHBOUR_DISTANCE, float(np.sort(away)[min(FEWEST_NEIGHBOURS, len(s)) - 1]))
     near = away <= reach
     u = (s[near] - s[i]) / reach
-    weights = np.exp(-0.5 * (u / FADING) ** 2)[:, None]
-    degree = min(DEGREE, len(np.unique(u)) - 1)
+    weights = np.exp(-0.5 * (u / WEIGHT_WIDTH) ** 2)[:, None]
+    degree = min(POLYNOMIAL_DEGREE, len(np.unique(u)) - 1)
     powers = u[:, None] ** np.arange(degree + 1)
     coefficients, *_ = np.linalg.lstsq(weights * powers, weights * points[near])
     return np.asarray(coefficients[1])

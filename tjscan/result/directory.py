@@ -8,18 +8,18 @@ from typing import Final
 
 from tjscan.core.provenance import Provenance
 
-JOB: Final = "job.toml"
-JOINT: Final = "joint.toml"
-CALIBRATION: Final = "calibration.toml"
-URDF: Final = "arm.urdf"
-RECORDING: Final = "scan.mcap"
-SECTIONS: Final = "sections.csv"
-CLOUD: Final = "groove.ply"
-SUMMARY: Final = "summary.json"
-PICTURE: Final = "scan.png"
+JOB_FILE: Final = "job.toml"
+JOINT_FILE: Final = "joint.toml"
+CALIBRATION_FILE: Final = "calibration.toml"
+URDF_FILE: Final = "arm.urdf"
+RECORDING_FILE: Final = "scan.mcap"
+SECTIONS_FILE: Final = "sections.csv"
+CLOUD_FILE: Final = "groove.ply"
+SUMMARY_FILE: Final = "summary.json"
+SCAN_PICTURE: Final = "scan.png"
 CALIBRATION_PICTURE: Final = "calibration.png"
-STATIONS: Final = "stations.json"
-BUDGET: Final = "uncertainty.json"
+STATIONS_FILE: Final = "stations.json"
+BUDGET_FILE: Final = "uncertainty.json"
 STATIONS_PICTURE: Final = "stitch.png"
 
 
@@ -34,14 +34,14 @@ def job_label_of_run(*directories: Path) -> str:
     Returns
     -------
     str
-        As the head of the ``job.toml`` says it. One of version 0.1.0 has no head: its own name,
-        and the beginning of its SHA-256. Empty where there is none.
+        As the head of the ``job.toml`` states it. One of version 0.1.0 has no head: its own name,
+        and the beginning of its SHA-256. Empty if there is none.
     """
     for directory in directories:
-        if (file := directory / JOB).is_file():
+        if (file := directory / JOB_FILE).is_file():
             content = file.read_bytes()
             head = Provenance.from_comment_lines(content.decode(errors="replace"), "#")
-            return job_name_and_hash(JOB, content) if head is None else head.job
+            return job_name_and_hash(JOB_FILE, content) if head is None else head.job
     return ""
 
 

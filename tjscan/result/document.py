@@ -12,7 +12,7 @@ from pydantic import Field as Described
 from tjscan.core.config import StrictFileModel
 from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.section import FIELDS, SectionQuantity
+from tjscan.result.section import SECTION_FIELDS, SectionQuantity
 
 
 class SectionFieldDescription(StrictFileModel):
@@ -33,11 +33,11 @@ def _type(field: SectionQuantity) -> Any:
     return kind | None if field.blank else kind
 
 
-_VALUES: Final[dict[str, Any]] = {
-    field.name: (_type(field), Described(description=field.meaning)) for field in FIELDS
+SECTION_KEYS: Final[dict[str, Any]] = {
+    field.name: (_type(field), Described(description=field.meaning)) for field in SECTION_FIELDS
 }
-_SECTION: Final[Any] = create_model("Section", __base__=StrictFileModel, **_VALUES)
-_HEAD: Final[dict[str, Any]] = {
+SECTION_MODEL: Final[Any] = create_model("Section", __base__=StrictFileModel, **SECTION_KEYS)
+HEAD_KEYS: Final[dict[str, Any]] = {
     "schema_name": (Literal["tjscan.groove"], "tjscan.groove"),
     "version": (Literal[3], 3),
     "run": (str, Described(description="name of the run directory")),
@@ -45,10 +45,12 @@ _HEAD: Final[dict[str, Any]] = {
     "provenance": (Provenance, ...),
     "fields": (dict[str, SectionFieldDescription], ...),
 }
-_SECTIONS: Final[Any] = Annotated[tuple[_SECTION, ...], Described(strict=False, min_length=2)]
+SECTION_LIST: Final[Any] = Annotated[
+    tuple[SECTION_MODEL, ...], Described(strict=False, min_length=2)
+]
 
-DOCUMENT: Final[type[BaseModel]] = create_model(
-    "GrooveDocument", __base__=StrictFileModel, **_HEAD, sections=(_SECTIONS, ...)
+GROOVE_DOCUMENT: Final[type[BaseModel]] = create_model(
+    "GrooveDocument", __base__=StrictFileModel, **HEAD_KEYS, sections=(SECTION_LIST, ...)
 )
 """The document's model, whose schema is ``docs/export.schema.json``."""
 
@@ -56,7 +58,7 @@ DOCUMENT: Final[type[BaseModel]] = create_model(
 def sections_to_json(
     sections: Sequence[MeasuredSection], provenance: Provenance, run: str, calibration: str
 ) -> bytes:
-    """Sections as JSON, validated against `DOCUMENT`.
+    """Sections as JSON, validated against `GROOVE_DOCUMENT`.
 
     Parameters
     ----------
@@ -80,8 +82,8 @@ def build_sections_document(
 ) -> BaseModel:
     """Build the model of the sections' JSON document; parameters as of `sections_to_json`."""
     unit = provenance.length
-    columns = {field.name: _values(field, sections, unit) for field in FIELDS}
-    return DOCUMENT.model_validate(
+    columns = {field.name: _values(field, sections, unit) for field in SECTION_FIELDS}
+    return GROOVE_DOCUMENT.model_validate(
         {
             "run": run,
             "calibration": calibration,
@@ -90,7 +92,7 @@ def build_sections_document(
                 field.name: SectionFieldDescription(
                     unit=field.unit_for_lengths(unit).suffix, meaning=field.meaning
                 )
-                for field in FIELDS
+                for field in SECTION_FIELDS
             },
             "sections": [
                 {name: values[k] for name, values in columns.items()} for k in range(len(sections))

@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import write_files_atomically
+from tjscan.core.frames import inverse_pose, pose_from_rounded_matrix, transform_points
 from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.directory import SECTIONS, job_label_of_run
-from tjscan.result.document import sections_to_json
+from tjscan.result.directory import SECTIONS_FILE, job_label_of_run
+from tjscan.result.document import build_sections_document, sections_to_json
 from tjscan.result.ply import sections_to_ply
 from tjscan.result.shapes import read_finished_summary
 from tjscan.result.table import read_sections_csv, sections_to_csv
-from tjscan.result.weldx import write_weldx
 
 Format = Literal["csv", "ply", "json", "weldx"]
 
-STEM: Final = "export"
-"""Name of the file in the run directory, where none is given."""
+EXPORT_STEM: Final = "export"
+"""Name of the file in the run directory, if none is given."""
 
 
 def export_run(
@@ -38,7 +41,7 @@ def export_run(
     units : str
         Unit of its lengths: mm or m.
     out : Path, optional
-        The file to write; ``export.FORMAT`` in the run directory where left out.
+        The file to write; ``export.FORMAT`` in the run directory if left out.
 
     Raises
     ------
@@ -46,18 +49,18 @@ def export_run(
         If there is no finished run, the folder of the file does not exist, or an extra is not
         installed.
     RecordingError
-        If the file can't be written; what stood there before then still does.
+        If the file can't be written; what was there before is unchanged.
     """
     summary = read_finished_summary(directory)
-    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS))
+    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
     if len(sections) < 2:
         raise ConfigurationError(
             "two sections or more are needed to find the groove's direction",
-            file=directory / SECTIONS,
+            file=directory / SECTIONS_FILE,
         )
     run, calibration = directory.resolve().name, summary.calibration
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), summary.frame, units)
-    file = out or directory / f"{STEM}.{to}"
+    file = out or directory / f"{EXPORT_STEM}.{to}"
     if not file.parent.is_dir() or file.is_dir():
         raise ConfigurationError("is no file in a folder that exists", file=file, key="--out")
     with write_files_atomically(file.parent) as draft:
@@ -75,7 +78,7 @@ def export_run(
 
 
 def sort_sections_by_azimuth(sections: tuple[MeasuredSection, ...]) -> tuple[MeasuredSection, ...]:
-    """Sections by growing azimuth, whichever way the scan went; as they are where none is known.
+    """Sections by growing azimuth, whichever way the scan went; as they are if none is known.
 
     Parameters
     ----------
@@ -86,3 +89,53 @@ def sort_sections_by_azimuth(sections: tuple[MeasuredSection, ...]) -> tuple[Mea
     if np.isnan(azimuths).any():
         return sections
     return tuple(sections[i] for i in np.argsort(azimuths))
+
+
+WELDX_ROOTS = {"j": "joint", "b": "arm base"}
+"""What the frame of the result is called in the tree of frames."""
+
+
+def write_weldx(
+    file: Path,
+    sections: Sequence[MeasuredSection],
+    provenance: Provenance,
+    run: str,
+    calibration: str,
+) -> None:
+    """Write section frames and points as a weldx file, with the JSON document beside them.
+
+    Every section is a frame g below the joint (or the arm's base), with its five points as
+    ``SpatialData`` in it. The document is under ``groove``, the frames under
+    ``coordinate_systems``.
+
+    Parameters
+    ----------
+    file : Path
+        The file to write.
+    sections, provenance, run, calibration
+        As of `tjscan.result.document.sections_to_json`.
+
+    Raises
+    ------
+    ConfigurationError
+        If the extra is not installed.
+    """
+    if find_spec("weldx") is None:
+        raise ConfigurationError(
+            "weldx files need an extra package: pip install 'tjscan[weldx]'", key="--to"
+        )
+    weldx: Any = import_module("weldx")
+    unit = provenance.length
+    per_metre = 1e3 if unit == "mm" else 1.0
+    root = WELDX_ROOTS.get(provenance.frame, provenance.frame)
+    frames = weldx.CoordinateSystemManager(root, "groove")
+    for k, section in enumerate(sections):
+        T = pose_from_rounded_matrix(section.T_r_g)  # weldx is strict about rotations
+        name = f"section {k}"
+        where = weldx.LocalCoordinateSystem(T[:3, :3], weldx.Q_(per_metre * T[:3, 3], unit))
+        frames.add_cs(name, root, where)
+        points = per_metre * transform_points(inverse_pose(T), section.points)
+        frames.assign_data(weldx.SpatialData(weldx.Q_(points, unit)), f"points of {name}", name)
+    groove = build_sections_document(sections, provenance, run, calibration).model_dump(mode="json")
+    with weldx.WeldxFile(tree={"groove": groove, "coordinate_systems": frames}, mode="rw") as made:
+        made.write_to(file)

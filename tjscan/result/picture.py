@@ -8,21 +8,138 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from matplotlib import rc_context
+from matplotlib import colormaps, rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.settings import GrooveSettings
-from tjscan.result.colours import CORNER, LASER, ROOT
 from tjscan.result.readings import ProfileReading, fitted_side_polylines
-from tjscan.result.section import MEASURES, SIGMAS, absent_corners, lengths_along_groove
-from tjscan.result.space_picture import draw_groove_3d
+from tjscan.result.section import MEASURE_FIELDS, SIGMA_FIELDS, absent_corners, lengths_along_groove
 
-PRINTED: Final[dict[Any, Any]] = {
+STEEL_COLOUR: Final = "#9aa5b1"
+LASER_COLOUR: Final = "#2f7ed8"
+ROOT_COLOUR: Final = "#d62728"
+CORNER_COLOUR: Final = "#1b1b1b"
+PATH_COLOUR: Final = "#2ca02c"
+
+
+MOST_POINTS_DRAWN: Final = 6000
+"""More would only make the picture slow."""
+
+MOST_NUMBERS_DRAWN: Final = 24
+"""Numbers of sections that can be distinguished."""
+
+PANEL_ASPECT: Final = 1.3
+"""Width of the place that a picture has, by its height."""
+
+AXIS_NAME_DISTANCE: Final = 130.0
+"""Millimetres along an axis of its name."""
+
+ANGLE_COLOURS: Final = "viridis"
+
+
+def draw_groove_3d(
+    axes: Any,
+    sections: Sequence[MeasuredSection],
+    points: Array,
+    frame: str,
+    outline: Sequence[Array],
+    paths: Sequence[Array],
+) -> None:
+    """Draw the groove in space, to scale: sections coloured by groove angle, and their numbers.
+
+    Parameters
+    ----------
+    axes : Axes3D
+        To draw in, of an orthographic projection.
+    sections : sequence of MeasuredSection
+        One at least, in the order along the groove.
+    points : ndarray, shape (n, 3)
+        The groove's points, metres, in the frame of the sections.
+    frame : str
+        Letter of that frame.
+    outline, paths : sequence of ndarray, shape (n, 3)
+        Lines of the joint, and paths of the flange, metres, in the same frame.
+    """
+    for line in outline:
+        axes.plot(*(1e3 * line.T), color=STEEL_COLOUR, linewidth=0.4, alpha=0.6)
+    dots = 1e3 * points[:: max(1, ceil(len(points) / MOST_POINTS_DRAWN))]
+    axes.scatter(*dots.T, s=0.6, color=LASER_COLOUR, alpha=0.5, depthshade=False, linewidths=0)
+    corners = 1e3 * np.array([section.points for section in sections])
+    for k in (1, 2, 3):
+        axes.plot(*corners[:, k].T, color=CORNER_COLOUR, linewidth=0.6)
+    angles = MEASURE_FIELDS[0].values(sections)
+    scale = Normalize(angles.min(), max(angles.max(), angles.min() + 1e-3))
+    for section, angle in zip(corners, angles, strict=True):
+        axes.plot(*section.T, color=colormaps[ANGLE_COLOURS](scale(angle)), linewidth=1.6)
+    for section, one in list(zip(corners, sections, strict=True))[
+        :: ceil(len(sections) / MOST_NUMBERS_DRAWN)
+    ]:
+        outward = section[4] - section[3]
+        at = section[4] + 14 * outward / max(float(np.linalg.norm(outward)), 1e-9)
+        axes.text(*at, str(one.index), fontsize="small", ha="center", va="center")
+    for path in paths:
+        axes.plot(*(1e3 * path.T), color=PATH_COLOUR, linewidth=0.8, marker=".", markersize=3)
+    everything = np.concatenate((*corners, *(1e3 * line for line in (*outline, *paths))))
+    middle = np.nan_to_num(sections[len(sections) // 2].azimuth)
+    towards = float(np.degrees(middle)) + 10
+    low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
+    rightward = np.array((-np.sin(np.radians(towards)), np.cos(np.radians(towards)), 1.0))
+    foot = np.where(rightward > 0, low, high)
+    _draw_axes(axes, frame, foot)
+    _look(axes, towards, np.vstack((everything, foot + AXIS_NAME_DISTANCE * np.eye(3))))
+    bar = axes.figure.colorbar(
+        ScalarMappable(scale, ANGLE_COLOURS),
+        ax=axes,
+        location="bottom",
+        shrink=0.5,
+        pad=0.02,
+        aspect=30,
+    )
+    bar.set_label(MEASURE_FIELDS[0].chart_title)
+    bar.outline.set_visible(False)
+
+
+def _look(axes: Any, towards: float, everything: Array) -> None:
+    """Look from outside, from an azimuth in degrees, as near as all that is drawn allows."""
+    axes.set_proj_type("ortho")
+    axes.view_init(elev=25, azim=towards)
+    limits = (axes.get_xlim3d(), axes.get_ylim3d(), axes.get_zlim3d())
+    aspect = [high - low for low, high in limits]
+    axes.set_box_aspect(aspect)
+    x, y, _ = proj_transform(*everything.T, axes.get_proj())
+    # Half widths in those of the axes, which are square and are in a wider place.
+    half = np.ptp(axes.viewLim.get_points(), axis=0) / 2
+    reach = max(np.nanmax(np.abs(x)) / half[0] / PANEL_ASPECT, np.nanmax(np.abs(y)) / half[1])
+    axes.set_box_aspect(aspect, zoom=0.95 / reach)
+    axes.set_axis_off()
+    for artist in (*axes.lines, *axes.collections, *axes.texts):
+        artist.set_clip_on(False)
+        artist.set_in_layout(False)
+
+
+def _draw_axes(axes: Any, frame: str, low: Array) -> None:
+    """Axes of 100 mm from the lower left corner: direction and scale at once."""
+    for k, name in enumerate("xyz"):
+        tip = low + 100 * np.eye(3)[k]
+        axes.plot(*np.column_stack((low, tip)), color=CORNER_COLOUR, linewidth=0.9)
+        axes.text(
+            *(low + AXIS_NAME_DISTANCE * np.eye(3)[k]),
+            f"${name}_{frame}$",
+            ha="center",
+            va="center",
+        )
+    axes.text(*(low - (0, 0, 110)), "axes: 100 mm", fontsize="small", ha="center", va="center")
+
+
+PRINT_STYLE: Final[dict[Any, Any]] = {
     "font.size": 8.0,
     "axes.titlesize": 8.0,
     "axes.linewidth": 0.6,
@@ -34,10 +151,10 @@ PRINTED: Final[dict[Any, Any]] = {
 
 PRINTED_DPI: Final = 300
 
-BAND: Final = 2.0
+BAND_SIGMAS: Final = 2.0
 """Half width of the bands, in standard deviations."""
 
-MOST_DRAWN: Final = 48
+MOST_PROFILES_DRAWN: Final = 48
 """A picture of more profiles shows nothing any more."""
 
 ANGLE_AND_WIDTH, DEPTH_AND_AREA = (0, 1), (2, 3)
@@ -67,13 +184,13 @@ def draw_groove_overview(
     title : str
         What it shows.
     outline : sequence of ndarray, shape (n, 3)
-        Lines of the joint, metres, in the same frame; empty where no joint is known.
+        Lines of the joint, metres, in the same frame; empty if no joint is known.
     paths : sequence of ndarray, shape (n, 3)
         Paths of the flange, metres, in the same frame, one for each station.
     example : ProfileReading, optional
-        A section to show in the laser plane; depth and area are shown where left out.
+        A section to show in the laser plane; depth and area are shown if left out.
     """
-    with rc_context(PRINTED):
+    with rc_context(PRINT_STYLE):
         figure = Figure(figsize=(9.6, 5.2), dpi=PRINTED_DPI, layout="constrained")
         FigureCanvasAgg(figure)
         grid = figure.add_gridspec(2, 2, width_ratios=(1.6, 1))
@@ -102,7 +219,7 @@ def write_png(file: Path, figure: Figure, provenance: Provenance | None = None) 
     figure : Figure
         What to write.
     provenance : Provenance, optional
-        Stands in the picture's metadata.
+        Is in the picture's metadata.
 
     Raises
     ------
@@ -119,11 +236,11 @@ def write_png(file: Path, figure: Figure, provenance: Provenance | None = None) 
 def draw_profile(axes: Any, reading: ProfileReading) -> None:
     """Draw a profile in the laser plane with the corners that are seen, the sensor to the right."""
     profile = reading.profile
-    axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER, markersize=1.2)
+    axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER_COLOUR, markersize=1.2)
     for i, (x, _, z) in enumerate(1e3 * reading.points_s, start=1):
         if not reading.is_seen[i - 1]:
             continue
-        axes.plot(z, x, "o", color=CORNER, markersize=3)
+        axes.plot(z, x, "o", color=CORNER_COLOUR, markersize=3)
         axes.annotate(f"$p_{i}$", (z, x), xytext=(8, -2), textcoords="offset points")
     axes.margins(0.12)
     axes.set_xlabel("$z_s$ / mm")
@@ -136,23 +253,27 @@ def _draw_measures(axes: Any, sections: Sequence[MeasuredSection], which: tuple[
     """Draw two of the measures along the groove with their bands, each with its own scale."""
     along = 1e3 * lengths_along_groove(sections)
     rootless = absent_corners(sections).any(axis=1)
-    fields = [MEASURES[i] for i in which]
-    for i, part, colour in zip(which, (axes, axes.twinx()), (CORNER, ROOT), strict=True):
-        values, sigmas = (which_of[i].values(sections) for which_of in (MEASURES, SIGMAS))
+    fields = [MEASURE_FIELDS[i] for i in which]
+    for i, part, colour in zip(
+        which, (axes, axes.twinx()), (CORNER_COLOUR, ROOT_COLOUR), strict=True
+    ):
+        values, sigmas = (
+            which_of[i].values(sections) for which_of in (MEASURE_FIELDS, SIGMA_FIELDS)
+        )
         if i > 0:  # the angle needs no root
             values = np.where(rootless, np.nan, values)
-        low, high = values - BAND * sigmas, values + BAND * sigmas
+        low, high = values - BAND_SIGMAS * sigmas, values + BAND_SIGMAS * sigmas
         part.fill_between(along, low, high, color=colour, alpha=0.15, linewidth=0)
         part.plot(along, values, marker="o", markersize=2.5, color=colour)
-        part.set_ylabel(MEASURES[i].chart_title, color=colour)
+        part.set_ylabel(MEASURE_FIELDS[i].chart_title, color=colour)
         part.tick_params(axis="y", colors=colour)
         part.spines["top"].set_visible(False)
     axes.set_xlabel("along the groove / mm")
-    axes.set_title(f"{' and '.join(f.name_in_words for f in fields)}, ± {BAND:g} σ")
+    axes.set_title(f"{' and '.join(f.name_in_words for f in fields)}, ± {BAND_SIGMAS:g} σ")
 
 
 def draw_profiles_with_fits(readings: Sequence[ProfileReading], settings: GrooveSettings) -> Figure:
-    """Draw profiles, at most `MOST_DRAWN`, with the fitted sides over their points.
+    """Draw profiles, at most `MOST_PROFILES_DRAWN`, with the fitted sides over their points.
 
     Parameters
     ----------
@@ -160,7 +281,7 @@ def draw_profiles_with_fits(readings: Sequence[ProfileReading], settings: Groove
     settings : GrooveSettings
         How they were read.
     """
-    chosen = readings[:: max(1, ceil(len(readings) / MOST_DRAWN))]
+    chosen = readings[:: max(1, ceil(len(readings) / MOST_PROFILES_DRAWN))]
     columns = ceil(sqrt(len(chosen)))
     rows = ceil(len(chosen) / columns)
     figure = Figure(figsize=(4.2 * columns, 3.6 * rows), layout="constrained")
@@ -170,7 +291,7 @@ def draw_profiles_with_fits(readings: Sequence[ProfileReading], settings: Groove
         draw_profile(axes, reading)
         if reading.refusal is None:
             for side in fitted_side_polylines(reading.profile, settings):
-                axes.plot(1e3 * side[:, 1], 1e3 * side[:, 0], color=CORNER, linewidth=1)
+                axes.plot(1e3 * side[:, 1], 1e3 * side[:, 0], color=CORNER_COLOUR, linewidth=1)
         found = f": {reading.found_in_words}" if reading.found_in_words else ""
         axes.set_title(f"{reading.name}{found}", fontsize=9)
     return figure

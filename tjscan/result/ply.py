@@ -11,12 +11,12 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.section import BY_NAME
+from tjscan.result.section import FIELD_BY_NAME
 
 NORMAL_AT: Final = ("wall_normal", "wall_normal", "bevel_normal", "leg_normal", "leg_normal")
 """Whose normal p1 to p5 are given: that of the surface they belong to."""
 
-_PROPERTIES: Final = (
+SECTION_PROPERTIES: Final = (
     *(("double", axis) for axis in "xyz"),
     *(("float", f"n{axis}") for axis in "xyz"),
     *(("float", f"tangent_{axis}") for axis in "xyz"),
@@ -46,12 +46,12 @@ def sections_to_ply(sections: Sequence[MeasuredSection], provenance: Provenance)
     sections : sequence of MeasuredSection
         In their order along the groove.
     provenance : Provenance
-        Stands in the comments; its unit of length is the file's.
+        Is in the comments; its unit of length is the file's.
     """
     n = len(sections)
 
     def printed(name: str) -> Array:
-        cells = BY_NAME[name].formatted_columns(sections, provenance.length)
+        cells = FIELD_BY_NAME[name].formatted_columns(sections, provenance.length)
         return np.array([[float(cell or "nan") for cell in row] for row in cells])
 
     sigmas = np.full((n, 5), np.nan)
@@ -67,7 +67,7 @@ def sections_to_ply(sections: Sequence[MeasuredSection], provenance: Provenance)
         np.tile(np.arange(1, 6), n)[:, None],
     )
     lines = [" ".join(f"{value:.10g}" for value in row) for row in np.hstack(columns)]
-    return _head("ascii", provenance, 5 * n, _PROPERTIES) + "\n".join([*lines, ""]).encode()
+    return _head("ascii", provenance, 5 * n, SECTION_PROPERTIES) + "\n".join([*lines, ""]).encode()
 
 
 def _head(

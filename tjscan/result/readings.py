@@ -10,11 +10,12 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.find import GrooveSettings, find_groove, fit_groove_to_profile
-from tjscan.groove.models import TEE
+from tjscan.groove.models import TEE_GROOVE
+from tjscan.groove.read import fit_groove, read_groove
 from tjscan.groove.section import GrooveSection
+from tjscan.groove.settings import GrooveSettings
 from tjscan.laser.profile import Profile
-from tjscan.result.section import MEASURES
+from tjscan.result.section import MEASURE_FIELDS
 
 SIDE_POINTS: Final = 24
 """Points of a fitted side in a picture."""
@@ -31,7 +32,7 @@ class ProfileReading:
     profile : Profile
         The profile.
     points_s : ndarray, shape (k, 3)
-        Corners in frame s, metres; with the ends for a tee; empty where refused.
+        Corners in frame s, metres; with the ends for a tee; empty if refused.
     section : GrooveSection or None
         The section of a tee.
     refusal : GrooveNotFound or None
@@ -65,7 +66,7 @@ class ProfileReading:
 def measure_grooves(
     profiles: Mapping[str, Profile], settings: GrooveSettings
 ) -> Iterator[ProfileReading]:
-    """Read the groove in every profile; where none is found, the reading says why.
+    """Read the groove in every profile; if none is found, the reading states why.
 
     Parameters
     ----------
@@ -76,11 +77,11 @@ def measure_grooves(
     """
     for name, profile in profiles.items():
         try:
-            if settings.model is TEE:
-                section = find_groove(profile, settings)
+            if settings.model is TEE_GROOVE:
+                section = read_groove(profile, settings)
                 yield ProfileReading(name, profile, section.points_s, section)
             else:
-                _, fitted = fit_groove_to_profile(profile, settings)
+                fitted = fit_groove(profile, settings).fitted
                 xz = fitted.corners
                 yield ProfileReading(name, profile, np.insert(xz, 1, 0.0, axis=1))
         except GrooveNotFound as refusal:
@@ -100,10 +101,10 @@ def fitted_side_polylines(profile: Profile, settings: GrooveSettings) -> list[Ar
     Returns
     -------
     list of ndarray
-        From the first side to the last, each as far as its points reach; empty where none fit.
+        From the first side to the last, each as far as its points reach; empty if none fit.
     """
     try:
-        _, fitted = fit_groove_to_profile(profile, settings)
+        fitted = fit_groove(profile, settings).fitted
     except GrooveNotFound:
         return []
     sides = []
@@ -149,7 +150,7 @@ def measures_with_sigmas(section: GrooveSection) -> list[tuple[str, float, float
     section : GrooveSection
         As it was read.
     """
-    values = (getattr(section, field.name) for field in MEASURES)
+    values = (getattr(section, field.name) for field in MEASURE_FIELDS)
     sigmas = np.sqrt(np.diag(section.measure_covariance))
     return [
         (
@@ -157,5 +158,5 @@ def measures_with_sigmas(section: GrooveSection) -> list[tuple[str, float, float
             float(value / field.unit.factor),
             float(sigma / field.unit.factor),
         )
-        for field, value, sigma in zip(MEASURES, values, sigmas, strict=True)
+        for field, value, sigma in zip(MEASURE_FIELDS, values, sigmas, strict=True)
     ]

@@ -1,8 +1,8 @@
 """The one description of a section: each quantity's name, unit, meaning and printed digits.
 
 Every file of sections and every chart of a report takes its names, units and numbers from
-`FIELDS`. A field that neighbouring sections decide, such as the groove's direction, is marked as
-derived: it is written, and not read again.
+`SECTION_FIELDS`. A field that neighbouring sections decide, such as the groove's direction, is
+marked as derived: it is written, and not read again.
 """
 
 from __future__ import annotations
@@ -21,17 +21,20 @@ from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.section import GrooveSection
 from tjscan.result.directions import section_directions
 
-NONE: Final = FileUnit("")
+NO_UNIT: Final = FileUnit("")
 IN_METRES: Final = {MM: FileUnit("m"), MM2: FileUnit("m2")}
-"""What lengths and areas are given in where a file is in metres."""
+"""What lengths and areas are given in if a file is in metres."""
 
-SYMBOLS: Final = {"deg": "°", "mm2": "mm²"}
-CORNERS: Final = (2, 3, 4)
-JOIN: Final = "; "
-"""What stands between several words of one text."""
+UNIT_SYMBOLS: Final = {"deg": "°", "mm2": "mm²"}
+CORNER_NUMBERS: Final = (2, 3, 4)
+WORD_SEPARATOR: Final = "; "
+"""What separates several words of one text."""
 
-_UPPER: Final = np.triu_indices(3)
-_PAIRS: Final = np.triu_indices(4, 1)
+TakeValues = Callable[[Sequence[MeasuredSection]], Any]
+"""Takes the values of sections, in SI units and in their order along the groove."""
+
+UPPER_TRIANGLE: Final = np.triu_indices(3)
+MEASURE_PAIRS: Final = np.triu_indices(4, 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,16 +50,16 @@ class SectionQuantity:
     unit : FileUnit
         Of the file, in millimetres and degrees.
     take : callable
-        Gives the values of sections that stand in their order along the groove, in SI units and
-        its shape after the number of sections.
+        Gives the values of sections in their order along the groove, in SI units and its shape
+        after the number of sections; the attribute of its name if left out.
     labels : tuple of str
-        Names of its columns without their unit, one a number; its own name where left out.
+        Names of its columns without their unit, one a number; its own name if left out.
     shape : tuple of int
         Of the value of one section.
     decimals : int or None
         That are printed in millimetres and degrees; None for six significant digits.
     least, most : float
-        Between which a file's value lies.
+        Bounds of a file's value.
     derived : bool
         Whether it follows from the other fields.
     text : bool
@@ -70,7 +73,7 @@ class SectionQuantity:
     name: str
     meaning: str
     unit: FileUnit
-    take: Callable[[Sequence[MeasuredSection]], Any]
+    take: TakeValues | None = None
     labels: tuple[str, ...] = ()
     shape: tuple[int, ...] = ()
     decimals: int | None = 4
@@ -92,7 +95,7 @@ class SectionQuantity:
     @property
     def chart_title(self) -> str:
         """The quantity's name and unit as the title of a chart."""
-        symbol = SYMBOLS.get(self.unit.suffix, self.unit.suffix)
+        symbol = UNIT_SYMBOLS.get(self.unit.suffix, self.unit.suffix)
         return f"{self.name_in_words}{symbol and f' / {symbol}'}"
 
     def unit_for_lengths(self, length: LengthUnit) -> FileUnit:
@@ -104,23 +107,32 @@ class SectionQuantity:
         suffix = self.unit_for_lengths(length).suffix
         return tuple(f"{label}_{suffix}" if suffix else label for label in self.labels)
 
+    def raw_values(self, sections: Sequence[MeasuredSection]) -> NDArray[Any]:
+        """The quantity's values of sections, numbers in SI units; several words are joined."""
+        if self.take is not None:
+            return np.asarray(self.take(sections))
+        found = [getattr(section, self.name) for section in sections]
+        if self.text:
+            found = [one if isinstance(one, str) else WORD_SEPARATOR.join(one) for one in found]
+        return np.array(found)
+
     def values(self, sections: Sequence[MeasuredSection]) -> Array:
         """The quantity's values of sections, in millimetres and degrees."""
-        return np.asarray(self.take(sections) / self.unit.factor)
+        return np.asarray(self.raw_values(sections) / self.unit.factor)
 
     def formatted_columns(
         self, sections: Sequence[MeasuredSection], length: LengthUnit = "mm"
     ) -> list[list[str]]:
-        """Numbers of each section as text, in the order of the columns; empty where unknown."""
+        """Numbers of each section as text, in the order of the columns; empty if unknown."""
         unit = self.unit_for_lengths(length)
         decimals = self.decimals
         if decimals is not None:
             decimals += round(np.log10(unit.factor / self.unit.factor))
-        rows = np.asarray(self.take(sections)).reshape(len(sections), len(self.labels))
-        return [[_text(value, unit.factor, decimals) for value in row] for row in rows.tolist()]
+        rows = self.raw_values(sections).reshape(len(sections), len(self.labels))
+        return [[_printed(value, unit.factor, decimals) for value in row] for row in rows.tolist()]
 
 
-def _text(value: float | str, factor: float, decimals: int | None) -> str:
+def _printed(value: float | str, factor: float, decimals: int | None) -> str:
     """A value in its unit, without a minus before a zero."""
     if isinstance(value, str):
         return value
@@ -162,12 +174,12 @@ def columns_of_sections(sections: Sequence[MeasuredSection]) -> dict[str, Any]:
     Returns
     -------
     dict of str to ndarray, shape (n,)
-        As tables hold them, to the last digit; NaN where a number is not known.
+        As tables hold them, to the last digit; NaN if a number is not known.
     """
     columns: dict[str, Any] = {}
-    for field in (one for one in FIELDS if len(sections) > 1 or not one.derived):
-        values = np.asarray(field.take(sections))
-        if field.unit is not NONE:
+    for field in (one for one in SECTION_FIELDS if len(sections) > 1 or not one.derived):
+        values = field.raw_values(sections)
+        if field.unit is not NO_UNIT:
             values = values / field.unit.factor
         rows = values.reshape(len(sections), len(field.labels))
         columns |= zip(field.column_names(), rows.T, strict=True)
@@ -183,12 +195,12 @@ def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
         Value by the field's name, in SI units and of the field's shape.
     """
     correlation = np.eye(4)
-    correlation[_PAIRS] = values["correlations"]
-    correlation[_PAIRS[::-1]] = correlation[_PAIRS]
-    sigmas = np.array([values[field.name] for field in SIGMAS])
+    correlation[MEASURE_PAIRS] = values["correlations"]
+    correlation[MEASURE_PAIRS[::-1]] = correlation[MEASURE_PAIRS]
+    sigmas = np.array([values[field.name] for field in SIGMA_FIELDS])
     covariances = np.empty((3, 3, 3))
-    covariances[:, *_UPPER] = values["covariances"]
-    covariances[:, *_UPPER[::-1]] = covariances[:, *_UPPER]
+    covariances[:, *UPPER_TRIANGLE] = values["covariances"]
+    covariances[:, *UPPER_TRIANGLE[::-1]] = covariances[:, *UPPER_TRIANGLE]
     return MeasuredSection(
         index=int(values["index"]),
         station=str(values["station"]),
@@ -196,7 +208,7 @@ def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
         T_r_g=pose(np.transpose(values["axes"]), values["origin"]),
         points=values["points"],
         covariances=covariances,
-        measures=np.array([values[field.name] for field in MEASURES]),
+        measures=np.array([values[field.name] for field in MEASURE_FIELDS]),
         measure_covariance=correlation * np.outer(sigmas, sigmas),
         work_angle=float(values["work_angle"]),
         rms=float(values["rms"]),
@@ -210,46 +222,45 @@ def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
 
 
 def _words(text: str) -> tuple[str, ...]:
-    return tuple(text.split(JOIN)) if text else ()
+    return tuple(text.split(WORD_SEPARATOR)) if text else ()
 
 
-def _joined(name: str) -> Callable[[Sequence[MeasuredSection]], Any]:
-    return lambda sections: np.array([JOIN.join(getattr(section, name)) for section in sections])
+def _text(name: str, meaning: str) -> SectionQuantity:
+    """A text that files of earlier versions lack."""
+    return SectionQuantity(name, meaning, NO_UNIT, text=True, blank=True, later=True)
 
 
-def _each(name: str) -> Callable[[Sequence[MeasuredSection]], Any]:
-    return lambda sections: np.array([getattr(section, name) for section in sections])
-
-
-def _measure(k: int) -> Callable[[Sequence[MeasuredSection]], Any]:
+def _measure(k: int) -> TakeValues:
     return lambda sections: np.array([section.measures[k] for section in sections])
 
 
-def _sigma(k: int) -> Callable[[Sequence[MeasuredSection]], Any]:
+def _sigma(k: int) -> TakeValues:
     return lambda sections: np.array([section.sigmas[k] for section in sections])
 
 
 def _correlations(sections: Sequence[MeasuredSection]) -> Array:
-    """Correlations of pairs of measures, shape (n, 6); zero where nothing varies."""
-    covariances = np.array([s.measure_covariance[_PAIRS] for s in sections]).reshape(-1, 6)
-    scales = np.array([np.outer(s.sigmas, s.sigmas)[_PAIRS] for s in sections]).reshape(-1, 6)
+    """Correlations of pairs of measures, shape (n, 6); zero if nothing varies."""
+    covariances = np.array([s.measure_covariance[MEASURE_PAIRS] for s in sections]).reshape(-1, 6)
+    scales = np.array([np.outer(s.sigmas, s.sigmas)[MEASURE_PAIRS] for s in sections]).reshape(
+        -1, 6
+    )
     zeros = np.zeros_like(covariances)
     ratios = np.divide(covariances, scales, out=zeros, where=scales > 0)
     return np.asarray(np.clip(ratios, -1, 1))
 
 
-def _direction(name: str) -> Callable[[Sequence[MeasuredSection]], Any]:
+def _direction(name: str) -> TakeValues:
     return lambda sections: getattr(section_directions(sections), name)
 
 
-def _vector(name: str, meaning: str, attribute: str) -> SectionQuantity:
+def _vector(name: str, meaning: str, side: str) -> SectionQuantity:
     labels = tuple(f"{name}_{axis}" for axis in "xyz")
     return SectionQuantity(
-        name, meaning, NONE, _direction(attribute), labels, (3,), 7, least=-1, most=1, derived=True
+        name, meaning, NO_UNIT, _direction(side), labels, (3,), 7, least=-1, most=1, derived=True
     )
 
 
-MEASURES: Final = (
+MEASURE_FIELDS: Final = (
     SectionQuantity("groove_angle", "angle between bevel and leg", DEG, _measure(0)),
     SectionQuantity(
         "root_width",
@@ -271,7 +282,7 @@ MEASURES: Final = (
 )
 """What a section measures, in the order of `MeasuredSection.measures`."""
 
-SIGMAS: Final = tuple(
+SIGMA_FIELDS: Final = tuple(
     replace(
         field,
         name=f"sigma_{field.name}",
@@ -281,26 +292,19 @@ SIGMAS: Final = tuple(
         decimals=None,
         least=0,
     )
-    for k, field in enumerate(MEASURES)
+    for k, field in enumerate(MEASURE_FIELDS)
 )
 """Standard deviations of the measures, in the same order."""
 
-FIELDS: Final = (
+SECTION_FIELDS: Final = (
+    SectionQuantity("index", "number of the section in its scan", NO_UNIT, decimals=0, least=0),
     SectionQuantity(
-        "index", "number of the section in its scan", NONE, _each("index"), decimals=0, least=0
-    ),
-    SectionQuantity(
-        "station",
-        "from where it was scanned; several joined by +",
-        NONE,
-        _each("station"),
-        text=True,
+        "station", "from where it was scanned; several joined by +", NO_UNIT, text=True
     ),
     SectionQuantity(
         "azimuth",
         "about the brace's axis from the crown; empty where no joint is known",
         DEG,
-        _each("azimuth"),
         least=-360,
         most=360,
         blank=True,
@@ -317,17 +321,12 @@ FIELDS: Final = (
         "p1 to p5: end on the brace's wall, top of the bevel, root corner on the bevel, root "
         "corner on the leg, end on the leg",
         MM,
-        _each("points"),
-        tuple(f"p{i}{axis}" for i in range(1, 6) for axis in "xyz"),
-        (5, 3),
+        labels=tuple(f"p{i}{axis}" for i in range(1, 6) for axis in "xyz"),
+        shape=(5, 3),
     ),
-    *MEASURES,
-    SectionQuantity(
-        "work_angle", "from z of g to the middle of the groove angle", DEG, _each("work_angle")
-    ),
-    SectionQuantity(
-        "rms", "of the profile's points about the fitted sides", MM, _each("rms"), least=0
-    ),
+    *MEASURE_FIELDS,
+    SectionQuantity("work_angle", "from z of g to the middle of the groove angle", DEG),
+    SectionQuantity("rms", "of the profile's points about the fitted sides", MM, least=0),
     SectionQuantity(
         "origin",
         "of frame g, where the lines along wall and leg meet",
@@ -339,7 +338,7 @@ FIELDS: Final = (
     SectionQuantity(
         "axes",
         "x, y and z of frame g: square to the section's plane, up the brace's wall, and out of it",
-        NONE,
+        NO_UNIT,
         lambda sections: np.array([section.T_r_g[:3, :3].T for section in sections]),
         tuple(f"{name}_{axis}" for name in ("xg", "yg", "zg") for axis in "xyz"),
         (3, 3),
@@ -347,16 +346,20 @@ FIELDS: Final = (
         least=-1,
         most=1,
     ),
-    *SIGMAS,
+    *SIGMA_FIELDS,
     SectionQuantity(
         "correlations",
         "of pairs of measures: "
         + ", ".join(
-            f"{MEASURES[a].name} and {MEASURES[b].name}" for a, b in zip(*_PAIRS, strict=True)
+            f"{MEASURE_FIELDS[a].name} and {MEASURE_FIELDS[b].name}"
+            for a, b in zip(*MEASURE_PAIRS, strict=True)
         ),
-        NONE,
+        NO_UNIT,
         _correlations,
-        tuple(f"corr_{MEASURES[a].name}_{MEASURES[b].name}" for a, b in zip(*_PAIRS, strict=True)),
+        tuple(
+            f"corr_{MEASURE_FIELDS[a].name}_{MEASURE_FIELDS[b].name}"
+            for a, b in zip(*MEASURE_PAIRS, strict=True)
+        ),
         (6,),
         5,
         least=-1,
@@ -366,9 +369,13 @@ FIELDS: Final = (
         "covariances",
         "of p2, p3 and p4, each as xx, xy, xz, yy, yz, zz; all components of uncertainty together",
         MM2,
-        lambda sections: np.array([section.covariances[:, *_UPPER] for section in sections]),
+        lambda sections: np.array(
+            [section.covariances[:, *UPPER_TRIANGLE] for section in sections]
+        ),
         tuple(
-            f"cov_p{i}_{'xyz'[a]}{'xyz'[b]}" for i in CORNERS for a, b in zip(*_UPPER, strict=True)
+            f"cov_p{i}_{'xyz'[a]}{'xyz'[b]}"
+            for i in CORNER_NUMBERS
+            for a, b in zip(*UPPER_TRIANGLE, strict=True)
         ),
         (3, 6),
         None,
@@ -377,10 +384,9 @@ FIELDS: Final = (
         "corner_sigmas",
         "standard deviation of the places of p2, p3 and p4, all directions together",
         MM,
-        _each("corner_sigmas"),
-        tuple(f"sigma_p{i}" for i in CORNERS),
-        (3,),
-        None,
+        labels=tuple(f"sigma_p{i}" for i in CORNER_NUMBERS),
+        shape=(3,),
+        decimals=None,
         least=0,
         derived=True,
     ),
@@ -388,40 +394,21 @@ FIELDS: Final = (
     _vector("wall_normal", "unit vector out of the brace's wall at p2", "wall"),
     _vector("bevel_normal", "unit vector out of the bevel between p2 and p3", "bevel"),
     _vector("leg_normal", "unit vector out of the leg at p4", "leg"),
-    SectionQuantity(
-        "model",
-        "form of groove that explains the profile best",
-        NONE,
-        _each("model"),
-        text=True,
-        blank=True,
-        later=True,
-    ),
-    SectionQuantity(
+    _text("model", "form of groove that explains the profile best"),
+    _text(
         "conditions",
         "what was found about the groove, such as tack, open root or seam weld beside; several "
-        f"joined by {JOIN.strip()}",
-        NONE,
-        _joined("conditions"),
-        text=True,
-        blank=True,
-        later=True,
+        f"joined by {WORD_SEPARATOR.strip()}",
     ),
-    SectionQuantity(
+    _text(
         "absent",
         "corners that are buried, not there or not seen: what is given for them is where they may "
-        f"be; several joined by {JOIN.strip()}",
-        NONE,
-        _joined("absent"),
-        text=True,
-        blank=True,
-        later=True,
+        f"be; several joined by {WORD_SEPARATOR.strip()}",
     ),
     SectionQuantity(
         "model_probability",
         "probability that the groove has this form, not another one of the same joint",
-        NONE,
-        _each("model_probability"),
+        NO_UNIT,
         least=0,
         most=1,
         blank=True,
@@ -432,7 +419,6 @@ FIELDS: Final = (
         "distance of an open root's edge from the leg, empty where the root is not open; its "
         "standard deviation is sigma_root_width",
         MM,
-        _each("root_opening"),
         least=0,
         blank=True,
         later=True,
@@ -442,10 +428,9 @@ FIELDS: Final = (
         "part of corner_sigmas that all sections of a scan share: they err alike by it; see "
         "uncertainty.json",
         MM,
-        _each("shared_sigmas"),
-        tuple(f"sigma_shared_p{i}" for i in CORNERS),
-        (3,),
-        None,
+        labels=tuple(f"sigma_shared_p{i}" for i in CORNER_NUMBERS),
+        shape=(3,),
+        decimals=None,
         least=0,
         blank=True,
         later=True,
@@ -453,7 +438,7 @@ FIELDS: Final = (
 )
 """Every quantity of a section."""
 
-MEASURED: Final = tuple(field for field in FIELDS if not field.derived)
+MEASURED_FIELDS: Final = tuple(field for field in SECTION_FIELDS if not field.derived)
 """What a section is made of again."""
 
-BY_NAME: Final = {field.name: field for field in FIELDS}
+FIELD_BY_NAME: Final = {field.name: field for field in SECTION_FIELDS}

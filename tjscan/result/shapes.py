@@ -16,7 +16,7 @@ from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.manifest import check_as_written
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.directions import section_directions
-from tjscan.result.directory import BUDGET, CLOUD, SECTIONS, SUMMARY
+from tjscan.result.directory import BUDGET_FILE, CLOUD_FILE, SECTIONS_FILE, SUMMARY_FILE
 from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary, read_summary
 from tjscan.result.table import read_sections_csv
@@ -36,15 +36,15 @@ def read_shape(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:
     Raises
     ------
     ConfigurationError
-        If it is missing, damaged or empty, or nobody states its unit or its frame.
+        If it is missing, damaged or empty, or nothing states its unit or its frame.
     """
     if path.is_dir():
         return read_run_shape(path)
-    if path.name == CLOUD and (path.parent / SUMMARY).is_file():
-        frame = read_summary(path.parent / SUMMARY).frame
+    if path.name == CLOUD_FILE and (path.parent / SUMMARY_FILE).is_file():
+        frame = read_summary(path.parent / SUMMARY_FILE).frame
         check_as_written(path)
         shape = read_file(path, StatedUnitAndFrame("mm", frame))
-        return replace(shape, stated=UnitAndFrame("mm", f"the {SUMMARY} beside it", frame))
+        return replace(shape, stated=UnitAndFrame("mm", f"the {SUMMARY_FILE} beside it", frame))
     return read_file(path, options)
 
 
@@ -56,13 +56,15 @@ def read_finished_summary(directory: Path) -> ScanSummary:
     ConfigurationError
         If the directory holds no finished run, or files that lead out of it.
     """
-    refuse_links_outside(directory, SUMMARY, SECTIONS, CLOUD, BUDGET)
-    if not (directory / SUMMARY).is_file():
+    refuse_links_outside(directory, SUMMARY_FILE, SECTIONS_FILE, CLOUD_FILE, BUDGET_FILE)
+    if not (directory / SUMMARY_FILE).is_file():
         hint = ""
-        if directory.is_dir() and any(directory.glob(f"*/{SUMMARY}")):
+        if directory.is_dir() and any(directory.glob(f"*/{SUMMARY_FILE}")):
             hint = f"; its stations are not stitched yet: tjscan stitch {directory}"
-        raise ConfigurationError(f"is no finished run: it holds no {SUMMARY}{hint}", file=directory)
-    return read_summary(directory / SUMMARY)
+        raise ConfigurationError(
+            f"is no finished run: it holds no {SUMMARY_FILE}{hint}", file=directory
+        )
+    return read_summary(directory / SUMMARY_FILE)
 
 
 def read_run_shape(directory: Path) -> Shape:
@@ -75,11 +77,11 @@ def read_run_shape(directory: Path) -> Shape:
     """
     summary = read_finished_summary(directory)
     frame = summary.frame
-    sections = read_sections_csv(directory / SECTIONS)
+    sections = read_sections_csv(directory / SECTIONS_FILE)
     if not sections:
-        raise ConfigurationError("holds no section", file=directory / SECTIONS)
-    check_as_written(directory / CLOUD)
-    cloud = read_file(directory / CLOUD, StatedUnitAndFrame("mm", frame))
+        raise ConfigurationError("holds no section", file=directory / SECTIONS_FILE)
+    check_as_written(directory / CLOUD_FILE)
+    cloud = read_file(directory / CLOUD_FILE, StatedUnitAndFrame("mm", frame))
     return Shape(
         directory.resolve().name,
         UnitAndFrame("mm", "the run", frame),
@@ -89,13 +91,13 @@ def read_run_shape(directory: Path) -> Shape:
         dropped=cloud.dropped,
         # Stitching makes frame j of the tubes that it finds; a job only states where j should be.
         is_in_joint_frame=frame == "j" and bool(summary.stations),
-        budget=read_budget(directory / BUDGET, len(sections)),
+        budget=read_budget(directory / BUDGET_FILE, len(sections)),
         wall_normals=_wall_normals(sections),
     )
 
 
 def _wall_normals(sections: tuple[MeasuredSection, ...]) -> Array | None:
-    """Out of the brace's wall and the leg; None where one section alone has no direction."""
+    """Out of the brace's wall and the leg; None if one section alone has no direction."""
     if len(sections) < 2:
         return None
     found = section_directions(sections)

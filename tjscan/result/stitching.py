@@ -6,22 +6,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_json
 
-from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import read_small_file
-from tjscan.core.manifest import check_as_written
+from tjscan.core.config import read_json_as_written
 from tjscan.core.provenance import Provenance
-from tjscan.result.directory import STATIONS
+from tjscan.result.directory import STATIONS_FILE
 
-MOST_BYTES: Final = 1_000_000
+MOST_REPORT_BYTES: Final = 1_000_000
 """A larger file reports no stitching."""
 
 LOOP_OPEN: Final = (
     "no overlap closes the way round, so that how well its two ends meet is not known"
 )
-"""What is said where there is no loop gap."""
+"""What is reported if there is no loop gap."""
 
 Triple = tuple[float, float, float]
 
@@ -39,7 +36,7 @@ class StationReport:
     sigma_position_mm, sigma_rotation_deg : tuple of float
         Standard deviations along and about the axes of j, about its origin.
     sigma_groove_mm : float
-        By how much its groove may lie wrong as a whole, root mean square of three directions.
+        By how much its groove may be wrong as a whole, root mean square of three directions.
     azimuth_deg : tuple of float
         From where to where it saw.
     sections, views : int
@@ -124,14 +121,14 @@ class StitchingReport:
     out_of_round_mm : float
         How far the tubes' walls were taken to bulge from circles.
     loop_gap_before_mm, loop_gap_after_mm : float or None
-        Largest gap across the groove where the way round closes: with the stations chained by
-        their overlaps, and in the end. None where it does not close.
+        Largest gap across the groove if the way round closes: with the stations chained by
+        their overlaps, and in the end. None if it does not close.
     stations : tuple of StationReport
         By name.
     overlaps : tuple of OverlapReport
         Every one that was used.
     provenance : Provenance or None
-        Of the file that it stands in; None in files of version 0.1.0.
+        Of the file that holds it; None in files of version 0.1.0.
     """
 
     frame: str
@@ -168,7 +165,7 @@ def read_stitching_report(directory: Path) -> StitchingReport | None:
     Returns
     -------
     StitchingReport or None
-        None where it was scanned from one place, and not stitched.
+        None if it was scanned from one place, and not stitched.
 
     Raises
     ------
@@ -177,15 +174,7 @@ def read_stitching_report(directory: Path) -> StitchingReport | None:
     RecordingError
         If it is not as it was written.
     """
-    file = directory / STATIONS
+    file = directory / STATIONS_FILE
     if not file.is_file():
         return None
-    check_as_written(file)
-    try:
-        return TypeAdapter(StitchingReport).validate_json(
-            read_small_file(file, MOST_BYTES, "a stitching's report")
-        )
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or None
-        raise ConfigurationError(f"is damaged: {first['msg']}", file=file, key=key) from None
+    return read_json_as_written(StitchingReport, file, MOST_REPORT_BYTES, "report of a stitching")

@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Final, Self
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_json as to_json_bytes
 
 from tjscan.comparison.distance import DistanceStatistics
-from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.files import read_small_file
+from tjscan.core.config import read_json_as_written
+from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array
-from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import lengths_along_groove
-from tjscan.uncertainty.summary import BudgetSummary
+from tjscan.uncertainty.summary import BudgetSummary, budget_in_words
 
-MOST_BYTES: Final = 1_000_000
+MOST_SUMMARY_BYTES: Final = 1_000_000
 """A larger file is no summary."""
 
 
-SUMMED: Final = (
+SUMMED_KEYS: Final = (
     "scans",
     "half_steps",
     "flange_travel_mm",
@@ -113,11 +111,11 @@ class ScanSummary:
     motion_time_s : float
         On the arm's clock.
     corner_error_mm : DistanceStatistics or None
-        Distance of p2, p3, p4 to the joint's feature edges; None where no joint is named.
+        Distance of p2, p3, p4 to the joint's feature edges; None if no joint is named.
     calibration : str
         Where the sensor's pose on the flange comes from.
     stations : tuple of StationSummary
-        The places it was scanned from; empty where that was one. Numbers of the whole are then
+        The places it was scanned from; empty if that was one. Numbers of the whole are then
         sums over them, or hold for the stitched groove.
     scans_per_section : float or None
         Profiles for each section that was not taught; None without one.
@@ -128,7 +126,7 @@ class ScanSummary:
     uncertainty : BudgetSummary or None
         Where the uncertainty of its corners and measures comes from; None in older files.
     provenance : Provenance or None
-        Of the file that it stands in; None before it is written, and in files of version 0.1.0.
+        Of the file that holds it; None before it is written, and in files of version 0.1.0.
     """
 
     sections: int
@@ -199,7 +197,7 @@ def summarise_stations(
         stations=tuple(_station(name, part) for name, part in parts.items()),
         scans_per_section=_mean_scans(all_parts),
         uncertainty=uncertainty,
-        **{name: sum(getattr(part, name) for part in all_parts) for name in SUMMED},
+        **{name: sum(getattr(part, name) for part in all_parts) for name in SUMMED_KEYS},
     )
 
 
@@ -208,7 +206,7 @@ def _each_once(words: Iterable[str]) -> str:
 
 
 def _detail(parts: Mapping[str, ScanSummary]) -> str:
-    """What each station says that did not do what was asked."""
+    """What each station reports that did not do what was asked."""
     bad = [f"{name}: {part.detail}" for name, part in parts.items() if not part.complete]
     return "; ".join(bad) or f"{len(parts)} stations did what was asked"
 
@@ -236,18 +234,7 @@ def read_summary(file: Path) -> ScanSummary:
     RecordingError
         If it is not as it was written.
     """
-    try:
-        content = read_small_file(file, MOST_BYTES, "a summary")
-        check_as_written(file)
-        return TypeAdapter(ScanSummary).validate_json(content)
-    except OSError as error:
-        raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or None
-        raise ConfigurationError(
-            f"is no summary of a scan: {first['msg']}", file=file, key=key
-        ) from None
+    return read_json_as_written(ScanSummary, file, MOST_SUMMARY_BYTES, "summary of a scan")
 
 
 def check_recording_complete(directory: Path, summary: ScanSummary, sections: int) -> None:
@@ -256,7 +243,7 @@ def check_recording_complete(directory: Path, summary: ScanSummary, sections: in
     Raises
     ------
     RecordingError
-        If it holds fewer sections than the summary says.
+        If it holds fewer sections than the summary states.
     """
     if sections < summary.sections:
         raise RecordingError(
@@ -273,3 +260,27 @@ def summary_to_json(summary: ScanSummary) -> str:
 def write_summary(file: Path, summary: ScanSummary) -> None:
     """Write ``summary.json``."""
     file.write_text(summary_to_json(summary) + "\n", encoding="utf-8")
+
+
+def summary_in_words(summary: ScanSummary) -> Iterator[tuple[str, str]]:
+    """Why the scan ended, and its numbers with their units."""
+    step, error = summary.step_mm, summary.corner_error_mm
+    yield "stopped because", summary.detail
+    yield "sections", f"{summary.sections} from {summary.scans} profiles"
+    yield "groove length", f"{summary.groove_length_mm:.1f} mm"
+    if step.mean is not None:
+        spread = "" if step.std is None else f" ± {step.std:.2f}"
+        yield "step", f"{step.mean:.2f}{spread} mm, {step.nominal:g} mm asked"
+    yield "flange", f"{summary.flange_travel_mm:.0f} mm, {summary.flange_rotation_deg:.0f}°"
+    yield "motion time", f"{summary.motion_time_s:.1f} s"
+    if error is not None:
+        yield "corner error", f"{error.mean:.3f} mm mean, {error.p95:.3f} p95, {error.max:.3f} max"
+    yield from uncertainty_lines(summary)
+
+
+def uncertainty_lines(summary: ScanSummary) -> Iterator[tuple[str, str]]:
+    """How sure the corners are, and what is not counted; nothing for older runs."""
+    if (budget := summary.uncertainty) is not None:
+        yield "uncertainty", budget_in_words(budget)
+        for words in budget.left_out:
+            yield "not counted", words

@@ -1,4 +1,4 @@
-"""Tables of sections as CSV: lines that say where the file comes from, then a row per section."""
+"""Tables of sections as CSV: lines that state where the file comes from, then a row per section."""
 
 from __future__ import annotations
 
@@ -17,49 +17,59 @@ from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.section import BY_NAME, FIELDS, MEASURED, SectionQuantity, section_from_values
+from tjscan.result.section import (
+    FIELD_BY_NAME,
+    MEASURED_FIELDS,
+    SECTION_FIELDS,
+    SectionQuantity,
+    section_from_values,
+)
 
-MARK: Final = "#"
+COMMENT_MARK: Final = "#"
 """What the lines above the table begin with."""
 
-IN_RUN: Final = tuple(field for field in FIELDS if field in MEASURED or field.name == "s")
+RUN_FIELDS: Final = tuple(
+    field for field in SECTION_FIELDS if field in MEASURED_FIELDS or field.name == "s"
+)
 """Fields of ``sections.csv``."""
 
-COLUMNS: Final = tuple(column for field in IN_RUN for column in field.column_names())
+RUN_COLUMNS: Final = tuple(column for field in RUN_FIELDS for column in field.column_names())
 """Columns of ``sections.csv``."""
 
-NEEDED: Final = tuple(column for f in IN_RUN if not f.later for column in f.column_names())
+NEEDED_COLUMNS: Final = tuple(
+    column for f in RUN_FIELDS if not f.later for column in f.column_names()
+)
 """Those without which a file holds no sections."""
 
-MOST_BYTES: Final = 50_000_000
+MOST_TABLE_BYTES: Final = 50_000_000
 """A larger file holds no sections: each takes a kilobyte."""
 
-_VARIANCES: Final = (0, 3, 5)
-"""Where xx, yy and zz stand among the six numbers of a covariance."""
+VARIANCE_PLACES: Final = (0, 3, 5)
+"""Where xx, yy and zz are among the six numbers of a covariance."""
 
-_ROUNDED: Final = 1e-6
+AXES_TOLERANCE: Final = 1e-6
 """How far axes printed with seven decimals may be from orthonormal."""
 
 
 def sections_to_csv(
     sections: Sequence[MeasuredSection],
     provenance: Provenance,
-    fields: Iterable[SectionQuantity] = FIELDS,
+    fields: Iterable[SectionQuantity] = SECTION_FIELDS,
 ) -> str:
-    """Convert sections to CSV text, a row per section; units stand in the names of the columns.
+    """Convert sections to CSV text, a row per section; units are in the names of the columns.
 
     Parameters
     ----------
     sections : sequence of MeasuredSection
         In their order along the groove.
     provenance : Provenance
-        Stands above the table; its unit of length is the table's.
+        Is above the table; its unit of length is the table's.
     fields : iterable of SectionQuantity
         What to write of each section.
     """
     fields, unit = tuple(fields), provenance.length
     stream = io.StringIO()
-    stream.write(provenance.comment_lines(MARK))
+    stream.write(provenance.comment_lines(COMMENT_MARK))
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow([column for field in fields for column in field.column_names(unit)])
     parts = [field.formatted_columns(sections, unit) for field in fields]
@@ -71,7 +81,7 @@ def write_sections_csv(
     file: Path, sections: Sequence[MeasuredSection], provenance: Provenance
 ) -> None:
     """Write ``sections.csv``."""
-    file.write_text(sections_to_csv(sections, provenance, IN_RUN), encoding="utf-8", newline="")
+    file.write_text(sections_to_csv(sections, provenance, RUN_FIELDS), encoding="utf-8", newline="")
 
 
 def read_sections_csv(file: Path) -> tuple[MeasuredSection, ...]:
@@ -88,11 +98,11 @@ def read_sections_csv(file: Path) -> tuple[MeasuredSection, ...]:
         If it is not as it was written.
     """
     try:
-        check_file_size(file, MOST_BYTES, "sections")
+        check_file_size(file, MOST_TABLE_BYTES, "sections")
         check_as_written(file)
         with file.open(newline="", encoding="utf-8-sig") as stream:
             above = 0
-            while (line := stream.readline()).startswith(MARK):
+            while (line := stream.readline()).startswith(COMMENT_MARK):
                 above += 1
             reader = csv.reader(itertools.chain((line,), stream), strict=True)
             head = next(reader, [])
@@ -120,7 +130,7 @@ class _Row:
         self._cells = dict(zip(head, cells, strict=True))
 
     def value(self, field: SectionQuantity) -> Array:
-        """A field's value in SI units, of its shape; NaN where it is left empty."""
+        """A field's value in SI units, of its shape; NaN if it is left empty."""
         columns = field.column_names()
         if field.blank and not self._cells.get(columns[0], "").strip():
             return np.array(np.nan)
@@ -128,7 +138,7 @@ class _Row:
         return np.reshape(numbers, field.shape) * field.unit.factor
 
     def wrong(self, message: str, column: str | None = None) -> ConfigurationError:
-        """An error that says where."""
+        """An error that states where."""
         where = f"line {self._line}" + ("" if column is None else f", column {column}")
         return ConfigurationError(message, file=self._file, key=where)
 
@@ -157,7 +167,7 @@ class _Row:
 
 def _check_head(file: Path, line: int, head: Sequence[str]) -> None:
     """Refuse a head that does not name every column once."""
-    missing = [name for name in NEEDED if name not in head]
+    missing = [name for name in NEEDED_COLUMNS if name not in head]
     twice = sorted({name for name in head if head.count(name) > 1})
     if missing or twice:
         name = (missing or twice)[0]
@@ -172,17 +182,20 @@ def _check_head(file: Path, line: int, head: Sequence[str]) -> None:
 def _section(row: _Row) -> MeasuredSection:
     """The section of a line, its numbers checked."""
     values: dict[str, Array | str] = {
-        field.name: row.words(field) if field.text else row.value(field) for field in MEASURED
+        field.name: row.words(field) if field.text else row.value(field)
+        for field in MEASURED_FIELDS
     }
     index = float(values["index"])
     if index != int(index):
         raise row.wrong(f"{index:g} is no whole number", "index")
     R = np.asarray(values["axes"]).T
-    if not np.allclose(R.T @ R, np.eye(3), atol=_ROUNDED) or np.linalg.det(R) < 0:
-        raise row.wrong("xg, yg and zg are no right-handed axes", BY_NAME["axes"].column_names()[0])
-    variances = np.asarray(values["covariances"])[:, _VARIANCES]
+    if not np.allclose(R.T @ R, np.eye(3), atol=AXES_TOLERANCE) or np.linalg.det(R) < 0:
+        raise row.wrong(
+            "xg, yg and zg are no right-handed axes", FIELD_BY_NAME["axes"].column_names()[0]
+        )
+    variances = np.asarray(values["covariances"])[:, VARIANCE_PLACES]
     if (bad := np.argwhere(variances < 0)).size:
         corner, axis = bad[0]
-        column = BY_NAME["covariances"].column_names()[6 * corner + _VARIANCES[axis]]
+        column = FIELD_BY_NAME["covariances"].column_names()[6 * corner + VARIANCE_PLACES[axis]]
         raise row.wrong("a variance is not negative", column)
     return section_from_values(values)

@@ -7,23 +7,22 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_json
 
+from tjscan.core.config import read_json_as_written
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import read_small_file
 from tjscan.core.frames import Array
-from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import DEG, MM, MM2
 from tjscan.uncertainty.budget import COVERAGE_FACTOR, BudgetComponent, UncertaintyBudget
 
-MOST_BYTES: Final = 100_000_000
+MOST_BUDGET_BYTES: Final = 100_000_000
 """A larger file is no budget: a section takes some ten kilobytes."""
 
-DIGITS: Final = 6
+SIGNIFICANT_DIGITS: Final = 6
+"""Of the largest number of a component."""
 
-_UNITS: Final = np.array((DEG.factor, MM.factor, MM.factor, MM2.factor))
+_MEASURE_UNITS: Final = np.array((DEG.factor, MM.factor, MM.factor, MM2.factor))
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +53,7 @@ def write_budget(file: Path, budget: UncertaintyBudget, provenance: Provenance) 
             one.evidence,
             one.is_shared,
             _rounded(one.points / MM.factor),
-            _rounded(one.measures / _UNITS[:, None]),
+            _rounded(one.measures / _MEASURE_UNITS[:, None]),
         )
         for one in budget.components
     ]
@@ -64,12 +63,12 @@ def write_budget(file: Path, budget: UncertaintyBudget, provenance: Provenance) 
 def _rounded(values: Array) -> Any:
     """Values to so many digits, as nested lists."""
     size = np.abs(values).max(initial=0.0)
-    decimals = DIGITS - int(np.floor(np.log10(size))) if size > 0 else 0
+    decimals = SIGNIFICANT_DIGITS - int(np.floor(np.log10(size))) if size > 0 else 0
     return np.round(values, decimals).tolist()
 
 
 def read_budget(file: Path, count: int) -> UncertaintyBudget | None:
-    """Read ``uncertainty.json``; None where a run has none, as one of an earlier version.
+    """Read ``uncertainty.json``; None if a run has none, as one of an earlier version.
 
     Parameters
     ----------
@@ -85,23 +84,18 @@ def read_budget(file: Path, count: int) -> UncertaintyBudget | None:
     """
     if not file.is_file():
         return None
-    check_as_written(file)
+    found = read_json_as_written(_File, file, MOST_BUDGET_BYTES, "budget of uncertainty")
     try:
-        found = TypeAdapter(_File).validate_json(read_small_file(file, MOST_BYTES, "a budget"))
         parts = tuple(
             BudgetComponent(
                 one.name,
                 one.evidence,
                 one.shared,
                 np.reshape(one.points_mm, (count, 5, 3, -1)) * MM.factor,
-                np.reshape(one.measures, (count, 4, -1)) * _UNITS[:, None],
+                np.reshape(one.measures, (count, 4, -1)) * _MEASURE_UNITS[:, None],
             )
             for one in found.components
         )
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or None
-        raise ConfigurationError(f"is damaged: {first['msg']}", file=file, key=key) from None
     except ValueError:
         raise ConfigurationError(f"is not of the {count} sections beside it", file=file) from None
     if not parts or any(one.points.shape[-1] != one.measures.shape[-1] for one in parts):

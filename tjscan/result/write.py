@@ -11,7 +11,13 @@ from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.directory import BUDGET, CLOUD, PICTURE, SECTIONS, SUMMARY
+from tjscan.result.directory import (
+    BUDGET_FILE,
+    CLOUD_FILE,
+    SCAN_PICTURE,
+    SECTIONS_FILE,
+    SUMMARY_FILE,
+)
 from tjscan.result.picture import write_png
 from tjscan.result.ply import write_cloud_ply
 from tjscan.result.summary import ScanSummary, write_summary
@@ -60,10 +66,10 @@ def write_run_results(
     """
     provenance = Provenance.for_file_written_now(job, summary.frame)
     summary = replace(summary, provenance=provenance)
-    with write_files_atomically(directory, last=SUMMARY, listed=True) as draft:
-        write_sections_csv(draft / SECTIONS, sections, provenance)
-        write_cloud_ply(draft / CLOUD, points, provenance)
-        write_png(draft / PICTURE, picture, provenance)
-        write_budget(draft / BUDGET, budget, provenance)
-        write_summary(draft / SUMMARY, summary)
+    with write_files_atomically(directory, last=SUMMARY_FILE, listed=True) as draft:
+        write_sections_csv(draft / SECTIONS_FILE, sections, provenance)
+        write_cloud_ply(draft / CLOUD_FILE, points, provenance)
+        write_png(draft / SCAN_PICTURE, picture, provenance)
+        write_budget(draft / BUDGET_FILE, budget, provenance)
+        write_summary(draft / SUMMARY_FILE, summary)
     return summary

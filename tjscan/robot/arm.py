@@ -7,10 +7,11 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from tjscan.core.devices import DeviceIdentity, EventListener
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class ArmState:
     """State of an arm: its joint angles, flange pose and time.
 
@@ -28,10 +29,6 @@ class ArmState:
     q: Array
     T_b_f: Array
     time: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "q", readonly_copy(self.q))
-        object.__setattr__(self, "T_b_f", readonly_copy(self.T_b_f))
 
 
 class Arm(Protocol):

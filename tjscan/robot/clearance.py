@@ -11,14 +11,14 @@ from tjscan.core.errors import PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array
 from tjscan.robot.collision import BodyPair, CollisionModel
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.margins import ClearanceMargins
 from tjscan.robot.path import interpolate_joints, linear_waypoints
+from tjscan.robot.settings import ClearanceMargins
 
-RESOLUTION: Final = 1e-3
+CHECK_RESOLUTION: Final = 1e-3
 """Metres that bodies may come nearer between two looks at a path: by half of it, at most, they
 come nearer than their margin unseen."""
 
-ROUNDING: Final = 1e-4
+MARGIN_ROUNDING: Final = 1e-4
 """Metres by which a path that begins within a margin may come nearer still."""
 
 
@@ -152,7 +152,7 @@ class ClearPathPlanner:
     def _first_too_near(self, walk: _Walk) -> tuple[Array, float | None]:
         """Least distances of a walk, and the first s at which one is less; None where none is."""
         start, margins = walk.distances(0.0), self._margins_of_pairs
-        least = np.where(start < margins, np.maximum(start - ROUNDING, 0.0), margins)
+        least = np.where(start < margins, np.maximum(start - MARGIN_ROUNDING, 0.0), margins)
         if (start < least).any():
             return least, 0.0
         return least, walk.first_below(least, (0.0, start), (walk.end, walk.distances(walk.end)))
@@ -182,7 +182,7 @@ class _Walk:
         nearer = self._model.reach @ (_at(self._turned, s_1) - _at(self._turned, s_0))
         if (d_0 + d_1 - nearer >= 2 * least).all():
             return None
-        if nearer.max() <= RESOLUTION:
+        if nearer.max() <= CHECK_RESOLUTION:
             return s_1 if (d_1 < least).any() else None
         s = (s_0 + s_1) / 2
         middle = (s, self.distances(s))

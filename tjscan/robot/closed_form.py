@@ -16,7 +16,7 @@ import numpy as np
 
 from tjscan.core.frames import Array
 
-ROUNDING: Final = 1e-7
+REACH_ROUNDING: Final = 1e-7
 """How far beyond 1 a sine or cosine may be and still be the border of the reach."""
 
 FREE_WRIST: Final = 1e-9
@@ -144,6 +144,6 @@ def _planar(g: UrDhLengths, T: Array, q1: Array, q5: Array, q6: Array) -> Array:
 def _bounded(part: Array | float, whole: Array | float) -> Array:
     """``part / whole`` where that is a sine or cosine, not a number where no angle has it."""
     part, whole = np.asarray(part), np.asarray(whole)
-    can = (np.abs(part) <= np.abs(whole) * (1 + ROUNDING)) & (whole != 0)
+    can = (np.abs(part) <= np.abs(whole) * (1 + REACH_ROUNDING)) & (whole != 0)
     ratio = np.divide(part, whole, out=np.full(can.shape, np.nan), where=can)
     return np.clip(ratio, -1.0, 1.0)

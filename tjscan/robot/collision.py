@@ -20,16 +20,16 @@ from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics, PinocchioModel
 from tjscan.robot.solids import Box, Capsule, Cylinder, Solid, SolidShape
 
-TOOL: Final = "tool"
+TOOL_SOLIDS: Final = "tool"
 """Stands for every solid the arm carries where pairs are ignored."""
 
-SEEN: Final = "scanned groove"
+SCANNED_GROOVE: Final = "scanned groove"
 """What a refusal calls the surface that has been measured."""
 
-IGNORED: Final = (
+IGNORED_PAIRS: Final = (
     ("forearm_link", "wrist_3_link"),
     ("wrist_1_link", "wrist_3_link"),
-    ("wrist_1_link", TOOL),
+    ("wrist_1_link", TOOL_SOLIDS),
 )
 """Pairs of a Universal Robots arm whose capsules overlap though the arm's own bodies, which are
 slimmer there, pass each other; an assumption about what is carried, too."""
@@ -83,7 +83,7 @@ class CollisionModel:
     self_collision : bool, optional
         Whether the arm and what it carries are kept from each other.
     ignored : iterable of (str, str), optional
-        Pairs of links, or a link and ``tool``, that are never looked at, beside `IGNORED`.
+        Pairs of links, or a link and ``tool``, that are never looked at, beside `IGNORED_PAIRS`.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class CollisionModel:
     ) -> None:
         self._chain = chain = kinematics.pinocchio_model
         self._data = chain.model.createData()
-        self._ignored = {frozenset(pair) for pair in (*IGNORED, *ignored)}
+        self._ignored = {frozenset(pair) for pair in (*IGNORED_PAIRS, *ignored)}
         self._self_collision = self_collision
         self._arm = [*_links(kinematics), *(_carried(chain, solid) for solid in tool)]
         self._around = [_standing(chain, solid) for solid in solids]
@@ -178,7 +178,9 @@ class CollisionModel:
         mesh.addTriangles(np.asarray(triangles, dtype=np.int64))
         mesh.endModel()
         T_root_b = pin.SE3(self._chain.T_root_b)
-        body = _Body(pin.GeometryObject(SEEN, 0, T_root_b, mesh), SEEN, SEEN)
+        body = _Body(
+            pin.GeometryObject(SCANNED_GROOVE, 0, T_root_b, mesh), SCANNED_GROOVE, SCANNED_GROOVE
+        )
         self._build([*self._around, body])
 
     def _build(self, around: Sequence[_Body]) -> None:
@@ -230,7 +232,7 @@ def check_ignored_links(kinematics: Kinematics, pairs: Iterable[tuple[str, str]]
     ConfigurationError
         With the nearest name there is.
     """
-    known = (*kinematics.link_names, TOOL)
+    known = (*kinematics.link_names, TOOL_SOLIDS)
     for name in (name for pair in pairs for name in pair if name not in known):
         raise ConfigurationError(f"no link {name!r}; did you mean: {nearest_word(name, known)}?")
 
@@ -279,7 +281,7 @@ def _carried(chain: PinocchioModel, solid: Solid) -> _Body:
     placement = frame.placement * pin.SE3(np.asarray(solid.T))
     shape = _shape(solid.shape)
     geometry = pin.GeometryObject(solid.name, frame.parentJoint, chain.flange, placement, shape)
-    return _Body(geometry, solid.name, TOOL)
+    return _Body(geometry, solid.name, TOOL_SOLIDS)
 
 
 def _standing(chain: PinocchioModel, solid: Solid) -> _Body:

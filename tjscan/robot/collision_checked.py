@@ -18,7 +18,7 @@ from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.robot.motion_lock import MotionLock
 from tjscan.robot.way_search import find_way
 
-LIFTS: Final = (0.05, 0.1, 0.2, 0.3)
+DETOUR_LIFTS: Final = (0.05, 0.1, 0.2, 0.3)
 """Metres that a detour draws the sensor back from where it looks, tried in this order."""
 
 SAME_CONFIGURATION: Final = 0.1
@@ -28,7 +28,7 @@ its nominal model, far less than another configuration does."""
 Way = Sequence[tuple[bool, Array, Array | None]]
 """Segments of a way: each straight or in joint space, its end, joint angles near its end."""
 
-SWEEP: Final = np.pi / 2
+LARGEST_SWEEP: Final = np.pi / 2
 """Radians a joint may turn on a move that has to end near given joint angles: where
 one runs into its limit, the same pose a whole turn away is not near."""
 
@@ -113,7 +113,12 @@ class CollisionCheckedArm:
     """
 
     def __init__(
-        self, arm: Arm, clearance: ClearPathPlanner, T_f_s: Array, *, lifts: Iterable[float] = LIFTS
+        self,
+        arm: Arm,
+        clearance: ClearPathPlanner,
+        T_f_s: Array,
+        *,
+        lifts: Iterable[float] = DETOUR_LIFTS,
     ) -> None:
         self._arm, self.clearance, self._lifts = arm, clearance, tuple(lifts)
         self._back_f = -np.asarray(T_f_s)[:3, 2]
@@ -334,7 +339,7 @@ def _ignore(name: str, detail: str) -> None:
 def _check_near(q: Array, T_b_f: Array, near: Array) -> None:
     """Refuse a move that is short for the flange and long for a joint."""
     away = np.abs(q - near)
-    if away.max() > SWEEP:
+    if away.max() > LARGEST_SWEEP:
         i = int(away.argmax())
         raise PoseUnreachable(
             f"joint {i + 1} would turn by {np.degrees(away[i]):.0f} deg to hold it: the joints "

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
-from tjscan.core.frames import Array, pose, readonly_copy, rot_x, rot_z
+from tjscan.core.frames import Array, frozen_arrays, pose, rot_x, rot_z
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.models.generate import ARMS, TWISTS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class DhParameters:
     """Standard DH parameters: frame i is Rz(theta + q) Tz(d) Tx(a) Rx(alpha) in frame i - 1.
 
@@ -26,20 +25,6 @@ class DhParameters:
     a: Array
     d: Array
     alpha: Array
-
-    def __post_init__(self) -> None:
-        for name in ("theta", "a", "d", "alpha"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
-
-    @classmethod
-    def nominal(cls, model: str) -> Self | None:
-        """Those of an arm that tjscan knows by its name; None of any other."""
-        if model not in ARMS:
-            return None
-        arm = ARMS[model]
-        a = (0.0, arm.a2, arm.a3, 0.0, 0.0, 0.0)
-        d = (arm.d1, 0.0, 0.0, arm.d4, arm.d5, arm.d6)
-        return cls(np.zeros(6), np.array(a), np.array(d), np.array(TWISTS))
 
     def forward(self, q: Array) -> Array:
         """Pose of frame 6 in frame 0, shape (4, 4), for joint angles, shape (6,), in radians."""
@@ -63,7 +48,7 @@ class FlangeDifference:
     largest: float
 
 
-POSTURES = 200
+COMPARED_POSTURES = 200
 """Joint angles at which two descriptions are compared, always the same ones."""
 
 
@@ -78,7 +63,7 @@ def compare_with_model(dh: DhParameters, kinematics: Kinematics) -> FlangeDiffer
         An arm with six joints.
     """
     rng = np.random.default_rng(0)
-    q = rng.uniform(-np.pi, np.pi, (POSTURES, 6))
+    q = rng.uniform(-np.pi, np.pi, (COMPARED_POSTURES, 6))
     off = [dh.forward(one)[:3, 3] - kinematics.forward(one)[:3, 3] for one in q]
     apart = np.linalg.norm(off, axis=1)
     return FlangeDifference(float(np.sqrt(np.mean(apart**2))), float(apart.max()))

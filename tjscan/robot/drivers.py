@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
 from tjscan.core.config import add_file_to_errors
-from tjscan.core.devices import DriverFactory, DriverKind, NoSettings
+from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.registry import Registry
 from tjscan.robot.arm import Arm, ArmState
 
 if TYPE_CHECKING:
@@ -19,8 +18,8 @@ if TYPE_CHECKING:
     from tjscan.robot.kinematics import Kinematics
     from tjscan.robot.motion import MotionLimits
     from tjscan.robot.replay import ReplayedArm
+    from tjscan.robot.settings import ArmSimulationSettings
     from tjscan.robot.simulated import SimulatedArm
-    from tjscan.robot.simulation import ArmSimulationSettings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,13 +35,13 @@ class ArmDriverInputs:
     seed : int
         Of a simulation's random numbers.
     simulation : ArmSimulationSettings or None
-        How a simulated arm stands at first and how well it repeats; None where the job has no
+        How a simulated arm stands at first and how well it repeats; None if the job has no
         [simulation.arm].
     left : ArmState or None
         Where an interrupted scan left the arm: a simulated one stands there again.
     recording : callable
         Gives the poses and states of the recording that the job names; raises
-        ConfigurationError where it names none.
+        ConfigurationError if it names none.
     """
 
     kinematics: Kinematics
@@ -60,8 +59,7 @@ class ArmDriverFactory(DriverFactory[ArmDriverInputs, Arm]):
     Parameters
     ----------
     truth : callable, optional
-        Gives where the flange of an arm truly is, shape (4, 4). Of a real arm nobody knows better
-        than what it reports; a simulated one may.
+        Returns the true pose of an arm's flange, shape (4, 4): of a real arm what it reports.
     """
 
     truth: Callable[[Any], Array] = field(default=lambda arm: arm.state().T_b_f)
@@ -100,20 +98,21 @@ def _replayed(context: ArmDriverInputs, settings: NoSettings) -> ReplayedArm:
     return ReplayedArm(*context.recording())
 
 
-SIMULATED: Final = ArmDriverFactory(
+SIMULATED_DRIVER: Final = ArmDriverFactory(
     _simulated, kind=DriverKind.SIMULATED, truth=lambda arm: arm.true_T_b_f
 )
-REPLAYED: Final = ArmDriverFactory(_replayed, kind=DriverKind.REPLAYED)
+REPLAY_DRIVER: Final = ArmDriverFactory(_replayed, kind=DriverKind.REPLAYED)
 
-ARMS: Final[Registry[ArmDriverFactory]] = Registry(
+ARM_DRIVERS: Final[DriverRegistry[ArmDriverFactory]] = DriverRegistry(
     "arm",
     {
-        "simulated": "tjscan.robot.drivers:SIMULATED",
-        "replay": "tjscan.robot.drivers:REPLAYED",
-        "ur": "tjscan.robot.ur.driver:DRIVER",
+        "simulated": "tjscan.robot.drivers:SIMULATED_DRIVER",
+        "replay": "tjscan.robot.drivers:REPLAY_DRIVER",
+        "ur": "tjscan.robot.ur.driver:UR_DRIVER",
     },
     extras={"ur": "ur"},
+    clients={"ur": "rtde_control"},
     key="arm.driver",
     type=ArmDriverFactory,
 )
-"""Every arm driver by name. See `tjscan.core.devices.DriverFactory` for how to add one."""
+"""Every arm driver by name."""

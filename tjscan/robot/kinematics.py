@@ -20,14 +20,14 @@ from tjscan.core.errors import ConfigurationError, PoseUnreachable, nearest_word
 from tjscan.core.frames import Array, inverse_pose, pose_from_rounded_matrix, readonly_copy
 from tjscan.robot.closed_form import all_inverse_solutions, inverse_branches
 from tjscan.robot.urdf import (
-    MODELS,
+    ARM_MODELS,
     check_chain,
     dh_lengths_of_chain,
     frames_b_and_f,
     read_urdf,
 )
 
-AIM: Final = 1e-13
+DESCENT_TOLERANCE: Final = 1e-13
 """Metres and radians at which a descent ends; it comes this close unless singular.
 
 So close that an arm stands in the same place whichever way it came: a scan that is gone on with
@@ -40,22 +40,22 @@ POSITION_TOLERANCE: Final = 1e-7
 ROTATION_TOLERANCE: Final = 1e-7
 """Radians."""
 
-ITERATIONS: Final = 60
+MOST_ITERATIONS: Final = 60
 """A descent from a good seed takes four or five."""
 
-REGULAR: Final = 1e-12
+LEAST_DAMPING: Final = 1e-12
 """Least damping, in squared metres and radians: keeps a singular arm's equations solvable."""
 
 LONGEST_STEP: Final = 0.5
 """Radians a joint turns in one iteration; further, the linearisation says nothing."""
 
-WARM: Final = 0.5
+SEED_DISTANCE: Final = 0.5
 """Radians: a descent that stays this close to its seed has kept the configuration."""
 
 NEAR_SINGULAR: Final = 0.05
 """Smallest singular value below which joints have to run to let the flange walk."""
 
-RESTARTS: Final = 64
+SEED_COUNT: Final = 64
 """Seeds tried where there is no closed form."""
 
 SAME_CONFIGURATION: Final = 1e-3
@@ -156,21 +156,22 @@ class Kinematics:
 
     @classmethod
     def load(cls, model: str | Path) -> Kinematics:
-        """Load the kinematics of an arm by its name in `MODELS`, or by the path of a URDF.
+        """Load the kinematics of an arm by its name in `ARM_MODELS`, or by the path of a URDF.
 
         Raises
         ------
         ConfigurationError
             If the name is unknown, or the file is missing or no usable URDF.
         """
-        if str(model) in MODELS:
+        if str(model) in ARM_MODELS:
             with as_file(files("tjscan.robot.models") / f"{model}.urdf") as urdf:
                 return cls(urdf)
         if Path(model).exists() or Path(model).suffix:
             return cls(Path(model))
         raise ConfigurationError(
             f"there is no arm model {str(model)!r}; did you mean: "
-            f"{nearest_word(str(model), MODELS)}? Any other arm is given by the path of its URDF."
+            f"{nearest_word(str(model), ARM_MODELS)}? Any other arm is given by the path of its "
+            "URDF."
         )
 
     @property
@@ -274,7 +275,11 @@ class Kinematics:
         """
         near = np.asarray(near, dtype=float)
         warm = self._descend(self._target(T_b_f), near)
-        if warm.solved and np.abs(warm.q - near).max() < WARM and self._excess(warm.q).max() <= 0:
+        if (
+            warm.solved
+            and np.abs(warm.q - near).max() < SEED_DISTANCE
+            and self._excess(warm.q).max() <= 0
+        ):
             return warm.q
         return self.all_inverse_solutions(T_b_f, near)[0]
 
@@ -354,17 +359,17 @@ class Kinematics:
         q = np.array(seed, dtype=float)
         best, best_error, least = q, np.full(6, np.inf), np.inf
         eye = np.eye(6)
-        for _ in range(ITERATIONS):
+        for _ in range(MOST_ITERATIONS):
             # In this order: a Jacobian in local axes leaves the placements as they were.
             pin.framesForwardKinematics(model, data, q)
             error = pin.log6(data.oMf[flange].actInv(target)).vector
             squared = float(error @ error)
             if squared < least:
                 best, best_error, least = q, error, squared
-            if squared < AIM**2:
+            if squared < DESCENT_TOLERANCE**2:
                 break
             J = pin.computeFrameJacobian(model, data, q, flange, pin.LOCAL)
-            step = J.T @ np.linalg.solve(J @ J.T + (0.5 * squared + REGULAR) * eye, error)
+            step = J.T @ np.linalg.solve(J @ J.T + (0.5 * squared + LEAST_DAMPING) * eye, error)
             longest = np.abs(step).max()
             q = q + (step if longest < LONGEST_STEP else step * (LONGEST_STEP / longest))
         return _Fit(
@@ -382,8 +387,8 @@ class Kinematics:
                 self._geometry, T_0_6.homogeneous, free_wrist=float(near[5])
             )
         random = np.random.default_rng(0)
-        spread = np.linspace(0.2, np.pi, RESTARTS)[:, None]
-        seeds = near + spread * random.standard_normal((RESTARTS, near.size))
+        spread = np.linspace(0.2, np.pi, SEED_COUNT)[:, None]
+        seeds = near + spread * random.standard_normal((SEED_COUNT, near.size))
         return np.clip(seeds, self.lower, self.upper)
 
     def _excess(self, q: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 
 SAMPLES_PER_WAYPOINT: Final = 4
 """Between waypoints the derivatives of the spline are looked at this often."""
@@ -59,6 +59,7 @@ class MotionLimits:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class JointTrajectory:
     """A timed path in joint space, rest to rest.
 
@@ -78,9 +79,6 @@ class JointTrajectory:
     q: Array
     duration: float
     ramp: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "q", readonly_copy(self.q))
 
     def joint_angles_at(self, time: float | Array) -> Array:
         """Joint angles in radians, shape (..., n), at times in seconds from the start.

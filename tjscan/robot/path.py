@@ -13,7 +13,7 @@ from tjscan.core.frames import Array, rotation_angle_between
 from tjscan.robot.kinematics import NEAR_SINGULAR, Kinematics
 from tjscan.robot.motion import JointTrajectory, MotionLimits, fastest_joint_path
 
-SPACING: Final = 5e-3
+WAYPOINT_SPACING: Final = 5e-3
 """Metres between the waypoints of a line; the spline between them strays by micrometres."""
 
 TURN_SPACING: Final = radians(2)
@@ -22,10 +22,10 @@ TURN_SPACING: Final = radians(2)
 JOINT_SPACING: Final = radians(4)
 """Radians a joint turns between the waypoints of a path in joint space."""
 
-FEWEST: Final = 4
+FEWEST_PIECES: Final = 4
 """Pieces of the shortest path, so that its spline has a cubic to it."""
 
-JUMP: Final = radians(20)
+LARGEST_TURN: Final = radians(20)
 """A joint that turns so far between waypoints swings through a singularity, or takes another
 configuration because it ran into its limit."""
 
@@ -97,7 +97,7 @@ def linear_waypoints(kinematics: Kinematics, q: Array, T_b_f: Array) -> tuple[Ar
             following = kinematics.inverse(T, near=waypoints[-1])
         except PoseUnreachable as error:
             raise PoseUnreachable(_on_the_way(share, error.reason), T_b_f) from None
-        if np.abs(following - waypoints[-1]).max() > JUMP:
+        if np.abs(following - waypoints[-1]).max() > LARGEST_TURN:
             reason = _jump(kinematics, waypoints[-1], following)
             raise PoseUnreachable(_on_the_way(share, reason), T_b_f)
         waypoints.append(following)
@@ -106,7 +106,7 @@ def linear_waypoints(kinematics: Kinematics, q: Array, T_b_f: Array) -> tuple[Ar
 
 def interpolate_joints(q: Array, goal: Array) -> Array:
     """Joint angles evenly spaced from `q` to `goal`, shape (m, n), in radians."""
-    pieces = max(FEWEST, ceil(float(np.abs(goal - q).max()) / JOINT_SPACING))
+    pieces = max(FEWEST_PIECES, ceil(float(np.abs(goal - q).max()) / JOINT_SPACING))
     return np.linspace(q, goal, pieces + 1)
 
 
@@ -114,7 +114,7 @@ def _line(T_start: Array, T_end: Array) -> Array:
     """Poses on a line, shape (m, 4, 4)."""
     length = float(np.linalg.norm(T_end[:3, 3] - T_start[:3, 3]))
     angle = rotation_angle_between(T_start, T_end)
-    pieces = max(FEWEST, ceil(length / SPACING), ceil(angle / TURN_SPACING))
+    pieces = max(FEWEST_PIECES, ceil(length / WAYPOINT_SPACING), ceil(angle / TURN_SPACING))
     u = np.linspace(0, 1, pieces + 1)[:, None]
     turn = pose_vector.rotation_to_vector(T_start[:3, :3].T @ T_end[:3, :3])
     poses = np.tile(np.eye(4), (pieces + 1, 1, 1))
@@ -132,7 +132,7 @@ def _jump(kinematics: Kinematics, q: Array, following: Array) -> str:
     smallest = kinematics.smallest_singular_value(q)
     room = np.minimum(q - kinematics.lower, kinematics.upper - q)
     i = int(room.argmin())
-    if room[i] < JUMP and smallest > NEAR_SINGULAR:
+    if room[i] < LARGEST_TURN and smallest > NEAR_SINGULAR:
         return (
             f"{kinematics.joint_names[i]} runs into its limit (it is at {np.degrees(q[i]):.1f} "
             "deg). Start with that joint a turn further from its limit, or move the base."

@@ -14,13 +14,13 @@ from tjscan.robot.arm import Arm, ArmState
 STILL_TOLERANCE: Final = 2e-4
 """Radians a joint may turn while the arm rests: more than encoders flicker, 0.2 mm at 1 m."""
 
-WINDOW: Final = 0.25
+STILL_DURATION: Final = 0.25
 """Seconds for which no joint may turn further."""
 
-LIMIT: Final = 10.0
+REST_LIMIT: Final = 10.0
 """Seconds within which the arm has to come to rest."""
 
-PAUSE: Final = 0.02
+READING_PAUSE: Final = 0.02
 """Seconds between two looks."""
 
 
@@ -47,20 +47,20 @@ def await_rest(
     Raises
     ------
     ArmFault
-        If it is not at rest within `LIMIT`.
+        If it is not at rest within `REST_LIMIT`.
     """
-    until, since, start = now() + LIMIT, now(), arm.state()
+    until, since, start = now() + REST_LIMIT, now(), arm.state()
     while True:
-        pause(PAUSE)
+        pause(READING_PAUSE)
         state, moment = arm.state(), now()
         if largest_joint_rotation(start, state) > STILL_TOLERANCE:
             since, start = moment, state
-        elif moment - since >= WINDOW:
+        elif moment - since >= STILL_DURATION:
             return state
         if moment > until:
             raise ArmFault(
-                f"the arm does not come to rest: it still moved after {LIMIT:g} s. Let it stand, "
-                "leave freedrive, then start again."
+                f"the arm does not come to rest: it still moved after {REST_LIMIT:g} s. Let it "
+                "stand, leave freedrive, then start again."
             )
 
 

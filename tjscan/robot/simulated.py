@@ -20,13 +20,13 @@ from tjscan.robot.motion_lock import MotionLock
 from tjscan.robot.path import joint_path, linear_path
 from tjscan.robot.simulated_errors import SimulatedArmErrors
 
-REPEATABILITY: Final = 5e-5
+POSITION_REPEATABILITY: Final = 5e-5
 """Metres, root mean square: assumption, after the ±0.05 mm the maker states for a UR10e."""
 
 ANGULAR_REPEATABILITY: Final = 1e-4
 """Radians, root mean square: assumption, about the above over half a metre of arm."""
 
-TICK: Final = 0.01
+TICK_PERIOD: Final = 0.01
 """Seconds between the states a move in real time passes through."""
 
 
@@ -70,7 +70,7 @@ class SimulatedArm(DeviceBase):
         q: Array,
         *,
         limits: MotionLimits | None = None,
-        repeatability: float = REPEATABILITY,
+        repeatability: float = POSITION_REPEATABILITY,
         angular_repeatability: float = ANGULAR_REPEATABILITY,
         seed: int = 0,
         realtime: bool = False,
@@ -162,7 +162,7 @@ class SimulatedArm(DeviceBase):
             if self.realtime:
                 passed = self._wait(path, start)
             reached = readonly_copy(path.joint_angles_at(passed))
-            last = reached - path.joint_angles_at(max(passed - TICK, 0.0))
+            last = reached - path.joint_angles_at(max(passed - TICK_PERIOD, 0.0))
             self._turning = np.where(last == 0.0, self._turning, np.sign(last))
             self._now = (reached, start + passed)
             self._error = self._draw_error()
@@ -178,7 +178,7 @@ class SimulatedArm(DeviceBase):
         began = time.monotonic()
         while (passed := time.monotonic() - began) < path.duration:
             self._now = (readonly_copy(path.joint_angles_at(passed)), start + passed)
-            if self._latch.wait_for_stop(min(TICK, path.duration - passed)):
+            if self._latch.wait_for_stop(min(TICK_PERIOD, path.duration - passed)):
                 return min(time.monotonic() - began, path.duration)
         return path.duration
 

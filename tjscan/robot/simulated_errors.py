@@ -7,16 +7,17 @@ from typing import Final, Self
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.robot.deviations import length_growth, with_deviations
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.simulation import ArmErrorSettings
+from tjscan.robot.settings import ArmErrorSettings
 
 RANDOM_STREAM: Final = 3
 """Keeps the random numbers of an arm's make apart from those of its moves."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class SimulatedArmErrors:
     """The true arm, which differs from the one that its controller plans and reports with.
 
@@ -40,10 +41,6 @@ class SimulatedArmErrors:
     phase: Array
     backlash: float
     warm_up: float
-
-    def __post_init__(self) -> None:
-        for name in ("growth", "amplitude", "phase"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
     def draw(cls, nominal: Kinematics, settings: ArmErrorSettings, seed: int) -> Self:

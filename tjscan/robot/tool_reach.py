@@ -19,19 +19,19 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array, inverse_pose, pose, rot_z
 from tjscan.robot.kinematics import Kinematics
 
-SPINS: Final = 72
+SPIN_COUNT: Final = 72
 """Of the tool about its axis that are tried, evenly round."""
 
 SPIN_STEPS: Final = 3
 """By how many of these the spin may change from one place to the next."""
 
-_STEPS: Final = tuple(range(-SPIN_STEPS, SPIN_STEPS + 1))
+_SPIN_CHANGES: Final = tuple(range(-SPIN_STEPS, SPIN_STEPS + 1))
 
-JUMP: Final = np.radians(30.0)
+JOINT_JUMP: Final = np.radians(30.0)
 """A joint that turns further from one place to the next is taken to jump."""
 
 OUT_OF_REACH: Final = "out of the arm's reach"
-SINGULAR: Final = "the arm is too near to a singularity"
+NEAR_SINGULARITY: Final = "the arm is too near to a singularity"
 
 Hindrance = Callable[[Array], str]
 """What keeps an arm from standing with these joint angles, shape (6,); empty where nothing does."""
@@ -43,11 +43,11 @@ class ToolHolds:
 
     Parameters
     ----------
-    can : ndarray, shape (m, SPINS, 8)
+    can : ndarray, shape (m, SPIN_COUNT, 8)
         Whether a spin and a branch of the inverse hold it, clear of everything.
-    q : ndarray, shape (m, SPINS, 8, 6)
+    q : ndarray, shape (m, SPIN_COUNT, 8, 6)
         Joint angles at the first of the poses of each place, from -pi to pi.
-    turns : ndarray, shape (m, 2 SPIN_STEPS + 1, SPINS, 8)
+    turns : ndarray, shape (m, 2 SPIN_STEPS + 1, SPIN_COUNT, 8)
         Sum of the joints' squared turns to a node of the following place, from the node that is
         -SPIN_STEPS, ..., SPIN_STEPS spins before; infinite where there is no way.
     hindrances : tuple of str
@@ -104,16 +104,16 @@ class ToolHolds:
         places = np.arange(first, last + 1) % len(self.can)
         cost, before = np.where(self.can[places[0]], 0.0, np.inf), []
         for place in places[:-1]:
-            total = np.stack([np.roll(cost, k, axis=0) for k in _STEPS]) + self.turns[place]
+            total = np.stack([np.roll(cost, k, axis=0) for k in _SPIN_CHANGES]) + self.turns[place]
             step = total.argmin(axis=0)
             cost = np.take_along_axis(total, step[None], axis=0)[0]
             before.append(step)
         spin, branch = np.unravel_index(int(np.argmin(cost)), cost.shape)
         chosen = [int(spin)]
         for step in reversed(before):
-            chosen.append((chosen[-1] - _STEPS[step[chosen[-1], branch]]) % SPINS)
+            chosen.append((chosen[-1] - _SPIN_CHANGES[step[chosen[-1], branch]]) % SPIN_COUNT)
         chosen.reverse()
-        spins = np.unwrap(2 * np.pi * np.array(chosen) / SPINS)
+        spins = np.unwrap(2 * np.pi * np.array(chosen) / SPIN_COUNT)
         return spins, np.unwrap(self.q[places, chosen, branch], axis=0)
 
     def _farthest(self, first: int, limit: int) -> int:
@@ -121,7 +121,7 @@ class ToolHolds:
         for place in range(first, limit):
             goes = joined[place % len(self.can)]
             alive = np.logical_or.reduce(
-                [np.roll(alive, k, axis=0) & goes[i] for i, k in enumerate(_STEPS)]
+                [np.roll(alive, k, axis=0) & goes[i] for i, k in enumerate(_SPIN_CHANGES)]
             )
             if not alive.any():
                 return place
@@ -162,19 +162,19 @@ def find_tool_holds(
         If the arm is not of the Universal Robots type.
     """
     m, n = poses.shape[:2]
-    spun = np.array([pose(rot_z(2 * np.pi * k / SPINS)) for k in range(SPINS)])
+    spun = np.array([pose(rot_z(2 * np.pi * k / SPIN_COUNT)) for k in range(SPIN_COUNT)])
     T_tool_f = inverse_pose(T_f_tool)
-    first, can, hindrances = [], np.zeros((m, SPINS, 8), dtype=bool), []
+    first, can, hindrances = [], np.zeros((m, SPIN_COUNT, 8), dtype=bool), []
     for i in range(m):
         T = poses[i][:, None] @ spun @ T_tool_f
-        q = kinematics.inverse_branches(T.reshape(-1, 4, 4)).reshape(n, SPINS, 8, 6)
+        q = kinematics.inverse_branches(T.reshape(-1, 4, 4)).reshape(n, SPIN_COUNT, 8, 6)
         first.append(q[0])
         within = np.isfinite(q) & (_nearest_turn(kinematics, q) <= 0)
         reasons: Counter[str] = Counter()
         for spin, branch in np.argwhere(within.all(axis=(0, 3))):
             held = q[:, spin, branch]
             if kinematics.smallest_singular_value(held[0]) < singular:
-                reason = SINGULAR
+                reason = NEAR_SINGULARITY
             else:
                 reason = next(filter(None, map(hindrance, held)), "")
             can[i, spin, branch] = not reason
@@ -193,13 +193,15 @@ def _turns(can: NDArray[np.bool_], q: Array) -> Array:
     found = []
     for a in range(len(can)):
         b = (a + 1) % len(can)
-        for k in _STEPS:
+        for k in _SPIN_CHANGES:
             turn = q[b] - np.roll(q[a], k, axis=0)
             turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
             with np.errstate(invalid="ignore"):
-                goes = np.roll(can[a], k, axis=0) & can[b] & (np.abs(turn).max(axis=2) <= JUMP)
+                goes = (
+                    np.roll(can[a], k, axis=0) & can[b] & (np.abs(turn).max(axis=2) <= JOINT_JUMP)
+                )
             found.append(np.where(goes, np.sum(turn**2, axis=2), np.inf))
-    return np.array(found).reshape(len(can), len(_STEPS), SPINS, 8)
+    return np.array(found).reshape(len(can), len(_SPIN_CHANGES), SPIN_COUNT, 8)
 
 
 def _nearest_turn(kinematics: Kinematics, q: Array) -> Array:

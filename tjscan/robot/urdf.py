@@ -17,12 +17,11 @@ import pinocchio as pin
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import check_file_size
 from tjscan.robot.closed_form import UrDhLengths
-from tjscan.robot.models.generate import ARMS
 
-MODELS: Final = tuple(ARMS)
+ARM_MODELS: Final = ("ur5e", "ur10e", "ur16e", "ur20", "ur30")
 """Names of the arms whose URDF comes with tjscan."""
 
-CALIBRATED: Final = 0.005
+CALIBRATION_TOLERANCE: Final = 0.005
 """Metres and radians by which a calibrated arm may differ from the ideal geometry."""
 
 MOST_BYTES: Final = 5_000_000
@@ -38,7 +37,9 @@ def read_urdf(urdf: Path) -> Any:
         If there is no such file, or it is no URDF.
     """
     if not urdf.exists():
-        known = nearest_word(urdf.name, [*MODELS, *(f.name for f in urdf.parent.glob("*.urdf"))])
+        known = nearest_word(
+            urdf.name, [*ARM_MODELS, *(f.name for f in urdf.parent.glob("*.urdf"))]
+        )
         raise ConfigurationError(f"there is no such URDF; did you mean: {known}?", file=urdf)
     try:
         check_file_size(urdf, MOST_BYTES, "a URDF")
@@ -114,10 +115,12 @@ def dh_lengths_of_chain(model: Any) -> UrDhLengths | None:
     M = [placement.homogeneous for placement in model.jointPlacements][2:]
     for T, twist in zip(M, (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2), strict=True):
         c, s = np.cos(twist), np.sin(twist)
-        if not np.allclose(T[:3, :3], [[1, 0, 0], [0, c, -s], [0, s, c]], rtol=0, atol=CALIBRATED):
+        if not np.allclose(
+            T[:3, :3], [[1, 0, 0], [0, c, -s], [0, s, c]], rtol=0, atol=CALIBRATION_TOLERANCE
+        ):
             return None
     (x2, y2, z2), (x3, y3, z3), (x4, y4, z4), (x5, y5, z5), (x6, y6, z6) = (T[:3, 3] for T in M)
-    if np.abs([x2, y3, y4, x5, x6]).max() > CALIBRATED:
+    if np.abs([x2, y3, y4, x5, x6]).max() > CALIBRATION_TOLERANCE:
         return None
     lengths = (z2, x3, x4, z3 + z4 + z5 - y2, z6 - y5, y6)
     return UrDhLengths(*(float(length) for length in lengths))

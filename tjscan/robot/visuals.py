@@ -18,7 +18,7 @@ from tjscan.robot.solids import Box, Capsule, Cylinder, Solid
 if TYPE_CHECKING:
     import trimesh
 
-SEGMENTS: Final = 24
+CYLINDER_SIDES: Final = 24
 """Sides of a drawn cylinder."""
 
 
@@ -76,9 +76,11 @@ def solid_mesh(solid: Solid) -> trimesh.Trimesh:
         case Box(size):
             mesh = trimesh.creation.box(size)
         case Cylinder(radius, length):
-            mesh = trimesh.creation.cylinder(radius, length, sections=SEGMENTS)
+            mesh = trimesh.creation.cylinder(radius, length, sections=CYLINDER_SIDES)
         case Capsule(radius, length):
-            mesh = trimesh.creation.capsule(length, radius, count=(SEGMENTS, SEGMENTS // 2))
+            mesh = trimesh.creation.capsule(
+                length, radius, count=(CYLINDER_SIDES, CYLINDER_SIDES // 2)
+            )
             mesh.apply_translation((0, 0, -mesh.bounds.mean(axis=0)[2]))
     mesh.apply_transform(solid.T)
     return mesh
@@ -95,9 +97,11 @@ def _visual_mesh(visual: ElementTree.Element, beside: Path) -> trimesh.Trimesh |
             mesh = trimesh.creation.box(_numbers(shape.get("size", "")))
         case "cylinder":
             radius, length = float(shape.attrib["radius"]), float(shape.attrib["length"])
-            mesh = trimesh.creation.cylinder(radius, length, sections=SEGMENTS)
+            mesh = trimesh.creation.cylinder(radius, length, sections=CYLINDER_SIDES)
         case "sphere":
-            mesh = trimesh.creation.uv_sphere(float(shape.attrib["radius"]), count=(12, SEGMENTS))
+            mesh = trimesh.creation.uv_sphere(
+                float(shape.attrib["radius"]), count=(12, CYLINDER_SIDES)
+            )
         case "mesh" if not shape.attrib["filename"].startswith("package://"):
             file = beside / shape.attrib["filename"].removeprefix("file://")
             mesh = trimesh.load(file, force="mesh")

@@ -14,13 +14,13 @@ import numpy as np
 
 from tjscan.core.frames import Array, readonly_copy
 
-STEP: Final = 0.5
+TREE_STEP: Final = 0.5
 """Radians of joint space, summed in squares over the joints, by which a tree grows at once."""
 
 MOST_DRAWS: Final = 1000
 """Postures that are drawn before it is given up."""
 
-SPREAD: Final = np.pi
+DRAW_MARGIN: Final = np.pi
 """Radians beyond both ends within which a joint's angle is drawn: no way winds an arm up."""
 
 IsClear = Callable[[Array, Array], bool]
@@ -39,8 +39,8 @@ class _Tree:
         nearest = int(np.einsum("ij,ij->i", away, away).argmin())
         length = float(np.linalg.norm(away[nearest]))
         reached = towards
-        if length > STEP:
-            reached = self.postures[nearest] + STEP / length * away[nearest]
+        if length > TREE_STEP:
+            reached = self.postures[nearest] + TREE_STEP / length * away[nearest]
         if length == 0 or not is_clear(self.postures[nearest], reached):
             return None
         self.postures.append(reached)
@@ -76,8 +76,8 @@ def find_way(
         From start to goal, both included; the same each time. None where `MOST_DRAWS` lead to none.
     """
     dice = np.random.default_rng(0)
-    least = np.maximum(limits[0], np.minimum(start, goal) - SPREAD)
-    most = np.minimum(limits[1], np.maximum(start, goal) + SPREAD)
+    least = np.maximum(limits[0], np.minimum(start, goal) - DRAW_MARGIN)
+    most = np.minimum(limits[1], np.maximum(start, goal) + DRAW_MARGIN)
     first = _Tree(readonly_copy(start))
     one, other = first, _Tree(readonly_copy(goal))
     for _ in range(MOST_DRAWS):

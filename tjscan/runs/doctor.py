@@ -23,9 +23,9 @@ from tjscan.job.arm import clear_path_planner_of_job
 from tjscan.job.cell import Cell
 from tjscan.laser.line_laser import DescribedLaser
 from tjscan.laser.profile import Profile
-from tjscan.runs.context import RunContext, groove_reader_of_job, result_frame_of_job
+from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
 
-LIBRARIES: Final = (
+REPORTED_LIBRARIES: Final = (
     "tjscan",
     "pin",
     "coal",
@@ -36,11 +36,11 @@ LIBRARIES: Final = (
 )
 """Whose versions are reported."""
 
-SAME_ARM: Final = 0.02
+MODEL_TOLERANCE: Final = 0.02
 """Metres between the flange as reported by the arm and as computed by its model; a larger
 difference is another arm, for a kinematic calibration corrects less."""
 
-FEWEST: Final = 100
+FEWEST_POINTS: Final = 100
 """Points of a profile below which nothing is in the sensor's range."""
 
 
@@ -148,7 +148,7 @@ def _look(what: str, check: Callable[[], str]) -> CheckResult:
 
 
 def _versions() -> Iterator[str]:
-    for library in LIBRARIES:
+    for library in REPORTED_LIBRARIES:
         try:
             yield f"{library} {version(library)}"
         except PackageNotFoundError:
@@ -183,7 +183,7 @@ def _model(cell: Cell) -> str:
     who = cell.arm.identity or "connected"
     T_b_f = cell.clearance.kinematics.forward(state.q)
     apart = float(np.linalg.norm(T_b_f[:3, 3] - state.T_b_f[:3, 3]))
-    if apart > SAME_ARM:
+    if apart > MODEL_TOLERANCE:
         raise ConfigurationError(
             f"the arm has its flange {1e3 * apart:.0f} mm from where the model has it; name the "
             "arm that stands there",
@@ -226,7 +226,7 @@ def _range(laser: DescribedLaser, table: LaserSettings) -> str:
 def _profile(cell: Cell, read: Callable[[Profile], GrooveSection]) -> str:
     profile = cell.laser.capture()
     valid = int(profile.valid.sum())
-    if valid < FEWEST:
+    if valid < FEWEST_POINTS:
         return f"{valid} of {len(profile)} points: nothing in range where the arm stands"
     try:
         read(profile)

@@ -18,16 +18,16 @@ from tjscan.recording.ros import (
     pose_array_message,
     write_ros_messages,
 )
-from tjscan.result.directory import JOB, SECTIONS, URDF
-from tjscan.result.export import STEM, sort_sections_by_azimuth
+from tjscan.result.directory import JOB_FILE, SECTIONS_FILE, URDF_FILE
+from tjscan.result.export import EXPORT_STEM, sort_sections_by_azimuth
 from tjscan.result.shapes import read_finished_summary
 from tjscan.result.table import read_sections_csv
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.context import result_frame_of_job
+from tjscan.runs.scan.context import result_frame_of_job
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.section import ProfileView
 
-BAG: Final = f"{STEM}.mcap"
+BAG_FILE: Final = f"{EXPORT_STEM}.mcap"
 
 
 def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
@@ -59,16 +59,16 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
             "directory of each station",
             file=directory,
         )
-    folder = out or directory / f"{STEM}.ros"
+    folder = out or directory / f"{EXPORT_STEM}.ros"
     if not folder.parent.is_dir():
         raise ConfigurationError(
             "there is no folder to make it in: make that first", file=folder, key="--out"
         )
     if folder.is_file():
         raise ConfigurationError("a file is in the way: name a folder", file=folder, key="--out")
-    job = read_scan_job(directory / JOB)
+    job = read_scan_job(directory / JOB_FILE)
     arm, T_b_r = Kinematics.load(job.arm.model), inverse_pose(result_frame_of_job(job).T_r_b)
-    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS))
+    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
     views, time = _views_of_growing_time(directory)
     messages = {
         "/sections": pose_array_message(
@@ -88,9 +88,9 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
         for topic, message in messages.items():
             text = json.dumps(message.fields, indent=1, allow_nan=False)
             (draft / f"{topic.strip('/')}.json").write_text(f"{text}\n", encoding="utf-8")
-        with (draft / BAG).open("wb") as file:
+        with (draft / BAG_FILE).open("wb") as file:
             write_ros_messages(file, time, messages)
-        (draft / URDF).write_bytes(arm.urdf.read_bytes())
+        (draft / URDF_FILE).write_bytes(arm.urdf.read_bytes())
     return folder
 
 

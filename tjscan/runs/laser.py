@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -11,11 +11,12 @@ from typing import Any, Final
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array
 from tjscan.groove.settings import GrooveSettings
-from tjscan.job import read_laser_job
-from tjscan.job.cell import make_laser_alone
+from tjscan.job import read_laser_job, read_scan_job
+from tjscan.job.cell import make_simulated_laser
+from tjscan.job.laser import make_laser_without_arm
 from tjscan.laser.line_laser import LineLaser
-from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
 from tjscan.result.readings import ProfileReading, measure_grooves
 
@@ -56,13 +57,54 @@ def open_laser_of_job(
                 "what was recorded is read with 'tjscan groove RUN'", key="laser.driver"
             )
         if job.laser.driver_kind is DriverKind.REAL:
-            laser = make_laser_alone(job.laser, LaserModel(), time.monotonic)
+            laser = make_laser_without_arm(job.laser)
         else:
-            from tjscan.runs.simulated_profiles import SimulatedProfiles
-
-            laser = SimulatedProfiles.of_job(job_file, overrides, None).laser
+            _, make = prepare_simulated_laser(job_file, overrides)
+            laser = make()
     with laser:
         yield laser, job.groove
+
+
+def prepare_simulated_laser(
+    job_file: Path, overrides: dict[str, Any], T_b_f: Callable[[], Array] | None = None
+) -> tuple[int, Callable[[], LineLaser]]:
+    """Prepare the simulated laser of a scan job.
+
+    Parameters
+    ----------
+    job_file : Path
+        The job.
+    overrides : dict
+        Dotted keys and their values, as `read_scan_job` takes them.
+    T_b_f : callable, optional
+        Returns the flange's pose, shape (4, 4); without it the job's first start pose.
+
+    Returns
+    -------
+    columns : int
+        Points of a profile.
+    make : callable
+        Makes the laser, its random numbers at their beginning.
+
+    Raises
+    ------
+    ConfigurationError
+        If the job, or a file that it names, is wrong.
+    """
+    from tjscan.runs.scan.context import RunContext
+
+    with add_file_to_errors(job_file):
+        job = read_scan_job(job_file, overrides).job_at_station()
+        context = RunContext(job, job_file)
+        T_f_s, joint = context.sensor_mount.T_f_s, context.joint
+        first = job.start_poses[0].T
+
+    def make() -> LineLaser:
+        with add_file_to_errors(job_file):
+            flange = (lambda: first) if T_b_f is None else T_b_f
+            return make_simulated_laser(job, T_f_s, joint, flange, time.monotonic)
+
+    return job.laser.points, make
 
 
 def read_live_profiles(laser: LineLaser, settings: GrooveSettings) -> Iterator[ProfileReading]:

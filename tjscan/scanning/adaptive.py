@@ -16,13 +16,12 @@ from tjscan.core.units import DEG, MM, MM2, SettingsTable
 from tjscan.scanning.seam.fit import fit_tubes_to_sections
 from tjscan.scanning.seam.next_section import SHAPE_SPREAD, SHAPE_WAVE
 from tjscan.scanning.seam.track import MOST_SECTIONS, RecentSections, recent_section_arrays
-from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.set_point import StepLengthRule
+from tjscan.scanning.section import ScannedSection, StepLengthRule
 
 AREA_SPREAD: Final = 0.4
 """How much the area varies round a joint, standard deviation as a share of it."""
 
-CHOICES: Final = 50
+TRIED_LENGTHS: Final = 50
 """Lengths between the shortest and the longest that are looked at."""
 
 
@@ -62,7 +61,7 @@ def adaptive_step_rule(adaptive: AdaptiveStepSettings) -> StepLengthRule:
     own errors: noise is not taken for change, and what nobody can foresee shortens the step.
     A change counts as what is expected and one standard deviation more.
     """
-    steps = np.linspace(adaptive.least, adaptive.most, CHOICES)
+    steps = np.linspace(adaptive.least, adaptive.most, TRIED_LENGTHS)
 
     def rule(sections: Sequence[ScannedSection]) -> float:
         track = recent_section_arrays(sections)

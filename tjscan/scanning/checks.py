@@ -11,31 +11,30 @@ from tjscan.core.errors import GrooveNotFound, SetPointRefused
 from tjscan.core.frames import Array, inverse_pose, rotation_angle_between, unit_vector
 from tjscan.groove.section import GrooveSection
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.section import ScannedSection, Substep
-from tjscan.scanning.set_point import TIGHTEST_BEND, SetPoint, StepRequest
+from tjscan.scanning.section import TIGHTEST_BEND, ScannedSection, SetPoint, StepRequest, Substep
 
-FARTHEST: Final = 2.0
+FARTHEST_STEPS: Final = 2.0
 """Steps that a set-point lies from the last section, at most."""
 
 LARGEST_VIEW_SHIFT: Final = 0.02
 """Metres that the groove may be meant to appear from where the plan wants it in the sensor."""
 
-ORTHONORMAL: Final = 1e-6
+ORTHONORMAL_TOLERANCE: Final = 1e-6
 """How far from orthonormal a rotation may be that was computed."""
 
-AHEAD: Final = (0.3, 2.0)
+STEPS_AHEAD: Final = (0.3, 2.0)
 """Steps that a section lies ahead of the last one, at least and at most."""
 
-ASIDE: Final = 1.0
+STEPS_ASIDE: Final = 1.0
 """Steps that it lies aside of where the step led, at most."""
 
 ASIDE_ANYWAY: Final = 3e-3
 """Metres aside that need no bend of the groove: errors of reading, of the arm, of teaching."""
 
-UPRIGHT: Final = 0.25
+LEAST_UPRIGHT_COSINE: Final = 0.25
 """Least cosine between the wall's tangent and x_s, and between the wall's normal and the view."""
 
-SIGMAS: Final = 5.0
+CHANCE_SIGMAS: Final = 5.0
 """Standard deviations by which two readings of the same groove hardly ever differ."""
 
 ANGLE_CHANGE: Final = (radians(3), radians(250))
@@ -49,13 +48,13 @@ ROOT_CHANGE: Final = (0.1, 5.0)
 DEPTH_CHANGE: Final = (0.1, 3.0)
 """Share by which root width and depth differ, and share per metre, of the same groove."""
 
-BEAD: Final = 0.8e-3
+BEAD_HEIGHT: Final = 0.8e-3
 """Metres by which root width and depth may differ besides: weld beads are no planes."""
 
-SAME: Final = 0.5e-3
+SAME_SECTION_DISTANCE: Final = 0.5e-3
 """Metres by which the corners differ that are read in two views of the same section."""
 
-SAME_TURNED: Final = 0.08
+TURNED_VIEW_DISTANCE: Final = 0.08
 """Metres by which they differ more, per squared radian between the views.
 
 A turned laser plane meets the edges elsewhere, and the edges are not quite parallel to the step:
@@ -86,7 +85,7 @@ def check_set_point(to: SetPoint, step: StepRequest, plan: ScanPlan) -> None:
     p_b = to.T_b_t[:3, 3]
     starts = (step.groove_origin_b, step.last.T_b_t[:3, 3])
     away = min(float(np.linalg.norm(p_b - start)) for start in starts)
-    if not away <= FARTHEST * step.length:  # a length that is no number allows none
+    if not away <= FARTHEST_STEPS * step.length:  # a length that is no number allows none
         raise SetPointRefused(
             f"it lies {1e3 * away:.1f} mm from the last section, after a step of "
             f"{1e3 * step.length:.1f} mm"
@@ -127,7 +126,9 @@ def check_section_one_step_ahead(found: ScannedSection, step: StepRequest) -> No
     gone = found.T_b_g[:3, 3] - step.groove_origin_b
     ahead = float(gone @ direction_b)
     aside = float(np.linalg.norm(gone - ahead * direction_b))
-    if not (AHEAD[0] * length < ahead < AHEAD[1] * length and aside < _most_aside(length)):
+    if not (
+        STEPS_AHEAD[0] * length < ahead < STEPS_AHEAD[1] * length and aside < _most_aside(length)
+    ):
         raise GrooveNotFound(
             "implausible",
             f"what was read lies {1e3 * ahead:.1f} mm ahead of the last section and "
@@ -151,7 +152,7 @@ def check_section_orientation(groove: GrooveSection) -> None:
         With reason "implausible".
     """
     up, towards = float(groove.T_s_g[0, 1]), -float(groove.T_s_g[2, 2])
-    if min(up, towards) < UPRIGHT:
+    if min(up, towards) < LEAST_UPRIGHT_COSINE:
         raise GrooveNotFound(
             "implausible",
             f"the brace's wall rises by {up:.2f} of its length along x_s and faces the sensor by "
@@ -220,8 +221,9 @@ def check_agrees_with_prediction(found: ScannedSection, step: StepRequest) -> No
     apart = (found.points_b - step.predicted.points_b)[1:4]  # the ends are not corners
     aside = np.linalg.norm(apart - np.outer(apart @ step_b, step_b), axis=1)
     same = (
-        SAME
-        + SAME_TURNED * rotation_angle_between(step.predicted.view.T_b_s, found.view.T_b_s) ** 2
+        SAME_SECTION_DISTANCE
+        + TURNED_VIEW_DISTANCE
+        * rotation_angle_between(step.predicted.view.T_b_s, found.view.T_b_s) ** 2
     )
     allowed = np.maximum(same, largest_chance_differences(found.groove, step.predicted.groove))
     if (aside > allowed).any():
@@ -239,12 +241,12 @@ def largest_chance_differences(one: GrooveSection, other: GrooveSection) -> Arra
     Of corners that are buried, as under a tack weld, these are many.
     """
     variances = one.corner_covariances_s + other.corner_covariances_s
-    return np.asarray(SIGMAS * np.sqrt(np.trace(variances, axis1=1, axis2=2)))
+    return np.asarray(CHANCE_SIGMAS * np.sqrt(np.trace(variances, axis1=1, axis2=2)))
 
 
 def largest_root_width_change(groove: GrooveSection, away: float) -> float:
     """Metres by which a root's width differs at most from a section's so many metres away."""
-    return BEAD + (ROOT_CHANGE[0] + ROOT_CHANGE[1] * away) * groove.root_width
+    return BEAD_HEIGHT + (ROOT_CHANGE[0] + ROOT_CHANGE[1] * away) * groove.root_width
 
 
 def _measures(found: ScannedSection, step: StepRequest) -> tuple[Array, Array, Array]:
@@ -252,7 +254,7 @@ def _measures(found: ScannedSection, step: StepRequest) -> tuple[Array, Array, A
     last, now = step.last.groove, found.groove
     # A taught laser plane may have been turned otherwise than one that the scan chose.
     factor = 2.0 if step.last.view.substep is Substep.TAUGHT else 1.0
-    noise = SIGMAS * np.sqrt(
+    noise = CHANCE_SIGMAS * np.sqrt(
         np.diag(last.measure_covariance)[:3] + np.diag(now.measure_covariance)[:3]
     )
     before, after = (np.array((g.groove_angle, g.root_width, g.depth)) for g in (last, now))
@@ -260,7 +262,7 @@ def _measures(found: ScannedSection, step: StepRequest) -> tuple[Array, Array, A
         (
             ANGLE_CHANGE[0] + ANGLE_CHANGE[1] * step.length,
             largest_root_width_change(last, step.length),
-            BEAD + (DEPTH_CHANGE[0] + DEPTH_CHANGE[1] * step.length) * before[2],
+            BEAD_HEIGHT + (DEPTH_CHANGE[0] + DEPTH_CHANGE[1] * step.length) * before[2],
         )
     )
     return before, after, np.asarray(allowed)
@@ -268,12 +270,12 @@ def _measures(found: ScannedSection, step: StepRequest) -> tuple[Array, Array, A
 
 def _most_aside(length: float) -> float:
     """A circle leaves its tangent by step²/2R; straight on from the last chord it is twice that."""
-    return min(ASIDE_ANYWAY + length * length / TIGHTEST_BEND, ASIDE * length + ASIDE_ANYWAY)
+    return min(ASIDE_ANYWAY + length * length / TIGHTEST_BEND, STEPS_ASIDE * length + ASIDE_ANYWAY)
 
 
 def _is_pose(T: Array) -> bool:
     if T.shape != (4, 4) or not np.isfinite(T).all() or np.abs(T).max() > 1e6:
         return False
     R = T[:3, :3]
-    orthonormal = np.abs(R @ R.T - np.eye(3)).max() < ORTHONORMAL and np.linalg.det(R) > 0
+    orthonormal = np.abs(R @ R.T - np.eye(3)).max() < ORTHONORMAL_TOLERANCE and np.linalg.det(R) > 0
     return bool(orthonormal and (T[3] == (0.0, 0.0, 0.0, 1.0)).all())

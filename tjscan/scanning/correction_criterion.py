@@ -13,11 +13,10 @@ from tjscan.core import pose_vector
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.units import DEG, MM, SettingsTable
 from tjscan.groove.section import GrooveSection
-from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.set_point import SetPoint
+from tjscan.scanning.section import ScannedSection, SetPoint
 from tjscan.scanning.target import ScanDirection
 
-SIGMAS: Final = 2.0
+DOUBT_SIGMAS: Final = 2.0
 """Standard deviations that count besides the deviation itself."""
 
 
@@ -60,7 +59,7 @@ class CorrectionCriterion(SettingsTable):
         sigma : ndarray, shape (6,)
             Their standard deviations.
         """
-        doubt = SIGMAS * sigma
+        doubt = DOUBT_SIGMAS * sigma
         return bool(
             np.linalg.norm(off[:3]) + doubt[:3].max() <= self.position
             and abs(off[3]) + doubt[3] <= self.work_angle

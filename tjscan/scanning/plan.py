@@ -12,7 +12,7 @@ from tjscan.core.frames import Array
 from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, FileKey, PoseSettings, SettingsTable
 from tjscan.scanning.adaptive import AdaptiveStepSettings
 from tjscan.scanning.correction_criterion import CorrectionCriterion
-from tjscan.scanning.prediction import SMOOTH
+from tjscan.scanning.prediction import SMOOTH_PREDICTION
 from tjscan.scanning.target import ScanDirection, target_pose_in_sensor
 
 
@@ -69,7 +69,7 @@ class ScanPlan(SettingsTable):
         """Criterion for skipping corrections; None where each is made, as in the paper."""
         enabled = self.criterion.enabled
         if enabled is None:
-            enabled = self.prediction == SMOOTH
+            enabled = self.prediction == SMOOTH_PREDICTION
         return self.criterion if enabled else None
 
     def target_pose_in_sensor(self, work_angle: float) -> Array:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from tjscan.core.frames import Array, pose, unit_vector
-from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.set_point import SetPoint, SetPointPredictor
+from tjscan.scanning.section import ScannedSection, SetPoint, SetPointPredictor
 from tjscan.scanning.target import R_REVERSED, ScanDirection
 
 
@@ -28,7 +27,7 @@ class PredictionCase:
     turns_step: bool
 
 
-CASES = {
+PREDICTION_CASES = {
     1: PredictionCase(turns_frame=False, turns_step=False),
     2: PredictionCase(turns_frame=True, turns_step=True),
     3: PredictionCase(turns_frame=False, turns_step=True),
@@ -36,7 +35,7 @@ CASES = {
 }
 """The four cases of the paper, section 4.2."""
 
-SMOOTH: Final = "smooth"
+SMOOTH_PREDICTION: Final = "smooth"
 """The fifth: see `tjscan.scanning.smooth`."""
 
 

@@ -1,14 +1,16 @@
-"""When a scan is done."""
+"""When a scan is done, and what it found."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
+from tjscan.scanning.events import RetryCounts
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.section import ScannedSection
+from tjscan.scanning.section import ProfileView, ScannedSection
 
 
 class StopReason(StrEnum):
@@ -81,3 +83,28 @@ def reason_to_stop(
     if from_first[-1] < step and from_first.max() > 2 * step:
         return StopReason.CLOSED
     return None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanResult:
+    """What a scan found.
+
+    Parameters
+    ----------
+    sections : tuple of ScannedSection
+        The finished sections in order, the two taught ones first.
+    views : tuple of ProfileView
+        Every profile taken, in order.
+    stop : StopReason
+        Why it ended.
+    detail : str
+        The same in one sentence, with numbers.
+    counts : RetryCounts
+        How often each kind of retry was made.
+    """
+
+    sections: tuple[ScannedSection, ...]
+    views: tuple[ProfileView, ...]
+    stop: StopReason
+    detail: str
+    counts: RetryCounts

@@ -19,31 +19,30 @@ from tjscan.core.errors import GrooveNotFound, SetPointRefused, TjscanError
 from tjscan.core.frames import Array, inverse_pose, pose, rot_x
 from tjscan.laser.profile import Profile
 from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.set_point import SetPoint, StepRequest
+from tjscan.scanning.section import ScannedSection, SetPoint, StepRequest
 from tjscan.scanning.target import ScanDirection
 
 NotRead = (GrooveNotFound, SetPointRefused)
 """What another set-point or another step may mend."""
 
-MISSING: Final = 6
+MOST_MISSING: Final = 6
 """Profiles in a row that may be missing, late, frozen or empty before the sensor is given up."""
 
-AGAIN: Final = 1
+REPEATED_PROFILES: Final = 1
 """Profiles taken again where points are there and no groove is read: noise is drawn anew."""
 
-MERGED: Final = 7
+MERGED_PROFILES: Final = 7
 """Profiles of one place that are merged where that does not help either."""
 
-FEW: Final = "too few points"
+TOO_FEW_POINTS: Final = "too few points"
 """Reason of a profile that is as good as missing."""
 
 
-SHORTER: Final = (0.5, 0.25)
+SHORTER_STEPS: Final = (0.5, 0.25)
 """Shares of a step that are tried where it led to no section: the groove changes less, and fewer
 poses are out of reach."""
 
-PAST_TACK: Final = (0.03, 0.06)
+LENGTHS_PAST_TACK: Final = (0.03, 0.06)
 """Metres that are tried after that, where they are more than a step: tack welds are 20 to 50 mm
 long, and what hides the groove may lie all over one."""
 
@@ -88,27 +87,27 @@ def step_retries(step: float, *, past_tacks: bool = True) -> Iterator[StepRetry]
         Shorter ones first, the second from where the last section is seen again: an arm that
         lost its way finds it so.
     """
-    half, quarter = SHORTER
+    half, quarter = SHORTER_STEPS
     yield StepRetry(ScanEvent.HALF_STEP, half * step)
     yield StepRetry(ScanEvent.RETREAT, quarter * step, from_last_section=True)
-    for length in PAST_TACK:
+    for length in LENGTHS_PAST_TACK:
         if past_tacks and length > step:
             yield StepRetry(ScanEvent.STEP_OVER, length, from_last_section=True)
 
 
-SHIFT: Final = 6e-3
+NUDGE_SHIFT: Final = 6e-3
 """Metres by which a nudge moves the groove in the sensor."""
 
 LARGEST_SHIFT: Final = 10e-3
 """Metres by which it does so where the surface was seen nearer or further."""
 
-TURN: Final = radians(5)
+NUDGE_TURN: Final = radians(5)
 """By which a nudge turns the sensor about the groove: reflections and shadows move by more."""
 
-EVIDENT: Final = 5e-3
+EVIDENT_OFFSET: Final = 5e-3
 """Metres that a surface is nearer or further than at the last section to say where to go."""
 
-ENOUGH: Final = 20
+ENOUGH_POINTS: Final = 20
 """Points that say how far a surface is."""
 
 
@@ -155,7 +154,7 @@ class ViewAdjustment:
 
 def max_profiles_per_pose(error: GrooveNotFound) -> int:
     """How many profiles are taken at one place before it is left."""
-    return 1 + (MISSING if error.reason == FEW else AGAIN)
+    return 1 + (MOST_MISSING if error.reason == TOO_FEW_POINTS else REPEATED_PROFILES)
 
 
 def view_adjustments(
@@ -178,17 +177,22 @@ def view_adjustments(
     to go; a groove partly out of range may be so on either side. Otherwise the work angle is
     turned, first the way it has been going, then the other way.
     """
-    nearer, further = ViewAdjustment(standoff=-SHIFT), ViewAdjustment(standoff=SHIFT)
+    nearer, further = ViewAdjustment(standoff=-NUDGE_SHIFT), ViewAdjustment(standoff=NUDGE_SHIFT)
     trend = last.groove.work_angle - before.groove.work_angle
-    turn = TURN if trend >= 0 else -TURN
+    turn = NUDGE_TURN if trend >= 0 else -NUDGE_TURN
     turns = [ViewAdjustment(work_angle=turn), ViewAdjustment(work_angle=-turn)]
     off = _further(seen, last.view.profile)
-    if abs(off) > EVIDENT:
+    if abs(off) > EVIDENT_OFFSET:
         shift = float(np.clip(-off, -LARGEST_SHIFT, LARGEST_SHIFT))
         return [ViewAdjustment(standoff=shift), *turns]
     if error.reason == "out of range":
-        return [ViewAdjustment(offset=-SHIFT), ViewAdjustment(offset=SHIFT), nearer, further]
-    if error.reason == FEW:
+        return [
+            ViewAdjustment(offset=-NUDGE_SHIFT),
+            ViewAdjustment(offset=NUDGE_SHIFT),
+            nearer,
+            further,
+        ]
+    if error.reason == TOO_FEW_POINTS:
         return [nearer, further, *turns]
     return [*turns, nearer, further]
 
@@ -242,6 +246,6 @@ def _halfway(T_1: Array, T_2: Array) -> Array:
 
 def _further(seen: Profile, usual: Profile) -> float:
     """Metres by which a surface is further away than another; 0 where nothing says so."""
-    if min(seen.valid.sum(), usual.valid.sum()) < ENOUGH:
+    if min(seen.valid.sum(), usual.valid.sum()) < ENOUGH_POINTS:
         return 0.0
     return float(np.nanmedian(seen.z_s) - np.nanmedian(usual.z_s))

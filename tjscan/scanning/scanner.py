@@ -19,6 +19,7 @@ from tjscan.core.errors import (
 from tjscan.core.frames import Array
 from tjscan.groove.section import GrooveSection
 from tjscan.robot.arm import ArmState
+from tjscan.scanning.adaptive import adaptive_step_rule
 from tjscan.scanning.checks import (
     check_agrees_with_prediction,
     check_measures_plausible,
@@ -28,36 +29,42 @@ from tjscan.scanning.checks import (
     largest_chance_differences,
     measures_are_plausible,
 )
-from tjscan.scanning.correction import correction_target_pose
 from tjscan.scanning.correction_criterion import view_deviation, view_deviation_sigmas
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import Journal, ScanResultsJournal
-from tjscan.scanning.method import predictor_for_plan, step_rule_for_plan
 from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.prediction import PREDICTION_CASES, SMOOTH_PREDICTION, paper_predictor
 from tjscan.scanning.profile_taker import ProfileTaker, ScanSetup
 from tjscan.scanning.progress import (
+    ScanResult,
     StopReason,
     groove_length,
     plan_is_fulfilled,
     reason_to_stop,
 )
 from tjscan.scanning.recorded import RecordedScan
-from tjscan.scanning.result import ScanResult
 from tjscan.scanning.retries import (
-    AGAIN,
-    FEW,
-    MERGED,
+    MERGED_PROFILES,
+    REPEATED_PROFILES,
+    TOO_FEW_POINTS,
     NotRead,
     fallback_set_points,
     max_profiles_per_pose,
     step_retries,
 )
-from tjscan.scanning.section import ProfileView, ScannedSection, Substep
-from tjscan.scanning.sections_before import read_section
-from tjscan.scanning.set_point import SetPoint, SetPointPredictor, StepLengthRule, StepRequest
+from tjscan.scanning.section import (
+    ProfileView,
+    ScannedSection,
+    SetPoint,
+    SetPointPredictor,
+    StepLengthRule,
+    StepRequest,
+    Substep,
+)
+from tjscan.scanning.sections_before import read_section, root_is_seen
+from tjscan.scanning.smooth import tube_fit_predictor
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.tacks import root_is_seen
-from tjscan.scanning.target import ScanDirection
+from tjscan.scanning.target import ScanDirection, correction_target_pose
 
 
 class Scanner:
@@ -300,9 +307,9 @@ class Scanner:
         *,
         once: bool = False,
     ) -> ScannedSection:
-        """Take profiles where the arm stands until one is read; only one of them where `once`.
+        """Take profiles from where the arm is until one is read; only one of them if `once`.
 
-        A section whose root is not seen counts only where no other profile shows it either.
+        A section whose root is not seen counts only if no other profile shows it either.
 
         Raises
         ------
@@ -311,35 +318,32 @@ class Scanner:
         LaserFault
             If no profile comes.
         """
-        views: list[ProfileView] = []
-        rootless: list[ScannedSection] = []
+        views = [self._taker.take_view(index, substep, state)]
+        rootless: ScannedSection | None = None
         while True:
-            views.append(self._taker.take_view(index, substep, state))
             try:
                 section = self._read(views[-1], T_s_t, step)
                 if once or root_is_seen(section.groove):
                     return section
-                rootless.append(section)
-                why, most = "the root is not seen", 1 + AGAIN
+                rootless, why, most = section, "the root is not seen", 1 + REPEATED_PROFILES
             except GrooveNotFound as error:
                 lost, why, most = error, str(error), max_profiles_per_pose(error)
             if once or len(views) >= most:
                 break
             self._log.record_event(ScanEvent.TAKEN_AGAIN, f"section {index}, {substep}: {why}")
-        merged = None
+            views.append(self._taker.take_view(index, substep, state))
         # From a prediction view without the root a correction follows, which may show it.
-        worth_merging = substep is not Substep.PREDICTION if rootless else lost.reason != FEW
-        if worth_merging and not once:
-            merged = self._taker.take_and_merge_views(views, state)
+        merging = substep is not Substep.PREDICTION if rootless else lost.reason != TOO_FEW_POINTS
+        merged = self._taker.take_and_merge_views(views, state) if merging and not once else None
         if merged is not None:
-            what = f"section {index}, {substep}, {MERGED} profiles: {why}"
+            what = f"section {index}, {substep}, {MERGED_PROFILES} profiles: {why}"
             self._log.record_event(ScanEvent.MERGED, what)
             try:
                 return self._read(merged, T_s_t, step)
             except GrooveNotFound as error:
                 lost = error
         if rootless:
-            return rootless[-1]
+            return rootless
         raise lost
 
     def _read(
@@ -424,3 +428,17 @@ class Scanner:
         detail = f"{detail}: {cause}" if cause else detail
         log.record_event(ScanEvent.STOP, detail)
         return ScanResult(tuple(log.sections), tuple(log.views), stop, detail, log.counts)
+
+
+def predictor_for_plan(plan: ScanPlan) -> SetPointPredictor:
+    """Predictor of set-points that a plan names."""
+    if plan.prediction == SMOOTH_PREDICTION:
+        return tube_fit_predictor(plan)
+    return paper_predictor(PREDICTION_CASES[plan.prediction], plan.direction)
+
+
+def step_rule_for_plan(plan: ScanPlan) -> StepLengthRule:
+    """The rule that a plan's steps follow: all of the same length, or as the groove allows."""
+    if plan.adaptive is not None:
+        return adaptive_step_rule(plan.adaptive)
+    return lambda sections: plan.step

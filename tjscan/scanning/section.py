@@ -1,13 +1,31 @@
-"""One view of the groove: where the sensor was, what the laser saw, what was read in it."""
+"""Views of the groove, the sections read in them, and the steps from one section to the next."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from math import radians
+from typing import Final, Protocol
 
-from tjscan.core.frames import Array, readonly_copy, transform_points
+import numpy as np
+
+from tjscan.core.frames import Array, frozen_arrays, transform_points
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
+
+TIGHTEST_BEND: Final = 0.04
+"""Metres: radius of the tightest bend of a groove. A brace of 168 mm on a leg hardly larger bends
+its groove so at the saddle."""
+
+EXTRA_TURN: Final = radians(20)
+"""Turn from section to section beside the groove's own: noise, and retries that turn the sensor."""
+
+EXTRA_TURN_TAUGHT: Final = radians(45)
+"""How much further the first turn may go, from where the operator held the sensor."""
+
+LARGEST_TURN: Final = radians(100)
+"""Largest turn from section to section, whatever the step."""
 
 
 class Substep(StrEnum):
@@ -20,6 +38,7 @@ class Substep(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class ProfileView:
     """A profile, and the poses of flange and sensor it was taken from.
 
@@ -47,12 +66,9 @@ class ProfileView:
     time: float
     q: Array
 
-    def __post_init__(self) -> None:
-        for name in ("T_b_f", "T_b_s", "q"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class ScannedSection:
     """A view, the groove read in it, and the target frame it was taken with.
 
@@ -70,9 +86,6 @@ class ScannedSection:
     groove: GrooveSection
     T_s_t: Array
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "T_s_t", readonly_copy(self.T_s_t))
-
     @property
     def T_b_g(self) -> Array:
         """Frame g in the base frame, eq. (5), shape (4, 4)."""
@@ -87,3 +100,103 @@ class ScannedSection:
     def points_b(self) -> Array:
         """The five points in the base frame, eq. (4), shape (5, 3), metres."""
         return transform_points(self.view.T_b_s, self.groove.points_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
+class SetPoint:
+    """Pose of frame t that the sensor shall be moved to, and frame t's place in the sensor.
+
+    Parameters
+    ----------
+    T_b_t : ndarray, shape (4, 4)
+        Frame t in the base frame, metres.
+    T_s_t : ndarray, shape (4, 4)
+        Frame t in the sensor frame, eq. (14), metres.
+    covariance : ndarray, shape (7, 7), optional
+        Of where the ideal set-point will turn out to be: position and rotation vector in frame t
+        (metres, radians), and work angle (radians). None where the predictor does not know.
+    straight : bool
+        Whether the flange shall go there on a straight line, as the paper's does. A path in
+        joint space is shorter for the joints and takes less time.
+    """
+
+    T_b_t: Array
+    T_s_t: Array
+    covariance: Array | None = None
+    straight: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
+class StepRequest:
+    """One step as it was planned: from which section, where to, how long.
+
+    Parameters
+    ----------
+    last : ScannedSection
+        The section it starts from.
+    p_b_ahead : ndarray, shape (3,)
+        Where it leads: origin of frame t in the prediction substep, metres.
+    length : float
+        Metres.
+    predicted : ScannedSection, optional
+        What the prediction view showed, once it is read.
+    """
+
+    last: ScannedSection
+    p_b_ahead: Array
+    length: float
+    predicted: ScannedSection | None = None
+
+    @property
+    def direction_b(self) -> Array:
+        """Unit vector of the step, shape (3,).
+
+        It starts from frame t or from the groove, whichever fits its length better: of a section
+        that was taught, frame t lies beside the groove.
+        """
+        steps = np.stack(
+            (self.p_b_ahead - self.last.T_b_t[:3, 3], self.p_b_ahead - self.groove_origin_b)
+        )
+        lengths = np.linalg.norm(steps, axis=1)
+        best = int(np.abs(lengths - self.length).argmin())
+        return np.asarray(steps[best] / lengths[best])
+
+    @property
+    def groove_origin_b(self) -> Array:
+        """Groove origin of the section that the step starts from, shape (3,), metres."""
+        return self.last.T_b_g[:3, 3]
+
+    @property
+    def max_rotation(self) -> float:
+        """Radians that sensor or groove may turn over the step."""
+        turn = min(EXTRA_TURN + self.length / TIGHTEST_BEND, LARGEST_TURN)
+        return turn + EXTRA_TURN_TAUGHT if self.last.view.substep is Substep.TAUGHT else turn
+
+
+class SetPointPredictor(Protocol):
+    """Predicts the set-point of the next section from the finished ones, and from nothing else.
+
+    It keeps no state: a scan that was interrupted goes on as if it had not been.
+    """
+
+    def __call__(self, sections: Sequence[ScannedSection], step: float) -> SetPoint:
+        """Predict.
+
+        Parameters
+        ----------
+        sections : sequence of ScannedSection
+            Two or more, the last one last.
+        step : float
+            How far beyond the last one, metres.
+        """
+        ...
+
+
+class StepLengthRule(Protocol):
+    """Chooses the length of the next step, from the finished sections and from nothing else."""
+
+    def __call__(self, sections: Sequence[ScannedSection]) -> float:
+        """Length of the step beyond the last of two or more sections, metres."""
+        ...

@@ -14,19 +14,18 @@ from tjscan.core.errors import SetPointRefused, TubesNotFound
 from tjscan.core.frames import Array, pose
 from tjscan.scanning.checks import check_set_point
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.prediction import CASES, paper_predictor
+from tjscan.scanning.prediction import PREDICTION_CASES, paper_predictor
 from tjscan.scanning.seam.fit import fit_tubes_to_sections
 from tjscan.scanning.seam.next_section import ExpectedSection
 from tjscan.scanning.seam.track import RecentSections, recent_section_arrays
-from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.set_point import SetPoint, SetPointPredictor, StepRequest
+from tjscan.scanning.section import ScannedSection, SetPoint, SetPointPredictor, StepRequest
 from tjscan.scanning.target import ScanDirection
 
-ROUNDS: Final = 30
-STILL: Final = 1e-7
+MOST_ROUNDS: Final = 30
+SETTLED_STEP: Final = 1e-7
 """Metres and radians: where a smaller step ends the search for the section."""
 
-SURE: Final = 3.0
+KEPT_SIGMAS: Final = 3.0
 """Standard deviations that are kept from the tolerances of a view: a view planned at
 their edge often needs a correction."""
 
@@ -45,7 +44,7 @@ def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
     Where no such section is found, or only where none can be (two sections, one of them misread),
     the prediction is that of the paper's case 3, which states no covariance.
     """
-    otherwise = paper_predictor(CASES[3], plan.direction)
+    otherwise = paper_predictor(PREDICTION_CASES[3], plan.direction)
 
     def predictor(sections: Sequence[ScannedSection], step: float) -> SetPoint:
         track, last = recent_section_arrays(sections), sections[-1]
@@ -92,7 +91,7 @@ def _settle(
     TubesNotFound
         If they don't come to rest.
     """
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
         found = ahead.after_newton_step(section, R_b_s)
         T_b_t, work_angle = ahead.ideal_frame_and_work_angle(found, R_b_s)
         T_s_t = plan.target_pose_in_sensor(work_angle)
@@ -100,7 +99,7 @@ def _settle(
         turned = T_b_t[:3, :3] @ _lag(T_b_t[:3, :3], R_b_now @ R_s_t, slack)
         moved = max(np.abs(found - section).max(), np.abs(turned @ R_s_t.T - R_b_s).max())
         section, R_b_s = found, turned @ R_s_t.T
-        if moved < STILL:
+        if moved < SETTLED_STEP:
             return section, SetPoint(pose(turned, T_b_t[:3, 3]), T_s_t)
     raise TubesNotFound("no section of the seam lies a step further on")
 
@@ -130,9 +129,12 @@ def _slack(
         max(
             0.0,
             plan.correction_criterion.work_angle
-            - SURE * hypot(sqrt(max(about, 0.0)), 0.5 * opening),
+            - KEPT_SIGMAS * hypot(sqrt(max(about, 0.0)), 0.5 * opening),
         ),
-        max(0.0, plan.correction_criterion.rotation - SURE * hypot(sqrt(aside), origin / step)),
+        max(
+            0.0,
+            plan.correction_criterion.rotation - KEPT_SIGMAS * hypot(sqrt(aside), origin / step),
+        ),
     )
 
 

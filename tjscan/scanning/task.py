@@ -9,6 +9,6 @@ from tjscan.core.registry import TaskPlugin
 TASK: Final = TaskPlugin(
     "scan",
     report="tjscan.runs.scan.report:scan_chapter",
-    study="tjscan.runs.scan_study.backend:SCAN_STUDY",
+    study="tjscan.runs.scan.study:SCAN_STUDY",
     live="tjscan.runs.live.scan:read_recorded_scan_show",
 )

@@ -9,31 +9,27 @@ motion of every view.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from tjscan.core.frames import Array, inverse_pose, transform_points
-from tjscan.joint.tubes.walls import ArmRepeatability
+from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.stitching.graph import StationErrors, StationPoses
 from tjscan.stitching.registration import StationRegistration
-from tjscan.stitching.sides import NODES, moves_of_walls
+from tjscan.stitching.sides import NODES_PER_SIDE, moves_of_walls
 from tjscan.stitching.stations import StationTubeFit
 from tjscan.uncertainty.budget import (
-    CORNERS,
+    CORNER_POINTS,
     BudgetComponent,
     UncertaintyBudget,
     covariance_factor,
     points_moved_by_twist,
 )
-from tjscan.uncertainty.causes import (
-    ViewCause,
-    reading_cause,
-    repeatability_cause,
-)
+from tjscan.uncertainty.causes import ViewCause, reading_cause, repeatability_cause
 
-PLACES: Final = "stations' places"
+STATION_PLACES: Final = "stations' places"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +60,7 @@ class SharedCauses:
     names : tuple of str
         Of the causes.
     of_station : tuple of tuple of (ViewCause or None)
-        Each cause as each station has it; None where it has not.
+        Each cause as each station has it; None if it has not.
     errors : tuple of StationErrors
         By each cause.
     """
@@ -75,7 +71,7 @@ class SharedCauses:
 
     @property
     def all_errors(self) -> StationErrors | None:
-        """Errors by all draws of all causes; None where stations share nothing."""
+        """Errors by all draws of all causes; None if stations share nothing."""
         if not self.errors:
             return None
         return StationErrors(
@@ -121,11 +117,11 @@ def _errors(
         corners = np.zeros((len(fit.station.all_sections), 3, 3, m))
         if cause is not None:
             walls = moves_of_walls(fit.walls, fit.station.all_sections, cause)
-            corners = cause.points[:, CORNERS]
+            corners = cause.points[:, CORNER_POINTS]
         frames[i] = np.einsum("nik,nkm->im", fit.frame.by_points, walls)
         # Seen in the station's own j, which moves with what the station saw.
         T = inverse_pose(fit.frame.T)
-        at = [section.points_b[CORNERS] for section in fit.station.all_sections]
+        at = [section.points_b[CORNER_POINTS] for section in fit.station.all_sections]
         places = transform_points(T, _by_view(fit, np.array(at), fit.walls.points))
         in_j = np.einsum("ij,vkjm->vkim", T[:3, :3], _by_view(fit, corners, walls))
         moves.append(in_j - points_moved_by_twist(places, frames[i, :6]))
@@ -145,9 +141,9 @@ def _by_view(fit: StationTubeFit, corners: Array, walls: Array) -> Array:
 
     Views that lack a wall, and take no part, have zeros there.
     """
-    nodes = np.zeros((len(corners), 2 * NODES, *corners.shape[2:]))
+    nodes = np.zeros((len(corners), 2 * NODES_PER_SIDE, *corners.shape[2:]))
     for chosen in fit.walls.indices_by_view():
-        if len(chosen) == 2 * NODES:
+        if len(chosen) == 2 * NODES_PER_SIDE:
             nodes[fit.walls.view[chosen[0]]] = walls[chosen]
     return np.concatenate((corners, nodes), axis=1)
 
@@ -168,7 +164,7 @@ def stitching_budget(
     registrations : sequence of StationRegistration
         Of all overlaps.
     placement : StationPoses
-        Where the stations stand.
+        Where the stations are.
     shared : SharedCauses
         What stations share.
     repeatability : ArmRepeatability
@@ -215,26 +211,18 @@ def _moved(fit: StationTubeFit, T_j_b: Array, twists: Array) -> BudgetComponent:
     points = np.array([section.points_b for section in fit.station.sections])
     moved = points_moved_by_twist(transform_points(T_j_b, points), twists)
     measures = np.zeros((len(points), 4, twists.shape[-1]))
-    return BudgetComponent(PLACES, "observed", True, moved, measures)
+    return BudgetComponent(STATION_PLACES, "observed", True, moved, measures)
 
 
 def _sum(one: BudgetComponent, other: BudgetComponent) -> BudgetComponent:
-    return BudgetComponent(
-        one.name,
-        one.evidence,
-        one.is_shared,
-        one.points + other.points,
-        one.measures + other.measures,
-    )
+    return replace(one, points=one.points + other.points, measures=one.measures + other.measures)
 
 
 def _joined(parts: Sequence[BudgetComponent]) -> BudgetComponent:
     """One component of the sections of all stations."""
-    named = next((part for part in parts if part.name != PLACES), parts[0])
-    return BudgetComponent(
-        named.name,
-        named.evidence,
-        named.is_shared,
-        np.concatenate([part.points for part in parts]),
-        np.concatenate([part.measures for part in parts]),
+    named = next((part for part in parts if part.name != STATION_PLACES), parts[0])
+    return replace(
+        named,
+        points=np.concatenate([part.points for part in parts]),
+        measures=np.concatenate([part.measures for part in parts]),
     )

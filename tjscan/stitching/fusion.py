@@ -13,18 +13,18 @@ from tjscan.core.frames import Array, pose, rot_z, transform_points
 from tjscan.core.gaussian_process import PeriodicKernel, SimpleKriging
 from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.joint.geometry import LegSurface, cylindrical_to_j
+from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.joint.tubes.frame import TubeDimensions
-from tjscan.joint.tubes.walls import ArmRepeatability
-from tjscan.stitching.overlaps import TURN
-from tjscan.stitching.registration import SMOOTH, point_covariance_from_pose
+from tjscan.stitching.overlaps import FULL_TURN
+from tjscan.stitching.registration import SMOOTH_AZIMUTH, point_covariance_from_pose
 from tjscan.stitching.stations import Station
-from tjscan.stitching.unrolled_views import WIDEST
+from tjscan.stitching.unrolled_views import WIDEST_SHARE
 from tjscan.uncertainty.budget import SectionShare
 
 ONE_PLACE: Final = 0.55
 """Sections of different stations closer than this share of a step are of one place."""
 
-CORNERS: Final = slice(1, 4)
+ROOT_AND_BEVEL: Final = slice(1, 4)
 
 LEAST_SIGMA: Final = 1e-6
 """Metres that no curve is taken for more certain than."""
@@ -78,7 +78,7 @@ def sections_in_joint_frame(
         section = section_to_result_frame(
             scan.groove, T_j_s, "j", index=scan.view.index, station=station.name
         )
-        corners = section.points[CORNERS]
+        corners = section.points[ROOT_AND_BEVEL]
         flange = transform_points(T_j_b, scan.view.T_b_f[:3, 3])
         whole = section.covariances + point_covariance_from_pose(covariance, corners)
         whole = whole + point_covariance_from_pose(repeatability.covariance, corners - flange)
@@ -143,14 +143,14 @@ def _groups(places: Sequence[Place], near: float) -> list[list[Place]]:
     """Neighbours of different stations that are one place; nearest pairs first."""
     n = len(places)
     member = list(range(n))
-    ahead = [(places[(i + 1) % n][0] - places[i][0]) % TURN for i in range(n)]
+    ahead = [(places[(i + 1) % n][0] - places[i][0]) % FULL_TURN for i in range(n)]
     groups = {i: [places[i]] for i in range(n)}
     for i in np.argsort(ahead, kind="stable").tolist():
         a, b = member[i], member[(i + 1) % n]
         if ahead[i] >= near:
             break
         # The whole group must be near, and hold no station twice.
-        shift = TURN if (i + 1) % n == 0 else 0.0
+        shift = FULL_TURN if (i + 1) % n == 0 else 0.0
         joined = groups[a] + [(azimuth + shift, k, m) for azimuth, k, m in groups[b]]
         spread = max(p[0] for p in joined) - min(p[0] for p in joined)
         if spread >= near or len({p[1] for p in joined}) < len(joined):
@@ -186,7 +186,7 @@ def _curves(unrolled: Sequence[UnrolledSection]) -> list[SimpleKriging]:
 
 def _curve(azimuth: Array, value: Array, sigma: float) -> SimpleKriging:
     """A smooth curve through values, shape (n,), over the azimuth."""
-    kernel = PeriodicKernel(float(np.ptp(value)) + 10 * sigma, SMOOTH)
+    kernel = PeriodicKernel(float(np.ptp(value)) + 10 * sigma, SMOOTH_AZIMUTH)
     return SimpleKriging.fit(kernel, azimuth, value, sigma)
 
 
@@ -200,7 +200,7 @@ def _unroll(section: MeasuredSection, shape: TubeDimensions) -> UnrolledSection:
 
 def _height(azimuth: Array, out: Array, shape: TubeDimensions) -> Array:
     surface = LegSurface(shape.leg_radius, shape.angle)
-    return surface.height(azimuth, np.minimum(out, WIDEST * shape.leg_radius))
+    return surface.height(azimuth, np.minimum(out, WIDEST_SHARE * shape.leg_radius))
 
 
 def _one(
@@ -217,14 +217,14 @@ def _one(
     for azimuth, one in members:
         start = one.azimuth + azimuth - one.section.azimuth  # in this group's turn
         by = places - start
-        starts = [*start[CORNERS], *start[CORNERS], *np.repeat(azimuth, 4)]
-        ways = [*by[CORNERS], *by[CORNERS], *np.repeat(middle - azimuth, 4)]
+        starts = [*start[ROOT_AND_BEVEL], *start[ROOT_AND_BEVEL], *np.repeat(azimuth, 4)]
+        ways = [*by[ROOT_AND_BEVEL], *by[ROOT_AND_BEVEL], *np.repeat(middle - azimuth, 4)]
         grown = np.array(
             [c.predict_change(*way) for c, *way in zip(curves, starts, ways, strict=True)]
         )
         out, up = one.out.copy(), one.up.copy()
-        out[CORNERS] += grown[:3]
-        up[CORNERS] += grown[3:6]
+        out[ROOT_AND_BEVEL] += grown[:3]
+        up[ROOT_AND_BEVEL] += grown[3:6]
         carried = cylindrical_to_j(places, out, _height(places, out, shape) + up)
         turn = rot_z(middle - azimuth)
         turns.append(turn)
@@ -235,15 +235,15 @@ def _one(
         values.append(one.section.measures + grown[6:])
     covariances = np.linalg.inv(np.sum(corner_info, axis=0))
     fused = np.mean(points, axis=0)
-    fused[CORNERS] = np.einsum(
-        "cij,mcjk,mck->ci", covariances, np.array(corner_info), np.array(points)[:, CORNERS]
+    fused[ROOT_AND_BEVEL] = np.einsum(
+        "cij,mcjk,mck->ci", covariances, np.array(corner_info), np.array(points)[:, ROOT_AND_BEVEL]
     )
     measure_covariance = np.linalg.inv(np.sum(measure_info, axis=0))
     measures = measure_covariance @ np.einsum("mij,mj->i", np.array(measure_info), np.array(values))
     shares = []
     for k, number in enumerate(numbers):
         weights = np.tile(np.eye(3) / len(numbers), (5, 1, 1))
-        weights[CORNERS] = covariances @ corner_info[k]
+        weights[ROOT_AND_BEVEL] = covariances @ corner_info[k]
         shares.append(
             SectionShare(number, weights @ turns[k], measure_covariance @ measure_info[k])
         )

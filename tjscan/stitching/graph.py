@@ -18,12 +18,13 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from tjscan.core import pose_vector
-from tjscan.core.frames import Array, inverse_pose, readonly_copy, transform_points
+from tjscan.core.frames import Array, frozen_arrays, inverse_pose, transform_points
 from tjscan.joint.tubes.frame import JointFrame, TubeDimensions
 from tjscan.stitching.registration import StationRegistration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class StationPoses:
     """Solved poses of all stations in the joint's frame, with covariances and the tubes' shape.
 
@@ -47,10 +48,6 @@ class StationPoses:
     by_residuals: Array
     noise_covariance: Array
     reduced_chi2: float
-
-    def __post_init__(self) -> None:
-        for name in ("T", "by_residuals", "noise_covariance"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
     def covariance(self) -> Array:
@@ -168,7 +165,7 @@ def spanning_tree_poses(
     Parameters
     ----------
     count : int
-        Of the stations, all of which overlaps connect.
+        Of the stations, which overlaps all connect.
     registrations : sequence of StationRegistration
         Of all overlaps.
 

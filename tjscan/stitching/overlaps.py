@@ -13,9 +13,9 @@ import numpy as np
 from tjscan.core.frames import Array, inverse_pose, transform_points
 from tjscan.stitching.stations import StationTubeFit
 
-TURN: Final = 2 * pi
+FULL_TURN: Final = 2 * pi
 
-WIDE: Final = 1.6
+GAP_IN_STEPS: Final = 1.6
 """Steps between neighbouring sections of which a gap between stations is one, not a step."""
 
 
@@ -26,7 +26,7 @@ class AzimuthArc:
     Parameters
     ----------
     start, end : float
-        Radians; the end lies beyond the start.
+        Radians; the end is beyond the start.
     """
 
     start: float
@@ -96,7 +96,7 @@ def find_overlaps(azimuths: Sequence[Array]) -> list[StationOverlap]:
     for a, b in combinations(range(len(azimuths)), 2):
         one, other = arc_of_azimuths(azimuths[a]), arc_of_azimuths(azimuths[b])
         for turn in range(-3, 4):
-            shift = turn * TURN
+            shift = turn * FULL_TURN
             shared = AzimuthArc(
                 max(one.start, other.start + shift), min(one.end, other.end + shift)
             )
@@ -109,11 +109,11 @@ def find_overlaps(azimuths: Sequence[Array]) -> list[StationOverlap]:
 def azimuth_coverage(azimuths: Sequence[Array]) -> tuple[float, list[AzimuthArc]]:
     """How much of the full turn stations cover, in radians, and the gaps.
 
-    Neighbouring sections further apart than `WIDE` usual steps have a gap between them.
+    Neighbouring sections further apart than `GAP_IN_STEPS` usual steps have a gap between them.
     """
-    around = np.sort(np.concatenate(azimuths) % TURN)
-    steps = np.diff(np.append(around, around[0] + TURN))
+    around = np.sort(np.concatenate(azimuths) % FULL_TURN)
+    steps = np.diff(np.append(around, around[0] + FULL_TURN))
     usual = float(np.median(np.concatenate([np.abs(np.diff(a)) for a in azimuths])))
     gaps = [AzimuthArc(float(around[k]), float(around[k] + steps[k])) for k in range(len(around))]
-    gaps = [gap for gap in gaps if gap.span_angle > WIDE * usual]
-    return TURN - sum(gap.span_angle for gap in gaps), gaps
+    gaps = [gap for gap in gaps if gap.span_angle > GAP_IN_STEPS * usual]
+    return FULL_TURN - sum(gap.span_angle for gap in gaps), gaps

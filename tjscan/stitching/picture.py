@@ -8,16 +8,15 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from tjscan.stitching.draft import StitchingDraft
 from tjscan.stitching.overlaps import arc_of_azimuths
-from tjscan.stitching.registration import StationRegistration
+from tjscan.stitching.registration import StationRegistration, StitchingDraft
 
-COLOURS: Final = ("#2f7ed8", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf")
-SHADE: Final = "#9aa5b1"
-MARKS: Final = ("o", "s", "^")
+STATION_COLOURS: Final = ("#2f7ed8", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf")
+OVERLAP_COLOUR: Final = "#9aa5b1"
+CORNER_MARKS: Final = ("o", "s", "^")
 """Of p2, p3 and p4."""
 
-RING: Final = 0.12
+RING_SPACING: Final = 0.12
 """Between the stations' rings."""
 
 
@@ -42,7 +41,7 @@ def draw_stitching(draft: StitchingDraft) -> Figure:
 
 
 def _colour(station: int) -> str:
-    return COLOURS[station % len(COLOURS)]
+    return STATION_COLOURS[station % len(STATION_COLOURS)]
 
 
 def _draw_arcs(axes: Any, draft: StitchingDraft) -> None:
@@ -52,12 +51,12 @@ def _draw_arcs(axes: Any, draft: StitchingDraft) -> None:
             arc.start + 0.5 * arc.span_angle,
             1.6,
             arc.span_angle,
-            color=SHADE,
+            color=OVERLAP_COLOUR,
             alpha=0.35,
             linewidth=0,
         )
     for k, (name, azimuths) in enumerate(zip(draft.names, draft.azimuths, strict=True)):
-        arc, radius = arc_of_azimuths(azimuths), 1 + RING * k
+        arc, radius = arc_of_azimuths(azimuths), 1 + RING_SPACING * k
         turn = np.linspace(arc.start, arc.end, 200)
         axes.plot(turn, np.full(200, radius), color=_colour(k), linewidth=1.5, label=name)
         axes.plot(azimuths, np.full(len(azimuths), radius), ".", color=_colour(k), markersize=5)
@@ -72,7 +71,7 @@ def _draw_residuals(axes: Any, draft: StitchingDraft, edge: StationRegistration)
     at = np.degrees(edge.azimuth + middle)
     for k, second in ((edge.overlap.first, False), (edge.overlap.second, True)):
         mine = edge.of_second == second
-        for corner, mark in enumerate(MARKS):
+        for corner, mark in enumerate(CORNER_MARKS):
             for axis, filled in ((0, True), (1, False)):
                 axes.plot(
                     at[mine],
@@ -84,7 +83,9 @@ def _draw_residuals(axes: Any, draft: StitchingDraft, edge: StationRegistration)
                 )
     axes.plot(at[~edge.counted], np.zeros(int((~edge.counted).sum())), "x", color="black")
     half = 0.5 * np.degrees(edge.overlap.arc.span_angle)
-    axes.axvspan(np.degrees(middle) - half, np.degrees(middle) + half, color=SHADE, alpha=0.35)
+    axes.axvspan(
+        np.degrees(middle) - half, np.degrees(middle) + half, color=OVERLAP_COLOUR, alpha=0.35
+    )
     axes.axhline(0, color="black", linewidth=0.6)
     axes.set_ylabel("residual / mm")
     axes.set_xlabel("azimuth / °")

@@ -2,8 +2,8 @@
 
 Views of the shared stretch are taken for views of one smooth groove whose shape is not known: a
 Gaussian process over the azimuth, with a generous spread. What is left is generalised least
-squares for the six numbers by which the second station lies wrong. A view counts as a whole, with
-the arm's error that all its points share, and less where it contradicts the others.
+squares for the six numbers by which the second station is misplaced. A view counts as a whole, with
+the arm's error that all its points share, and less if it contradicts the others.
 """
 
 from __future__ import annotations
@@ -17,33 +17,34 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from tjscan.core import pose_vector
-from tjscan.core.frames import Array, readonly_copy, skew_matrix, unit_vector
+from tjscan.core.frames import Array, frozen_arrays, skew_matrix, unit_vector
 from tjscan.core.gaussian_process import PeriodicKernel
 from tjscan.core.robust import tukey_weights
-from tjscan.stitching.overlaps import StationOverlap
-from tjscan.stitching.unrolled_views import CORNER_VALUES, VALUES, UnrolledViews
+from tjscan.stitching.overlaps import StationOverlap, arc_of_azimuths
+from tjscan.stitching.unrolled_views import CORNER_VALUES, VALUES_PER_VIEW, UnrolledViews
 
-SMOOTH: Final = radians(30.0)
+SMOOTH_AZIMUTH: Final = radians(30.0)
 """Azimuth over which the section of a groove changes its shape."""
 
-SECTION: Final = PeriodicKernel(5e-3, SMOOTH)
+SECTION_KERNEL: Final = PeriodicKernel(5e-3, SMOOTH_AZIMUTH)
 """How that shape may change over the azimuth, in metres."""
 
-BEYOND: Final = radians(25.0)
+AZIMUTH_BEYOND_OVERLAP: Final = radians(25.0)
 """Azimuth on either side of the overlap whose views help to find the shape."""
 
-ROUNDS: Final = 8
+REWEIGHTING_ROUNDS: Final = 8
 LEAST_WEIGHT: Final = 1e-6
 
 MOST_CONDITION: Final = 1e12
-FREE: Final = 1.0
-"""Square metres and square radians: the variances of a pose of which nothing is known."""
+FREE_VARIANCE: Final = 1.0
+"""Square metres and square radians: the variances of a pose about which nothing is known."""
 
 LEAST_STEP: Final = 5e-3
 """Metres between views that show which way the groove runs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class StationRegistration:
     """Pose of one station against another, found from their overlap.
 
@@ -87,13 +88,9 @@ class StationRegistration:
     number: NDArray[np.intp]
     by_points: Array
 
-    def __post_init__(self) -> None:
-        for name in ("T", "covariance", "centre", "along", "azimuth", "residual", "by_points"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
-
     @property
     def residual_rms(self) -> float:
-        """Root mean square of the residuals that count, of all where none does, metres."""
+        """Root mean square of the residuals that count, of all if none does, metres."""
         chosen = self.counted if self.counted.any() else ~self.counted
         return float(np.sqrt(np.mean(self.residual[chosen] ** 2)))
 
@@ -145,18 +142,18 @@ def align_second_to_first(
     Returns
     -------
     StationRegistration
-        Where the views leave a direction free, one whose covariance is that of no knowledge.
+        If the views leave a direction free, one whose covariance is that of no knowledge.
     """
     views, of_second = _near(overlap, first, second)
     azimuth = overlap.arc.offset_from_middle(views.azimuth)
     value = views.value - views.value.mean(axis=0)
     shape = value.shape
     difference = azimuth[:, None] - azimuth
-    kernel, slope_kernel = SECTION(difference), SECTION.derivative(difference)
+    kernel, slope_kernel = SECTION_KERNEL(difference), SECTION_KERNEL.derivative(difference)
     by_pose, azimuth_by_pose = views.by_pose, views.azimuth_by_pose
     weights, slope, motion = np.ones(len(value)), np.zeros(shape), np.zeros(6)
     residual = np.zeros(shape)
-    for _ in range(ROUNDS):
+    for _ in range(REWEIGHTING_ROUNDS):
         noise = views.covariance / weights[:, None, None]
         factor = cho_factor(_total(kernel, noise), lower=True)
         # Moved points are compared with the groove at their new azimuth.
@@ -165,8 +162,8 @@ def align_second_to_first(
         solved = cho_solve(factor, np.column_stack((design, value.ravel())))
         information = design.T @ solved[:, :6]
         if not np.linalg.cond(information / _scale(information)) < MOST_CONDITION:
-            spread, motion = FREE * np.eye(6), np.zeros(6)
-            by_value = np.zeros((len(value), 6, VALUES))
+            spread, motion = FREE_VARIANCE * np.eye(6), np.zeros(6)
+            by_value = np.zeros((len(value), 6, VALUES_PER_VIEW))
             break
         spread = np.asarray(np.linalg.inv(information), dtype=float)
         motion = -spread @ (design.T @ solved[:, 6])
@@ -210,10 +207,10 @@ def _mahalanobis_sq(residual: Array, covariance: Array) -> Array:
 def _weights(mahalanobis_sq: Array) -> Array:
     """Tukey's weights of views, shape (n,).
 
-    Where most are larger than stated the kernel widens: those are no outliers.
+    If most are larger than stated the kernel widens: those are no outliers.
     """
     # The root mean square of a view's ten standardised residuals.
-    size = np.sqrt(mahalanobis_sq / VALUES)
+    size = np.sqrt(mahalanobis_sq / VALUES_PER_VIEW)
     return tukey_weights(size / max(1.0, float(np.median(size))), LEAST_WEIGHT)
 
 
@@ -230,7 +227,7 @@ def _near(
     overlap: StationOverlap, first: UnrolledViews, second: UnrolledViews
 ) -> tuple[UnrolledViews, NDArray[np.bool_]]:
     """The views of both stations in and beside the overlap, and which are the second's."""
-    reach = 0.5 * overlap.arc.span_angle + BEYOND
+    reach = 0.5 * overlap.arc.span_angle + AZIMUTH_BEYOND_OVERLAP
     one, other = (
         o.select_views(np.abs(overlap.arc.offset_from_middle(o.place)) < reach)
         for o in (first, second)
@@ -241,15 +238,55 @@ def _near(
 def _total(kernel: Array, noise: Array) -> Array:
     """Covariance of all values: the groove's, each value by itself, and the views', each apart."""
     n = len(noise)
-    total = np.zeros((n, VALUES, n, VALUES))
-    for value in range(VALUES):
+    total = np.zeros((n, VALUES_PER_VIEW, n, VALUES_PER_VIEW))
+    for value in range(VALUES_PER_VIEW):
         total[:, value, :, value] = kernel[:, :, value]
     views = np.arange(n)
     total[views, :, views, :] += noise
-    return total.reshape(n * VALUES, n * VALUES)
+    return total.reshape(n * VALUES_PER_VIEW, n * VALUES_PER_VIEW)
 
 
 def _scale(information: Array) -> Array:
     """What makes an information matrix free of its units."""
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     return np.outer(size, size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StitchingDraft:
+    """Stitching as far as it has come: stations, overlaps and registrations, for messages.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the stations.
+    azimuths : tuple of ndarray
+        Of each station's sections, radians.
+    overlaps : tuple of StationOverlap
+        All of them, the small ones too.
+    registrations : tuple of StationRegistration
+        As far as it came.
+    """
+
+    names: tuple[str, ...]
+    azimuths: tuple[Array, ...]
+    overlaps: tuple[StationOverlap, ...]
+    registrations: tuple[StationRegistration, ...] = ()
+
+    def describe_overlap(self, overlap: StationOverlap) -> str:
+        """Describe an overlap in a text: its stations, azimuth, length and sections."""
+        a, b = self.names[overlap.first], self.names[overlap.second]
+        one, other = overlap.sections
+        return (
+            f"stations {a} and {b} overlap at azimuth "
+            f"{np.degrees(overlap.arc.middle_azimuth):.0f}° by "
+            f"{np.degrees(overlap.arc.span_angle):.1f}° ({one} and {other} sections)"
+        )
+
+    def describe_coverage(self) -> str:
+        """Describe in a text the azimuths that each station covers."""
+        arcs = [arc_of_azimuths(azimuths) for azimuths in self.azimuths]
+        return ", ".join(
+            f"{name} reaches from {np.degrees(arc.start):.0f}° to {np.degrees(arc.end):.0f}°"
+            for name, arc in zip(self.names, arcs, strict=True)
+        )

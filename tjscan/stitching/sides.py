@@ -1,4 +1,4 @@
-"""Which points of a profile lie on the brace and on the leg, and a few that stand for them."""
+"""Which points of a profile lie on the brace and on the leg, and a few that represent them."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from tjscan.core.frames import Array, transform_points
-from tjscan.joint.tubes.walls import WallPoints
+from tjscan.joint.tubes.fit import WallPoints
 from tjscan.scanning.section import ScannedSection
 from tjscan.uncertainty.causes import ViewCause
 
-NODES: Final = 4
+NODES_PER_SIDE: Final = 4
 """Per side: enough for its place and its tilt, which is all that a view's side shows."""
 
 FROM_CORNER: Final = 1e-3
@@ -25,17 +25,17 @@ OFF_SIDE: Final = 0.2e-3
 FAR_OFF_SIDE: Final = 1e-3
 """The same off a parabola from the corner to the side's end, which a side follows roughly."""
 
-DEGREE: Final = 4
+SIDE_DEGREE: Final = 4
 """Of the polynomial that a side is: a cut through a tube, a few centimetres long."""
 
-BINS: Final = 8
-FEWEST: Final = 5
+BINS_PER_SIDE: Final = 8
+FEWEST_POINTS: Final = 5
 """Points that a bin or a node needs."""
 
 LEAST_NOISE: Final = 1e-6
 """Metres that no point is taken for more certain than."""
 
-ALIKE: Final = 8
+CORRELATED_POINTS: Final = 8
 """Neighbouring points whose noise is alike: an assumption about speckle on ground steel."""
 
 
@@ -89,7 +89,7 @@ def moves_of_walls(
     """
     T_b_s = np.array([section.view.T_b_s for section in sections])[walls.view]
     in_s = np.einsum("kji,kj->ki", T_b_s[:, :3, :3], walls.points - T_b_s[:, :3, 3])
-    along = np.gradient(in_s.reshape(-1, NODES, 3), axis=1, edge_order=2).reshape(-1, 3)
+    along = np.gradient(in_s.reshape(-1, NODES_PER_SIDE, 3), axis=1, edge_order=2).reshape(-1, 3)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     return cause.moves_of_points(walls.view, T_b_s, in_s, along)
 
@@ -109,7 +109,7 @@ def side_nodes(section: ScannedSection) -> tuple[tuple[Array, Array], tuple[Arra
     -------
     brace, leg : tuple of ndarray, shapes (n, 3) and (n,)
         Nodes in frame s (metres) and the standard deviation of each across its side (metres).
-        Both are empty where a side has too few points; else n is `NODES`.
+        Both are empty if a side has too few points; else n is `NODES_PER_SIDE`.
     """
     groove = section.groove
     p1, p2, _, p4, p5 = groove.points_s[:, [0, 2]]
@@ -127,28 +127,30 @@ def _nodes(points: Array, corner: Array, tangent: Array, end: Array) -> tuple[Ar
     s, d = (points - corner) @ tangent, (points - corner) @ normal
     on = (s > FROM_CORNER) & (s <= length) & (np.abs(d - off * (s / length) ** 2) < FAR_OFF_SIDE)
     s, d = s[on], d[on]
-    share = np.minimum((BINS * (s - FROM_CORNER) / (length - FROM_CORNER)).astype(int), BINS - 1)
-    filled = [chosen for k in range(BINS) if (chosen := share == k).sum() >= FEWEST]
-    if len(filled) <= DEGREE + 1:
+    share = np.minimum(
+        (BINS_PER_SIDE * (s - FROM_CORNER) / (length - FROM_CORNER)).astype(int), BINS_PER_SIDE - 1
+    )
+    filled = [chosen for k in range(BINS_PER_SIDE) if (chosen := share == k).sum() >= FEWEST_POINTS]
+    if len(filled) <= SIDE_DEGREE + 1:
         return np.empty((0, 3)), np.empty(0)
     # Medians first: they take no notice of reflections. Then all points beside their curve.
     medians = np.array([(np.median(s[k]), np.median(d[k])) for k in filled])
     rough = _curve(medians[:, 0], medians[:, 1], float(length))
     on = np.abs(d - rough(s)) < OFF_SIDE
-    s, d, share = s[on], d[on], share[on] * NODES // BINS
-    count = np.bincount(share, minlength=NODES)
-    if (count < FEWEST).any():
+    s, d, share = s[on], d[on], share[on] * NODES_PER_SIDE // BINS_PER_SIDE
+    count = np.bincount(share, minlength=NODES_PER_SIDE)
+    if (count < FEWEST_POINTS).any():
         return np.empty((0, 3)), np.empty(0)
     curve = _curve(s, d, float(length))
     # Averaged along the curve, not across it: the mean of a bent line lies beside it.
-    at = np.bincount(share, s, NODES) / count
-    height = curve(at) + np.bincount(share, d - curve(s), NODES) / count
+    at = np.bincount(share, s, NODES_PER_SIDE) / count
+    height = curve(at) + np.bincount(share, d - curve(s), NODES_PER_SIDE) / count
     noise = max(float(np.std(d - curve(s))), LEAST_NOISE)
     nodes = corner + at[:, None] * tangent + height[:, None] * normal
-    in_s = np.column_stack((nodes[:, 0], np.zeros(NODES), nodes[:, 1]))
-    return in_s, noise * np.sqrt(np.minimum(ALIKE / count, 1.0))
+    in_s = np.column_stack((nodes[:, 0], np.zeros(NODES_PER_SIDE), nodes[:, 1]))
+    return in_s, noise * np.sqrt(np.minimum(CORRELATED_POINTS / count, 1.0))
 
 
 def _curve(s: Array, d: Array, length: float) -> Polynomial:
     """Least-squares polynomial of heights along a side."""
-    return Polynomial.fit(s, d, DEGREE, domain=(0.0, length))
+    return Polynomial.fit(s, d, SIDE_DEGREE, domain=(0.0, length))

@@ -3,24 +3,61 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import radians
 
 import numpy as np
 
 from tjscan.core.errors import GrooveNotFound, StitchingRefused, TubesNotFound
-from tjscan.core.frames import Array, readonly_copy, rotation_angle_between, unit_vector
+from tjscan.core.frames import Array, frozen_arrays, rotation_angle_between, unit_vector
 from tjscan.groove.section import GrooveSection
-from tjscan.joint.tubes.cylinder import Cylinder
-from tjscan.joint.tubes.cylinder_fit import cylinder_from_normals
-from tjscan.joint.tubes.fit import FittedTubes, fit_tubes_to_walls
+from tjscan.joint.tubes.cylinder import Cylinder, cylinder_from_normals
+from tjscan.joint.tubes.fit import ArmRepeatability, FittedTubes, WallPoints, fit_tubes_to_walls
 from tjscan.joint.tubes.frame import JointFrame, joint_frame_from_tubes
-from tjscan.joint.tubes.walls import WallPoints
 from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ProfileView, ScannedSection
-from tjscan.stitching.settings import StitchSettings
 from tjscan.stitching.sides import moves_of_walls, wall_points_of_views
 from tjscan.uncertainty.causes import ViewCause
+
+
+@dataclass(frozen=True, slots=True)
+class StitchSettings:
+    """How stations are stitched. The defaults of the first two are assumptions.
+
+    Parameters
+    ----------
+    repeatability : ArmRepeatability
+        How exactly the arm reports where it is; it weighs views against points.
+    out_of_round : float
+        How far a tube's wall may bulge from a circle, metres: what each station finds of the
+        joint's frame is taken to be no surer than that.
+    most_out_of_round : float
+        How far it may be found to, if the tubes as stations found them disagree with their
+        overlaps.
+    least_overlap : float
+        Azimuth that two stations must share, radians.
+    fewest_sections : int
+        Sections that each of them must have there.
+    largest_sigma : float
+        How uncertain an overlap may leave its place, metres.
+    largest_reduced_chi2 : float
+        Chi-squared per degree of freedom that the overlap's residuals may have.
+    least_counted : float
+        Share of the overlap's views to which the robust kernel must give weight.
+    """
+
+    repeatability: ArmRepeatability = field(default_factory=ArmRepeatability)
+    out_of_round: float = 2e-5
+    most_out_of_round: float = 4e-3
+    least_overlap: float = radians(10.0)
+    fewest_sections: int = 2
+    largest_sigma: float = 0.2e-3
+    largest_reduced_chi2: float = 6.0
+    least_counted: float = 0.75
+
+
+DEFAULT_STITCH_SETTINGS = StitchSettings()
+
 
 SIDE_W = unit_vector(np.array((4.0, 2.0, 1.0)))
 """What x of j points to, in frame w, where half a turn makes no difference: +x of w if it lies
@@ -29,7 +66,7 @@ along ±x, else +y, else +z."""
 MOST_TURNED = radians(30.0)
 """By which nominal poses may disagree; at 90° nothing would show which side is which."""
 
-FEWEST = 4
+FEWEST_SECTIONS = 4
 """Sections needed to start the fit of the tubes."""
 
 SAME_POSE = 1e-9
@@ -37,15 +74,16 @@ SAME_POSE = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class Station:
-    """Sections that were scanned from one station, and where the arm's base nominally stood.
+    """Sections that were scanned from one station, and where the arm's base nominally was.
 
     Parameters
     ----------
     name : str
         Unlike any other's.
     T_w_b : ndarray, shape (4, 4)
-        Where the arm's base was meant to stand; good to some millimetres and degrees.
+        Where the arm's base was meant to be; good to some millimetres and degrees.
     sections : tuple of ScannedSection
         The finished sections in the order in which they were scanned.
     all_sections : tuple of ScannedSection
@@ -61,9 +99,6 @@ class Station:
     sections: tuple[ScannedSection, ...]
     all_sections: tuple[ScannedSection, ...]
     causes: tuple[ViewCause, ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "T_w_b", readonly_copy(self.T_w_b))
 
     def shares_views_with(self, other: Station) -> bool:
         """Whether any view of both is one and the same: noise never comes twice alike."""
@@ -90,11 +125,11 @@ def station_from_recording(
     name : str
         Unlike any other's.
     T_w_b : ndarray, shape (4, 4)
-        Where the arm's base was meant to stand.
+        Where the arm's base was meant to be.
     sections : sequence of ScannedSection
         Finished sections in the order of the scan.
     views : sequence of ProfileView
-        All views; those that made no section are read once more.
+        All views; those that made no section are read again.
     read : callable
         Reads the groove in a profile.
     """
@@ -195,8 +230,10 @@ def _start(station: Station) -> tuple[Cylinder, Cylinder]:
     """Rough brace and leg: tangents across and along the groove span the walls' planes."""
     sections = station.sections
     corners = np.array([scan.points_b[[1, 3]] for scan in sections])
-    if len(corners) < FEWEST:
-        raise TubesNotFound(f"they are too few, {FEWEST} at least are needed: scan further")
+    if len(corners) < FEWEST_SECTIONS:
+        raise TubesNotFound(
+            f"they are too few, {FEWEST_SECTIONS} at least are needed: scan further"
+        )
     # A chord over two steps is parallel to the tangent half-way, also on a curve.
     along = corners[2:] - corners[:-2]
     cylinders = []

@@ -13,11 +13,10 @@ from scipy.sparse.csgraph import connected_components
 
 from tjscan.core import pose_vector
 from tjscan.core.errors import ConfigurationError, StitchingRefused
-from tjscan.core.frames import Array, inverse_pose, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays, inverse_pose
 from tjscan.groove.measured import MeasuredSection
 from tjscan.joint.tubes.frame import TubeDimensions
 from tjscan.stitching.budget import shared_causes, stitching_budget
-from tjscan.stitching.draft import StitchingDraft
 from tjscan.stitching.fusion import fuse_sections, sections_in_joint_frame
 from tjscan.stitching.graph import (
     StationErrors,
@@ -27,38 +26,41 @@ from tjscan.stitching.graph import (
     spanning_tree_poses,
 )
 from tjscan.stitching.overlaps import (
-    TURN,
+    FULL_TURN,
     AzimuthArc,
     StationOverlap,
+    arc_of_azimuths,
     azimuth_coverage,
     find_overlaps,
     section_azimuths,
 )
-from tjscan.stitching.registration import StationRegistration, align_second_to_first
-from tjscan.stitching.settings import DEFAULT, StitchSettings
+from tjscan.stitching.registration import StationRegistration, StitchingDraft, align_second_to_first
 from tjscan.stitching.stations import (
+    DEFAULT_STITCH_SETTINGS,
     Station,
     StationTubeFit,
+    StitchSettings,
     fit_tubes_to_stations,
     widen_for_out_of_round,
 )
 from tjscan.stitching.unrolled_views import UnrolledViews, unroll_views
 from tjscan.uncertainty.budget import UncertaintyBudget
 
-ROUNDS = 6
-"""Times that a station is laid on another anew where it began far off."""
+ALIGNMENT_ROUNDS = 6
+"""Times that a station is laid on another again if it began far off."""
 
-STILL = 1e-8
+CONVERGED_MOTION = 1e-8
 """Metres and radians that it moves by no more in the end."""
 
-AGREED = 2.5
+AGREED_CHI2 = 2.5
 """Chi-squared per degree of freedom of stations and overlaps that agree."""
 
-FAR = 0.05
-"""Metres and radians by which no station is laid anew: both see something else."""
+LARGEST_MOTION = 0.05
+"""Metres and radians by which no station is laid again: both see something else."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class PlacedStation:
     """Pose of a station's base in the joint's frame, with covariance and what it rests on.
 
@@ -75,7 +77,7 @@ class PlacedStation:
     views : int
         Number of views that its place rests on.
     tubes_reduced_chi2, tubes_rms : float
-        How its walls lie about leg and brace: chi-squared per degree of freedom, and metres.
+        How far its walls are from leg and brace: chi-squared per degree of freedom, and metres.
     """
 
     station: Station
@@ -86,12 +88,9 @@ class PlacedStation:
     tubes_reduced_chi2: float
     tubes_rms: float
 
-    def __post_init__(self) -> None:
-        for name in ("T_j_b", "covariance"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class StitchedGroove:
     """One groove stitched from the sections of several stations.
 
@@ -110,7 +109,7 @@ class StitchedGroove:
     out_of_round : float
         How far the tubes' walls were taken to bulge from circles, metres.
     gap_before, gap_after : float or None
-        The largest where the way round closes, by overlaps alone and in the end, metres; None
+        The largest if the way round closes, by overlaps alone and in the end, metres; None
         where it does not close.
     covered : float
         Azimuth without a gap, radians.
@@ -133,17 +132,14 @@ class StitchedGroove:
     budget: UncertaintyBudget
     draft: StitchingDraft
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "shape_sigma", readonly_copy(self.shape_sigma))
-
     @property
     def is_closed(self) -> bool:
         """Whether the stitched sections go all the way round, without a gap."""
-        return self.covered > TURN - 1e-9
+        return self.covered > FULL_TURN - 1e-9
 
 
 def stitch_stations(
-    stations: Sequence[Station], settings: StitchSettings = DEFAULT
+    stations: Sequence[Station], settings: StitchSettings = DEFAULT_STITCH_SETTINGS
 ) -> StitchedGroove:
     """Stitch what several stations saw of one joint into one groove.
 
@@ -184,7 +180,15 @@ def stitch_stations(
         raise StitchingRefused(error.reason, error.evidence, draft) from None
     uncertain = stitching_budget(fits, registrations, placement, shared, settings.repeatability)
     placed = [
-        _placed(fit, placement.T[k], uncertain.station_covariances[k], azimuth)
+        PlacedStation(
+            fit.station,
+            placement.T[k] @ inverse_pose(fit.frame.T),
+            uncertain.station_covariances[k],
+            arc_of_azimuths(azimuth),
+            len(fit.station.all_sections),
+            fit.tubes.reduced_chi2,
+            fit.tubes.rms,
+        )
         for k, (fit, azimuth) in enumerate(zip(fits, azimuths, strict=True))
     ]
     # Weighed by what is each station's own: what they share would not make one of them worse.
@@ -237,11 +241,11 @@ def register_overlaps(
     edges = []
     for overlap in overlaps:
         first, second, T = own[overlap.first], own[overlap.second], np.eye(4)
-        for _ in range(ROUNDS):
+        for _ in range(ALIGNMENT_ROUNDS):
             edge = align_second_to_first(overlap, first, second)
             T = edge.T @ T
             moved = float(np.abs(pose_vector.pose_to_vector(edge.T)).max())
-            if moved < STILL or moved > FAR:
+            if moved < CONVERGED_MOTION or moved > LARGEST_MOTION:
                 break
             second = seen(overlap.second, T)
         edges.append(replace(edge, T=T))
@@ -281,7 +285,7 @@ def place_stations_with_out_of_round(
     while True:
         frames = [widen_for_out_of_round(fit.frame, allowance) for fit in fits]
         placement = solve_station_poses(frames, registrations, shared)
-        if placement.reduced_chi2 < AGREED or 2 * allowance > settings.most_out_of_round:
+        if placement.reduced_chi2 < AGREED_CHI2 or 2 * allowance > settings.most_out_of_round:
             return placement, allowance
         allowance *= 2
 
@@ -301,7 +305,7 @@ def _check_apart(stations: Sequence[Station]) -> None:
 
 
 def _held(draft: StitchingDraft, settings: StitchSettings) -> list[StationOverlap]:
-    """The overlaps that are large enough; refuse where one that is needed is not."""
+    """The overlaps that are large enough; refuse if one that is needed is not."""
 
     def enough(overlap: StationOverlap) -> bool:
         return (
@@ -385,15 +389,3 @@ def _check_placement(
             f"be left between them. A base or the joint moved during a scan, or tubes are out of "
             f"round by more than {1e3 * settings.most_out_of_round:g} mm",
         )
-
-
-def _placed(fit: StationTubeFit, T: Array, covariance: Array, azimuths: Array) -> PlacedStation:
-    return PlacedStation(
-        fit.station,
-        T @ inverse_pose(fit.frame.T),
-        covariance,
-        AzimuthArc(float(azimuths.min()), float(azimuths.max())),
-        len(fit.station.all_sections),
-        fit.tubes.reduced_chi2,
-        fit.tubes.rms,
-    )

@@ -1,7 +1,7 @@
 """Views of the groove unrolled about the brace: ten numbers of each, each at its azimuth.
 
 Corners are given by their distance from the brace's axis and their height over the leg, walls by
-how far they lie off their tubes and how they tilt. In these coordinates a groove changes slowly
+how far they are off their tubes and how they tilt. In these coordinates a groove changes slowly
 with the azimuth: between views 40 mm apart it can be interpolated to a micrometre, where nearest
 points of such lines would be tenths of a millimetre wrong.
 """
@@ -17,26 +17,27 @@ from numpy.typing import NDArray
 
 from tjscan.core import pose_vector
 from tjscan.core.errors import StitchingRefused
-from tjscan.core.frames import Array, pose, readonly_copy, transform_points
+from tjscan.core.frames import Array, frozen_arrays, pose, transform_points
 from tjscan.joint.geometry import LegSurface
+from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.joint.tubes.frame import TubeDimensions
-from tjscan.joint.tubes.walls import ArmRepeatability
 from tjscan.scanning.section import ScannedSection
 from tjscan.stitching.sides import side_nodes
 from tjscan.uncertainty.budget import points_moved_by_twist
 
-VALUES: Final = 10
-LEVER: Final = 0.02
+VALUES_PER_VIEW: Final = 10
+TILT_LEVER: Final = 0.02
 """Metres along a wall over which its tilt is given as an offset."""
 
 CORNER_VALUES: Final = 6
 """The first values are those of p2, p3 and p4."""
 
-WIDEST: Final = 0.999
-"""Share of the leg's radius beyond which nothing lies over the leg."""
+WIDEST_SHARE: Final = 0.999
+"""Share of the leg's radius beyond which nothing is over the leg."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class UnrolledViews:
     """Views of a station unrolled about the brace in its own frame j.
 
@@ -69,10 +70,6 @@ class UnrolledViews:
     place: Array
     middle: Array
     number: Array
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
     def by_pose(self) -> Array:
@@ -136,7 +133,7 @@ def unroll_views(
 def _unroll(
     section: ScannedSection, T_j_b: Array, shape: TubeDimensions, repeatability: ArmRepeatability
 ) -> tuple[Array, Array, Array, Array, Array, Array, float, Array] | None:
-    """The attributes of `UnrolledViews` but the number; None where a wall shows too little."""
+    """The attributes of `UnrolledViews` but the number; None if a wall shows too little."""
     sides = side_nodes(section)
     if min(len(sigma) for _, sigma in sides) < 2:
         return None
@@ -178,7 +175,7 @@ def _unrolled(
     x, y, z = np.moveaxis(shifted, -1, 0)
     phi, rho = np.arctan2(y, x), np.hypot(x, y)
     phi = phi[0, 2] + np.angle(np.exp(1j * (phi - phi[0, 2])))  # no jump within a view
-    height = z - surface.height(phi, np.minimum(rho, WIDEST * shape.leg_radius))
+    height = z - surface.height(phi, np.minimum(rho, WIDEST_SHARE * shape.leg_radius))
     off = np.concatenate(
         (
             rho[:, : 3 + on_brace] - shape.brace_radius,
@@ -188,7 +185,7 @@ def _unrolled(
     )
     # What values and azimuths add up of each point: (10, k) by distance, height and azimuth.
     k = len(points)
-    by_off, by_height, by_phi = np.zeros((3, VALUES, k))
+    by_off, by_height, by_phi = np.zeros((3, VALUES_PER_VIEW, k))
     for i in range(3):
         by_off[2 * i, i] = by_height[2 * i + 1, i] = 1.0
         by_phi[2 * i : 2 * i + 2, i] = 1.0
@@ -199,7 +196,7 @@ def _unrolled(
     ):
         centred = along[chosen] - along[chosen].mean()
         response = np.stack(
-            (np.full(len(centred), 1 / len(centred)), LEVER * centred / (centred @ centred))
+            (np.full(len(centred), 1 / len(centred)), TILT_LEVER * centred / (centred @ centred))
         )
         by_off[row : row + 2, chosen] = response
         by_phi[row : row + 2, chosen] = 1 / len(centred)
@@ -221,7 +218,7 @@ def _corner_covariance(
     """Covariance of the corners' six values that the laser's noise makes, shape (6, 6)."""
     surface = LegSurface(shape.leg_radius, shape.angle)
     phi, rho = np.arctan2(corners[:, 1], corners[:, 0]), np.hypot(corners[:, 0], corners[:, 1])
-    rho = np.minimum(rho, WIDEST * shape.leg_radius)
+    rho = np.minimum(rho, WIDEST_SHARE * shape.leg_radius)
     out = np.column_stack((np.cos(phi), np.sin(phi), np.zeros(3)))
     side = np.column_stack((-np.sin(phi), np.cos(phi), np.zeros(3)))
     climb = surface.azimuth_derivative(phi, rho)[:, 2] / rho

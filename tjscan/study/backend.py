@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeVar, cast
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.registry import TASKS
-from tjscan.study.row import RunOutcome, StudyRow
+from tjscan.study.trial import RunOutcome
 
 O = TypeVar("O", bound=RunOutcome)  # noqa: E741
 
@@ -62,11 +62,14 @@ class StudyBackend(ABC, Generic[O]):
         The key that sets a run's random numbers.
     measures : sequence of ReportedQuantity
         What every report of a study shows.
+    compared_key : str
+        A key whose values the report shows side by side if a study varies it; none if empty.
     """
 
     outcome: type[O]
     seed: str
     measures: Sequence[ReportedQuantity[O]]
+    compared_key: str = ""
 
     @abstractmethod
     def resolve_run(self, job_file: Path, keys: Mapping[str, Any]) -> ResolvedRun:
@@ -95,21 +98,9 @@ class StudyBackend(ABC, Generic[O]):
             If it fails.
         """
 
-    def special_report_lines(self, folder: Path, rows: Sequence[StudyRow[O]]) -> Iterator[str]:
-        """Lines of the report in place of the usual ones, where the study is of a known programme.
-
-        Parameters
-        ----------
-        folder : Path
-            Where pictures may be written.
-        rows : sequence of StudyRow
-            What is done so far, one at least.
-        """
-        yield from ()
-
 
 @contextmanager
-def blame_study_for_its_keys(keys: Mapping[str, Any]) -> Iterator[None]:
+def drop_file_from_study_key_errors(keys: Mapping[str, Any]) -> Iterator[None]:
     """Name no file in errors of the block about a key of the study: it is not the job's to mend.
 
     Parameters

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from time import perf_counter
@@ -12,11 +12,9 @@ from tjscan.core.errors import TjscanError
 from tjscan.core.files import lock_and_clean_directory, write_files_atomically
 from tjscan.study.backend import study_backend_of_task
 from tjscan.study.report import write_study_report
-from tjscan.study.row import LOST_WORKER, StudyRow
-from tjscan.study.schedule import CrashedTask, FinishedTask, TaskScheduler
-from tjscan.study.store import open_row_writer, read_rows, read_trials
-from tjscan.study.table import CSV, PARQUET, write_study_csv, write_study_parquet
-from tjscan.study.trial import Trial
+from tjscan.study.schedule import CrashedTask, TaskScheduler
+from tjscan.study.store import open_row_writer, read_rows, read_trials, write_study_tables
+from tjscan.study.trial import LOST_WORKER, StudyRow, Trial
 
 
 def run_study(
@@ -59,14 +57,22 @@ def run_study(
                 closing(scheduler(run_trial, left)) as all_ended,
             ):
                 for ended in all_ended:
-                    row = _row(ended)
+                    if isinstance(ended, CrashedTask):
+                        lost = study_backend_of_task(ended.task.task).outcome
+                        outcome = lost(False, LOST_WORKER, ended.cause)
+                        row = StudyRow.from_trial(ended.task, outcome)
+                    else:
+                        row = ended.result
                     keep(row)
                     rows[row.key] = row
                     watch(row)
         finally:
             done = tuple(rows[trial.hash_key] for trial in trials if trial.hash_key in rows)
             if done:
-                write_study_results(directory, done, trials)
+                kind = study_backend_of_task(trials[0].task)
+                with write_files_atomically(directory) as draft:
+                    write_study_tables(draft, done)
+                    write_study_report(draft, kind, done, planned=len(trials))
     return done
 
 
@@ -81,31 +87,3 @@ def run_trial(trial: Trial) -> StudyRow[Any]:
         # A fault of the program: it costs this row and no other, which holds its name.
         outcome = kind.outcome(False, type(error).__name__, f"unexpected: {error}")
     return StudyRow.from_trial(trial, outcome, perf_counter() - start)
-
-
-def write_study_results(
-    directory: Path, rows: Sequence[StudyRow[Any]], trials: Sequence[Trial]
-) -> None:
-    """Write tables, pictures and report of the rows there are, all or none.
-
-    Parameters
-    ----------
-    directory : Path
-        The study's.
-    rows : sequence of StudyRow
-        One at least.
-    trials : sequence of Trial
-        All that were planned.
-    """
-    kind = study_backend_of_task(trials[0].task)
-    with write_files_atomically(directory) as draft:
-        write_study_csv(draft / CSV, rows)
-        write_study_parquet(draft / PARQUET, rows)
-        write_study_report(draft, kind, rows, planned=len(trials))
-
-
-def _row(ended: FinishedTask[Trial, StudyRow[Any]] | CrashedTask[Trial]) -> StudyRow[Any]:
-    if isinstance(ended, CrashedTask):
-        outcome = study_backend_of_task(ended.task.task).outcome
-        return StudyRow.from_trial(ended.task, outcome(False, LOST_WORKER, ended.cause))
-    return ended.result

@@ -9,23 +9,22 @@ from importlib.metadata import version as installed
 from importlib.util import find_spec
 from itertools import islice
 from logging import CRITICAL
-from typing import Any, Final, Generic, Protocol, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from tjscan.core.errors import ComputeClusterFault, ConfigurationError
 from tjscan.core.version import VERSION
-from tjscan.study.row import StudyRow
-from tjscan.study.trial import Trial
+from tjscan.study.trial import StudyRow, Trial
 
 T = TypeVar("T")
 R = TypeVar("R")
 
-PATIENCE: Final = 20.0
+CLUSTER_TIMEOUT: Final = 20.0
 """Seconds that a scheduler has to answer, and the first worker of a cluster to join it."""
 
-DEATHS: Final = 1
+WORKER_DEATHS: Final = 1
 """How often a trial may take a process of this machine with it and be tried once more."""
 
-NEEDED: Final = ("distributed", "pyarrow")
+STUDY_PACKAGES: Final = ("distributed", "pyarrow")
 """What the extra ``study`` installs."""
 
 
@@ -45,22 +44,11 @@ class CrashedTask(Generic[T]):
     cause: str
 
 
-class TaskScheduler(Protocol):
-    """A function that runs the trials of a study somewhere, in any order."""
-
-    def __call__(
-        self, work: Callable[[Trial], StudyRow[Any]], trials: Sequence[Trial], /
-    ) -> Generator[FinishedTask[Trial, StudyRow[Any]] | CrashedTask[Trial]]:
-        """Give every trial back once it has ended.
-
-        Parameters
-        ----------
-        work : callable
-            Makes a row of a trial.
-        trials : sequence of Trial
-            What to run.
-        """
-        ...
+TaskScheduler = Callable[
+    [Callable[[Trial], StudyRow[Any]], Sequence[Trial]],
+    Generator[FinishedTask[Trial, StudyRow[Any]] | CrashedTask[Trial]],
+]
+"""A function that runs the trials of a study somewhere, and gives each back once it has ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +97,7 @@ def check_study_packages() -> None:
     ConfigurationError
         If something is not.
     """
-    for name in NEEDED:
+    for name in STUDY_PACKAGES:
         if find_spec(name) is None:
             raise ConfigurationError(
                 f"a study needs the package {name}, which is not installed: "
@@ -167,7 +155,10 @@ def _local(workers: int) -> Iterator[Any]:
     from dask import config
     from distributed import Client, LocalCluster
 
-    with config.set({"distributed.scheduler.allowed-failures": DEATHS}), ExitStack() as stack:
+    with (
+        config.set({"distributed.scheduler.allowed-failures": WORKER_DEATHS}),
+        ExitStack() as stack,
+    ):
         cluster = LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
@@ -195,7 +186,7 @@ def _cluster(address: str) -> Iterator[Any]:
     from distributed import Client
 
     try:
-        client = Client(address, timeout=PATIENCE)
+        client = Client(address, timeout=CLUSTER_TIMEOUT)
     except (OSError, ValueError) as error:
         raise ConfigurationError(
             f"no scheduler answers at {address} ({error}); start one with `dask "
@@ -215,11 +206,11 @@ def _check_workers(client: Any) -> None:
         If so.
     """
     try:
-        client.wait_for_workers(1, timeout=PATIENCE)
+        client.wait_for_workers(1, timeout=CLUSTER_TIMEOUT)
     except TimeoutError:
         raise ComputeClusterFault(
-            f"no worker has joined the scheduler within {PATIENCE:g} s; start one with `dask "
-            "worker ADDRESS --nthreads 1`, and go on with --resume"
+            f"no worker has joined the scheduler within {CLUSTER_TIMEOUT:g} s; start one with "
+            "`dask worker ADDRESS --nthreads 1`, and go on with --resume"
         ) from None
     for worker, found in client.run(installed, "tjscan", on_error="return").items():
         if found != VERSION:

@@ -1,21 +1,23 @@
-"""The study's directory: the plan, written before anything runs, and rows as they come."""
+"""The study's directory: its plan, rows as they come, and the table of all rows."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import csv
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
-from tjscan.core.disk import bring_stream_to_disk
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.files import check_file_size, write_files_atomically
+from tjscan.core.files import bring_stream_to_disk, check_file_size, write_files_atomically
 from tjscan.study.backend import study_backend_of_task
-from tjscan.study.row import StudyRow
-from tjscan.study.trial import Trial
+from tjscan.study.trial import StudyRow, Trial, Value
 
-PLAN: Final = "plan.jsonl"
-ROWS: Final = "rows.jsonl"
+PLAN_FILE: Final = "plan.jsonl"
+ROWS_FILE: Final = "rows.jsonl"
+CSV_FILE: Final = "study.csv"
+PARQUET_FILE: Final = "study.parquet"
 
 MOST_BYTES: Final = 2_000_000_000
 """A larger file is no part of a study."""
@@ -46,7 +48,7 @@ def make_study_directory(directory: Path, trials: Sequence[Trial]) -> None:
         )
     with write_files_atomically(directory) as draft:
         text = "".join(f"{trial.to_json_line()}\n" for trial in trials)
-        (draft / PLAN).write_text(text, encoding="utf-8")
+        (draft / PLAN_FILE).write_text(text, encoding="utf-8")
 
 
 def read_trials(directory: Path) -> tuple[Trial, ...]:
@@ -57,7 +59,7 @@ def read_trials(directory: Path) -> tuple[Trial, ...]:
     ConfigurationError
         If it holds no study.
     """
-    file = directory / PLAN
+    file = directory / PLAN_FILE
     try:
         check_file_size(file, MOST_BYTES, "a plan")
         return tuple(Trial.from_json_line(line) for line in file.read_text("utf-8").splitlines())
@@ -84,7 +86,7 @@ def read_rows(directory: Path, trials: Sequence[Trial]) -> dict[str, StudyRow[An
     RecordingError
         If it can't be read.
     """
-    file, keys = directory / ROWS, {trial.hash_key for trial in trials}
+    file, keys = directory / ROWS_FILE, {trial.hash_key for trial in trials}
     rows: dict[str, StudyRow[Any]] = {}
     if not trials or not file.exists():
         return rows
@@ -104,16 +106,8 @@ def read_rows(directory: Path, trials: Sequence[Trial]) -> dict[str, StudyRow[An
     return rows
 
 
-class RowWriter(Protocol):
-    """A function that keeps one finished row of a study."""
-
-    def __call__(self, row: StudyRow[Any]) -> None:
-        """Keep a row."""
-        ...
-
-
 @contextmanager
-def open_row_writer(directory: Path) -> Iterator[RowWriter]:
+def open_row_writer(directory: Path) -> Iterator[Callable[[StudyRow[Any]], None]]:
     """Open the rows file of a study; gives the function that writes a row to disk.
 
     Raises
@@ -122,7 +116,7 @@ def open_row_writer(directory: Path) -> Iterator[RowWriter]:
         If the file can't be written.
     """
     try:
-        with (directory / ROWS).open("ab") as file:
+        with (directory / ROWS_FILE).open("ab") as file:
             if file.tell():
                 file.write(b"\n")  # ends a line that was cut off; an empty one is no row
 
@@ -132,4 +126,44 @@ def open_row_writer(directory: Path) -> Iterator[RowWriter]:
 
             yield keep
     except OSError as error:
-        raise RecordingError(f"{directory / ROWS}: can't be written: {error.strerror}") from error
+        raise RecordingError(
+            f"{directory / ROWS_FILE}: can't be written: {error.strerror}"
+        ) from error
+
+
+def write_study_tables(folder: Path, rows: Sequence[StudyRow[Any]]) -> None:
+    """Write ``study.csv`` and ``study.parquet``: each row's inputs, outcome and wall-clock time.
+
+    CSV holds numbers to the last digit, and nothing for what is not known; in Parquet a column
+    whose values are of several types becomes text.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to.
+    rows : sequence of StudyRow
+        One at least, all of one kind.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    inputs = dict.fromkeys(key for row in rows for key in row.inputs)
+    shown = [f.name for f in fields(rows[0].outcome) if f.metadata.get("column", True)]
+    table: dict[str, list[Value | None]] = {"row": [row.index for row in rows]}
+    table |= {key: [row.inputs.get(key) for row in rows] for key in inputs}
+    table |= {name: [getattr(row.outcome, name) for row in rows] for name in shown}
+    table["wall_s"] = [round(row.wall_s, 3) for row in rows]
+    with (folder / CSV_FILE).open("w", newline="", encoding="utf-8") as out:
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(table)
+        writer.writerows(zip(*table.values(), strict=True))
+    columns = {name: _of_one_type(values) for name, values in table.items()}
+    pq.write_table(pa.table(columns), folder / PARQUET_FILE)
+
+
+def _of_one_type(values: list[Value | None]) -> list[Value | None]:
+    types = {type(value) for value in values if value is not None}
+    if len(types) < 2:
+        return values
+    common = float if types == {int, float} else str
+    return [None if value is None else common(value) for value in values]

@@ -1,13 +1,13 @@
-"""One run of a study, whole in itself: it can be sent to any machine."""
+"""Runs of a study: what is to be made, whole in itself, and the row that comes of it."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Generic, Self, TypeVar
 
 from tjscan.core.version import VERSION
 
@@ -69,3 +69,107 @@ class Trial:
 def canonical_json(data: Any) -> str:
     """JSON text that is always the same for the same data."""
     return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+LOST_WORKER = "WorkerLost"
+"""The reason of a row whose process died twice."""
+
+HIDDEN_FIELD = {"column": False}
+"""Metadata of a field of an outcome that is no column of the table."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutcome:
+    """Outcome of one run: whether it is complete, and why it ended. Each task adds its fields.
+
+    Parameters
+    ----------
+    complete : bool
+        Whether the run did what was asked.
+    reason : str
+        Why it ended: a stop in words, or the name of an error.
+    detail : str
+        The same in one sentence.
+    """
+
+    complete: bool
+    reason: str
+    detail: str
+
+
+O = TypeVar("O", bound=RunOutcome)  # noqa: E741
+
+
+@dataclass(frozen=True, slots=True)
+class StudyRow(Generic[O]):
+    """One row of a study's table: what was varied in a run, and its outcome.
+
+    Parameters
+    ----------
+    key : str
+        Of the trial.
+    index : int
+        Its place in the table.
+    inputs : mapping
+        What was varied.
+    outcome : RunOutcome
+        What came out.
+    wall_s : float
+        How long it took on the clock of the machine that made it, seconds: the one value that
+        differs from run to run.
+    """
+
+    key: str
+    index: int
+    inputs: Mapping[str, Value]
+    outcome: O
+    wall_s: float = 0.0
+
+    @classmethod
+    def from_trial(cls, trial: Trial, outcome: O, wall_s: float = 0.0) -> Self:
+        """Make the row of a trial from its outcome.
+
+        Parameters
+        ----------
+        trial : Trial
+            What was run.
+        outcome : RunOutcome
+            What came out.
+        wall_s : float
+            How long it took, seconds.
+        """
+        return cls(trial.hash_key, trial.index, trial.inputs, outcome, wall_s)
+
+    @property
+    def without_wall_time(self) -> Self:
+        """The row without the time that the run took, which differs from machine to machine."""
+        return replace(self, wall_s=0.0)
+
+    def to_json_line(self) -> str:
+        """The row as one line of JSON."""
+        return canonical_json(asdict(self))
+
+    @classmethod
+    def from_json_line(cls, line: str, outcome: type[O]) -> Self:
+        """Read a row from the line that `to_json_line` gave.
+
+        Parameters
+        ----------
+        line : str
+            One line.
+        outcome : type
+            Of what came out.
+
+        Raises
+        ------
+        ValueError
+            If the line is no row, or was cut off.
+        """
+        try:
+            data: dict[str, Any] = json.loads(line)
+            if not isinstance(data["key"], str):
+                raise ValueError("no row of a study: its key is no text")
+            data["outcome"] = outcome(**data["outcome"])
+            return cls(**data)
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ValueError(f"no row of a study: {error}") from None

@@ -9,7 +9,7 @@ from tjscan.core.registry import TaskPlugin
 TASK: Final = TaskPlugin(
     "tow",
     report="tjscan.runs.tow.report:tow_chapter",
-    study="tjscan.runs.tow_study.backend:TOW_STUDY",
+    study="tjscan.runs.tow.study:TOW_STUDY",
     recording="tow.mcap",
     live="tjscan.runs.live.tow:read_tow_show",
 )

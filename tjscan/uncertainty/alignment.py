@@ -15,7 +15,7 @@ from tjscan.uncertainty.budget import (
     points_moved_by_twist,
 )
 
-ALIGNMENT: Final = "alignment"
+ALIGNMENT_CAUSE: Final = "alignment"
 
 ON_WALLS: Final = (0, 1, 3, 4)
 """p1 and p2 lie on the brace's wall, p4 and p5 on the leg."""
@@ -36,7 +36,7 @@ def aligned_budget(
     budget : UncertaintyBudget
         Of n sections, before.
     points : ndarray, shape (n, 5, 3)
-        p1 to p5, in the frame of the budget, metres; that of the joint where tubes are fitted.
+        p1 to p5, in the frame of the budget, metres; that of the joint if tubes are fitted.
     normals : ndarray, shape (n, 2, 3)
         Of the brace's wall and of the leg, at each section.
     by_tubes : bool
@@ -67,5 +67,5 @@ def aligned_budget(
             own += np.einsum("nim,njm->ij", by_section, by_section)
         components.append(one)
     place = points_moved_by_twist(points, covariance_factor(own))
-    found = BudgetComponent(ALIGNMENT, "observed", True, place, np.zeros((n, 4, 6)))
+    found = BudgetComponent(ALIGNMENT_CAUSE, "observed", True, place, np.zeros((n, 4, 6)))
     return UncertaintyBudget((*components, found))

@@ -1,8 +1,8 @@
 """The uncertainty budget of sections: components, combined and expanded as in the GUM [1]_.
 
-A component says how the points and measures of all sections answer to independent standard normal
+A component states how the points and measures of all sections answer to independent standard normal
 draws, to first order. A shared component is drawn once for all sections, so that they err alike;
-another one is drawn anew for each. All covariances follow, also those between sections, without a
+another one is drawn again for each. All covariances follow, also those between sections, without a
 matrix that is as large as the number of points squared.
 
 References
@@ -19,21 +19,22 @@ from typing import Final, Self
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly_copy, skew_matrix
+from tjscan.core.frames import Array, frozen_arrays, skew_matrix
 from tjscan.groove.measured import MeasuredSection
 
 COVERAGE_FACTOR: Final = 2.0
 """k of the expanded uncertainty: about 95 % of a normal distribution in one dimension. Of a
 distance made up of several it covers 95 % or more."""
 
-CORNERS: Final = slice(1, 4)
+CORNER_POINTS: Final = slice(1, 4)
 """p2, p3 and p4 among the five points."""
 
-NEGLIGIBLE: Final = 1e-4
+NEGLIGIBLE_SHARE: Final = 1e-4
 """Share of a component's largest singular value below which a draw is left out."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class BudgetComponent:
     """One cause of uncertainty, and how n sections answer to m independent draws of it.
 
@@ -57,14 +58,10 @@ class BudgetComponent:
     points: Array
     measures: Array
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "points", readonly_copy(self.points))
-        object.__setattr__(self, "measures", readonly_copy(self.measures))
-
     @property
     def corner_covariances(self) -> Array:
         """Covariances of p2, p3 and p4 that it makes, shape (n, 3, 3, 3), m²."""
-        corners = self.points[:, CORNERS]
+        corners = self.points[:, CORNER_POINTS]
         return np.asarray(corners @ np.swapaxes(corners, -1, -2))
 
     @property
@@ -81,7 +78,7 @@ class BudgetComponent:
         size = np.sqrt(np.mean(flat[: 15 * n] ** 2)), np.sqrt(np.mean(flat[15 * n :] ** 2))
         scale = np.repeat(np.where(np.array(size) > 0, size, 1.0), (15 * n, 4 * n))
         _, singular, Vt = np.linalg.svd(flat / scale[:, None], full_matrices=False)
-        kept = flat @ Vt[singular > NEGLIGIBLE * singular[0]].T
+        kept = flat @ Vt[singular > NEGLIGIBLE_SHARE * singular[0]].T
         k = kept.shape[1]
         return replace(
             self,

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core import pose_vector
-from tjscan.core.frames import Array, pose, readonly_copy
-from tjscan.joint.tubes.walls import ArmRepeatability
+from tjscan.core.frames import Array, frozen_arrays, pose
+from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.scanning.section import ScannedSection
 from tjscan.uncertainty.budget import (
     BudgetComponent,
@@ -25,17 +25,18 @@ from tjscan.uncertainty.budget import (
     points_moved_by_twist,
 )
 
-READING: Final = "reading of the profile"
-HAND_EYE: Final = "laser on the hand"
-GEOMETRY: Final = "arm's geometry"
-CALIBRATED: Final = "laser on the hand and arm's geometry"
-REPEATABILITY: Final = "arm's repeatability"
+READING_CAUSE: Final = "reading of the profile"
+HAND_EYE_CAUSE: Final = "laser on the hand"
+GEOMETRY_CAUSE: Final = "arm's geometry"
+CALIBRATED_CAUSE: Final = "laser on the hand and arm's geometry"
+REPEATABILITY_CAUSE: Final = "arm's repeatability"
 
 ProfileBend = Callable[[Array, Array], Array]
 """How points of a profile move by places and tangents, see `bend` of `ViewCause`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class ViewCause:
     """A cause of error, and how n views answer to m independent standard normal draws of it.
 
@@ -44,16 +45,16 @@ class ViewCause:
     name, evidence, is_shared
         As of `BudgetComponent`.
     twists : ndarray, shape (n, 6, m)
-        How each view moves as a whole in b: translation of what lies at b's origin, metres, and
+        How each view moves as a whole in b: translation of what is at b's origin, metres, and
         rotation vector, radians.
     points : ndarray, shape (n, 5, 3, m)
         How its p1 to p5 move in b, metres.
     measures : ndarray, shape (n, 4, m)
         How its measures change.
     bend : callable, optional
-        How any point of a profile moves besides in the plane of the laser, which all profiles do
+        How any point of a profile moves as well in the plane of the laser, which all profiles do
         alike: gets places, metres, and unit tangents of the steel there, both in x and z of s,
-        shape (k, 2), and gives shape (k, 2, m), metres. None where views move as a whole alone.
+        shape (k, 2), and gives shape (k, 2, m), metres. None if views move as a whole alone.
     """
 
     name: str
@@ -64,12 +65,8 @@ class ViewCause:
     measures: Array
     bend: ProfileBend | None = None
 
-    def __post_init__(self) -> None:
-        for name in ("twists", "points", "measures"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
-
     def moved_too(self, sections: Sequence[ScannedSection], twists: Array) -> Self:
-        """The same cause, whose draws move the views as a whole besides.
+        """The same cause, whose draws move the views as a whole as well.
 
         Parameters
         ----------
@@ -92,7 +89,7 @@ class ViewCause:
         view : ndarray of int, shape (k,)
             Which view each was seen in.
         T_b_s : ndarray, shape (k, 4, 4)
-            Where the sensor stood then.
+            Where the sensor was then.
         points, tangents : ndarray, shape (k, 3)
             Places, metres, and unit tangents of the steel in the plane of the laser; in s.
         """
@@ -144,18 +141,20 @@ def reading_cause(sections: Sequence[ScannedSection]) -> ViewCause:
         factor = covariance_factor(section.groove.covariance_s).reshape(3, 2, 6)
         points[k, 1:4, :, :6] = in_plane @ factor
         measures[k, :, 6:] = covariance_factor(section.groove.measure_covariance)
-    return ViewCause(READING, "observed", False, np.zeros((n, 6, 10)), points, measures)
+    return ViewCause(READING_CAUSE, "observed", False, np.zeros((n, 6, 10)), points, measures)
 
 
 def repeatability_cause(
     sections: Sequence[ScannedSection], repeatability: ArmRepeatability, evidence: str
 ) -> ViewCause:
-    """What the arm does not repeat: drawn anew in each view, it moves it about its flange."""
+    """What the arm does not repeat: drawn again in each view, it moves it about its flange."""
     factor = covariance_factor(repeatability.covariance)
     about_flange = [
         pose_vector.adjoint(pose(p=section.view.T_b_f[:3, 3])) @ factor for section in sections
     ]
-    return motion_cause(REPEATABILITY, evidence, sections, np.array(about_flange), is_shared=False)
+    return motion_cause(
+        REPEATABILITY_CAUSE, evidence, sections, np.array(about_flange), is_shared=False
+    )
 
 
 def hand_eye_cause(
@@ -176,7 +175,7 @@ def hand_eye_cause(
         As of `BudgetComponent`.
     """
     twists = calibration_twists(sections, T_f_s, None, covariance_factor(covariance))
-    return motion_cause(HAND_EYE, evidence, sections, twists, is_shared=True)
+    return motion_cause(HAND_EYE_CAUSE, evidence, sections, twists, is_shared=True)
 
 
 def calibration_twists(
@@ -232,7 +231,7 @@ def arm_geometry_cause(
     in_f = (flange_by_deviations * sigmas).reshape(n, 6, -1)
     if absolute is not None:
         in_f = in_f * (absolute / np.sqrt(np.mean(np.sum(in_f[:, :3] ** 2, axis=(1, 2)))))
-    return motion_cause(GEOMETRY, evidence, sections, _in_b(sections, in_f), is_shared=True)
+    return motion_cause(GEOMETRY_CAUSE, evidence, sections, _in_b(sections, in_f), is_shared=True)
 
 
 def calibrated_arm_cause(
@@ -255,7 +254,7 @@ def calibrated_arm_cause(
     """
     factor = covariance_factor(covariance)
     twists = calibration_twists(sections, T_f_s, flange_by_deviations, factor)
-    return motion_cause(CALIBRATED, evidence, sections, twists, is_shared=True)
+    return motion_cause(CALIBRATED_CAUSE, evidence, sections, twists, is_shared=True)
 
 
 def _in_b(sections: Sequence[ScannedSection], twists: Array) -> Array:

@@ -8,22 +8,22 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.groove.measures import measure_groove
+from tjscan.groove.section import measure_groove
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.model import LaserModel
 from tjscan.scanning.section import ScannedSection
 from tjscan.uncertainty.causes import ProfileBend, ViewCause
 
-LINEARITY: Final = "laser's linearity"
-RANGE_BIAS: Final = "range bias at steep incidence"
+LINEARITY_CAUSE: Final = "laser's linearity"
+RANGE_BIAS_CAUSE: Final = "range bias at steep incidence"
 
 MOST_TANGENT: Final = 5.0
 """Tangent of the incidence beyond which a range errs by no more: such points are lost."""
 
-STEP: Final = 1e-6
+SLOPE_STEP: Final = 1e-6
 """Metres along a side over which its turn is taken: far more than rounding, less than it bends."""
 
-SIDES: Final = ((0, 1), (1, 2), (2, 3), (3, 4))
+SIDE_ENDS: Final = ((0, 1), (1, 2), (2, 3), (3, 4))
 """Points that wall, bevel, root and leg lie between."""
 
 
@@ -60,12 +60,12 @@ def linearity_cause(
         points = field.at(xz)
         turns = []
         for at, t in ((xz[1], tangents[0]), (xz[3], tangents[3])):
-            ahead, here = field.at(np.array((at + STEP * t, at)))
-            by_step = (ahead - here) / STEP
+            ahead, here = field.at(np.array((at + SLOPE_STEP * t, at)))
+            by_step = (ahead - here) / SLOPE_STEP
             turns.append(t[0] * by_step[1] - t[1] * by_step[0])
         moves.append(points)
         measures.append(_measures(section, points, np.array(turns)))
-    return _bending_cause(LINEARITY, evidence, sections, bend, moves, measures)
+    return _bending_cause(LINEARITY_CAUSE, evidence, sections, bend, moves, measures)
 
 
 def range_bias_cause(sections: Sequence[ScannedSection], bias: float, evidence: str) -> ViewCause:
@@ -96,7 +96,7 @@ def range_bias_cause(sections: Sequence[ScannedSection], bias: float, evidence: 
         xz, tangents = _in_plane(section)
         normals = np.column_stack((tangents[:, 1], -tangents[:, 0]))
         offsets = np.empty((4, 2))  # of each side along its normal, at its first and second point
-        for k, side in enumerate(SIDES):
+        for k, side in enumerate(SIDE_ENDS):
             offsets[k] = bend(xz[list(side)], np.tile(tangents[k], (2, 1)))[..., 0] @ normals[k]
         points = np.zeros((5, 2))
         points[0], points[4] = normals[0] * offsets[0, 0], normals[3] * offsets[3, 1]
@@ -108,7 +108,7 @@ def range_bias_cause(sections: Sequence[ScannedSection], bias: float, evidence: 
         turns = np.array((offsets[0, 0] - offsets[0, 1], offsets[3, 0] - offsets[3, 1])) / lengths
         moves.append(points[:, :, None])
         measures.append(_measures(section, points[:, :, None], turns[:, None]))
-    return _bending_cause(RANGE_BIAS, evidence, sections, bend, moves, measures)
+    return _bending_cause(RANGE_BIAS_CAUSE, evidence, sections, bend, moves, measures)
 
 
 def _in_plane(section: ScannedSection) -> tuple[Array, Array]:

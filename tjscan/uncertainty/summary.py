@@ -13,12 +13,12 @@ from tjscan.core.frames import Array
 from tjscan.core.units import DEG, MM, MM2
 from tjscan.uncertainty.budget import COVERAGE_FACTOR, UncertaintyBudget
 
-TYPICAL: Final = (0.4, 0.6)
+TYPICAL_QUANTILES: Final = (0.4, 0.6)
 """Quantiles between which a corner's combined uncertainty counts as typical."""
 
-COMBINED: Final = "combined"
+COMBINED_ROW: Final = "combined"
 
-_UNITS: Final = np.array((DEG.factor, MM.factor, MM.factor, MM2.factor))
+MEASURE_UNITS: Final = np.array((DEG.factor, MM.factor, MM.factor, MM2.factor))
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class BudgetSummary:
     coverage_factor : float
         k.
     left_out : tuple of str
-        What may err and is not in the budget, since nobody states how far.
+        What may err and is not in the budget, since nothing states how far.
     """
 
     components: tuple[BudgetRow, ...]
@@ -110,17 +110,17 @@ def summarise_budget(
     sigma = np.sqrt(combined)
     return BudgetSummary(
         tuple(rows),
-        _row(COMBINED, "", False, sigma),
+        _row(COMBINED_ROW, "", False, sigma),
         _row(f"expanded, k = {COVERAGE_FACTOR:g}", "", False, COVERAGE_FACTOR * sigma),
         left_out=tuple(left_out),
     )
 
 
 def _typical(variances: Array, counted: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which of the variances that count lie in the middle; all that count where none does."""
+    """Which of the variances that count lie in the middle; all that count if none does."""
     chosen = variances[counted] if counted.any() else variances
-    low = np.quantile(chosen, TYPICAL[0], method="lower")
-    high = np.quantile(chosen, TYPICAL[1], method="higher")
+    low = np.quantile(chosen, TYPICAL_QUANTILES[0], method="lower")
+    high = np.quantile(chosen, TYPICAL_QUANTILES[1], method="higher")
     amid = (variances >= low) & (variances <= high)
     return np.asarray(amid & counted if counted.any() else amid)
 
@@ -128,5 +128,5 @@ def _typical(variances: Array, counted: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _row(name: str, evidence: str, shared: bool, sigmas: Array) -> BudgetRow:
     corner, *measures = sigmas.tolist()
     return BudgetRow(
-        name, evidence, shared, corner / MM.factor, *(np.array(measures) / _UNITS).tolist()
+        name, evidence, shared, corner / MM.factor, *(np.array(measures) / MEASURE_UNITS).tolist()
     )

@@ -6,13 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
-from tjscan.core.devices import DriverFactory, DriverKind, NoSettings
+from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.registry import Registry
+from tjscan.vehicle.mqtt.settings import MqttSettings
 from tjscan.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from tjscan.core.frames import Array
+    from tjscan.vehicle.mqtt.vehicle import MqttVehicle
     from tjscan.vehicle.replay import ReplayedVehicle
     from tjscan.vehicle.simulated import SimulatedVehicle
     from tjscan.vehicle.simulation import VehicleSimulationSettings
@@ -92,20 +93,29 @@ def _replayed(context: VehicleDriverInputs, settings: NoSettings) -> ReplayedVeh
     return ReplayedVehicle(context.recording())
 
 
-SIMULATED: Final = VehicleDriverFactory(
+def _over_mqtt(inputs: VehicleDriverInputs, settings: MqttSettings) -> MqttVehicle:
+    from tjscan.vehicle.mqtt.vehicle import MqttVehicle
+
+    return MqttVehicle(settings)
+
+
+SIMULATED_DRIVER: Final = VehicleDriverFactory(
     _simulated, kind=DriverKind.SIMULATED, truth=lambda vehicle: vehicle.true_pose()
 )
-REPLAYED: Final = VehicleDriverFactory(_replayed, kind=DriverKind.REPLAYED)
+REPLAY_DRIVER: Final = VehicleDriverFactory(_replayed, kind=DriverKind.REPLAYED)
+MQTT_DRIVER: Final = VehicleDriverFactory(
+    _over_mqtt, MqttSettings, truth=lambda vehicle: vehicle.true_pose()
+)
 
-VEHICLES: Final[Registry[VehicleDriverFactory]] = Registry(
+VEHICLE_DRIVERS: Final[DriverRegistry[VehicleDriverFactory]] = DriverRegistry(
     "vehicle",
     {
-        "simulated": "tjscan.vehicle.drivers:SIMULATED",
-        "replay": "tjscan.vehicle.drivers:REPLAYED",
-        "mqtt": "tjscan.vehicle.mqtt.driver:DRIVER",
+        "simulated": "tjscan.vehicle.drivers:SIMULATED_DRIVER",
+        "replay": "tjscan.vehicle.drivers:REPLAY_DRIVER",
+        "mqtt": "tjscan.vehicle.drivers:MQTT_DRIVER",
     },
     extras={"mqtt": "vehicle"},
     key="vehicle.driver",
     type=VehicleDriverFactory,
 )
-"""Every vehicle driver by name. See `tjscan.core.devices.DriverFactory` for how to add one."""
+"""Every vehicle driver by name."""

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from tjscan.core.devices import DriverFactory, DriverKind, NoSettings
+from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.registry import Registry
 from tjscan.vehicle.localisation import Localisation
 from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings
 from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
@@ -58,22 +57,22 @@ def _simulated(inputs: LocalisationInputs, settings: NoSettings) -> SimulatedLoc
 
 
 def _mqtt(inputs: LocalisationInputs, settings: MqttLocalisationSettings) -> MqttLocalisation:
-    with LOCALISATIONS.explain_missing_package("mqtt"):
-        from tjscan.vehicle.mqtt.localisation import MqttLocalisation
+    from tjscan.vehicle.mqtt.localisation import MqttLocalisation
+
     return MqttLocalisation(settings, inputs.vehicles)
 
 
-SIMULATED: Final = LocalisationDriverFactory(_simulated, kind=DriverKind.SIMULATED)
-MQTT: Final = LocalisationDriverFactory(_mqtt, MqttLocalisationSettings)
+SIMULATED_DRIVER: Final = LocalisationDriverFactory(_simulated, kind=DriverKind.SIMULATED)
+MQTT_DRIVER: Final = LocalisationDriverFactory(_mqtt, MqttLocalisationSettings)
 
-LOCALISATIONS: Final[Registry[LocalisationDriverFactory]] = Registry(
+LOCALISATION_DRIVERS: Final[DriverRegistry[LocalisationDriverFactory]] = DriverRegistry(
     "localisation",
     {
-        "simulated": "tjscan.vehicle.localisation_drivers:SIMULATED",
-        "mqtt": "tjscan.vehicle.localisation_drivers:MQTT",
+        "simulated": "tjscan.vehicle.localisation_drivers:SIMULATED_DRIVER",
+        "mqtt": "tjscan.vehicle.localisation_drivers:MQTT_DRIVER",
     },
     extras={"mqtt": "vehicle"},
     key="localisation.driver",
     type=LocalisationDriverFactory,
 )
-"""Every localisation by name. See `tjscan.core.devices.DriverFactory` for how to add one."""
+"""Every localisation by name."""

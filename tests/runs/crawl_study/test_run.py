@@ -7,17 +7,15 @@ import tomli_w
 from cells import PAPER
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.job import read_crawl_job
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.crawl.run import CrawlContext, run_crawl
-from tjscan.runs.crawl_study.outcome import CrawlOutcome
+from tjscan.runs.crawl.study import CrawlOutcome
 from tjscan.study.backend import study_backend_of_task
-from tjscan.study.file import read_study_file
-from tjscan.study.grid import trials_of_study
+from tjscan.study.file import read_study_file, trials_of_study
 from tjscan.study.report import write_study_report
-from tjscan.study.row import StudyRow
 from tjscan.study.run import run_trial
-from tjscan.study.trial import Trial
+from tjscan.study.trial import StudyRow, Trial
 
 EXAMPLE = PAPER.parent / "crawl-study.toml"
 

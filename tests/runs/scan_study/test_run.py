@@ -6,11 +6,9 @@ import pytest
 from cells import PAPER
 from studies import expand_in, settings_of
 
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan as record_scan
-from tjscan.runs.scan_study.outcome import ScanOutcome
-from tjscan.runs.scan_study.run import run_study_scan
-from tjscan.runs.scan_study.settings import StudyScanSettings
+from tjscan.runs.scan.study import ScanOutcome, StudyScanSettings, run_study_scan
 
 
 @pytest.fixture(scope="module")

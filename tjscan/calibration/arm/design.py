@@ -15,10 +15,10 @@ from tjscan.calibration.models.sphere import SphereModel
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets import SphereTarget
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
-from tjscan.core.frames import Array, inverse_pose, pose, readonly_copy, rot_z, transform_points
+from tjscan.core.frames import Array, frozen_arrays, inverse_pose, pose, rot_z, transform_points
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.tolerance import PlacementTolerance
+from tjscan.robot.settings import PlacementTolerance
 
 SENSOR_POSES: Final = 100
 """Ways to look at the ball from which postures are chosen; each has up to eight."""
@@ -43,6 +43,7 @@ BALL_SIGMAS: Final = (1e-2, 1e-3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class PlannedView:
     """A posture from which to look at the ball.
 
@@ -60,12 +61,9 @@ class PlannedView:
     T_b_f: Array
     held_out: bool
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "q", readonly_copy(self.q))
-        object.__setattr__(self, "T_b_f", readonly_copy(self.T_b_f))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class BallPlan:
     """Where a ball is, what looks at it, and how often.
 
@@ -98,10 +96,6 @@ class BallPlan:
     poses: int
     held_out: int
     laser: LaserDeviation | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "centre_b", readonly_copy(self.centre_b))
-        object.__setattr__(self, "T_f_s", readonly_copy(self.T_f_s))
 
 
 def plan_views(plan: BallPlan, kinematics: Kinematics) -> tuple[PlannedView, ...]:

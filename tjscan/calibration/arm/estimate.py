@@ -13,7 +13,7 @@ from scipy.special import chdtri
 
 from tjscan.calibration.arm.model import ArmModel, StackedProfiles
 from tjscan.calibration.solve.refine import covariance_from_information
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.core.pose_vector import boxplus, left_jacobian
 
 FALSE_ALARM_PROBABILITY: Final = 1e-3
@@ -29,6 +29,7 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class ArmEstimate:
     """Deviations, sensor and targets that fit best, with their covariance.
 
@@ -59,11 +60,6 @@ class ArmEstimate:
     dof: int
     stacked: StackedProfiles
     used: Mask
-
-    def __post_init__(self) -> None:
-        for name in ("T_f_s", "deviations", "target", "covariance"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
-        self.used.flags.writeable = False
 
     @property
     def sigma_scale(self) -> float:

@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 from tjscan.core.frames import Array
 from tjscan.robot.deviations import deviation_jacobian
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.tolerance import PlacementTolerance
+from tjscan.robot.settings import PlacementTolerance
 
 POSTURES: Final = 100
 """Drawn postures over which an arm's geometry error has the size that is stated."""

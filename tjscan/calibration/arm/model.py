@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from tjscan.calibration.models.linearised import MovableTargetModel
-from tjscan.core.frames import Array, inverse_pose, readonly_copy, skew_matrix
+from tjscan.core.frames import Array, frozen_arrays, inverse_pose, skew_matrix
 from tjscan.robot.deviations import deviation_jacobian, with_deviations
 from tjscan.robot.kinematics import Kinematics
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class SeenTarget:
     """A target and the profiles of it.
 
@@ -35,10 +36,6 @@ class SeenTarget:
     q: Array
     T_b_f: Array
     start: Array
-
-    def __post_init__(self) -> None:
-        for name in ("q", "T_b_f", "start"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

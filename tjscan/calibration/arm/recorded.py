@@ -17,7 +17,7 @@ from tjscan.calibration.result import HandEyeCalibration
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.tolerance import PlacementTolerance
+from tjscan.robot.settings import PlacementTolerance
 
 HELD_OUT_EVERY: Final = 5
 """One profile of so many only checks the result."""

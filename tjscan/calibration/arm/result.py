@@ -18,8 +18,8 @@ from tjscan.calibration.arm.model import ArmModel
 from tjscan.calibration.arm.undetermined import UndeterminedDeviation, undetermined_deviations
 from tjscan.calibration.fits.laser_error import estimate_by_laser
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, readonly_copy
-from tjscan.robot.tolerance import PlacementTolerance
+from tjscan.core.frames import Array, frozen_arrays, readonly_copy
+from tjscan.robot.settings import PlacementTolerance
 
 MIN_PROFILES: Final = 20
 """Fewer say less than the maker does; forty are good."""
@@ -55,6 +55,7 @@ class CrossCheck:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class ArmCalibration:
     """An arm's deviations and the sensor's pose on its flange, found together.
 
@@ -77,9 +78,6 @@ class ArmCalibration:
     undetermined: tuple[UndeterminedDeviation, ...]
     cross_check: CrossCheck
     held_out: Mask
-
-    def __post_init__(self) -> None:
-        self.held_out.flags.writeable = False
 
     @property
     def covariance(self) -> Array:

@@ -24,7 +24,7 @@ from tjscan.calibration.fits.consensus import (
 from tjscan.calibration.fits.line import distances_from_line
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.laser.profile import Profile
 
 MIN_POINTS: Final = 20
@@ -41,6 +41,7 @@ STRAIGHT_PROBABILITY: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class CircleFit:
     """A circle fitted to the arc of points in a profile, frame s.
 
@@ -63,11 +64,6 @@ class CircleFit:
     covariance: Array
     scatter: float
     inlier: NDArray[np.bool_]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "centre_s", readonly_copy(self.centre_s))
-        object.__setattr__(self, "covariance", readonly_copy(self.covariance))
-        self.inlier.flags.writeable = False
 
     @property
     def point_count(self) -> int:

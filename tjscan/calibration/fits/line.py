@@ -21,7 +21,7 @@ from tjscan.calibration.fits.consensus import (
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import PluckerLine, line_through_point
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.laser.profile import Profile
 
 MIN_POINTS: Final = 20
@@ -38,6 +38,7 @@ An assumption: lateral errors of such sensors are smaller than range errors, but
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class LineFit:
     """A straight line fitted to a profile in the laser plane, frame s.
 
@@ -66,11 +67,6 @@ class LineFit:
     scatter: float
     span: float
     inlier: NDArray[np.bool_]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "point_s", readonly_copy(self.point_s))
-        object.__setattr__(self, "direction_s", readonly_copy(self.direction_s))
-        self.inlier.flags.writeable = False
 
     @property
     def point_count(self) -> int:

@@ -8,10 +8,11 @@ import numpy as np
 
 from tjscan.calibration.fits.line import LineFit
 from tjscan.calibration.plucker import PluckerLine, line_through_point
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class LineBundle:
     """Lines on the board stacked with the flange poses they were taken from.
 
@@ -29,10 +30,6 @@ class LineBundle:
     p_b_f: Array
     points_s: Array
     directions_s: Array
-
-    def __post_init__(self) -> None:
-        for name in ("R_b_f", "p_b_f", "points_s", "directions_s"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @property
     def plucker_lines_s(self) -> PluckerLine:

@@ -13,12 +13,13 @@ from tjscan.calibration.fits.roof import fit_roof
 from tjscan.calibration.fits.samples import ArcSample, LineSample, RoofSample
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.profile import Profile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class PosedProfile:
     """A profile of the calibration target, and the flange pose it was taken from.
 
@@ -38,9 +39,6 @@ class PosedProfile:
     T_b_f: Array
     profile: Profile
     q: Array | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "T_b_f", readonly_copy(self.T_b_f))
 
 
 S = TypeVar("S", LineSample, ArcSample, RoofSample)

@@ -24,7 +24,7 @@ from tjscan.calibration.fits.line import (
 )
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.laser.profile import Profile
 
 LINES_TRIED: Final = 5
@@ -44,6 +44,7 @@ CROSSING_POINTS: Final = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class RoofFit:
     """Two lines fitted to the flanks of a roof edge in a profile, frame s.
 
@@ -58,9 +59,6 @@ class RoofFit:
     left: LineFit
     right: LineFit
     edge_s: Array
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "edge_s", readonly_copy(self.edge_s))
 
     @property
     def point_count(self) -> int:

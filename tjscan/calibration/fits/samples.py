@@ -8,12 +8,13 @@ from typing import Generic, TypeVar
 from tjscan.calibration.fits.circle import CircleFit
 from tjscan.calibration.fits.line import LineFit
 from tjscan.calibration.fits.roof import RoofFit
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 
 Fit = TypeVar("Fit", LineFit, CircleFit, RoofFit)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class PosedFit(Generic[Fit]):
     """What was fitted to a profile, and the flange pose it was taken from.
 
@@ -38,11 +39,6 @@ class PosedFit(Generic[Fit]):
     fit: Fit
     by_laser: Array | None = None
     by_arm: Array | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("T_b_f", "by_laser", "by_arm"):
-            value = getattr(self, name)
-            object.__setattr__(self, name, None if value is None else readonly_copy(value))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ from tjscan.calibration.models.plane import PlaneModel
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.solve.refine import covariance_from_information
 from tjscan.calibration.targets import PlaneTarget
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 
 ReachabilityCheck = Callable[[Array], bool]
 """Says whether the flange can be taken to T_b_f, shape (4, 4), without touching anything."""
@@ -26,6 +26,7 @@ the bracket. An assumption; it only keeps the first choices finite."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class HandEyeUncertainty:
     """Expected error of T_f_s, in position and rotation.
 
@@ -36,9 +37,6 @@ class HandEyeUncertainty:
     """
 
     covariance: Array
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "covariance", readonly_copy(self.covariance))
 
     @property
     def position(self) -> float:

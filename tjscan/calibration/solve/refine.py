@@ -11,7 +11,7 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
 from tjscan.calibration.models.combined import CombinedModel, StackedResiduals
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.core.pose_vector import boxplus, left_jacobian
 
 MAX_REWEIGHTINGS: Final = 4
@@ -29,6 +29,7 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class RefinedEstimate:
     """Least-squares estimate of sensor and targets, with its fit and information.
 
@@ -63,12 +64,6 @@ class RefinedEstimate:
     used: Mask
     geometry: float
     prior_information: Array
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "T_f_s", readonly_copy(self.T_f_s))
-        object.__setattr__(self, "target", readonly_copy(self.target))
-        object.__setattr__(self, "covariance", readonly_copy(self.covariance))
-        self.used.flags.writeable = False
 
     @property
     def rows_used(self) -> Mask:

@@ -23,7 +23,7 @@ from tjscan.calibration.solve.design import (
 )
 from tjscan.calibration.targets import PlaneTarget
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, inverse_pose, readonly_copy, unit_vector
+from tjscan.core.frames import Array, frozen_arrays, inverse_pose, unit_vector
 
 EDGE_MARGIN: Final = 5e-3
 """Metres that a line keeps from the board's edges: the mount is not known exactly yet."""
@@ -32,6 +32,7 @@ MIN_LINE_LENGTH: Final = 0.04
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class BoardRectangle:
     """The rectangle of the plane on which lines may lie, frame b.
 
@@ -48,10 +49,6 @@ class BoardRectangle:
     centre_b: Array
     axes_b: Array
     half_sizes: Array
-
-    def __post_init__(self) -> None:
-        for name in ("centre_b", "axes_b", "half_sizes"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     @classmethod
     def through_touched_points(cls, points_b: ArrayLike, target: PlaneTarget) -> BoardRectangle:
@@ -114,6 +111,7 @@ class CandidatePoseGrid:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class SuggestedPose:
     """The flange pose to take the next line from, and the uncertainty expected with and without it.
 
@@ -128,9 +126,6 @@ class SuggestedPose:
     T_b_f: Array
     before: HandEyeUncertainty
     after: HandEyeUncertainty
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "T_b_f", readonly_copy(self.T_b_f))
 
 
 def candidate_poses(

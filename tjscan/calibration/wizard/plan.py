@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from tjscan.calibration.arm_error import FlangeMoves
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.laser.deviation import LaserDeviation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class CalibrationPlan:
     """Plan of a calibration: where board and sensor roughly are, and how many lines to take.
 
@@ -47,7 +48,3 @@ class CalibrationPlan:
     lines: int
     flange_moves: FlangeMoves | None = None
     laser: LaserDeviation | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("T_b_board", "half_sizes", "tip_f", "T_f_s"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))

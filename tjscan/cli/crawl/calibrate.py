@@ -26,12 +26,12 @@ def calibrate(
         Print the calibration as JSON on stdout.
     """
     from tjscan.cli.options.overrides import parse_overrides
-    from tjscan.job.crawl_reading import read_crawl_job
+    from tjscan.job.crawl.job import read_crawl_job
 
     parsed = read_crawl_job(job, parse_overrides(overrides))
     from tjscan.cli.crawl.output import print_slip_calibration, watch_crawl
-    from tjscan.runs.crawl.calibrate import calibrate_slip
-    from tjscan.runs.directory import default_run_directory
+    from tjscan.runs.crawl.run import calibrate_slip
+    from tjscan.runs.run import default_run_directory
 
     directory = out or default_run_directory(job)
     with watch_crawl(parsed, job) as context:

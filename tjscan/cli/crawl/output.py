@@ -17,10 +17,10 @@ from tjscan.cli.output.console import add_text_row, print_message, stderr
 from tjscan.crawler.journal import CombinedCrawlJournal, CrawlCycle
 from tjscan.crawler.sizing import SizeFigure
 from tjscan.crawler.slip_calibration import SlipCalibration
-from tjscan.job.crawl_job import CrawlJob
+from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.report.write import write_run_report
-from tjscan.runs.crawl.results import PASSES, read_passes
+from tjscan.runs.crawl.results import PASSES_FILE, read_passes
 from tjscan.runs.crawl.run import CrawlContext, WeldsAlways
 
 
@@ -65,8 +65,7 @@ def watch_crawl(
     if page is None or not page.live:
         yield context
         return
-    from tjscan.runs.live.hand_drive import PageHandDrive
-    from tjscan.runs.live.vehicle_pages import show_crawl
+    from tjscan.runs.live.crawl import PageHandDrive, show_crawl
 
     hand, stop = PageHandDrive.of_job(job) if page.wait else None, ctrl_c_presser()
     with show_crawl(job, file.stem, page.where, print_message, stop, hand) as shown:
@@ -80,7 +79,7 @@ def print_passes(directory: Path, *, json: bool) -> None:
     if json:
         print(to_json({"directory": str(directory), "passes": rows}, indent=2).decode())
         return
-    _print_rows(rows, f"{directory / PASSES}")
+    _print_rows(rows, f"{directory / PASSES_FILE}")
 
 
 def print_comparison(runs: Mapping[str, Sequence[Mapping[str, str]]], *, json: bool) -> None:

@@ -50,7 +50,7 @@ def run(
     """
     from tjscan.cli.options.overrides import parse_overrides
     from tjscan.core.errors import ConfigurationError
-    from tjscan.job.crawl_reading import read_crawl_job
+    from tjscan.job.crawl.job import read_crawl_job
 
     keys = parse_overrides(overrides) | ({} if method is None else {"method": method})
     if calibration is not None:
@@ -71,9 +71,8 @@ def run(
         raise ConfigurationError("--wait goes with a new crawl: --resume knows where it stands")
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.crawl.output import print_passes, watch_crawl
-    from tjscan.runs.crawl.resume import resume_crawl
-    from tjscan.runs.crawl.run import run_crawl
-    from tjscan.runs.directory import default_run_directory
+    from tjscan.runs.crawl.run import resume_crawl, run_crawl
+    from tjscan.runs.run import default_run_directory
 
     directory = file.parent if resume else out or default_run_directory(file)
     with watch_crawl(parsed, file, page) as context:

@@ -27,7 +27,7 @@ def size(
     from tjscan.cli.crawl.output import print_size
     from tjscan.cli.options.overrides import parse_overrides
     from tjscan.crawler.sizing import size_crawler
-    from tjscan.job.crawl_reading import read_crawl_job
+    from tjscan.job.crawl.job import read_crawl_job
 
     parsed = read_crawl_job(job, parse_overrides(overrides))
     figures = size_crawler(parsed.size, parsed.vehicle.tracks, parsed.steering.least_radius)

@@ -35,6 +35,8 @@ def job_keys_as_options(app: App) -> Iterator[None]:
     """
     with ExitStack() as stack:
         for path, kind in KIND_OF_JOB.items():
+            if path[0] not in app:
+                continue  # its package is not installed
             command = app
             for word in path:
                 command = command[word]

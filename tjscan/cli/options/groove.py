@@ -84,9 +84,9 @@ def groove_settings_for_file(file: Path, options: GrooveReadingOptions | None) -
     from tjscan.core.config import table_to_dict, validate_table
     from tjscan.groove.settings import GrooveSettings
     from tjscan.job import read_scan_job
-    from tjscan.result.directory import JOB
+    from tjscan.result.directory import JOB_FILE
 
-    job = file / JOB
+    job = file / JOB_FILE
     own = table_to_dict(read_scan_job(job).groove) if job.is_file() else {}
     stated = {} if options is None else asdict(options)
     stated = {key: value for key, value in stated.items() if value is not None}

@@ -10,8 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from tjscan.cli.output.console import add_text_row, print_message, stderr
-from tjscan.runs.chain.run import ChainOutcome, mount_error_in_words
-from tjscan.runs.chain.sources import SourceRow
+from tjscan.runs.chain import ChainOutcome, SourceRow, mount_error_in_words
 
 
 def print_sources(rows: Sequence[SourceRow], *, json: bool) -> None:

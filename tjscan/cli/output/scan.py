@@ -10,8 +10,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from tjscan.cli.output.console import add_text_row, print_message, progress_bars, stderr
-from tjscan.result.summary import ScanSummary, summary_to_json
-from tjscan.result.summary_words import summary_in_words
+from tjscan.result.summary import ScanSummary, summary_in_words, summary_to_json
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection

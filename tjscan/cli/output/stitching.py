@@ -10,8 +10,7 @@ from rich.table import Table
 
 from tjscan.cli.output.console import add_text_row, print_message, stderr
 from tjscan.result.stitching import LOOP_OPEN, StitchingReport
-from tjscan.result.summary import ScanSummary
-from tjscan.result.summary_words import uncertainty_lines
+from tjscan.result.summary import ScanSummary, uncertainty_lines
 from tjscan.runs.stations.stitch import StitchedRun
 
 NOTED_MM = 0.05

@@ -12,7 +12,7 @@ from typing import Any
 from rich.progress import TimeRemainingColumn
 
 from tjscan.cli.output.console import print_message, progress_bars
-from tjscan.study.row import StudyRow
+from tjscan.study.trial import StudyRow
 
 
 @contextmanager

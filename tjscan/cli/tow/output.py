@@ -15,12 +15,12 @@ from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.cli.options.page import LiveOptions
 from tjscan.cli.output.console import add_text_row, print_message, stderr
 from tjscan.core.config import add_file_to_errors
-from tjscan.job.tow_cell import make_planner
-from tjscan.job.tow_job import TowJob
-from tjscan.job.tow_sweep import sweep_seam
+from tjscan.job.tow.cell import make_planner
+from tjscan.job.tow.job import TowJob
+from tjscan.job.tow.sweep import sweep_seam
 from tjscan.report.write import write_run_report
-from tjscan.runs.tow.figures import UNITS
-from tjscan.runs.tow.results import FIGURES, read_tow_figures
+from tjscan.runs.tow.figures import FIGURE_UNITS
+from tjscan.runs.tow.results import FIGURES_FILE, read_tow_figures
 from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import CombinedTowJournal, TowCycle
 from tjscan.towing.seam import Seam
@@ -79,7 +79,7 @@ def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext
         if not page.live:
             yield context
             return
-        from tjscan.runs.live.vehicle_pages import show_tow
+        from tjscan.runs.live.tow import show_tow
 
         with show_tow(job, file.stem, page.where, print_message, ctrl_c_presser()) as shown:
             both = CombinedTowJournal((context.journal, shown))
@@ -126,9 +126,9 @@ def print_figures(directory: Path, *, json: bool) -> None:
     if json:
         print(to_json({"directory": str(directory), "figures": figures}, indent=2).decode())
         return
-    table = Table("figure", "value", title=str(directory / FIGURES))
+    table = Table("figure", "value", title=str(directory / FIGURES_FILE))
     for name, value in figures.items():
         if value is not None:
             text = f"{value:.4g}" if isinstance(value, float) else str(value)
-            add_text_row(table, UNITS[name][0], f"{text} {UNITS[name][1]}".strip())
+            add_text_row(table, FIGURE_UNITS[name][0], f"{text} {FIGURE_UNITS[name][1]}".strip())
     stderr.print(table)

@@ -41,7 +41,7 @@ def run(
     """
     from tjscan.cli.options.overrides import parse_overrides
     from tjscan.core.errors import ConfigurationError
-    from tjscan.job.tow_reading import read_tow_job
+    from tjscan.job.tow.checks import read_tow_job
 
     keys = parse_overrides(overrides) | ({} if method is None else {"method": method})
     file = job / "job.toml" if resume else job
@@ -56,7 +56,7 @@ def run(
     page.check()
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.tow.output import print_figures, print_sweep, watch_tow
-    from tjscan.runs.directory import default_run_directory
+    from tjscan.runs.run import default_run_directory
     from tjscan.runs.tow.run import resume_tow, run_tow
 
     if dry_run:

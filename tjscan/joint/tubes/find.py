@@ -1,6 +1,6 @@
-"""Leg and brace found in a cloud of which nothing else is known.
+"""Leg and brace found in a cloud about which nothing else is known.
 
-A normal comes from a triple of neighbouring points, also where the cloud consists of scan lines,
+A normal comes from a triple of neighbouring points, also if the cloud consists of scan lines,
 whose neighbours across are far. Two points with normals make a cylinder; many are tried, those
 that explain most points are refined and the best is kept. The second tube is sought in the points
 that the first one leaves over.
@@ -16,33 +16,32 @@ from scipy.spatial import KDTree
 
 from tjscan.core.errors import TubesNotFound
 from tjscan.core.frames import Array
-from tjscan.joint.tubes.cylinder import Cylinder
-from tjscan.joint.tubes.cylinder_fit import fit_cylinder, refine_cylinder
+from tjscan.joint.tubes.cylinder import Cylinder, fit_cylinder, refine_cylinder
 from tjscan.joint.tubes.fit import FittedTubes
 from tjscan.joint.tubes.frame import LEAST_AXES_ANGLE
 
-VOXELS: Final = 70
-"""Voxels along the cloud's diagonal, of each of which one point is used."""
+VOXELS_ALONG_DIAGONAL: Final = 70
+"""Voxels along the cloud's diagonal, one point of each of which is used."""
 
-NEIGHBOURS: Final = 24
-TRIALS: Final = 4000
-REFINED: Final = 24
+NORMAL_NEIGHBOURS: Final = 24
+CYLINDER_TRIALS: Final = 4000
+REFINED_TRIALS: Final = 24
 """How many of the best trials are refined."""
 
 MOST_POLISHED: Final = 30_000
 """Points that the tubes are settled on in the end; more would not make ten numbers surer."""
 
-REACH: Final = 0.02
+TRIAL_REACH: Final = 0.02
 """Share of the radius within which points count for a trial."""
 
-ON_TUBE: Final = 1.5e-3
+ON_TUBE_DISTANCE: Final = 1.5e-3
 """Metres from a tube within which points lie on it, in the end: allows for a tube out of round."""
 
-SCALE: Final = 0.2 * ON_TUBE
+LOSS_SCALE: Final = 0.2 * ON_TUBE_DISTANCE
 """Metres from a tube beyond which points lose weight while it is sought."""
 
 LEAST_SHARE: Final = 0.08
-"""Of the cloud, that has to lie on either tube."""
+"""Of the cloud, that must be on either tube."""
 
 LEAST_RADIUS: Final = 0.02
 MOST_RADIUS: Final = 5.0
@@ -78,21 +77,25 @@ def find_tubes_in_cloud(points: Array, *, seed: int = 0) -> FittedTubes:
         raise TubesNotFound(f"{len(points)} points are too few to find two tubes in")
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-    voxels = np.asarray(cloud.voxel_down_sample(diagonal / VOXELS).points)
+    voxels = np.asarray(cloud.voxel_down_sample(diagonal / VOXELS_ALONG_DIAGONAL).points)
     # Means of voxels lie off curved walls; their nearest points lie on them.
     thin = points[np.unique(KDTree(points).query(voxels)[1])]
     rng = np.random.default_rng(seed)
     first = _best(thin, thin, rng, None)
-    rest = thin[np.abs(first.signed_distances(thin)) > 2 * ON_TUBE]
+    rest = thin[np.abs(first.signed_distances(thin)) > 2 * ON_TUBE_DISTANCE]
     second = _best(rest, thin, rng, first)
     # Each again on the points that are its own.
     apart = np.abs(np.stack((first.signed_distances(thin), second.signed_distances(thin))))
-    first, _ = fit_cylinder(first, thin[(apart[0] < ON_TUBE) & (apart[1] > 3 * ON_TUBE)], SCALE)
-    second, _ = fit_cylinder(second, thin[(apart[1] < ON_TUBE) & (apart[0] > 3 * ON_TUBE)], SCALE)
+    first, _ = fit_cylinder(
+        first, thin[(apart[0] < ON_TUBE_DISTANCE) & (apart[1] > 3 * ON_TUBE_DISTANCE)], LOSS_SCALE
+    )
+    second, _ = fit_cylinder(
+        second, thin[(apart[1] < ON_TUBE_DISTANCE) & (apart[0] > 3 * ON_TUBE_DISTANCE)], LOSS_SCALE
+    )
     chosen = points[:: max(1, len(points) // MOST_POLISHED)]
     first, second = refine_cylinder(first, chosen), refine_cylinder(second, chosen)
     brace, leg = sorted((first, second), key=lambda tube: tube.radius)
-    if leg.radius - brace.radius < ON_TUBE:
+    if leg.radius - brace.radius < ON_TUBE_DISTANCE:
         raise TubesNotFound(
             f"both tubes are {2e3 * leg.radius:.1f} mm wide: which one is the leg stays open"
         )
@@ -104,7 +107,7 @@ def _best(
 ) -> Cylinder:
     """The cylinder that explains most points, refined."""
     which = "first" if other is None else "second"
-    if len(points) < LEAST_SHARE * len(everything) or len(points) <= NEIGHBOURS:
+    if len(points) < LEAST_SHARE * len(everything) or len(points) <= NORMAL_NEIGHBOURS:
         raise TubesNotFound(f"nothing is left of the cloud in which a {which} tube could be")
     centres, axes, radii = _trials(points, rng)
     if other is not None:
@@ -116,14 +119,16 @@ def _best(
     q = sample[None] - centres[:, None]
     along = np.einsum("tpk,tk->tp", q, axes)
     off = np.sqrt(np.maximum(np.einsum("tpk,tpk->tp", q, q) - along**2, 0)) - radii[:, None]
-    votes = np.maximum(1 - (off / (REACH * radii[:, None])) ** 2, 0).sum(axis=1)
+    votes = np.maximum(1 - (off / (TRIAL_REACH * radii[:, None])) ** 2, 0).sum(axis=1)
     best, most = None, 0
-    for trial in np.argsort(-votes, kind="stable")[:REFINED]:
+    for trial in np.argsort(-votes, kind="stable")[:REFINED_TRIALS]:
         rough = Cylinder(centres[trial], axes[trial], float(radii[trial]))
-        near = points[np.abs(rough.signed_distances(points)) < 2 * REACH * rough.radius]
-        refined, held = fit_cylinder(rough, near, SCALE)
+        near = points[np.abs(rough.signed_distances(points)) < 2 * TRIAL_REACH * rough.radius]
+        refined, held = fit_cylinder(rough, near, LOSS_SCALE)
         held = held and (other is None or bool(_cross(refined.axis, other)))
-        supporters = int((np.abs(refined.signed_distances(points)) < ON_TUBE).sum()) if held else 0
+        supporters = (
+            int((np.abs(refined.signed_distances(points)) < ON_TUBE_DISTANCE).sum()) if held else 0
+        )
         if supporters > most and LEAST_RADIUS < refined.radius < MOST_RADIUS:
             best, most = refined, supporters
     if best is None or most < LEAST_SHARE * len(everything):
@@ -137,17 +142,17 @@ def _best(
 
 def _trials(points: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """Cylinders through pairs of places: points on the axes, axes and radii."""
-    around = np.asarray(KDTree(points).query(points, k=NEIGHBOURS + 1)[1])
-    place = rng.integers(len(points), size=2 * TRIALS)
-    pick = 1 + rng.permuted(np.tile(np.arange(NEIGHBOURS), (len(place), 1)), axis=1)[:, :2]
+    around = np.asarray(KDTree(points).query(points, k=NORMAL_NEIGHBOURS + 1)[1])
+    place = rng.integers(len(points), size=2 * CYLINDER_TRIALS)
+    pick = 1 + rng.permuted(np.tile(np.arange(NORMAL_NEIGHBOURS), (len(place), 1)), axis=1)[:, :2]
     triple = points[np.column_stack((place, np.take_along_axis(around[place], pick, axis=1)))]
     normals = np.cross(triple[:, 1] - triple[:, 0], triple[:, 2] - triple[:, 0])
     size = np.linalg.norm(normals, axis=1)
     spread = np.linalg.norm(triple[:, 1:] - triple[:, :1], axis=2).prod(axis=1)
-    p, q = triple.mean(axis=1).reshape(2, TRIALS, 3)
+    p, q = triple.mean(axis=1).reshape(2, CYLINDER_TRIALS, 3)
     normals /= np.maximum(size, 1e-300)[:, None]
-    n, m = normals.reshape(2, TRIALS, 3)
-    stout = (size > 0.2 * spread).reshape(2, TRIALS).all(axis=0)
+    n, m = normals.reshape(2, CYLINDER_TRIALS, 3)
+    stout = (size > 0.2 * spread).reshape(2, CYLINDER_TRIALS).all(axis=0)
     axes = np.cross(n, m)
     sine = np.linalg.norm(axes, axis=1)
     axes /= np.maximum(sine, 1e-300)[:, None]
@@ -175,7 +180,7 @@ def _with_covariance(brace: Cylinder, leg: Cylinder, points: Array) -> FittedTub
     covariance, total, count = np.zeros((10, 10)), 0.0, 0
     for tube, at in ((brace, slice(0, 5)), (leg, slice(5, 10))):
         off = tube.signed_distances(points)
-        on = np.abs(off) < ON_TUBE
+        on = np.abs(off) < ON_TUBE_DISTANCE
         jacobian = tube.jacobian(points[on])
         square = float(off[on] @ off[on])
         covariance[at, at] = np.linalg.inv(jacobian.T @ jacobian) * square / max(on.sum() - 5, 1)

@@ -11,15 +11,72 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.errors import TubesNotFound
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.core.robust import mad_sigma, tukey_weights
 from tjscan.joint.tubes.cylinder import Cylinder
-from tjscan.joint.tubes.walls import ArmRepeatability, WallPoints
+
+
+@dataclass(frozen=True, slots=True)
+class ArmRepeatability:
+    """Errors of the flange's pose that an arm reports; all points of a view share them.
+
+    The defaults are the assumption that the simulated arm is made of (`tjscan.robot.simulated`).
+
+    Parameters
+    ----------
+    position, angle : float
+        Root mean square of the distance (metres) and of the angle (radians) between where the
+        flange is and where the arm reports it.
+    """
+
+    position: float = 5e-5
+    angle: float = 1e-4
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of translation and rotation vector of the flange, shape (6, 6)."""
+        return np.diag(np.repeat(np.square([self.position, self.angle]) / 3, 3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
+class WallPoints:
+    """Points on the walls of brace and leg, by view, with their standard deviations.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Metres, in the frame of the arm's poses.
+    on_brace : ndarray, shape (n,)
+        True on the brace, False on the leg.
+    sigma : ndarray, shape (n,)
+        Standard deviation of each point by itself along the wall's normal, metres.
+    view : ndarray, shape (n,)
+        Which view each was seen in, from 0.
+    pivots : ndarray, shape (m, 3)
+        Where the flange was in each of m views.
+    """
+
+    points: Array
+    on_brace: NDArray[np.bool_]
+    sigma: Array
+    view: NDArray[np.intp]
+    pivots: Array
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def indices_by_view(self) -> list[NDArray[np.intp]]:
+        """Indices of the points of each view that has any."""
+        order = np.argsort(self.view, kind="stable")
+        return np.split(order, np.flatnonzero(np.diff(self.view[order])) + 1)
+
 
 MOST_ROUNDS: Final = 60
-STILL: Final = 1e-9
+CONVERGED_STEP: Final = 1e-9
 """Metres and radians that no parameter moves by any more when a fit ends."""
 
 LEAST_WEIGHT: Final = 1e-6
@@ -28,6 +85,7 @@ FEWEST_VIEWS: Final = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class FittedTubes:
     """Brace and leg as fitted cylinders, with their covariance.
 
@@ -36,15 +94,15 @@ class FittedTubes:
     brace, leg : Cylinder
         In the frame of the points.
     covariance : ndarray, shape (10, 10)
-        Of `Cylinder.boxplus`'s numbers of the brace, then of the leg. It is scaled up where the
-        points lie farther from cylinders than their errors explain, as on tubes out of round.
+        Of `Cylinder.boxplus`'s numbers of the brace, then of the leg. It is scaled up if the
+        points are farther from cylinders than their errors explain, as on tubes out of round.
     reduced_chi2 : float
-        Chi-squared over what is expected of it; about 1 where the tubes are round and the stated
+        Chi-squared over what is expected of it; about 1 if the tubes are round and the stated
         errors true.
     rms : float
         Of the points that count, about the cylinders, metres.
     by_points : ndarray, shape (n, 10, 3)
-        How these numbers change as each wall point moves. Empty where points have no views.
+        How these numbers change as each wall point moves. Empty if points have no views.
     """
 
     brace: Cylinder
@@ -53,10 +111,6 @@ class FittedTubes:
     reduced_chi2: float
     rms: float
     by_points: Array = field(default_factory=lambda: np.zeros((0, 10, 3)))
-
-    def __post_init__(self) -> None:
-        for name in ("covariance", "by_points"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 def fit_tubes_to_walls(
@@ -109,7 +163,7 @@ def fit_tubes_to_walls(
                 "the walls that were seen leave leg or brace free to move: scan farther round"
             )
         brace, leg = brace.boxplus(step[:5]), leg.boxplus(step[5:])
-        if count > 1 and np.abs(step).max() < STILL:
+        if count > 1 and np.abs(step).max() < CONVERGED_STEP:
             break
     counted = weights > 0.1
     reduced_chi2 = float(white[:, -1] @ white[:, -1]) / max(int(counted.sum()) - 10, 1)
@@ -165,3 +219,50 @@ def _factor(shared: Array, own: Array, common: Array) -> Array:
 def _robust_weights(standardised: Array) -> Array:
     """Tukey's weights; the kernel widens where most residuals are larger than stated."""
     return tukey_weights(standardised / max(1.0, mad_sigma(standardised)), LEAST_WEIGHT)
+
+
+def dihedral_angles(brace: Cylinder, leg: Cylinder, points: Array) -> Array:
+    """Angle between the outer walls of brace and leg where they meet, in the plane square to both.
+
+    180° less the angle between the outward normals: 90° at the crown of a T-joint, more towards
+    its saddle.
+
+    Parameters
+    ----------
+    brace, leg : Cylinder
+        In one frame.
+    points : ndarray, shape (n, 3)
+        At or beside the line where they meet, metres.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Radians.
+    """
+    cosines = np.sum(brace.normals(points) * leg.normals(points), axis=1)
+    return np.asarray(np.pi - np.arccos(np.clip(cosines, -1, 1)))
+
+
+def dihedral_sigmas(tubes: FittedTubes, points: Array, step: float = 1e-6) -> Array:
+    """Standard deviations of `dihedral_angles` by the tubes' covariance, shape (n,), radians.
+
+    Parameters
+    ----------
+    tubes : FittedTubes
+        Brace and leg.
+    points : ndarray, shape (n, 3)
+        Metres.
+    step : float
+        By which each number of a tube is changed for the derivatives: metres or radians.
+    """
+    columns = []
+    for change in step * np.eye(10):
+        up, down = (
+            dihedral_angles(
+                tubes.brace.boxplus(sign * change[:5]), tubes.leg.boxplus(sign * change[5:]), points
+            )
+            for sign in (1, -1)
+        )
+        columns.append((up - down) / (2 * step))
+    jacobian = np.column_stack(columns)
+    return np.asarray(np.sqrt(np.sum((jacobian @ tubes.covariance) * jacobian, axis=1)))

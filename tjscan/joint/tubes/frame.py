@@ -10,7 +10,7 @@ import numpy as np
 
 from tjscan.core import pose_vector
 from tjscan.core.errors import TubesNotFound
-from tjscan.core.frames import Array, inverse_pose, pose, readonly_copy, unit_vector
+from tjscan.core.frames import Array, frozen_arrays, inverse_pose, pose, unit_vector
 from tjscan.joint.tubes.cylinder import Cylinder
 from tjscan.joint.tubes.fit import FittedTubes
 
@@ -47,6 +47,7 @@ class TubeDimensions:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class JointFrame:
     """Frame j as fitted tubes define it: its pose and covariance.
 
@@ -67,10 +68,6 @@ class JointFrame:
     shape: TubeDimensions
     covariance: Array
     by_points: Array = field(default_factory=lambda: np.zeros((0, 10, 3)))
-
-    def __post_init__(self) -> None:
-        for name in ("T", "covariance", "by_points"):
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
 
 def joint_frame_from_tubes(tubes: FittedTubes, towards: Array) -> JointFrame:
@@ -117,7 +114,7 @@ def joint_pose_from_cylinders(
     brace, leg : Cylinder
         In one frame; the brace's `point` lies on the brace's side of the leg.
     towards : ndarray, shape (3,)
-        The side that x points to where the brace is upright, see `joint_frame_from_tubes`.
+        The side that x points to if the brace is upright, see `joint_frame_from_tubes`.
 
     Returns
     -------

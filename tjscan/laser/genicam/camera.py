@@ -20,13 +20,13 @@ from tjscan.core.errors import (
     ProfileStale,
 )
 from tjscan.laser.genicam.clock import HostInterval, host_time_of_exposure
+from tjscan.laser.genicam.driver import FeatureValue
 from tjscan.laser.genicam.messages import (
     ConnectedLaser,
     ReceivedBlock,
     StatedAxis,
     StreamSetup,
 )
-from tjscan.laser.genicam.settings import FeatureValue
 
 DISCOVERY_MS: Final = (100, 300, 900)
 """Milliseconds to wait for lasers to answer each broadcast, until one that does not is given up.
@@ -40,16 +40,16 @@ IN_USE_PATIENCE: Final = 3.2
 CLOCK_READINGS: Final = 10
 """Readings of a laser's clock, of which two have to differ; together they take milliseconds."""
 
-TRIGGERS: Final = ("FrameStart", "LineStart", "FrameBurstStart")
+TRIGGER_SELECTORS: Final = ("FrameStart", "LineStart", "FrameBurstStart")
 """What a trigger may start, the first that there is."""
 
-PREFERRED: Final = ("Coord3D_AC16", "Coord3D_AC32f", "Coord3D_C16")
+PREFERRED_FORMATS: Final = ("Coord3D_AC16", "Coord3D_AC32f", "Coord3D_C16")
 
 # GigE Vision's bootstrap registers, which every device has at the same place.
 VENDOR, MODEL, VERSION, SERIAL = (0x48, 32), (0x68, 32), (0x88, 32), (0xD8, 16)
 TICKS_PER_SECOND, TIME_CONTROL, LATCHED_TIME = 0x93C, 0x944, 0x948
 PRIVILEGE, PACKET_SIZE = 0xA00, 0xD04
-LATCH: Final = (2).to_bytes(4, "big")
+LATCH_COMMAND: Final = (2).to_bytes(4, "big")
 
 GenicamError: Any = viva_genicam.GenicamError
 
@@ -176,7 +176,9 @@ class GenicamClient:
         self._stream = self._camera = None
 
     def explain(self, error: Exception) -> LaserFault:
-        """What an error of the library means."""
+        """Fault that an error means: a fault itself, or one that the library raised."""
+        if isinstance(error, LaserFault):
+            return error
         said = str(error)
         if "ACCESS_DENIED" in said or "control of the camera was lost" in said:
             if self._is_held_by_another():
@@ -246,7 +248,7 @@ class GenicamClient:
 
     def _choose_format(self, wanted: str | None) -> str:
         there = self._camera.available_enum_entries("PixelFormat")
-        candidates = PREFERRED if wanted is None else (wanted,)
+        candidates = PREFERRED_FORMATS if wanted is None else (wanted,)
         chosen = next((name for name in candidates if name in there), None)
         if chosen is None:
             raise ProfileFormatRefused(
@@ -258,7 +260,7 @@ class GenicamClient:
 
     def _choose_trigger(self) -> str:
         there = self._read("TriggerSelector", self._camera.available_enum_entries) or ()
-        return next((name for name in TRIGGERS if name in there), TRIGGERS[0])
+        return next((name for name in TRIGGER_SELECTORS if name in there), TRIGGER_SELECTORS[0])
 
     def _set(self, name: str, value: FeatureValue) -> None:
         text = str(value).lower() if isinstance(value, bool) else str(value)
@@ -301,7 +303,7 @@ class GenicamClient:
         readings = set()
         for _ in range(CLOCK_READINGS):
             with suppress(GenicamError):
-                self._camera.write_register(TIME_CONTROL, LATCH)
+                self._camera.write_register(TIME_CONTROL, LATCH_COMMAND)
                 readings.add(self._camera.read_register(LATCHED_TIME, 8))
         return len(readings) > 1
 
@@ -318,7 +320,7 @@ class GenicamClient:
             self._camera.acquisition_start()
             return 0, HostInterval(0.0, 0.0)
         before = time.monotonic()
-        self._camera.write_register(TIME_CONTROL, LATCH)
+        self._camera.write_register(TIME_CONTROL, LATCH_COMMAND)
         after = time.monotonic()
         return int.from_bytes(self._camera.read_register(LATCHED_TIME, 8)), HostInterval(
             before, after

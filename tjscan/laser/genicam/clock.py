@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-DRIFT: Final = 1e-4
+CLOCK_DRIFT: Final = 1e-4
 """How much two clocks may differ in rate: quartz is within 50 parts in a million."""
 
 
@@ -51,7 +51,7 @@ def host_time_of_exposure(ticks: int, ticks_per_second: int, read: HostInterval)
         When the laser's clock was read.
     """
     later = ticks / ticks_per_second
-    spread = DRIFT * abs(later)
+    spread = CLOCK_DRIFT * abs(later)
     return HostInterval(read.begin + later - spread, read.end + later + spread)
 
 

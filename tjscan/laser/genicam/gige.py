@@ -6,15 +6,22 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from types import TracebackType
-from typing import Final, Self
+from typing import Final, Self, TypeVar
 
 from tjscan.core.devices import DeviceIdentity, EventListener
-from tjscan.core.errors import LaserFault, ProfileFormatRefused, WrongLaser
+from tjscan.core.errors import (
+    LaserFault,
+    LaserNotResponding,
+    ProfileFormatRefused,
+    WrongLaser,
+)
+from tjscan.core.process import ClientClosed, ClientDied, ClientProcess, ClientSilent
 from tjscan.laser.genicam.clock import HostInterval, cell_time_of_exposure
-from tjscan.laser.genicam.link import GenicamProcess
+from tjscan.laser.genicam.driver import GigeSettings
 from tjscan.laser.genicam.messages import ConnectedLaser, ReceivedBlock, StreamSetup
-from tjscan.laser.genicam.settings import GigeSettings
 from tjscan.laser.profile import Profile
+
+T = TypeVar("T")
 
 ANSWER_SLACK: Final = 2.0
 """Seconds beyond its own time-outs that the client's process may take on a busy machine."""
@@ -39,7 +46,7 @@ class GigeLaser(ABC):
 
     def __init__(self, gige: GigeSettings, time: Callable[[], float]) -> None:
         self._gige, self._time = gige, time
-        self._process: GenicamProcess | None = None
+        self._process: ClientProcess | None = None
         self._listener: EventListener = lambda name, detail: None
         self._known: DeviceIdentity | None = None
         self._laser: ConnectedLaser | None = None
@@ -57,9 +64,9 @@ class GigeLaser(ABC):
             If its numbers can't be turned into millimetres.
         """
         table = self._gige
-        self._process = GenicamProcess()
+        self._process = ClientProcess("tjscan.laser.genicam.client")
         try:
-            self._laser = self._process.call(
+            self._laser = self._call(
                 ConnectedLaser,
                 "connect",
                 limit=table.connect_limit,
@@ -85,7 +92,7 @@ class GigeLaser(ABC):
         """Give the laser back, and end the client's process whatever it is doing."""
         process, self._process = self._process, None
         if process is not None:
-            process.close(give_back=GIVE_BACK)
+            process.close(patience=GIVE_BACK)
 
     @property
     def identity(self) -> DeviceIdentity:
@@ -126,7 +133,7 @@ class GigeLaser(ABC):
         before = time.monotonic()
         cell = self._time()
         read = HostInterval(before, time.monotonic())
-        block = self._client.call(
+        block = self._call(
             ReceivedBlock,
             "capture",
             limit=table.attempts * table.timeout + ANSWER_SLACK,
@@ -179,10 +186,39 @@ class GigeLaser(ABC):
         )
 
     @property
-    def _client(self) -> GenicamProcess:
+    def _client(self) -> ClientProcess:
         if self._process is None:
             raise LaserFault("the laser is not connected: capture inside a `with` block")
         return self._process
+
+    def _call(self, kind: type[T], name: str, *, limit: float, **arguments: object) -> T:
+        """Call a method of `camera.GenicamClient` in its process, and return what it returns.
+
+        Raises
+        ------
+        LaserNotResponding
+            If it does not answer in time, or died. It is ended then.
+        LaserFault
+            What the method raised.
+        """
+        try:
+            answer = self._client.ask(name, limit=limit, **arguments)
+        except ClientClosed:
+            raise LaserNotResponding(
+                "the connection to the laser has ended. Connect again."
+            ) from None
+        except ClientDied as died:
+            raise LaserNotResponding(f"the laser's client has ended.{died} Start again.") from None
+        except ClientSilent:
+            raise LaserNotResponding(
+                f"the laser did not answer within {limit:.2g} s ({name}). See that it is on and "
+                "its network cable sits, then start again."
+            ) from None
+        if isinstance(answer.failure, LaserFault):
+            raise answer.failure
+        if not isinstance(answer.value, kind):
+            raise LaserFault(f"{name} gave {answer.value!r}")
+        return answer.value
 
     def _check_identity(self, found: DeviceIdentity) -> None:
         if self._gige.serial is not None and found.serial != self._gige.serial:

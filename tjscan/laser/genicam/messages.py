@@ -1,4 +1,4 @@
-"""What the main process and the process of the client library say to each other."""
+"""Values that the main process and the client's process exchange."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from tjscan.core.devices import DeviceIdentity
-from tjscan.core.errors import LaserFault
-from tjscan.laser.genicam.settings import Trigger
+from tjscan.laser.genicam.driver import Trigger
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,41 +129,3 @@ class ReceivedBlock:
     exposed: float
     uncertainty: float
     attempts: int
-
-
-@dataclass(frozen=True, slots=True)
-class LaserRequest:
-    """A method of the client to call.
-
-    Parameters
-    ----------
-    number : int
-        What the answer repeats.
-    name : str
-        Of the method.
-    arguments : mapping
-        By their names.
-    """
-
-    number: int
-    name: str
-    arguments: Mapping[str, object]
-
-
-@dataclass(frozen=True, slots=True)
-class LaserAnswer:
-    """What the method returned, or the fault it ended in.
-
-    Parameters
-    ----------
-    number : int
-        Of the request.
-    value : object
-        What it returned.
-    fault : LaserFault or None
-        What it raised.
-    """
-
-    number: int
-    value: object = None
-    fault: LaserFault | None = None

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from tjscan.laser.genicam.driver import ScanControlSettings
 from tjscan.laser.genicam.gige import GigeLaser
 from tjscan.laser.genicam.messages import ConnectedLaser, ReceivedBlock, StreamSetup
-from tjscan.laser.genicam.settings import ScanControlSettings
 from tjscan.laser.line_laser import LaserDescription
 from tjscan.laser.profile import Profile
 from tjscan.laser.scancontrol import (
-    GREATEST,
-    SCALES,
-    ZERO,
+    GREATEST_RAW,
+    MODEL_SCALES,
+    RAW_ZERO,
     ScanControlLayout,
     ScanControlScale,
     parse_scancontrol,
@@ -53,13 +53,13 @@ class ScanControlLaser(GigeLaser):
         table = self.settings
         if table.scale is not None and table.offset is not None:
             return ScanControlScale(table.scale, table.offset)
-        return SCALES[str(table.model)]
+        return MODEL_SCALES[str(table.model)]
 
     def describe(self) -> LaserDescription:
         """Describe the laser and its link; raises as `connected` does."""
         table, scale = self.settings, self.scale
-        raw = (GREATEST - 1, 0) if table.flip_z else (1, GREATEST)  # 0 as sent is no point
-        near, far = (scale.scale * (end - ZERO) + scale.offset for end in sorted(raw))
+        raw = (GREATEST_RAW - 1, 0) if table.flip_z else (1, GREATEST_RAW)  # 0 as sent is no point
+        near, far = (scale.scale * (end - RAW_ZERO) + scale.offset for end in sorted(raw))
         return LaserDescription(
             link=self._link(self._layout.row_bytes),
             format=f"{table.layout} profiles, {table.points} points, {1e3 * scale.scale:g} mm a "

@@ -16,21 +16,19 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, Final
 
+from tjscan.core.process import ClientAnswer, ClientRequest
 from tjscan.core.signals import ignore_ctrl_c
 from tjscan.robot.ur.messages import (
     HOST_GONE,
     WATCHDOG_PERIOD,
-    ClientAnswer,
-    ClientRequest,
     ControllerState,
     SixNumbers,
 )
-from tjscan.robot.ur.silence import LongestSilence
 
 RTDE_HZ: Final = 125.0
 """Hz at which the controller publishes to this client: what every controller can do."""
 
-OUTPUTS: Final = [
+STATE_OUTPUTS: Final = [
     "timestamp",
     "actual_q",
     "actual_qd",
@@ -51,6 +49,35 @@ STOP_DECELERATION: Final = 2.0
 UNFOLLOWED_LIMIT: Final = WATCHDOG_PERIOD
 """Seconds for which a move may go unfollowed: as long as the controller waits for this process."""
 
+SILENCE_MEMORY: Final = 10.0
+"""Seconds for which a silence is remembered: longer than its consequences take to be seen."""
+
+
+class LongestSilence:
+    """Longest time between two signs of life, of those that ended lately or last until now.
+
+    Parameters
+    ----------
+    moment : float
+        When it begins, in seconds on a clock that never jumps.
+    """
+
+    def __init__(self, moment: float) -> None:
+        self._last = moment
+        self._ended: list[tuple[float, float]] = []  # when, and how long: ever shorter ones
+
+    def note_sign_of_life(self, moment: float) -> None:
+        """Note that there was a sign of life at this moment."""
+        length, self._last = moment - self._last, moment
+        self._ended = [
+            (end, gap) for end, gap in self._ended if moment - end < SILENCE_MEMORY and gap > length
+        ] + [(moment, length)]
+
+    def longest(self, moment: float) -> float:
+        """Longest silence of the last seconds until this moment, in seconds."""
+        lately = [gap for end, gap in self._ended if moment - end < SILENCE_MEMORY]
+        return max([moment - self._last, *lately])
+
 
 class RtdeClient:
     """Client of a Universal Robots controller over RTDE: one link to command, one to receive."""
@@ -70,10 +97,10 @@ class RtdeClient:
         from rtde_receive import RTDEReceiveInterface
 
         try:
-            self._receive = RTDEReceiveInterface(host, RTDE_HZ, OUTPUTS + PAYLOAD_OUTPUTS)
+            self._receive = RTDEReceiveInterface(host, RTDE_HZ, STATE_OUTPUTS + PAYLOAD_OUTPUTS)
         except (RuntimeError, ValueError):
             self._reports_payload = False
-            self._receive = RTDEReceiveInterface(host, RTDE_HZ, OUTPUTS)
+            self._receive = RTDEReceiveInterface(host, RTDE_HZ, STATE_OUTPUTS)
         self._control = RTDEControlInterface(host, RTDE_HZ)
         self._received = LongestSilence(time.monotonic())
 
@@ -218,12 +245,7 @@ def serve_main_process(connection: Connection, client: RtdeClient) -> None:
             client.stop_arm_and_script()
             return
         try:
-            value = getattr(client, request.name)(*request.arguments)
-            answer = ClientAnswer(request.number, value)
-        except Exception as error:  # the library raises what it likes; the main process judges
-            answer = ClientAnswer(request.number, None, str(error) or type(error).__name__)
-        try:
-            connection.send(answer)
+            connection.send(request.answered_by(client, _in_words))
         except OSError:
             continue  # the main process is gone: the next poll finds out
         client.feed_watchdog()
@@ -232,12 +254,16 @@ def serve_main_process(connection: Connection, client: RtdeClient) -> None:
     refuse_requests(connection)
 
 
+def _in_words(error: Exception) -> str:
+    return str(error) or type(error).__name__
+
+
 def refuse_requests(connection: Connection) -> None:
     """Refuse all further requests, with the reason, until the main process is gone."""
     with suppress(EOFError, OSError):
         while True:
             request: ClientRequest = connection.recv()
-            connection.send(ClientAnswer(request.number, None, HOST_GONE))
+            connection.send(ClientAnswer(request.number, failure=HOST_GONE))
 
 
 def main() -> None:

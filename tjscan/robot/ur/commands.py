@@ -16,16 +16,16 @@ from tjscan.robot.ur.session import ControllerSession
 NO_LENGTH: Final = 1e-6
 """Metres: a shorter line is none."""
 
-SWING: Final = 0.005
+LARGEST_SWING: Final = 0.005
 """Metres that the flange may swing aside while it turns on the spot, within any margin."""
 
 OTHER_CONFIGURATION: Final = 0.1
 """Radians between the controller's inverse and ours, beyond calibration."""
 
-FASTEST: Final = 3.0
+FASTEST_JOINT: Final = 3.0
 """rad/s: the client library refuses more than 3.14."""
 
-QUICKEST: Final = 39.0
+LARGEST_ACCELERATION: Final = 39.0
 """rad/s²: the client library refuses more than 40."""
 
 
@@ -87,7 +87,10 @@ def joint_command(session: ControllerSession, path: JointTrajectory, T_b_f: Arra
         raise TargetRefused("it finds no configuration near the one planned.", T_b_f)
     speed, acceleration = _bounds(path, float(np.abs(goal - path.q[0]).max()))
     return MoveCommand(
-        "move_joint", tuple(q.tolist()), min(speed, FASTEST), min(acceleration, QUICKEST)
+        "move_joint",
+        tuple(q.tolist()),
+        min(speed, FASTEST_JOINT),
+        min(acceleration, LARGEST_ACCELERATION),
     )
 
 
@@ -97,7 +100,7 @@ def _turn_command(
     """A line without length: a speed of the flange bounds no turn, speeds of joints do."""
     straight = path.q[0] + np.linspace(0, 1, 9)[:, None] * (path.q[-1] - path.q[0])
     places = np.array([kinematics.forward(q)[:3, 3] for q in straight])
-    if np.linalg.norm(places - places[0], axis=1).max() > SWING:
+    if np.linalg.norm(places - places[0], axis=1).max() > LARGEST_SWING:
         raise TargetRefused(
             "a turn this wide on the spot would swing the flange aside; turn in parts.", T_b_f
         )

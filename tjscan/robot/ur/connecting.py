@@ -22,19 +22,23 @@ from tjscan.core.errors import (
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.dashboard import DashboardClient
+from tjscan.robot.ur.driver import UrSettings
 from tjscan.robot.ur.faults import connection_start_fault, fault_from_state
-from tjscan.robot.ur.link import ClientLibraryError, ClientProcess
 from tjscan.robot.ur.messages import ControllerState
-from tjscan.robot.ur.session import ControllerSession, not_ready_fault
-from tjscan.robot.ur.settings import UrSettings
+from tjscan.robot.ur.session import (
+    ClientLibraryError,
+    ControllerSession,
+    UrClientProcess,
+    not_ready_fault,
+)
 
 Pause = Callable[[], object]
 """Waits a moment, or until somebody stops the arm."""
 
-STARTS: Final = 2.0
+SETTING_LIMIT: Final = 2.0
 """Seconds within which a program starts or ends, and a value that was set is shown."""
 
-SAME: Final = 1e-6
+READ_BACK_TOLERANCE: Final = 1e-6
 """Metres, radians or kilograms between a value that was set and the same read back."""
 
 OTHER_ARM: Final = 0.005
@@ -72,7 +76,7 @@ def connect_to_controller(
         if (fault := not_ready_fault(dashboard)) is not None:
             raise fault
         _await_nobody(dashboard, pause)
-        session = ControllerSession(dashboard, ClientProcess(), settings.silence_limit, note)
+        session = ControllerSession(dashboard, UrClientProcess(), settings.silence_limit, note)
     except BaseException:
         dashboard.close()
         raise
@@ -105,7 +109,7 @@ def _begin(
 
 def _await_nobody(dashboard: DashboardClient, pause: Pause) -> None:
     """See that no program runs: the client library would end it without asking."""
-    limit = time.monotonic() + STARTS  # the dashboard is slow to report a program's end
+    limit = time.monotonic() + SETTING_LIMIT  # the dashboard is slow to report a program's end
     while dashboard.ask_value("running").lower() == "true":
         if time.monotonic() > limit:
             raise ArmBusy(
@@ -115,12 +119,12 @@ def _await_nobody(dashboard: DashboardClient, pause: Pause) -> None:
         pause()
 
 
-def _await_program(link: ClientProcess, pause: Pause) -> None:
+def _await_program(link: UrClientProcess, pause: Pause) -> None:
     """Let both links show the program that was started."""
-    limit = time.monotonic() + STARTS
+    limit = time.monotonic() + SETTING_LIMIT
     while (
         fault := fault_from_state(
-            link.call_client_method(ControllerState, "read_state", limit=STARTS)
+            link.call_client_method(ControllerState, "read_state", limit=SETTING_LIMIT)
         )
     ) is not None:
         if time.monotonic() > limit or not isinstance(fault, ProgramStopped):
@@ -132,7 +136,7 @@ def _set_tcp(session: ControllerSession) -> None:
     """Put the TCP on the flange itself: poses mean the flange, whatever the pendant had set."""
     session.call_client_method(bool, "set_tcp", (0.0,) * 6)
     offset = session.call_client_method(list, "active_tcp_offset")
-    if len(offset) != 6 or np.abs(offset).max() > SAME:
+    if len(offset) != 6 or np.abs(offset).max() > READ_BACK_TOLERANCE:
         session.read_state()  # the true reason, if the arm is not well
         raise _disobeyed("TCP", "zero", offset)
     session.T_tcp_f = inverse_pose(pose_vector.pose_from_vector(offset))
@@ -143,7 +147,7 @@ def _set_payload(session: ControllerSession, settings: UrSettings, pause: Pause)
         return
     session.call_client_method(bool, "set_payload", settings.payload, settings.payload_centre)
     wanted = np.array([settings.payload, *settings.payload_centre])
-    limit = time.monotonic() + STARTS
+    limit = time.monotonic() + SETTING_LIMIT
     while not _carries(now := session.read_state(), wanted):
         if time.monotonic() > limit:
             raise _disobeyed("payload", f"{settings.payload:g} kg", now.payload)
@@ -154,7 +158,9 @@ def _carries(now: ControllerState, wanted: Array) -> bool:
     """Whether the payload is the one asked for, or is not reported at all."""
     if now.payload is None or now.centre_of_gravity is None:
         return True
-    return bool(np.abs(np.array([now.payload, *now.centre_of_gravity]) - wanted).max() < SAME)
+    return bool(
+        np.abs(np.array([now.payload, *now.centre_of_gravity]) - wanted).max() < READ_BACK_TOLERANCE
+    )
 
 
 def _check_model(session: ControllerSession, kinematics: Kinematics) -> None:

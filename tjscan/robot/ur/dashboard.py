@@ -7,16 +7,18 @@ from __future__ import annotations
 
 import select
 import socket
+from dataclasses import dataclass
 from typing import Final, Self
 
+from tjscan.core.devices import DeviceIdentity
 from tjscan.core.errors import ArmFault, ArmNotConnected, ArmNotResponding
 
-PORT: Final = 29999
+DASHBOARD_PORT: Final = 29999
 
-LIMIT: Final = 2.0
+ANSWER_LIMIT: Final = 2.0
 """Seconds to wait for an answer."""
 
-LONGEST: Final = 4096
+LONGEST_LINE: Final = 4096
 """Bytes of a line."""
 
 
@@ -38,17 +40,17 @@ class DashboardClient:
 
     def __init__(self, host: str) -> None:
         self._host = host
-        self._connect(LIMIT)
+        self._connect(ANSWER_LIMIT)
 
     def _connect(self, limit: float) -> None:
         self._silence: ArmNotResponding | None = None
         try:
-            self._socket = socket.create_connection((self._host, PORT), limit)
+            self._socket = socket.create_connection((self._host, DASHBOARD_PORT), limit)
         except OSError as error:
             raise ArmNotConnected(
-                f"no controller answers at {self._host} (port {PORT}: {error.strerror or error}). "
-                "See that the arm is on, that [arm.ur] host is the address its pendant shows, and "
-                "that this machine is in the same network."
+                f"no controller answers at {self._host} (port {DASHBOARD_PORT}: "
+                f"{error.strerror or error}). See that the arm is on, that [arm.ur] host is the "
+                "address its pendant shows, and that this machine is in the same network."
             ) from None
         self._lines = self._socket.makefile("rb")
         try:
@@ -56,7 +58,7 @@ class DashboardClient:
         except ArmNotResponding:
             self.close()
             raise
-        self._socket.settimeout(LIMIT)
+        self._socket.settimeout(ANSWER_LIMIT)
 
     @property
     def has_hung_up(self) -> bool:
@@ -131,7 +133,7 @@ class DashboardClient:
 
     def _read(self) -> str:
         try:
-            line = self._lines.readline(LONGEST)
+            line = self._lines.readline(LONGEST_LINE)
         except OSError as error:
             raise self._silent(str(error)) from None
         if not line:
@@ -144,3 +146,44 @@ class DashboardClient:
             "its pendant, restart the controller if it hangs, then start again."
         )
         return self._silence
+
+
+@dataclass(frozen=True, slots=True)
+class UrIdentity(DeviceIdentity):
+    """Identity of a Universal Robots arm: model, serial number, software and payload.
+
+    Parameters
+    ----------
+    model, serial, software : str
+        Model, serial number and version of the controller's software; empty where not reported.
+    payload : float or None
+        The active payload in kilograms.
+    kinematics : str
+        Where the controller's own calibration and the model of the arm disagree; empty where the
+        controller states none.
+    """
+
+    payload: float | None = None
+    kinematics: str = ""
+
+    def __str__(self) -> str:
+        named = DeviceIdentity.__str__(self)
+        return f"{named}; {self.kinematics}" if self.kinematics else named
+
+
+def read_ur_identity(
+    dashboard: DashboardClient, payload: float | None, kinematics: str = ""
+) -> UrIdentity:
+    """Read the arm's identity from the dashboard; raises as `DashboardClient.ask` does."""
+    return UrIdentity(
+        model=_told(dashboard.ask("get robot model")),
+        serial=_told(dashboard.ask("get serial number")),
+        software=_told(dashboard.ask("PolyscopeVersion")),
+        payload=payload,
+        kinematics=kinematics,
+    )
+
+
+def _told(answer: str) -> str:
+    """An answer, or nothing where the dashboard does not know the question."""
+    return "" if "understand" in answer.lower() or "not supported" in answer.lower() else answer

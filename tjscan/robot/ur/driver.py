@@ -1,27 +1,57 @@
-"""A Universal Robots arm as a driver that a job can name."""
+"""A Universal Robots arm as a driver that a job can name, and its settings."""
 
 from __future__ import annotations
 
-from importlib.util import find_spec
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass
+from math import radians
+from typing import TYPE_CHECKING, Annotated, Final
 
-from tjscan.robot.drivers import ARMS, ArmDriverFactory, ArmDriverInputs
-from tjscan.robot.ur.settings import UrSettings
+from annotated_types import Ge, Gt, Le, MinLen
+
+from tjscan.core.units import DEG, KG, MM, SECONDS, Position, SettingsTable
+from tjscan.robot.drivers import ArmDriverFactory, ArmDriverInputs
 
 if TYPE_CHECKING:
     from tjscan.robot.ur.arm import UrArm
 
-CLIENT: Final = "rtde_control"
-"""Module of the package ur-rtde."""
+
+@dataclass(frozen=True, slots=True)
+class UrSettings(SettingsTable):
+    """The table [arm.ur]: the controller's address, the payload, and tolerances.
+
+    Parameters
+    ----------
+    host : str
+        The controller's address.
+    payload : float, optional
+        What the arm carries, in kilograms; what its pendant has set if left out.
+    payload_centre : tuple of float, optional
+        Centre of gravity of the payload, in frame f, metres.
+    position_tolerance, rotation_tolerance : float, optional
+        Between the pose asked for and the one reached, metres and radians.
+    connect_limit : float, optional
+        Seconds a connection may take.
+    silence_limit : float, optional
+        Seconds for which the controller's clock may not advance.
+    """
+
+    host: Annotated[str, MinLen(1)]
+    payload: Annotated[float | None, Ge(0), Le(50), KG] = None
+    payload_centre: Position = (0.0, 0.0, 0.0)
+    position_tolerance: Annotated[float, Gt(0), Le(10), MM] = 5e-4
+    rotation_tolerance: Annotated[float, Gt(0), Le(5), DEG] = radians(0.1)
+    connect_limit: Annotated[float, Ge(1), Le(120), SECONDS.with_key("connect_s")] = 15.0
+    silence_limit: Annotated[float, Ge(0.1), Le(60), SECONDS.with_key("silence_s")] = 1.0
+
+    def __post_init__(self) -> None:
+        if self.payload is None and any(self.payload_centre):
+            raise ValueError("payload_centre_mm needs payload_kg beside it")
 
 
-def _make(context: ArmDriverInputs, settings: UrSettings) -> UrArm:
+def _make(inputs: ArmDriverInputs, settings: UrSettings) -> UrArm:
     from tjscan.robot.ur.arm import UrArm
 
-    # The client library is loaded in a process of its own alone, so look whether it is there.
-    if find_spec(CLIENT) is None:
-        raise ARMS.missing_package_error("ur", CLIENT)
-    return UrArm(context.kinematics, settings, context.limits)
+    return UrArm(inputs.kinematics, settings, inputs.limits)
 
 
-DRIVER: Final = ArmDriverFactory(_make, UrSettings)
+UR_DRIVER: Final = ArmDriverFactory(_make, UrSettings)

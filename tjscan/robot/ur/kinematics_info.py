@@ -21,17 +21,17 @@ from tjscan.robot.dh import DhParameters, compare_with_model
 from tjscan.robot.kinematics import Kinematics
 
 PRIMARY_PORT: Final = 30001
-LIMIT: Final = 2.0
+READ_LIMIT: Final = 2.0
 """Seconds: a controller sends ten states a second, this package with the first ones."""
 
 ROBOT_STATE: Final = 16
 KINEMATICS_INFO: Final = 5
-HEAD: Final = struct.Struct(">iB")
-CONTENT: Final = struct.Struct(">6I24d")
+PACKAGE_HEAD: Final = struct.Struct(">iB")
+KINEMATICS_CONTENT: Final = struct.Struct(">6I24d")
 MOST_BYTES: Final = 1 << 16
 """A longer message is none."""
 
-SAME: Final = 1e-5
+SAME_KINEMATICS: Final = 1e-5
 """Metres within which a controller's calibration is the model itself."""
 
 
@@ -53,7 +53,7 @@ class ControllerKinematics:
     def compared_with(self, kinematics: Kinematics) -> str:
         """Where this and a model of the arm disagree, in words."""
         off = compare_with_model(self.dh, kinematics)
-        if off.largest < SAME:
+        if off.largest < SAME_KINEMATICS:
             return f"the controller's kinematics are those of the model {kinematics.name}"
         return (
             f"the controller's own calibration has the flange {1e3 * off.rms:.2f} mm RMS, "
@@ -62,7 +62,7 @@ class ControllerKinematics:
         )
 
 
-def read_controller_kinematics(host: str, limit: float = LIMIT) -> ControllerKinematics | None:
+def read_controller_kinematics(host: str, limit: float = READ_LIMIT) -> ControllerKinematics | None:
     """Read what a controller states of its kinematics; None where it states nothing in time.
 
     Parameters
@@ -77,10 +77,10 @@ def read_controller_kinematics(host: str, limit: float = LIMIT) -> ControllerKin
         with socket.create_connection((host, PRIMARY_PORT), timeout=limit) as stream:
             while (left := end - time.monotonic()) > 0:
                 stream.settimeout(left)
-                size, kind = HEAD.unpack(_exactly(stream, HEAD.size))
-                if not HEAD.size <= size <= MOST_BYTES:
+                size, kind = PACKAGE_HEAD.unpack(_exactly(stream, PACKAGE_HEAD.size))
+                if not PACKAGE_HEAD.size <= size <= MOST_BYTES:
                     return None
-                body = _exactly(stream, size - HEAD.size)
+                body = _exactly(stream, size - PACKAGE_HEAD.size)
                 found = find_kinematics(body) if kind == ROBOT_STATE else None
                 if found is not None:
                     return found
@@ -95,12 +95,12 @@ def find_kinematics(body: bytes) -> ControllerKinematics | None:
     A package that can't be, or holds no numbers, is as good as none.
     """
     at = 0
-    while at + HEAD.size <= len(body):
-        size, kind = HEAD.unpack_from(body, at)
-        if size < HEAD.size or at + size > len(body):
+    while at + PACKAGE_HEAD.size <= len(body):
+        size, kind = PACKAGE_HEAD.unpack_from(body, at)
+        if size < PACKAGE_HEAD.size or at + size > len(body):
             return None
-        if kind == KINEMATICS_INFO and size >= HEAD.size + CONTENT.size:
-            values = CONTENT.unpack_from(body, at + HEAD.size)
+        if kind == KINEMATICS_INFO and size >= PACKAGE_HEAD.size + KINEMATICS_CONTENT.size:
+            values = KINEMATICS_CONTENT.unpack_from(body, at + PACKAGE_HEAD.size)
             numbers = np.array(values[6:]).reshape(4, 6)
             if not np.isfinite(numbers).all():
                 return None

@@ -1,4 +1,4 @@
-"""What the main process and the client's process say to each other."""
+"""Values that the main process and the client's process exchange."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ class SafetyMode(IntEnum):
 
 
 HOST_GONE: Final = "nobody followed the move"
-"""What the client says of every request after it had to stop a move that nobody followed."""
+"""The client's answer to every request after it had to stop an unsupervised move."""
 
 WATCHDOG_PERIOD: Final = 1.0
 """Seconds: a controller that hears nothing for so long stops the arm and ends the program."""
 
-PLAYING = 2
+PROGRAM_PLAYING = 2
 """Runtime state of a program that runs."""
 
 
@@ -85,41 +85,3 @@ class ControllerState:
     unseen: float
     payload: float | None
     centre_of_gravity: tuple[float, ...] | None
-
-
-@dataclass(frozen=True, slots=True)
-class ClientRequest:
-    """Request to the client process to call one of its methods.
-
-    Parameters
-    ----------
-    number : int
-        Counts the requests.
-    name : str
-        A method of `client.RtdeClient`.
-    arguments : tuple
-        What it takes.
-    """
-
-    number: int
-    name: str
-    arguments: tuple[object, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class ClientAnswer:
-    """Answer of the client process: what the method returned or raised.
-
-    Parameters
-    ----------
-    number : int
-        Of the request.
-    value : object
-        What the method returned.
-    failure : str, optional
-        What it raised.
-    """
-
-    number: int
-    value: object
-    failure: str | None = None

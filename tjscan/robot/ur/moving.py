@@ -18,26 +18,26 @@ from tjscan.core.frames import Array, rotation_angle_between
 from tjscan.robot.arm import ArmState
 from tjscan.robot.motion_lock import MotionLock
 from tjscan.robot.ur.commands import MoveCommand
+from tjscan.robot.ur.driver import UrSettings
 from tjscan.robot.ur.messages import ControllerState
 from tjscan.robot.ur.session import ControllerSession
-from tjscan.robot.ur.settings import UrSettings
 
-POLL: Final = 0.004
+POLL_PERIOD: Final = 0.004
 """Seconds between two looks at a move."""
 
-STARTS: Final = 2.0
+START_LIMIT: Final = 2.0
 """Seconds within which a move that was accepted begins."""
 
-STALLED: Final = 10.0
+STALL_LIMIT: Final = 10.0
 """Seconds that a move may stand still: the speed slider may be at zero for a moment."""
 
-SETTLED: Final = 1.0
+SETTLE_LIMIT: Final = 1.0
 """Seconds the arm may take to come to rest where it was sent."""
 
-REST: Final = 5e-3
+REST_SPEED: Final = 5e-3
 """rad/s: what encoders show of a joint that stands, an assumption."""
 
-CREEP: Final = 1e-5
+LEAST_TURN: Final = 1e-5
 """Radians a joint turns at least between two looks at an arm that moves."""
 
 
@@ -101,7 +101,7 @@ def _follow(session: ControllerSession, latch: MotionLock, before: ControllerSta
     """Watch a move until it has ended."""
     began, moved, last = time.monotonic(), time.monotonic(), np.array(before.q)
     while True:
-        stopping = latch.wait_for_stop(POLL)
+        stopping = latch.wait_for_stop(POLL_PERIOD)
         now, moment = session.read_state_supervising_move(), time.monotonic()
         if stopping:
             raise ArmFault(
@@ -110,19 +110,19 @@ def _follow(session: ControllerSession, latch: MotionLock, before: ControllerSta
             )
         session.keep_dashboard_connected()
         if now.operation == before.operation:
-            if moment > began + STARTS:
+            if moment > began + START_LIMIT:
                 raise session.end_for_fault(
                     ProgramStopped("the controller accepted a move and does not begin it.")
                 )
         elif not now.moving:
             return
         q = np.array(now.q)
-        if np.abs(q - last).max() > CREEP:
+        if np.abs(q - last).max() > LEAST_TURN:
             moved, last = moment, q
-        if moment > moved + STALLED:
+        if moment > moved + STALL_LIMIT:
             raise session.end_for_fault(
                 ArmNotResponding(
-                    f"the arm stands still for {STALLED:g} s in the middle of a move. See "
+                    f"the arm stands still for {STALL_LIMIT:g} s in the middle of a move. See "
                     "that the speed slider on its pendant is not at zero, then start again."
                 )
             )
@@ -139,12 +139,12 @@ def await_arrival(
         If it is not where it was sent go. The session has ended then: what holds an arm off
         its place, or moves it, would do so again, and what was planned from there is not so.
     """
-    limit, first = time.monotonic() + SETTLED, session.read_state().time
+    limit, first = time.monotonic() + SETTLE_LIMIT, session.read_state().time
     while True:
         now = session.read_state()
         # A look later than the one that saw the end: both links have the end by then.
         newer, state = now.time > first, session.arm_state_from(now)
-        rests = newer and np.abs(now.speed).max() < REST
+        rests = newer and np.abs(now.speed).max() < REST_SPEED
         distance = float(np.linalg.norm(state.T_b_f[:3, 3] - T_b_f[:3, 3]))
         angle = rotation_angle_between(state.T_b_f, T_b_f)
         near = distance <= settings.position_tolerance and angle <= settings.rotation_tolerance
@@ -160,4 +160,4 @@ def await_arrival(
                     state.T_b_f,
                 )
             )
-        latch.wait_for_stop(POLL)
+        latch.wait_for_stop(POLL_PERIOD)

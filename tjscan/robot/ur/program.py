@@ -19,18 +19,20 @@ from tjscan.core import pose_vector
 from tjscan.core.errors import ArmFault, ArmNotConnected, PoseNotReached, ProgramStopped
 from tjscan.core.frames import Array, rotation_angle_between
 from tjscan.robot.motion_lock import MotionLock
-from tjscan.robot.ur.messages import PLAYING, WATCHDOG_PERIOD, ControllerState
-from tjscan.robot.ur.moving import STARTS
+from tjscan.robot.ur.driver import UrSettings
+from tjscan.robot.ur.messages import PROGRAM_PLAYING, WATCHDOG_PERIOD, ControllerState
+from tjscan.robot.ur.moving import START_LIMIT
 from tjscan.robot.ur.session import ControllerSession
-from tjscan.robot.ur.settings import UrSettings
 
-PORT: Final = 30002
+PROGRAM_PORT: Final = 30002
 """Of the secondary interface, which takes programs."""
 
-LOOK: Final = 0.05
+LOOK_PERIOD: Final = 0.05
 """Seconds between two looks at a program."""
 
-WATCHED: Final = f'  rtde_set_watchdog("input_int_register_0", {1 / WATCHDOG_PERIOD:g}, "stop")'
+WATCHDOG_STATEMENT: Final = (
+    f'  rtde_set_watchdog("input_int_register_0", {1 / WATCHDOG_PERIOD:g}, "stop")'
+)
 """First statement of a program: to end where nothing is heard of this computer any more."""
 
 
@@ -95,8 +97,8 @@ def run_program(
         _await_program(session, latch, runs=True)
         session.call_client_method(NoneType, "feed_foreign_watchdog")
         started()
-        while session.read_state_beside_program().runtime_state == PLAYING:
-            if latch.wait_for_stop(LOOK):
+        while session.read_state_beside_program().runtime_state == PROGRAM_PLAYING:
+            if latch.wait_for_stop(LOOK_PERIOD):
                 raise ArmFault("the program was stopped on its way. See that the way is clear.")
             session.keep_dashboard_connected()
         _check_end(session, settings, program.T_b_tcp)
@@ -111,30 +113,31 @@ def run_program(
 
 def _watched(script: str) -> str:
     head, _, rest = script.partition("\n")
-    return "\n".join((head, WATCHED, rest))
+    return "\n".join((head, WATCHDOG_STATEMENT, rest))
 
 
 def _send(host: str, script: str) -> None:
     try:
-        with socket.create_connection((host, PORT), STARTS) as link:
+        with socket.create_connection((host, PROGRAM_PORT), START_LIMIT) as link:
             link.sendall(f"{script.rstrip()}\n".encode())
             # Some controllers drop what they have not read when the link closes.
-            time.sleep(4 * LOOK)
+            time.sleep(4 * LOOK_PERIOD)
     except OSError as error:
         raise ArmNotConnected(
-            f"the controller at {host} takes no programs (port {PORT}: {error.strerror or error}). "
-            "See that the interface is enabled in its security settings."
+            f"the controller at {host} takes no programs (port {PROGRAM_PORT}: "
+            f"{error.strerror or error}). See that the interface is enabled in its security "
+            "settings."
         ) from None
 
 
 def _await_program(session: ControllerSession, latch: MotionLock, *, runs: bool) -> None:
     """Wait until a program runs, or none does."""
-    limit = time.monotonic() + STARTS
-    while (session.read_state_beside_program().runtime_state == PLAYING) != runs:
+    limit = time.monotonic() + START_LIMIT
+    while (session.read_state_beside_program().runtime_state == PROGRAM_PLAYING) != runs:
         if time.monotonic() > limit:
             verb = "begin the program" if runs else "end the program before"
             raise ProgramStopped(f"the controller does not {verb}. Read its log.")
-        latch.wait_for_stop(LOOK)
+        latch.wait_for_stop(LOOK_PERIOD)
 
 
 def _check_end(session: ControllerSession, settings: UrSettings, T_b_tcp: Array) -> None:

@@ -12,8 +12,15 @@ import numpy as np
 
 from tjscan.core import pose_vector
 from tjscan.core.devices import EventListener
-from tjscan.core.errors import ArmConnectionLost, ArmFault, ArmNotResponding, ProgramStopped
+from tjscan.core.errors import (
+    ArmConnectionLost,
+    ArmFault,
+    ArmNotResponding,
+    MoveSupervisionLost,
+    ProgramStopped,
+)
 from tjscan.core.frames import Array, inverse_pose
+from tjscan.core.process import ClientClosed, ClientDied, ClientProcess, ClientSilent
 from tjscan.robot.arm import ArmState
 from tjscan.robot.ur.dashboard import DashboardClient
 from tjscan.robot.ur.faults import (
@@ -22,24 +29,124 @@ from tjscan.robot.ur.faults import (
     remote_fault,
     safety_fault,
 )
-from tjscan.robot.ur.link import ClientLibraryError, ClientProcess
-from tjscan.robot.ur.messages import PLAYING, ControllerState
-from tjscan.robot.ur.watch import ControllerClockWatch
+from tjscan.robot.ur.messages import HOST_GONE, PROGRAM_PLAYING, ControllerState
 
 T = TypeVar("T")
 
-STOP: Final = 2.0
+ANSWER_LIMIT: Final = 3.0
+"""Seconds within which the client answers anything but a connection."""
+
+STOP_DECELERATION: Final = 2.0
 """rad/s² of the leading axis when a move is stopped."""
 
 NEXT_READING: Final = 0.02
 """Seconds after which the controller has reported anew."""
 
-SLACK: Final = 1.0
+ANSWER_SLACK: Final = 1.0
 """Seconds that the client's process may take for itself on a busy machine."""
 
-RECONNECTS: Final = 0.3
+RECONNECT_SHARE: Final = 0.3
 """Share of the controller's longest silence for which a dashboard's new connection is waited for,
 and as long for its greeting: a move goes unfollowed meanwhile."""
+
+
+class ClientLibraryError(Exception):
+    """The client library raised an error, which the driver interprets."""
+
+
+class UrClientProcess(ClientProcess):
+    """Process that runs `client.RtdeClient`, and the link to it."""
+
+    def __init__(self) -> None:
+        super().__init__("tjscan.robot.ur.client")
+
+    def call_client_method(
+        self, kind: type[T], name: str, *arguments: object, limit: float = ANSWER_LIMIT
+    ) -> T:
+        """Call a method of the client in its process, and return what it returns.
+
+        Parameters
+        ----------
+        kind : type
+            Of the value.
+        name : str
+            A method of `client.RtdeClient`.
+        *arguments : object
+            What it takes.
+        limit : float, optional
+            Seconds to wait.
+
+        Raises
+        ------
+        ArmNotResponding
+            If the client does not answer in time. It is ended then.
+        ArmConnectionLost
+            If the client's process died.
+        MoveSupervisionLost
+            If the client had to stop a move because this process was held up.
+        ClientLibraryError
+            If the client library raised something.
+        """
+        try:
+            answer = self.ask(name, *arguments, limit=limit)
+        except ClientClosed:
+            raise ArmConnectionLost("the client's process has ended. Connect again.") from None
+        except ClientDied as died:
+            raise ArmConnectionLost(
+                f"the connection to the arm's controller broke.{died} See that the arm stands "
+                "still and its network cable sits, then start again."
+            ) from None
+        except ClientSilent:
+            raise ArmNotResponding(
+                f"the arm's controller did not answer within {limit:g} s ({name}). See that it is "
+                "on and its network cable sits, then start again."
+            ) from None
+        if answer.failure == HOST_GONE:
+            raise MoveSupervisionLost(
+                "this program stood still while the arm moved, and the arm was stopped on its "
+                "way. See that the way is clear, and that nothing holds this computer up, then "
+                "start again."
+            )
+        if answer.failure is not None:
+            raise ClientLibraryError(answer.failure)
+        if not isinstance(answer.value, kind):
+            raise ClientLibraryError(f"{name} gave {answer.value!r}")
+        return answer.value
+
+
+class ControllerClockWatch:
+    """Watches the controller's clock: stale readings still return, but their clock is the same.
+
+    Parameters
+    ----------
+    limit : float
+        Seconds.
+    """
+
+    def __init__(self, limit: float) -> None:
+        self._limit = limit
+        self._time: float | None = None
+        self._since = 0.0
+        self._seen = 0.0
+
+    def check_clock_advances(self, now: ControllerState) -> None:
+        """Check that the controller's clock has advanced since it was last seen.
+
+        Raises
+        ------
+        ArmNotResponding
+            If it has not for the limit.
+        """
+        moment = time.monotonic()
+        # Between two readings nothing is known: a pause between them counts for nothing.
+        if now.time != self._time or moment - self._seen > self._limit / 4:
+            self._time, self._since = now.time, moment
+        self._seen = moment
+        if moment - self._since > self._limit:
+            raise ArmNotResponding(
+                f"the controller's clock stands at {now.time:.3f} s for {self._limit:g} s: it is "
+                "silent. Look at its pendant and cable, then start again."
+            )
 
 
 class ControllerSession:
@@ -49,7 +156,7 @@ class ControllerSession:
     ----------
     dashboard : DashboardClient
         To stop the arm without the client.
-    link : ClientProcess
+    link : UrClientProcess
         The client.
     silence_limit : float
         Seconds for which the controller's clock may stand.
@@ -60,7 +167,7 @@ class ControllerSession:
     def __init__(
         self,
         dashboard: DashboardClient,
-        link: ClientProcess,
+        link: UrClientProcess,
         silence_limit: float,
         note: EventListener,
     ) -> None:
@@ -68,8 +175,8 @@ class ControllerSession:
         self.fault: ArmFault | None = None
         self.T_tcp_f = np.eye(4)
         """The flange in the active TCP, shape (4, 4)."""
-        self._watch, self._limit = ControllerClockWatch(silence_limit), silence_limit + SLACK
-        self._reconnects = RECONNECTS * silence_limit
+        self._watch, self._limit = ControllerClockWatch(silence_limit), silence_limit + ANSWER_SLACK
+        self._reconnects = RECONNECT_SHARE * silence_limit
 
     def read_state(self) -> ControllerState:
         """Read the controller's state; raises the arm's fault if there is one.
@@ -176,7 +283,7 @@ class ControllerSession:
         """Stop the move under way; the session goes on if the arm is well."""
         if self.fault is None:
             try:
-                self.link.call_client_method(NoneType, "stop_move", STOP)
+                self.link.call_client_method(NoneType, "stop_move", STOP_DECELERATION)
             except ArmFault as fault:
                 self.end_for_fault(fault)
             except ClientLibraryError as failed:
@@ -224,7 +331,7 @@ class ControllerSession:
         self.dashboard.close()
 
     @property
-    def _working(self) -> ClientProcess:
+    def _working(self) -> UrClientProcess:
         if self.fault is not None:
             raise self.fault
         return self.link
@@ -234,7 +341,9 @@ class ControllerSession:
         try:
             now = link.call_client_method(ControllerState, name, limit=self._limit)
             self._watch.check_clock_advances(now)
-            fault = fault_from_state(replace(now, runtime_state=PLAYING) if beside_program else now)
+            fault = fault_from_state(
+                replace(now, runtime_state=PROGRAM_PLAYING) if beside_program else now
+            )
             if isinstance(fault, ProgramStopped):  # blames people: a second look must say so too
                 time.sleep(NEXT_READING)
                 now = link.call_client_method(ControllerState, name, limit=self._limit)

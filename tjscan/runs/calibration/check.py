@@ -24,8 +24,8 @@ from tjscan.calibration.wizard.session import (
 from tjscan.calibration.wizard.topics import LaserLineTaken
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array
+from tjscan.job.arm import sensor_mount_of_job
 from tjscan.job.files import CalibrationJob
-from tjscan.job.sensor_mount import sensor_mount_of_job
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm
 from tjscan.runs.calibration.run import calibration_plan_of_job, make_calibration_cell

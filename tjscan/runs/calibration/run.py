@@ -1,14 +1,20 @@
-"""Run a calibration: from its job to a directory with all that was measured, and the result."""
+"""Run a calibration's wizard in the cell that a job describes."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, NoReturn
 
 import numpy as np
 import trimesh
 
+from tjscan.calibration.arm.design import BallPlan, plan_views
 from tjscan.calibration.arm.geometry import ArmGeometry
+from tjscan.calibration.arm.kept import as_hand_eye_calibration, kinematics_entry
+from tjscan.calibration.arm.wizard import ArmWizard
+from tjscan.calibration.basis import BasisEntry, ShrinkingEntry, views_of_poses
 from tjscan.calibration.file import (
     CalibrationFile,
     SavedCalibration,
@@ -18,10 +24,12 @@ from tjscan.calibration.file import (
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.plucker import plane_through_point
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.wizard.logbook import Logbook
+from tjscan.calibration.targets import PlaneTarget
+from tjscan.calibration.wizard.logbook import Logbook, MeasurementsSoFar
 from tjscan.calibration.wizard.operator import Operator, Question
 from tjscan.calibration.wizard.plan import CalibrationPlan
 from tjscan.calibration.wizard.probe import JoggedProbe, TouchProbe
+from tjscan.calibration.wizard.session import current_progress, fit_touched_board
 from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
 from tjscan.calibration.wizard.topics import CALIBRATION_RECORDING
 from tjscan.calibration.wizard.wizard import CalibrationWizard
@@ -38,18 +46,165 @@ from tjscan.job import (
     SimulatedBoardSettings,
     read_calibration_job,
 )
-from tjscan.job.arm import kinematics_of_job
-from tjscan.job.cell import Cell, laser_model_of_job, make_cell
-from tjscan.job.sensor_mount import sensor_mount_of_job
+from tjscan.job.arm import kinematics_of_job, sensor_mount_of_job
+from tjscan.job.cell import Cell, make_cell
+from tjscan.job.laser import laser_model_of_job
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.drivers import SimulatedScene
 from tjscan.laser.optics import RaycastSurface
-from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
-from tjscan.runs.calibration.arm import ball_mesh, calibrate_arm_in_cell
-from tjscan.runs.calibration.basis import basis_of_lines
-from tjscan.runs.directory import make_run_directory
+from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
+from tjscan.runs.run import make_run_directory
 
-OLD: Final = "measured.jsonl"
+BALL_SUBDIVISIONS: Final = 6
+"""Of an icosahedron: its faces are then within 2 µm of a ball of 40 mm."""
+
+
+def calibrate_arm_in_cell(
+    job: CalibrationJob,
+    cell: Cell,
+    operator: Operator,
+    logbook: Logbook,
+    T_f_s: Array,
+    window: MeasuringRange,
+    laser: LaserDeviation | None,
+) -> tuple[HandEyeCalibration, CalibrationFile]:
+    """Look at the ball of a job from many postures, and calibrate arm and sensor together.
+
+    Parameters
+    ----------
+    job : CalibrationJob
+        With a [ball].
+    cell : Cell
+        Connected.
+    operator : Operator
+        Is asked before every move.
+    logbook : Logbook
+        Gets every profile.
+    T_f_s : ndarray, shape (4, 4)
+        How the sensor sits, as lines on the board have it.
+    window : MeasuringRange
+        What the sensor sees.
+    laser : LaserDeviation or None
+        By what it may deviate.
+
+    Raises
+    ------
+    TjscanError
+        As `ArmWizard.run` does.
+    """
+    ball = job.ball
+    if ball is None:
+        raise ConfigurationError("--arm looks at a ball: the job needs a table [ball]", key="ball")
+    kinematics = kinematics_of_job(job)
+    plan = BallPlan(
+        np.array(ball.position),
+        ball.radius,
+        T_f_s,
+        window,
+        ball.noise,
+        ball.tolerance,
+        ball.poses,
+        ball.held_out,
+        laser,
+    )
+    views = plan_views(plan, kinematics)
+    wizard = ArmWizard(
+        plan, views, kinematics, cell.arm, cell.laser, operator, logbook, cell.arm.state().q
+    )
+    found, arcs = wizard.run()
+    result = as_hand_eye_calibration(found, [arc.name for arc in arcs])
+    return result, to_calibration_file(
+        result,
+        ball.noise,
+        arm=job.arm.device_id,
+        laser=job.laser.device_id,
+        date=logbook.measured.started_at,
+        kinematics=kinematics_entry(found, kinematics.name),
+        linearity=0.0 if laser is None else laser.largest,
+        basis=basis_of_postures(logbook.measured, result, 1e3 * ball.radius),
+    )
+
+
+def ball_mesh(centre_b: Array, radius: float) -> trimesh.Trimesh:
+    """A ball that a simulated laser can look at, frame b, metres."""
+    ball = trimesh.creation.icosphere(subdivisions=BALL_SUBDIVISIONS, radius=radius)
+    ball.apply_translation(centre_b)
+    return ball
+
+
+def basis_of_lines(
+    task: CalibrationPlan, measured: MeasurementsSoFar, result: HandEyeCalibration
+) -> BasisEntry:
+    """What a calibration on a touched board rests on.
+
+    Parameters
+    ----------
+    task : CalibrationPlan
+        What was to be done.
+    measured : MeasurementsSoFar
+        Touches and lines, all of them.
+    result : HandEyeCalibration
+        What they gave.
+
+    Raises
+    ------
+    CalibrationRefused
+        As `fit_touched_board` does.
+    """
+    target, _ = fit_touched_board(task, measured)
+    off = 1e3 * float(np.sqrt(np.mean(target.residuals**2)))
+    poses = {shot.name: shot.T_b_f for shot in measured.line_profiles}
+    return BasisEntry(
+        target=f"board touched at {len(target.residuals)} places, {off:.3f} mm RMS off a plane",
+        left_out=tuple(f"a pose was passed over: {one.reason}" for one in measured.skipped_poses),
+        caveats=result.caveats,
+        views=views_of_poses(poses, result.T_f_s),
+        shrinking=tuple(_shrinking(task, measured, target)),
+    )
+
+
+def _shrinking(
+    task: CalibrationPlan, measured: MeasurementsSoFar, target: PlaneTarget
+) -> Iterator[ShrinkingEntry]:
+    """Uncertainty after each line, from where the lines gave a result."""
+    for count in range(1, len(measured.line_profiles) + 1):
+        first = replace(measured, line_profiles=measured.line_profiles[:count])
+        result = current_progress(task, first, target).result
+        if result is not None:
+            sure = result.uncertainty
+            yield ShrinkingEntry(
+                lines=count,
+                sigma_position_mm=1e3 * sure.position,
+                sigma_rotation_deg=float(np.degrees(sure.rotation)),
+            )
+
+
+def basis_of_postures(
+    measured: MeasurementsSoFar, result: HandEyeCalibration, stated_mm: float
+) -> BasisEntry:
+    """What a calibration of the arm on a ball rests on.
+
+    Parameters
+    ----------
+    measured : MeasurementsSoFar
+        The postures.
+    result : HandEyeCalibration
+        What they gave.
+    stated_mm : float
+        The ball's radius, about, as the job has it.
+    """
+    shots = [taken.posed_profile for taken in measured.arm_poses.values()]
+    seen = {shot.name: shot.T_b_f for shot in shots if len(shot.profile)}
+    found = "" if result.radius is None else f"radius found {1e3 * result.radius:.3f} mm, "
+    return BasisEntry(
+        target=f"ball, {found}about {stated_mm:g} mm stated",
+        left_out=tuple(f"{s.name} was not reached" for s in shots if not len(s.profile)),
+        caveats=result.caveats,
+        views=views_of_poses(seen, result.T_f_s),
+    )
+
+
+EARLY_MEASUREMENTS: Final = "measured.jsonl"
 """What version 0.1.0 wrote in place of a recording."""
 
 BOARD_THICKNESS: Final = 5e-3
@@ -83,7 +238,10 @@ def start_calibration(
         If the job is wrong, a device fails or the result can't be trusted; what was measured
         until then is kept.
     """
-    if any((directory / name).exists() for name in (f"{CALIBRATION_RECORDING}.mcap", OLD)):
+    if any(
+        (directory / name).exists()
+        for name in (f"{CALIBRATION_RECORDING}.mcap", EARLY_MEASUREMENTS)
+    ):
         raise ConfigurationError(
             f"holds a calibration already; go on with it: --resume {directory}", file=directory
         )
@@ -99,22 +257,22 @@ def start_calibration(
 
 def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
     """Resume an interrupted calibration; raises as `start_calibration` does."""
-    check_as_written(directory / JOB)
-    job = read_calibration_job(directory / JOB)
-    file = directory / CALIBRATION
+    check_as_written(directory / JOB_FILE)
+    job = read_calibration_job(directory / JOB_FILE)
+    file = directory / CALIBRATION_FILE
     if file.exists():
         raise ConfigurationError("is finished already; there is nothing to resume", file=directory)
-    if (directory / OLD).exists():
+    if (directory / EARLY_MEASUREMENTS).exists():
         raise ConfigurationError(
             "was measured by tjscan 0.1.0, and only that version goes on with it: install it to "
             "finish this calibration, or start a new one",
-            file=directory / OLD,
+            file=directory / EARLY_MEASUREMENTS,
         )
     if not operator.present and {job.arm.driver_kind, job.laser.driver_kind} != {
         DriverKind.SIMULATED
     }:
         raise ConfigurationError("a real arm moves only while somebody watches: not unattended")
-    T_f_s = sensor_mount_of_job(job, directory / JOB).T_f_s
+    T_f_s = sensor_mount_of_job(job, directory / JOB_FILE).T_f_s
     cell, probe = make_calibration_cell(job, T_f_s)
     with (
         lock_and_clean_directory(directory),

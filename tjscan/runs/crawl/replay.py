@@ -24,21 +24,25 @@ from tjscan.crawler.topics import (
     SLIP,
     TOPICS,
 )
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.job import read_crawl_job
 from tjscan.recording.foxglove import event_log_message
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic
 from tjscan.recording.writer import RecordingWriter
-from tjscan.result.directory import CALIBRATION, JOB
-from tjscan.runs.context import do_nothing_when_finished
+from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.runs.crawl.results import read_recorded_crawl, write_passes
-from tjscan.runs.crawl.resume import belief_after_stop, belief_where_set_down
-from tjscan.runs.crawl.run import CrawlContext, make_crawl_directory
-from tjscan.runs.directory import check_replay
+from tjscan.runs.crawl.run import (
+    CrawlContext,
+    belief_after_stop,
+    belief_where_set_down,
+    make_crawl_directory,
+)
+from tjscan.runs.run import check_replay
+from tjscan.runs.scan.context import do_nothing_when_finished
 
-REPLAYABLE: Final = ("method", "slip.", "course.")
+REPLAYABLE_KEYS: Final = ("method", "slip.", "course.")
 """Keys that say what an estimator makes of a crawl, not how it was done."""
 
 TimedMessage = tuple[int, Topic[Any], Any]
@@ -61,7 +65,7 @@ def replay_crawl(
     directory : Path
         Of the crawl, whole, cut short or resumed; it stays as it is.
     overrides : dict
-        Dotted keys and values, those of `REPLAYABLE` only.
+        Dotted keys and values, those of `REPLAYABLE_KEYS` only.
     out : Path
         The directory to make.
     finished : callable
@@ -74,10 +78,10 @@ def replay_crawl(
     RecordingError
         If its recording is damaged, or the new directory can't be written.
     """
-    job_file = directory / JOB
-    refuse_links_outside(directory, JOB, CALIBRATION)
-    check_as_written(job_file, directory / CALIBRATION)
-    check_replay(directory, out, overrides, REPLAYABLE, "crawl")
+    job_file = directory / JOB_FILE
+    refuse_links_outside(directory, JOB_FILE, CALIBRATION_FILE)
+    check_as_written(job_file, directory / CALIBRATION_FILE)
+    check_replay(directory, out, overrides, REPLAYABLE_KEYS, "crawl")
     context = CrawlContext(read_crawl_job(job_file, overrides), job_file, finished=finished)
     parts = recording_files(directory, CRAWL_RECORDING)
     with add_file_to_errors(job_file):
@@ -85,7 +89,7 @@ def replay_crawl(
     # Read to their ends before anything is made: what is no crawl, or damaged, is refused.
     set_down = [_was_set_down(part) for part in parts]
     make_crawl_directory(context, out)
-    origin = JobSnapshot((out / JOB).read_text(encoding="utf-8"))
+    origin = JobSnapshot((out / JOB_FILE).read_text(encoding="utf-8"))
     with lock_and_clean_directory(out):
         for number, part in enumerate(parts):
             if number:

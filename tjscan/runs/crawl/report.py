@@ -9,20 +9,19 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.manifest import check_as_written
-from tjscan.crawler.joint_history import GRID, section_histories
+from tjscan.crawler.joint_history import PLACES_ACROSS, section_histories
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_model import SlipState
 from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY, WARNING
-from tjscan.job.crawl_job import CrawlJob
-from tjscan.job.crawl_reading import read_crawl_job
+from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
-from tjscan.result.directory import CALIBRATION, JOB
+from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl
 
 MOST_POINTS: Final = 2000
 """Of a line in a chart."""
 
-SLIP: Final = (
+SLIP_CHARTS: Final = (
     (SlipState.YAW_EFFICIENCY, "yaw efficiency", "share of the tracks' turn", 1.0),
     (SlipState.CRAB, "crab", "crab / mrad", 1e3),
     (SlipState.DRIFT, "drift", "drift / (mrad/m)", 1e3),
@@ -35,8 +34,8 @@ def crawl_chapter(directory: Path) -> ReportChapter:
     """Make a crawl's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
     if not (directory / f"{CRAWL_RECORDING}.mcap").is_file():
         return ReportChapter()
-    check_as_written(directory / JOB, directory / CALIBRATION)
-    job, found = read_crawl_job(directory / JOB), read_recorded_crawl(directory)
+    check_as_written(directory / JOB_FILE, directory / CALIBRATION_FILE)
+    job, found = read_crawl_job(directory / JOB_FILE), read_recorded_crawl(directory)
     events = tuple(ReportEvent(event.time, event.name, event.detail) for event in found.events)
     return ReportChapter(
         facts=tuple(_facts(job, found)),
@@ -111,13 +110,13 @@ def _charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
             "cross-section of the joint, median of each pass",
             "across the joint / mm",
             "over the hull / mm",
-            1e3 * GRID,
+            1e3 * PLACES_ACROSS,
             1e3 * height,
             line=f"after pass {number}" if number else "before welding",
         )
     slips = [(cycle.state.time, cycle.slip) for cycle in found.cycles[:: _every(found)]]
     known = [(time, slip) for time, slip in slips if slip is not None]
-    for which, title, label, scale in SLIP if known else ():
+    for which, title, label, scale in SLIP_CHARTS if known else ():
         times = np.array([time for time, _ in known])
         values = np.array([slip.x[which] for _, slip in known])
         sigmas = np.array([slip.sigma(which) for _, slip in known])

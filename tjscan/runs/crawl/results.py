@@ -20,7 +20,7 @@ from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
 from tjscan.crawler.pass_record import PassRecord, pass_records
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.topics import CRAWL_RECORDING, CrawlProfile, read_crawl
-from tjscan.job.crawl_job import CrawlJob
+from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.parts import recording_files
@@ -29,10 +29,10 @@ from tjscan.result.directory import job_label_of_run
 MOST_BYTES: Final = 50_000_000
 """A larger file is no table of passes: an hour of welding takes a tenth of it."""
 
-PASSES: Final = "passes.csv"
-WELD_LOG: Final = "weld-log.json"
+PASSES_FILE: Final = "passes.csv"
+WELD_LOG_FILE: Final = "weld-log.json"
 
-COLUMNS: Final = (
+PASS_COLUMNS: Final = (
     "pass",
     "length_mm",
     "speed_mm_s",
@@ -108,8 +108,8 @@ def write_crawl_results(directory: Path, job: CrawlJob) -> None:
     recorded = read_recorded_crawl(directory)
     log = weld_log(directory, job, recorded.passes, recorded.events)
     with write_files_atomically(directory) as draft:
-        _write_table(draft / PASSES, directory, recorded.passes)
-        (draft / WELD_LOG).write_text(json.dumps(log, indent=2) + "\n", encoding="utf-8")
+        _write_table(draft / PASSES_FILE, directory, recorded.passes)
+        (draft / WELD_LOG_FILE).write_text(json.dumps(log, indent=2) + "\n", encoding="utf-8")
 
 
 def write_passes(directory: Path) -> None:
@@ -122,7 +122,7 @@ def write_passes(directory: Path) -> None:
     """
     recorded = read_recorded_crawl(directory)
     with write_files_atomically(directory) as draft:
-        _write_table(draft / PASSES, directory, recorded.passes)
+        _write_table(draft / PASSES_FILE, directory, recorded.passes)
 
 
 def read_passes(directory: Path) -> tuple[dict[str, str], ...]:
@@ -133,15 +133,15 @@ def read_passes(directory: Path) -> tuple[dict[str, str], ...]:
     ConfigurationError
         If there is none.
     """
-    check_as_written(directory / PASSES)
+    check_as_written(directory / PASSES_FILE)
     try:
-        text = read_small_file(directory / PASSES, MOST_BYTES, "a table of passes").decode()
+        text = read_small_file(directory / PASSES_FILE, MOST_BYTES, "a table of passes").decode()
         lines = [line for line in text.splitlines() if not line.startswith("#")]
         return tuple(csv.DictReader(lines))
     except (OSError, ValueError, csv.Error) as error:
         raise ConfigurationError(
             f"can't be read: {error}. A crawl's run directory holds it",
-            file=directory / PASSES,
+            file=directory / PASSES_FILE,
         ) from None
 
 
@@ -186,7 +186,7 @@ def _write_table(file: Path, directory: Path, passes: Sequence[PassRecord]) -> N
     head = Provenance.for_file_written_now(job_label_of_run(directory), "w")
     stream.write(head.comment_lines("#"))
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    writer.writerow(PASS_COLUMNS)
     for one in passes:
         writer.writerow(
             (

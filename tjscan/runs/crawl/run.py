@@ -1,17 +1,20 @@
-"""Crawl along a joint as a job says."""
+"""Run a crawl, go on with it after a stop, or calibrate a vehicle's slip by one."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 import tomli_w
 
 from tjscan.core.config import add_file_to_errors, table_to_dict
-from tjscan.core.errors import ConfigurationError
+from tjscan.core.errors import ConfigurationError, GrooveNotFound
 from tjscan.core.files import lock_and_clean_directory
 from tjscan.crawler.control_cycle import CrawlDevices
 from tjscan.crawler.crawler import (
@@ -22,38 +25,49 @@ from tjscan.crawler.crawler import (
 )
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.hand_drive import HandDrive
-from tjscan.crawler.joint_memory import RememberingTracker
 from tjscan.crawler.joint_sensor import JointReader
+from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.journal import (
     CombinedCrawlJournal,
+    CrawlCycle,
     CrawlJournal,
 )
+from tjscan.crawler.last_view import GOES_ON, LastView
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.paper_method import PaperMethod
+from tjscan.crawler.pass_record import END
+from tjscan.crawler.phases import Phase
 from tjscan.crawler.proximity import CornerPlaces, ProximityFilter
 from tjscan.crawler.sizing import broken_rules
 from tjscan.crawler.slip_aware import SlipAwareMethod
-from tjscan.crawler.slip_calibration import read_slip_calibration
+from tjscan.crawler.slip_calibration import (
+    SlipCalibration,
+    read_slip_calibration,
+    write_slip_calibration,
+)
 from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.crawler.slip_model import SlipState
 from tjscan.crawler.topics import (
     CRAWL_RECORDING,
+    REPLAY,
     WARNING,
     record_crawl,
 )
-from tjscan.job.crawl_cell import CrawlCell, make_crawl_cell
-from tjscan.job.crawl_job import CrawlJob
+from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
+from tjscan.job.crawl.job import CrawlJob
+from tjscan.laser.profile import Profile
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.parts import next_recording_file
-from tjscan.result.directory import CALIBRATION, JOB
-from tjscan.runs.context import do_nothing_when_finished
-from tjscan.runs.crawl.results import write_crawl_results
-from tjscan.runs.directory import accept_edited_copies, empty_run_directory, write_job_copy
+from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
+from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl, write_crawl_results
+from tjscan.runs.run import accept_edited_copies, empty_run_directory, write_job_copy
+from tjscan.runs.scan.context import do_nothing_when_finished
+from tjscan.vehicle.vehicle import DEAD_MAN
 
-TO_SETTLE: Final = 4.0
+SETTLING_GAINS: Final = 4.0
 """Times 1 / gain, after which a tenth of what a reversal brings is left: (1 + 4) exp(-4)."""
 
-TO_TURN: Final = 4.0
+TURNING_RADII: Final = 4.0
 """Times crab and least radius: as far as curvature alone brings the vehicle aside and back, so that
 the mean of its slope is no longer outward."""
 
@@ -187,7 +201,7 @@ def short_way(job: CrawlJob, slip: SlipBelief | None) -> str:
         return ""
     crab = abs(float(slip.x[SlipState.CRAB])) + slip.sigma(SlipState.CRAB)
     way = job.weld.run_up + job.weld.length
-    needed = TO_SETTLE / job.steering.gain + TO_TURN * crab * job.steering.least_radius
+    needed = SETTLING_GAINS / job.steering.gain + TURNING_RADII * crab * job.steering.least_radius
     if way >= needed:
         return ""
     return (
@@ -228,8 +242,8 @@ def make_crawl_directory(context: CrawlContext, directory: Path) -> None:
     job = context.job
     with empty_run_directory(directory) as draft:
         if job.calibration is not None:
-            shutil.copyfile(context.job_file.parent / job.calibration, draft / CALIBRATION)
-            job = job.model_copy(update={"calibration": CALIBRATION})
+            shutil.copyfile(context.job_file.parent / job.calibration, draft / CALIBRATION_FILE)
+            job = job.model_copy(update={"calibration": CALIBRATION_FILE})
         write_job_copy(draft, tomli_w.dumps(table_to_dict(job)), context.job_file, "w")
 
 
@@ -255,7 +269,7 @@ def crawl_into(
     reader : JointReader, optional
         Which remembers the joint already.
     """
-    origin = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
+    origin = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
     file = next_recording_file(directory, CRAWL_RECORDING)
     with lock_and_clean_directory(directory):
         try:
@@ -268,3 +282,197 @@ def crawl_into(
         finally:
             write_crawl_results(directory, context.job)
             context.finished(directory)
+
+
+WELD_OVERLAP: Final = 0.02
+"""Metres by which a weld that goes on after a stop overlaps what was welded before."""
+
+LONGEST_OFF_WAY: Final = 1.0
+"""Metres beyond a crawl's way at which its vehicle may be set down."""
+
+
+def resume_crawl(
+    context: CrawlContext, overlap: float = WELD_OVERLAP, place: float | None = None
+) -> None:
+    """Go on with an interrupted crawl, in its run directory.
+
+    Parameters
+    ----------
+    context : CrawlContext
+        The job as the run directory holds it.
+    overlap : float, optional
+        By which the weld overlaps what was welded before the stop, metres.
+    place : float, optional
+        Where the torch stands along the joint, metres, if the vehicle was moved since. Where left
+        out, it must stand where it stood, as far as the laser can tell; the recording must show
+        hull beside the joint.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is nothing to go on with, no such place, or nothing shows where it stood.
+    CrawlStopped
+        If the laser shows that the vehicle was moved; and as `run_crawl` raises.
+    """
+    directory = context.job_file.parent
+    found = read_recorded_crawl(directory)
+    if any(event.name == REPLAY for event in found.events):
+        raise ConfigurationError(
+            "is a replay: nothing was welded there. Resume the crawl itself", file=directory
+        )
+    start = start_after_stop(found.cycles, context.job, overlap, directory)
+    last, left = found.cycles[-1], None
+    # One that waits to go on, and is refused, may stand where it was moved to.
+    crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
+    if place is None:
+        view = LastView.of_recording(crawled, found.profiles, stopped=found.was_stopped)
+        if view is None:
+            raise ConfigurationError(
+                "no recorded profile shows the joint with enough hull beside it, so nobody can "
+                "look whether the vehicle was moved since: say with --place where the torch stands",
+                file=directory,
+            )
+        start, belief = replace(start, last_view=view), belief_after_stop(found, context.job)
+    else:
+        check_place(place, context.job)
+        start = replace(start, travel=place, was_set_down=True)
+        belief = belief_where_set_down(found, context.job)
+    if found.places:
+        arcs = [one.true_travel for one in found.passes if len(one.true_travel)]
+        pose_w = np.array(found.places[-1][1].pose_w)
+        left = InterruptedWorld(
+            pose_w, last.state.time, tuple((arc.min(), arc.max()) for arc in arcs)
+        )
+    with add_file_to_errors(context.job_file):
+        check_size(context.job)
+        cell = make_crawl_cell(context.job, left)
+    method = context.make_method(belief)
+    crawl_into(context, directory, cell, method, start, reader_that_saw(found.profiles))
+
+
+def belief_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
+    """What is known of slip where a crawl goes on that was stopped, or whose program was killed.
+
+    None where its method knows of none, or it never crawled. An earlier version recorded the
+    belief now and then only: the way since the last one counts as unseen, too.
+    """
+    crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
+    if not crawled or (slip := crawled[-1].slip) is None:
+        return None
+    last = crawled[-1]
+    way = abs(last.state.odometry.speed) * (DEAD_MAN if found.was_stopped else GOES_ON)
+    since = takewhile(lambda cycle: cycle.slip is slip, reversed(crawled))
+    way += sum(abs(after.travel - cycle.travel) for after, cycle in pairwise(since))
+    return slip.after_unseen_way(way, job.steering.least_radius)
+
+
+def belief_where_set_down(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
+    """What is known of slip where the vehicle was set down anew; see `belief_after_stop`."""
+    crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
+    slip = crawled[-1].slip if crawled else None
+    return None if slip is None else slip.at_new_start(job.slip)
+
+
+def check_place(place: float, job: CrawlJob) -> None:
+    """Refuse a place from which a crawl can't go on: more than a metre off its way.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is one.
+    """
+    first, last = -job.weld.run_up - LONGEST_OFF_WAY, job.weld.length + LONGEST_OFF_WAY
+    if not first <= place <= last:
+        raise ConfigurationError(
+            f"--place is {1e3 * place:g} mm along the joint, from where the weld begins; it must "
+            f"lie between {1e3 * first:g} and {1e3 * last:g}"
+        )
+
+
+def reader_that_saw(profiles: Iterable[tuple[CrawlCycle, Profile]]) -> RememberingTracker:
+    """Make the reader of a crawl that goes on: it remembers what the recorded profiles show."""
+    reader = RememberingTracker()
+    for cycle, profile in profiles:
+        with suppress(GrooveNotFound):
+            reader.read(profile, cycle.travel)
+    return reader
+
+
+def start_after_stop(
+    cycles: Sequence[CrawlCycle], job: CrawlJob, overlap: float, directory: Path
+) -> CrawlStart:
+    """Where a crawl goes on after a stop.
+
+    Raises
+    ------
+    ConfigurationError
+        If the arc never burned, every pass is welded, or the job has fewer passes than were begun.
+    """
+    begun = max((cycle.number for cycle in cycles), default=0)
+    if begun > len(job.passes):
+        raise ConfigurationError(
+            f"pass {begun} was begun, and the job has {len(job.passes)} left: give it back the "
+            "passes that were run",
+            file=directory / JOB_FILE,
+            key="pass",
+        )
+    burned = [cycle for cycle in cycles if cycle.arc]
+    if not burned:
+        raise ConfigurationError(
+            "no pass was begun: there is nothing to go on with. Start a new crawl", file=directory
+        )
+    cut = burned[-1]
+    end = job.weld.length
+    whole = cut.travel >= end - abs(cut.state.odometry.speed) * END
+    done = cut.number if whole else cut.number - 1
+    if done >= len(job.passes):
+        raise ConfigurationError("every pass is welded: nothing is left to do", file=directory)
+    arc_from = 0.0 if whole else max(cut.travel - overlap, 0.0)
+    # One that only waited to go on may have been told another place, and was not let go there.
+    crawled = [cycle for cycle in cycles if cycle.phase is not Phase.MANUAL]
+    return CrawlStart(done, crawled[-1].travel, arc_from)
+
+
+SHUTTLE_LENGTH: Final = 0.8
+"""Metres of the shuttle's way out."""
+
+SHUTTLE_TIMES: Final = 3
+
+
+def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
+    """Shuttle along a joint, and write what was learned of slip into a new run directory.
+
+    Parameters
+    ----------
+    context : CrawlContext
+        Its job's method must be the slip-aware one.
+    directory : Path
+        To make.
+
+    Raises
+    ------
+    ConfigurationError
+        If the job is wrong.
+    VehicleFault, LaserFault
+        If the crawler was stopped; there is no calibration then.
+    """
+    with add_file_to_errors(context.job_file):
+        if context.job.method != "slip-aware":
+            raise ConfigurationError("the paper's method learns no slip", key="method")
+        if context.job.calibration is not None:
+            raise ConfigurationError(
+                "a calibration begins from nothing: leave this key out", key="calibration"
+            )
+        check_size(context.job)
+        method, cell = context.make_method(), make_crawl_cell(context.job)
+        make_crawl_directory(context, directory)
+    origin = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
+    file = next_recording_file(directory, CRAWL_RECORDING)
+    with record_crawl(file, origin, cell.simulated_place) as recording, cell:
+        journal = CombinedCrawlJournal((recording, context.journal))
+        make_crawler(context, cell, method, journal).shuttle(SHUTTLE_LENGTH, SHUTTLE_TIMES)
+    if method.slip is None:
+        raise ConfigurationError("this method learns no slip", key="method")
+    found = SlipCalibration.from_belief(method.slip, context.job.vehicle.device_id)
+    write_slip_calibration(directory / CALIBRATION_FILE, found, job_label_of_run(directory))
+    return found

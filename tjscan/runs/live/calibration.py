@@ -1,13 +1,17 @@
-"""What the live page shows of a calibration: while it goes on, and of its recording."""
+"""What the live page shows of a calibration, and how the wizard's questions are answered there."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Final
 
 import numpy as np
 
 from tjscan.calibration.fits.posed_profile import PosedProfile
+from tjscan.calibration.wizard.operator import Answer, Question
 from tjscan.calibration.wizard.session import CalibrationProgress
 from tjscan.calibration.wizard.topics import (
     CALIBRATION_RECORDING,
@@ -19,24 +23,37 @@ from tjscan.calibration.wizard.topics import (
     StartOrResumeEntry,
     read_calibration_entries,
 )
+from tjscan.core.devices import DriverKind
+from tjscan.core.errors import LaserFault, PageUnavailable
 from tjscan.core.frames import Array, rot_z, transform_points
 from tjscan.job import CalibrationJob, read_calibration_job
-from tjscan.job.arm import kinematics_of_job, solids_in_base
-from tjscan.job.sensor_mount import sensor_mount_of_job
+from tjscan.job.arm import kinematics_of_job, sensor_mount_of_job, solids_in_base
 from tjscan.laser.profile import Profile
-from tjscan.live.colours import FITTED, GHOST, LASER, TOOL
+from tjscan.live.buttons import Button, Tone
+from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR, TOOL_COLOUR
 from tjscan.live.drawables import Drawable, Lines, Posture, Surface
-from tjscan.live.step import Measure, PlaneCurve, RecordedShow, Sample, Setting, Step
+from tjscan.live.listening import RunOnPage, show_run
+from tjscan.live.page import PageAddress
+from tjscan.live.step import (
+    PRESS_FACT,
+    STATE_FACT,
+    Measure,
+    PlaneCurve,
+    RecordedShow,
+    Sample,
+    Setting,
+    Step,
+)
 from tjscan.recording.parts import recording_files
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.runs.calibration.run import calibration_plan_of_job
 
-POSITION: Final = Measure("position known to", "mm", logarithmic=True)
-ROTATION: Final = Measure("rotation known to", "°", logarithmic=True)
-HEAD: Final = ("line", "offset / mm", "residual / σ", "")
+POSITION_SIGMA: Final = Measure("position known to", "mm", logarithmic=True)
+ROTATION_SIGMA: Final = Measure("rotation known to", "°", logarithmic=True)
+RESIDUALS_HEAD: Final = ("line", "offset / mm", "residual / σ", "")
 """Of the list of lines."""
 
-CROSS: Final = 0.015
+CROSS_HALF_SIZE: Final = 0.015
 """Metres, half the size of the mark on a touched place."""
 
 CalibrationNews = CalibrationEntry | CalibrationProgress
@@ -80,14 +97,14 @@ class CalibrationShow:
     def next_pose(self, T_b_f: Array | None) -> Step:
         """Draw where the next move leads: the flange's axes, and the laser's plane from there."""
         if T_b_f is None:
-            return Step(drawn={"next": Lines(np.empty((0, 2, 3)), FITTED)})
+            return Step(drawn={"next": Lines(np.empty((0, 2, 3)), FITTED_COLOUR)})
         T_b_s, window = T_b_f @ self._T_f_s, self._plan.window
         reach = window.far * np.tan(window.half_angle)
         corners = transform_points(T_b_s, [(-reach, 0, window.far), (reach, 0, window.far)])
         fan = np.vstack((T_b_s[:3, 3], corners, T_b_s[:3, 3]))
         axes = [np.stack((T_b_f[:3, 3], T_b_f[:3, 3] + 0.1 * axis)) for axis in T_b_f[:3, :3].T]
         way = np.stack((T_b_f[:3, 3], T_b_s[:3, 3]))
-        return Step(drawn={"next": Lines.through(fan, way, *axes, colour=FITTED, width=3.0)})
+        return Step(drawn={"next": Lines.through(fan, way, *axes, colour=FITTED_COLOUR, width=3.0)})
 
     def _setting(self) -> Setting:
         job, board = self._job, self._plan.T_b_board
@@ -97,7 +114,7 @@ class CalibrationShow:
         aside = rot_z(np.radians(-65)) @ np.array((*towards, 0.0))
         return Setting(
             self._title,
-            (POSITION, ROTATION),
+            (POSITION_SIGMA, ROTATION_SIGMA),
             "lines taken",
             None,
             kinematics_of_job(job),
@@ -112,15 +129,15 @@ class CalibrationShow:
         x, y = self._plan.half_sizes
         corners = [(-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)]
         face = transform_points(self._plan.T_b_board, corners)
-        return Surface(face, np.array([(0, 1, 2), (0, 2, 3)]), GHOST, 0.6)
+        return Surface(face, np.array([(0, 1, 2), (0, 2, 3)]), NOMINAL_COLOUR, 0.6)
 
     def _touch_step(self, touch: BoardTouch) -> Step:
         label, drawn = f"place {touch.place_number + 1}", dict[str, Drawable]()
         if touch.T_b_f is None:
             return Step(label, events=(("passed over", label),))
         tip = transform_points(touch.T_b_f, self._plan.tip_f)
-        marks = [np.stack((tip - arm, tip + arm)) for arm in CROSS * np.eye(3)]
-        drawn[f"touch/{touch.place_number}"] = Lines.through(*marks, colour=TOOL, width=3.0)
+        marks = [np.stack((tip - arm, tip + arm)) for arm in CROSS_HALF_SIZE * np.eye(3)]
+        drawn[f"touch/{touch.place_number}"] = Lines.through(*marks, colour=TOOL_COLOUR, width=3.0)
         if touch.q is not None:
             drawn["arm"] = Posture(touch.q)
         return Step(label, drawn, {"touched": f"{label} of {self._plan.touches}"})
@@ -132,22 +149,22 @@ class CalibrationShow:
         drawn: dict[str, Drawable] = {} if posture is None else {"arm": Posture(posture)}
         if len(points) > 1:
             seen = transform_points(shot.T_b_f @ self._T_f_s, points[:: max(1, len(points) // 48)])
-            drawn[f"line/{label}"] = Lines.through(seen, colour=LASER, width=2.5)
+            drawn[f"line/{label}"] = Lines.through(seen, colour=LASER_COLOUR, width=2.5)
         return Step(label, drawn, {"taken": label}, profile=plane_curve(shot.profile))
 
     def _progress_step(self, progress: CalibrationProgress) -> Step:
         """How sure the pose is after each line; the lines in the table, and where they belong."""
         sure, taken = progress.uncertainty, len(progress.samples)
         values = {
-            POSITION.name: 1e3 * sure.position,
-            ROTATION.name: float(np.degrees(sure.rotation)),
+            POSITION_SIGMA.name: 1e3 * sure.position,
+            ROTATION_SIGMA.name: float(np.degrees(sure.rotation)),
         }
         facts = {
             "lines": f"{taken} of {progress.wanted}",
-            "certain to": f"{values[POSITION.name]:.3g} mm, {values[ROTATION.name]:.3g}°"
+            "certain to": "{:.3g} mm, {:.3g}°".format(*values.values())
             + ("" if progress.result else " expected"),
         }
-        rows = [HEAD]
+        rows = [RESIDUALS_HEAD]
         if (result := progress.result) is not None:
             self._T_f_s = result.T_f_s
             rows += [
@@ -180,6 +197,149 @@ def read_calibration_show(directory: Path) -> RecordedShow | None:
     """Read what a calibration's recording has to show; see `tjscan.live.step.ShowReader`."""
     if not recording_files(directory, CALIBRATION_RECORDING)[0].is_file():
         return None
-    job_file = directory / JOB
+    job_file = directory / JOB_FILE
     show = CalibrationShow(read_calibration_job(job_file), job_file, directory.resolve().name)
     return RecordedShow(show.setting, tuple(map(show.step, read_calibration_entries(directory))))
+
+
+LOOK_EVERY: Final = 0.2
+"""Seconds between two profiles of a real laser while an answer is awaited."""
+
+ANSWER_BUTTONS: Final[tuple[tuple[Answer, Tone, str], ...]] = (
+    ("Take", "green", "Do what is asked: the arm may move"),
+    ("Skip", "gray", "Pass it over"),
+    ("Redo", "yellow", "Measure it again"),
+    ("Finish", "blue", "End here, with what there is"),
+)
+
+
+class PageOperator:
+    """Operator who is asked on the page.
+
+    Parameters
+    ----------
+    run : RunOnPage
+        The calibration on the page.
+    show : CalibrationShow
+    report : callable
+        Is told every message too.
+    looks : bool
+        Whether the laser is looked through while an answer is awaited: a simulated one would
+        then see other noise in every run.
+    """
+
+    present = True
+
+    def __init__(
+        self,
+        run: RunOnPage[CalibrationNews],
+        show: CalibrationShow,
+        report: Callable[[str], object],
+        *,
+        looks: bool,
+    ) -> None:
+        self._run, self._show, self._report, self._looks = run, show, report, looks
+        self._pressed: SimpleQueue[Answer] = SimpleQueue()
+
+    def buttons(self, interrupt: Callable[[], object]) -> list[Button]:
+        """Buttons of the page: the answers, and Stop, which does what Ctrl-C does."""
+
+        def pressing(word: Answer) -> Callable[[], object]:
+            return lambda: self._pressed.put(word)
+
+        answers = [Button(word, pressing(word), tone, hint) for word, tone, hint in ANSWER_BUTTONS]
+        stop = Button("Stop", interrupt, "red", "As Ctrl-C; what was measured stays")
+        return [*answers, stop]
+
+    def confirm(self, question: Question) -> bool:
+        """Show a question and where it leads; wait for one of its two buttons."""
+        self._forget_presses()
+        words = f"{question.yes} or {question.no}"
+        self._run.post(Step(facts={STATE_FACT: question.text, PRESS_FACT: words}))
+        self._run.post(self._show.next_pose(question.T_b_f))
+        self._enable(question.yes, question.no)
+        while (answer := self._next_press(question)) not in (question.yes, question.no):
+            pass  # of a button that answers nothing now
+        self._enable()
+        self._run.post(Step(facts={STATE_FACT: "working", PRESS_FACT: ""}))
+        return answer == question.yes
+
+    def report(self, message: str) -> None:
+        """Show a message among the events, and pass it on."""
+        self._run.post(Step(events=(("", message),)))
+        self._report(message)
+
+    def show_uncertainty(self, progress: CalibrationProgress) -> None:
+        """Show how sure the pose is, and the lines that it rests on."""
+        self._run.post(progress)
+
+    def show_entry(self, entry: CalibrationEntry) -> None:
+        """Show what was measured."""
+        self._run.post(entry)
+
+    def _enable(self, *words: Answer) -> None:
+        if self._run.page is not None:
+            self._run.page.enable({word: word in words for word, _, _ in ANSWER_BUTTONS})
+
+    def _forget_presses(self) -> None:
+        """A press that came before its question answers none: the arm might move."""
+        while not self._pressed.empty():
+            self._pressed.get()
+
+    def _next_press(self, question: Question) -> Answer:
+        """Next button that is pressed; until then a real laser's profiles are shown."""
+        while True:
+            look = question.look if self._looks else None
+            try:
+                return self._pressed.get(timeout=None if look is None else LOOK_EVERY)
+            except Empty:
+                if look is not None:
+                    self._show_profile(look)
+
+    def _show_profile(self, look: Callable[[], Profile]) -> None:
+        try:
+            profile = look()
+        except LaserFault as fault:
+            self._run.post(Step(facts={"laser": str(fault)}))
+            return
+        self._run.post(Step(facts={"laser": ""}, profile=plane_curve(profile)))
+
+
+@contextmanager
+def operator_on_page(
+    job: CalibrationJob,
+    job_file: Path,
+    where: PageAddress,
+    report: Callable[[str], object],
+    interrupt: Callable[[], object],
+) -> Iterator[PageOperator]:
+    """Serve a page that asks the calibration's questions while the block runs.
+
+    Parameters
+    ----------
+    job : CalibrationJob
+    job_file : Path
+        Where it was read from.
+    where : PageAddress
+    report : callable
+        Is told the page's address, and every message.
+    interrupt : callable
+        Does what Ctrl-C does.
+
+    Raises
+    ------
+    PageUnavailable
+        If there is no page: nobody would answer.
+    """
+    show = CalibrationShow(job, job_file, job_file.stem)
+    looks = job.laser.driver_kind is DriverKind.REAL
+    made: list[PageOperator] = []
+
+    def buttons(run: RunOnPage[CalibrationNews]) -> Sequence[Button]:
+        made.append(PageOperator(run, show, report, looks=looks))
+        return made[0].buttons(interrupt)
+
+    with show_run(show, where, report, buttons):
+        if not made:
+            raise PageUnavailable("nobody can answer without the page: leave out --live")
+        yield made[0]

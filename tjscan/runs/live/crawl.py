@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Final
@@ -11,37 +15,58 @@ import numpy as np
 
 from tjscan.core.frames import pose, rot_z
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
-from tjscan.crawler.phases import TRANSITIONS, Event, Phase
+from tjscan.crawler.phases import PHASE_TRANSITIONS, Event, Phase
 from tjscan.crawler.topics import CRAWL_RECORDING, CrawlProfile, read_crawl
-from tjscan.job.crawl_job import CrawlJob
-from tjscan.job.crawl_reading import read_crawl_job
-from tjscan.live.colours import GHOST, LASER
-from tjscan.live.diagram import StateDiagram
+from tjscan.job.crawl.job import CrawlJob, read_crawl_job
+from tjscan.laser.profile import Profile
+from tjscan.live.buttons import Button, HoldButton, PageButton, stop_button
+from tjscan.live.colours import LASER_COLOUR, NOMINAL_COLOUR
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Placement, Surface
-from tjscan.live.events import NotedEvent
-from tjscan.live.step import STATE, Measure, PlaneCurve, RecordedShow, Sample, Setting, Step
+from tjscan.live.listening import RunOnPage, show_run
+from tjscan.live.page import PageAddress
+from tjscan.live.step import (
+    PRESS_FACT,
+    STATE_FACT,
+    Measure,
+    NotedEvent,
+    PlaneCurve,
+    RecordedShow,
+    Sample,
+    Setting,
+    StateDiagram,
+    Step,
+)
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.parts import recording_files
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.robot.solids import Box, Cylinder, Solid
+from tjscan.vehicle.vehicle import REST, Twist
 
-DEVIATION: Final = Measure("torch beside its path", "mm")
-OFFSET: Final = Measure("vehicle beside the joint", "mm")
-SIGMA: Final = Measure("torch known to", "mm")
-TORQUE: Final = Measure("largest torque", "N m")
+TORCH_DEVIATION: Final = Measure("torch beside its path", "mm")
+VEHICLE_OFFSET: Final = Measure("vehicle beside the joint", "mm")
+TORCH_SIGMA: Final = Measure("torch known to", "mm")
+LARGEST_TORQUE: Final = Measure("largest torque", "N m")
 
-HEIGHT: Final = 0.12
+BODY_HEIGHT: Final = 0.12
 """Metres, of the drawn body."""
-GROUND: Final = 0.05
+GROUND_CLEARANCE: Final = 0.05
 """Metres by which it stands off the hull."""
-SPACING: Final = 5e-3
+PIECE_LENGTH: Final = 5e-3
 """Metres of travel that a drawn piece of weld is long."""
-WIDTH: Final = 0.01
+WELD_WIDTH: Final = 0.01
 """Metres, of the drawn weld."""
-EVERY: Final = 0.25
+SECONDS_BETWEEN_STEPS: Final = 0.25
 """Seconds of the vehicle's clock between two steps of a recording."""
 
 CrawlEntry = CrawlCycle | CrawlProfile | NotedEvent
+
+SECONDS_BETWEEN_PAGE_CYCLES: Final = 0.05
+"""Of the vehicle's clock, between two cycles that are handed to the page."""
+HOLD_LIFETIME: Final = 0.3
+"""Seconds for which the page's last word that a button is held counts; the page repeats it 20 times
+a second. It leaves the rest of a vehicle's `DEAD_MAN` to brake in."""
+SHORTEST_CYCLE: Final = 0.01
+"""Seconds between two orders at least: a simulated vehicle waits for nothing."""
 
 
 class CrawlShow:
@@ -78,14 +103,14 @@ class CrawlShow:
         news = ((event.name, event.detail),)
         if event.name not in set(Phase):
             return Step(event.name, events=news)
-        facts = {STATE: event.name}
+        facts = {STATE_FACT: event.name}
         return Step(event.name, facts=facts, events=news, diagram=phase_diagram(Phase(event.name)))
 
     def _setting(self, title: str) -> Setting:
         job, length = self._job, self._job.weld.length
         before = job.alignment.length + job.weld.run_up
-        size = (job.vehicle.body_length, job.vehicle.body_width, HEIGHT)
-        body = Solid("body", Box(size), pose(p=(0.0, 0.0, GROUND + 0.5 * HEIGHT)))
+        size = (job.vehicle.body_length, job.vehicle.body_width, BODY_HEIGHT)
+        body = Solid("body", Box(size), pose(p=(0.0, 0.0, GROUND_CLEARANCE + 0.5 * BODY_HEIGHT)))
         torch = Solid("torch", Cylinder(0.012, 0.25), pose(p=(0.0, 0.0, 0.125)))
         ends = np.array([(-before, 0.0, 0.0), (length + job.weld.run_up, 0.0, 0.0)])
         weld = np.array([(0.0, 0.0, 0.0), (length, 0.0, 0.0)])
@@ -95,14 +120,14 @@ class CrawlShow:
         away = length + before + 2 * job.vehicle.body_length
         return Setting(
             title,
-            (DEVIATION, OFFSET, SIGMA, TORQUE),
+            (TORCH_DEVIATION, VEHICLE_OFFSET, TORCH_SIGMA, LARGEST_TORQUE),
             "along the joint / mm",
             see_through=("vehicle",),
             bodies={"vehicle": (body,), "torch": (torch,)},
             ghost=(
-                Surface(hull, np.array([(0, 1, 2), (0, 2, 3)]), GHOST, 0.35),
-                Lines.through(ends, colour=GHOST, width=1.5),
-                Lines.through(weld, colour=LASER, width=2.0),
+                Surface(hull, np.array([(0, 1, 2), (0, 2, 3)]), NOMINAL_COLOUR, 0.35),
+                Lines.through(ends, colour=NOMINAL_COLOUR, width=1.5),
+                Lines.through(weld, colour=LASER_COLOUR, width=2.0),
             ),
             look_at=middle,
             look_from=middle + away * np.array((-0.35, -0.9, 0.7)),
@@ -112,12 +137,12 @@ class CrawlShow:
         torch, state = cycle.torch, cycle.state
         at = cycle.travel, -(torch.offset + cycle.torch_y), 0.0
         values = {
-            DEVIATION.name: 1e3 * cycle.deviation,
-            OFFSET.name: 1e3 * torch.offset,
-            SIGMA.name: 1e3 * torch.sigma,
+            TORCH_DEVIATION.name: 1e3 * cycle.deviation,
+            VEHICLE_OFFSET.name: 1e3 * torch.offset,
+            TORCH_SIGMA.name: 1e3 * torch.sigma,
         }
         if state.torques:
-            values[TORQUE.name] = max(map(abs, state.torques))
+            values[LARGEST_TORQUE.name] = max(map(abs, state.torques))
         drawn: dict[str, Drawable] = {
             "vehicle": Placement(pose(rot_z(-torch.heading), (cycle.travel, -torch.offset, 0.0))),
             "torch": Placement(pose(p=at)),
@@ -140,7 +165,7 @@ class CrawlShow:
         proximity = [value for value in cycle.state.proximity if isfinite(value)]
         nearest = {"nearest corner": f"{1e3 * min(proximity):.0f} mm"} if proximity else {}
         return {
-            STATE: str(cycle.phase),
+            STATE_FACT: str(cycle.phase),
             "pass": f"{cycle.number} of {len(self._job.passes)}" if cycle.number else "",
             "along the joint": f"{1e3 * cycle.travel:.0f} of {1e3 * self._job.weld.length:.0f} mm",
             "speed": f"{1e3 * cycle.state.odometry.speed:.1f} mm/s",
@@ -163,10 +188,10 @@ class CrawlShow:
         if number != cycle.number or self._last is None:
             self._last = cycle.number, cycle.travel, y
             return {}
-        if abs(cycle.travel - x0) < SPACING:
+        if abs(cycle.travel - x0) < PIECE_LENGTH:
             return {}
         self._last, self._piece = (cycle.number, cycle.travel, y), self._piece + 1
-        z, half = 4e-3 * cycle.number, 0.5 * WIDTH
+        z, half = 4e-3 * cycle.number, 0.5 * WELD_WIDTH
         strip = [(x0, y0 - half, z), (x0, y0 + half, z)]
         strip += [(cycle.travel, y - half, z), (cycle.travel, y + half, z)]
         triangles = np.array([(0, 1, 2), (1, 3, 2)])
@@ -178,7 +203,7 @@ def phase_diagram(now: Phase) -> StateDiagram:
     """The phases and what leads from one to another, the present one marked."""
     ways = [
         (str(phase), str(after), str(event))
-        for (phase, event), after in TRANSITIONS.items()
+        for (phase, event), after in PHASE_TRANSITIONS.items()
         if event is not Event.DANGER
     ]
     return StateDiagram(tuple(map(str, Phase)), tuple(ways), str(now), str(Phase.STOP))
@@ -188,7 +213,7 @@ def read_crawl_show(directory: Path) -> RecordedShow | None:
     """Read what a crawl's recording has to show; see `tjscan.live.step.ShowReader`."""
     if not recording_files(directory, CRAWL_RECORDING)[0].is_file():
         return None
-    show = CrawlShow(read_crawl_job(directory / JOB), directory.resolve().name)
+    show = CrawlShow(read_crawl_job(directory / JOB_FILE), directory.resolve().name)
     return RecordedShow(show.setting, tuple(map(show.step, _entries(directory))))
 
 
@@ -198,7 +223,7 @@ def _entries(directory: Path) -> Iterator[CrawlEntry]:
     for entry in read_crawl(directory):
         match entry:
             case CrawlCycle() if entry.state.time >= due:
-                due, with_profile = entry.state.time + EVERY, True
+                due, with_profile = entry.state.time + SECONDS_BETWEEN_STEPS, True
                 yield entry
             case CrawlProfile() if with_profile:
                 with_profile = False
@@ -207,3 +232,154 @@ def _entries(directory: Path) -> Iterator[CrawlEntry]:
                 yield NotedEvent(entry.name, entry.detail)
             case CrawlCycle() | CrawlProfile() | SimulatedPlace():
                 pass
+
+
+class PageHandDrive:
+    """A `HandDrive` whose orders are buttons of the page that are held.
+
+    It hears that a button is held again and again, and not that it is released: a page that is
+    closed, a browser that dies and a network that fails say nothing, and so stop the vehicle too.
+    Buttons that contradict each other, held in two browsers, stop it as well.
+
+    Parameters
+    ----------
+    speed : float
+        To drive at, m/s.
+    curvature : float
+        Of the turns, 1/m.
+    clock : callable, optional
+        Gives seconds.
+    wait : callable, optional
+        Waits for as many seconds.
+    """
+
+    def __init__(
+        self,
+        speed: float,
+        curvature: float,
+        clock: Callable[[], float] = time.monotonic,
+        wait: Callable[[float], object] = time.sleep,
+    ) -> None:
+        turn = speed * curvature
+        self._twists = {
+            "Hold: forward": Twist(speed, 0.0),
+            "Hold: forward, left": Twist(speed, -turn),
+            "Hold: forward, right": Twist(speed, turn),
+            "Hold: back": Twist(-speed, 0.0),
+        }
+        self._heard = dict.fromkeys(self._twists, float("-inf"))
+        self._clock, self._wait, self._last = clock, wait, float("-inf")
+        self._begun = threading.Event()
+
+    @classmethod
+    def of_job(cls, job: CrawlJob) -> PageHandDrive:
+        """Drive as slowly as the crawler aligns, and turn as tightly as its motors may."""
+        return cls(job.alignment.speed, 1 / job.steering.least_radius)
+
+    @property
+    def words(self) -> Sequence[str]:
+        """Words of the buttons that drive."""
+        return tuple(self._twists)
+
+    def start(self) -> None:
+        """Let the crawl begin: nobody drives by hand any more."""
+        self._begun.set()
+
+    def hear(self, word: str) -> None:
+        """Note that a button is held."""
+        self._heard[word] = self._clock()
+
+    def order(self) -> Twist | None:
+        """Return what is asked for now; see `HandDrive.order`."""
+        self._wait(max(0.0, self._last + SHORTEST_CYCLE - self._clock()))
+        self._last = now = self._clock()
+        if self._begun.is_set():
+            return None
+        held = [word for word, heard in self._heard.items() if now - heard < HOLD_LIFETIME]
+        return self._twists[held[0]] if len(held) == 1 else REST
+
+
+class CrawlPageJournal:
+    """A crawl's journal that hands cycles and profiles to the page now and then, and all events.
+
+    Parameters
+    ----------
+    run : RunOnPage
+    """
+
+    def __init__(self, run: RunOnPage[CrawlEntry]) -> None:
+        self._run, self._due = run, float("-inf")
+
+    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
+        """Show a cycle, if the last one is a while ago."""
+        if cycle.state.time < self._due:
+            return
+        self._due = cycle.state.time + SECONDS_BETWEEN_PAGE_CYCLES
+        self._run.post(cycle)
+        if profile is not None:
+            self._run.post(CrawlProfile(cycle, profile))
+
+    def record_event(self, name: str, detail: str) -> None:
+        """Show an event."""
+        self._run.post(NotedEvent(name, detail))
+
+
+@contextmanager
+def show_crawl(
+    job: CrawlJob,
+    title: str,
+    where: PageAddress,
+    report: Callable[[str], object],
+    interrupt: Callable[[], object],
+    hand: PageHandDrive | None = None,
+) -> Iterator[CrawlPageJournal]:
+    """Show a crawl while the block runs; gives the journal that shows it.
+
+    Parameters
+    ----------
+    job : CrawlJob
+    title : str
+        Of the run.
+    where : PageAddress
+    report : callable
+        Is told the page's address, or why there is none.
+    interrupt : callable
+        Does what Ctrl-C does.
+    hand : PageHandDrive, optional
+        Who drives by hand on it before the crawl begins.
+
+    Raises
+    ------
+    PageUnavailable
+        If there is no page, and somebody is to drive on it.
+    """
+
+    def buttons(run: RunOnPage[CrawlEntry]) -> Sequence[PageButton]:
+        stop = stop_button(interrupt, "the crawler")
+        return stop if hand is None else [*stop, *hand_drive_buttons(run, hand)]
+
+    with show_run(CrawlShow(job, title), where, report, buttons) as run:
+        if hand is not None:
+            run.check_page()
+        yield CrawlPageJournal(run)
+
+
+def hand_drive_buttons(run: RunOnPage[CrawlEntry], hand: PageHandDrive) -> Sequence[PageButton]:
+    """Buttons that drive a crawler while they are held, and Start, which takes them away.
+
+    Parameters
+    ----------
+    run : RunOnPage
+    hand : PageHandDrive
+    """
+
+    def start() -> None:
+        hand.start()
+        if run.page is not None:
+            run.page.enable(dict.fromkeys(("Start", *hand.words), False))
+        run.post(Step(facts={PRESS_FACT: ""}))
+
+    run.post(Step(facts={PRESS_FACT: "Start, or hold a button to drive"}))
+    hint = "Drives slowly while it is held; released, or gone with the page, the crawler stops"
+    held = [HoldButton(word, partial(hand.hear, word), hint=hint) for word in hand.words]
+    return [Button("Start", start, "green", "Let the crawl begin"), *held]

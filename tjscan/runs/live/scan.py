@@ -1,8 +1,10 @@
-"""What the live page shows of a scan: while it goes on, and of its recording."""
+"""What the live page shows of a scan, while it runs and from its recording."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import Final
@@ -16,30 +18,33 @@ from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.arm import kinematics_of_job, solids_in_base
 from tjscan.joint.edges import feature_edges
-from tjscan.live.colours import FITTED, GHOST, LASER
+from tjscan.live.buttons import Button
+from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Posture, Surface
-from tjscan.live.events import NotedEvent
-from tjscan.live.step import Measure, PlaneCurve, RecordedShow, Sample, Setting, Step
+from tjscan.live.listening import RunOnPage, show_run
+from tjscan.live.page import PageAddress
+from tjscan.live.step import Measure, NotedEvent, PlaneCurve, RecordedShow, Sample, Setting, Step
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.parts import recording_files
-from tjscan.result.directory import JOB, RECORDING
+from tjscan.result.directory import JOB_FILE, RECORDING_FILE
 from tjscan.result.section import absent_corners
 from tjscan.result.wireframe import joint_wireframe
-from tjscan.runs.context import RunContext, groove_reader_of_job, result_frame_of_job
+from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
 from tjscan.scanning.reader import read_recording_entries
 from tjscan.scanning.recorded import RecordedSection
 from tjscan.scanning.scanned_surface import grid_triangles
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.sections_before import read_section
+from tjscan.scanning.stopping import StopRequest
 
-DEVIATION: Final = Measure("deviation", "mm")
-ANGLE: Final = Measure("groove angle", "°")
-OPENING: Final = Measure("root opening", "mm")
-DEPTH: Final = Measure("depth", "mm")
-SIGMA: Final = Measure("sigma of the corners", "mm")
+CORNER_DEVIATION: Final = Measure("deviation", "mm")
+GROOVE_ANGLE: Final = Measure("groove angle", "°")
+ROOT_OPENING: Final = Measure("root opening", "mm")
+GROOVE_DEPTH: Final = Measure("depth", "mm")
+CORNER_SIGMA: Final = Measure("sigma of the corners", "mm")
 """By the profile's noise alone: what all sections share is in the report's budget."""
 
-STANDS: Final = ("paused", "stop", "failed", "interrupted", "complete")
+STANDING_EVENTS: Final = ("paused", "stop", "failed", "interrupted", "complete")
 """Events after which the arm stands."""
 
 FAN_POINTS: Final = 32
@@ -77,12 +82,12 @@ class ScanShow:
     def setting(self) -> Setting:
         """What stands still: arm, solids, tool and the joint as designed."""
         job = self._context.job
-        measures = (ANGLE, OPENING, DEPTH, SIGMA)
+        measures = (GROOVE_ANGLE, ROOT_OPENING, GROOVE_DEPTH, CORNER_SIGMA)
         at, seen_from = self._camera()
         known = self._joint is not None
         return Setting(
             self._title,
-            (DEVIATION, *measures) if known else measures,
+            (CORNER_DEVIATION, *measures) if known else measures,
             "clock position / h" if known else "section",
             (0.0, 12.0) if known else None,
             kinematics_of_job(job),
@@ -104,7 +109,11 @@ class ScanShow:
                 label = f"section {entry.view.index}"
                 return Step(label, self._piece(entry.view, entry.points_b, {}))
             case NotedEvent():
-                state = {"state": f"{entry.name}: {entry.detail}"} if entry.name in STANDS else {}
+                state = (
+                    {"state": f"{entry.name}: {entry.detail}"}
+                    if entry.name in STANDING_EVENTS
+                    else {}
+                )
                 return Step(entry.name, facts=state, events=((entry.name, entry.detail),))
 
     def _view_step(self, view: ProfileView) -> Step:
@@ -131,14 +140,18 @@ class ScanShow:
             f"section {view.index}",
             {
                 **self._piece(view, section.points_b, values),
-                "fitted": Lines.through(section.points_b, colour=FITTED, width=3.0),
+                "fitted": Lines.through(section.points_b, colour=FITTED_COLOUR, width=3.0),
             },
             {
                 "sections": f"{done} of {self.total}" if self.total else f"{done}",
                 "groove": form,
                 **{
                     measure.name: _in_words(measure, values, sigmas)
-                    for measure in (*(() if self._joint is None else (DEVIATION,)), ANGLE, OPENING)
+                    for measure in (
+                        *(() if self._joint is None else (CORNER_DEVIATION,)),
+                        GROOVE_ANGLE,
+                        ROOT_OPENING,
+                    )
                 },
             },
             None if self.total is None else min(done / self.total, 1.0),
@@ -153,23 +166,23 @@ class ScanShow:
         is_open = np.isfinite(section.root_opening)
         corner_sigma = 1e3 * float(np.max(section.corner_sigmas))
         values = {
-            ANGLE.name: float(np.degrees(angle)),
-            OPENING.name: 1e3 * float(section.root_opening if is_open else width),
-            DEPTH.name: 1e3 * float(depth),
-            SIGMA.name: corner_sigma,
+            GROOVE_ANGLE.name: float(np.degrees(angle)),
+            ROOT_OPENING.name: 1e3 * float(section.root_opening if is_open else width),
+            GROOVE_DEPTH.name: 1e3 * float(depth),
+            CORNER_SIGMA.name: corner_sigma,
         }
         sigmas = {
-            ANGLE.name: float(np.degrees(angle_sigma)),
-            OPENING.name: 1e3 * float(width_sigma),
-            DEPTH.name: 1e3 * float(depth_sigma),
+            GROOVE_ANGLE.name: float(np.degrees(angle_sigma)),
+            ROOT_OPENING.name: 1e3 * float(width_sigma),
+            GROOVE_DEPTH.name: 1e3 * float(depth_sigma),
         }
         if self._edges is not None:
             absent = absent_corners([section])
             off = corner_to_edge_distances(section.points[None], self._edges, absent)
-            values[DEVIATION.name] = (
+            values[CORNER_DEVIATION.name] = (
                 1e3 * float(np.nanmax(off)) if np.isfinite(off).any() else np.nan
             )
-            sigmas[DEVIATION.name] = corner_sigma
+            sigmas[CORNER_DEVIATION.name] = corner_sigma
         return values, sigmas
 
     def _piece(
@@ -190,8 +203,8 @@ class ScanShow:
         if self._joint is None or T_b_j is None:
             return
         lines = [transform_points(T_b_j, line) for line in joint_wireframe(self._joint)]
-        yield Lines.through(*lines[:3], colour=GHOST, width=2.0)  # the groove's edges
-        yield Lines.through(*lines[3:], colour=GHOST, width=1.0)
+        yield Lines.through(*lines[:3], colour=NOMINAL_COLOUR, width=2.0)  # the groove's edges
+        yield Lines.through(*lines[3:], colour=NOMINAL_COLOUR, width=1.0)
 
     def _camera(self) -> tuple[Array, Array]:
         """Middle of the picture, and whence it is seen: over the taught pose, beside the arm."""
@@ -223,14 +236,14 @@ def laser_fan(view: ProfileView) -> dict[str, Drawable]:
     points = view.profile.points_s
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) < 2:
-        return {"profile": Lines(np.empty((0, 2, 3)), LASER)}
+        return {"profile": Lines(np.empty((0, 2, 3)), LASER_COLOUR)}
     thin = points[np.linspace(0, len(points) - 1, FAN_POINTS).round().astype(int)]
     seen_b = transform_points(view.T_b_s, thin)
     k = np.arange(1, len(thin))
     fan = np.concatenate((view.T_b_s[None, :3, 3], seen_b))
     return {
-        "laser": Surface(fan, np.column_stack((np.zeros_like(k), k, k + 1)), LASER, 0.18),
-        "profile": Lines.through(seen_b, colour=LASER, width=3.0),
+        "laser": Surface(fan, np.column_stack((np.zeros_like(k), k, k + 1)), LASER_COLOUR, 0.18),
+        "profile": Lines.through(seen_b, colour=LASER_COLOUR, width=3.0),
     }
 
 
@@ -245,10 +258,10 @@ def _in_words(measure: Measure, values: dict[str, float], sigmas: dict[str, floa
 
 def read_recorded_scan_show(directory: Path) -> RecordedShow | None:
     """Read what a scan's recording has to show; see `tjscan.live.step.ShowReader`."""
-    if not (directory / RECORDING).is_file():
+    if not (directory / RECORDING_FILE).is_file():
         return None
-    job = read_scan_job(directory / JOB)
-    context = RunContext(job.job_at_station(), directory / JOB)
+    job = read_scan_job(directory / JOB_FILE)
+    context = RunContext(job.job_at_station(), directory / JOB_FILE)
     show = ScanShow(context, directory.resolve().name)
     return RecordedShow(
         show.setting, tuple(show.step(entry) for entry in recorded_entries(directory, context))
@@ -280,3 +293,121 @@ def recorded_entries(directory: Path, context: RunContext) -> Iterator[ScanEntry
                     yield NotedEvent(entry.name, entry.detail)
                 case ProfileView():
                     yield entry
+
+
+class PageJournal:
+    """Journal that hands everything to the page and waits for nothing.
+
+    Parameters
+    ----------
+    run : RunOnPage
+        The scan on the page.
+    total : int or None
+        Sections to scan, where that is known.
+    clock : callable
+        Gives seconds.
+    """
+
+    def __init__(
+        self,
+        run: RunOnPage[ScanEntry],
+        total: int | None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.run, self._total, self._clock = run, total, clock
+        self._first: tuple[int, float] | None = None
+
+    def record_view(self, view: ProfileView) -> None:
+        """Show where the arm stands and what the laser saw."""
+        self.run.post(view)
+
+    def record_section(self, section: ScannedSection) -> None:
+        """Show a finished section, and how long the rest takes at the pace until now."""
+        self.run.post(section)
+        number, now = section.view.index, self._clock()
+        first, began = self._first = self._first or (number, now)
+        if self._total is not None and number > first:
+            left = (now - began) / (number - first) * max(self._total - 1 - number, 0)
+            self.run.post(Step(facts={"time left": f"{left // 60:.0f} min {left % 60:02.0f} s"}))
+
+    def record_event(self, name: str, detail: str) -> None:
+        """Show an event; for the parameters see `Journal.record_event`."""
+        self.run.post(NotedEvent(name, detail))
+
+
+@contextmanager
+def show_scan(
+    context: RunContext,
+    where: PageAddress,
+    report: Callable[[str], object],
+    interrupt: Callable[[], object],
+    resumed: Path | None = None,
+) -> Iterator[PageJournal]:
+    """Show a scan on a page while the block runs; gives the journal that shows it.
+
+    Parameters
+    ----------
+    context : RunContext
+        The job, of one station if it has any, and what pauses its scan.
+    where : PageAddress
+    report : callable
+        Is told the page's address, or why there is none.
+    interrupt : callable
+        Does what Ctrl-C does.
+    resumed : Path, optional
+        Directory of the run that is gone on with: what was scanned before is shown too.
+    """
+
+    def buttons(run: RunOnPage[ScanEntry]) -> Sequence[Button]:
+        return scan_buttons(run, context.stop, interrupt)
+
+    def before() -> Iterator[Step]:
+        simulation = context.job.simulation
+        if simulation is not None and simulation.arm is not None:
+            yield Step(drawn={"arm": Posture(np.array(simulation.arm.home))})
+        if resumed is not None and (resumed / RECORDING_FILE).is_file():
+            yield from map(show.step, recorded_entries(resumed, context))
+
+    show = ScanShow(context, context.job_file.stem)
+    with show_run(show, where, report, buttons, before) as run:
+        yield PageJournal(run, show.total)
+
+
+def scan_buttons(
+    run: RunOnPage[ScanEntry], stop: StopRequest, interrupt: Callable[[], object]
+) -> list[Button]:
+    """Buttons of a scan: Start, which goes on too, Pause, Step and Stop.
+
+    Parameters
+    ----------
+    run : RunOnPage
+    stop : StopRequest
+        Of the scan.
+    interrupt : callable
+        Does what Ctrl-C does.
+    """
+
+    def start() -> None:
+        stop.go_on()
+        run.start()
+        run.say("scanning")
+
+    def pause() -> None:
+        stop.pause()
+        run.say("pausing after the section under way")
+
+    def step() -> None:
+        stop.go_one_step()
+        run.start()
+        run.say("scanning one section")
+
+    def end() -> None:
+        run.say("stopping after the section under way; Stop once more stops the arm at once")
+        interrupt()
+
+    return [
+        Button("Start", start, "green", "Begin, or go on after a pause"),
+        Button("Pause", pause, "yellow", "Stand after the section under way"),
+        Button("Step", step, "blue", "Scan one section, then stand"),
+        Button("Stop", end, "red", "As Ctrl-C: end after the section; twice, stop the arm at once"),
+    ]

@@ -2,41 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from tjscan.core.frames import Array, pose, rot_z
-from tjscan.job.tow_job import TowJob
-from tjscan.job.tow_reading import read_tow_job
-from tjscan.live.colours import FITTED, GHOST, LASER, SOLID, TOOL
+from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.job import TowJob
+from tjscan.live.buttons import Button, stop_button
+from tjscan.live.colours import (
+    FITTED_COLOUR,
+    LASER_COLOUR,
+    NOMINAL_COLOUR,
+    SOLID_COLOUR,
+    TOOL_COLOUR,
+)
 from tjscan.live.drawables import Drawable, Lines, Placement
-from tjscan.live.events import NotedEvent
-from tjscan.live.step import STATE, Measure, RecordedShow, Sample, Setting, Step
+from tjscan.live.listening import RunOnPage, show_run
+from tjscan.live.page import PageAddress
+from tjscan.live.step import STATE_FACT, Measure, NotedEvent, RecordedShow, Sample, Setting, Step
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.parts import recording_files
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.robot.solids import Cylinder, Solid
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.seam import Seam
 from tjscan.towing.topics import TOW_RECORDING, read_tow
 
-CLEARANCE: Final = Measure("cable's clearance of obstacles", "mm")
-APART: Final = Measure("vehicles' clearance", "mm")
-BEND: Final = Measure("largest planned bend", "°")
-OBJECTIVE: Final = Measure("objective", "of 100")
-WELDER: Final = Measure("force on the welder", "N")
-VEHICLE: Final = Measure("largest force of a vehicle", "N")
+CABLE_CLEARANCE: Final = Measure("cable's clearance of obstacles", "mm")
+VEHICLE_CLEARANCE: Final = Measure("vehicles' clearance", "mm")
+LARGEST_BEND: Final = Measure("largest planned bend", "°")
+PLAN_OBJECTIVE: Final = Measure("objective", "of 100")
+WELDER_FORCE: Final = Measure("force on the welder", "N")
+VEHICLE_FORCE: Final = Measure("largest force of a vehicle", "N")
 
-TALL: Final = 0.25
+VEHICLE_HEIGHT: Final = 0.25
 """Metres, of a drawn vehicle."""
-ABOVE: Final = np.array((0.0, 0.0, 0.1))
+CABLE_HEIGHT: Final = np.array((0.0, 0.0, 0.1))
 """Where the cable is drawn above the floor, metres."""
-CIRCLE: Final = 40
+CIRCLE_SIDES: Final = 40
 """Sides of a drawn obstacle."""
-EVERY: Final = 2
+CYCLES_BETWEEN_STEPS: Final = 2
 """Cycles of a recording between two steps."""
 
 TowEntry = TowCycle | TowTruth | NotedEvent
@@ -65,7 +74,7 @@ class TowShow:
             case TowTruth():
                 return self._truth_step(entry)
             case NotedEvent():
-                stopped = {STATE: f"stop: {entry.detail}"} if entry.name == "stop" else {}
+                stopped = {STATE_FACT: f"stop: {entry.detail}"} if entry.name == "stop" else {}
                 return Step(entry.name, facts=stopped, events=((entry.name, entry.detail),))
 
     def _setting(self, title: str) -> Setting:
@@ -74,18 +83,25 @@ class TowShow:
         outline = np.array(job.area.outline)
         middle = np.array((*(0.5 * (outline.min(axis=0) + outline.max(axis=0))), 0.0))
         size = float(np.linalg.norm(np.ptp(outline, axis=0)))
-        upright = pose(p=(0.0, 0.0, 0.5 * TALL))
-        shape = Cylinder(job.vehicles.radius, TALL)
+        upright = pose(p=(0.0, 0.0, 0.5 * VEHICLE_HEIGHT))
+        shape = Cylinder(job.vehicles.radius, VEHICLE_HEIGHT)
         names = [f"vehicle {k + 1}" for k in range(job.vehicles.count - 1)]
         seam = _on_floor(self._seam.path.points)
         return Setting(
             title,
-            (BEND, CLEARANCE, APART, OBJECTIVE, WELDER, VEHICLE),
+            (
+                LARGEST_BEND,
+                CABLE_CLEARANCE,
+                VEHICLE_CLEARANCE,
+                PLAN_OBJECTIVE,
+                WELDER_FORCE,
+                VEHICLE_FORCE,
+            ),
             "time / s",
             bodies={name: (Solid(name, shape, upright),) for name in (*names, "welder")},
             ghost=(
-                Lines.through(*rings, colour=GHOST, width=2.0),
-                Lines.through(seam, colour=LASER, width=2.5),
+                Lines.through(*rings, colour=NOMINAL_COLOUR, width=2.0),
+                Lines.through(seam, colour=LASER_COLOUR, width=2.5),
             ),
             look_at=middle,
             look_from=middle + size * np.array((0.0, -0.55, 0.85)),
@@ -97,20 +113,21 @@ class TowShow:
         estimate = self._chain.line(plan.estimate)
         discs = cycle.obstacles[:, :3]
         values = {
-            BEND.name: float(np.degrees(np.abs(plan.angles).max())),
-            OBJECTIVE.name: plan.terms.paper,
-            APART.name: 1e3 * vehicles_apart(cycle.poses, self._job.vehicles.radius, discs),
+            LARGEST_BEND.name: float(np.degrees(np.abs(plan.angles).max())),
+            PLAN_OBJECTIVE.name: plan.terms.paper,
+            VEHICLE_CLEARANCE.name: 1e3
+            * vehicles_apart(cycle.poses, self._job.vehicles.radius, discs),
         }
         if len(discs):
-            values[CLEARANCE.name] = 1e3 * clearance(estimate, discs)
+            values[CABLE_CLEARANCE.name] = 1e3 * clearance(estimate, discs)
         bodies = zip(self.setting.bodies, cycle.poses, strict=True)
         drawn: dict[str, Drawable] = {
             **{name: Placement(_stands(one)) for name, one in bodies},
-            "cable": Lines.through(_on_floor(estimate), colour=TOOL, width=4.0),
+            "cable": Lines.through(_on_floor(estimate), colour=TOOL_COLOUR, width=4.0),
             "planned": Lines.through(
-                _on_floor(self._chain.line(plan.angles)), colour=FITTED, width=2.0
+                _on_floor(self._chain.line(plan.angles)), colour=FITTED_COLOUR, width=2.0
             ),
-            "obstacles": Lines.through(*map(_circle, discs), colour=SOLID, width=3.0),
+            "obstacles": Lines.through(*map(_circle, discs), colour=SOLID_COLOUR, width=3.0),
         }
         return Step(
             f"{time:.1f} s",
@@ -122,15 +139,15 @@ class TowShow:
 
     def _facts(self, cycle: TowCycle, values: dict[str, float]) -> dict[str, str]:
         state = f"waits: {cycle.wait}" if cycle.wait else "welding"
-        nearest = values.get(CLEARANCE.name)
+        nearest = values.get(CABLE_CLEARANCE.name)
         stopped = ", ".join(str(k + 1) for k in cycle.stopped)
         return {
-            STATE: cycle.plan.halt or state,
+            STATE_FACT: cycle.plan.halt or state,
             "along the seam": f"{1e3 * cycle.along:.0f} of {1e3 * self._seam.length:.0f} mm",
             "pace": f"{100 * cycle.pace:.0f} %",
-            CLEARANCE.name: "" if nearest is None else f"{nearest:.0f} mm",
-            APART.name: f"{values[APART.name]:.0f} mm",
-            "largest bend": f"{values[BEND.name]:.1f}°",
+            CABLE_CLEARANCE.name: "" if nearest is None else f"{nearest:.0f} mm",
+            VEHICLE_CLEARANCE.name: f"{values[VEHICLE_CLEARANCE.name]:.0f} mm",
+            "largest bend": f"{values[LARGEST_BEND.name]:.1f}°",
             "at its limits": ", ".join(cycle.plan.limits),
             "vehicles that stand": stopped,
         }
@@ -139,11 +156,13 @@ class TowShow:
         """What a simulation knows beside: the cable as it lies, and its forces."""
         time = truth.time if self._began is None else truth.time - self._began
         values = {
-            WELDER.name: float(np.hypot(*truth.welder_force[:2])),
-            VEHICLE.name: float(truth.vehicle_forces.max(initial=0.0)),
+            WELDER_FORCE.name: float(np.hypot(*truth.welder_force[:2])),
+            VEHICLE_FORCE.name: float(truth.vehicle_forces.max(initial=0.0)),
         }
         return Step(
-            drawn={"true cable": Lines.through(_on_floor(truth.line), colour=GHOST, width=2.0)},
+            drawn={
+                "true cable": Lines.through(_on_floor(truth.line), colour=NOMINAL_COLOUR, width=2.0)
+            },
             facts={name: f"{force:.1f} N" for name, force in values.items()},
             samples=(Sample(time, values),),
             events=[("touch", one) for one in truth.touches],
@@ -174,15 +193,15 @@ def vehicles_apart(poses: Array, radius: float, discs: Array) -> float:
 
 
 def _on_floor(points: Array) -> Array:
-    return np.asarray(np.column_stack((points[:, :2], np.zeros(len(points)))) + ABOVE)
+    return np.asarray(np.column_stack((points[:, :2], np.zeros(len(points)))) + CABLE_HEIGHT)
 
 
 def _ring(points: Array) -> Array:
-    return np.asarray(_on_floor(np.vstack((points, points[:1]))) - ABOVE)
+    return np.asarray(_on_floor(np.vstack((points, points[:1]))) - CABLE_HEIGHT)
 
 
 def _circle(disc: Array) -> Array:
-    turn = np.linspace(0, 2 * np.pi, CIRCLE + 1)
+    turn = np.linspace(0, 2 * np.pi, CIRCLE_SIDES + 1)
     return _on_floor(disc[:2] + disc[2] * np.column_stack((np.cos(turn), np.sin(turn))))
 
 
@@ -195,7 +214,7 @@ def read_tow_show(directory: Path) -> RecordedShow | None:
     """Read what a tow's recording has to show; see `tjscan.live.step.ShowReader`."""
     if not recording_files(directory, TOW_RECORDING)[0].is_file():
         return None
-    show = TowShow(read_tow_job(directory / JOB), directory.resolve().name)
+    show = TowShow(read_tow_job(directory / JOB_FILE), directory.resolve().name)
     return RecordedShow(show.setting, tuple(map(show.step, _entries(directory))))
 
 
@@ -206,11 +225,53 @@ def _entries(directory: Path) -> Iterator[TowEntry]:
         match entry:
             case TowCycle():
                 cycles += 1
-                if cycles % EVERY == 1:
+                if cycles % CYCLES_BETWEEN_STEPS == 1:
                     yield entry
             case TowTruth():
                 truths += 1
-                if truths % EVERY == 1:
+                if truths % CYCLES_BETWEEN_STEPS == 1:
                     yield entry
             case RecordedEvent():
                 yield NotedEvent(entry.name, entry.detail)
+
+
+class TowPageJournal:
+    """A tow's journal that hands everything to the page, and what a simulation knows beside.
+
+    Parameters
+    ----------
+    run : RunOnPage
+    """
+
+    def __init__(self, run: RunOnPage[TowEntry]) -> None:
+        self._run = run
+
+    def record_cycle(self, cycle: TowCycle) -> None:
+        """Show a cycle."""
+        self._run.post(cycle)
+
+    def show_truth(self, truth: TowTruth) -> None:
+        """Show the cable as it lies, and its forces."""
+        self._run.post(truth)
+
+    def record_event(self, name: str, detail: str) -> None:
+        """Show an event."""
+        self._run.post(NotedEvent(name, detail))
+
+
+@contextmanager
+def show_tow(
+    job: TowJob,
+    title: str,
+    where: PageAddress,
+    report: Callable[[str], object],
+    interrupt: Callable[[], object],
+) -> Iterator[TowPageJournal]:
+    """Show a tow while the block runs; for the parameters see `show_crawl`."""
+
+    def buttons(_: RunOnPage[TowEntry]) -> Sequence[Button]:
+        return stop_button(interrupt, "all vehicles")
+
+    with show_run(TowShow(job, title), where, report, buttons) as run:
+        run.say("plans the whole seam before anything moves")
+        yield TowPageJournal(run)

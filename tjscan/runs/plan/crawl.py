@@ -17,39 +17,37 @@ from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import MM, MM_S
+from tjscan.crawler.joint_tracking.tracking import BURIED_HEIGHT, ButtJointReading, JointTracker
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.topics import CRAWL_RECORDING
-from tjscan.groove.butt.tracking import BURIED, ButtJointReading, JointTracker
-from tjscan.job.crawl_job import CrawlJob
-from tjscan.job.crawl_reading import read_crawl_job
-from tjscan.job.wps import read_wps
+from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.planning.crawl_passes import CrawlPass, passes_of_plan
 from tjscan.planning.document import plan_document
 from tjscan.planning.edges import GrooveEdges, fit_edges_to_corners
 from tjscan.planning.plan import plan_weld
-from tjscan.planning.wps import M_MIN
-from tjscan.result.directory import JOB, job_label_of_run
+from tjscan.planning.wps import M_MIN, read_wps
+from tjscan.result.directory import JOB_FILE, job_label_of_run
 from tjscan.runs.crawl.results import read_recorded_crawl
-from tjscan.runs.plan.files import (
-    CRAWL_PASSES,
-    EARLIER,
-    PLAN,
+from tjscan.runs.plan.run import (
+    CRAWL_PASSES_FILE,
+    EARLIER_FILES,
+    PLAN_FILE,
+    WrittenPlan,
     add_file_of_key,
     write_plan_files,
 )
-from tjscan.runs.plan.run import WrittenPlan
 
-STATION: Final = 20e-3
+STATION_LENGTH: Final = 20e-3
 """Metres along the joint whose profiles make a section."""
 
-FEWEST: Final = 3
+FEWEST_PROFILES: Final = 3
 """Profiles that make one."""
 
-AROUND: Final = 0.1
+USUAL_DEPTH_RADIUS: Final = 0.1
 """Metres to either side of a place whose median depth is usual there: no tack is half as long."""
 
-FRAME: Final = "c"
+PLAN_FRAME: Final = "c"
 
 
 def is_crawl(directory: Path) -> bool:
@@ -86,7 +84,7 @@ def plan_crawl_run(
     RecordingError
         If the files can't be written, or the recording is damaged.
     """
-    wps, job = read_wps(wps_file), read_crawl_job(directory / JOB)
+    wps, job = read_wps(wps_file), read_crawl_job(directory / JOB_FILE)
     seen = _profiles(directory, job, after_pass)
     if after_pass and not seen:
         raise ConfigurationError(
@@ -97,24 +95,24 @@ def plan_crawl_run(
         edges, start = butt_joint_edges(seen, job.weld.length, wps.sequence.longest_step)
         plan = plan_weld(edges, wps, gravity, after_pass=after_pass)
         passes = passes_of_plan(plan)
-    provenance = Provenance.for_file_written_now(job_label_of_run(directory), FRAME, "mm")
+    provenance = Provenance.for_file_written_now(job_label_of_run(directory), PLAN_FRAME, "mm")
     label = f"{wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
     document = plan_document(
         plan,
         provenance,
         directory.resolve().name,
         label,
-        without_stations=f"a crawl job takes {CRAWL_PASSES}",
+        without_stations=f"a crawl job takes {CRAWL_PASSES_FILE}",
     )
     folder = out or directory
-    with write_files_atomically(folder, last=PLAN, instead_of=EARLIER) as draft:
+    with write_files_atomically(folder, last=PLAN_FILE, instead_of=EARLIER_FILES) as draft:
         begin, end = 1e3 * start, 1e3 * (start + edges.length)
         text = (
             provenance.comment_lines("#")
             + f"# planned from what was seen of the weld from {begin:.0f} to {end:.0f} mm\n"
             + passes_to_toml(passes, wps.name)
         )
-        (draft / CRAWL_PASSES).write_text(text, encoding="utf-8")
+        (draft / CRAWL_PASSES_FILE).write_text(text, encoding="utf-8")
         write_plan_files(draft, plan, document, provenance)
         files = tuple(sorted(file.name for file in draft.iterdir()))
     return WrittenPlan(plan, document, folder, files)
@@ -180,17 +178,21 @@ def butt_joint_edges(
     readings = _read_joint(seen, length)
     places = np.array([at for at, _ in readings])
     higher = _above_usual(places, np.array([reading.depth_left for _, reading in readings]))
-    station = (places / STATION).astype(int)
-    tacks = {int(k): bool(np.mean(higher[station == k] > BURIED) > 0.5) for k in np.unique(station)}
+    station = (places / STATION_LENGTH).astype(int)
+    tacks = {
+        int(k): bool(np.mean(higher[station == k] > BURIED_HEIGHT) > 0.5)
+        for k in np.unique(station)
+    }
     bare = {
-        k: [readings[i] for i in np.flatnonzero((station == k) & (np.abs(higher) <= BURIED))]
+        k: [readings[i] for i in np.flatnonzero((station == k) & (np.abs(higher) <= BURIED_HEIGHT))]
         for k in tacks
     }
-    rows = [bare[k] for k in tacks if len(bare[k]) >= FEWEST]
-    if len(rows) < FEWEST + 1:
+    rows = [bare[k] for k in tacks if len(bare[k]) >= FEWEST_PROFILES]
+    if len(rows) < FEWEST_PROFILES + 1:
         raise ConfigurationError(
             f"the joint's edges and root were read at {len(rows)} stations of "
-            f"{1e3 * STATION:.0f} mm along the weld; {FEWEST + 1} or more are needed",
+            f"{1e3 * STATION_LENGTH:.0f} mm along the weld; {FEWEST_PROFILES + 1} or more are "
+            "needed",
             key="profiles",
         )
     means, spreads, area_sigmas = [], [], []
@@ -231,8 +233,8 @@ def _read_joint(
 
 
 def _above_usual(places: Array, depths: Array) -> Array:
-    """How much higher the root lies at each place than usual within `AROUND` of it, metres."""
-    usual = [np.median(depths[np.abs(places - at) <= AROUND]) for at in places]
+    """How much higher the root is at each place than usual near it, metres."""
+    usual = [np.median(depths[np.abs(places - at) <= USUAL_DEPTH_RADIUS]) for at in places]
     return np.array(usual) - depths
 
 

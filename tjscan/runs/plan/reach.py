@@ -1,32 +1,182 @@
-"""What of a planned weld each station reaches with the torch, and how it leads the torch there."""
+"""Where along a groove the stations of a run reach with a torch."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import ceil
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.errors import PoseUnreachable
-from tjscan.core.frames import Array, inverse_pose, pose, rot_z
+from tjscan.core.config import add_file_to_errors
+from tjscan.core.errors import ConfigurationError, PoseUnreachable
+from tjscan.core.frames import (
+    Array,
+    inverse_pose,
+    pose,
+    pose_from_euler_zyx,
+    rot_z,
+    transform_points,
+)
+from tjscan.job import ScanJob, read_scan_job
+from tjscan.job.arm import kinematics_of_job, solids_in_base
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.stops import StationStretch
 from tjscan.planning.urscript import BeadWay, StationWay
-from tjscan.robot.path import JUMP, linear_waypoints
-from tjscan.robot.tool_reach import SINGULAR, Hindrance, ToolHolds, find_tool_holds
-from tjscan.runs.plan.welding_station import WeldingStation
+from tjscan.planning.wps import TorchSettings
+from tjscan.result.directory import JOB_FILE
+from tjscan.result.stitching import read_stitching_report
+from tjscan.robot.collision import SCANNED_GROOVE, CollisionModel
+from tjscan.robot.deviations import with_deviations
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.path import LARGEST_TURN, linear_waypoints
+from tjscan.robot.tool_reach import NEAR_SINGULARITY, Hindrance, ToolHolds, find_tool_holds
+from tjscan.runs.scan.context import RunContext
+from tjscan.scanning.scanned_surface import grid_triangles
 
-STEP: Final = 25e-3
+ARM_STATION: Final = "arm"
+"""Stands for the name of a station where a job has none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WeldingStation:
+    """An arm where it stood when the groove was scanned.
+
+    Parameters
+    ----------
+    name : str
+        Of the station; `ARM_STATION` for a job without stations.
+    job : ScanJob
+        Of that station alone.
+    job_file : Path
+        Where it was read from.
+    model, kinematics : Kinematics
+        The arm as its controller has it, and as it was calibrated.
+    T_b_r : ndarray, shape (4, 4)
+        Frame of the run's sections in the arm's base frame.
+    """
+
+    name: str
+    job: ScanJob
+    job_file: Path
+    model: Kinematics
+    kinematics: Kinematics
+    T_b_r: Array
+
+    def hindrance(self, torch: TorchSettings, groove: Array, reserve: float) -> Hindrance:
+        """What keeps the arm with a torch from standing somewhere.
+
+        The solids of the job, where frame w is known to stand if the job says where the joint is in
+        it; the arm itself; and the measured groove. A solid of the torch that enters the groove is
+        held against that alone.
+
+        Parameters
+        ----------
+        torch : TorchSettings
+            The torch and its mount, in place of what the job has the arm carry.
+        groove : ndarray, shape (k, 5, 3)
+            The groove's surface: five points of each of k sections, in frame r, metres.
+        reserve : float
+            How much further apart than the margins, metres.
+        """
+        table, T_b_w = self.job.clearance, None
+        if self.job.joint is not None and self.job.station:
+            T_b_w = self.T_b_r @ inverse_pose(self.job.joint.T_w_j)
+        model = CollisionModel(
+            self.kinematics,
+            solids_in_base(self.job, T_b_w),
+            [one.solid for one in torch.solid],
+            self_collision=table.self_collision,
+            ignored=table.ignore,
+        )
+        surface = transform_points(self.T_b_r, groove.reshape(-1, 3))
+        model.set_measured_surface(surface, grid_triangles(*groove.shape[:2]))
+        of_torch = {one.name: one.in_groove for one in torch.solid}
+
+        def least(moving: str, other: str, *, own: bool) -> float:
+            if own:
+                return table.own
+            if of_torch.get(moving):
+                return 0.0 if other == SCANNED_GROOVE else -np.inf
+            return torch.margin if moving in of_torch else table.solids
+
+        pairs = model.pairs
+        margins = np.array([least(p.moving, p.other, own=p.own) for p in pairs])
+        check = model.make_check(margins + reserve)
+
+        def hindrance(q: Array) -> str:
+            near = check(q)
+            return "" if near is None else f"{near.moving} would touch {near.other}"
+
+        return hindrance
+
+    def as_told(self, T_b_f: Array, q: Array) -> Array:
+        """What the controller is to be told so that the flange truly gets to a pose; (4, 4)."""
+        if self.kinematics is self.model:
+            return T_b_f
+        return np.asarray(T_b_f @ inverse_pose(self.kinematics.forward(q)) @ self.model.forward(q))
+
+
+def welding_stations(directory: Path, frame: str) -> tuple[WeldingStation, ...]:
+    """Arms of a run, at the stations from which it was scanned, in the order of its job.
+
+    Parameters
+    ----------
+    directory : Path
+        The run directory, of one scan or stitched.
+    frame : str
+        Letter of the frame of its sections.
+
+    Raises
+    ------
+    ConfigurationError
+        If the run does not say where its arm stood, or that can't be read.
+    """
+    report = read_stitching_report(directory)
+    if report is None:
+        job = _job(directory)
+        T_b_r = np.eye(4)
+        if frame == "j":
+            if job.joint is None or job.station:
+                raise ConfigurationError("does not say where the joint stands", key="joint")
+            T_b_r = job.joint.T_w_j
+        return (
+            _station(job.station_names[0] if job.station else ARM_STATION, job, directory, T_b_r),
+        )
+    order = _job(directory).station_names if (directory / JOB_FILE).is_file() else ()
+    found = []
+    for one in report.stations:
+        folder = directory / one.source
+        T_j_b = pose_from_euler_zyx(1e-3 * np.array(one.position_mm), np.radians(one.euler_zyx_deg))
+        found.append(_station(one.name, _job(folder), folder, inverse_pose(T_j_b)))
+    return tuple(sorted(found, key=lambda s: order.index(s.name) if s.name in order else 0))
+
+
+def _station(name: str, job: ScanJob, folder: Path, T_b_r: Array) -> WeldingStation:
+    with add_file_to_errors(folder / JOB_FILE):
+        model = kinematics_of_job(job)
+        deviations = RunContext(job, folder / JOB_FILE).sensor_mount.deviations
+    calibrated = model if deviations is None else with_deviations(model, deviations)
+    return WeldingStation(name, job, folder / JOB_FILE, model, calibrated, T_b_r)
+
+
+def _job(folder: Path) -> ScanJob:
+    if not (folder / JOB_FILE).is_file():
+        raise ConfigurationError("the run holds no job that says where its arm stood", file=folder)
+    return read_scan_job(folder / JOB_FILE)
+
+
+PLACE_STEP: Final = 25e-3
 """Metres along the groove between the places at which holds are looked for."""
 
-RESERVE: Final = 1e-3
+MARGIN_RESERVE: Final = 1e-3
 """Metres further than the margins at these places, for what lies between them."""
 
-FINE: Final = 10e-3
+SURFACE_STEP: Final = 10e-3
 """Metres between sections of the groove's surface: a tube's chords stay 0.1 mm off it."""
 
 
@@ -179,7 +329,7 @@ class _Leader:
         for T, s in zip(poses, bead.s, strict=True):
             T_b_f, here = T @ self._T_tool_f, f"at s = {1e3 * s:.0f} mm of {where}"
             q = self._station.kinematics.inverse(T_b_f, near=self.q)
-            if np.abs(q - self.q).max() > JUMP:
+            if np.abs(q - self.q).max() > LARGEST_TURN:
                 raise PoseUnreachable(f"{here}: a joint would have to swing at once", T_b_f)
             self._check(q, T_b_f, here)
             self.q = q
@@ -188,7 +338,7 @@ class _Leader:
 
     def _check(self, q: Array, T_b_f: Array, where: str) -> None:
         arm, least = self._station.kinematics, self._station.job.clearance.singular
-        reason = SINGULAR if arm.smallest_singular_value(q) < least else self._hindrance(q)
+        reason = NEAR_SINGULARITY if arm.smallest_singular_value(q) < least else self._hindrance(q)
         if reason:
             raise PoseUnreachable(f"{where}: {reason}", T_b_f)
 
@@ -214,10 +364,10 @@ def find_station_reach(station: WeldingStation, plan: WeldPlan, groove: Array) -
         If the arm is not of the Universal Robots type.
     """
     edges, torch = plan.edges, plan.wps.torch
-    count = ceil(edges.length / STEP)
+    count = ceil(edges.length / PLACE_STEP)
     places = np.linspace(0.0, edges.length, count + 1)[: count if edges.closed else None]
     T = station.T_b_r @ torch_poses(plan, places)
-    hindrance = station.hindrance(torch, groove, RESERVE)
+    hindrance = station.hindrance(torch, groove, MARGIN_RESERVE)
     holds = find_tool_holds(
         station.kinematics,
         torch.tcp.T,
@@ -244,7 +394,7 @@ def groove_surface(edges: GrooveEdges, sections: Array) -> Array:
     ndarray, shape (m, 5, 3)
         p1 to p5 of m sections along the groove; of one that closes, the first again at the end.
     """
-    s = np.linspace(0.0, edges.length, ceil(edges.length / FINE) + 1)
+    s = np.linspace(0.0, edges.length, ceil(edges.length / SURFACE_STEP) + 1)
     p3, p4, _, p2 = np.moveaxis(edges.corners(s), 1, 0)
     period = edges.length if edges.closed else None
     beside = np.concatenate(
@@ -281,7 +431,7 @@ def _poses_at(plan: WeldPlan, s: float) -> list[Array]:
     back = pose(p=(0.0, 0.0, -plan.wps.torch.retract))
     near = [(bead, _nearest(bead, s, plan.edges)) for bead in plan.beads]
     least = min(away for _, (_, away) in near)
-    here = [(bead, bead.T_r_torch[i]) for bead, (i, away) in near if away <= max(least, STEP)]
+    here = [(bead, bead.T_r_torch[i]) for bead, (i, away) in near if away <= max(least, PLACE_STEP)]
     outer = {here[0][0].layer, here[-1][0].layer}
     return [T for _, T in here] + [T @ back for bead, T in here if bead.layer in outer]
 

@@ -1,33 +1,251 @@
-"""Plan the weld of a measured groove and write the plan into its run directory."""
+"""Plan the weld of a run, and write the plan with a program for each station."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
-from tjscan.core.errors import ConfigurationError
+from tjscan.core.config import add_file_to_errors
+from tjscan.core.errors import ConfigurationError, PoseUnreachable, TubesNotFound
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
-from tjscan.core.units import MM2
-from tjscan.job.wps import read_wps
-from tjscan.planning.document import PlanDocument, plan_document
-from tjscan.planning.edges import fit_groove_edges
+from tjscan.core.units import MM, MM2
+from tjscan.groove.measured import MeasuredSection
+from tjscan.joint.tubes.find import find_tubes_in_cloud
+from tjscan.joint.tubes.fit import dihedral_angles, dihedral_sigmas
+from tjscan.planning.details import DetailStretch, compare_with_details
+from tjscan.planning.document import LengthEntry, PlanDocument, StationEntry, plan_document
+from tjscan.planning.edges import GrooveEdges, fit_groove_edges
 from tjscan.planning.plan import WeldPlan, plan_weld
-from tjscan.planning.stops import NOBODY, crowns_and_saddles
+from tjscan.planning.stops import NOBODY, StationStretch, crowns_and_saddles
+from tjscan.planning.tables import beads_to_csv
 from tjscan.planning.urscript import StationWay, way_to_urscript
-from tjscan.result.directory import SECTIONS, job_label_of_run
-from tjscan.result.export import sort_sections_by_azimuth
-from tjscan.result.shapes import read_finished_summary
+from tjscan.planning.weldx_file import weldx_is_installed, write_plan_as_weldx
+from tjscan.planning.wps import WeldingProcedure, read_wps
+from tjscan.result.directory import CLOUD_FILE, SECTIONS_FILE, job_label_of_run
+from tjscan.result.export import WELDX_ROOTS, sort_sections_by_azimuth
+from tjscan.result.shapes import read_finished_summary, read_run_shape
 from tjscan.result.summary import ScanSummary
 from tjscan.result.table import read_sections_csv
-from tjscan.runs.plan.details import details_of_run
-from tjscan.runs.plan.files import EARLIER, PLAN, add_file_of_key, write_plan_files
-from tjscan.runs.plan.programs import PartedPlan, part_plan
-from tjscan.runs.plan.welding_station import WeldingStation, welding_stations
+from tjscan.runs.plan.reach import (
+    ARM_STATION,
+    StationReach,
+    WeldingStation,
+    find_station_reach,
+    groove_surface,
+    welding_stations,
+)
+
+PLAN_FILE: Final = "plan.json"
+BEADS_FILE: Final = "beads.csv"
+PLAN_PICTURE: Final = "plan.png"
+WELDX_FILE: Final = "plan.weldx"
+CRAWL_PASSES_FILE: Final = "plan-passes.toml"
+"""Tables that a crawl job takes."""
+
+EARLIER_FILES: Final = (
+    "plan.urscript",
+    "plan-*.urscript",
+    CRAWL_PASSES_FILE,
+    WELDX_FILE,
+    "plan.html",
+)
+"""Not every plan has them: those of an earlier one do not stay beside a new one."""
+
+
+def write_plan_files(
+    draft: Path, plan: WeldPlan, document: PlanDocument, provenance: Provenance
+) -> None:
+    """Write picture, table and document of a plan, and the weldx file where weldx is installed.
+
+    Parameters
+    ----------
+    draft : Path
+        Directory that becomes the plan's.
+    plan : WeldPlan
+        The plan.
+    document : PlanDocument
+        As it stands in ``plan.json``.
+    provenance : Provenance
+        Of all of them.
+    """
+    from tjscan.planning.picture import draw_plan
+    from tjscan.result.picture import write_png
+
+    write_png(draft / PLAN_PICTURE, draw_plan(plan), provenance)
+    table = beads_to_csv(plan, provenance)
+    (draft / BEADS_FILE).write_text(table, encoding="utf-8", newline="")
+    if weldx_is_installed():
+        root = WELDX_ROOTS.get(provenance.frame, provenance.frame)
+        write_plan_as_weldx(draft / WELDX_FILE, plan, document, root)
+    (draft / PLAN_FILE).write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
+
+
+@contextmanager
+def add_file_of_key(wps_file: Path, sections: Path) -> Iterator[None]:
+    """Add to errors of the block the file that their key stands in: the WPS, or the sections.
+
+    An option of the command line stands in no file.
+    """
+    try:
+        yield
+    except ConfigurationError as error:
+        key = error.key or ""
+        of_wps = key.split(".")[0] in WeldingProcedure.model_fields
+        file = error.file or (wps_file if of_wps else sections)
+        raise ConfigurationError(
+            error.message, file=None if key.startswith("--") else file, key=error.key
+        ) from None
+
+
+def details_of_run(
+    directory: Path,
+    sections: Sequence[MeasuredSection],
+    edges: GrooveEdges,
+    wps: WeldingProcedure,
+) -> tuple[DetailStretch, ...]:
+    """Compare a run's groove with the WPS's table, by the tubes fitted to its cloud.
+
+    Parameters
+    ----------
+    directory : Path
+        The run directory.
+    sections : sequence of MeasuredSection
+        In their order along the groove.
+    edges : GrooveEdges
+        Smoothed through them.
+    wps : WeldingProcedure
+        Without a table, nothing is compared and no tube sought.
+
+    Raises
+    ------
+    ConfigurationError
+        If its cloud shows no tubes.
+    """
+    if not wps.detail:
+        return ()
+    shape = read_run_shape(directory)
+    try:
+        tubes = find_tubes_in_cloud(np.empty((0, 3)) if shape.points is None else shape.points)
+    except TubesNotFound as error:
+        raise ConfigurationError(
+            f"the local dihedral angle is not known, since leg and brace were not found: {error}. "
+            "Leave out [[detail]] to plan without",
+            file=directory / CLOUD_FILE,
+        ) from None
+    origins = np.array([section.T_r_g[:3, 3] for section in sections])
+    return compare_with_details(
+        edges,
+        dihedral_angles(tubes.brace, tubes.leg, origins),
+        dihedral_sigmas(tubes, origins),
+        wps.detail,
+    )
+
+
+Replan = Callable[[tuple[StationStretch, ...]], WeldPlan]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartedPlan:
+    """A plan parted among stations, and how each leads the torch.
+
+    Parameters
+    ----------
+    plan : WeldPlan
+        Its beads, in parts.
+    stations : tuple of StationEntry
+        As they stand in ``plan.json``.
+    ways : dict of str to StationWay
+        Of each station that has a program, by the program's file.
+    """
+
+    plan: WeldPlan
+    stations: tuple[StationEntry, ...]
+    ways: dict[str, StationWay]
+
+
+def part_plan(
+    arms: Sequence[WeldingStation],
+    plan: WeldPlan,
+    sections: Sequence[MeasuredSection],
+    replan: Replan,
+) -> PartedPlan:
+    """Part a plan among the stations from which a run was scanned.
+
+    Parameters
+    ----------
+    arms : sequence of WeldingStation
+        In the order in which they weld.
+    plan : WeldPlan
+        Its beads whole.
+    sections : sequence of MeasuredSection
+        Along the groove.
+    replan : callable
+        Makes the same plan anew, parted among stretches.
+
+    Raises
+    ------
+    ConfigurationError
+        If the torch reaches nothing, or an arm is not of the Universal Robots type.
+    """
+    groove = groove_surface(plan.edges, np.array([section.points for section in sections]))
+    reaches = []
+    for arm in arms:
+        with add_file_to_errors(arm.job_file):
+            reaches.append(find_station_reach(arm, plan, groove))
+    stretches = tuple(stretch for reach in reaches if (stretch := reach.stretch) is not None)
+    if not stretches:
+        raise ConfigurationError(
+            "no station reaches any of the groove with this torch: "
+            + "; ".join(f"{reach.station.name}: {_mostly(reach)}" for reach in reaches),
+            key="torch",
+        )
+    parted, ways, entries = replan(stretches), dict[str, StationWay](), []
+    for reach in reaches:
+        name, problem, file = reach.station.name, "", ""
+        if any(bead.station == name for bead in parted.beads):
+            file = program_name(name)
+            try:
+                ways[file] = reach.lead_torch(parted)
+            except PoseUnreachable as error:
+                file, problem = "", error.reason
+        entries.append(_entry(reach, file, problem))
+    return PartedPlan(parted, tuple(entries), ways)
+
+
+def program_name(station: str) -> str:
+    """Name of the file that holds a station's program."""
+    return "plan.urscript" if station == ARM_STATION else f"plan-{station}.urscript"
+
+
+def _entry(reach: StationReach, file: str, problem: str) -> StationEntry:
+    stretch = reach.stretch
+    return StationEntry(
+        name=reach.station.name,
+        reached_mm=None if stretch is None else (_mm(stretch.begin), _mm(stretch.end)),
+        unreached=tuple(
+            LengthEntry(begin_mm=_mm(one.begin), end_mm=_mm(one.end), reason=one.reason)
+            for one in reach.unreached
+        ),
+        program=file,
+        without_program=problem,
+    )
+
+
+def _mostly(reach: StationReach) -> str:
+    return Counter(reason for reason in reach.holds.hindrances).most_common(1)[0][0]
+
+
+def _mm(value: float) -> float:
+    return round(value / MM.factor, 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,8 +334,8 @@ def plan_run(
     """
     wps = read_wps(wps_file)
     summary = read_finished_summary(directory)
-    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS))
-    with add_file_of_key(wps_file, directory / SECTIONS):
+    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
+    with add_file_of_key(wps_file, directory / SECTIONS_FILE):
         shared = _shared_area_sigma(summary)
         edges = fit_groove_edges(sections, wps.sequence.longest_step, shared)
         # In frame j, z is the brace's axis; in an arm's base frame nothing is known of the tubes.
@@ -139,7 +357,7 @@ def plan_run(
         plan, provenance, directory.resolve().name, label, details, parted.stations, without
     )
     folder = out or directory
-    with write_files_atomically(folder, last=PLAN, instead_of=EARLIER) as draft:
+    with write_files_atomically(folder, last=PLAN_FILE, instead_of=EARLIER_FILES) as draft:
         lines = provenance.comment_lines("#").splitlines(keepends=True)[:3]  # no frame, no units
         for name, way in parted.ways.items():
             script = way_to_urscript(way, wps.torch, switch.output, arc=switch.on)

@@ -12,22 +12,21 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, inverse_pose
-from tjscan.job import ScanJob
+from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.arm import kinematics_of_job, solids_in_base
-from tjscan.job.reading import read_scan_job
 from tjscan.planning.urscript import StationWay, way_to_urscript
 from tjscan.planning.wps import TorchSettings
-from tjscan.result.directory import JOB
+from tjscan.result.directory import JOB_FILE
 from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.robot.collision import CollisionModel
 from tjscan.robot.collision_checked import CollisionCheckedArm
 from tjscan.robot.motion import MotionLimits
 from tjscan.robot.ur.arm import UrArm
+from tjscan.robot.ur.driver import UrSettings
 from tjscan.robot.ur.program import UrProgram
-from tjscan.robot.ur.settings import UrSettings
-from tjscan.runs.context import RunContext
+from tjscan.runs.scan.context import RunContext
 
-DRIVER: Final = "ur"
+UR_DRIVER: Final = "ur"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,15 +65,15 @@ def arm_for_program(job_file: Path, station: str | None, run: Path) -> ArmForPro
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file)
         job = job.job_at_station(station) if job.station else job
-        settings = job.arm.driver_settings if job.arm.driver == DRIVER else None
+        settings = job.arm.driver_settings if job.arm.driver == UR_DRIVER else None
         if not isinstance(settings, UrSettings):
             raise ConfigurationError(
-                f"a program goes to a real arm alone, whose driver is {DRIVER!r} (found "
+                f"a program goes to a real arm alone, whose driver is {UR_DRIVER!r} (found "
                 f"{job.arm.driver!r})",
                 key="arm.driver",
             )
-        if (run / JOB).is_file():
-            scanned = RunContext(read_scan_job(run / JOB), run / JOB)
+        if (run / JOB_FILE).is_file():
+            scanned = RunContext(read_scan_job(run / JOB_FILE), run / JOB_FILE)
             model = scanned.job.arm.model
             if job.arm.model != model:
                 raise ConfigurationError(

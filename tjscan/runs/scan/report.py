@@ -14,29 +14,29 @@ from tjscan.core.manifest import check_as_written
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.recording.damage import RecordingDamage
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
-from tjscan.result.directory import JOB, RECORDING, SUMMARY
+from tjscan.result.directory import JOB_FILE, RECORDING_FILE, SUMMARY_FILE
 from tjscan.result.summary import check_recording_complete, read_summary
-from tjscan.runs.directory import COPIES
+from tjscan.runs.run import COPIED_FILES
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedSection
 
-ORDINARY: Final = (ScanEvent.STOP, ScanEvent.RESUMED, ScanEvent.PAUSED, "arm")
+ORDINARY_EVENTS: Final = (ScanEvent.STOP, ScanEvent.RESUMED, ScanEvent.PAUSED, "arm")
 """Events that are no warning."""
 
-COUNTED: Final = (ScanEvent.HALF_STEP,)
+COUNTED_EVENTS: Final = (ScanEvent.HALF_STEP,)
 """Events that the summary counts: the report reads them there."""
 
 
 def scan_chapter(directory: Path) -> ReportChapter:
     """Make a scan's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
-    if not (directory / RECORDING).is_file():
+    if not (directory / RECORDING_FILE).is_file():
         return ReportChapter()
     damages: list[RecordingDamage] = []
-    check_as_written(*(directory / name for name in COPIES))
-    job = read_scan_job(directory / JOB)
+    check_as_written(*(directory / name for name in COPIED_FILES))
+    job = read_scan_job(directory / JOB_FILE)
     log = read_recorded_scan(directory, damages.append)
-    check_recording_complete(directory, read_summary(directory / SUMMARY), len(log.sections))
+    check_recording_complete(directory, read_summary(directory / SUMMARY_FILE), len(log.sections))
     started = "" if log.started is None else f"{log.started:%Y-%m-%d %H:%M} UTC"
     events = tuple(ReportEvent(event.time, event.name, event.detail) for event in log.events)
     return ReportChapter(
@@ -68,7 +68,9 @@ def _job(job: ScanJob) -> str:
 
 
 def _findings(job: ScanJob, events: Sequence[ReportEvent]) -> Iterator[str]:
-    names = [event.name for event in events if event.name not in (*ORDINARY, *COUNTED)]
+    names = [
+        event.name for event in events if event.name not in (*ORDINARY_EVENTS, *COUNTED_EVENTS)
+    ]
     for name in dict.fromkeys(names):
         count = names.count(name)
         times = "" if count == 1 else f", {count} times"

@@ -18,23 +18,22 @@ from tjscan.core.files import refuse_links_outside, write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
 from tjscan.job import ScanJob, read_scan_job
-from tjscan.job.sensor_mount import SensorMount
+from tjscan.job.arm import SensorMount
 from tjscan.recording.damage import RecordingDamage
 from tjscan.recording.parts import recording_files
-from tjscan.result.directory import CALIBRATION, JOB
+from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.result.summary import ScanSummary
-from tjscan.runs.context import RunContext, do_nothing_when_finished, groove_reader_of_job
-from tjscan.runs.directory import COPIES
+from tjscan.runs.run import COPIED_FILES
+from tjscan.runs.scan.context import RunContext, do_nothing_when_finished, groove_reader_of_job
 from tjscan.runs.scan.run import write_job_results
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
-from tjscan.scanning.progress import StopReason
+from tjscan.scanning.progress import ScanResult, StopReason
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedScan, RecordedSection
-from tjscan.scanning.result import ScanResult
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.sections_before import read_section
 
-REPROCESSABLE: Final = (
+REPROCESSABLE_KEYS: Final = (
     "groove.",
     "calibration.",
     "joint.",
@@ -43,10 +42,10 @@ REPROCESSABLE: Final = (
 )
 """Keys that say how recorded profiles are read and reported, not how they were taken."""
 
-FEWEST: Final = 2
+FEWEST_SECTIONS: Final = 2
 """Sections that make a result: fewer have no step between them."""
 
-STRAYED: Final = 0.3
+LARGEST_MOVE_STEPS: Final = 0.3
 """Steps between a section now and then; one that is found further away is not the same."""
 
 
@@ -113,7 +112,7 @@ def reprocess_run(
     directory : Path
         The run directory, which stays as it is; or one that holds those of several stations.
     overrides : dict
-        Dotted keys and values, those of `REPROCESSABLE` only.
+        Dotted keys and values, those of `REPROCESSABLE_KEYS` only.
     out : Path, optional
         The directory to make, outside of the run's; beside it where left out.
     finished : callable
@@ -130,14 +129,14 @@ def reprocess_run(
     StitchingRefused
         If the stations can't be stitched any more.
     """
-    job_file = directory / JOB
-    refuse_links_outside(directory, *COPIES)
-    check_as_written(*(directory / name for name in COPIES))
+    job_file = directory / JOB_FILE
+    refuse_links_outside(directory, *COPIED_FILES)
+    check_as_written(*(directory / name for name in COPIED_FILES))
     for key in overrides:
-        if not key.startswith(REPROCESSABLE):
+        if not key.startswith(REPROCESSABLE_KEYS):
             raise ConfigurationError(
                 "says how the profiles were taken, and they are taken. What may change: "
-                f"{', '.join(REPROCESSABLE)}",
+                f"{', '.join(REPROCESSABLE_KEYS)}",
                 file=job_file,
                 key=key,
             )
@@ -154,13 +153,13 @@ def reprocess_run(
         _reprocess(
             replace(
                 context,
-                job=read_scan_job(run / JOB, overrides).job_at_station(),
-                job_file=run / JOB,
+                job=read_scan_job(run / JOB_FILE, overrides).job_at_station(),
+                job_file=run / JOB_FILE,
             ),
             out / run.name,
         )
         for run in (directory / station.name for station in job.station)
-        if (run / JOB).is_file()
+        if (run / JOB_FILE).is_file()
     )
     whole = len(stations) == len(job.station) and all(one.is_whole for one in stations)
     return ReprocessedRun(
@@ -171,8 +170,8 @@ def reprocess_run(
 def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
     """The same for a single run."""
     directory, job = context.job_file.parent, context.job
-    refuse_links_outside(directory, *COPIES)
-    check_as_written(*(directory / name for name in COPIES))
+    refuse_links_outside(directory, *COPIED_FILES)
+    check_as_written(*(directory / name for name in COPIED_FILES))
     with add_file_to_errors(context.job_file):
         mount = context.sensor_mount
         _refuse_other_kinematics(mount, directory)
@@ -181,10 +180,10 @@ def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
     recorded = read_recorded_scan(directory, damages.append)
     lost: dict[int, GrooveNotFound] = {}
     sections = tuple(_sections(job, recorded, T_f_s, lost))
-    if len(sections) < FEWEST:
+    if len(sections) < FEWEST_SECTIONS:
         raise next(
             iter(lost.values()),
-            RecordingError(f"{directory}: holds less than {FEWEST} finished sections"),
+            RecordingError(f"{directory}: holds less than {FEWEST_SECTIONS} finished sections"),
         )
     context.make_run_directory(out)
     with write_files_atomically(out) as draft:
@@ -199,7 +198,7 @@ def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
 
 def _refuse_other_kinematics(mount: SensorMount, directory: Path) -> None:
     """Recorded flange poses hold for the arm's kinematics as they were then."""
-    file = directory / CALIBRATION
+    file = directory / CALIBRATION_FILE
     then = read_calibration(file).kinematics if file.is_file() else None
     before, now = (
         np.zeros(0) if found is None else found
@@ -224,7 +223,7 @@ def _sections(
     job: ScanJob, recorded: RecordedScan, T_f_s: Array, lost: dict[int, GrooveNotFound]
 ) -> Iterator[ScannedSection]:
     """The sections that are found again; of the others, why not."""
-    read, far = groove_reader_of_job(job), STRAYED * job.scan.step
+    read, far = groove_reader_of_job(job), LARGEST_MOVE_STEPS * job.scan.step
     found: list[ScannedSection] = []
     for one in recorded.sections.values():
         try:

@@ -10,22 +10,20 @@ import numpy as np
 
 from tjscan.calibration.file import read_calibration
 from tjscan.comparison.distance import DistanceStatistics, corner_to_edge_distances
-from tjscan.core.frames import Array, rotation_angle_between, transform_points
+from tjscan.core.frames import Array, JointOrBaseFrame, rotation_angle_between, transform_points
 from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
-from tjscan.result.directory import CALIBRATION, JOB, job_label_of_run
-from tjscan.result.frame import JointOrBaseFrame
+from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
 from tjscan.result.picture import draw_groove_overview
 from tjscan.result.readings import ProfileReading
 from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary, StepStatistics
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
-from tjscan.runs.uncertainty import StatedCauses
+from tjscan.runs.scan.uncertainty import StatedCauses
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.progress import groove_length, plan_is_fulfilled, step_lengths
-from tjscan.scanning.result import ScanResult
+from tjscan.scanning.progress import ScanResult, groove_length, plan_is_fulfilled, step_lengths
 from tjscan.scanning.section import ScannedSection, Substep
 from tjscan.uncertainty.causes import budget_of_causes
 from tjscan.uncertainty.summary import BudgetSummary, summarise_budget
@@ -39,9 +37,9 @@ def calibration_label(directory: Path) -> str:
     ConfigurationError
         If the ``calibration.toml`` in the run directory can't be read.
     """
-    file = directory / CALIBRATION
+    file = directory / CALIBRATION_FILE
     if not file.is_file():
-        return f"T_f_s_mm in {JOB}"
+        return f"T_f_s_mm in {JOB_FILE}"
     found = read_calibration(file)
     return f"{found.arm} with {found.laser}, {found.date:%Y-%m-%d %H:%M}"
 

@@ -26,23 +26,22 @@ from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.summary import ScanSummary
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.context import RunContext, groove_reader_of_job, result_frame_of_job
-from tjscan.runs.directory import COPIES, accept_edited_copies, nothing_recorded_yet
+from tjscan.runs.run import COPIED_FILES, accept_edited_copies, nothing_recorded_yet
+from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
 from tjscan.runs.scan.results import write_scan_results
-from tjscan.runs.uncertainty import causes_of_job
+from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.profile_taker import ScanSetup
-from tjscan.scanning.progress import plan_is_fulfilled
+from tjscan.scanning.progress import ScanResult, plan_is_fulfilled
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedScan
-from tjscan.scanning.result import ScanResult
 from tjscan.scanning.scanned_surface import ScannedSurfaceObstacle
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.section import ProfileView
 from tjscan.scanning.stopping import StopRequest
 
-RESUMABLE: Final = (
+RESUMABLE_KEYS: Final = (
     "scan.length_mm",
     "scan.sections",
     "scan.step_mm",
@@ -157,7 +156,7 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
     context : RunContext
         The job as the run directory holds it, with keys replaced or not.
     overrides : iterable of str
-        The dotted keys that were replaced, those of `RESUMABLE` only.
+        The dotted keys that were replaced, those of `RESUMABLE_KEYS` only.
 
     Raises
     ------
@@ -169,7 +168,7 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
         As `run_scan` does.
     """
     directory = context.job_file.parent
-    refuse_links_outside(directory, *COPIES)
+    refuse_links_outside(directory, *COPIED_FILES)
     check_keys_replaceable(overrides, context.job_file)
     with add_file_to_errors(context.job_file), lock_and_clean_directory(directory):
         context = replace(context, job=context.job.job_at_station())
@@ -250,10 +249,10 @@ def check_keys_replaceable(overrides: Iterable[str], job_file: Path) -> None:
         If one changes what was scanned before.
     """
     for key in overrides:
-        if not key.startswith(RESUMABLE):
+        if not key.startswith(RESUMABLE_KEYS):
             raise ConfigurationError(
                 "can't change while a scan goes on: what was scanned before would not fit. "
-                f"What may: {', '.join(RESUMABLE)}",
+                f"What may: {', '.join(RESUMABLE_KEYS)}",
                 file=job_file,
                 key=key,
             )
@@ -267,7 +266,7 @@ def changes_since_recording(
     Returns
     -------
     list of (str, str)
-        Key and what became of it, those of `RESUMABLE` only.
+        Key and what became of it, those of `RESUMABLE_KEYS` only.
 
     Raises
     ------
@@ -286,7 +285,7 @@ def changes_since_recording(
         return []
     changed = list(job_snapshot_changes(before, now))
     for key, what in changed:
-        if not key.startswith(RESUMABLE):
+        if not key.startswith(RESUMABLE_KEYS):
             raise ConfigurationError(
                 f"{what}. What was scanned before does not fit any more: put it back, or start a "
                 "new scan",

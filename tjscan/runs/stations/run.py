@@ -16,10 +16,10 @@ from tjscan.core.errors import ConfigurationError, RecordingError, StitchingRefu
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.recording.damage import RecordingDamage
-from tjscan.result.directory import JOB, SUMMARY
+from tjscan.result.directory import JOB_FILE, SUMMARY_FILE
 from tjscan.result.summary import ScanSummary, read_summary
-from tjscan.runs.context import RunContext, do_nothing_when_finished
-from tjscan.runs.directory import COPIES, accept_edited_copies, nothing_recorded_yet
+from tjscan.runs.run import COPIED_FILES, accept_edited_copies, nothing_recorded_yet
+from tjscan.runs.scan.context import RunContext, do_nothing_when_finished
 from tjscan.runs.scan.run import check_keys_replaceable, resume_scan, run_scan
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.journal import Journal
@@ -92,7 +92,7 @@ def run_stations(
     """
     _check(context)
     context.make_run_directory(directory)
-    made = replace(context, job=read_scan_job(directory / JOB), job_file=directory / JOB)
+    made = replace(context, job=read_scan_job(directory / JOB_FILE), job_file=directory / JOB_FILE)
     return resume_stations(made, {}, operator, watch)
 
 
@@ -128,7 +128,7 @@ def resume_stations(
     """
     job, job_file = context.job, context.job_file
     directory = job_file.parent
-    refuse_links_outside(directory, *COPIES)
+    refuse_links_outside(directory, *COPIED_FILES)
     check_keys_replaceable(overrides, job_file)
     refuse_links_outside(directory, *job.station_names)
     _check(context)
@@ -199,14 +199,14 @@ def _check(context: RunContext) -> None:
 
 def _found(directory: Path, name: str) -> StationScan:
     folder = directory / name
-    file = folder / SUMMARY
+    file = folder / SUMMARY_FILE
     return StationScan(name, folder, read_summary(file) if file.is_file() else None)
 
 
 def _stands(job: ScanJob, station: StationScan, operator: StationOperator) -> bool:
     """Whether the arm stands there: it does at the first station, and at one that was cut short."""
     i = job.station_names.index(station.name)
-    if i == 0 or (station.directory / JOB).is_file():
+    if i == 0 or (station.directory / JOB_FILE).is_file():
         return True
     before = _found(station.directory.parent, job.station_names[i - 1])
     so_far = (
@@ -225,12 +225,12 @@ def _stands(job: ScanJob, station: StationScan, operator: StationOperator) -> bo
 
 def _scan(context: RunContext, station: StationScan, overrides: dict[str, Any]) -> None:
     """Scan from one station, or go on with its scan where two sections of it are finished."""
-    file = station.directory / JOB
+    file = station.directory / JOB_FILE
     if file.is_file():
         begun = not nothing_recorded_yet(station.directory)
         damages: list[RecordingDamage] = []  # which the resume reports
         if begun and len(read_recorded_scan(station.directory, damages.append).sections) >= 2:
-            refuse_links_outside(station.directory, JOB)
+            refuse_links_outside(station.directory, JOB_FILE)
             job = read_scan_job(file, overrides)
             resume_scan(replace(context, job=job, job_file=file), overrides)
             return

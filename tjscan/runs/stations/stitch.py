@@ -1,9 +1,9 @@
-"""Stitch what was scanned from several stations, from their run directories to one result."""
+"""Stitch the scans of several stations, from their run directories."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -14,7 +14,13 @@ from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.files import write_files_atomically
-from tjscan.core.frames import inverse_pose, transform_points
+from tjscan.core.frames import (
+    JointOrBaseFrame,
+    inverse_pose,
+    pose_to_euler_zyx,
+    rotation_angle_between,
+    transform_points,
+)
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.job import ScanJob, read_scan_job
@@ -22,17 +28,22 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import (
-    JOB,
-    JOINT,
-    STATIONS,
+    JOB_FILE,
+    JOINT_FILE,
+    STATIONS_FILE,
     STATIONS_PICTURE,
-    SUMMARY,
+    SUMMARY_FILE,
     job_label_of_run,
 )
-from tjscan.result.frame import JointOrBaseFrame
 from tjscan.result.picture import draw_groove_overview, write_png
 from tjscan.result.section import absent_corners
-from tjscan.result.stitching import StitchingReport, write_stitching_report
+from tjscan.result.stitching import (
+    OverlapReport,
+    StationReport,
+    StitchingReport,
+    Triple,
+    write_stitching_report,
+)
 from tjscan.result.summary import (
     ScanSummary,
     check_recording_complete,
@@ -41,18 +52,119 @@ from tjscan.result.summary import (
 )
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
-from tjscan.runs.context import RunContext, do_nothing_when_finished, groove_reader_of_job
-from tjscan.runs.directory import COPIES
+from tjscan.runs.run import COPIED_FILES
+from tjscan.runs.scan.context import RunContext, do_nothing_when_finished, groove_reader_of_job
 from tjscan.runs.scan.results import all_profile_points
-from tjscan.runs.stations.report import build_stitching_report
-from tjscan.runs.uncertainty import causes_of_job
+from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.reader import read_recorded_scan
-from tjscan.stitching.draft import StitchingDraft
 from tjscan.stitching.picture import draw_stitching
-from tjscan.stitching.settings import DEFAULT, StitchSettings
-from tjscan.stitching.stations import Station, station_from_recording
-from tjscan.stitching.stitch import StitchedGroove, stitch_stations
+from tjscan.stitching.registration import (
+    StationRegistration,
+    StitchingDraft,
+    point_covariance_from_pose,
+)
+from tjscan.stitching.stations import (
+    DEFAULT_STITCH_SETTINGS,
+    Station,
+    StitchSettings,
+    station_from_recording,
+)
+from tjscan.stitching.stitch import PlacedStation, StitchedGroove, stitch_stations
 from tjscan.uncertainty.summary import summarise_budget
+
+
+def build_stitching_report(stitched: StitchedGroove, sources: Mapping[str, str]) -> StitchingReport:
+    """Convert a stitched groove to the report of its stations and overlaps, in mm and degrees.
+
+    Parameters
+    ----------
+    stitched : StitchedGroove
+        In metres and radians.
+    sources : mapping of str to str
+        Each station's run directory, seen from that of the result, by the station's name.
+    """
+    brace, leg, angle, offset = stitched.shape.as_array
+    spread = stitched.shape_sigma
+    first = stitched.stations[0]
+    middle = np.mean([section.T_r_g[:3, 3] for section in stitched.sections], axis=0)
+    names = tuple(one.station.name for one in stitched.stations)
+    return StitchingReport(
+        frame="j",
+        covered_deg=float(np.degrees(stitched.covered)),
+        brace_diameter_mm=float(2e3 * brace),
+        leg_diameter_mm=float(2e3 * leg),
+        angle_deg=float(np.degrees(angle)),
+        offset_mm=float(1e3 * offset),
+        sigma_brace_diameter_mm=float(2e3 * spread[0]),
+        sigma_leg_diameter_mm=float(2e3 * spread[1]),
+        sigma_angle_deg=float(np.degrees(spread[2])),
+        sigma_offset_mm=float(1e3 * spread[3]),
+        out_of_round_mm=1e3 * stitched.out_of_round,
+        loop_gap_before_mm=_mm(stitched.gap_before),
+        loop_gap_after_mm=_mm(stitched.gap_after),
+        stations=tuple(
+            _station(one, first, middle, sources.get(one.station.name, ""))
+            for one in stitched.stations
+        ),
+        overlaps=tuple(
+            _overlap(edge, names, gap)
+            for edge, gap in zip(stitched.registrations, stitched.gaps, strict=True)
+        ),
+    )
+
+
+def _mm(length: float | None) -> float | None:
+    return None if length is None else 1e3 * length
+
+
+def _triple(values: np.ndarray) -> Triple:
+    a, b, c = (float(v) for v in values)
+    return a, b, c
+
+
+def _station(
+    one: PlacedStation, first: PlacedStation, middle: np.ndarray, source: str
+) -> StationReport:
+    position, angles = pose_to_euler_zyx(one.T_j_b)
+    spread = np.sqrt(np.diag(one.covariance))
+    meant = inverse_pose(first.station.T_w_b) @ one.station.T_w_b
+    found = inverse_pose(first.T_j_b) @ one.T_j_b
+    at_groove = point_covariance_from_pose(one.covariance, middle)
+    return StationReport(
+        name=one.station.name,
+        source=source,
+        position_mm=_triple(1e3 * position),
+        euler_zyx_deg=_triple(np.degrees(angles)),
+        sigma_position_mm=_triple(1e3 * spread[:3]),
+        sigma_rotation_deg=_triple(np.degrees(spread[3:])),
+        sigma_groove_mm=float(1e3 * np.sqrt(np.trace(at_groove) / 3)),
+        azimuth_deg=(float(np.degrees(one.arc.start)), float(np.degrees(one.arc.end))),
+        sections=len(one.station.sections),
+        views=one.views,
+        nominal_off_mm=float(1e3 * np.linalg.norm(found[:3, 3] - meant[:3, 3])),
+        nominal_off_deg=float(np.degrees(rotation_angle_between(found, meant))),
+        walls_rms_mm=1e3 * one.tubes_rms,
+        walls_misfit=one.tubes_reduced_chi2,
+    )
+
+
+def _overlap(edge: StationRegistration, names: tuple[str, ...], gap: float) -> OverlapReport:
+    overlap = edge.overlap
+    units = np.repeat((1e3, 180 / np.pi), 3)
+    covariance = edge.covariance * np.outer(units, units)
+    return OverlapReport(
+        stations=(names[overlap.first], names[overlap.second]),
+        azimuth_deg=float(np.degrees(overlap.arc.middle_azimuth)),
+        arc_deg=float(np.degrees(overlap.arc.span_angle)),
+        sections=overlap.sections,
+        views=len(edge.azimuth),
+        left_out=int((~edge.counted).sum()),
+        residual_rms_mm=1e3 * edge.residual_rms,
+        misfit=edge.reduced_chi2,
+        sigma_mm=1e3 * edge.position_sigma,
+        covariance=tuple(tuple(float(v) for v in row) for row in covariance),
+        gap_mm=1e3 * gap,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +217,7 @@ class StitchedRun:
 def stitch_run_directories(
     runs: Sequence[Path],
     directory: Path,
-    settings: StitchSettings = DEFAULT,
+    settings: StitchSettings = DEFAULT_STITCH_SETTINGS,
     finished: Callable[[Path], object] = do_nothing_when_finished,
 ) -> StitchedRun:
     """Stitch run directories and write the result.
@@ -168,7 +280,7 @@ def _check_names(read: Sequence[StationRun]) -> None:
         if one.station.name == other.station.name:
             raise ConfigurationError(
                 f"is of station {one.station.name}, and so is {one.directory}: leave one out or, "
-                f"where they are two, rename one in its {JOB}",
+                f"where they are two, rename one in its {JOB_FILE}",
                 file=other.directory,
             )
 
@@ -181,8 +293,8 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
             found.append(run)
             continue
         # Runs that were stitched from elsewhere have no job of the whole.
-        check_as_written(run / JOB)
-        names = read_scan_job(run / JOB).station_names if (run / JOB).is_file() else ()
+        check_as_written(run / JOB_FILE)
+        names = read_scan_job(run / JOB_FILE).station_names if (run / JOB_FILE).is_file() else ()
         folders = [run / name for name in names] or sorted(run.glob("*/scan.mcap"))
         if not folders:
             raise ConfigurationError("is no run directory, nor holds any of stations", file=run)
@@ -192,8 +304,8 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
 
 def read_station_run(directory: Path) -> StationRun:
     """Read the run directory of one station; raises as `stitch_run_directories` does."""
-    job_file = directory / JOB
-    check_as_written(*(directory / name for name in COPIES))
+    job_file = directory / JOB_FILE
+    check_as_written(*(directory / name for name in COPIED_FILES))
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file)
         name = _name(job, job_file)
@@ -202,11 +314,11 @@ def read_station_run(directory: Path) -> StationRun:
         sections = done.reread_sections(read)
         context = RunContext(job, job_file)
         joint = context.joint
-    if not (directory / SUMMARY).is_file():
+    if not (directory / SUMMARY_FILE).is_file():
         raise ConfigurationError(
             f"its scan did not end; go on with: tjscan scan --resume {directory}", file=directory
         )
-    summary = read_summary(directory / SUMMARY)
+    summary = read_summary(directory / SUMMARY_FILE)
     check_recording_complete(directory, summary, len(sections))
     station = station_from_recording(name, job.T_w_b, sections, done.views, read)
     with add_file_to_errors(job_file):
@@ -238,8 +350,8 @@ def _gather(directory: Path, read: Sequence[StationRun]) -> None:
         for one in read:
             if not _lies_in(directory, one):
                 shutil.copytree(one.directory, draft / one.station.name)
-        if (joint := _common_joint(read)) is not None and not (directory / JOINT).exists():
-            shutil.copyfile(joint, draft / JOINT)
+        if (joint := _common_joint(read)) is not None and not (directory / JOINT_FILE).exists():
+            shutil.copyfile(joint, draft / JOINT_FILE)
 
 
 def _lies_in(directory: Path, one: StationRun) -> bool:
@@ -253,7 +365,7 @@ def _folder(directory: Path, one: StationRun) -> str:
 
 def _common_joint(read: Sequence[StationRun]) -> Path | None:
     """The file of the joint that all runs name, if they do."""
-    files = [one.directory / JOINT for one in read]
+    files = [one.directory / JOINT_FILE for one in read]
     same = all(one.joint == read[0].joint for one in read)
     return files[0] if same and read[0].joint is not None and files[0].is_file() else None
 
@@ -306,7 +418,7 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: StitchedGroove
     provenance = Provenance.for_file_written_now(job, "j")
     report = replace(report, provenance=provenance)
     with write_files_atomically(directory, listed=True) as draft:
-        write_stitching_report(draft / STATIONS, report)
+        write_stitching_report(draft / STATIONS_FILE, report)
         write_png(draft / STATIONS_PICTURE, draw_stitching(stitched.draft), provenance)
     summary = write_run_results(
         directory, stitched.sections, points, summary, picture, job, stitched.budget

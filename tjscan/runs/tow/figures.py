@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.job.tow_job import TowJob
+from tjscan.job.tow.job import TowJob
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.seam import Seam
 
@@ -101,7 +101,7 @@ class TowFigures:
         return {k: None if isinstance(v, float) and v != v else v for k, v in asdict(self).items()}
 
 
-UNITS: Final[dict[str, tuple[str, str]]] = {
+FIGURE_UNITS: Final[dict[str, tuple[str, str]]] = {
     "complete": ("whole seam welded", ""),
     "welded_mm": ("seam welded", "mm"),
     "seconds": ("time", "s"),

@@ -15,13 +15,13 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
-from tjscan.job.tow_cell import make_planner, standing_obstacles
-from tjscan.job.tow_reading import read_tow_job
+from tjscan.job.tow.cell import fixed_obstacles, make_planner
+from tjscan.job.tow.checks import read_tow_job
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.header import JobSnapshot
-from tjscan.result.directory import JOB
-from tjscan.runs.context import do_nothing_when_finished
-from tjscan.runs.directory import check_replay
+from tjscan.result.directory import JOB_FILE
+from tjscan.runs.run import check_replay
+from tjscan.runs.scan.context import do_nothing_when_finished
 from tjscan.runs.tow.results import write_tow_results
 from tjscan.runs.tow.run import TowContext, make_tow_directory
 from tjscan.towing.journal import WELDED, TowCycle, TowTruth
@@ -31,7 +31,7 @@ from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
 from tjscan.towing.topics import REPLAY, TOW_RECORDING, read_tow, record_tow
 
-REPLAYABLE: Final = ("method", "weights.", "targets.", "limits.")
+REPLAYABLE_KEYS: Final = ("method", "weights.", "targets.", "limits.")
 """Keys that say what a planner makes of poses, not how the tow was done."""
 
 
@@ -51,7 +51,7 @@ def replay_tow(
     directory : Path
         Of the tow, whole, cut short or resumed; it stays as it is.
     overrides : dict
-        Dotted keys and values, those of `REPLAYABLE` only.
+        Dotted keys and values, those of `REPLAYABLE_KEYS` only.
     out : Path
         The directory to make.
     finished : callable
@@ -64,20 +64,20 @@ def replay_tow(
     RecordingError
         If its recording is damaged, or the new directory can't be written.
     """
-    job_file = directory / JOB
-    refuse_links_outside(directory, JOB)
+    job_file = directory / JOB_FILE
+    refuse_links_outside(directory, JOB_FILE)
     check_as_written(job_file)
-    check_replay(directory, out, overrides, REPLAYABLE, "tow")
+    check_replay(directory, out, overrides, REPLAYABLE_KEYS, "tow")
     context = TowContext(read_tow_job(job_file, overrides), job_file, finished=finished)
     with add_file_to_errors(job_file):
         planner = make_planner(context.job)
     entries = list(read_tow(directory))
     make_tow_directory(context, out)
-    origin = JobSnapshot((out / JOB).read_text(encoding="utf-8"))
+    origin = JobSnapshot((out / JOB_FILE).read_text(encoding="utf-8"))
     truths = iter([entry for entry in entries if isinstance(entry, TowTruth)])
     truth = (lambda: next(truths)) if any(isinstance(e, TowTruth) for e in entries) else None
     seam = Seam(context.job.seam)
-    starts = planner.starts(seam.pose_at(0.0), standing_obstacles(context.job))
+    starts = planner.starts(seam.pose_at(0.0), fixed_obstacles(context.job))
     began = next((entry.poses for entry in entries if isinstance(entry, TowCycle)), None)
     last = starts[0] if began is None else min(starts, key=partial(_apart, began))
     with lock_and_clean_directory(out):

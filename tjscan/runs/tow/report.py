@@ -11,12 +11,18 @@ from numpy.typing import ArrayLike
 
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
-from tjscan.job.tow_job import TowJob
-from tjscan.job.tow_reading import read_tow_job
-from tjscan.result.animation import MovingDiscs, MovingLine, PlaneAnimation
-from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
-from tjscan.result.directory import JOB
-from tjscan.runs.tow.figures import UNITS, TowFigures
+from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.job import TowJob
+from tjscan.result.chapter import (
+    MovingDiscs,
+    MovingLine,
+    PlaneAnimation,
+    ReportChapter,
+    ReportChart,
+    ReportEvent,
+)
+from tjscan.result.directory import JOB_FILE
+from tjscan.runs.tow.figures import FIGURE_UNITS, TowFigures
 from tjscan.runs.tow.results import RecordedTow, read_recorded_tow
 from tjscan.towing.seam import Seam
 from tjscan.towing.topics import REPLAY, TOW_RECORDING
@@ -24,10 +30,10 @@ from tjscan.towing.topics import REPLAY, TOW_RECORDING
 MOST_POINTS: Final = 2000
 """Of a line in a chart."""
 
-FRAMES: Final = 400
+ANIMATION_FRAMES: Final = 400
 """Of the animation."""
 
-SNAPSHOTS: Final = 8
+SHAPE_SNAPSHOTS: Final = 8
 """Shapes that are drawn over one another."""
 
 PAPER_OBJECTIVE: Final = 3.5
@@ -36,15 +42,15 @@ PAPER_OBJECTIVE: Final = 3.5
 PAPER_PLAN: Final = 1e3 / 22
 """Milliseconds of a plan in the paper, figure 10."""
 
-TIME: Final = "time / s"
+TIME_AXIS: Final = "time / s"
 
 
 def tow_chapter(directory: Path) -> ReportChapter:
     """Make a tow's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
     if not (directory / f"{TOW_RECORDING}.mcap").is_file():
         return ReportChapter()
-    check_as_written(directory / JOB)
-    job, found = read_tow_job(directory / JOB), read_recorded_tow(directory)
+    check_as_written(directory / JOB_FILE)
+    job, found = read_tow_job(directory / JOB_FILE), read_recorded_tow(directory)
     events = tuple(ReportEvent(event.time, event.name, event.detail) for event in found.events)
     figures = found.figures(job)
     if figures is None:
@@ -65,7 +71,7 @@ def _facts(job: TowJob, figures: TowFigures) -> Iterator[tuple[str, str]]:
     yield "vehicles", f"{job.vehicles.count} ({job.vehicles.driver}), method {job.method}"
     for name, value in figures.as_numbers.items():
         if value is not None:
-            words, unit = UNITS[name]
+            words, unit = FIGURE_UNITS[name]
             text = f"{value:.4g}" if isinstance(value, float) else str(value)
             yield words, f"{text} {unit}".strip()
 
@@ -96,7 +102,7 @@ def _charts(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
     time = time - time[0]
 
     def over_time(title: str, label: str, values: ArrayLike, **more: Any) -> ReportChart:
-        return ReportChart(title, TIME, label, time[thin], np.asarray(values)[thin], **more)
+        return ReportChart(title, TIME_AXIS, label, time[thin], np.asarray(values)[thin], **more)
 
     yield from _snapshots(job, found)
     terms = [cycle.plan.terms for cycle in cycles]
@@ -160,7 +166,7 @@ def _nearest(line: Array, discs: Array) -> float:
 def _snapshots(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
     """Shapes of the cable on its way, x and y changed so that the seam lies across the page."""
     title = "shapes on the way, as figures 8, 11 and 13 of the paper"
-    picked = np.unique(np.linspace(0, len(found.cycles) - 1, SNAPSHOTS).astype(int))
+    picked = np.unique(np.linspace(0, len(found.cycles) - 1, SHAPE_SNAPSHOTS).astype(int))
     begin = found.cycles[0].time
     for polygon in (job.area.outline, *job.area.holes):
         ring = np.array((*polygon, polygon[0]))
@@ -185,7 +191,7 @@ def _in_plane(title: str, points: Array, name: str) -> ReportChart:
 
 
 def _animation(job: TowJob, found: RecordedTow) -> PlaneAnimation:
-    picked = np.unique(np.linspace(0, len(found.cycles) - 1, FRAMES).astype(int))
+    picked = np.unique(np.linspace(0, len(found.cycles) - 1, ANIMATION_FRAMES).astype(int))
     cycles = [found.cycles[k] for k in picked]
     chain, radius = job.chain, job.vehicles.radius
     planned = np.array([chain.line(cycle.plan.angles) for cycle in cycles])

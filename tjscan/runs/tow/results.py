@@ -16,20 +16,20 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import read_small_file, write_files_atomically
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
-from tjscan.job.tow_job import TowJob
+from tjscan.job.tow.job import TowJob
 from tjscan.recording.event import RecordedEvent
 from tjscan.result.directory import job_label_of_run
 from tjscan.runs.tow.figures import TowFigures, figures_of_tow
 from tjscan.towing.journal import WELDED, TowCycle, TowTruth
 from tjscan.towing.topics import read_tow
 
-PLANS: Final = "tow.csv"
+PLANS_FILE: Final = "tow.csv"
 MOST_BYTES: Final = 10_000_000
 """A larger file holds no figures of a tow."""
 
-FIGURES: Final = "tow.json"
+FIGURES_FILE: Final = "tow.json"
 
-COLUMNS: Final = (
+PLAN_COLUMNS: Final = (
     "time_s",
     "along_mm",
     "pace",
@@ -107,10 +107,10 @@ def write_tow_results(directory: Path, job: TowJob) -> None:
         "events": [[event.name, event.detail] for event in recorded.events],
     }
     with write_files_atomically(directory) as draft:
-        (draft / PLANS).write_text(
+        (draft / PLANS_FILE).write_text(
             head.comment_lines("#") + _table(recorded), encoding="utf-8", newline=""
         )
-        (draft / FIGURES).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        (draft / FIGURES_FILE).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
 def read_tow_figures(directory: Path) -> dict[str, Any]:
@@ -121,7 +121,7 @@ def read_tow_figures(directory: Path) -> dict[str, Any]:
     ConfigurationError
         If the directory holds none.
     """
-    file = directory / FIGURES
+    file = directory / FIGURES_FILE
     check_as_written(file)
     try:
         content = json.loads(read_small_file(file, MOST_BYTES, "the figures of a tow"))
@@ -136,7 +136,7 @@ def read_tow_figures(directory: Path) -> dict[str, Any]:
 def _table(recorded: RecordedTow) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    writer.writerow(PLAN_COLUMNS)
     for k, cycle in enumerate(recorded.cycles):
         terms = cycle.plan.terms
         force = np.nan

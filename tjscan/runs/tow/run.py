@@ -12,15 +12,15 @@ import tomli_w
 from tjscan.core.config import add_file_to_errors, table_to_dict
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import lock_and_clean_directory
-from tjscan.job.tow_cell import TowCell, make_planner, make_tow_cell
-from tjscan.job.tow_job import TowJob
-from tjscan.job.tow_sweep import sweep_seam
+from tjscan.job.tow.cell import TowCell, make_planner, make_tow_cell
+from tjscan.job.tow.job import TowJob
+from tjscan.job.tow.sweep import sweep_seam
 from tjscan.recording.header import JobSnapshot, job_snapshot_changes
 from tjscan.recording.parts import next_recording_file
 from tjscan.recording.reader import read_job_snapshot
-from tjscan.result.directory import JOB
-from tjscan.runs.context import do_nothing_when_finished
-from tjscan.runs.directory import accept_edited_copies, empty_run_directory, write_job_copy
+from tjscan.result.directory import JOB_FILE
+from tjscan.runs.run import accept_edited_copies, empty_run_directory, write_job_copy
+from tjscan.runs.scan.context import do_nothing_when_finished
 from tjscan.runs.tow.results import read_recorded_tow, write_tow_results
 from tjscan.towing.journal import CombinedTowJournal, TowJournal, TowTruth
 from tjscan.towing.loop import PERIOD, CableTow, TowSetting
@@ -28,7 +28,7 @@ from tjscan.towing.seam import Seam
 from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
 from tjscan.towing.topics import REPLAY, TOW_RECORDING, record_tow
 
-RESUMABLE: Final = (
+RESUMABLE_KEYS: Final = (
     "method",
     "weights",
     "targets",
@@ -116,8 +116,8 @@ def resume_tow(context: TowContext) -> None:
     Raises
     ------
     ConfigurationError
-        If there is nothing to go on with, or the job was edited: to keys other than `RESUMABLE`,
-        or so that the cable can't follow along the rest of the seam.
+        If there is nothing to go on with, or the job was edited: to keys other than
+        `RESUMABLE_KEYS`, or so that the cable can't follow along the rest of the seam.
     """
     directory = context.job_file.parent
     recorded = read_recorded_tow(directory)
@@ -149,19 +149,19 @@ def _is_edited(directory: Path) -> bool:
     Raises
     ------
     ConfigurationError
-        If a key other than `RESUMABLE` is.
+        If a key other than `RESUMABLE_KEYS` is.
     """
     before = read_job_snapshot(directory, TOW_RECORDING)
     if before is None:
         return False
-    now = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
+    now = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
     changed = list(job_snapshot_changes(before, now))
     for key, what in changed:
-        if not key.startswith(RESUMABLE):
+        if not key.startswith(RESUMABLE_KEYS):
             raise ConfigurationError(
                 f"{what}. The cable lies as it was towed before: put it back, or start a new tow. "
-                f"What may change: {', '.join(RESUMABLE)}",
-                file=directory / JOB,
+                f"What may change: {', '.join(RESUMABLE_KEYS)}",
+                file=directory / JOB_FILE,
                 key=key,
             )
     return bool(changed)
@@ -192,7 +192,7 @@ def _tow(
     stood: float = 0.0,
 ) -> None:
     """Tow, record, and write the results, however it ended."""
-    origin = JobSnapshot((directory / JOB).read_text(encoding="utf-8"))
+    origin = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
     file = next_recording_file(directory, TOW_RECORDING)
     with lock_and_clean_directory(directory):
         try:

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, cross, readonly_copy, unit_vector
+from tjscan.core.frames import Array, cross, frozen_arrays, unit_vector
 from tjscan.core.gaussian_process import Matern52
 from tjscan.scanning.seam.track import RecentSections
 
@@ -21,46 +21,46 @@ BRACE_RADIUS: Final = (0.2, 0.7)
 """Median in metres, and standard deviation of the logarithm: braces of some 0.2 to 0.8 m."""
 RADIUS_RATIO: Final = (1.6, 0.4)
 """The leg's radius over the brace's, likewise."""
-LEAN: Final = radians(25)
+AXES_LEAN: Final = radians(25)
 """How far the axes are from square, standard deviation."""
-ASIDE: Final = 0.05
+AXES_OFFSET: Final = 0.05
 """How far the axes pass each other, as a share of the brace's radius, standard deviation."""
-SHIFT: Final = 3e-3
+WALL_SHIFT: Final = 3e-3
 """Metres, standard deviation of where a wall lies beside p2 or p4 as read."""
-TILT: Final = radians(30)
+WALL_TILT: Final = radians(30)
 """Of where it faces beside where the last two sections say, and of the brace's axis beside the
 laser plane."""
 
 OUT_OF_ROUND: Final = 0.3e-3
 """Metres by which a wall leaves its cylinder, standard deviation: assumption for rolled tubes,
-over the `WAVE` that cylinders through a few neighbouring sections do not follow."""
+over the `OUT_OF_ROUND_WAVE` that cylinders through a few neighbouring sections do not follow."""
 OUT_OF_LINE: Final = radians(0.15)
 """The same of a wall's direction in the section."""
-WAVE: Final = 0.15
+OUT_OF_ROUND_WAVE: Final = 0.15
 """Metres along the groove over which it does."""
 
-MISREAD: Final = 5.0
+MISREAD_SIGMAS: Final = 5.0
 """Standard deviations from its neighbours' word by which no true reading lies."""
-REVISIONS: Final = 3
+MOST_REVISIONS: Final = 3
 """How often the rest is asked again."""
 
-STARTS: Final = 4
+AXIS_STARTS: Final = 4
 """Directions of the leg's axis to start from: at the crown nothing tells it beforehand."""
-TOGETHER: Final = 4
+ROUNDS_TOGETHER: Final = 4
 """Rounds after which the best of them goes on alone."""
 MOST_ROUNDS: Final = 40
-STILL: Final = 1e-5
+SETTLED_SHARE: Final = 1e-5
 """Shares of a parameter's prior standard deviation: smaller steps end the search."""
-_DIFFERENCE: Final = 1e-5
+_DIFFERENCE_STEP: Final = 1e-5
 
-_LEAVES: Final = (OUT_OF_ROUND,) * 4 + (OUT_OF_LINE,) * 2
+_RESIDUAL_SIGMAS: Final = (OUT_OF_ROUND,) * 4 + (OUT_OF_LINE,) * 2
 
 _LEAST_ROOT: Final = 1e-12
 """Of the tube's axis, where nothing points outwards, a search may pass by."""
 
 # Per tube: shift along the normal, tilts of the normal up and along, turn of the axis, ln(1/r).
-_SCALE: Final = np.array((SHIFT, TILT, TILT, TILT, BRACE_RADIUS[1]))
-_FREE: Final = np.array((1.0, 1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0))
+_PARAMETER_SCALE: Final = np.array((WALL_SHIFT, WALL_TILT, WALL_TILT, WALL_TILT, BRACE_RADIUS[1]))
+_PRIOR_MASK: Final = np.array((1.0, 1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0))
 """Parameters with a prior of their own; curvatures have theirs below, the leg's axis has none."""
 
 
@@ -110,6 +110,7 @@ class LocalWalls:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class LocalTubeFit:
     """Fit of both tubes to the recent sections: most likely parameters and their covariance.
 
@@ -140,10 +141,6 @@ class LocalTubeFit:
     whiten: Array
     residuals: Array
     residual_jacobian: Array
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
 
     def walls(self, thetas: Array | None = None) -> LocalWalls:
         """Walls of the fitted tubes, or of other parameters, shape (..., 10)."""
@@ -181,10 +178,12 @@ class LocalTubeFit:
             Derivatives of the values by `theta`: what is believed of the tubes and what they
             leave are wrong together.
         """
-        towards = np.array([Matern52(a, WAVE)(self.along - at) for a in _LEAVES])
+        towards = np.array(
+            [Matern52(a, OUT_OF_ROUND_WAVE)(self.along - at) for a in _RESIDUAL_SIGMAS]
+        )
         white = np.einsum("cmn,cn->cm", self.whiten, towards)
         weights = np.einsum("cmn,cm->cn", self.whiten, white)
-        variances = np.array(_LEAVES) ** 2 - np.sum(white**2, axis=1)
+        variances = np.array(_RESIDUAL_SIGMAS) ** 2 - np.sum(white**2, axis=1)
         return (
             np.sum(weights * self.residuals, axis=1),
             np.sqrt(np.maximum(variances, 0.0)),
@@ -209,9 +208,9 @@ def fit_tubes_to_sections(track: RecentSections) -> LocalTubeFit:
     """
     sigmas = track.sigmas
     seam = _fit(track, sigmas)
-    for _ in range(REVISIONS):
+    for _ in range(MOST_REVISIONS):
         off, expected = seam.leave_one_out_residuals()
-        misread = np.abs(off) > MISREAD * expected
+        misread = np.abs(off) > MISREAD_SIGMAS * expected
         if not misread.any():
             break
         sigmas = np.where(misread, np.abs(off), sigmas)
@@ -224,8 +223,10 @@ def _fit(track: RecentSections, sigmas: Array) -> LocalTubeFit:
     between = track.along[:, None] - track.along
     whiten = np.array(
         [
-            np.linalg.inv(np.linalg.cholesky(Matern52(a, WAVE)(between) + np.diag(s**2)))
-            for a, s in zip(_LEAVES, sigmas, strict=True)
+            np.linalg.inv(
+                np.linalg.cholesky(Matern52(a, OUT_OF_ROUND_WAVE)(between) + np.diag(s**2))
+            )
+            for a, s in zip(_RESIDUAL_SIGMAS, sigmas, strict=True)
         ]
     )
 
@@ -241,9 +242,9 @@ def _fit(track: RecentSections, sigmas: Array) -> LocalTubeFit:
     spread = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
     # Ten of the prior's and the sections' residuals are spent on the parameters.
     reduced_chi2 = float(np.sum(residuals(theta) ** 2)) / (6 * len(track.along) + 1)
-    around = theta + np.concatenate((np.zeros((1, 10)), _DIFFERENCE * np.eye(10)))
+    around = theta + np.concatenate((np.zeros((1, 10)), _DIFFERENCE_STEP * np.eye(10)))
     lefts = _residuals(_walls(bases, around), track)
-    by_theta = np.moveaxis((lefts[1:] - lefts[0]) / _DIFFERENCE, 0, -1)
+    by_theta = np.moveaxis((lefts[1:] - lefts[0]) / _DIFFERENCE_STEP, 0, -1)
     return LocalTubeFit(
         bases, theta, spread * max(1.0, reduced_chi2), track.along, whiten, lefts[0], by_theta
     )
@@ -260,10 +261,10 @@ def _residuals(walls: LocalWalls, track: RecentSections) -> Array:
 
 
 def _starts() -> Array:
-    starts = np.zeros((STARTS, 10))
-    starts[:, 4] = -log(BRACE_RADIUS[0]) / _SCALE[4]
-    starts[:, 9] = -log(BRACE_RADIUS[0] * RADIUS_RATIO[0]) / _SCALE[4]
-    starts[:, 8] = np.pi * np.arange(STARTS) / STARTS / TILT
+    starts = np.zeros((AXIS_STARTS, 10))
+    starts[:, 4] = -log(BRACE_RADIUS[0]) / _PARAMETER_SCALE[4]
+    starts[:, 9] = -log(BRACE_RADIUS[0] * RADIUS_RATIO[0]) / _PARAMETER_SCALE[4]
+    starts[:, 8] = np.pi * np.arange(AXIS_STARTS) / AXIS_STARTS / WALL_TILT
     return starts
 
 
@@ -280,7 +281,7 @@ def _bases(track: RecentSections) -> Array:
 
 def _walls(bases: Array, thetas: Array) -> LocalWalls:
     """Walls of parameters, shape (..., 10)."""
-    t = thetas.reshape(*thetas.shape[:-1], 2, 5, 1) * _SCALE[:, None]
+    t = thetas.reshape(*thetas.shape[:-1], 2, 5, 1) * _PARAMETER_SCALE[:, None]
     foot, along, around, normal = (bases[:, i] for i in range(4))
     n = normal + t[..., 1, :] * along + t[..., 2, :] * around
     n = n / np.sqrt((n * n).sum(axis=-1, keepdims=True))
@@ -300,13 +301,13 @@ def _prior(walls: LocalWalls, thetas: Array) -> Array:
     apart = np.sum((middles[..., 0, :] - middles[..., 1, :]) * common, axis=-1) / sine
     return np.concatenate(
         (
-            thetas * _FREE,
+            thetas * _PRIOR_MASK,
             np.stack(
                 (
                     np.log(radii[..., 0] / BRACE_RADIUS[0]) / BRACE_RADIUS[1],
                     np.log(radii[..., 1] / radii[..., 0] / RADIUS_RATIO[0]) / RADIUS_RATIO[1],
-                    np.sum(axes[..., 0, :] * axes[..., 1, :], axis=-1) / np.sin(LEAN),
-                    apart / (ASIDE * radii[..., 0]),
+                    np.sum(axes[..., 0, :] * axes[..., 1, :], axis=-1) / np.sin(AXES_LEAN),
+                    apart / (AXES_OFFSET * radii[..., 0]),
                 ),
                 axis=-1,
             ),
@@ -325,15 +326,15 @@ def _search(residuals: Callable[[Array], Array], starts: Array) -> tuple[Array, 
     jacobian : ndarray, shape (m, 10)
         Of the residuals there.
     """
-    beside = np.concatenate((np.zeros((1, 10)), _DIFFERENCE * np.eye(10)))
+    beside = np.concatenate((np.zeros((1, 10)), _DIFFERENCE_STEP * np.eye(10)))
     theta, damping = starts, np.full(len(starts), 1e-2)
     values = residuals(theta[:, None] + beside)
     cost = np.sum(values[:, 0] ** 2, axis=-1)
     for i in range(MOST_ROUNDS):
-        if i == TOGETHER:
+        if i == ROUNDS_TOGETHER:
             best = slice(int(cost.argmin()), int(cost.argmin()) + 1)
             theta, damping, values, cost = theta[best], damping[best], values[best], cost[best]
-        J = np.swapaxes(values[:, 1:] - values[:, :1], 1, 2) / _DIFFERENCE
+        J = np.swapaxes(values[:, 1:] - values[:, :1], 1, 2) / _DIFFERENCE_STEP
         normal = np.swapaxes(J, 1, 2) @ J + damping[:, None, None] * np.eye(10)
         step = -np.linalg.solve(normal, (values[:, :1] @ J).swapaxes(1, 2))[..., 0]
         tried = residuals((theta + step)[:, None] + beside)
@@ -343,6 +344,6 @@ def _search(residuals: Callable[[Array], Array], starts: Array) -> tuple[Array, 
         values = np.where(better[:, None, None], tried, values)
         cost = np.where(better, tried_cost, cost)
         damping = np.where(better, 0.1 * damping, 10 * damping)
-        if i > TOGETHER and np.abs(step).max() < STILL:
+        if i > ROUNDS_TOGETHER and np.abs(step).max() < SETTLED_SHARE:
             break
-    return theta[0], (values[0, 1:] - values[0, 0]).T / _DIFFERENCE
+    return theta[0], (values[0, 1:] - values[0, 0]).T / _DIFFERENCE_STEP

@@ -11,16 +11,16 @@ import numpy as np
 from tjscan.core import pose_vector
 from tjscan.core.frames import Array, cross, inverse_pose, unit_vector
 from tjscan.core.gaussian_process import Matern52, OrdinaryKriging
-from tjscan.scanning.correction import correction_target_pose
 from tjscan.scanning.seam.fit import LocalTubeFit, LocalWalls
 from tjscan.scanning.seam.track import RecentSections
+from tjscan.scanning.target import correction_target_pose
 
 SHAPE_SPREAD: Final = (4e-3, 4e-3, radians(8))
 """How much the distances of p2 and p4 from the origin, and the opening, vary round a joint."""
 SHAPE_WAVE: Final = 0.2
 """Metres along the groove over which they do."""
 
-_DIFFERENCE: Final = 1e-6
+_DIFFERENCE_STEP: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,9 +113,9 @@ class ExpectedSection:
         R_b_s : ndarray, shape (3, 3)
             Orientation of the sensor.
         """
-        around = section + np.concatenate((np.zeros((1, 5)), _DIFFERENCE * np.eye(5)))
+        around = section + np.concatenate((np.zeros((1, 5)), _DIFFERENCE_STEP * np.eye(5)))
         values = self._misses(self.seam.walls(), around, R_b_s)
-        J = (values[1:] - values[0]).T / _DIFFERENCE
+        J = (values[1:] - values[0]).T / _DIFFERENCE_STEP
         return np.asarray(section - np.linalg.solve(J, values[0]))
 
     def ideal_frame_and_work_angle(self, section: Array, R_b_s: Array) -> tuple[Array, float]:
@@ -144,8 +144,10 @@ class ExpectedSection:
         R_b_s : ndarray, shape (3, 3)
             Orientation of the sensor.
         """
-        around = section + np.concatenate((np.zeros((1, 5)), _DIFFERENCE * np.eye(5)))
-        thetas = self.seam.theta + np.concatenate((np.zeros((1, 10)), _DIFFERENCE * np.eye(10)))
+        around = section + np.concatenate((np.zeros((1, 5)), _DIFFERENCE_STEP * np.eye(5)))
+        thetas = self.seam.theta + np.concatenate(
+            (np.zeros((1, 10)), _DIFFERENCE_STEP * np.eye(10))
+        )
         walls = self.seam.walls()
         by_section = _difference(self._misses(walls, around, R_b_s))
         by_theta = _difference(self._misses(self.seam.walls(thetas), section, R_b_s))
@@ -154,7 +156,7 @@ class ExpectedSection:
             np.array(
                 [
                     self._misses(walls, section, R_b_s, self.shape[:2] + away)
-                    for away in np.concatenate((np.zeros((1, 2)), _DIFFERENCE * np.eye(2)))
+                    for away in np.concatenate((np.zeros((1, 2)), _DIFFERENCE_STEP * np.eye(2)))
                 ]
             )
         )
@@ -196,5 +198,5 @@ def _tangents(section: Array, R_b_s: Array) -> Array:
 
 
 def _difference(values: Array) -> Array:
-    """Jacobian from values at a place and at steps of `_DIFFERENCE` beside it."""
-    return np.asarray((values[1:] - values[0]).T / _DIFFERENCE)
+    """Jacobian from values at a place and at steps of `_DIFFERENCE_STEP` beside it."""
+    return np.asarray((values[1:] - values[0]).T / _DIFFERENCE_STEP)

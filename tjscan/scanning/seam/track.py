@@ -8,13 +8,13 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays
 from tjscan.scanning.section import ScannedSection
 
 MOST_SECTIONS: Final = 30
 """Sections that are looked back upon: at the shortest steps still half a saddle."""
 
-REPEATABILITY: Final = 0.05e-3 / np.sqrt(3)
+ARM_REPEATABILITY: Final = 0.05e-3 / np.sqrt(3)
 """Metres, standard deviation on one axis by which an arm misses the pose it tells: assumption,
 after the ±0.05 mm that makers state. No section knows of it, yet it outweighs what they state."""
 
@@ -30,6 +30,7 @@ LEAST_SIGMA: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class RecentSections:
     """The last sections, the oldest first, in frame b. n sections; k = 0 brace, 1 leg.
 
@@ -65,10 +66,6 @@ class RecentSections:
     sigmas: Array
     shape_sigmas: Array
 
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            object.__setattr__(self, name, readonly_copy(getattr(self, name)))
-
 
 def recent_section_arrays(sections: Sequence[ScannedSection]) -> RecentSections:
     """Arrays of the last `MOST_SECTIONS` of two or more sections."""
@@ -90,7 +87,7 @@ def recent_section_arrays(sections: Sequence[ScannedSection]) -> RecentSections:
     turned = np.array([np.diag(g.tangent_covariance) for g in grooves])
     lengths = np.sum((corners_s - origins_s[:, None]) * tangents_s, axis=-1)
     # The origin is found along a tangent by both: their noise over the distance between them.
-    reached = across.sum(axis=1) + (lengths**2 * turned).sum(axis=1) + REPEATABILITY**2
+    reached = across.sum(axis=1) + (lengths**2 * turned).sum(axis=1) + ARM_REPEATABILITY**2
     # A corner that is not seen lies somewhere along its tangent.
     along = np.einsum("nki,nkij,nkj->nk", tangents_s[..., [0, 2]], corners, tangents_s[..., [0, 2]])
     absent = np.array([[corner in g.absent for corner in ("p2", "p4")] for g in grooves])
@@ -106,8 +103,8 @@ def recent_section_arrays(sections: Sequence[ScannedSection]) -> RecentSections:
         sigmas=np.sqrt(
             np.concatenate(
                 (
-                    across.T + REPEATABILITY**2 + LEAST_SIGMA**2,
-                    across.T + REPEATABILITY**2 + END_SIGMA**2,
+                    across.T + ARM_REPEATABILITY**2 + LEAST_SIGMA**2,
+                    across.T + ARM_REPEATABILITY**2 + END_SIGMA**2,
                     turned.T + ANGULAR_REPEATABILITY**2 + LEAST_SIGMA**2,
                 )
             )

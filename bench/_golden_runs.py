@@ -1,0 +1,262 @@
+"""The seeded runs whose results are frozen, and the commands that make them."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+ROOT: Final = Path(__file__).parents[1]
+RECORDED_SETS: Final = ROOT.parent / "shared" / "data" / "line-laser-calibration"
+
+Step = tuple[str, ...] | Callable[[Path], None]
+"""A command of tjscan, or something done to its folder of runs between two of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class GoldenRun:
+    """A seeded run, and the result files that are held against frozen ones.
+
+    Parameters
+    ----------
+    name : str
+        Folder of its frozen files.
+    steps : tuple of Step
+        What makes the run; ``{runs}`` in a command is the folder of all runs, ``{example}`` the
+        examples' folder, ``{sets}`` that of recorded calibration sets.
+    files : tuple of str
+        Result files, relative to the folder of all runs.
+    needs : str, optional
+        The run that has to be made before.
+    printed : str, optional
+        The file that receives what the commands print on stdout.
+    """
+
+    name: str
+    steps: tuple[Step, ...]
+    files: tuple[str, ...]
+    needs: str = ""
+    printed: str = ""
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether the recorded data that it reads is there."""
+        reads = any(
+            "{sets}" in word for step in self.steps if isinstance(step, tuple) for word in step
+        )
+        return RECORDED_SETS.is_dir() or not reads
+
+
+def cut_recording(run: str, share: float, results: tuple[str, ...]) -> Callable[[Path], None]:
+    """Copy a run as ``RUN-cut``, its recording cut off at a share of its bytes, without results."""
+
+    def cut(runs: Path) -> None:
+        copy = runs / f"{run}-cut"
+        shutil.copytree(runs / run, copy)
+        for name in results:
+            (copy / name).unlink(missing_ok=True)
+        (recording,) = copy.glob("*.mcap")
+        os.truncate(recording, int(share * recording.stat().st_size))
+
+    return cut
+
+
+SCAN_FILES: Final = ("sections.csv", "summary.json", "uncertainty.json", "groove.ply")
+SHORT_CALIBRATION: Final = ("--unattended", "--board.touches", "6", "--board.lines", "10")
+BALL_SET: Final = ("--lines", "{sets}/ball40_profiles.csv", "--poses", "{sets}/ball40_poses.csv")
+EDGE_SET: Final = ("--lines", "{sets}/edge_profiles.csv", "--poses", "{sets}/edge_poses.csv")
+NOISE_OF_SETS: Final = ("--units", "mm", "--position-mm", "0.06", "--rotation-deg", "0.02")
+
+
+def scan_of(example: str, run: str, *options: str) -> tuple[str, ...]:
+    """The command that scans an example into a run."""
+    return ("scan", f"{{example}}/{example}.toml", "--out", f"{{runs}}/{run}", *options)
+
+
+def files_of(run: str, *names: str) -> tuple[str, ...]:
+    """Result files of a run."""
+    return tuple(f"{run}/{name}" for name in names)
+
+
+GOLDEN_RUNS: Final = (
+    GoldenRun(
+        "scan",
+        (scan_of("paper", "scan", "--scan.step-mm", "60"),),
+        files_of("scan", *SCAN_FILES),
+    ),
+    GoldenRun(
+        "clockwise",
+        (scan_of("paper-clockwise", "clockwise", "--scan.step-mm", "80"),),
+        files_of("clockwise", *SCAN_FILES),
+    ),
+    GoldenRun(
+        "smooth",
+        (scan_of("paper", "smooth", "--scan.prediction-case", "smooth", "--scan.step-mm", "50"),),
+        files_of("smooth", "sections.csv", "summary.json"),
+    ),
+    GoldenRun(
+        "yard",
+        (scan_of("yard-joint", "yard", "--scan.length-mm", "400"),),
+        files_of("yard", "sections.csv", "summary.json"),
+    ),
+    GoldenRun(
+        "stations",
+        (scan_of("whole-joint", "stations", "--scan.step-mm", "45"),),
+        files_of("stations", "sections.csv", "summary.json", "stations.json"),
+    ),
+    GoldenRun(
+        "resume",
+        (
+            cut_recording("scan", 0.5, (*SCAN_FILES, "scan.png", "SHA256SUMS")),
+            ("scan", "--resume", "{runs}/scan-cut"),
+        ),
+        files_of("scan-cut", "sections.csv", "summary.json"),
+        needs="scan",
+    ),
+    GoldenRun(
+        "replay",
+        (
+            (
+                *("scan", "{runs}/scan/job.toml", "--out", "{runs}/replay"),
+                *("--arm.driver", "replay", "--laser.driver", "replay"),
+                *("--laser.recording", "{runs}/scan"),
+            ),
+        ),
+        files_of("replay", "sections.csv"),
+        needs="scan",
+    ),
+    GoldenRun(
+        "reprocess",
+        (
+            (
+                *("reprocess", "{runs}/scan", "--groove.noise-mm", "0.1"),
+                *("--out", "{runs}/reprocess"),
+            ),
+        ),
+        files_of("reprocess", "sections.csv", "summary.json"),
+        needs="scan",
+    ),
+    GoldenRun(
+        "calibrate",
+        (
+            (
+                *("calibrate", "{example}/calibrate.toml", "--out", "{runs}/calibrate"),
+                *SHORT_CALIBRATION,
+            ),
+        ),
+        files_of("calibrate", "calibration.toml"),
+    ),
+    GoldenRun(
+        "calibrate-arm",
+        (
+            (
+                *("calibrate", "{example}/calibrate.toml", "--out", "{runs}/calibrate-arm"),
+                *("--arm", "--unattended", "--simulation.arm.errors.seed", "3"),
+            ),
+        ),
+        files_of("calibrate-arm", "calibration.toml"),
+    ),
+    GoldenRun(
+        "calibrate-ball",
+        (
+            (
+                *("calibrate", *BALL_SET, "--target", "ball", *NOISE_OF_SETS),
+                *("--out", "{runs}/ball"),
+            ),
+        ),
+        ("ball/calibration.toml",),
+    ),
+    GoldenRun(
+        "calibrate-roof",
+        (
+            (
+                *("calibrate", *EDGE_SET, "--target", "roof", *BALL_SET, "--target", "ball=40"),
+                *(*NOISE_OF_SETS, "--out", "{runs}/roof"),
+            ),
+        ),
+        ("roof/calibration.toml",),
+    ),
+    GoldenRun(
+        "crawl",
+        (
+            ("crawl", "run", "{jobs}/crawl.toml", "--out", "{runs}/crawl"),
+            (
+                *("crawl", "replay", "{runs}/crawl", "--method", "paper"),
+                *("--out", "{runs}/crawl-replay"),
+            ),
+        ),
+        files_of("crawl", "passes.csv", "weld-log.json") + files_of("crawl-replay", "passes.csv"),
+    ),
+    GoldenRun(
+        "tow",
+        (
+            (
+                *("tow", "run", "{example}/tow-simulation.toml", "--out", "{runs}/tow"),
+                *("--seam.points-mm", "[[2600, -300], [2600, -280]]"),
+                *("--seam.speed-mm-min", "1200", "--following.patience-s", "1"),
+            ),
+            ("tow", "replay", "{runs}/tow", "--out", "{runs}/tow-replay"),
+        ),
+        files_of("tow", "tow.csv", "tow.json") + files_of("tow-replay", "tow.csv", "tow.json"),
+    ),
+    GoldenRun(
+        "plan",
+        (
+            (
+                *("plan", "{runs}/scan", "--wps", "{example}/wps.toml"),
+                *("--gravity", "0", "0", "-1", "--out", "{runs}/plan"),
+            ),
+        ),
+        files_of("plan", "plan.json", "beads.csv"),
+        needs="scan",
+    ),
+    GoldenRun(
+        "compare",
+        ((*("compare", "{runs}/scan", "{cad}/tjoint-600x457.toml", "--json"),),),
+        ("comparison.json",),
+        needs="scan",
+        printed="comparison.json",
+    ),
+    GoldenRun(
+        "export",
+        tuple(
+            ("export", "{runs}/scan", "--to", kind, "--out", f"{{runs}}/export.{kind}")
+            for kind in ("json", "csv")
+        ),
+        ("export.json", "export.csv"),
+        needs="scan",
+    ),
+    GoldenRun(
+        "study",
+        ((*("study", "{jobs}/study.toml", "--workers", "2", "--out", "{runs}/study"),),),
+        files_of("study", "study.csv"),
+    ),
+)
+"""A run that needs another comes after it."""
+
+
+def make_run(golden: GoldenRun, runs: Path) -> str:
+    """Make a run; gives what its last failing command printed, empty if it ended as it should."""
+    places = {
+        "runs": str(runs),
+        "example": str(ROOT / "examples"),
+        "cad": str(ROOT / "cad"),
+        "jobs": str(ROOT / "bench" / "goldens" / "jobs"),
+        "sets": str(RECORDED_SETS),
+    }
+    for step in golden.steps:
+        if not isinstance(step, tuple):
+            step(runs)
+            continue
+        command = [sys.executable, "-m", "tjscan", *(word.format(**places) for word in step)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=runs)
+        if done.returncode not in (0, 3):
+            return f"{' '.join(command)} ended with {done.returncode}: {done.stderr[-2000:]}"
+        if golden.printed:
+            (runs / golden.printed).write_text(done.stdout, encoding="utf-8")
+    return ""

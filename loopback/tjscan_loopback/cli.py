@@ -1,0 +1,163 @@
+"""The commands of ``tjscan`` that this package adds, see ``[project.entry-points]``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from tjscan_loopback.vehicle.towing import TowingBodies
+
+
+def ur_loopback(
+    *,
+    model: str = "ur10e",
+    host: str = "127.0.0.2",
+    hz: float = 125.0,
+    realtime: Annotated[bool, Parameter(negative="--fast")] = True,
+    home_deg: tuple[float, float, float, float, float, float] = (-110, -95, 160, 105, -110, 0),
+    calibration_seed: int | None = None,
+    attached: bool = False,
+) -> None:
+    """Stand in for a Universal Robots controller on this machine, until interrupted.
+
+    A line on stdin commands a fault: protective-stop, emergency-stop, power-off, local-mode,
+    drop-link, freeze, refuse-targets, stop-program, miss-target or refuse-stop; clear sets all
+    right again, home puts the arm where it started.
+    With a number behind it, it comes half way through that move, counted from now.
+
+    Parameters
+    ----------
+    model
+        The arm, or the path of its URDF.
+    host
+        The address to listen on, 127.0.0.1 to 127.255.255.254.
+    hz
+        Ticks of the controller per second.
+    realtime
+        Whether moves take their time; with --fast they run 25 times as fast.
+    home_deg
+        Where the arm starts, six joint angles in degrees.
+    calibration_seed
+        Draws a calibration of the arm's own, some tenths of a millimetre, which the controller
+        states and follows; without it the arm is as its model has it.
+    attached
+        End when stdin ends.
+    """
+    from tjscan_loopback.ur.serve import run_loopback_server
+
+    run_loopback_server(
+        model,
+        host,
+        hz,
+        home_deg=home_deg,
+        fast=not realtime,
+        attached=attached,
+        calibration_seed=calibration_seed,
+    )
+
+
+def laser_loopback(
+    job: Path | None = None,
+    *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
+    recording: Path | None = None,
+    host: str = "127.0.0.4",
+    arm: str | None = None,
+    serial: str = "1",
+    attached: bool = False,
+) -> None:
+    """Stand in for a GigE Vision line laser on this machine, until interrupted.
+
+    It sends the profiles of a job's simulated laser, or of a recording, one after another.
+    Every key of the job file is an option too. A line on stdin commands a fault: loss PER_CENT,
+    duplicate, reorder, lose-leader, lose-trailer, late, stale, buffered, silent, taken, reboot,
+    wrong-format, unit-pixel, missing-features or all-invalid; clear sets all right again.
+
+    Parameters
+    ----------
+    job
+        The job file (TOML) whose simulated laser it is.
+    recording
+        Profiles instead of a job: a run directory, a file of one, or text with columns x_mm
+        and z_mm.
+    host
+        Its address, 127.0.0.1 to 127.255.255.254; each laser has one of its own.
+    arm
+        Address of the arm's controller that carries it, such as ur-loopback. Left out, it
+        stays at the job's first start pose.
+    serial
+        Its serial number.
+    attached
+        End when stdin ends.
+    """
+    from tjscan.cli.options.overrides import parse_overrides
+    from tjscan_loopback.profiles import run_loopback_laser
+
+    run_loopback_laser(
+        job,
+        parse_overrides(overrides),
+        recording=recording,
+        host=host,
+        arm=arm,
+        serial=serial,
+        attached=attached,
+    )
+
+
+def vehicle_loopback(
+    *,
+    vehicles: int | None = None,
+    broker: str = "127.0.0.1:1883",
+    prefix: str = "tjscan/vehicle",
+    settings: Path | None = None,
+    seed: int = 0,
+    attached: bool = False,
+) -> None:
+    """Stand in for vehicles on this machine, behind an MQTT broker on it, until interrupted.
+
+    With the job of a tow they hold its cable and are seen by a tracker; else they are crawlers. A
+    line on stdin commands a fault: drive-fault, drop-link, freeze, stale or nan; of crawlers slip,
+    edge or arc; at a cable stop, push, passer-stands, or what goes wrong with poses, such as
+    pose-lost. clear sets all right again. With a number behind it, it is for that vehicle alone.
+
+    Parameters
+    ----------
+    vehicles
+        How many; their topics begin with the prefix and their number, 1, 2, ... One crawler, or as
+        many as the tow has, if left out.
+    broker
+        HOST:PORT of a broker on this machine, such as mosquitto.
+    prefix
+        Of all topics.
+    settings
+        A job file whose [simulation.vehicle] and [vehicle.tracks] the crawlers have, or that of a
+        tow.
+    seed
+        Of their random numbers.
+    attached
+        End when stdin ends.
+    """
+    from tjscan_loopback.vehicle.serve import run_loopback_vehicles
+
+    towing = None if settings is None else _read_tow(settings, seed)
+    if vehicles is None:
+        vehicles = 1 if towing is None else len(towing.bodies)
+    run_loopback_vehicles(
+        vehicles, broker, prefix, settings=settings, seed=seed, attached=attached, towing=towing
+    )
+
+
+def _read_tow(file: Path, seed: int) -> TowingBodies | None:
+    """The vehicles of a tow; None if the file is another job."""
+    from tjscan.core.config import read_toml
+
+    if "seam" not in read_toml(file):
+        return None
+    from tjscan.job.tow.sweep import read_towing_world
+    from tjscan.vehicle.cable.world import TowingWorld
+    from tjscan_loopback.vehicle.towing import TowingBodies
+
+    model, angles, localisation = read_towing_world(file)
+    return TowingBodies(TowingWorld(model, angles, seed=seed), localisation, seed)

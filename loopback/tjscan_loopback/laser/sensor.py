@@ -1,0 +1,279 @@
+"""The loopback laser without its sockets: commands in, acknowledgements and packets out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from struct import Struct, error, pack, unpack_from
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.errors import TjscanError
+from tjscan.laser.profile import Profile
+from tjscan_loopback.laser import description as features
+from tjscan_loopback.laser import memory as registers
+from tjscan_loopback.laser.coding import encode_profile
+from tjscan_loopback.laser.contents import format_of, initial_memory, rows_of, state_scales
+from tjscan_loopback.laser.faults import LaserFaultOrder, OrderedLaserFault
+from tjscan_loopback.laser.gvcp import (
+    MOST_MEMORY,
+    Command,
+    GvcpCommand,
+    Status,
+    acknowledge,
+    parse_command,
+)
+from tjscan_loopback.laser.gvsp import StreamBlock, pack_block
+from tjscan_loopback.laser.outgoing import OutgoingPackets
+
+Address = tuple[str, int]
+
+STALE: Final = 1.0
+"""Seconds between the exposure of a stale profile and its trigger."""
+
+REBOOT: Final = 0.5
+"""Seconds for which a sensor that restarts answers nobody."""
+
+_ANOTHER: Final = ("127.255.255.254", 1)
+"""Stands for another program that controls the sensor."""
+
+_DESCRIBED: Final = (
+    LaserFaultOrder.UNIT_PIXEL,
+    LaserFaultOrder.MISSING_FEATURES,
+    LaserFaultOrder.CLEAR,
+)
+"""Faults that change what the memory says."""
+
+_REGISTER: Final = Struct(">I")
+_MONO8: Final = 0x01080001
+
+
+@dataclass
+class LoopbackSensor:
+    """A GigE Vision line laser.
+
+    Parameters
+    ----------
+    host : str
+        Its address.
+    serial : str
+        Its serial number.
+    columns : int
+        Points of a profile.
+    expose : callable
+        Takes a profile, of as many points.
+    begin : callable
+        Is called whenever acquisition starts.
+    tell : callable
+        Receives a line when a program takes control or gives it back.
+    """
+
+    host: str
+    serial: str
+    columns: int
+    expose: Callable[[], Profile]
+    begin: Callable[[], None]
+    tell: Callable[[str], None]
+    faults: dict[LaserFaultOrder, OrderedLaserFault] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        self._packets = OutgoingPackets(self.faults)
+        self._off_until = 0.0
+        self._controller: Address | None = None
+        self._heard = self._next_exposure = 0.0
+        self._acquiring = False
+        self._block = 0
+        self._before: tuple[int, bytes] | None = None
+        self._memory = initial_memory(self.host, self.serial, self.columns, self.faults)
+
+    def schedule_fault(self, order: OrderedLaserFault, now: float) -> None:
+        """Bring a fault, or clear them all; only a new serial number stays."""
+        if order.fault is LaserFaultOrder.CLEAR:
+            self.faults.clear()
+            self._release()
+        elif order.fault is LaserFaultOrder.REBOOT:
+            self.serial += "1"
+            self._off_until = now + REBOOT
+            self._release()
+        else:
+            self.faults[order.fault] = order
+        if order.fault is LaserFaultOrder.TAKEN:
+            self._controller, self._acquiring = _ANOTHER, False
+        if order.fault in (*_DESCRIBED, LaserFaultOrder.REBOOT):
+            self._memory = initial_memory(self.host, self.serial, self.columns, self.faults)
+
+    def answer(self, datagram: bytes, client: Address, now: float) -> bytes | None:
+        """Answer a datagram on the control port; None where nothing is to be answered."""
+        command = parse_command(datagram)
+        if command is None or self._is_dead(now):
+            return None
+        if client == self._controller:
+            self._heard = now
+        try:
+            reply = self._obey(command, client, now)
+        except error:  # a payload too short for its kind
+            reply = acknowledge(command, status=Status.INVALID_PARAMETER)
+        return reply if command.acknowledged else None
+
+    def packets_due(self, now: float) -> tuple[Address, list[bytes]]:
+        """Where the stream goes, and the packets to send there now."""
+        if self._controller not in (None, _ANOTHER):
+            patience = 1e-3 * self._memory.get(registers.HEARTBEAT)
+            if now - self._heard > patience:
+                self.tell("control lost: no heartbeat")
+                self._release()
+        if self._runs_free and now >= self._next_exposure:
+            (rate,) = unpack_from(">d", self._memory.read(features.RATE, 8) or bytes(8))
+            self._next_exposure = max(self._next_exposure + 1 / max(rate, 1.0), now)
+            self._expose(now)
+        due = self._packets.take_due(now)
+        port = self._memory.get(registers.STREAM_PORT) & 0xFFFF
+        host = ".".join(map(str, _REGISTER.pack(self._memory.get(registers.STREAM_DESTINATION))))
+        return (host, port), [] if self._is_dead(now) or not port else due
+
+    def seconds_to_next(self, now: float) -> float | None:
+        """Seconds until there is something to send; None where nothing is planned."""
+        next_due = self._packets.next_due
+        times = [] if next_due is None else [next_due]
+        if self._runs_free:
+            times.append(self._next_exposure)
+        return max(min(times) - now, 0.0) if times else None
+
+    @property
+    def _runs_free(self) -> bool:
+        return self._acquiring and not self._memory.get(features.TRIGGER_MODE)
+
+    def _is_dead(self, now: float) -> bool:
+        return LaserFaultOrder.SILENT in self.faults or now < self._off_until
+
+    def _obey(self, command: GvcpCommand, client: Address, now: float) -> bytes:
+        payload = command.payload
+        match command.kind:
+            case Command.DISCOVERY:
+                found = self._memory.read(0, registers.DISCOVERY_SIZE)
+                return acknowledge(command, found or b"")
+            case Command.READREG:
+                values = [self._memory.read(at, 4) for (at,) in _REGISTER.iter_unpack(payload)]
+                known = [value for value in values if value is not None]
+                if not known or len(known) != len(values):
+                    return acknowledge(command, status=Status.INVALID_ADDRESS)
+                return acknowledge(command, b"".join(known))
+            case Command.READMEM:
+                address, count = unpack_from(">IxxH", payload)
+                data = self._memory.read(address, count) if count <= MOST_MEMORY else None
+                if data is None:
+                    return acknowledge(command, status=Status.INVALID_ADDRESS)
+                return acknowledge(command, payload[:4] + data)
+            case Command.WRITEREG:
+                done = 0
+                for address, value in Struct(">I4s").iter_unpack(payload):
+                    status = self._write(address, value, client, now)
+                    if status is not Status.SUCCESS:
+                        return acknowledge(command, pack(">xxH", done), status)
+                    done += 1
+                return acknowledge(command, pack(">xxH", done))
+            case Command.WRITEMEM:
+                (address,) = unpack_from(">I", payload)
+                status = self._write(address, payload[4:], client, now)
+                return acknowledge(command, pack(">xxH", len(payload) - 4), status)
+            case Command.PACKETRESEND:
+                _, block, first, last = unpack_from(">HHII", payload)
+                self._packets.queue_again(block, first & 0xFFFFFF, last & 0xFFFFFF, now)
+                return acknowledge(command)
+        return acknowledge(command, status=Status.NOT_IMPLEMENTED)
+
+    def _write(self, address: int, data: bytes, client: Address, now: float) -> Status:
+        if not data or not self._memory.may_write(address, len(data)):
+            known = self._memory.read(address, len(data)) is not None
+            return Status.WRITE_PROTECTED if known else Status.INVALID_ADDRESS
+        if self._controller not in (None, client):
+            return Status.ACCESS_DENIED
+        if address == registers.PRIVILEGE:
+            self._change_control(data, client, now)
+            return Status.SUCCESS
+        if self._controller is None:
+            return Status.ACCESS_DENIED
+        if address == registers.TIME_CONTROL:
+            if data[-1] & registers.LATCH:
+                self._memory.put(registers.TIME_HIGH, pack(">Q", _ticks(now)))
+            return Status.SUCCESS
+        self._memory.put(address, data)
+        if address == registers.STREAM_PACKET_SIZE and data[0] & registers.TEST_PACKET:
+            self._packets.queue_packet(bytes(max(self._packet_size - 28, 8)), now)
+        elif address == features.START:
+            self._acquiring, self._next_exposure = True, now
+            self._block, self._before = 0, None
+            self._packets.clear()
+            self.begin()
+        elif address == features.STOP:
+            self._acquiring = False
+            self._packets.clear()
+        elif address == features.TRIGGER:
+            if self._acquiring and not self._runs_free:
+                self._expose(now)
+        elif address in (features.PIXEL_FORMAT, features.HEIGHT):
+            state_scales(self._memory)
+        return Status.SUCCESS
+
+    def _change_control(self, data: bytes, client: Address, now: float) -> None:
+        wanted = bool(data[-1] & registers.CONTROL)
+        if wanted and self._controller is None:
+            self.tell(f"control taken by {client[0]}:{client[1]}")
+            self._controller, self._heard = client, now
+            self._memory.put(registers.PRIVILEGE, data)
+        elif not wanted:
+            self._release()
+
+    def _release(self) -> None:
+        if self._controller is not None:
+            self.tell("control given back")
+        self._controller, self._acquiring = None, False
+        self._packets.clear()
+        self._memory.set(registers.PRIVILEGE, 0)
+        self._memory.set(registers.STREAM_PORT, 0)
+
+    @property
+    def _packet_size(self) -> int:
+        return self._memory.get(registers.STREAM_PACKET_SIZE) & 0xFFFF
+
+    def _expose(self, now: float) -> None:
+        layout, rows = format_of(self._memory), rows_of(self._memory)
+        try:
+            profile = self.expose()
+        except TjscanError as error:  # the arm that carries it does not say where it stands
+            self.tell(f"no profile: {error}")
+            return
+        if LaserFaultOrder.ALL_INVALID in self.faults:
+            nothing = np.full(len(profile), np.nan)
+            profile = Profile(nothing, nothing)
+        before, exposed = self._before, (_ticks(now), rows * encode_profile(profile, layout))
+        if LaserFaultOrder.STALE in self.faults:
+            before = before or (_ticks(now - STALE), exposed[1])
+            self._send(*before, now)
+        else:
+            if LaserFaultOrder.BUFFERED in self.faults and before is not None:
+                self._send(*before, now)
+            self._send(*exposed, now)
+            before = exposed
+        self._before = before
+
+    def _send(self, time: int, data: bytes, now: float) -> None:
+        layout, rows = format_of(self._memory), rows_of(self._memory)
+        wrong = LaserFaultOrder.WRONG_FORMAT in self.faults
+        self._block = self._block % 0xFFFF + 1
+        numbers, chunks = features.CHUNKS, []
+        if self._memory.get(features.CHUNK_MODE):
+            chunks = [
+                (numbers["FrameID"], pack(">Q", self._block)),
+                (numbers["Timestamp"], pack(">Q", time)),
+                (numbers["EncoderValue"], pack(">Q", self._block)),
+            ]
+        block = StreamBlock(
+            self._block, time, _MONO8 if wrong else layout.code, self.columns, rows, data, chunks
+        )
+        self._packets.queue_block(block.number, pack_block(block, self._packet_size), now)
+
+
+def _ticks(now: float) -> int:
+    return round(registers.TICKS_PER_SECOND * now)

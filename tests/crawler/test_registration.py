@@ -1,0 +1,207 @@
+"""A profile is laid on one taken before, as far as its shape tells where."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hull_views import ARC_20, CAPPED, DEFAULT, EXACT, NEARLY_FILLED, see, true_placement
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tjscan.crawler.joint_tracking.registration import (
+    JointPlacement,
+    ReferenceProfile,
+    register_profile,
+)
+from tjscan.joint.hull import HullJoint
+from tjscan.joint.hull_section import hull_section
+from tjscan.laser.profile import Profile
+from tjscan.laser.section_laser import (
+    SectionLaserModel,
+    SectionLaserPose,
+    cast_rays_on_section,
+)
+
+NOISE = 0.06e-3
+
+
+def reference(
+    model: SectionLaserModel = DEFAULT,
+    joint: HullJoint = CAPPED,
+    *,
+    passes: int = 9,
+    of: int = 10,
+    seed: int = 9,
+) -> ReferenceProfile:
+    rng = np.random.default_rng(seed)
+    profiles = [see(joint, rng, model, passes=passes) for _ in range(of)]
+    return ReferenceProfile.from_profiles(profiles, [true_placement()] * of, NOISE)
+
+
+def register(
+    profile: Profile, against: ReferenceProfile, start: JointPlacement
+) -> JointPlacement | None:
+    v = profile.valid
+    z = profile.z_s[v]
+    found = register_profile(profile.x_s[v] / z, z, against, start, NOISE)
+    return None if found is None else found[0]
+
+
+@settings(max_examples=20)
+@given(
+    offset=st.floats(-6e-4, 6e-4), roll=st.floats(-5e-3, 5e-3), stand_off=st.floats(0.1485, 0.1495)
+)
+def test_registration_recovers_how_the_sensor_moved(
+    offset: float, roll: float, stand_off: float
+) -> None:
+    pose = SectionLaserPose(offset=offset, roll=roll, stand_off=stand_off)
+    profile = see(CAPPED, np.random.default_rng(0), EXACT, pose)
+    found = register(profile, reference(EXACT), true_placement())
+    truth = true_placement(pose)
+    assert found is not None
+    # The reference is a broken line with a point for each column.
+    assert found.centre == pytest.approx(truth.centre, abs=5e-6)
+    assert found.hull_z == pytest.approx(truth.hull_z, abs=5e-6)
+    assert found.roll == pytest.approx(roll, abs=5e-5)
+
+
+def test_stated_error_is_that_of_many_profiles() -> None:
+    rng, ratios = np.random.default_rng(5), []
+    for _ in range(15):
+        against = ReferenceProfile.from_profiles(
+            [see(CAPPED, rng) for _ in range(10)], [true_placement()] * 10, NOISE
+        )
+        for _ in range(10):
+            offset = rng.uniform(-0.3e-3, 0.3e-3)
+            profile = see(CAPPED, rng, ARC_20, SectionLaserPose(offset=offset))
+            found = register(profile, against, true_placement())
+            assert found is not None
+            ratios.append((found.centre + offset) / found.centre_sigma)
+    assert 0.6 < np.mean(np.square(ratios)) < 1.5
+
+
+def test_error_of_the_reference_is_an_error_of_the_reading() -> None:
+    rng = np.random.default_rng(0)
+    profiles = [see(CAPPED, rng) for _ in range(10)]
+    sigmas = []
+    for sigma in (0.0, 0.3e-3):
+        placement = JointPlacement(centre=0.0, hull_z=0.149, roll=0.0, centre_sigma=sigma)
+        against = ReferenceProfile.from_profiles(profiles, [placement] * 10, NOISE)
+        found = register(profiles[0], against, placement)
+        assert found is not None
+        sigmas.append(found.centre_sigma)
+    assert sigmas[1] == pytest.approx(np.hypot(sigmas[0], 0.3e-3 / np.sqrt(10)), rel=0.01)
+
+
+def test_bare_plate_does_not_tell_where_it_is() -> None:
+    x = np.linspace(-0.04, 0.04, 290)
+    rng, placement = np.random.default_rng(0), true_placement()
+    plates = [Profile(x, 0.149 + NOISE * rng.standard_normal(290)) for _ in range(11)]
+    against = ReferenceProfile.from_profiles(plates[:10], [placement] * 10, NOISE)
+    found = register(plates[10], against, placement)
+    assert found is None or found.centre_sigma > 0.15e-3
+
+
+def test_another_shape_is_refused() -> None:
+    rng = np.random.default_rng(0)
+    x = np.linspace(-0.04, 0.04, 290)
+    dust = Profile(x, rng.uniform(0.1, 0.2, 290))
+    assert register(dust, reference(), true_placement()) is None
+
+
+@pytest.mark.parametrize("passes", [2, 4])
+def test_profile_laid_on_its_own_place_is_at_the_bound_of_any_estimate(passes: int) -> None:
+    """Truth of another make: Fisher's information of offset, height and roll from moved views."""
+    model = SectionLaserModel(missing=0.0, step=0.0)
+    section = hull_section(NEARLY_FILLED, 0.0, passes)
+    before, after = (
+        np.array(
+            [
+                cast_rays_on_section(section, pose, model)
+                for pose in (
+                    SectionLaserPose(offset=h),
+                    SectionLaserPose(stand_off=0.149 + h),
+                    SectionLaserPose(roll=h),
+                )
+            ]
+        )
+        for h in (-1e-5, 1e-5)
+    )
+    J = (after - before) / 2e-5
+    centre = np.array((-1.0, 0.0, 0.149))  # how it moves with offset, height and roll
+    bound = np.sqrt(centre @ np.linalg.inv(J @ J.T) @ centre) * NOISE
+    against, rng = (
+        reference(model, NEARLY_FILLED, passes=passes, of=100),
+        np.random.default_rng(2),
+    )
+    found = [
+        register(see(NEARLY_FILLED, rng, model, passes=passes), against, true_placement())
+        for _ in range(150)
+    ]
+    kept = [one for one in found if one is not None]
+    assert len(kept) == 150
+    centres = np.array([one.centre for one in kept])
+    # The reference's own error is shared by all of them.
+    assert abs(np.mean(centres)) < 0.5 * bound
+    assert np.std(centres) / bound == pytest.approx(1.0, abs=0.25)
+    # What is stated allows for the change of the joint along the reference, too.
+    assert 1.0 < np.median([one.centre_sigma for one in kept]) / bound < 1.5
+
+
+@pytest.mark.parametrize("model", [DEFAULT, ARC_20], ids=["no arc", "20 % arc"])
+@pytest.mark.parametrize(("before", "now"), [(1, 2), (2, 3), (3, 4)])
+def test_bead_laid_since_does_not_move_the_joint(
+    before: int, now: int, model: SectionLaserModel
+) -> None:
+    rng, errors, sigmas = np.random.default_rng(1), [], []
+    for seed in range(10):
+        against = reference(joint=NEARLY_FILLED, passes=before, seed=seed)
+        for _ in range(10):
+            offset = rng.uniform(-0.2e-3, 0.2e-3)
+            profile = see(NEARLY_FILLED, rng, model, SectionLaserPose(offset=offset), passes=now)
+            found = register(profile, against, true_placement())
+            if found is not None:
+                errors.append(found.centre + offset)
+                sigmas.append(found.centre_sigma)
+    assert len(errors) > 85
+    assert abs(np.mean(errors)) < np.mean(sigmas)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [HullJoint(width=26e-3, opening_angle=0.9), HullJoint(width=36e-3)],
+    ids=["narrower", "wider"],
+)
+def test_reference_of_another_joint_is_refused(other: HullJoint) -> None:
+    against, rng = reference(joint=other, passes=0), np.random.default_rng(1)
+    for _ in range(50):
+        assert register(see(NEARLY_FILLED, rng, ARC_20), against, true_placement()) is None
+
+
+@pytest.mark.parametrize("narrower", [0.5e-3, 1e-3, 2e-3, 4e-3])
+@pytest.mark.parametrize("now", [3, 4])
+def test_reference_of_a_joint_a_little_narrower_is_seldom_believed(
+    narrower: float, now: int
+) -> None:
+    other = replace(NEARLY_FILLED, width=NEARLY_FILLED.width - narrower)
+    against, rng = reference(joint=other, passes=3), np.random.default_rng(1)
+    profiles = [see(NEARLY_FILLED, rng, ARC_20, passes=now) for _ in range(40)]
+    believed = [register(profile, against, true_placement()) for profile in profiles]
+    assert sum(one is not None for one in believed) <= 10
+
+
+def test_joint_whose_edges_were_welded_over_since_is_refused() -> None:
+    joint = HullJoint(beads=(*NEARLY_FILLED.beads, *CAPPED.beads))
+    against, rng = reference(joint=joint, passes=4), np.random.default_rng(1)
+    for _ in range(50):
+        assert register(see(joint, rng, ARC_20), against, true_placement()) is None
+
+
+def test_error_that_placements_share_does_not_average_out() -> None:
+    rng = np.random.default_rng(0)
+    profiles = [see(CAPPED, rng) for _ in range(10)]
+    placement = JointPlacement(
+        centre=0.0, hull_z=0.149, roll=0.0, centre_sigma=0.05e-3, shared_sigma=0.03e-3
+    )
+    against = ReferenceProfile.from_profiles(profiles, [placement] * 10, NOISE)
+    assert against.centre_sigma == pytest.approx(np.hypot(0.04e-3 / np.sqrt(10), 0.03e-3))

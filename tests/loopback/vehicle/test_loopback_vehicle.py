@@ -1,0 +1,150 @@
+"""What a vehicle behind a broker obeys, without a broker: laws for every order of messages."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("paho.mqtt", reason="paho-mqtt is not installed")
+
+from tjscan.vehicle.mqtt.link import ReceivedMessage
+from tjscan.vehicle.mqtt.wire import (
+    CommandMessage,
+    PresenceMessage,
+    StateMessage,
+)
+from tjscan.vehicle.simulated_body import PERIOD, SimulatedBody
+from tjscan.vehicle.simulation import VehicleSimulationSettings
+from tjscan.vehicle.tracks import TrackGeometry
+from tjscan.vehicle.vehicle import DEAD_MAN
+from tjscan_loopback.vehicle.bodies import CrawlerBody
+from tjscan_loopback.vehicle.faults import (
+    OrderedFault,
+    VehicleFaultOrder,
+    parse_ordered_fault,
+)
+from tjscan_loopback.vehicle.vehicle import LoopbackVehicle
+
+SETTLED = 0.4
+"""Seconds after which the drives have the speed they were told, within a thousandth."""
+
+
+class Program:
+    """Who commands the vehicle: what it sends arrives at once."""
+
+    def __init__(self, vehicle: LoopbackVehicle, session: str = "first") -> None:
+        self.vehicle, self.session = vehicle, session
+
+    def announce(self, now: float, *, alive: bool = True) -> None:
+        self._send(
+            "commander",
+            PresenceMessage(session=self.session, number=1, time=now, alive=alive).to_json(),
+            now,
+        )
+
+    def drive(
+        self, number: int, now: float, speed: float = 0.05, *, retained: bool = False
+    ) -> None:
+        message = CommandMessage(
+            session=self.session, number=number, time=now, order="drive", speed=speed, hold=0.5
+        )
+        self._send("command", message.to_json(), now, retained=retained)
+
+    def _send(self, topic: str, payload: bytes, now: float, *, retained: bool = False) -> None:
+        self.vehicle.receive(ReceivedMessage(topic, payload, retained, now))
+
+
+def vehicle() -> LoopbackVehicle:
+    settings = VehicleSimulationSettings(encoder_noise=0.0)
+    body = CrawlerBody(SimulatedBody(TrackGeometry(), settings))
+    return LoopbackVehicle(1, body, "itself", lambda line: None)
+
+
+def advance(vehicle: LoopbackVehicle, start: float, seconds: float) -> StateMessage:
+    """Go on, with nothing heard; the last state."""
+    for tick in range(1, round(seconds / PERIOD) + 1):
+        sent = vehicle.advance(start + tick * PERIOD, PERIOD)
+    return StateMessage.from_json(dict(sent)["state"])
+
+
+@given(st.lists(st.integers(1, 50), min_size=1, max_size=30))
+def test_commands_out_of_order_never_steer(numbers: list[int]) -> None:
+    driven = vehicle()
+    program = Program(driven)
+    program.announce(0.0)
+    for number in numbers:
+        # Each was sent at a time of its own; they arrive in any order.
+        program.drive(number, 1e-3 * number, 1e-3 * number)
+    state = advance(driven, 0.05, SETTLED)
+    assert state.speed == pytest.approx(1e-3 * max(numbers), rel=2e-3)
+    assert driven.dropped == len(numbers) - len(
+        {max(numbers[:i]) for i in range(1, len(numbers) + 1)}
+    )
+
+
+@given(st.floats(-0.1, 0.1), st.floats(0, 1))
+def test_it_stands_when_the_dead_man_time_is_over(speed: float, start: float) -> None:
+    driven = vehicle()
+    program = Program(driven)
+    program.announce(start)
+    program.drive(1, start, speed)
+    advance(driven, start, DEAD_MAN + 2 * PERIOD)
+    assert driven.body.stands
+    # It is no latch: the next command drives again.
+    program.drive(2, start + 1.0, 0.05)
+    advance(driven, start + 1.0, 0.1)
+    assert not driven.body.stands
+
+
+@pytest.mark.parametrize("what", ["its program goes", "its link breaks", "a drive fails"])
+def test_it_brakes_at_once_when(what: str) -> None:
+    driven = vehicle()
+    program = Program(driven)
+    program.announce(0.0)
+    program.drive(1, 0.0, 0.1)
+    advance(driven, 0.0, 0.3)
+    if what == "its program goes":
+        program.announce(0.3, alive=False)
+    elif what == "its link breaks":
+        driven.link_stands = False
+    else:
+        driven.order_fault(VehicleFaultOrder.DRIVE_FAULT)
+    advance(driven, 0.3, driven.body.braking_time + PERIOD)
+    assert driven.body.stands
+
+
+def test_it_obeys_one_program_until_that_is_silent() -> None:
+    driven = vehicle()
+    first, second = Program(driven), Program(driven, "second")
+    first.announce(0.0)
+    first.drive(1, 0.0)
+    second.announce(0.1)
+    second.drive(1, 0.1, -0.05)
+    assert advance(driven, 0.1, 0.2).commander == "first"
+    second.announce(0.6)
+    second.drive(2, 0.6, -0.05)
+    state = advance(driven, 0.6, SETTLED)
+    assert state.commander == "second"
+    assert state.speed < -0.04
+    first.drive(2, 1.0)  # it thaws
+    assert advance(driven, 1.0, 0.05).speed < 0
+
+
+def test_what_the_broker_kept_and_who_is_not_announced_never_steer() -> None:
+    driven = vehicle()
+    program = Program(driven)
+    program.drive(1, 0.0)
+    program.announce(0.0)
+    program.drive(2, 0.0, retained=True)
+    advance(driven, 0.0, 0.2)
+    assert driven.body.stands
+    assert driven.dropped == 2
+
+
+def test_orders_of_faults_are_read() -> None:
+    from tjscan.core.errors import ConfigurationError
+
+    assert parse_ordered_fault("slip\n", 3) == OrderedFault(VehicleFaultOrder.SLIP)
+    assert parse_ordered_fault("edge 2", 3) == OrderedFault(VehicleFaultOrder.EDGE, 2)
+    for line in ("slop", "edge 0", "edge 4", "edge x", ""):
+        with pytest.raises(ConfigurationError):
+            parse_ordered_fault(line, 3)

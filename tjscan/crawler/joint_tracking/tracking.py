@@ -1,0 +1,456 @@
+"""The centre of a V butt joint, profile by profile: searched for once, then tracked."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+from math import hypot, nan, radians, sqrt
+from statistics import median
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.errors import GrooveNotFound
+from tjscan.core.frames import Array, frozen_arrays
+from tjscan.crawler.joint_tracking.edge_lines import (
+    LEFT_BEVEL,
+    LEFT_PLATE,
+    RIGHT_BEVEL,
+    RIGHT_PLATE,
+    EdgeLines,
+    fit_edge_lines,
+    line_through,
+)
+from tjscan.crawler.joint_tracking.registration import (
+    JointPlacement,
+    ReferenceProfile,
+    register_profile,
+)
+from tjscan.groove.models import BUTT_V
+from tjscan.groove.noise import estimate_correlation
+from tjscan.groove.read import LEAST_DEPTH, fit_groove
+from tjscan.groove.settings import GrooveSettings
+from tjscan.groove.sides import FittedProfile
+from tjscan.laser.profile import Profile, ProfileRepeats
+
+HULL_JOINT: Final = GrooveSettings(model=BUTT_V, noise=0.06e-3, largest_sigma=0.15e-3)
+"""A crawler's joint and its sensor's noise."""
+
+FILLED_GROOVE, TACK_WELD, REGISTERED_JOINT = "filled", "tack", "registered"
+"""Conditions of a reading: nothing is left to fill; the root is buried under a tack; the edges are
+gone, and the centre is where an earlier profile had it."""
+
+FEWEST_ON_PLATE, FEWEST_ON_BEVEL = 10.0, 3.5
+"""Points that must lie on each plate and on each bevel, by their probability: of a bevel whose
+angle is known four show where its edge is."""
+
+LEAST_SHARE: Final = 0.3
+"""Share of the points before a plate that must lie on it."""
+
+BEVEL_TURNS: Final = (radians(10.0), radians(80.0))
+"""Angles at which a bevel may leave its plate."""
+
+MOST_BETWEEN_PLATES: Final = radians(20.0)
+"""Largest angle between the plates."""
+
+WIDTH_CHANGE: Final = 1.0e-3
+"""The joint's width does not change by more from one profile to the next, in metres."""
+
+REGISTERED_SHARE: Final = 0.3
+"""Share of the points that must lie on the reference."""
+
+FARTHEST_SIGMAS, FARTHEST_SIDEWAYS = 4.0, 0.03e-3
+"""How far a joint that is found by the reference may lie from where it was last: in standard
+deviations, and, in metres, for each profile since then. A vehicle at 20 mm/s that turns with a
+radius of 5 m carries its laser sideways by half of that."""
+
+LOST_BEFORE_SEARCH: Final = 5
+"""Profiles in a row that are refused before the joint is searched for anew: a search takes longer
+than a sensor's period."""
+
+LEARNING_SHARE: Final = 0.05
+"""Share that each profile has in what is known of noise, width and the bevels' angles."""
+
+CORRELATION_EVERY: Final = 5
+"""Of how many profiles one shows how its noise is correlated: that takes a while, and stays."""
+
+DEPTHS_KEPT, DEPTH_EVERY = 21, 50
+"""How many depths tell what is usual, and of how many profiles one is taken: a tack passes sooner
+than half of them."""
+
+SHORT_BEVEL_SHARE: Final = 0.1
+"""Share of the way to the root that a bevel still has in a groove nearly filled."""
+
+BURIED_HEIGHT: Final = 1.0e-3
+"""A root that lies higher than usual by more, in metres, is under a tack."""
+
+FILLED_DEPTH: Final = 0.7e-3
+"""A groove less deep than this is filled, in metres."""
+
+WIDE_MEDIAN, NARROW_MEDIAN, STRAY_HEIGHT = 25, 9, 2.0e-3
+"""Points over which the bottom's heights are smoothed by their median: first over many, then,
+without the points that lie farther from that, in metres, over fewer."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+@frozen_arrays
+class ButtJointReading(JointPlacement):
+    """What one profile shows of a butt joint, in the frame s of a sensor on a vehicle.
+
+    Parameters
+    ----------
+    time : float
+        Of the profile, in seconds.
+    edges : ndarray, shape (2, 2)
+        x_s and z_s of the left and of the right top edge, where hull and bevel meet, in metres.
+        Where the edges are gone they are NaN.
+    edge_covariances : ndarray, shape (2, 2, 2)
+        In m².
+    depth_left : float
+        Of the middle of the bottom below the line between the top edges, in metres; NaN where
+        no point of it is seen.
+    area_left : float
+        Of the cross-section that is left to fill, in m².
+    conditions : tuple of str
+        Of `FILLED_GROOVE`, `TACK_WELD`, `REGISTERED_JOINT`.
+    """
+
+    time: float
+    edges: Array
+    edge_covariances: Array
+    depth_left: float
+    area_left: float
+    conditions: tuple[str, ...] = ()
+
+    @property
+    def width(self) -> float:
+        """Between the top edges, in metres."""
+        return float(np.hypot(*(self.edges[1] - self.edges[0])))
+
+
+class JointTracker:
+    """Reads the centre of a butt joint off one profile after the other.
+
+    It goes on from its last reading, and knows the joint by its width: another joint needs another
+    tracker.
+
+    Parameters
+    ----------
+    settings : GrooveSettings
+        What the first reading is searched with; the noise is learned from then on.
+    """
+
+    def __init__(self, settings: GrooveSettings = HULL_JOINT) -> None:
+        self._settings = settings
+        self._noise = settings.noise
+        self._inflation = 1.0
+        self._lines: EdgeLines | None = None
+        self._angles = np.zeros(2)
+        self._width = 0.0
+        self._repeats = ProfileRepeats()
+        self._reading: ButtJointReading | None = None
+        self._lost = 0
+        self._depths: deque[float] = deque(maxlen=DEPTHS_KEPT)
+        self._count = 0
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of z as learned so far, in metres."""
+        return self._noise
+
+    def read(self, profile: Profile, reference: ReferenceProfile | None = None) -> ButtJointReading:
+        """Read the joint's centre.
+
+        Parameters
+        ----------
+        profile : Profile
+            With x_s to the vehicle's right.
+        reference : ReferenceProfile, optional
+            What the joint looked like here before, for where the edges are gone.
+
+        Raises
+        ------
+        GrooveNotFound
+            If there are too few points, the profile came before, or the joint is not to be seen.
+        """
+        if self._repeats.is_repeat(profile):
+            raise GrooveNotFound(
+                "frozen", "the profile came before, to the last bit: is the sensor still measuring?"
+            )
+        row = _Row(profile, self._settings.minimum_points)
+        try:
+            reading = self._track(row, reference)
+        except GrooveNotFound:
+            self._lost += 1
+            if self._lines is not None and self._lost % LOST_BEFORE_SEARCH:
+                raise
+            reading = self._search(row, profile)
+        self._lost = 0
+        self._reading = reading
+        return reading
+
+    def _track(self, row: _Row, reference: ReferenceProfile | None) -> ButtJointReading:
+        """Read from where the joint was last: by its edges, or else by the reference."""
+        try:
+            return self._by_last_edges(row, tries=1 if reference is not None else 3)
+        except GrooveNotFound:
+            if reference is None or self._reading is None:
+                raise
+            return self._by_reference(row, reference, self._reading)
+
+    def _by_last_edges(self, row: _Row, tries: int) -> ButtJointReading:
+        """Read by the edges, from where they were; the bevels may have got longer or shorter."""
+        if self._lines is None:
+            raise GrooveNotFound("no bevel", "no joint has been found so far", row.points)
+        edges, root = self._lines.edges, self._lines.root
+        ends = (self._lines.feet, np.full(2, root), edges + SHORT_BEVEL_SHARE * (root - edges))
+        for feet in ends[:tries]:
+            try:
+                return self._by_edges(row, replace(self._lines, feet=feet))
+            except GrooveNotFound as error:
+                refused = error
+        raise refused
+
+    def _by_edges(self, row: _Row, start: EdgeLines, *, known: bool = True) -> ButtJointReading:
+        start = replace(start, noise=self._noise)
+        angles = None
+        if known and self._reading is not None:
+            angles = self._angles - self._reading.roll
+        lines = fit_edge_lines(row.t, row.z, start, angles)
+        if lines is None:
+            raise GrooveNotFound("ambiguous", "the lines of the last profile are gone", row.points)
+        edges = lines.points
+        width = float(np.hypot(*(edges[1] - edges[0])))
+        self._check(row, lines, width)
+        covariances = self._inflation * lines.point_covariances
+        sigma = 0.5 * sqrt(float(covariances[:, 0, 0].sum()))
+        self._check_sigma(row, sigma)
+        depth, area = _left_to_fill(row, lines)
+        if not known:
+            if depth < LEAST_DEPTH:
+                raise GrooveNotFound(
+                    "no bevel",
+                    f"what is found is {1e3 * depth:.1f} mm deep: too little to be sure of it "
+                    "without having seen it before",
+                    row.points,
+                )
+            self._depths.clear()
+            self._count = 0
+        self._learn(row, lines, width, known=known)
+        self._lines = lines
+        return ButtJointReading(
+            time=row.time,
+            centre=float(edges[:, 0].mean()),
+            centre_sigma=sigma,
+            hull_z=float(edges[:, 1].mean()),
+            roll=-float(lines.angles[[LEFT_PLATE, RIGHT_PLATE]].mean()),
+            edges=edges,
+            edge_covariances=covariances,
+            depth_left=depth,
+            area_left=area,
+            conditions=self._conditions(depth),
+        )
+
+    def _by_reference(
+        self, row: _Row, reference: ReferenceProfile, last: ButtJointReading
+    ) -> ButtJointReading:
+        found = register_profile(row.t, row.z, reference, last, self._noise)
+        if found is None or found[1] < REGISTERED_SHARE:
+            raise GrooveNotFound(
+                "ambiguous", "the profile does not look like the last one taken here", row.points
+            )
+        placement, _ = found
+        noise = placement.centre_sigma**2 - reference.centre_sigma**2
+        sigma = sqrt(self._inflation * noise + reference.centre_sigma**2)
+        self._check_sigma(row, sigma)
+        room = FARTHEST_SIGMAS * hypot(sigma, last.centre_sigma) + FARTHEST_SIDEWAYS * (
+            self._lost + 1
+        )
+        if abs(placement.centre - last.centre) > room:
+            raise GrooveNotFound(
+                "ambiguous",
+                "on the last profile taken here the joint would have jumped",
+                row.points,
+            )
+        if self._lines is not None:
+            self._lines = self._lines.moved(
+                placement.roll - last.roll,
+                np.array((last.centre, last.hull_z)),
+                np.array((placement.centre, placement.hull_z)),
+            )
+        u, h = placement.joint_coordinates(row.x, row.z)
+        inside = np.abs(u) < self._width / 2
+        across, depth = _bottom(u[inside], h[inside])
+        middle = depth[np.abs(across) < self._width / 4]
+        left = float(np.median(middle)) if len(middle) else nan
+        area = float(np.trapezoid(np.maximum(depth, 0.0), across))
+        return ButtJointReading(
+            time=row.time,
+            centre=placement.centre,
+            centre_sigma=sigma,
+            shared_sigma=reference.centre_sigma,
+            hull_z=placement.hull_z,
+            roll=placement.roll,
+            edges=np.full((2, 2), np.nan),
+            edge_covariances=np.full((2, 2, 2), np.nan),
+            depth_left=left,
+            area_left=area,
+            conditions=(*((FILLED_GROOVE,) if left < FILLED_DEPTH else ()), REGISTERED_JOINT),
+        )
+
+    def _search(self, row: _Row, profile: Profile) -> ButtJointReading:
+        """Read without a last reading."""
+        fitted = fit_groove(profile, self._settings).fitted
+        return self._by_edges(row, _start(fitted, self._noise), known=False)
+
+    def _check(self, row: _Row, lines: EdgeLines, width: float) -> None:
+        """Refuse lines that are not those of a joint's edges."""
+        left, left_bevel, right_bevel, right = lines.angles.tolist()
+        counts = lines.counts[[LEFT_PLATE, RIGHT_PLATE, LEFT_BEVEL, RIGHT_BEVEL]]
+        for refused, why in (
+            (counts[:2].min() < FEWEST_ON_PLATE, "too little of a plate is seen"),
+            (counts[2:].min() < FEWEST_ON_BEVEL, "too little of a bevel is left"),
+            (
+                lines.shares[[LEFT_PLATE, RIGHT_PLATE]].min() < LEAST_SHARE,
+                "the points do not lie on the plates",
+            ),
+            (
+                not BEVEL_TURNS[0] < left_bevel - left < BEVEL_TURNS[1],
+                "the left bevel does not lead down",
+            ),
+            (
+                not BEVEL_TURNS[0] < right - right_bevel < BEVEL_TURNS[1],
+                "the right bevel does not lead down",
+            ),
+            (abs(left - right) > MOST_BETWEEN_PLATES, "the plates stand at an angle"),
+            (self._width > 0 and abs(width - self._width) > WIDTH_CHANGE, "the width has jumped"),
+        ):
+            if refused:
+                raise GrooveNotFound("ambiguous", why, row.points)
+
+    def _check_sigma(self, row: _Row, sigma: float) -> None:
+        """Refuse a centre that is too uncertain."""
+        if sigma > self._settings.largest_sigma:
+            raise GrooveNotFound(
+                "ambiguous", f"its centre is known to {1e3 * sigma:.2f} mm only", row.points
+            )
+
+    def _learn(self, row: _Row, lines: EdgeLines, width: float, *, known: bool) -> None:
+        """Learn noise, width and the bevels' angles against the hull."""
+        share = LEARNING_SHARE if known else 1.0
+        edges = np.searchsorted(row.t, lines.edges).tolist()
+        plates = [
+            row.z[own] - lines.heights(line, row.t[own])
+            for line, own in (
+                (LEFT_PLATE, slice(None, edges[0])),
+                (RIGHT_PLATE, slice(edges[1], None)),
+            )
+        ]
+        residuals = np.concatenate(plates)
+        columns = np.concatenate((row.columns[: edges[0]], row.columns[edges[1] :]))
+        on = np.abs(residuals) < 3 * self._noise
+        if np.count_nonzero(on) > FEWEST_ON_PLATE:
+            # Three standard deviations leave out a bit of the variance, four coefficients more.
+            left = 0.973 * (1 - 4 / np.count_nonzero(on))
+            noise = sqrt(float(np.mean(residuals[on] ** 2)) / left)
+            self._noise += LEARNING_SHARE * (noise - self._noise)
+            if self._count % CORRELATION_EVERY == 0:
+                order = np.argsort(columns[on])
+                correlation = estimate_correlation(
+                    residuals[on][order] / noise, columns[on][order], row.count, 4
+                )
+                more = correlation.variance_inflation - self._inflation
+                self._inflation += LEARNING_SHARE * more
+        self._width += share * (width - self._width)
+        angles = lines.angles
+        against = angles[[LEFT_BEVEL, RIGHT_BEVEL]] - angles[[LEFT_PLATE, RIGHT_PLATE]].mean()
+        self._angles = self._angles + share * (against - self._angles)
+
+    def _conditions(self, depth: float) -> tuple[str, ...]:
+        if self._count % DEPTH_EVERY == 0:
+            self._depths.append(depth)
+        self._count += 1
+        if depth < FILLED_DEPTH:
+            return (FILLED_GROOVE,)
+        return (TACK_WELD,) if depth < median(self._depths) - BURIED_HEIGHT else ()
+
+
+class _Row:
+    """A profile's points in the order of their rays."""
+
+    def __init__(self, profile: Profile, fewest: int) -> None:
+        valid = profile.valid & (profile.z_s > 0)
+        columns = np.flatnonzero(valid)
+        x, z = profile.x_s[columns], profile.z_s[columns]
+        if len(columns) < fewest:
+            raise GrooveNotFound(
+                "too few points",
+                f"{len(columns)} of {len(profile)} columns hold a point, {fewest} are needed",
+                np.column_stack((x, z)),
+            )
+        t = x / z
+        order = np.argsort(t, kind="stable")
+        self.t, self.x, self.z = t[order], x[order], z[order]
+        self.columns, self.count, self.time = columns[order], len(profile), profile.time
+
+    @property
+    def points(self) -> Array:
+        """Places (x, z), shape (n, 2)."""
+        return np.column_stack((self.x, self.z))
+
+
+def _start(fitted: FittedProfile, noise: float) -> EdgeLines:
+    """The four lines of a fit, whose sides run from high x to low x."""
+    curves, corners = fitted.curves, fitted.corners
+    right, left = corners[0], corners[-1]
+    lines = np.array(
+        [
+            line_through(left, left + curves[-1].tangent_at(fitted.places[-1][1])),
+            line_through(left, left + curves[-2].tangent_at(fitted.places[-1][0])),
+            line_through(right, right + curves[1].tangent_at(fitted.places[0][1])),
+            line_through(right, right + curves[0].tangent_at(fitted.places[0][0])),
+        ]
+    )
+    feet = np.array((corners[-2], corners[1]))
+    return EdgeLines(
+        lines,
+        np.zeros((4, 2, 2)),
+        np.array((left[0] / left[1], right[0] / right[1])),
+        feet[:, 0] / feet[:, 1],
+        np.zeros(4),
+        np.zeros(4),
+        noise,
+        0.1,
+    )
+
+
+def _left_to_fill(row: _Row, lines: EdgeLines) -> tuple[float, float]:
+    """Depth and area below the line between the top edges."""
+    first, last = np.searchsorted(row.t, lines.feet).tolist()
+    (x0, z0), (x1, z1) = lines.points.tolist()
+    inner, bottom = _bottom(row.t[first:last], row.z[first:last])
+    ends = [lines.heights(line, lines.feet[k]) for k, line in enumerate((LEFT_BEVEL, RIGHT_BEVEL))]
+    t = np.concatenate((lines.edges[:1], lines.feet[:1], inner, lines.feet[1:], lines.edges[1:]))
+    z = np.concatenate(([z0, float(ends[0])], bottom, [float(ends[1]), z1]))
+    x = t * z
+    width = float(np.hypot(x1 - x0, z1 - z0))
+    depth = ((x1 - x0) * (z - z0) - (z1 - z0) * (x - x0)) / width
+    along = ((x1 - x0) * (x - x0) + (z1 - z0) * (z - z0)) / width
+    middle = depth[2:-2] if len(inner) else depth[1:-1]
+    return float(np.median(middle)), float(np.trapezoid(np.maximum(depth, 0.0), along))
+
+
+def _bottom(t: Array, z: Array) -> tuple[Array, Array]:
+    """The points of a groove's bottom, without arc light, and their smoothed heights."""
+    near = np.abs(z - _running_median(z, WIDE_MEDIAN)) < STRAY_HEIGHT
+    return t[near], _running_median(z[near], NARROW_MEDIAN)
+
+
+def _running_median(values: Array, count: int) -> Array:
+    """Running median over `count` values, an odd number; fewer where there are no more."""
+    count = min(count, len(values) - 1 + len(values) % 2)
+    if count < 2:
+        return values
+    padded = np.pad(values, count // 2, mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, count)
+    return np.asarray(np.partition(windows, count // 2, axis=1)[:, count // 2])

@@ -1,0 +1,175 @@
+"""Read the groove's section off a profile, or refuse to: the stages in their order."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import sqrt
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.errors import GrooveNotFound
+from tjscan.core.frames import Array
+from tjscan.groove.models import OPENING_LEAST, OPENING_MOST
+from tjscan.groove.prior import GroovePrior
+from tjscan.groove.root import read_root
+from tjscan.groove.search import find_best_fit
+from tjscan.groove.section import GrooveSection
+from tjscan.groove.settings import DEFAULT_SETTINGS, GrooveSettings
+from tjscan.groove.shape import corner_estimates
+from tjscan.groove.sides import GrooveFit, OrderedProfilePoints, bearing_tangents
+from tjscan.groove.steel import fit_bare_steel
+from tjscan.laser.profile import Profile
+
+LEAST_DEPTH: Final = 4e-3
+"""Depth of the shallowest groove that is read, in metres."""
+
+CONTRADICTION_SIGMAS: Final = 2.5
+"""Standard deviations from which a profile contradicts what is expected of its bends."""
+
+
+def read_groove(
+    profile: Profile, settings: GrooveSettings = DEFAULT_SETTINGS, prior: GroovePrior | None = None
+) -> GrooveSection:
+    """Read the groove's section off a profile.
+
+    Parameters
+    ----------
+    profile : Profile
+        In frame s with x_s up the brace; the columns may run either way.
+    settings : GrooveSettings
+        With a model of four sides, such as `TEE_GROOVE`.
+    prior : GroovePrior, optional
+        What the sections before it show. Only with a prior are scale and light between the faces
+        looked for, and the section holds what its own profile shows of them.
+
+    Raises
+    ------
+    GrooveNotFound
+        If there are too few points, no groove, more than one reading, or one that is too
+        uncertain.
+    ValueError
+        If the model has no such section.
+    """
+    return read_groove_with_fit(profile, settings, prior)[0]
+
+
+def read_groove_with_fit(
+    profile: Profile, settings: GrooveSettings = DEFAULT_SETTINGS, prior: GroovePrior | None = None
+) -> tuple[GrooveSection, GrooveFit]:
+    """Read the groove's section off a profile; give also the fit that it rests on.
+
+    Parameters and errors are those of `read_groove`.
+    """
+    if not settings.model.has_section_points:
+        raise ValueError(f"model {settings.model.name!r} has no section of five points")
+    row = order_points(profile, settings)
+    fit = find_best_fit(row, settings) if prior is None else _fit_with_prior(row, settings, prior)
+    corners, covariance = corner_estimates(fit)
+    covariance += fit.steel_covariance
+    fit = replace(fit, fitted=replace(fit.fitted, corners=corners))
+    section = read_root(fit, covariance + fit.other_readings, settings.support_tolerance)
+    # Without the root's corners or with one more nothing else supports that this is a groove.
+    # Other readings of it do not object to that.
+    root = section.corner_covariances_s[1:] if fit.model.name == settings.model.name else ()
+    needed = min(float(np.diag(c).max()) for c in (covariance[:2, :2], *root))
+    _check_corner_uncertainty(fit.row, needed, settings)
+    _check_shape(section, fit.row.points)
+    return section, fit
+
+
+def fit_groove(profile: Profile, settings: GrooveSettings = DEFAULT_SETTINGS) -> GrooveFit:
+    """Fit the sides and corners of a groove of any model to a profile.
+
+    Parameters and errors are those of `read_groove`; the points come ordered from the first
+    side to the last.
+    """
+    row = order_points(profile, settings)
+    fit = find_best_fit(row, settings)
+    corners, covariance = corner_estimates(fit)
+    variances = np.diag(covariance)[:-2].reshape(-1, 2).max(axis=1)
+    # What is not seen well has its uncertainty; one of the tops has to be known.
+    _check_corner_uncertainty(row, float(variances[[0, -1]].min()), settings)
+    return replace(fit, fitted=replace(fit.fitted, corners=corners))
+
+
+def order_points(profile: Profile, settings: GrooveSettings) -> OrderedProfilePoints:
+    """The points of a profile by their bearings, from the wall to the leg.
+
+    Raises
+    ------
+    GrooveNotFound
+        If there are fewer than the settings ask for.
+    """
+    # Many sensors write a zero where they see nothing; and nothing is seen behind them.
+    valid = profile.valid & (profile.z_s > 0)
+    # Coordinates lie one after the other in memory: sums over all points are quicker.
+    points = np.array((profile.x_s[valid], profile.z_s[valid])).T
+    if len(points) < settings.minimum_points:
+        raise GrooveNotFound(
+            "too few points",
+            f"{len(points)} of {len(profile)} columns hold a point, {settings.minimum_points} "
+            "are needed. Is the surface inside the sensor's range, and the laser on?",
+            points,
+        )
+    tangents = bearing_tangents(points)
+    order = np.argsort(tangents, kind="stable")
+    columns = np.flatnonzero(valid)[order]
+    return OrderedProfilePoints(points.T[:, order].T, tangents[order], columns, len(profile))
+
+
+def _fit_with_prior(
+    row: OrderedProfilePoints, settings: GrooveSettings, prior: GroovePrior
+) -> GrooveFit:
+    """Fit with what the sections before show, as far as the profile does not contradict it."""
+    expected = replace(settings, model=prior.expected_model(settings.model))
+    try:
+        fit = find_best_fit(row, expected)
+        if not _contradicts_bends(fit):
+            return fit_bare_steel(fit, prior, settings.support_tolerance)
+    except GrooveNotFound:
+        if not prior.knows_bends:
+            raise
+    return _fit_with_prior(row, settings, prior.without_bends)
+
+
+def _contradicts_bends(fit: GrooveFit) -> bool:
+    """Whether a fit bends otherwise, in the middle of what is seen of a side, than was expected."""
+    for k in (0, -1):
+        side, curve = fit.model.sides[k], fit.fitted.curves[k]
+        bend = curve.rebased_at_tangent(fit.fitted.middles[k]).c2
+        expected = side.expected_bend
+        if expected is not None and abs(bend - expected) > CONTRADICTION_SIGMAS * side.bend:
+            return True
+    return False
+
+
+def _check_corner_uncertainty(
+    row: OrderedProfilePoints, variance: float, settings: GrooveSettings
+) -> None:
+    """Refuse a groove if a coordinate that has to be known, of a variance in m², is not."""
+    sigma = sqrt(variance)
+    if sigma > settings.largest_sigma:
+        raise GrooveNotFound(
+            "ambiguous",
+            f"a corner is known to {1e3 * sigma:.2f} mm (one standard deviation) only: too little "
+            "of its sides is seen. Look at the groove more squarely.",
+            row.points,
+        )
+
+
+def _check_shape(section: GrooveSection, points: Array) -> None:
+    """Refuse a section whose opening or depth is not that of a groove to be welded."""
+    if not OPENING_LEAST < section.groove_angle < OPENING_MOST:
+        raise GrooveNotFound(
+            "ambiguous",
+            f"an opening of {np.degrees(section.groove_angle):.0f}° is not that of a groove",
+            points,
+        )
+    if section.depth < LEAST_DEPTH:
+        raise GrooveNotFound(
+            "no bevel",
+            f"what lies between wall and leg is {1e3 * section.depth:.1f} mm deep: the groove is "
+            "already welded, or there is none",
+            points,
+        )

@@ -1,0 +1,325 @@
+"""Reflections and other readings of the same points: what they cost, and what they leave uncertain.
+
+Light that took another way comes back as a whole run of points, which jumps off the surface at
+one end or both. Its points hang together, so that they are no more worth explaining than a few
+independent ones. A run that leaves a side without a jump is steel: it has to be explained.
+
+A run of reflections beside a bevel may look as good as the bevel. Then noise tells little about
+how far the corners may be off: the other reading shows more, by how likely it is (Bayesian model
+averaging).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import exp, sqrt
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tjscan.core.frames import Array
+from tjscan.groove.models import GrooveModel
+from tjscan.groove.sides import (
+    FittedProfile,
+    GrooveFit,
+    Index,
+    OrderedProfilePoints,
+    true_stretches,
+)
+
+JUMP_DISTANCE, JUMP_STEEPNESS = 0.5e-3, 1.5
+"""Neighbouring points of one surface lie no farther apart than this, in metres, with this many
+times the distance of their neighbours."""
+
+HOLE_COLUMNS: Final = 6
+"""Columns without points after which nothing shows whether a surface goes on."""
+
+RUN_COST, POINT_COST = 3.0, 0.35
+"""What a run of reflections costs, in outliers, and each of its points."""
+
+
+POINT_LOG_ODDS: Final = 0.25
+"""Logarithm of the odds that one point explained more is worth: points of a reflection come in
+runs, and noise is correlated, so that a point counts for a part of an independent one."""
+
+LEAST_ODDS: Final = 0.01
+"""Readings less likely than this, over the likeliest, are left out."""
+
+REFLECTION_DISTANCE: Final = 3e-3
+"""How far reflections lie off the surface, in metres."""
+
+TOUCHING_SHARE: Final = JUMP_DISTANCE / (sqrt(3) * REFLECTION_DISTANCE)
+"""Share of the reflections that end so near the surface, by chance, that no jump shows."""
+
+FAR_DISTANCE: Final = 0.6e-3
+"""Farther from its side, in metres, a point is a reflection."""
+
+MOST_REFLECTED: Final = 0.25
+"""Greatest probability that a side which hangs together with no other is a reflection."""
+
+MEETING_REACH, FEWEST_MEETING, FEWEST_HIDING = 1.5e-3, 2, 3
+"""Points of a side, so near a corner in metres, that show it there; and points between two sides
+that hide how one goes over into the other."""
+
+SAME_READING_DISTANCE: Final = 0.05e-3
+"""Readings whose corners differ by less, in metres, are one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointRuns:
+    """Runs of points that hang together, in the order of a row.
+
+    Parameters
+    ----------
+    first : ndarray of int, shape (m,)
+        First point of each run.
+    count : ndarray of int, shape (m,)
+        Its number of points.
+    jumps : ndarray of bool, shape (m,)
+        Whether it jumps off what is seen before or after it.
+    """
+
+    first: Index
+    count: Index
+    jumps: NDArray[np.bool_]
+
+    def bounds_of_run(self, point: int) -> tuple[int, int]:
+        """First point of the run that a point belongs to, and the one after its last."""
+        k = int(self.first.searchsorted(point, side="right")) - 1
+        return int(self.first[k]), int(self.first[k] + self.count[k])
+
+    def within(self, start: int, end: int) -> PointRuns:
+        """The runs of the points from `start` to before `end`; what is cut off is no reflection."""
+        a, b = int(self.first.searchsorted(start, side="right")) - 1, self.first.searchsorted(end)
+        first = self.first[a:b].copy()
+        stop = first + self.count[a:b]
+        whole = (first >= start) & (stop <= end)
+        first[0] = start
+        return PointRuns(first - start, np.minimum(stop, end) - first, self.jumps[a:b] & whole)
+
+    def total_cost(self, costs: Array) -> Array:
+        """What all points cost, in outliers, if whole runs that jump may be reflections.
+
+        Parameters
+        ----------
+        costs : ndarray, shape (..., n)
+            What each point pays for its distance from its side, 1 for an outlier.
+        """
+        paid = np.add.reduceat(costs, self.first, axis=-1)
+        off = self.jumps & (np.minimum.reduceat(costs, self.first, axis=-1) >= 1)
+        cheaper = np.minimum(paid, RUN_COST + POINT_COST * self.count)
+        return np.asarray(np.where(off, cheaper, paid).sum(axis=-1))
+
+
+def find_runs(points: Array, columns: Index) -> PointRuns:
+    """Divide a row of points, shape (n, 2), where neighbours jump or a wide hole lies between.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 2)
+        x and z in metres.
+    columns : ndarray of int, shape (n,)
+    """
+    step = np.hypot(*np.diff(points, axis=0).T)
+    apart = np.abs(np.diff(columns))
+    each = np.concatenate((step[:1] / apart[:1], step / apart, step[-1:] / apart[-1:]))
+    usual = np.minimum(each[:-2], each[2:])
+    hole = apart > HOLE_COLUMNS
+    jump = ~hole & (step > JUMP_DISTANCE + JUMP_STEEPNESS * usual * apart)
+    ends = np.flatnonzero(jump | hole) + 1
+    first = np.concatenate(([0], ends))
+    count = np.diff(np.concatenate((first, [len(points)])))
+    jumped = np.concatenate(([False], jump[ends - 1], [False]))
+    return PointRuns(first, count, jumped[:-1] | jumped[1:])
+
+
+def with_other_readings(best: GrooveFit, others: list[GrooveFit]) -> GrooveFit:
+    """The likeliest reading with how far others are from it, and which sides may be no surface.
+
+    Parameters
+    ----------
+    best : GrooveFit
+    others : list of GrooveFit
+        Fits of the same points, of any form of the groove.
+    """
+    covariance = _covariance_of_readings(best, others)
+    covariance += _reflection_covariance(best)
+    covariance += _left_out_covariance(best)
+    probability = _form_probability(best, others)
+    return replace(best, other_readings=covariance, probability=probability)
+
+
+def _odds(other: GrooveFit, best: GrooveFit) -> float:
+    """Odds of a reading against a likelier one."""
+    return exp(-POINT_LOG_ODDS * (other.cost - best.cost))
+
+
+def _form_probability(best: GrooveFit, others: list[GrooveFit]) -> float:
+    """Probability that the groove has the form of the likeliest reading.
+
+    Each form counts once, by its own likeliest reading. What reflections hide may be of any form:
+    it is known no better than the share of points that are none.
+    """
+    odds: dict[str, float] = {}
+    for other in others:
+        if other.model is not best.model:
+            name = other.model.name
+            odds[name] = max(_odds(other, best), odds.get(name, 0.0))
+    return (1 - reflection_probability(best.fitted)) / (1 + sum(odds.values()))
+
+
+def matched_corners(a: GrooveModel, b: GrooveModel) -> list[tuple[int, int]]:
+    """Pairs of corners, of a and of b, that are the same corner of a groove: its ends."""
+    pairs = [(0, 0)]
+    last_a, last_b = len(a.sides) - 2, len(b.sides) - 2
+    for k in range(min(last_a, last_b)):
+        before_a, before_b = a.sides[last_a - k], b.sides[last_b - k]
+        if a.sides[last_a - k + 1].name != b.sides[last_b - k + 1].name:
+            break
+        if before_a.bead != before_b.bead:
+            break
+        pairs.append((last_a - k, last_b - k))
+    return pairs
+
+
+def _covariance_of_readings(best: GrooveFit, others: list[GrooveFit]) -> Array:
+    """Second moment, about the likeliest reading, of the corners of others, shape (2 k, 2 k).
+
+    It adds nothing to the angles of wall and leg, the last two.
+    """
+    moments: list[tuple[float, Array]] = []
+    for other in sorted(others, key=lambda one: one.cost - best.cost):
+        weight = _odds(other, best)
+        if weight < LEAST_ODDS:
+            break
+        away = np.zeros(2 * len(best.model.sides))
+        for i, j in matched_corners(best.model, other.model):
+            away[2 * i : 2 * i + 2] = other.fitted.corners[j] - best.fitted.corners[i]
+        known = (np.zeros_like(away), *(v for _, v in moments))
+        if min(np.abs(away - v).max() for v in known) > SAME_READING_DISTANCE:
+            moments.append((weight, away))
+    covariance = np.zeros((2 * len(best.model.sides),) * 2)
+    total = 1 + sum(weight for weight, _ in moments)
+    for weight, away in moments:
+        covariance += weight / total * np.outer(away, away)
+    return covariance
+
+
+def reflection_probability(fitted: FittedProfile) -> float:
+    """Probability that a side which hangs together with no other one is a reflection.
+
+    It is the share of the profile's points that are reflections, estimated with half a point
+    more, for none may be seen by chance.
+    """
+    far = np.count_nonzero(np.abs(fitted.residuals) > FAR_DISTANCE)
+    return min((far + 0.5) / (len(fitted.residuals) + 1), MOST_REFLECTED)
+
+
+def share_in_long_stretches(
+    row: OrderedProfilePoints, residuals: Array, least: int, *, jumping: float = 1.0
+) -> float:
+    """Share of a profile's points that lie far off its sides, in stretches of so many at least.
+
+    It is how probable it is that a side of `least` points is such a stretch itself. One that goes
+    over into another side may be spatter, or light that grows out of the surface; then the like
+    of these count.
+
+    Parameters
+    ----------
+    row : OrderedProfilePoints
+    residuals : ndarray, shape (n,)
+        How far its points lie behind their sides, in metres.
+    least : int
+        Number of points.
+    jumping : float
+        How much those count that jump off the surface at both ends: `TOUCHING_SHARE` for a side
+        that only one end shows to go over into another.
+    """
+    first, stop, hangs = _far_stretches(row, residuals)
+    length = stop - first
+    counted = length >= least
+    share = float((length * counted) @ np.where(hangs.any(axis=0), 1.0, jumping))
+    return min(share / len(residuals), MOST_REFLECTED)
+
+
+def _far_stretches(
+    row: OrderedProfilePoints, residuals: Array
+) -> tuple[Index, Index, NDArray[np.bool_]]:
+    """Stretches of points far off their sides.
+
+    First points, points after the last ones, and whether they begin and end without a jump,
+    shape (2, m).
+    """
+    first, stop = true_stretches(np.abs(residuals) > FAR_DISTANCE)
+    cut = np.zeros(len(residuals) + 2, dtype=np.bool_)
+    if len(first):
+        cut[find_runs(row.points, row.columns).first] = cut[len(residuals)] = True
+    return first, stop, ~np.array((cut[first], cut[stop]))
+
+
+def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
+    """At which corners the points of one side go over into those of the next, shape (k - 1,).
+
+    Both are seen there, and few others lie between them. A side that is drawn on from far away
+    meets another one as well, and so does a reflection.
+    """
+    on = fitted.points_on_sides
+    found = np.zeros(len(fitted.corners), dtype=np.bool_)
+    for i, (s_before, s_after) in enumerate(fitted.places):
+        start, middle, end = fitted.edges[i : i + 3]
+        before = start + np.flatnonzero(on[start:middle])[-FEWEST_MEETING:]
+        after = middle + np.flatnonzero(on[middle:end])[:FEWEST_MEETING]
+        if min(len(before), len(after)) < FEWEST_MEETING:
+            continue
+        away = np.concatenate((fitted.along[before] - s_before, fitted.along[after] - s_after))
+        between = after[0] - before[-1] - 1
+        found[i] = between < FEWEST_HIDING and np.abs(away).max() < MEETING_REACH
+    return found
+
+
+def _left_out_covariance(fit: GrooveFit) -> Array:
+    """What it adds, shape (2 k, 2 k), that steel beside a corner lies on neither of its sides.
+
+    Points that hang together with what is seen before and after them are no reflections. If
+    such points begin at a corner, the side that should go on there may be theirs: as probably as
+    they are many among its points.
+    """
+    fitted, sides = fit.fitted, fit.model.sides
+    covariance = np.zeros((2 * len(sides),) * 2)
+    first, stop, hangs = _far_stretches(fit.row, fitted.residuals)
+    whole = hangs.all(axis=0)
+    for a, b in zip(first[whole].tolist(), stop[whole].tolist(), strict=True):
+        for i, places in enumerate(fitted.places):
+            for k, point in ((i, b - 1), (i + 1, a)):
+                if sides[k].bead or not fitted.edges[k] <= point < fitted.edges[k + 1]:
+                    continue
+                if abs(float(fitted.along[point]) - places[k - i]) > MEETING_REACH:
+                    continue
+                probability = (b - a) / (b - a + float(fitted.counts[k]))
+                off = float(np.median(np.abs(fitted.residuals[a:b])))
+                own, move = slice(2 * i, 2 * i + 2), off * fitted.corner_shift(i, k)
+                covariance[own, own] += probability * np.outer(move, move)
+    return covariance
+
+
+def _reflection_covariance(fit: GrooveFit) -> Array:
+    """What it adds, shape (2 k, 2 k), that a side between others may be no surface."""
+    fitted, sides = fit.fitted, fit.model.sides
+    covariance = np.zeros((2 * len(sides),) * 2)
+    meets = sides_that_meet(fitted)
+    for k, side in enumerate(sides[1:-1], 1):
+        if side.bead:
+            continue
+        if meets[k - 1 : k + 1].any():
+            points = int(fitted.counts[k])
+            probability = share_in_long_stretches(fit.row, fitted.residuals, points, jumping=0.0)
+        else:
+            probability = reflection_probability(fitted)
+        if not probability:
+            continue
+        away = np.zeros(len(covariance))
+        for i in (k - 1, k):
+            away[2 * i : 2 * i + 2] = REFLECTION_DISTANCE * fitted.corner_shift(i, k)
+        covariance += probability * np.outer(away, away)
+    return covariance

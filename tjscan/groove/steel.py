@@ -1,0 +1,365 @@
+"""A fit on bare steel: without mill scale, and behind where light pulls its notch in.
+
+Scale covers the outer sides in patches, a few tenths of a millimetre proud, with bare steel
+between: two levels a step apart, the farther being the steel. One side often shows too little of
+either level to tell a patch from its own bend: how thick scale is and how far the side bends is
+known better from the sections before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import hypot, inf, isfinite, log, sqrt
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tjscan.core.frames import Array
+from tjscan.groove.interreflection import (
+    PULL_DOUBT,
+    closeness_to_notch,
+    estimate_pull,
+)
+from tjscan.groove.prior import (
+    NOTCH_PULLS,
+    SCALE_THICKNESSES,
+    GroovePrior,
+    SectionEvidence,
+    posterior,
+)
+from tjscan.groove.refinement import refine_fit
+from tjscan.groove.sides import (
+    LEAST_NOISE,
+    OUTLIER_SIGMAS,
+    CubicCurve,
+    GrooveFit,
+    Polyline,
+    corners_between_sides,
+)
+
+MISLED_SHARE: Final = 0.02
+"""Share of the profiles whose flanks are none of what the model of a pull has: they say nothing."""
+
+
+SCALE_BLOCK: Final = 6
+"""Points that are averaged."""
+
+FEWEST_BLOCKS_OF_SIDE: Final = 5
+"""Blocks of a side that say something."""
+
+SURFACE_REACH: Final = 1.0e-3
+"""Points this near a side, in metres, are of its surface or of what lies on it."""
+
+BLOCK_UNDULATION: Final = 0.02e-3
+"""Standard deviation, in metres, of a block of points beyond noise: no surface is a parabola."""
+
+STEEPEST_STEEL: Final = 0.06
+"""Slope against the fitted side that the steel under scale may have."""
+
+TRIED_BENDS: Final = np.linspace(-1.5, 1.5, 7)
+WIDEST_BEND: Final = 1.0
+"""Bends that are tried, in standard deviations about the expected one; and the largest one of
+these, in 1/m, with which a side is looked at."""
+
+MOST_TRIED_LINES: Final = 80
+"""Lines that are tried."""
+
+STRAY_COST: Final = 9.0
+"""What a block costs that lies on neither level, in squared standard deviations."""
+
+COVERED_SHARE: Final = 0.35
+PATCH_WIDTH: Final = 12e-3
+"""Share of a surface that scale covers, and about how wide its patches are, in metres:
+assumptions, after what tubes show that have lain in a yard."""
+
+BLOCK_WEIGHT: Final = 0.5
+"""Weight of a block's evidence: neighbours undulate together."""
+
+STEEL_ROUNDS: Final = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScaledSide:
+    """One side looked at as two levels of surface.
+
+    Parameters
+    ----------
+    base : CubicCurve
+        Tangent of the fitted side, from which s and heights count.
+    costs : ndarray, shape (n, l)
+        What each of l surfaces costs with each of `SCALE_THICKNESSES`, in squared standard
+        deviations.
+    surfaces : ndarray, shape (l, 3)
+        Coefficients of their heights behind the tangent, in powers of s.
+    sigma : float
+        Standard deviation of a block of points, in metres.
+    along, heights : ndarray, shape (m,)
+        Of the side's points, moved back from where light pulls them; in metres.
+    expected_bend, bend_sigma : float
+        Of the side, in 1/m.
+    """
+
+    base: CubicCurve
+    costs: Array
+    surfaces: Array
+    sigma: float
+    along: Array
+    heights: Array
+    expected_bend: float
+    bend_sigma: float
+
+    @property
+    def log_likelihoods(self) -> Array:
+        """Log-likelihood of each of `SCALE_THICKNESSES`, shape (n,)."""
+        least = self.costs.min(axis=1)
+        return np.asarray(-0.5 * BLOCK_WEIGHT * (least - least[0]))
+
+    def height_variance(self, thickness: float, s: float) -> float:
+        """Mean square by which other likely surfaces lie off the likeliest one at s, in m²."""
+        cost = self.costs[int(np.abs(SCALE_THICKNESSES - thickness).argmin())]
+        best = int(cost.argmin())
+        likely = np.exp(-0.5 * BLOCK_WEIGHT * (cost - cost[best]))
+        away = (self.surfaces - self.surfaces[best]) @ np.array((1.0, s, s * s))
+        return float(likely @ away**2 / likely.sum())
+
+    def find_steel(self, thickness: float) -> SteelSurface:
+        """Which points lie on scale of a thickness in metres, and where the steel is."""
+        cost = self.costs[int(np.abs(SCALE_THICKNESSES - thickness).argmin())]
+        surface = self.surfaces[int(cost.argmin())]
+        basis = np.stack((np.ones_like(self.along), self.along, self.along**2))
+        expected = np.array((0.0, 0.0, self.expected_bend))
+        known = np.diag((0.0, 0.0, self.bend_sigma**-2))
+        for _ in range(STEEL_ROUNDS):
+            off = self.heights - surface @ basis
+            on_scale = (np.abs(off + thickness) < np.abs(off)) & (thickness > 0)
+            raised = np.where(on_scale, self.heights + thickness, self.heights)
+            used = np.abs(raised - surface @ basis) < OUTLIER_SIGMAS * self.sigma
+            if np.count_nonzero(used) < FEWEST_BLOCKS_OF_SIDE * SCALE_BLOCK:
+                break
+            # A block's standard deviation is that of a mean: its points count as one.
+            weighted = basis[:, used] / (SCALE_BLOCK * self.sigma**2)
+            information, seen = weighted @ basis[:, used].T, weighted @ raised[used]
+            surface = np.linalg.solve(information + known, seen + known @ expected)
+        else:
+            alone = np.linalg.inv(information)
+            bend, sigma = float((alone @ seen)[2]), sqrt(max(float(alone[2, 2]), 0.0))
+            return SteelSurface(on_scale, self._curve(surface), bend, sigma)
+        return SteelSurface(on_scale, self._curve(surface), self.expected_bend, inf)
+
+    def _curve(self, surface: Array) -> CubicCurve:
+        c0, c1, c2 = surface.tolist()
+        return self.base._replace(c0=c0, c1=c1, c2=c2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SteelSurface:
+    """Where the steel of a side is.
+
+    Parameters
+    ----------
+    on_scale : ndarray of bool, shape (m,)
+        Which of the side's points lie on scale.
+    curve : CubicCurve
+        The steel.
+    bend, bend_sigma : float
+        Its bend as the points alone show it and the standard deviation, in 1/m; infinite where
+        they show none.
+    """
+
+    on_scale: NDArray[np.bool_]
+    curve: CubicCurve
+    bend: float
+    bend_sigma: float
+
+
+def find_scaled_side(fit: GrooveFit, k: int, pulled: Array) -> ScaledSide | None:
+    """Look at an outer side as two levels; None if it shows too little.
+
+    Parameters
+    ----------
+    fit : GrooveFit
+    k : int
+        Number of the side.
+    pulled : ndarray, shape (n,)
+        How far light seems to pull each of the row's points, square to its side, in metres.
+    """
+    fitted, side = fit.fitted, fit.model.sides[k]
+    own = fitted.spans[k]
+    near = np.flatnonzero(np.abs(fitted.residuals[own]) < SURFACE_REACH)
+    count = len(near) // SCALE_BLOCK
+    if count < FEWEST_BLOCKS_OF_SIDE:
+        return None
+    base = fitted.curves[k].rebased_at_tangent(fitted.middles[k])
+    s, d = base.local_coordinates(fit.row.points[own])
+    d = d + pulled[own] - base.c3 * s**3
+    blocks = near[: count * SCALE_BLOCK].reshape(count, SCALE_BLOCK)
+    along, heights = s[blocks].mean(axis=1), np.median(d[blocks], axis=1)
+    least = max(float(fitted.sigmas.min()), LEAST_NOISE)
+    correlated = min(fitted.noise.variance_inflation / SCALE_BLOCK, 1.0)
+    sigma = hypot(least * sqrt(correlated), BLOCK_UNDULATION)
+    known = side.expected_bend is not None or side.bend < WIDEST_BEND
+    expected = (side.expected_bend or 0.0) if known else base.c2
+    bend_sigma = min(side.bend, WIDEST_BEND)
+    i, j = np.triu_indices(count, max(2, count // 4))
+    every = -(-len(i) // MOST_TRIED_LINES)
+    i, j = i[::every], j[::every]
+    bends = expected + bend_sigma * TRIED_BENDS
+    flat = heights - bends[:, None] * along**2
+    slope = (flat[:, j] - flat[:, i]) / (along[j] - along[i])
+    level = flat[:, i] - slope * along[i]
+    usual = np.abs(slope) < STEEPEST_STEEL
+    which, line = usual.nonzero()
+    if not len(which):
+        return None
+    surfaces = np.column_stack((level[which, line], slope[which, line], bends[which]))
+    # What was fitted is one of them: between the bends that are tried it may fit much better.
+    surfaces = np.vstack((surfaces, (base.c0, base.c1, base.c2)))
+    off = heights - surfaces @ np.stack((np.ones_like(along), along, along**2))
+    costs = _costs(off / sigma, SCALE_THICKNESSES / sigma, along)
+    costs += ((surfaces[:, 2] - expected) / bend_sigma) ** 2
+    return ScaledSide(base, costs, surfaces, sigma, s, d, expected, bend_sigma)
+
+
+def _costs(off: Array, steps: Array, along: Array) -> Array:
+    """What surfaces cost, shape (n, l), whose blocks, shape (l, b), lie so far behind them."""
+    bare = off**2
+    pitch = abs(float(np.median(np.diff(along)))) / PATCH_WIDTH
+    rarely = max(-2 * log(pitch), 0.0)
+    found = np.empty((len(steps), len(off)))
+    found[0] = np.minimum(bare, STRAY_COST).sum(axis=1)
+    for k, step in enumerate(steps[1:].tolist(), 1):
+        raised = (off + step) ** 2
+        on_scale = raised < bare
+        pays = np.minimum(np.minimum(raised, bare), STRAY_COST)
+        seen = pays < STRAY_COST
+        change = (on_scale[:, 1:] != on_scale[:, :-1]) & seen[:, 1:] & seen[:, :-1]
+        begins = np.where((on_scale & seen)[:, 0], log(COVERED_SHARE), log(1 - COVERED_SHARE))
+        found[k] = pays.sum(axis=1) + rarely * change.sum(axis=1) - 2 * begins
+    return found
+
+
+def fit_bare_steel(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> GrooveFit:
+    """Move points to the steel, and fit the groove to them again.
+
+    Parameters
+    ----------
+    fit : GrooveFit
+        Of any form of a tee.
+    prior : GroovePrior
+        What is known from the sections before.
+    tolerance : float
+        Distance within which a point belongs to a side, in metres.
+    """
+    fit, back = _without_scale(fit, prior, tolerance)
+    return _without_pull(fit, back, prior, tolerance) if fit.model.has_root_bead else fit
+
+
+def _without_scale(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> tuple[GrooveFit, Array]:
+    """The fit on the steel under mill scale, and how far points were moved back, (n,) metres."""
+    row, fitted, last = fit.row, fit.fitted, len(fit.model.sides) - 1
+    has_face = fit.model.has_root_bead
+    expected_pull = float(np.exp(prior.log_pulls) @ NOTCH_PULLS) if has_face else 0.0
+    notch = fitted.corners[-2:] if has_face else fitted.corners[-1:]
+    pulled = expected_pull * closeness_to_notch(row.points, notch)
+    scaled: dict[int, ScaledSide] = {}
+    for k in (0, last):
+        own = fitted.spans[k]
+        square = np.zeros(len(row.points))
+        square[own] = fitted.curves[k].chord_sines_with_rays(row.points[own])
+        seen = find_scaled_side(fit, k, pulled * square)
+        if seen is not None:
+            scaled[k] = seen
+    log_thicknesses = np.zeros(len(SCALE_THICKNESSES))
+    for seen in scaled.values():
+        log_thicknesses = log_thicknesses + seen.log_likelihoods
+    thickness = _if_likely(SCALE_THICKNESSES, posterior(prior.log_thicknesses, log_thicknesses))
+    covariance = np.zeros((2 * last + 2,) * 2)
+    back = np.zeros(len(row.points))
+    bends, sigmas = np.zeros(2), np.full(2, np.inf)
+    curves = list(fitted.curves)
+    for k, seen in scaled.items():
+        own = fitted.spans[k]
+        steel = seen.find_steel(thickness)
+        bends[int(k > 0)], sigmas[int(k > 0)] = steel.bend, steel.bend_sigma
+        if not thickness:
+            continue
+        back[own] = steel.on_scale * thickness / seen.base.chord_sines_with_rays(row.points[own])
+        curves[k] = steel.curve
+        corner = 0 if k == 0 else last - 1
+        s = seen.base.position_along_chord(*fitted.corners[corner].tolist())
+        shift = fitted.corner_shift(corner, k)
+        index = slice(2 * corner, 2 * corner + 2)
+        covariance[index, index] += seen.height_variance(thickness, s) * np.outer(shift, shift)
+    no_pulls = np.zeros(len(NOTCH_PULLS))
+    evidence = SectionEvidence(bends, sigmas, no_pulls, log_thicknesses, fit.model.name)
+    fit = replace(fit, steel_covariance=covariance, evidence=evidence)
+    return _moved_back(fit, back, tolerance, tuple(curves)), back
+
+
+def _without_pull(fit: GrooveFit, moved: Array, prior: GroovePrior, tolerance: float) -> GrooveFit:
+    """The fit behind where light between the faces pulls the notch in.
+
+    Points were moved back before for scale, (n,) metres.
+    """
+    fitted, face = fit.fitted, len(fit.model.sides) - 2
+    log_pulls = _log_pulls(fit, moved)
+    probability = posterior(prior.log_pulls, log_pulls)
+    pull = _if_likely(NOTCH_PULLS, probability)
+    doubt = float(probability @ (NOTCH_PULLS - pull) ** 2) + (PULL_DOUBT * pull) ** 2
+    shift = np.zeros(2 * face + 4)
+    for corner in (face - 1, face):
+        at = fitted.corners[corner][None]
+        sine = float(fitted.curves[face].chord_sines_with_rays(at)[0])
+        shift[2 * corner : 2 * corner + 2] = sine * fitted.corner_shift(corner, face)
+    closeness = closeness_to_notch(fit.row.points, fitted.corners[-2:])
+    # At its ends the face is pulled in most. Few of its points would be bent by less between.
+    closeness[fitted.spans[face]] = 1.0
+    curves = list(fitted.curves)
+    middle = np.array([curves[face].points_at(fitted.middles[face])])
+    deeper = pull * float(curves[face].chord_sines_with_rays(middle)[0])
+    curves[face] = curves[face]._replace(c0=curves[face].c0 + deeper)
+    evidence = None if fit.evidence is None else replace(fit.evidence, log_pulls=log_pulls)
+    covariance = fit.steel_covariance + doubt * np.outer(shift, shift)
+    fit = replace(fit, steel_covariance=covariance, evidence=evidence)
+    return _moved_back(fit, pull * closeness, tolerance, tuple(curves))
+
+
+def _log_pulls(fit: GrooveFit, moved: Array) -> Array:
+    """Log-likelihood of each of `NOTCH_PULLS`.
+
+    If points about the notch were moved back, (n,) metres, what was taken for scale may as well
+    be pulled.
+    """
+    row, fitted = fit.row, fit.fitted
+    doubtful = np.where(closeness_to_notch(row.points, fitted.corners[-2:]) > 0, moved, 0.0)
+    rows = [row, row.moved_along_rays(-doubtful)] if doubtful.any() else [row]
+    likelihood = np.zeros(len(NOTCH_PULLS))
+    for one in rows:
+        pull, sigma = estimate_pull(one, fitted, fit.model)
+        if isfinite(sigma):
+            spread = np.hypot(sigma, PULL_DOUBT * NOTCH_PULLS)
+            density = sigma / spread * np.exp(-0.5 * ((pull - NOTCH_PULLS) / spread) ** 2)
+            likelihood += ((1 - MISLED_SHARE) * density + MISLED_SHARE) / len(rows)
+        else:
+            likelihood += 1 / len(rows)
+    return np.log(likelihood)
+
+
+def _if_likely(values: Array, probability: Array) -> float:
+    """What there is if anything is, in metres; zero, the first value, if most likely nothing is."""
+    there = 1 - float(probability[0])
+    return float(probability @ values) / there if there > 0.5 else 0.0
+
+
+def _moved_back(
+    fit: GrooveFit, back: Array, tolerance: float, curves: tuple[CubicCurve, ...]
+) -> GrooveFit:
+    """The fit, begun from `curves`, to points moved along their rays, (n,) metres."""
+    met = corners_between_sides(curves, fit.fitted.corners)
+    if met is None or not back.any():
+        return fit
+    moved = fit.row.moved_along_rays(back)
+    start = Polyline(curves, met[0], fit.cost)
+    again = refine_fit(moved, start, fit.model.sides, tolerance, annealed=False)
+    return fit if again is None else replace(fit, row=moved, fitted=again)

@@ -1,0 +1,234 @@
+"""From a crawl job to its vehicle, laser and torch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from time import monotonic
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.devices import DriverKind
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array
+from tjscan.crawler.journal import SimulatedPlace
+from tjscan.crawler.torch_axes import TorchAxes
+from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings
+from tjscan.job.devices import DeviceGroup
+from tjscan.job.laser import make_laser_without_arm
+from tjscan.job.torch_drivers import TORCH_DRIVERS, TorchDriverInputs
+from tjscan.joint.hull import joint_pose, laser_offset, place_beside_joint
+from tjscan.joint.hull_section import hull_section
+from tjscan.laser.line_laser import LineLaser
+from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose, SimulatedSectionLaser
+from tjscan.vehicle.drivers import VEHICLE_DRIVERS, VehicleDriverFactory, VehicleDriverInputs
+from tjscan.vehicle.simulated import SimulatedVehicle
+from tjscan.vehicle.vehicle import Vehicle, VehicleState
+
+RANDOM_STREAM: Final = 2
+"""Keeps the random numbers of the laser apart from the vehicle's, which has the bare seed."""
+
+
+@dataclass(slots=True)
+class SimulatedWeld:
+    """The joint of a simulation: it is welded along the path of the burning arc.
+
+    Parameters
+    ----------
+    job : CrawlJob
+        With a [simulation].
+    pose : callable
+        Gives the vehicle's true pose T_w_v, shape (4, 4).
+    torch : TorchAxes
+        Whose arc it is.
+    disturb : callable
+        Called with whether the arc burns, which disturbs the vehicle's sensors.
+    welded : list of list of float
+        From where to where along the joint each arc burned so far, metres.
+    """
+
+    job: CrawlJob
+    pose: Callable[[], Array]
+    torch: TorchAxes
+    disturb: Callable[[bool], None]
+    welded: list[list[float]] = field(default_factory=list)
+    _burned: bool = False
+
+    @property
+    def _world(self) -> CrawlSimulationSettings:
+        assert self.job.simulation is not None
+        return self.job.simulation
+
+    def place(self, ahead: float) -> tuple[float, float, float]:
+        """x, y and heading of a point ahead of the vehicle's centre, in frame w."""
+        T = self.pose()
+        heading = float(np.arctan2(T[1, 0], T[0, 0]))
+        x, y = T[:2, 3] + ahead * T[:2, 0]
+        return float(x), float(y), heading
+
+    @property
+    def pose_w(self) -> tuple[float, float, float]:
+        """x, y and heading of the vehicle, in frame w, metres and radians."""
+        return self.place(0.0)
+
+    def torch_place(self) -> tuple[float, float]:
+        """Where the torch's zero truly is: along the joint, and to the right of it, metres."""
+        x, y, _ = self.place(-self.job.vehicle.centre_to_torch)
+        return place_beside_joint(self._world.joint, x, y)
+
+    def view(self) -> tuple[Array, SectionLaserPose]:
+        """Section below the laser, and the laser's pose over it."""
+        self._weld()
+        vehicle, joint = self.job.vehicle, self._world.joint
+        place = self.place(vehicle.laser_to_torch - vehicle.centre_to_torch)
+        along, offset = laser_offset(joint, *place)
+        relative = place[2] - joint_pose(joint, along)[2]
+        passes = sum(start <= along <= end for start, end in self.welded)
+        return hull_section(joint, along, passes), SectionLaserPose(offset=offset, heading=relative)
+
+    def laser_model(self) -> SectionLaserModel:
+        """Optics of the laser: while the arc burns, it blinds some of its columns."""
+        arc = self._world.arc_points if self.torch.arc else 0.0
+        return replace(self._world.laser, arc=arc)
+
+    def _weld(self) -> None:
+        self.disturb(self.torch.arc)
+        if self.torch.arc:
+            along, _ = self.torch_place()
+            if not self._burned:
+                self.welded.append([along, along])
+            self.welded[-1][1] = max(self.welded[-1][1], along)
+        self._burned = self.torch.arc
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InterruptedWorld:
+    """How an interrupted run left a simulated world.
+
+    Parameters
+    ----------
+    pose_w : ndarray, shape (3,)
+        x, y and heading of the vehicle, in frame w.
+    time : float
+        What its clock showed, seconds.
+    welded : tuple of (float, float)
+        From where to where along the joint each pass is welded, metres.
+    """
+
+    pose_w: Array
+    time: float
+    welded: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CrawlCell(DeviceGroup):
+    """Vehicle, laser and torch of a crawl; a context manager for the devices.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    laser : LineLaser
+    torch : TorchAxes
+    world : SimulatedWeld or None
+        The truth of a simulation, which no algorithm sees.
+    clock : callable
+        Gives the seconds on the clock that the laser's profiles are dated by.
+    """
+
+    vehicle: Vehicle
+    laser: LineLaser
+    torch: TorchAxes
+    world: SimulatedWeld | None = None
+    clock: Callable[[], float] = monotonic
+
+    @property
+    def simulated_place(self) -> Callable[[], SimulatedPlace] | None:
+        """Function that returns the true place of a simulated vehicle; None for a real one."""
+        world = self.world
+        if world is None:
+            return None
+        return lambda: SimulatedPlace(world.pose_w, world.torch_place())
+
+    @property
+    def devices(self) -> tuple[Vehicle, LineLaser, TorchAxes]:
+        """Vehicle, laser and torch."""
+        return self.vehicle, self.laser, self.torch
+
+
+def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> CrawlCell:
+    """Make the devices that a crawl job names; connect nothing.
+
+    Parameters
+    ----------
+    job : CrawlJob
+    left : InterruptedWorld, optional
+        What an interrupted run left of a simulation; a new one begins where left out.
+
+    Raises
+    ------
+    ConfigurationError
+        If the job lacks what a driver needs.
+    """
+    world = job.simulation
+    factory: VehicleDriverFactory = VEHICLE_DRIVERS.load(job.vehicle.driver)
+    vehicle: Vehicle = VEHICLE_DRIVERS.make(
+        job.vehicle.driver,
+        VehicleDriverInputs(
+            job.vehicle.tracks,
+            seed=0 if world is None else world.seed,
+            simulation=None if world is None else world.vehicle,
+            left=None if left is None else (left.pose_w, left.time),
+            recording=_no_recording,
+        ),
+        job.vehicle.driver_settings,
+    )
+    torch = _make_torch(job)
+    if world is None:
+        return CrawlCell(vehicle, make_laser_without_arm(job.laser), torch)
+
+    def disturb(burning: bool) -> None:
+        if isinstance(vehicle, SimulatedVehicle):
+            vehicle.body.arc_burning = burning
+
+    # Over a broker the loopback's vehicle reports its true place; a real one does not.
+    weld = SimulatedWeld(
+        job,
+        lambda: factory.truth(vehicle),
+        torch,
+        disturb,
+        [] if left is None else [list(ends) for ends in left.welded],
+    )
+    if job.laser.driver_kind is not DriverKind.SIMULATED:
+        return CrawlCell(vehicle, make_laser_without_arm(job.laser), torch, weld)
+    clock = _clock_of(vehicle)
+    laser = SimulatedSectionLaser(
+        weld.view,
+        weld.laser_model,
+        clock,
+        rng=np.random.default_rng([world.seed, RANDOM_STREAM]),
+    )
+    return CrawlCell(vehicle, laser, torch, weld, clock)
+
+
+def _clock_of(vehicle: Vehicle) -> Callable[[], float]:
+    """The clock of a simulated laser: its vehicle's, if that is simulated too."""
+    if isinstance(vehicle, SimulatedVehicle):
+        body = vehicle.body
+        return lambda: body.time
+    return monotonic
+
+
+def _make_torch(job: CrawlJob) -> TorchAxes:
+    torch: TorchAxes = TORCH_DRIVERS.make(
+        job.torch.driver,
+        TorchDriverInputs(
+            reach=job.torch.reach, speed=job.torch.speed, vehicle=job.vehicle.driver_settings
+        ),
+        job.torch.driver_settings,
+    )
+    return torch
+
+
+def _no_recording() -> tuple[VehicleState, ...]:
+    raise ConfigurationError("a crawl names no recording to replay", key="vehicle.driver")

@@ -1,0 +1,222 @@
+"""The job of a crawler: vehicle, laser, joint, passes, guards, and the world of a simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import tan
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Final, Literal
+
+from annotated_types import Ge, Gt, Le, MaxLen, MinLen
+from pydantic import Field, model_validator
+
+from tjscan.core.config import StrictFileModel
+from tjscan.core.devices import DriverKind
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.registry import Registry
+from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, FileUnit, SettingsTable
+from tjscan.crawler.plan import (
+    AlignmentSettings,
+    CourseSettings,
+    GuardSettings,
+    WeldSettings,
+)
+from tjscan.crawler.proximity import ProximitySettings
+from tjscan.crawler.sizing import SizeSettings
+from tjscan.crawler.slip_estimator import SlipUncertainty
+from tjscan.crawler.slip_model import CrawlerGeometry
+from tjscan.crawler.steering import SteeringSettings
+from tjscan.crawler.torch_path import PassSettings
+from tjscan.job.devices import DeviceSettings
+from tjscan.job.reading import read_job
+from tjscan.job.torch_drivers import TORCH_DRIVERS
+from tjscan.joint.hull import HullJoint
+from tjscan.laser.drivers import LASER_DRIVERS
+from tjscan.laser.section_laser import STAND_OFF, SectionLaserModel
+from tjscan.vehicle.drivers import VEHICLE_DRIVERS
+from tjscan.vehicle.simulation import VehicleSimulationSettings
+from tjscan.vehicle.tracks import TrackGeometry
+
+HULL_SEEN: Final = 5e-3
+"""Metres of a plate at least: its pose needs ten points, and half as many may be missing."""
+
+PERCENT_UNIT: Final = FileUnit("percent", 0.01)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleSettings(DeviceSettings):
+    """The table [vehicle]: which vehicle, and where laser and torch sit on it.
+
+    Parameters
+    ----------
+    laser_to_torch : float
+        How far the laser's line is ahead of the torch, metres.
+    centre_to_torch : float
+        How far the vehicle's centre is ahead of the torch, metres.
+    body_length, body_width : float
+        Between its proximity sensors, along and across, metres.
+    tracks : TrackGeometry
+        Sprockets and gauge.
+    """
+
+    registry: ClassVar[Registry[Any]] = VEHICLE_DRIVERS
+
+    laser_to_torch: Annotated[float, Ge(10), Le(5000), MM] = 0.50
+    centre_to_torch: Annotated[float, Ge(-5000), Le(5000), MM] = 0.0
+    body_length: Annotated[float, Ge(50), Le(1e4), MM] = 0.80
+    body_width: Annotated[float, Ge(50), Le(1e4), MM] = 0.50
+    tracks: TrackGeometry = field(default_factory=TrackGeometry)
+
+    @property
+    def geometry(self) -> CrawlerGeometry:
+        """Where laser and torch sit."""
+        return CrawlerGeometry(self.laser_to_torch, self.centre_to_torch)
+
+    @property
+    def device_id(self) -> str:
+        """Id of the vehicle in calibrations: its own id, or else its driver."""
+        return self.id or self.driver
+
+
+@dataclass(frozen=True, kw_only=True)
+class CrawlLaserSettings(DeviceSettings):
+    """The table [laser] of a crawl: which line laser looks at the joint ahead of the torch.
+
+    It is mounted with x_s to the vehicle's right and z_s into the hull.
+    """
+
+    registry: ClassVar[Registry[Any]] = LASER_DRIVERS
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorchSettings(DeviceSettings):
+    """The table [torch]: which torch the crawler carries, and what its axes can do.
+
+    Parameters
+    ----------
+    reach : float
+        To either side of the vehicle's middle, metres.
+    speed : float
+        Across the joint, m/s.
+    """
+
+    registry: ClassVar[Registry[Any]] = TORCH_DRIVERS
+
+    reach: Annotated[float, Gt(0), Le(500), MM] = 0.030
+    speed: Annotated[float, Gt(0), Le(1000), MM_S] = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CrawlSimulationSettings(SettingsTable):
+    """The table [simulation]: the world of a simulated crawl.
+
+    Parameters
+    ----------
+    seed : int
+        Of all random numbers.
+    arc_points : float
+        Share of the laser's columns that show the arc's light while it burns.
+    joint : HullJoint
+        The joint as it truly is. It starts at x = 0 of the hull.
+    laser : SectionLaserModel
+    vehicle : VehicleSimulationSettings
+    """
+
+    seed: Annotated[int, Ge(0)] = 1
+    arc_points: Annotated[float, Ge(0), Le(90), PERCENT_UNIT] = 0.05
+    joint: HullJoint = field(default_factory=HullJoint)
+    laser: SectionLaserModel = field(default_factory=SectionLaserModel)
+    vehicle: VehicleSimulationSettings = field(default_factory=VehicleSimulationSettings)
+
+
+class CrawlJob(StrictFileModel):
+    """A job file that describes a crawl."""
+
+    method: Literal["slip-aware", "paper"] = "slip-aware"
+    calibration: Annotated[str | None, MinLen(1)] = None
+    vehicle: VehicleSettings = VehicleSettings()
+    course: CourseSettings = CourseSettings()
+    alignment: AlignmentSettings = AlignmentSettings()
+    weld: WeldSettings = WeldSettings()
+    passes: Annotated[
+        tuple[PassSettings, ...],
+        MinLen(1),
+        MaxLen(50),
+        LIST_OR_WORD_IN_FILE,
+        Field(alias="pass"),
+    ] = (PassSettings(),)
+    laser: CrawlLaserSettings = CrawlLaserSettings()
+    torch: TorchSettings = TorchSettings()
+    steering: SteeringSettings = SteeringSettings()
+    slip: SlipUncertainty = SlipUncertainty()
+    proximity: ProximitySettings = ProximitySettings()
+    guards: GuardSettings = GuardSettings()
+    size: SizeSettings = SizeSettings()
+    simulation: CrawlSimulationSettings | None = None
+
+    @model_validator(mode="after")
+    def _simulated_devices_have_a_world(self) -> CrawlJob:
+        for table in (self.vehicle, self.laser, self.torch):
+            if self.simulation is None and table.driver_kind is DriverKind.SIMULATED:
+                kind = table.registry.kind
+                real = set(table.registry.names) - {table.driver, "replay"}
+                raise ConfigurationError(
+                    f"a simulated {kind} needs a [simulation] table; {table.registry.key} names a "
+                    f"real one: {', '.join(sorted(real))}",
+                    key="simulation",
+                )
+            if table.driver_kind is DriverKind.REPLAYED:
+                raise ConfigurationError(
+                    "a crawl replays with tjscan crawl replay", key=table.registry.key
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _turns_are_no_tighter_than_the_joint(self) -> CrawlJob:
+        radius = self.course.radius
+        if radius is not None and not abs(radius) > self.steering.least_radius:
+            raise ConfigurationError(
+                f"the joint bends with {abs(radius):g} m, and the vehicle turns no tighter than "
+                f"steering.least_radius_mm allows, {self.steering.least_radius:g} m",
+                key="course.radius_m",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _torch_reaches_every_pass(self) -> CrawlJob:
+        for number, one in enumerate(self.passes, start=1):
+            farthest = abs(one.offset) + one.weave
+            if farthest > self.torch.reach:
+                raise ConfigurationError(
+                    f"pass {number} has the torch up to {1e3 * farthest:g} mm beside the joint, "
+                    f"and its axis reaches {1e3 * self.torch.reach:g} mm: make offset_mm or "
+                    "weave_mm of the pass smaller",
+                    key="torch.reach_mm",
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _simulated_joint_is_that_of_the_job(self) -> CrawlJob:
+        if self.simulation is None:
+            return self
+        joint, stated = self.simulation.joint, self.course.radius
+        if stated is not None and joint.radius is not None and stated * joint.radius < 0:
+            raise ConfigurationError(
+                f"is {stated:g} m, and the simulated joint bends the other way with "
+                f"{joint.radius:g} m: both are positive if the joint bends to the right",
+                key="course.radius_m",
+            )
+        line = 2 * STAND_OFF * tan(self.simulation.laser.half_angle)
+        if not joint.width + 2 * HULL_SEEN < line:
+            raise ConfigurationError(
+                f"the joint is {1e3 * joint.width:g} mm wide, and the laser's line "
+                f"{1e3 * line:.0f} mm: it must see {1e3 * HULL_SEEN:g} mm of hull on both sides. "
+                "Take a wider simulation.laser.half_angle_deg",
+                key="simulation.joint.width_mm",
+            )
+        return self
+
+
+def read_crawl_job(file: Path, overrides: dict[str, Any] | None = None) -> CrawlJob:
+    """Read the job of a crawler, with single keys replaced; see `read_job`."""
+    return read_job(CrawlJob, file, overrides)

@@ -1,0 +1,215 @@
+"""From a tow job to its planner, its vehicles and their localisation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final, Protocol, Self
+
+import numpy as np
+
+from tjscan.core.devices import DriverKind, EventListener
+from tjscan.core.errors import package_missing
+from tjscan.core.frames import Array
+from tjscan.job.devices import DeviceGroup
+from tjscan.job.tow.job import TOWING_EXTRA, TowJob
+from tjscan.job.tow.simulation import FaultyTeam, towing_world_of_job
+from tjscan.towing.devices import Team
+from tjscan.towing.journal import TowTruth
+from tjscan.towing.shape.area import DiscObstacle
+from tjscan.towing.shape.plan import ShapePlanner
+from tjscan.vehicle.localisation import Localisation
+from tjscan.vehicle.localisation_drivers import LOCALISATION_DRIVERS, LocalisationInputs
+from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings
+
+if TYPE_CHECKING:
+    from tjscan.vehicle.cable.world import TowingWorld
+
+LONGEST_EXTRAPOLATION: Final = 1.0
+"""Seconds for which a moving obstacle is taken to go on at its last velocity."""
+
+
+def make_planner(job: TowJob) -> ShapePlanner:
+    """Make the planner that a job names.
+
+    Raises
+    ------
+    ConfigurationError
+        If a package that it needs is not installed.
+    """
+    known = job.localisation
+    try:
+        from tjscan.towing.shape.paper_planner import PaperPlanner
+        from tjscan.towing.shape.planner import TowingPlanner
+        from tjscan.towing.shape.settings import PlannerSettings, PoseTrust
+    except ModuleNotFoundError as error:
+        raise package_missing(error, "towing", TOWING_EXTRA, "method") from error
+    settings = PlannerSettings(
+        job.objective_weights,
+        job.effort_targets,
+        job.hard_limits,
+        PoseTrust(known.position_sigma, known.heading_sigma),
+    )
+    kind = PaperPlanner if job.method == "paper" else TowingPlanner
+    return kind(job.planned_chain, job.team, job.floor, settings)
+
+
+class ConnectedTeam(Team, Protocol):
+    """A team that is a context manager."""
+
+    def __enter__(self) -> Self:
+        """Connect all vehicles."""
+        ...
+
+    def __exit__(self, *error: object) -> None:
+        """Stop and disconnect them."""
+        ...
+
+
+class TowCell(DeviceGroup):
+    """Vehicles and localisation of a tow; a context manager for the devices.
+
+    Parameters
+    ----------
+    team : ConnectedTeam
+    localisation : Localisation
+    fixed_obstacles : sequence of DiscObstacle
+        Obstacles that never move.
+    world : TowingWorld or None
+        The truth of a simulation, which no algorithm sees.
+    """
+
+    def __init__(
+        self,
+        team: ConnectedTeam,
+        localisation: Localisation,
+        fixed_obstacles: Sequence[DiscObstacle],
+        world: TowingWorld | None = None,
+    ) -> None:
+        self.team, self.localisation, self.world = team, localisation, world
+        self._fixed_obstacles = tuple(fixed_obstacles)
+
+    @property
+    def devices(self) -> tuple[ConnectedTeam, Localisation]:
+        """The team and the localisation."""
+        return self.team, self.localisation
+
+    def report_events_to(self, listener: EventListener) -> None:
+        """Report the events of the devices to a listener."""
+        self.localisation.report_events_to(listener)
+        if hasattr(self.team, "report_events_to"):
+            self.team.report_events_to(listener)
+
+    def obstacles(self, time: float) -> list[DiscObstacle]:
+        """Obstacles at a time on the team's clock: what moves has gone on as it was seen."""
+        moving = []
+        for disc in self.localisation.read_passers_by():
+            late = min(max(0.0, time - disc.time), LONGEST_EXTRAPOLATION)
+            x, y = disc.x + late * disc.vx, disc.y + late * disc.vy
+            moving.append(DiscObstacle(x, y, disc.radius, (disc.vx, disc.vy)))
+        return [*self._fixed_obstacles, *moving]
+
+    @property
+    def truth(self) -> Callable[[], TowTruth] | None:
+        """Function that returns the true state of the simulation; None for real vehicles."""
+        world = self.world
+        return None if world is None else lambda: _truth_of(world)
+
+
+def make_tow_cell(job: TowJob, angles: Array, left: TowTruth | None = None) -> TowCell:
+    """Make the devices that a job names; connect nothing.
+
+    Parameters
+    ----------
+    job : TowJob
+    angles : ndarray, shape (N,)
+        Of the cable's joints at the beginning of a simulation, radians.
+    left : TowTruth, optional
+        Where an interrupted run left the simulation.
+
+    Raises
+    ------
+    ConfigurationError
+        If the job lacks what a driver needs.
+    """
+    obstacles = fixed_obstacles(job)
+    settings = job.simulation
+    world = team = None
+    if job.vehicles.driver == "simulated":
+        try:
+            from tjscan.vehicle.cable.world import TowingWorld
+            from tjscan.vehicle.simulated_team import SimulatedTeam
+        except ModuleNotFoundError as error:
+            raise package_missing(error, "towing", TOWING_EXTRA, "vehicles.driver") from error
+        begin = 0.0
+        if left is not None:
+            angles, begin = _angles_of(left.line, job.root.heading), left.time
+        world = TowingWorld(towing_world_of_job(job), angles, seed=settings.seed, time=begin)
+        team = SimulatedTeam(world)
+    localisation = _localisation(job, world)
+    if team is None:
+        return TowCell(_mqtt_team(job), localisation, obstacles)
+    faulty = FaultyTeam(team, localisation, settings.faults)
+    return TowCell(faulty, localisation, obstacles, world)
+
+
+def _localisation(job: TowJob, world: TowingWorld | None) -> Localisation:
+    """The localisation that a job names; on the vehicles' broker if it names none."""
+    table, name = job.localisation, job.localisation.driver
+    own = table.driver_settings
+    if world is None and table.driver_kind is DriverKind.SIMULATED:
+        link, name = job.vehicles.mqtt, "mqtt"
+        own = table.drivers.get(name) or MqttLocalisationSettings(
+            host=link.host,
+            port=link.port,
+            prefix=link.prefix,
+            connect_limit=link.connect_limit,
+        )
+    inputs = LocalisationInputs(
+        vehicles=job.vehicles.count,
+        seed=job.simulation.seed,
+        world=world,
+        simulation=job.simulation.localisation,
+    )
+    localisation: Localisation = LOCALISATION_DRIVERS.make(name, inputs, own)
+    return localisation
+
+
+def _mqtt_team(job: TowJob) -> ConnectedTeam:
+    from tjscan.vehicle.drivers import VEHICLE_DRIVERS
+    from tjscan.vehicle.paced_team import PacedTeam
+
+    with VEHICLE_DRIVERS.explain_missing_package("mqtt"):
+        from tjscan.vehicle.mqtt.vehicle import MqttVehicle
+    link = job.vehicles.mqtt
+    return PacedTeam(
+        [
+            MqttVehicle(replace(link, prefix=f"{link.prefix}/{number}"))
+            for number in range(1, job.vehicles.count + 1)
+        ]
+    )
+
+
+def _truth_of(world: TowingWorld) -> TowTruth:
+    truth = world.truth()
+    return TowTruth(
+        truth.time,
+        truth.points,
+        truth.poses,
+        truth.forces[-1],
+        truth.drive_forces,
+        truth.passers_by[:, :3],
+        truth.touches,
+    )
+
+
+def _angles_of(line: Array, root_heading: float) -> Array:
+    """Angles of the joints of a line, shape (N,), radians."""
+    steps = np.diff(line, axis=0)
+    headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    return np.diff(headings, prepend=root_heading)
+
+
+def fixed_obstacles(job: TowJob) -> list[DiscObstacle]:
+    """Obstacles of a job that never move."""
+    return [DiscObstacle(*one.points[0], one.radius) for one in job.obstacles if not one.speed]

@@ -1,0 +1,175 @@
+"""Checks of the floor of a tow: its area, the obstacles on it, and the ways between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import shapely
+from scipy.sparse.csgraph import connected_components
+
+from tjscan.core.errors import ConfigurationError
+from tjscan.job.tow.job import TowJob
+from tjscan.towing.seam import Seam
+from tjscan.towing.tables import Point
+
+SEAM_SAMPLE_STEP: Final = 0.1
+"""Metres of seam between two places that are checked."""
+
+ON_EDGE: Final = 1e-6
+"""Metres within which a point counts as on an edge: work begins and ends at walls."""
+
+
+def check_floor(job: TowJob) -> None:
+    """Refuse an area, a root or a seam that can't be, obstacles on them, and ways too narrow.
+
+    Raises
+    ------
+    ConfigurationError
+        With the key, and where and by how much.
+    """
+    outline = _polygon(job.area.outline, "area.outline_mm")
+    inside = outline.buffer(ON_EDGE)
+    for hole in job.area.holes:
+        pillar = _polygon(hole, "area.holes_mm")
+        if not inside.contains(pillar):
+            raise ConfigurationError(
+                f"the pillar at {_mm(hole[0])} mm does not lie within the outline",
+                key="area.holes_mm",
+            )
+    solids = _solids(job)
+    root = shapely.Point(job.root.position)
+    if not inside.contains(root):
+        off = 1e3 * inside.distance(root)
+        raise ConfigurationError(
+            f"{_mm(job.root.position)} mm lies {off:.0f} mm outside the area",
+            key="root.position_mm",
+        )
+    for solid in solids:
+        if solid.shape.buffer(-ON_EDGE).contains(root):
+            raise ConfigurationError(
+                f"{solid.name} stands on the root, at {_mm(job.root.position)} mm", key=solid.key
+            )
+    seam = Seam(job.seam)
+    line: Any = (
+        shapely.LineString(job.seam.points) if seam.length else shapely.Point(job.seam.points[0])
+    )
+    if not inside.contains(line):
+        along, off = _farthest_outside(seam, inside)
+        raise ConfigurationError(
+            f"the seam leaves the area: {1e3 * along:.0f} mm from its beginning it lies "
+            f"{1e3 * off:.0f} mm outside",
+            key="seam.points_mm",
+        )
+    blocked = line.difference(_floor(job, solids).buffer(ON_EDGE))
+    if not blocked.is_empty:
+        along = min(line.project(shapely.Point(at)) for at in shapely.get_coordinates(blocked))
+        first = shapely.Point(seam.path.point_at(along))
+        solid = min(solids, key=lambda one: float(one.shape.distance(first)))
+        raise ConfigurationError(
+            f"{solid.name} stands on the seam, {1e3 * along:.0f} mm from its beginning",
+            key=solid.key,
+        )
+    _check_corridor(job)
+
+
+class _Solid(NamedTuple):
+    """What never moves: its name in messages, its key, and its shape."""
+
+    name: str
+    key: str
+    shape: Any
+
+
+def _solids(job: TowJob) -> list[_Solid]:
+    """Pillars, and obstacles that never move."""
+    pillars = [
+        _Solid(f"the pillar at {_mm(hole[0])} mm", "area.holes_mm", shapely.Polygon(hole))
+        for hole in job.area.holes
+    ]
+    obstacles = [
+        _Solid(
+            f"{one.name} at {_mm(one.points[0])} mm",
+            f"obstacles.{number}",
+            shapely.Point(one.points[0]).buffer(one.radius),
+        )
+        for number, one in enumerate(job.obstacles)
+        if not one.speed
+    ]
+    return pillars + obstacles
+
+
+def _floor(job: TowJob, solids: Sequence[_Solid]) -> Any:
+    """The area without pillars and obstacles; a wall and a pillar that touch leave no gap."""
+    return shapely.Polygon(job.area.outline).difference(
+        shapely.union_all([solid.shape for solid in solids])
+    )
+
+
+def _check_corridor(job: TowJob) -> None:
+    """Refuse a floor too narrow for the vehicles somewhere between root and seam.
+
+    A piece of cable between two vehicles may lie in a gap that no vehicle passes, so places for
+    vehicles count as joined if the longest piece reaches from one to the other.
+
+    Raises
+    ------
+    ConfigurationError
+        With what they need, and how much there is.
+    """
+    radius = job.vehicles.radius + job.limits.vehicle_clearance
+    if _is_passable(job, radius):
+        return
+    low, high = 0.0, radius
+    while high - low > 1e-4:
+        middle = (low + high) / 2
+        low, high = (middle, high) if _is_passable(job, middle) else (low, middle)
+    raise ConfigurationError(
+        f"between root and seam vehicles pass ways {2e3 * high:.0f} mm wide at most, and need "
+        f"{2e3 * radius:.0f} mm: two radii, and limits.vehicle_clearance_mm on either side",
+        key="area.outline_mm",
+    )
+
+
+def _is_passable(job: TowJob, radius: float) -> bool:
+    """Whether bodies of a radius fit one after the other from the root to all of the seam."""
+    places = shapely.get_parts(_floor(job, _solids(job)).buffer(-radius))
+    pieces = job.cable.link * np.diff(job.held_links, prepend=-1)
+    if len(pieces) < 2 or not len(places):
+        return bool(len(places))
+    longest = pieces[1:-1].max(initial=0.0)
+    _, groups = connected_components(shapely.distance(places[:, None], places) <= longest)
+    beside_root = shapely.distance(places, shapely.Point(job.root.position)) <= pieces[0]
+    reached = places[np.isin(groups, groups[beside_root])]
+    seam = Seam(job.seam)
+    samples = np.linspace(0, seam.length, 1 + int(seam.length / SEAM_SAMPLE_STEP))
+    points = shapely.points([seam.path.point_at(s) for s in samples])
+    is_beside = shapely.distance(reached[:, None], points) <= pieces[-1]
+    return bool(is_beside.any(axis=0).all())
+
+
+def _polygon(ring: Sequence[Point], key: str) -> Any:
+    polygon = shapely.Polygon(ring)
+    why = shapely.is_valid_reason(polygon)
+    if why != "Valid Geometry" or not polygon.area:
+        place = why.partition("[")[2].rstrip("]").split()
+        at = f" at {_mm(tuple(map(float, place)))} mm" if len(place) == 2 else ""
+        raise ConfigurationError(
+            f"the polygon that begins at {_mm(ring[0])} mm crosses or touches itself{at}", key=key
+        )
+    return polygon
+
+
+def _farthest_outside(seam: Seam, inside: Any) -> tuple[float, float]:
+    """Where along the seam it is farthest outside, and how far, metres."""
+    corners = seam.path.corners
+    along = np.unique(np.concatenate((corners, np.linspace(0, seam.length, 1001))))
+    places = np.array([seam.path.point_at(s) for s in along])
+    off = shapely.distance(shapely.points(places), inside)
+    worst = int(np.argmax(off))
+    return float(along[worst]), float(off[worst])
+
+
+def _mm(point: Sequence[float]) -> str:
+    return f"({1e3 * point[0]:.6g}, {1e3 * point[1]:.6g})"

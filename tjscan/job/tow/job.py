@@ -1,0 +1,250 @@
+"""The job of a tow: cable, vehicles, area, seam, obstacles, and the world of a simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, ClassVar, Final, Literal
+
+from annotated_types import Ge, Gt, Le, Len, MaxLen
+
+from tjscan.core.config import StrictFileModel
+from tjscan.core.registry import Registry
+from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, SECONDS, SettingsTable
+from tjscan.job.devices import DeviceSettings
+from tjscan.towing.shape.area import Area
+from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
+from tjscan.towing.shape.settings import EffortTargets, TowingLimits, TowingWeights
+from tjscan.towing.tables import (
+    NEWTON,
+    AreaSettings,
+    CableSettings,
+    Coordinate,
+    FollowingSettings,
+    LimitSettings,
+    LocalisationSettings,
+    ObstacleSettings,
+    RootSettings,
+    SeamSettings,
+    TargetSettings,
+    WeightSettings,
+)
+from tjscan.vehicle.cable.model import TowingVehicleModel
+from tjscan.vehicle.localisation_drivers import LOCALISATION_DRIVERS
+from tjscan.vehicle.mqtt.settings import MqttSettings
+from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
+
+GRAVITY_ACCELERATION: Final = 9.81  # m/s²
+PLAN_RESERVE: Final = 5e-3
+"""Metres that plans add to the clearances of the job: vehicles and cable follow a plan to within
+some millimetres."""
+
+BEND_RESERVE: Final = 1.02
+"""Factor by which plans enlarge the least bend radius of the job."""
+
+TOWING_EXTRA: Final = "towing"
+"""Name of the extra that brings what only a tow needs."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TeamMqttSettings(MqttSettings):
+    """The table [vehicles.mqtt]: the broker, and what the topics of all vehicles begin with.
+
+    Parameters
+    ----------
+    prefix : str
+        Of all topics; a vehicle's topics go on with its number, 1, 2, ...
+    """
+
+    prefix: Annotated[str, Len(1, 190)] = "tjscan/vehicle"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehiclesSettings(SettingsTable):
+    """The table [vehicles]: who carries the cable; the last one is the welder.
+
+    Parameters
+    ----------
+    driver : str
+        ``simulated``, or ``mqtt`` for vehicles behind a broker.
+    count : int
+        With the welder.
+    links : tuple of int or None
+        Link of the cable that each holds, counted from 0 at the root; the welder holds the last.
+        Equally spaced where left out.
+    behind_welder : float or None
+        Length of the piece of cable behind the welder, a whole number of links, metres, where that
+        is not as long as the others.
+    radius : float
+        Of a body seen from above, metres.
+    speed : float
+        At most, m/s.
+    force : float
+        With which a vehicle can pull at most, newton.
+    mqtt : TeamMqttSettings
+    """
+
+    driver: Literal["simulated", "mqtt"] = "simulated"
+    count: Annotated[int, Ge(2), Le(20)] = 6
+    links: Annotated[tuple[int, ...] | None, LIST_OR_WORD_IN_FILE] = None
+    behind_welder: Annotated[float | None, Gt(0), Le(1e5), MM] = None
+    radius: Annotated[float, Gt(0), Le(5000), MM] = 0.15
+    speed: Annotated[float, Gt(0), Le(5000), MM_S] = 0.1
+    force: Annotated[float, Gt(0), Le(1e5), NEWTON] = 49.0
+    mqtt: TeamMqttSettings = field(default_factory=TeamMqttSettings)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TowLocalisationSettings(LocalisationSettings, DeviceSettings):
+    """The table [localisation]: who measures the vehicles' poses, and how well; see its bases."""
+
+    registry: ClassVar[Registry[Any]] = LOCALISATION_DRIVERS
+
+
+WorldFault = Literal["jam", "push", "passer-by-stands"]
+PoseFaultName = Literal[
+    "pose-noise",
+    "pose-lost",
+    "pose-late",
+    "pose-disorder",
+    "pose-frozen",
+    "pose-jump",
+    "pose-swap",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FaultSettings(SettingsTable):
+    """A table of [[simulation.faults]]: what goes wrong, when, and for how long.
+
+    Parameters
+    ----------
+    kind : str
+        ``jam`` a vehicle's wheels, ``push`` it, let a ``passer-by-stands``, or one of the faults of
+        measured poses.
+    at : float
+        When, seconds.
+    seconds : float or None
+        For how long; None for good.
+    vehicle : int or None
+        Which one, from 1 at the root; of a passer-by likewise. None is the first, or, of poses,
+        all.
+    push : tuple of float
+        How far it is pushed, frame w, metres.
+    """
+
+    kind: Literal[WorldFault, PoseFaultName]
+    at: Annotated[float, Ge(0), Le(1e6), SECONDS] = 0.0
+    seconds: Annotated[float | None, Gt(0), Le(1e6), SECONDS.with_key("for_s")] = None
+    vehicle: Annotated[int, Ge(1), Le(20)] | None = None
+    push: Annotated[tuple[Coordinate, Coordinate], MM] = (0.2, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TowSimulationSettings(SettingsTable):
+    """The table [simulation]: the world of a simulated tow.
+
+    Parameters
+    ----------
+    seed : int
+        Of all random numbers.
+    settle : float
+        Seconds for which cable and vehicles stand still before the clock starts.
+    towing_vehicle : TowingVehicleModel
+        What every vehicle is; [vehicles] states its radius and its force.
+    localisation : LocalisationSimulationSettings
+        How well poses are truly measured.
+    faults : tuple of FaultSettings
+    """
+
+    seed: Annotated[int, Ge(0)] = 1
+    settle: Annotated[float, Gt(0), Le(60), SECONDS] = 1.0
+    towing_vehicle: TowingVehicleModel = field(default_factory=TowingVehicleModel)
+    localisation: LocalisationSimulationSettings = field(
+        default_factory=LocalisationSimulationSettings
+    )
+    faults: Annotated[tuple[FaultSettings, ...], MaxLen(100), LIST_OR_WORD_IN_FILE] = ()
+
+
+class TowJob(StrictFileModel):
+    """A job file that describes a tow."""
+
+    method: Literal["ours", "paper"] = "ours"
+    cable: CableSettings = CableSettings()
+    root: RootSettings = RootSettings()
+    vehicles: VehiclesSettings = VehiclesSettings()
+    area: AreaSettings
+    seam: SeamSettings
+    obstacles: Annotated[tuple[ObstacleSettings, ...], MaxLen(100), LIST_OR_WORD_IN_FILE] = ()
+    weights: WeightSettings = WeightSettings()
+    targets: TargetSettings = TargetSettings()
+    limits: LimitSettings = LimitSettings()
+    localisation: TowLocalisationSettings = TowLocalisationSettings()
+    following: FollowingSettings = FollowingSettings()
+    simulation: TowSimulationSettings = TowSimulationSettings()
+
+    @property
+    def held_links(self) -> tuple[int, ...]:
+        """Link that each vehicle holds, the welder's last."""
+        vehicles, cable = self.vehicles, self.cable
+        behind = vehicles.behind_welder
+        last = None if behind is None else round(behind / cable.link)
+        if vehicles.links is not None:
+            return vehicles.links
+        return equal_links(cable.links, vehicles.count, last)
+
+    @property
+    def chain(self) -> Cable:
+        """The cable, as the planner knows it."""
+        cable = self.cable
+        return Cable(
+            links=cable.links,
+            link_length=cable.link,
+            least_bend_radius=cable.least_radius,
+            bending_stiffness=cable.stiffness,
+            friction=cable.friction * cable.mass * cable.link * GRAVITY_ACCELERATION,
+            radius=cable.radius,
+            root=self.root.pose,
+        )
+
+    @property
+    def team(self) -> TowingTeam:
+        """The vehicles, as the planner knows them."""
+        return TowingTeam(self.held_links, self.vehicles.radius, self.vehicles.speed)
+
+    @property
+    def planned_chain(self) -> Cable:
+        """The cable as it is planned: bent less than allowed, since it follows a plan roughly."""
+        chain = self.chain
+        return replace(chain, least_bend_radius=BEND_RESERVE * chain.least_bend_radius)
+
+    @property
+    def hard_limits(self) -> TowingLimits:
+        """What no plan breaks: the job's limits, and a reserve for what the plan is off by."""
+        limits, free = self.limits, self.limits.free_links * self.cable.link
+        return TowingLimits(
+            link_clearance=limits.link_clearance + PLAN_RESERVE,
+            body_clearance=limits.vehicle_clearance + PLAN_RESERVE,
+            vehicle_gap=limits.vehicle_gap + PLAN_RESERVE,
+            cable_gap=limits.cable_gap,
+            free_at_root=free,
+            free_at_welder=free,
+        )
+
+    @property
+    def floor(self) -> Area:
+        """The area, as the planner knows it."""
+        return Area(self.area.outline, self.area.holes)
+
+    @property
+    def objective_weights(self) -> TowingWeights:
+        """Weights of the objective."""
+        weights = self.weights
+        return TowingWeights(
+            weights.bending, weights.distance, weights.change, weights.pace, weights.pull
+        )
+
+    @property
+    def effort_targets(self) -> EffortTargets:
+        """Where the loss functions turn from square to linear."""
+        targets = self.targets
+        return EffortTargets(targets.bending, targets.distance, targets.change, targets.pull)

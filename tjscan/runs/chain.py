@@ -1,0 +1,390 @@
+"""A chain: calibrate, scan from several stations, stitch, and compare with the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import numpy as np
+from annotated_types import Gt, Le
+from pydantic import Field
+
+from tjscan.calibration.file import CalibrationFile
+from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Operator
+from tjscan.comparison.alignment import Alignment, align_icp, nearest_point_finder_on_mesh
+from tjscan.comparison.distance import corner_to_edge_distances
+from tjscan.comparison.surface import MeshDistance
+from tjscan.core.config import StrictFileModel, read_toml, validate_table
+from tjscan.core.errors import CalibrationRefused, ConfigurationError, StitchingRefused
+from tjscan.core.frames import Array, JointOrBaseFrame, inverse_pose, transform_points
+from tjscan.core.pose_vector import boxminus
+from tjscan.core.units import DEG, MM, SettingsTable, pose_from_rows_mm
+from tjscan.job import ScanJob, read_calibration_job, read_scan_job
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.edges import feature_edges
+from tjscan.joint.mesh import build_joint_mesh
+from tjscan.joint.tubes.fit import ArmRepeatability
+from tjscan.result.section import absent_corners
+from tjscan.runs.calibration.run import start_calibration
+from tjscan.runs.scan.context import RunContext, groove_reader_of_job
+from tjscan.runs.scan.results import all_profile_points
+from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.uncertainty import causes_of_job
+from tjscan.scanning.journal import CombinedJournal
+from tjscan.stitching.stations import Station, StitchSettings, station_from_recording
+from tjscan.stitching.stitch import StitchedGroove, stitch_stations
+from tjscan.study.file import flatten_to_dotted_keys
+
+SHARED_TABLES: Final = ("arm.", "laser.", "simulation.")
+"""Tables that both jobs have in common: they are of one cell."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewErrorSettings(SettingsTable):
+    """The table [stitch]: what arm and laser err by from view to view, root mean square.
+
+    Parameters
+    ----------
+    repeatability, angular_repeatability : float
+        Of position and angle, metres and radians. An arm whose geometry is off errs by more than
+        it does not repeat.
+    """
+
+    repeatability: Annotated[float, Gt(0), Le(5), MM] = 5e-5
+    angular_repeatability: Annotated[float, Gt(0), Le(1), DEG.with_key("repeatability_deg")] = 1e-4
+
+
+class ChainFile(StrictFileModel):
+    """A chain: the job that calibrates, the job that scans, and what is set in both.
+
+    Parameters
+    ----------
+    calibrate, scan : str
+        Paths of the jobs, counted from the file's folder.
+    stitch : ViewErrorSettings
+        What arm and laser err by from view to view, for stitching.
+    both : dict
+        Keys of both jobs, of their tables [arm], [laser] and [simulation].
+    calibration : dict
+        Keys of the job that calibrates.
+    """
+
+    calibrate: str
+    scan: str
+    stitch: ViewErrorSettings = ViewErrorSettings()
+    both: dict[str, Any] = Field(default_factory=dict)
+    calibration: dict[str, Any] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """A chain, ready to run.
+
+    Parameters
+    ----------
+    calibrate, scan : Path
+        The jobs.
+    repeatability : ArmRepeatability
+        What arm and laser err by from view to view.
+    both, calibration : dict
+        Dotted keys and their values, of both jobs and of the one that calibrates.
+    """
+
+    calibrate: Path
+    scan: Path
+    repeatability: ArmRepeatability
+    both: dict[str, Any]
+    calibration: dict[str, Any]
+
+    def with_keys(self, keys: dict[str, Any]) -> Chain:
+        """Return the same chain with other values of some keys of both jobs."""
+        return replace(self, both=self.both | keys)
+
+
+def read_chain(file: Path) -> Chain:
+    """Read a chain's file.
+
+    Raises
+    ------
+    ConfigurationError
+        If it can't be read, or sets a key for both jobs that is not of the cell.
+    """
+    read = validate_table(ChainFile, read_toml(file), file)
+    both = flatten_to_dotted_keys(read.both)
+    for key in both:
+        if not key.startswith(SHARED_TABLES):
+            raise ConfigurationError(
+                "is not of the cell that both jobs share; there stand [both.arm], [both.laser] "
+                "and [both.simulation]",
+                file=file,
+                key=f"both.{key}",
+            )
+    folder = file.parent
+    return Chain(
+        folder / read.calibrate,
+        folder / read.scan,
+        ArmRepeatability(read.stitch.repeatability, read.stitch.angular_repeatability),
+        both,
+        flatten_to_dotted_keys(read.calibration),
+    )
+
+
+CALIBRATION_RUN: Final = "calibrate"
+"""Name of the calibration's run directory."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChainOutcome:
+    """What came of a chain.
+
+    Parameters
+    ----------
+    stitched : StitchedGroove
+        The groove of all stations, with what is stated of its uncertainty.
+    in_own_frame : ndarray, shape (n,)
+        Distances of the corners from the joint's feature edges, in its frame as found from its
+        tubes, metres.
+    corner_errors : ndarray, shape (n,)
+        The same once all that was seen is aligned to the joint as designed, metres.
+    mount_error : ndarray, shape (6,)
+        Of T_f_s: translation (metres) and rotation (radians) in the axes of f; zero where it was
+        given.
+    mount_covariance : ndarray, shape (6, 6), or None
+        As the calibration states it; None where T_f_s was given.
+    held_out : tuple of float or None
+        RMS distance of the ball in postures that took no part, without and with the deviations of
+        the arm found, metres; None where the arm was not calibrated.
+    """
+
+    stitched: StitchedGroove
+    in_own_frame: Array
+    corner_errors: Array
+    mount_error: Array
+    mount_covariance: Array | None
+    held_out: tuple[float, float] | None
+
+    @property
+    def corners_mean(self) -> float:
+        """Mean distance of the corners from the edges, aligned to the joint, metres."""
+        return float(np.mean(self.corner_errors))
+
+    @property
+    def in_own_frame_mean(self) -> float:
+        """Mean distance of the corners from the edges in the frame of the tubes, metres."""
+        return float(np.mean(self.in_own_frame))
+
+    @property
+    def corners_p95(self) -> float:
+        """Distance that 95 % of the corners stay within, metres."""
+        return float(np.percentile(self.corner_errors, 95))
+
+    @property
+    def mount_nees(self) -> float | None:
+        """Error of T_f_s squared over its covariance, by its six dimensions: about one if true."""
+        if self.mount_covariance is None:
+            return None
+        d = self.mount_error
+        return float(d @ np.linalg.solve(self.mount_covariance, d) / 6)
+
+
+def run_chain(
+    chain: Chain,
+    directory: Path,
+    *,
+    arm: bool,
+    mount_given: bool = False,
+    operator: Operator | None = None,
+) -> ChainOutcome:
+    """Calibrate, scan from all stations, stitch and compare.
+
+    Parameters
+    ----------
+    chain : Chain
+        What to run; all of it simulated.
+    directory : Path
+        Gets the calibration's run directory, `CALIBRATION_RUN`.
+    arm : bool
+        Whether the arm is calibrated with the sensor.
+    mount_given : bool
+        Whether the scan takes the true T_f_s, and nothing is calibrated.
+    operator : Operator, optional
+        Watches the calibration; nobody where left out.
+
+    Raises
+    ------
+    TjscanError
+        As calibration, scan and stitching do.
+    """
+    found, error, keys = None, np.zeros(6), dict(chain.both)
+    if not mount_given:
+        out = directory / CALIBRATION_RUN
+        job = read_calibration_job(chain.calibrate, chain.both | chain.calibration)
+        saved = start_calibration(
+            job, chain.calibrate, out, operator or DefaultAnswerOperator(), arm=arm
+        )
+        found = saved.calibration
+        keys["calibration.file"] = str(saved.file.absolute())
+        truth = None if job.simulation is None else job.simulation.T_f_s_mm
+        if truth is None:
+            raise ConfigurationError(
+                "a chain compares with the truth: it needs it",
+                file=chain.calibrate,
+                key="simulation.T_f_s_mm",
+            )
+        error = boxminus(found.T_f_s, pose_from_rows_mm(truth))
+    joint = RunContext(read_scan_job(chain.scan, keys), chain.scan).joint
+    if joint is None:
+        raise ConfigurationError("a chain compares with the joint", file=chain.scan, key="joint")
+    stitched = _stitched(chain, keys)
+    aligned = align_to_joint(stitched, joint)
+    return ChainOutcome(
+        stitched,
+        _corner_errors(stitched, np.eye(4), joint),
+        _corner_errors(stitched, aligned.T, joint),
+        error,
+        None if found is None else found.covariance_si,
+        _held_out(found),
+    )
+
+
+def align_to_joint(stitched: StitchedGroove, joint: JointDefinition) -> Alignment:
+    """Align all points that were seen to the joint as designed, by iterated closest points."""
+    mesh = build_joint_mesh(joint)
+    points = [
+        all_profile_points(one.station.sections, JointOrBaseFrame(inverse_pose(one.T_j_b)))
+        for one in stitched.stations
+    ]
+    surface = MeshDistance(mesh.vertices, mesh.triangles.astype(np.intp))
+    return align_icp(np.concatenate(points), nearest_point_finder_on_mesh(surface))
+
+
+def _held_out(found: CalibrationFile | None) -> tuple[float, float] | None:
+    if found is None or found.kinematics is None:
+        return None
+    arm = found.kinematics
+    return 1e-3 * arm.held_out_before_mm, 1e-3 * arm.held_out_after_mm
+
+
+def _stitched(chain: Chain, keys: dict[str, Any]) -> StitchedGroove:
+    whole = read_scan_job(chain.scan, keys)
+    stations = [_station(whole, name, chain.scan) for name in whole.station_names]
+    return stitch_stations(stations, StitchSettings(repeatability=chain.repeatability))
+
+
+def _station(whole: ScanJob, name: str, file: Path) -> Station:
+    job = whole.job_at_station(name)
+    context = RunContext(job, file)
+    result = scan_in_cell(context.make_cell(), job, CombinedJournal())
+    station = station_from_recording(
+        name, job.T_w_b, result.sections, result.views, groove_reader_of_job(job)
+    )
+    causes = causes_of_job(job, context.sensor_mount, station.all_sections)
+    return replace(station, causes=causes.shared)
+
+
+def _corner_errors(stitched: StitchedGroove, T: Array, joint: JointDefinition) -> Array:
+    """Distances of the corners from the joint's edges, once `T` has moved them; metres."""
+    corners = np.array([transform_points(T, section.points) for section in stitched.sections])
+    absent = absent_corners(stitched.sections)
+    errors = corner_to_edge_distances(corners, feature_edges(joint), absent)
+    return np.asarray(errors[np.isfinite(errors)])
+
+
+def mount_error_in_words(outcome: ChainOutcome) -> str:
+    """How far T_f_s is off, in millimetres and degrees."""
+    position = 1e3 * float(np.linalg.norm(outcome.mount_error[:3]))
+    turn = float(np.degrees(np.linalg.norm(outcome.mount_error[3:])))
+    return f"{position:.3f} mm, {turn:.3f}°"
+
+
+KEYS_SWITCHING_OFF: Final[Mapping[str, Mapping[str, float]]] = {
+    "arm: zeros, lengths, twists": {
+        "simulation.arm.errors.offset_deg": 0.0,
+        "simulation.arm.errors.length_mm": 0.0,
+        "simulation.arm.errors.twist_deg": 0.0,
+    },
+    "arm: gears": {
+        "simulation.arm.errors.eccentricity_deg": 0.0,
+        "simulation.arm.errors.backlash_deg": 0.0,
+    },
+    "arm: warmth": {"simulation.arm.errors.growth": 0.0},
+    "arm: repeatability": {
+        "simulation.arm.repeatability_mm": 0.0,
+        "simulation.arm.repeatability_deg": 0.0,
+    },
+    "laser: scale, tilt, lens": {"simulation.laser.linearity_mm": 0.0},
+    "laser: noise, bias, outliers": {
+        "simulation.laser.noise_mm": 0.0,
+        "simulation.laser.bias_mm": 0.0,
+        "simulation.laser.ghosts": 0.0,
+        "simulation.laser.flyers": 0.0,
+        "simulation.laser.missing": 0.0,
+    },
+}
+"""Sources of error, and the keys that switch each of them off."""
+
+ALL_SOURCES: Final = "all together"
+NO_SOURCE: Final = "none: touches, reading and stitching alone"
+
+
+@dataclass(frozen=True, slots=True)
+class SourceRow:
+    """What is left where one source of error alone is there.
+
+    Parameters
+    ----------
+    source : str
+        Its name, or `ALL_SOURCES`, or `NO_SOURCE`.
+    directory : Path
+        With the calibration's run directory, `CALIBRATION_RUN`.
+    outcome : ChainOutcome or None
+        What came of the chain; None where it was refused.
+    refusal : str
+        Why; empty where it was not.
+    """
+
+    source: str
+    directory: Path
+    outcome: ChainOutcome | None
+    refusal: str = ""
+
+
+def run_sources(
+    chain: Chain,
+    directory: Path,
+    *,
+    arm: bool,
+    begin: Callable[[str], None],
+    alone: bool = True,
+) -> Iterator[SourceRow]:
+    """Run a chain with all its errors, then with each source alone, then with none.
+
+    Parameters
+    ----------
+    chain : Chain
+        What to run.
+    directory : Path
+        Gets a directory for each.
+    arm : bool
+        Whether the arm is calibrated with the sensor.
+    begin : callable
+        Is told the name of each source before its chain runs.
+    alone : bool
+        Whether to run each source alone, or all of them together and no more.
+    """
+    everything = {key: value for keys in KEYS_SWITCHING_OFF.values() for key, value in keys.items()}
+    runs: dict[str, Mapping[str, float]] = {ALL_SOURCES: {}}
+    if alone:
+        for source, keys in KEYS_SWITCHING_OFF.items():
+            runs[source] = {key: 0.0 for key in everything if key not in keys}
+        runs[NO_SOURCE] = everything
+    for number, (source, keys) in enumerate(runs.items()):
+        begin(source)
+        own = directory / str(number)
+        try:
+            outcome = run_chain(chain.with_keys(dict(keys)), own, arm=arm)
+            yield SourceRow(source, own, outcome)
+        except (CalibrationRefused, StitchingRefused) as refused:
+            yield SourceRow(source, own, None, str(refused))

@@ -1,0 +1,186 @@
+"""Studies of crawls: from the study's keys to a resolved job, and to what came of its crawl."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from tjscan.core.config import table_to_dict, validate_table
+from tjscan.core.devices import DriverKind
+from tjscan.core.errors import ConfigurationError, CrawlStopped, LaserFault, VehicleFault
+from tjscan.core.frames import Array
+from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
+from tjscan.crawler.pass_record import PassRecord, pass_records, root_mean_square
+from tjscan.job.crawl.cell import make_crawl_cell
+from tjscan.job.crawl.job import CrawlJob, read_crawl_job
+from tjscan.laser.profile import Profile
+from tjscan.runs.crawl.run import CrawlContext, make_crawler
+from tjscan.study.backend import (
+    ReportedQuantity,
+    ResolvedRun,
+    StudyBackend,
+    drop_file_from_study_key_errors,
+)
+from tjscan.study.trial import RunOutcome, canonical_json
+
+
+@dataclass(frozen=True, slots=True)
+class CrawlOutcome(RunOutcome):
+    """Outcome of one crawl of a study. Lengths in millimetres.
+
+    All but the first four are of the last pass in which the arc burned, and None where it never
+    did.
+
+    Parameters
+    ----------
+    complete, reason, detail
+        As in `RunOutcome`; complete is a crawl that welded every pass, and what ended another is
+        the guard that stopped it.
+    passes : int
+        How many were begun.
+    vehicle_rms_mm, vehicle_p95_mm : float
+        True offset of the vehicle from the joint: root mean square, and 95th percentile of its
+        amount.
+    torch_rms_mm, torch_p95_mm : float
+        The same of the torch's true deviation from its path.
+    error_rms_mm : float
+        Root mean square of the estimated offset's error.
+    sigma_mm : float
+        Root mean square of what the estimate states as its standard deviation.
+    read_percent : float
+        Share of the profiles in which the joint was read.
+    """
+
+    passes: int = 0
+    vehicle_rms_mm: float | None = None
+    vehicle_p95_mm: float | None = None
+    torch_rms_mm: float | None = None
+    torch_p95_mm: float | None = None
+    error_rms_mm: float | None = None
+    sigma_mm: float | None = None
+    read_percent: float | None = None
+
+
+COMPLETE_CRAWL: Final = "Complete"
+
+
+class CrawlKeeper:
+    """A crawl's journal that keeps in memory what its passes are judged by.
+
+    Parameters
+    ----------
+    truth : callable
+        Gives the `SimulatedPlace` of the simulation.
+    """
+
+    def __init__(self, truth: Callable[[], SimulatedPlace]) -> None:
+        self._truth = truth
+        self._cycles: list[CrawlCycle] = []
+        self._places: list[tuple[CrawlCycle, SimulatedPlace]] = []
+
+    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
+        """Keep a cycle, and where the torch truly is while its arc burns."""
+        self._cycles.append(cycle)
+        if cycle.arc:
+            self._places.append((cycle, self._truth()))
+
+    def record_event(self, name: str, detail: str) -> None:
+        """Keep nothing of events."""
+
+    @property
+    def passes(self) -> tuple[PassRecord, ...]:
+        """Records of the passes in which the arc burned."""
+        return pass_records(self._cycles, self._places)
+
+
+def run_study_crawl(job: CrawlJob) -> CrawlOutcome:
+    """Execute one crawl of a study and return its outcome; nothing is written.
+
+    Parameters
+    ----------
+    job : CrawlJob
+        With a simulated vehicle, and no calibration.
+
+    Raises
+    ------
+    ConfigurationError
+        If such a crawl can't be.
+    """
+    context, cell = CrawlContext(job, Path()), make_crawl_cell(job)
+    if cell.simulated_place is None:
+        raise ConfigurationError("a study simulates", key="vehicle.driver")
+    keeper = CrawlKeeper(cell.simulated_place)
+    try:
+        with cell:
+            make_crawler(context, cell, context.make_method(), keeper).run()
+    except (VehicleFault, LaserFault) as error:
+        reason = error.guard if isinstance(error, CrawlStopped) else type(error).__name__
+        return _outcome(keeper.passes, complete=False, reason=reason, detail=str(error))
+    return _outcome(
+        keeper.passes, complete=True, reason=COMPLETE_CRAWL, detail="every pass is welded"
+    )
+
+
+def _outcome(
+    passes: tuple[PassRecord, ...], *, complete: bool, reason: str, detail: str
+) -> CrawlOutcome:
+    if not passes:
+        return CrawlOutcome(complete, reason, detail)
+    last = passes[-1]
+    return CrawlOutcome(
+        complete,
+        reason,
+        detail,
+        passes=len(passes),
+        vehicle_rms_mm=1e3 * root_mean_square(last.true_offset),
+        vehicle_p95_mm=1e3 * _p95(last.true_offset),
+        torch_rms_mm=1e3 * last.true_deviation_rms,
+        torch_p95_mm=1e3 * _p95(last.true_deviation),
+        error_rms_mm=1e3 * last.offset_error_rms,
+        sigma_mm=1e3 * last.sigma_rms,
+        read_percent=100 * last.read_share,
+    )
+
+
+def _p95(values: Array) -> float:
+    return float(np.percentile(np.abs(values), 95))
+
+
+class CrawlStudyBackend(StudyBackend[CrawlOutcome]):
+    """How crawls are resolved, executed and reported in a study; keys are those of the job file."""
+
+    outcome = CrawlOutcome
+    seed = "simulation.seed"
+    compared_key = "method"
+    measures = (
+        ReportedQuantity("vehicle off the joint, rms / mm", lambda m: m.vehicle_rms_mm, ".2f"),
+        ReportedQuantity("torch off its path, rms / mm", lambda m: m.torch_rms_mm, ".2f"),
+        ReportedQuantity("the same, p95 / mm", lambda m: m.torch_p95_mm, ".2f"),
+        ReportedQuantity("stated sigma / mm", lambda m: m.sigma_mm, ".2f"),
+        ReportedQuantity("profiles read / %", lambda m: m.read_percent, ".1f"),
+    )
+
+    def resolve_run(self, job_file: Path, keys: Mapping[str, Any]) -> ResolvedRun:
+        """Resolve and check the settings of one crawl; see `StudyBackend.resolve_run`."""
+        with drop_file_from_study_key_errors(keys):
+            job = read_crawl_job(job_file, dict(keys))
+        if job.simulation is None or job.vehicle.driver_kind is not DriverKind.SIMULATED:
+            raise ConfigurationError("a study simulates: its jobs need [simulation]")
+        if job.calibration is not None:
+            raise ConfigurationError(
+                "a study's vehicles differ, and a calibration is of one: leave this key out",
+                key="calibration",
+            )
+        return ResolvedRun(canonical_json(table_to_dict(job)), {})
+
+    def execute_run(self, settings: str) -> CrawlOutcome:
+        """Execute one crawl; see `StudyBackend.execute_run`."""
+        return run_study_crawl(validate_table(CrawlJob, json.loads(settings)))
+
+
+CRAWL_STUDY: Final = CrawlStudyBackend()

@@ -1,1 +1,0 @@
-"""Studies of crawls: what they vary, make and measure."""

@@ -1,0 +1,442 @@
+"""Rules of a study of scans: dimensions, start poses and views that follow from other keys."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal
+
+import numpy as np
+from pydantic import Field
+from scipy.spatial.transform import Rotation
+
+from tjscan.core.config import StrictFileModel
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import (
+    Array,
+    inverse_pose,
+    pose,
+    pose_to_euler_zyx,
+    transform_points,
+    unit_vector,
+)
+from tjscan.core.units import pose_from_rows_mm
+from tjscan.job import ScanJob
+from tjscan.joint.bevel import groove_sections
+from tjscan.joint.checks import CHECKED_AZIMUTHS
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.file import JointFile
+from tjscan.joint.geometry import cylindrical_to_j, tangential_direction
+from tjscan.robot.kinematics import Kinematics
+from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.target import ScanDirection
+from tjscan.study.trial import canonical_json
+
+
+class DerivedKeySettings(StrictFileModel):
+    """Keys of a study from which others of the job and the joint are derived.
+
+    Parameters
+    ----------
+    leg_to_brace : float, optional
+        The leg's outer diameter as a multiple of the brace's.
+    leg_wall_to_brace_wall : float, optional
+        The leg's wall as a multiple of the brace's.
+    room_mm : float, optional
+        How far leg and brace run on beyond the groove.
+    step_to_brace : float, optional
+        The step as a share of the brace's outer diameter, in whole tenths of a millimetre.
+    start_azimuth_deg : float or "any", optional
+        Teach both start poses from the joint's geometry: the first at this azimuth of frame j,
+        the second a step further on. "any" draws it, evenly, by the seed, anew for every joint.
+    hand_mm, hand_deg : float
+        How far off the taught poses are at most, along and about each axis of frame t in the
+        groove; drawn evenly by the seed.
+    carry_base : bool
+        Carry the arm's base, as on a gantry, to where the arm in its home configuration looks
+        at the middle of the arc to be scanned. Needs a taught start and `scan.sections`.
+    centre_view : bool
+        Choose stand-off and offset of the view so that the groove, from p2 to p4 and over the
+        whole arc, lies in the middle of the laser's window. Needs the same.
+    """
+
+    leg_to_brace: float | None = Field(default=None, ge=1, le=50)
+    leg_wall_to_brace_wall: float | None = Field(default=None, gt=0, le=10)
+    room_mm: float | None = Field(default=None, ge=20, le=5000)
+    step_to_brace: float | None = Field(default=None, gt=0, le=1)
+    start_azimuth_deg: float | Literal["any"] | None = None
+    hand_mm: float = Field(default=3.0, ge=0, le=100)
+    hand_deg: float = Field(default=5.0, ge=0, le=45)
+    carry_base: bool = False
+    centre_view: bool = False
+
+
+LONGEST_MM = 20_000.0
+"""What a joint's file allows; a stand-in while the length needed is not known yet."""
+
+
+def joint_with_derived_dimensions(joint: JointFile, rules: DerivedKeySettings) -> JointFile:
+    """Joint file with the dimensions that the derived keys of a study give it.
+
+    Parameters
+    ----------
+    joint : JointFile
+        As its file has it, millimetres and degrees.
+    rules : DerivedKeySettings
+        What to change.
+
+    Raises
+    ------
+    ConfigurationError
+        If such a joint can't be built.
+    """
+    leg, brace = joint.leg, joint.brace
+    if rules.leg_to_brace is not None:
+        diameter = rules.leg_to_brace * brace.outer_diameter_mm
+        leg = leg.model_copy(update={"outer_diameter_mm": diameter})
+    if rules.leg_wall_to_brace_wall is not None:
+        wall = rules.leg_wall_to_brace_wall * brace.wall_mm
+        leg = leg.model_copy(update={"wall_mm": wall})
+    joint = joint.model_copy(update={"leg": leg, "brace": brace})
+    return joint if rules.room_mm is None else _with_room(joint, rules.room_mm)
+
+
+def _with_room(joint: JointFile, room_mm: float) -> JointFile:
+    """The joint with as much leg and brace as leaves room beyond the groove."""
+    longest = {"length_mm": LONGEST_MM}
+    endless = joint.model_copy(
+        update={
+            "leg": joint.leg.model_copy(update=longest),
+            "brace": joint.brace.model_copy(update=longest),
+        }
+    )
+    up, along = _extent(endless.definition("joint"))
+    return joint.model_copy(
+        update={
+            "leg": joint.leg.model_copy(
+                update={"length_mm": float(np.ceil(2 * (1e3 * along + room_mm)))}
+            ),
+            "brace": joint.brace.model_copy(
+                update={"length_mm": float(np.ceil(1e3 * up + room_mm))}
+            ),
+        }
+    )
+
+
+def _extent(d: JointDefinition) -> tuple[float, float]:
+    """How far the groove reaches up the brace and along the leg, metres from where axes cross."""
+    s = groove_sections(d, CHECKED_AZIMUTHS)
+    foot = d.leg_surface.points_j(s.phi, d.brace_radius) @ d.leg_surface.axis
+    root = cylindrical_to_j(s.phi, s.p4[:, 0], s.p4[:, 1]) @ d.leg_surface.axis
+    return float(s.p2[:, 1].max()), float(np.abs((foot, root)).max())
+
+
+TEACHING_STREAM: Final = 11
+"""Keeps these random numbers apart from those of arm and laser."""
+
+TABULATED_AZIMUTHS: Final = np.linspace(-2 * np.pi, 4 * np.pi, 4321)
+"""Where the groove's length is tabulated: a turn, and one more either way."""
+
+
+@dataclass(frozen=True, slots=True)
+class TeachingInaccuracy:
+    """Largest error of a taught pose along and about each axis of frame t.
+
+    The operator watches the laser line on the steel: shift and turn are those of frame t, which
+    lies in the groove, and not of the sensor an arm's length above it.
+
+    Parameters
+    ----------
+    shift, turn : float
+        Metres and radians.
+    """
+
+    shift: float
+    turn: float
+
+    def draw_random_pose_error(self, rng: np.random.Generator) -> Array:
+        """Draw a random error of frame t, as a pose in itself, shape (4, 4), metres."""
+        turn = Rotation.from_rotvec(rng.uniform(-self.turn, self.turn, 3))
+        return pose(turn.as_matrix(), rng.uniform(-self.shift, self.shift, 3))
+
+
+def teaching_random_generator(seed: int, joint: str) -> np.random.Generator:
+    """Random generator for teaching errors: another for every joint, the same each time.
+
+    Parameters
+    ----------
+    seed : int
+        Of the job.
+    joint : str
+        The joint, as text.
+    """
+    digest = hashlib.sha256(joint.encode()).digest()
+    return np.random.default_rng([seed, TEACHING_STREAM, int.from_bytes(digest[:8])])
+
+
+def ideal_sensor_pose(
+    joint: JointDefinition, azimuth: float, plan: ScanPlan, error: Array | None = None
+) -> Array:
+    """Ideal pose of the sensor before the groove at an azimuth.
+
+    Parameters
+    ----------
+    joint : JointDefinition
+        The joint.
+    azimuth : float
+        In frame j, radians.
+    plan : ScanPlan
+        Direction, angles and stand-off.
+    error : ndarray, shape (4, 4), optional
+        What frame t is off by, in itself.
+
+    Returns
+    -------
+    ndarray, shape (4, 4)
+        T_j_s, in metres.
+    """
+    phi = np.array([azimuth])
+    tangent = joint.leg_surface.tangent(phi, joint.brace_radius)[0]
+    sections = groove_sections(joint, phi)
+    origin = joint.leg_surface.points_j(phi, joint.brace_radius)[0]
+    x = tangent if plan.direction is ScanDirection.COUNTERCLOCKWISE else -tangent
+    y = unit_vector(np.array([0.0, 0.0, 1.0]) - x[2] * x)
+    T_j_t = pose(np.column_stack((x, y, np.cross(x, y))), origin)
+    T_s_t = plan.target_pose_in_sensor(_work_angle(joint, sections.bevel[0], azimuth, tangent))
+    return T_j_t @ (np.eye(4) if error is None else error) @ inverse_pose(T_s_t)
+
+
+def _work_angle(joint: JointDefinition, bevel: Array, azimuth: float, tangent: Array) -> float:
+    """β from bevel and leg in the plane square to the groove, eq. (16), radians."""
+    y = unit_vector(np.array([0.0, 0.0, 1.0]) - tangent[2] * tangent)
+    z = np.cross(tangent, y)
+    around = tangential_direction(azimuth)
+    outward = np.array([around[1], -around[0], 0.0])
+    up = bevel[0] * outward + np.array([0.0, 0.0, bevel[1]])
+    leg = np.cross(
+        tangent, joint.leg_surface.normal(joint.leg_surface.points_j(azimuth, joint.brace_radius))
+    )
+    gamma_1 = np.arctan2(up @ y, up @ z)
+    gamma_2 = np.arctan2(-(leg @ y), leg @ z)
+    return float(0.5 * (gamma_1 - gamma_2))
+
+
+def azimuth_further_along(
+    joint: JointDefinition, azimuth: float, distance: float, direction: ScanDirection
+) -> float:
+    """Azimuth that lies a distance along the groove from another one.
+
+    Parameters
+    ----------
+    joint : JointDefinition
+        The joint.
+    azimuth : float
+        Radians, within a turn.
+    distance : float
+        Metres along the outer edge, not negative.
+    direction : ScanDirection
+        Which way round.
+    """
+    speed = np.linalg.norm(
+        joint.leg_surface.azimuth_derivative(TABULATED_AZIMUTHS, joint.brace_radius), axis=1
+    )
+    length = np.concatenate(
+        ([0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(TABULATED_AZIMUTHS)))
+    )
+    signed = distance if direction is ScanDirection.COUNTERCLOCKWISE else -distance
+    return float(
+        np.interp(
+            np.interp(azimuth, TABULATED_AZIMUTHS, length) + signed, length, TABULATED_AZIMUTHS
+        )
+    )
+
+
+def taught_sensor_poses(
+    joint: JointDefinition,
+    azimuth: float,
+    plan: ScanPlan,
+    error: TeachingInaccuracy,
+    rng: np.random.Generator,
+) -> tuple[Array, Array]:
+    """Simulate both start poses of the sensor as an operator teaches them, a step apart.
+
+    Parameters
+    ----------
+    joint : JointDefinition
+        The joint.
+    azimuth : float
+        Of the first pose in frame j, radians.
+    plan : ScanPlan
+        Step, direction, angles and stand-off.
+    error : TeachingInaccuracy
+        How far off they are.
+    rng : Generator
+        Draws the errors.
+
+    Returns
+    -------
+    first, second : ndarray, shape (4, 4)
+        T_j_s, metres.
+    """
+    second = azimuth_further_along(joint, azimuth, plan.step, plan.direction)
+    first_view, second_view = (
+        ideal_sensor_pose(joint, phi, plan, error.draw_random_pose_error(rng))
+        for phi in (azimuth, second)
+    )
+    return first_view, second_view
+
+
+def azimuths_at_plan_shares(
+    joint: JointDefinition, azimuth: float, plan: ScanPlan, shares: Iterable[float]
+) -> list[float]:
+    """Azimuths at shares (0 to 1) of the arc that a plan scans.
+
+    Parameters
+    ----------
+    joint, azimuth, plan
+        The joint, where its scan starts (radians), and what is scanned.
+    shares : iterable of float
+        From 0 at the first section to 1 at the last.
+
+    Returns
+    -------
+    list of float
+        Radians in frame j.
+    """
+    whole = ((plan.sections or 1) - 1) * plan.step
+    return [
+        azimuth_further_along(joint, azimuth, share * whole, plan.direction) for share in shares
+    ]
+
+
+def joint_pose_for_carried_base(
+    joint: JointDefinition, azimuth: float, plan: ScanPlan, T_b_s_home: Array
+) -> Array:
+    """Pose of the joint in the base frame when the base is carried, as on a gantry, to it.
+
+    Parameters
+    ----------
+    joint, azimuth, plan
+        The joint, where its scan starts (radians), and what is scanned.
+    T_b_s_home : ndarray, shape (4, 4)
+        The sensor's pose in the arm's home configuration.
+
+    Returns
+    -------
+    ndarray, shape (4, 4)
+        T_b_j: at home the arm looks at the middle of the arc.
+    """
+    (middle,) = azimuths_at_plan_shares(joint, azimuth, plan, [0.5])
+    return T_b_s_home @ inverse_pose(ideal_sensor_pose(joint, middle, plan))
+
+
+def plan_with_centred_groove(
+    joint: JointDefinition, azimuth: float, plan: ScanPlan, window: tuple[float, float]
+) -> ScanPlan:
+    """Scan plan whose view has the groove in the middle of the laser's window.
+
+    Parameters
+    ----------
+    joint, azimuth, plan
+        The joint, where its scan starts (radians), and what is scanned.
+    window : tuple of float
+        Nearest and farthest z_s that the laser measures, metres.
+
+    Returns
+    -------
+    ScanPlan
+        With stand-off and offset changed so that p2, p3 and p4, over the whole arc, lie evenly
+        about the middle of the window and of the line.
+    """
+    corners = np.concatenate(
+        [
+            _corners_s(joint, phi, plan)
+            for phi in azimuths_at_plan_shares(joint, azimuth, plan, np.linspace(0, 1, 9))
+        ]
+    )
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    return replace(
+        plan,
+        offset=plan.offset - float(middle[0]),
+        standoff=plan.standoff + sum(window) / 2 - float(middle[2]),
+    )
+
+
+def _corners_s(joint: JointDefinition, azimuth: float, plan: ScanPlan) -> Array:
+    """p2, p3, p4 of an azimuth as the sensor ideally sees them, shape (3, 3), metres."""
+    sections = groove_sections(joint, [azimuth])
+    rz = np.concatenate((sections.p2, sections.p3, sections.p4))
+    T_s_j = inverse_pose(ideal_sensor_pose(joint, azimuth, plan))
+    return transform_points(T_s_j, cylindrical_to_j(azimuth, rz[:, 0], rz[:, 1]))
+
+
+def teach_start_poses(
+    job: ScanJob, joint: JointFile, rules: DerivedKeySettings, T_f_s: Array
+) -> tuple[float, dict[str, Any]]:
+    """Simulate the teaching of a job's start poses, with random errors from the job's seed.
+
+    Parameters
+    ----------
+    job : ScanJob
+        The job; its own start poses count for nothing.
+    joint : JointFile
+        Its joint.
+    rules : DerivedKeySettings
+        Where to start, how far off, and whether the base is carried there.
+    T_f_s : ndarray, shape (4, 4)
+        Pose of the sensor on the flange, as the job assumes it, metres.
+
+    Returns
+    -------
+    float
+        The azimuth of the first pose in degrees.
+    dict
+        What changes in the job's tables ``scan`` and ``joint``.
+
+    Raises
+    ------
+    ConfigurationError
+        If base or view depend on how far the scan goes, and nothing says so.
+    """
+    if job.joint is None or job.simulation is None or job.simulation.arm is None:
+        raise ConfigurationError("a taught start needs [joint] and [simulation]")
+    definition, plan = joint.definition("joint"), job.scan
+    which = canonical_json([joint.model_dump(mode="json"), plan.direction])
+    random = teaching_random_generator(job.simulation.seed, which)
+    azimuth_deg = round(float(random.uniform(-180, 180)), 3)  # drawn in any case: the rest stays
+    if rules.start_azimuth_deg is not None and rules.start_azimuth_deg != "any":
+        azimuth_deg = rules.start_azimuth_deg
+    azimuth = float(np.radians(azimuth_deg))
+    scan: dict[str, Any] = {}
+    if (rules.carry_base or rules.centre_view) and plan.sections is None:
+        raise ConfigurationError("is needed to know how far the scan goes", key="scan.sections")
+    if rules.centre_view:
+        window = (job.laser.near, job.laser.far)
+        plan = plan_with_centred_groove(definition, azimuth, plan, window)
+        scan = {
+            "view_offset_mm": round(1e3 * plan.offset, 1),
+            "standoff_mm": round(1e3 * plan.standoff, 1),
+        }
+    if job.simulation.T_f_s_mm is not None:  # an operator teaches with the laser that is there
+        T_f_s = pose_from_rows_mm(job.simulation.T_f_s_mm)
+    error = TeachingInaccuracy(1e-3 * rules.hand_mm, float(np.radians(rules.hand_deg)))
+    T_j_s = taught_sensor_poses(definition, azimuth, plan, error, random)
+    T_b_j = job.joint.T_w_j  # a study's jobs have no stations
+    changed: dict[str, Any] = {}
+    if rules.carry_base:
+        q_home = np.array(job.simulation.arm.home)
+        T_b_s_home = Kinematics.load(job.arm.model).forward(q_home) @ T_f_s
+        T_b_j = joint_pose_for_carried_base(definition, azimuth, plan, T_b_s_home)
+        changed["joint"] = {"file": job.joint.file} | _pose(T_b_j)
+    first, second = (_pose(T_b_j @ T @ inverse_pose(T_f_s)) for T in T_j_s)
+    return azimuth_deg, changed | {"scan": scan | {"first": first, "second": second}}
+
+
+def _pose(T: Array) -> dict[str, Any]:
+    """A pose as files write it, to a micrometre and a microdegree."""
+    position, angles = pose_to_euler_zyx(T)
+    return {
+        "position_mm": np.round(1e3 * position, 3).tolist(),
+        "euler_zyx_deg": np.round(np.degrees(angles), 6).tolist(),
+    }

@@ -1,0 +1,146 @@
+"""What makes the sections of a job's scan err, as far as the job or its calibration says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import isclose
+from typing import Self
+
+import numpy as np
+
+from tjscan.core.frames import Array
+from tjscan.job import CellJob
+from tjscan.job.arm import SensorMount, kinematics_of_job
+from tjscan.job.laser import laser_model_of_job
+from tjscan.job.uncertainty import EVIDENCE_ASSUMED, EVIDENCE_STATED
+from tjscan.robot.deviations import deviation_jacobian, with_deviations
+from tjscan.robot.settings import PlacementTolerance
+from tjscan.scanning.section import ScannedSection
+from tjscan.uncertainty.causes import (
+    ViewCause,
+    arm_geometry_cause,
+    calibrated_arm_cause,
+    calibration_twists,
+    hand_eye_cause,
+    reading_cause,
+    repeatability_cause,
+)
+from tjscan.uncertainty.laser_causes import linearity_cause, range_bias_cause
+
+UNKNOWN_MOUNT = (
+    "where the laser sits on the hand: the job states it without its uncertainty "
+    "(sigma_position_mm and sigma_rotation_deg in [calibration], or a calibration's file)"
+)
+CALIBRATED_EVIDENCE = "calibrated"
+STATED_JOINT = "where the joint stands: the job states it without its uncertainty"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StatedCauses:
+    """Causes of error in the views of a scan, and what is left out of them.
+
+    Parameters
+    ----------
+    causes : tuple of ViewCause
+        The reading of the profiles first.
+    left_out : tuple of str
+        What may err too, by an amount that nobody states.
+    """
+
+    causes: tuple[ViewCause, ...]
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def shared(self) -> tuple[ViewCause, ...]:
+        """Those that err alike in all views."""
+        return tuple(cause for cause in self.causes if cause.is_shared)
+
+
+def causes_of_job(
+    job: CellJob, mount: SensorMount, sections: Sequence[ScannedSection]
+) -> StatedCauses:
+    """Causes of error in the views of a job's scan.
+
+    Parameters
+    ----------
+    job : CellJob
+        The job, of one station if it has any.
+    mount : SensorMount
+        Where the laser sits on the hand.
+    sections : sequence of ScannedSection
+        What was read in the views.
+
+    Raises
+    ------
+    ConfigurationError
+        If the arm's model is unknown.
+    """
+    laser = job.laser.uncertainty
+    repeats, of_repeats = job.arm.uncertainty.repeats
+    linearity, of_linearity = laser.linear
+    # The calibration answered to the same deviation of the same laser as the scan does.
+    is_same = mount.by_laser is not None and isclose(linearity, mount.linearity)
+    arm = _ArmOfScan.of(job, mount, sections)
+    causes = [
+        reading_cause(sections),
+        repeatability_cause(sections, repeats, of_repeats),
+        *_causes_of_arm(arm, job.arm.uncertainty.absolute, without_laser=is_same),
+    ]
+    left_out = [UNKNOWN_MOUNT] if mount.covariance is None else []
+    if linearity > 0:
+        cause = linearity_cause(sections, linearity, laser_model_of_job(job), of_linearity)
+        if is_same and mount.by_laser is not None:
+            cause = cause.moved_too(sections, arm.twists(mount.by_laser))
+        causes.append(cause)
+    bias, of_bias = laser.bias
+    if bias > 0:
+        causes.append(range_bias_cause(sections, bias, of_bias))
+    if job.joint is not None and not job.station:
+        left_out.append(STATED_JOINT)
+    return StatedCauses(tuple(causes), tuple(left_out))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ArmOfScan:
+    """The arm that took some sections, with the sensor on it."""
+
+    mount: SensorMount
+    sections: Sequence[ScannedSection]
+    by_deviations: Array
+    """How the flange moves in each view with deviations of the joints, shape (n, 6, k, 6)."""
+
+    @classmethod
+    def of(cls, job: CellJob, mount: SensorMount, sections: Sequence[ScannedSection]) -> Self:
+        kinematics = kinematics_of_job(job)
+        if mount.deviations is not None:
+            kinematics = with_deviations(kinematics, mount.deviations)
+        by_deviations = [deviation_jacobian(kinematics, s.view.q) for s in sections]
+        return cls(mount, sections, np.array(by_deviations))
+
+    def twists(self, by_draws: Array) -> Array:
+        """Motions of the views with what the calibration is off by; see `calibration_twists`."""
+        calibrated = None if self.mount.deviations is None else self.by_deviations
+        return calibration_twists(self.sections, self.mount.T_f_s, calibrated, by_draws)
+
+
+def _causes_of_arm(
+    arm: _ArmOfScan, absolute: float | None, *, without_laser: bool
+) -> Iterator[ViewCause]:
+    """Where the laser sits on the hand, and how the arm's geometry may be off."""
+    mount, sections = arm.mount, arm.sections
+    covariance = mount.covariance
+    if covariance is not None and without_laser and mount.by_laser is not None:
+        covariance = covariance - mount.by_laser @ mount.by_laser.T
+    if mount.deviations is not None and covariance is not None:
+        yield calibrated_arm_cause(
+            sections, mount.T_f_s, arm.by_deviations, covariance, CALIBRATED_EVIDENCE
+        )
+        return
+    if covariance is not None:
+        evidence = EVIDENCE_STATED if mount.file is None else CALIBRATED_EVIDENCE
+        yield hand_eye_cause(sections, mount.T_f_s, covariance, evidence)
+    if absolute != 0:
+        evidence = EVIDENCE_ASSUMED if absolute is None else EVIDENCE_STATED
+        sigmas = PlacementTolerance().sigmas
+        yield arm_geometry_cause(sections, arm.by_deviations, sigmas, evidence, absolute)

@@ -1,1 +1,0 @@
-"""Studies of scans: what they vary, make and measure."""

@@ -1,0 +1,163 @@
+"""Studies of tows: from the study's keys to a resolved job, and to what came of its tow."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Final
+
+from tjscan.core.config import table_to_dict, validate_table
+from tjscan.core.errors import ConfigurationError, TowHalted, VehicleFault
+from tjscan.job.tow.cell import make_planner, make_tow_cell
+from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.job import TowJob
+from tjscan.job.tow.sweep import sweep_seam
+from tjscan.runs.tow.figures import figures_of_tow
+from tjscan.runs.tow.run import make_tow
+from tjscan.study.backend import (
+    ReportedQuantity,
+    ResolvedRun,
+    StudyBackend,
+    drop_file_from_study_key_errors,
+)
+from tjscan.study.trial import RunOutcome, canonical_json
+from tjscan.towing.journal import TowCycle, TowTruth
+
+
+@dataclass(frozen=True, slots=True)
+class TowOutcome(RunOutcome):
+    """Outcome of one tow of a study: the figures of `TowFigures`, None where not known.
+
+    Parameters
+    ----------
+    complete, reason, detail
+        As in `RunOutcome`; complete is a tow that welded the whole seam.
+    """
+
+    welded_mm: float | None = None
+    seconds: float | None = None
+    waited_s: float | None = None
+    plan_hz: float | None = None
+    real_time_factor: float | None = None
+    objective: float | None = None
+    objective_max: float | None = None
+    constraint: float | None = None
+    halts: int | None = None
+    asked_mm_s: float | None = None
+    bend_deg: float | None = None
+    force_mean_n: float | None = None
+    force_max_n: float | None = None
+    welder_off_mm: float | None = None
+    followed_mm: float | None = None
+    estimate_deg: float | None = None
+    estimate_mm: float | None = None
+    link_clearance_mm: float | None = None
+    body_clearance_mm: float | None = None
+    passer_by_mm: float | None = None
+    vehicle_gap_mm: float | None = None
+    touches: int | None = None
+
+
+COMPLETE_TOW: Final = "Complete"
+
+
+class TowKeeper:
+    """A tow's journal that keeps everything in memory.
+
+    Parameters
+    ----------
+    truth : callable
+        Gives the `TowTruth` of the simulation.
+    """
+
+    def __init__(self, truth: Callable[[], TowTruth]) -> None:
+        self._truth = truth
+        self.cycles: list[TowCycle] = []
+        self.truths: list[TowTruth] = []
+        self.events: list[tuple[str, str]] = []
+
+    def record_cycle(self, cycle: TowCycle) -> None:
+        """Keep a cycle, and the truth then."""
+        self.cycles.append(cycle)
+        self.truths.append(self._truth())
+
+    def record_event(self, name: str, detail: str) -> None:
+        """Keep an event."""
+        self.events.append((name, detail))
+
+
+def run_study_tow(job: TowJob) -> TowOutcome:
+    """Execute one tow of a study and return its outcome; nothing is written.
+
+    Parameters
+    ----------
+    job : TowJob
+        Whose vehicles are simulated.
+
+    Raises
+    ------
+    ConfigurationError
+        If such a tow can't be.
+    """
+    planner = make_planner(job)
+    sweep = sweep_seam(job, planner)
+    sweep.refuse_if_blocked()
+    cell = make_tow_cell(job, sweep.start.angles)
+    assert cell.truth is not None
+    keeper = TowKeeper(cell.truth)
+    reason, detail = COMPLETE_TOW, "the whole seam is welded"
+    try:
+        with cell:
+            make_tow(job, cell, planner, keeper).run(0.0, sweep.start)
+    except (TowHalted, VehicleFault) as error:
+        reason, detail = type(error).__name__, str(error)
+    return outcome_of(job, keeper, reason, detail)
+
+
+def outcome_of(job: TowJob, keeper: TowKeeper, reason: str, detail: str) -> TowOutcome:
+    """Outcome of a tow that was kept in memory."""
+    complete = reason == COMPLETE_TOW
+    if not keeper.cycles:
+        return TowOutcome(complete, reason, detail)
+    found = figures_of_tow(job, keeper.cycles, keeper.truths, complete=complete).as_numbers
+    wanted = {field.name for field in fields(TowOutcome)} - {"complete", "reason", "detail"}
+    return TowOutcome(complete, reason, detail, **{k: found[k] for k in wanted})  # type: ignore[arg-type]
+
+
+class TowStudyBackend(StudyBackend[TowOutcome]):
+    """How tows are resolved, executed and reported in a study; keys are those of the job file."""
+
+    outcome = TowOutcome
+    seed = "simulation.seed"
+    measures = (
+        ReportedQuantity("seam welded / mm", lambda m: m.welded_mm, ".0f"),
+        ReportedQuantity("waited / s", lambda m: m.waited_s, ".1f"),
+        ReportedQuantity("plans a second", lambda m: m.plan_hz, ".0f"),
+        ReportedQuantity("objective f, mean of 100", lambda m: m.objective, ".2f"),
+        ReportedQuantity("towing speed asked, fastest / mm/s", lambda m: m.asked_mm_s, ".1f"),
+        ReportedQuantity("force on the welder, mean / N", lambda m: m.force_mean_n, ".1f"),
+        ReportedQuantity("force on the welder, largest / N", lambda m: m.force_max_n, ".1f"),
+        ReportedQuantity("welder off its line / mm", lambda m: m.welder_off_mm, ".2f"),
+        ReportedQuantity("estimate, mean a joint / °", lambda m: m.estimate_deg, ".2f"),
+        ReportedQuantity("joint angle, largest / °", lambda m: m.bend_deg, ".1f"),
+        ReportedQuantity("clearance of links, least / mm", lambda m: m.link_clearance_mm, ".0f"),
+        ReportedQuantity("gap between vehicles / mm", lambda m: m.vehicle_gap_mm, ".0f"),
+        ReportedQuantity("touches", lambda m: m.touches, ".0f"),
+    )
+
+    def resolve_run(self, job_file: Path, keys: Mapping[str, Any]) -> ResolvedRun:
+        """Resolve and check the settings of one tow; see `StudyBackend.resolve_run`."""
+        with drop_file_from_study_key_errors(keys):
+            job = read_tow_job(job_file, dict(keys))
+        if job.vehicles.driver != "simulated":
+            raise ConfigurationError("a study simulates", key="vehicles.driver")
+        return ResolvedRun(canonical_json(table_to_dict(job)), {})
+
+    def execute_run(self, settings: str) -> TowOutcome:
+        """Execute one tow; see `StudyBackend.execute_run`."""
+        return run_study_tow(validate_table(TowJob, json.loads(settings)))
+
+
+TOW_STUDY: Final = TowStudyBackend()

@@ -1,1 +1,0 @@
-"""Studies of tows: what they vary, make and measure."""
