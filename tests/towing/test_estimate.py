@@ -35,7 +35,9 @@ def energy(angles: Array, held: Indices, poses: Array, rest: Array) -> tuple[flo
     return value, gradient, hessian
 
 
-@pytest.mark.parametrize("off", [0.3 * SLIDING_DISTANCE, 3 * SLIDING_DISTANCE], ids=["held", "sliding"])
+@pytest.mark.parametrize(
+    "off", [0.3 * SLIDING_DISTANCE, 3 * SLIDING_DISTANCE], ids=["held", "sliding"]
+)
 def test_derivatives_are_those_of_differences(off: float) -> None:
     rng = np.random.default_rng(1)
     angles = bent_angles(rng, 20)

@@ -21,6 +21,7 @@ from tjscan.towing.shape.limits import (
     HardLimits,
     LimitArrays,
     LimitKind,
+    LimitRows,
     limit_gradients,
     limit_rows,
 )
@@ -72,7 +73,7 @@ class LimitedShape:
     angles: Array
     iterations: int
     constraint: float
-    pressed: Array
+    pressed: LimitRows
 
 
 class _Program(NamedTuple):
@@ -120,7 +121,7 @@ class _Iterate:
         return self.f + fix * self.off + SLACK_COST * self.worst
 
     @property
-    def rows(self) -> Array:
+    def rows(self) -> LimitRows:
         """Rows of limits that are near, shape (R,)."""
         return self._rows[: self._used]
 
@@ -131,7 +132,7 @@ def _evaluate(
     problem: ShapeArrays,
     limits: LimitArrays,
     state: ShapeState,
-    rows: Array,
+    rows: LimitRows,
     band: float,
 ) -> tuple[float, float, float, int]:
     """Fill state and rows; objective, constraints' sum, worst limit, number of rows."""
@@ -147,7 +148,7 @@ def _evaluate(
 def _model(
     problem: ShapeArrays,
     state: ShapeState,
-    rows: Array,
+    rows: LimitRows,
     y: Array,
     z: Array,
     shift: float,
@@ -183,7 +184,7 @@ def _model(
 
 @compiled
 def _guess_active(
-    program: _Program, state: ShapeState, C: Array, rows: Array, step: Array, y: Array, z: Array
+    program: _Program, state: ShapeState, C: Array, rows: LimitRows, step: Array, y: Array, z: Array
 ) -> bool:
     """Solve a program by adding the worst row and dropping those that pull; True if that ends.
 

@@ -13,6 +13,7 @@ from math import degrees, hypot, pi
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Obstacles
@@ -89,6 +90,9 @@ ROW_TYPE: Final = np.dtype(
 of the point that feels the opposite, link -1 if none; kind. Of a joint: its number for the link,
 and the sign of its angle's growth for `grows_x`."""
 
+LimitRows = NDArray[np.void]
+"""Rows of `ROW_TYPE`, shape (R,)."""
+
 SPARE_MARGIN = 1e-6
 """Metres and radians added to every limit: what a solver may miss it by (`KEPT_MARGIN`)."""
 
@@ -153,14 +157,14 @@ class NearRows(NamedTuple):
     Parameters
     ----------
     rows : ndarray of `ROW_TYPE`, shape (R,)
-    count : ndarray of int, shape (1,)
-        Rows so far, even if not all have room.
+    used : ndarray of int, shape (1,)
+        Number of rows so far, even if not all have room.
     band : float
         Margin below which a limit is near.
     """
 
-    rows: Array
-    count: Indices
+    rows: LimitRows
+    used: Indices
     band: float
 
 
@@ -196,12 +200,12 @@ def add_row(
     near: NearRows, kind: int, margin: float, x: float, y: float, at: ChainPoint, other: ChainPoint
 ) -> None:
     """Count a row whose margin grows along (x, y), and write it if there is room."""
-    if near.count[0] < len(near.rows):
-        row = near.rows[near.count[0]]
+    if near.used[0] < len(near.rows):
+        row = near.rows[near.used[0]]
         row.kind, row.margin, row.grows_x, row.grows_y = kind, margin, x, y
         row.link, row.x, row.y = at.link, at.x, at.y
         row.other, row.other_x, row.other_y = other.link, other.x, other.y
-    near.count[0] += 1
+    near.used[0] += 1
 
 
 @compiled
@@ -365,7 +369,9 @@ def add_joints(near: NearRows, angles: Array, limits: LimitArrays) -> None:
 
 
 @compiled
-def limit_rows(angles: Array, links: Array, band: float, rows: Array, limits: LimitArrays) -> int:
+def limit_rows(
+    angles: Array, links: Array, band: float, rows: LimitRows, limits: LimitArrays
+) -> int:
     """Rows of all limits with a margin below `band`; returns how many, even if not all fit.
 
     Parameters
@@ -392,11 +398,11 @@ def limit_rows(angles: Array, links: Array, band: float, rows: Array, limits: Li
     add_cable_to_itself(near, links, limits)
     add_speeds(near, links, limits)
     add_joints(near, angles, limits)
-    return near.count[0]
+    return int(near.used[0])
 
 
 @compiled
-def limit_gradients(rows: Array, root: Array, links: Array, gradients: Array) -> None:
+def limit_gradients(rows: LimitRows, root: Array, links: Array, gradients: Array) -> None:
     """Derivatives by the angles, shape (R, N): a point turns about the joints before it."""
     for r in range(len(rows)):
         row = rows[r]
@@ -469,7 +475,7 @@ class HardLimits:
             obstacles=self.obstacles,
         )
 
-    def rows(self, angles: Array, band: float = 0.0) -> Array:
+    def rows(self, angles: Array, band: float = 0.0) -> LimitRows:
         """Rows with a margin below `band`, shape (R,), of `ROW_TYPE`."""
         links, room = self._links(angles), 64
         while True:
@@ -518,7 +524,7 @@ class HardLimits:
         vehicle = self.team.held_links.index(link)
         return "the welder" if vehicle == self.team.welder else f"vehicle {vehicle + 1}"
 
-    def gradients(self, rows: Array, angles: Array) -> Array:
+    def gradients(self, rows: LimitRows, angles: Array) -> Array:
         """Derivatives of the margins by the angles, shape (R, N)."""
         gradients = np.empty((len(rows), len(angles)))
         limit_gradients(rows, self.arrays.root, self._links(angles), gradients)

@@ -69,8 +69,8 @@ class TowingPlan:
     iterations : int
         Of the optimisation.
     halt : str
-        Why no vehicle may drive on: empty if the plan may be sent. The angles of a halt are the last
-        shape tried, to be shown, never to be sent.
+        Why no vehicle may drive on: empty if the plan may be sent. The angles of a halt are those
+        of the last shape tried, to be shown, never to be sent.
     rest : ndarray, shape (N, 2), or None
         Towards which the floor holds the links of the estimate, metres; None if it is not known.
     """
@@ -90,7 +90,7 @@ class TowingPlan:
     def of_angles(
         cls,
         cable: Cable,
-        held: Sequence[int] | Array,
+        held: Sequence[int],
         estimate: Array,
         angles: Array,
         terms: PlanTerms,
@@ -102,7 +102,7 @@ class TowingPlan:
             readonly_copy(estimate),
             readonly_copy(angles),
             readonly_copy(poses),
-            readonly_copy(poses[held]),
+            readonly_copy(poses[list(held)]),
             terms,
             constraint,
         )

@@ -13,7 +13,7 @@ from tjscan.towing.shape.area import Area, DiscObstacle, Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import CableEstimate, estimate_shape
 from tjscan.towing.shape.limited import optimise_limited
-from tjscan.towing.shape.limits import KEPT_MARGIN, HardLimits, LimitKind, rounded
+from tjscan.towing.shape.limits import KEPT_MARGIN, HardLimits, LimitKind, LimitRows, rounded
 from tjscan.towing.shape.optimise import newton_shape
 from tjscan.towing.shape.plan import PlanTerms, TowingPlan
 from tjscan.towing.shape.problem import ShapeProblem
@@ -241,14 +241,14 @@ class CheckedShape:
                 return f"on the way there, {self._worst(between)}"
         return ""
 
-    def _worst(self, rows: Array) -> str:
+    def _worst(self, rows: LimitRows) -> str:
         return self.limits.words(rows[rows["margin"].argmin()])
 
     def plan(self, iterations: int, halt: str = "") -> TowingPlan:
         """The plan of this shape, after so many iterations."""
         plan = TowingPlan.of_angles(
             self.problem.cable,
-            self.limits.arrays.held,
+            self.limits.team.held_links,
             self.problem.estimate,
             self.angles,
             PlanTerms(*self._state.terms.tolist()),
@@ -257,6 +257,6 @@ class CheckedShape:
         return replace(plan, iterations=iterations, halt=halt)
 
 
-def _worst_margin(rows: Array) -> float:
+def _worst_margin(rows: LimitRows) -> float:
     """Of the limit that is broken worst; 0 if none is."""
     return float(rows["margin"].min(initial=0.0))
