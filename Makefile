@@ -16,7 +16,7 @@ scan: $(PLAIN)
 	$(BIN)/tjscan scan examples/paper.toml
 
 test: $(READY)
-	@# Tests of vehicles want a broker, those of pages a browser; they are skipped without.
+	@# Tests of vehicles want a broker, those of pages a browser; they are skipped without, but on CI.
 	@command -v mosquitto >/dev/null || test -x /usr/sbin/mosquitto \
 		|| { apt-get update -qq && apt-get install -y -qq mosquitto; } >/dev/null 2>&1 || true
 	@command -v chromium >/dev/null \
@@ -77,7 +77,7 @@ $(PLAIN): pyproject.toml constraints.txt
 
 # What tests, checks and benchmarks need besides.
 $(READY): $(PLAIN) loopback/pyproject.toml
-	$(PIP) -e '.[dev,browser,live,pandas,study,towing,ur,vehicle]' -e ./loopback
+	$(PIP) -e '.[dev,browser,e57,genicam,live,pandas,step,study,towing,ur,vehicle,weldx]' -e ./loopback
 	@touch $@
 
 clean:

@@ -10,12 +10,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.arm.design import BallPlan, PlannedView, plan_views
-from tjscan.calibration.arm.model import ArmModel, SeenTarget
+from tjscan.calibration.arm.model import ArmModel, TargetInPostures
 from tjscan.calibration.arm.result import calibrate_arm
 from tjscan.calibration.measuring_range import MeasuringRange
-from tjscan.calibration.models.sphere import SphereModel
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.targets import SphereTarget
+from tjscan.calibration.targets.ball import SphereModel, SphereTarget
 from tjscan.core.frames import Array, pose
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
@@ -104,7 +103,7 @@ class BallArm:
             NOISE,
         )
         start = np.append(CENTRE_B, RADIUS)
-        return ArmModel(kinematics(), (SeenTarget(arcs, q, T_b_f, start),))
+        return ArmModel(kinematics(), (TargetInPostures(arcs, q, T_b_f, start),))
 
 
 def posture_errors(arm: BallArm) -> tuple[float, float, float, float]:

@@ -7,15 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tjscan.calibration.fits.samples import LineSample
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.plucker import PluckerPlane, transform_plane
+from tjscan.calibration.plucker import PluckerPlane
 from tjscan.calibration.result import HandEyeCalibration
+from tjscan.calibration.targets.line import LineFit
+from tjscan.calibration.targets.target import PosedFit
 from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.core.pose_vector import rotation_from_vector
 from tjscan.laser.faults import correlated_noise
 from tjscan.laser.profile import Profile
+
+
+def transform_plane(T_b_s: Array, plane_s: PluckerPlane) -> PluckerPlane:
+    """A plane of frame s in frame b."""
+    u = T_b_s[:3, :3] @ plane_s.u
+    return PluckerPlane(u, plane_s.u0 - float(u @ T_b_s[:3, 3]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +79,7 @@ class BoardSimulator:
         return np.asarray(points + sigma * rng.standard_normal(points.shape))
 
 
-def points_rms(result: HandEyeCalibration, samples: Sequence[LineSample]) -> float:
+def points_rms(result: HandEyeCalibration, samples: Sequence[PosedFit[LineFit]]) -> float:
     """RMS distance from the plane of all line points that the result rests on, in metres.
 
     The figure that others state for their calibrations.
@@ -81,7 +88,7 @@ def points_rms(result: HandEyeCalibration, samples: Sequence[LineSample]) -> flo
     ----------
     result : HandEyeCalibration
         From lines on a plane.
-    samples : sequence of LineSample
+    samples : sequence of PosedFit
         The lines that it was found from.
 
     Raises
@@ -100,6 +107,6 @@ def points_rms(result: HandEyeCalibration, samples: Sequence[LineSample]) -> flo
         # Scatter lies in the laser plane, square to the line; points are spread along it evenly.
         scatter = float(np.cross(u_s, fit.direction_s)[1]) * fit.scatter
         spread = residual.tilt * fit.span / np.sqrt(12)
-        squares += fit.point_count * (residual.offset**2 + spread**2 + scatter**2)
-        count += fit.point_count
+        squares += int(fit.inlier.sum()) * (residual.offset**2 + spread**2 + scatter**2)
+        count += int(fit.inlier.sum())
     return float(np.sqrt(squares / count))

@@ -14,14 +14,10 @@ import numpy as np
 import trimesh
 from _fuzz import Reader
 
-from tjscan.calibration.file import (
-    CalibrationFile,
-    read_calibration,
-    write_calibration,
-)
-from tjscan.calibration.fits.posed_profile import PosedProfile
-from tjscan.calibration.fits.recorded import read_flange_poses, read_points_in_base_frame
+from tjscan.calibration.file import CalibrationFile, read_calibration, write_calibration
 from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.pose_files import read_flange_poses, read_points_in_base_frame
+from tjscan.calibration.targets.target import PosedProfile
 from tjscan.calibration.wizard.logbook import Logbook
 from tjscan.calibration.wizard.topics import (
     BoardTouch,

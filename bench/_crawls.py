@@ -24,7 +24,7 @@ from tjscan.job.crawl.cell import CrawlCell, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.joint.hull import joint_pose, laser_offset
 from tjscan.laser.profile import Profile
-from tjscan.runs.crawl.run import CrawlContext, WeldsAlways
+from tjscan.runs.crawl.run import ConfirmsEveryWeld, CrawlContext
 
 NO_PROFILE: Final = Profile(np.empty(0), np.empty(0))
 UNEVENNESS: Final = 0.02e-3
@@ -262,6 +262,6 @@ def _crawler(
         CrawlPlan(job.alignment, job.weld, job.passes),
         method,
         Guards(job.guards, ProximityFilter(job.proximity), corners),
-        WeldsAlways(),
+        ConfirmsEveryWeld(),
         truth,
     )

@@ -10,12 +10,12 @@ import numpy as np
 from _targets import TargetSimulator
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.fits.samples import ArcSample, RoofSample
 from tjscan.calibration.hand_eye import calibrate_on_targets
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.solve.seen import SeenBall, SeenRoof
-from tjscan.calibration.targets import SphereTarget
+from tjscan.calibration.targets.ball import SeenBall, SphereTarget
+from tjscan.calibration.targets.roof import SeenRoof
+from tjscan.calibration.targets.target import PosedFit
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between
 from tjscan.robot.deviations import with_deviations
@@ -111,13 +111,13 @@ class MistakeMaker:
         true = np.stack([arm.forward(self.nominal.inverse(T, WELL)) for T in stated])
         if target == "ball":
             arcs = [
-                ArcSample(s.name, T, s.fit)
+                PosedFit(s.name, T, s.fit)
                 for s, T in zip(self.hand.arcs(stated, true, rng), told, strict=True)
             ]
             seen = SeenBall(arcs, SphereTarget(RADIUS + off), self.noise)
             return calibrate_on_targets([seen], self.noise, check_conventions=True)
         roofs = [
-            RoofSample(s.name, T, s.fit)
+            PosedFit(s.name, T, s.fit)
             for s, T in zip(self.hand.roofs(stated, true, rng), told, strict=True)
         ]
         return calibrate_on_targets(

@@ -9,12 +9,12 @@ import numpy as np
 from _board import BoardSimulator
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.fits.circle import fit_dominant_circle
-from tjscan.calibration.fits.roof import fit_roof
-from tjscan.calibration.fits.samples import ArcSample, RoofSample
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import PluckerPlane, plane_through_point
+from tjscan.calibration.targets.ball import CircleFit, fit_circle
+from tjscan.calibration.targets.roof import RoofFit, fit_roof
+from tjscan.calibration.targets.target import PosedFit
 from tjscan.core.frames import Array, inverse_pose, pose, transform_points
 from tjscan.core.pose_vector import rotation_from_vector
 from tjscan.laser.faults import correlated_noise
@@ -102,16 +102,18 @@ class TargetSimulator:
             found.append(pose(R, centre - R @ seen_at) @ inverse_pose(self.T_f_s))
         return np.stack(found)
 
-    def arcs(self, poses: Array, true: Array, rng: np.random.Generator) -> list[ArcSample]:
+    def arcs(
+        self, poses: Array, true: Array, rng: np.random.Generator
+    ) -> list[PosedFit[CircleFit]]:
         """Arcs that the arm says it took from `poses` and took from `true`."""
         return [
-            ArcSample(f"arc {i + 1}", T, fit_dominant_circle(self.ball_profile(t, rng), self.noise))
+            PosedFit(f"arc {i + 1}", T, fit_circle(self.ball_profile(t, rng), self.noise))
             for i, (T, t) in enumerate(zip(poses, true, strict=True))
         ]
 
-    def roofs(self, poses: Array, true: Array, rng: np.random.Generator) -> list[RoofSample]:
+    def roofs(self, poses: Array, true: Array, rng: np.random.Generator) -> list[PosedFit[RoofFit]]:
         """The same of the roof."""
         return [
-            RoofSample(f"edge {i + 1}", T, fit_roof(self.roof_profile(t, rng), self.noise))
+            PosedFit(f"edge {i + 1}", T, fit_roof(self.roof_profile(t, rng), self.noise))
             for i, (T, t) in enumerate(zip(poses, true, strict=True))
         ]

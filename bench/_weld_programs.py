@@ -15,7 +15,7 @@ from tjscan.job.arm import kinematics_of_job
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.stops import crowns_and_saddles
-from tjscan.planning.urscript import StationWay, way_to_urscript
+from tjscan.planning.urscript import StationPath, path_to_urscript
 from tjscan.planning.wps import WeldingProcedure
 from tjscan.runs.plan.reach import StationReach, WeldingStation, find_station_reach, groove_surface
 from tjscan_loopback.ur.controller import LoopbackController
@@ -91,12 +91,12 @@ class FollowedProgram:
     off_ends: float
 
 
-def follow_program(reach: StationReach, way: StationWay, wps: WeldingProcedure) -> FollowedProgram:
+def follow_program(reach: StationReach, way: StationPath, wps: WeldingProcedure) -> FollowedProgram:
     """Run a station's program on the loopback controller, and compare with the plan."""
     arm, tcp = reach.station.kinematics, wps.torch.tcp.T
     told: list[str] = []
     controller = LoopbackController(arm, way.q, hz=HZ, fast=False, tell=told.append)
-    controller.start_script(way_to_urscript(way, wps.torch, OUTPUT, arc=True))
+    controller.start_script(path_to_urscript(way, wps.torch, OUTPUT, arc=True))
     runs, on = list[list[Array]](), False
     while told[-1] != "program stopped":
         controller.advance_one_tick()

@@ -18,31 +18,29 @@ from _table import Row, main
 from _targets import TargetSimulator
 from scipy.spatial.transform import Rotation
 
+from tjscan.calibration.closed_form import solve_closed_form
 from tjscan.calibration.file import read_calibration
-from tjscan.calibration.fits.circle import fit_dominant_circle
-from tjscan.calibration.fits.line import fit_line
-from tjscan.calibration.fits.line_bundle import stack_lines
-from tjscan.calibration.fits.posed_profile import PosedProfile, fit_arc_samples, fit_roof_samples
-from tjscan.calibration.fits.recorded import pair_profiles_with_poses, read_flange_poses
-from tjscan.calibration.fits.samples import ArcSample, LineSample, RoofSample
-from tjscan.calibration.hand_eye import (
-    calibrate_on_plane,
-    calibrate_on_sphere,
-    calibrate_on_targets,
-)
+from tjscan.calibration.hand_eye import calibrate_on_plane, calibrate_on_targets
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import PluckerPlane, plane_through_point
-from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.solve.closed_form import solve_closed_form
-from tjscan.calibration.solve.design import HandEyeUncertainty, predict_uncertainty
-from tjscan.calibration.solve.seen import SeenBall, SeenBoard, SeenRoof
-from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane
+from tjscan.calibration.pose_files import pair_profiles_with_poses, read_flange_poses
+from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
+from tjscan.calibration.solve.design import predict_uncertainty
+from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget, fit_circle
+from tjscan.calibration.targets.line import LineFit, fit_line, stack_lines
+from tjscan.calibration.targets.plane import PlaneTarget, SeenBoard
+from tjscan.calibration.targets.roof import RoofFit, SeenRoof, fit_roof
+from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
+from tjscan.calibration.targets.touched import fit_plane
 from tjscan.calibration.wizard.advice import BoardRectangle
 from tjscan.calibration.wizard.logbook import MeasurementsSoFar
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator
-from tjscan.calibration.wizard.plan import CalibrationPlan
-from tjscan.calibration.wizard.session import current_progress, suggest_next_line_pose
+from tjscan.calibration.wizard.session import (
+    CalibrationPlan,
+    current_progress,
+    suggest_next_line_pose,
+)
 from tjscan.calibration.wizard.topics import LaserLineTaken
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix, transform_points
@@ -146,9 +144,11 @@ def wizards_poses(hand: BoardSimulator, target: PlaneTarget, board: BoardRectang
     return np.stack([shot.T_b_f for shot in measured.line_profiles])
 
 
-def samples(poses: Array, profiles: list[Profile], noise: NoiseModel = NOISE) -> list[LineSample]:
+def samples(
+    poses: Array, profiles: list[Profile], noise: NoiseModel = NOISE
+) -> list[PosedFit[LineFit]]:
     return [
-        LineSample(f"line {i + 1}", T_b_f, fit_line(profile, noise))
+        PosedFit(f"line {i + 1}", T_b_f, fit_line(profile, noise))
         for i, (T_b_f, profile) in enumerate(zip(poses, profiles, strict=True))
     ]
 
@@ -328,14 +328,14 @@ def recorded() -> list[Row]:
     ]
 
 
-def openlmd(name: str) -> list[LineSample]:
+def openlmd(name: str) -> list[PosedFit[LineFit]]:
     lines = np.loadtxt(DATA / f"{name}_profiles.csv", delimiter=",")
     found = []
     for frame, x, y, z, *quaternion in np.loadtxt(DATA / f"{name}_poses.csv", delimiter=","):
         rows = lines[lines[:, 0] == frame]
         profile = Profile(MM * rows[:, 4], MM * rows[:, 3])
         T_b_f = pose(Rotation.from_quat(quaternion).as_matrix(), MM * np.array((x, y, z)))
-        found.append(LineSample(f"frame {frame:.0f}", T_b_f, fit_line(profile, OPENLMD_NOISE)))
+        found.append(PosedFit(f"frame {frame:.0f}", T_b_f, fit_line(profile, OPENLMD_NOISE)))
     return found
 
 
@@ -377,9 +377,9 @@ def real_sets() -> list[Row]:
         print(f"left out: no recorded ball and edge at {REAL}", file=sys.stderr)
         return []
     noise = NoiseModel()
-    roofs, _ = fit_roof_samples(real_set("edge"), noise)
+    roofs, _ = fit_profiles(real_set("edge"), fit_roof, noise)
     balls = real_set("ball40")
-    arcs, _ = fit_arc_samples(balls, noise)
+    arcs, _ = fit_profiles(balls, fit_circle, noise)
     edge, ball = SeenRoof(roofs, noise), SeenBall(arcs, SphereTarget(0.040), noise)
     sets: list[list[SeenBoard | SeenBall | SeenRoof]] = [[edge], [ball], [edge, ball]]
     on_edge, on_ball, both = (
@@ -404,7 +404,7 @@ def real_sets() -> list[Row]:
     refused = 0
     for wrong in (-0.5 * MM, 0.5 * MM):
         try:
-            calibrate_on_sphere(arcs, SphereTarget(0.040 + wrong), noise)
+            calibrate_on_targets([SeenBall(arcs, SphereTarget(0.040 + wrong), noise)], noise)
         except CalibrationRefused as refusal:
             refused += "radius" in refusal.reason
     return [*rows, Row("real ball, radius stated 0.5 mm off: refused", refused / 2, 1, "", 1)]
@@ -417,7 +417,7 @@ def real_set(name: str) -> list[PosedProfile]:
     return pair_profiles_with_poses(profiles, read_flange_poses(poses), poses)
 
 
-def roof_rms(result: HandEyeCalibration, taken: list[RoofSample]) -> float:
+def roof_rms(result: HandEyeCalibration, taken: list[PosedFit[RoofFit]]) -> float:
     """RMS distance of the flanks' points from the planes, metres."""
     if result.roof is None:
         raise ValueError("a roof edge was calibrated on")
@@ -431,12 +431,15 @@ def roof_rms(result: HandEyeCalibration, taken: list[RoofSample]) -> float:
             offset = plane.plane.signed_distances(T[:3, :3] @ fit.point_s + T[:3, 3])
             tilt = plane.plane.u @ T[:3, :3] @ fit.direction_s
             each = offset**2 + (tilt * fit.span) ** 2 / 12 + fit.scatter**2
-            squares, count = squares + fit.point_count * float(each), count + fit.point_count
+            squares, count = (
+                squares + int(fit.inlier.sum()) * float(each),
+                count + int(fit.inlier.sum()),
+            )
     return float(np.sqrt(squares / count))
 
 
 def ball_rms(
-    result: HandEyeCalibration, taken: list[ArcSample], profiles: list[PosedProfile]
+    result: HandEyeCalibration, taken: list[PosedFit[CircleFit]], profiles: list[PosedProfile]
 ) -> float:
     """RMS distance of the arcs' points from the ball, metres."""
     if result.centre_b is None or result.radius is None:
@@ -466,7 +469,7 @@ def straight_lines() -> list[Row]:
         rough = noise.range * rng.choice([1, 1, 2])
         z += correlated_noise(rng, count, rough, noise.correlation)
         try:
-            fit_dominant_circle(Profile(along * np.cos(angle), z), noise)
+            fit_circle(Profile(along * np.cos(angle), z), noise)
         except CalibrationRefused:
             refused += 1
     return [Row("straight lines refused as arcs, of 1,000", refused / 10, 100, "%", 100)]

@@ -192,7 +192,7 @@ def fuzzed(rounds: int) -> Row:
             if k % 2:
                 found = points(bytes(raw), name, scales)
             else:
-                found = parse_scancontrol(bytes(raw), layout, MODEL_SCALES["2600-100"])[0]
+                found = parse_scancontrol(bytes(raw), layout, MODEL_SCALES["2600-100"])
             bad += not bool(np.isfinite(found.points_s).all())
         except LaserFault:
             pass

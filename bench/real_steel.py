@@ -30,10 +30,9 @@ from _stopwatch import Stopwatch
 from _table import Row, main
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.groove.models import BUTT_V
 from tjscan.groove.read import fit_groove, read_groove
 from tjscan.groove.section import GrooveSection
-from tjscan.groove.settings import GrooveSettings
+from tjscan.groove.settings import BUTT_V, GrooveSettings
 from tjscan.laser.profile import Profile
 
 MANY, FEW = 400, 60

@@ -4,8 +4,9 @@ A file run by itself draws the first 25 examples of each law, so that it answers
 ``make test`` and CI draw 60, by ``--hypothesis-profile thorough``.
 """
 
+import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 import pytest
 from hypothesis import settings
@@ -21,3 +22,36 @@ def ctrl_c_is_heard() -> Iterator[None]:
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+MISSING_DATA = "the recorded "
+"""Beginning of the reason of a skip for recorded data that is missing: no part of the project."""
+
+
+def fail_skip(report: pytest.TestReport | pytest.CollectReport) -> None:
+    """Turn a skip into a failure on CI, which installs everything that tests need.
+
+    Tests of recorded data that is missing, and tests that are expected to fail, stay as they are.
+    """
+    if not (os.environ.get("CI") and report.skipped) or hasattr(report, "wasxfail"):
+        return
+    reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+    if not reason.removeprefix("Skipped: ").startswith(MISSING_DATA):
+        report.outcome = "failed"
+        report.longrepr = f"skipped on CI, where nothing may be missing: {reason}"
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Fail a test that is skipped on CI."""
+    report = yield
+    fail_skip(report)
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """Fail a file of tests that is skipped on CI."""
+    report = yield
+    fail_skip(report)
+    return report

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from _board import transform_plane
 from calibration_stage import (
     CENTRE,
     EXACT_HAND,
@@ -21,13 +22,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tjscan.calibration.checks.motion import check_rotation_condition
-from tjscan.calibration.fits.line_bundle import stack_lines
+from tjscan.calibration.closed_form import rotation_equations, solve_closed_form
 from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.measuring_range import visible_lines_on_plane
-from tjscan.calibration.plucker import transform_plane
-from tjscan.calibration.solve.closed_form import rotation_equations, solve_closed_form
 from tjscan.calibration.solve.design import ReachabilityCheck, predict_lines, predict_uncertainty
-from tjscan.calibration.targets import PlaneTarget
+from tjscan.calibration.targets.line import stack_lines
+from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.calibration.wizard.advice import (
     BoardRectangle,
     CandidatePoseGrid,

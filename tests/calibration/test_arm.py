@@ -11,13 +11,13 @@ from ball_views import CENTRE_B, NOISE, T_F_S, kinematics, observe, postures
 
 from tjscan.calibration.arm.design import BallPlan, plan_views
 from tjscan.calibration.arm.estimate import estimate_deviations
-from tjscan.calibration.arm.model import ArmModel, SeenTarget
-from tjscan.calibration.arm.result import ArmCalibration, calibrate_arm, list_undetermined
-from tjscan.calibration.fits.line_bundle import LineBundle
+from tjscan.calibration.arm.model import ArmModel, TargetInPostures
+from tjscan.calibration.arm.result import ArmCalibration, calibrate_arm
+from tjscan.calibration.arm.undetermined import list_undetermined
 from tjscan.calibration.measuring_range import MeasuringRange
-from tjscan.calibration.models.plane import PlaneModel
 from tjscan.calibration.plucker import PluckerPlane
-from tjscan.calibration.targets import PlaneTarget
+from tjscan.calibration.targets.line import LineBundle
+from tjscan.calibration.targets.plane import PlaneModel, PlaneTarget
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.core.pose_vector import boxminus, boxplus
@@ -144,7 +144,7 @@ def test_lines_on_boards_at_three_places_tell_of_the_arm_too() -> None:
     assert off(arm, found.T_f_s, true, anywhere) < 0.7 * before
 
 
-def lines_on(T_b_board: Array, true: Kinematics, rng: np.random.Generator) -> SeenTarget:
+def lines_on(T_b_board: Array, true: Kinematics, rng: np.random.Generator) -> TargetInPostures:
     """Lines on the plane z = 0 of a board, from postures that would see a ball there."""
     to_board = pose(p=T_b_board[:3, 3] - CENTRE_B)
     q_all: list[Array] = []
@@ -170,7 +170,7 @@ def lines_on(T_b_board: Array, true: Kinematics, rng: np.random.Generator) -> Se
     plane = PluckerPlane(u, -float(u @ T_b_board[:3, 3]))
     sigma = np.full(len(q), 5e-6), np.full(len(q), 5e-5)
     target = PlaneTarget.unknown_plane(plane, T_b_board[:3, 3])
-    return SeenTarget(PlaneModel(lines, *sigma, target, NOISE), q, T_b_f, np.zeros(3))
+    return TargetInPostures(PlaneModel(lines, *sigma, target, NOISE), q, T_b_f, np.zeros(3))
 
 
 def test_postures_that_only_check_look_every_way() -> None:

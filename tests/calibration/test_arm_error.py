@@ -22,11 +22,12 @@ from scipy.spatial.transform import Rotation
 from tjscan.calibration.arm.geometry import ArmGeometry
 from tjscan.calibration.arm_error import ARM_REACH, geometry_correlation
 from tjscan.calibration.checks.verify import verify_with_fresh_line
-from tjscan.calibration.fits.samples import LineSample
 from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.solve.seen import SeenBoard
-from tjscan.calibration.targets import fit_plane
+from tjscan.calibration.targets.line import LineFit
+from tjscan.calibration.targets.plane import SeenBoard
+from tjscan.calibration.targets.target import PosedFit
+from tjscan.calibration.targets.touched import fit_plane
 from tjscan.core.frames import Array, pose, skew_matrix
 from tjscan.core.pose_vector import boxminus, boxplus
 from tjscan.robot.deviations import with_deviations
@@ -123,7 +124,7 @@ def on_a_base_that_moves() -> SeenBoard:
     return SeenBoard(lines, board, NOISE)
 
 
-def base_moves(sample: LineSample) -> LineSample:
+def base_moves(sample: PosedFit[LineFit]) -> PosedFit[LineFit]:
     turns = np.hstack((np.zeros((3, 3)), np.eye(3)))
     return replace(sample, by_arm=np.vstack((rigid(sample.T_b_f[:3, 3]), turns)))
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from tjscan.calibration.arm.entry import ArmKinematicsEntry
+from tjscan.calibration.entries import ArmKinematicsEntry
 
 
 def entry(**changes: object) -> ArmKinematicsEntry:

@@ -8,12 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.calibration.fits.arm_formats import (
-    CONVENTIONS,
-    poses_of_fanuc_program,
-    poses_of_kuka_data,
-)
-from tjscan.calibration.fits.recorded import read_flange_poses
+from tjscan.calibration.arm_formats import CONVENTIONS, poses_of_fanuc_program, poses_of_kuka_data
+from tjscan.calibration.pose_files import read_flange_poses
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 

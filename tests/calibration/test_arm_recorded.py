@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 from ball_views import CENTRE_B, NOISE, RADIUS, T_F_S, kinematics, postures
 from command import tjscan
 from scipy.spatial.transform import Rotation
@@ -51,18 +52,26 @@ def write(folder: Path, q_stated: Array | None = None) -> tuple[Path, Path]:
     return files
 
 
-def options(files: tuple[Path, Path], out: Path) -> list[object]:
-    lines, poses = files
-    noise = ["--position-mm", 0.03, "--rotation-deg", 0.0034, "--correlation-columns", 0]
-    ids = ["--arm-id", "ur10e", "--laser-id", "simulated"]
-    return ["--lines", lines, "--poses", poses, "--unknown-sphere", *noise, *ids, "--out", out]
+def write_job(folder: Path, files: tuple[Path, Path]) -> Path:
+    """A job that calibrates the arm from the files of a ball."""
+    profiles, poses = files
+    job = {
+        "solve": {"calibrate_arm": True},
+        "arm": {"id": "ur10e", "model": "ur10e"},
+        "laser": {"id": "simulated"},
+        "noise": {"position_mm": 0.03, "rotation_deg": 0.0034, "correlation_columns": 0.0},
+        "recorded": [{"profiles": profiles.name, "poses": poses.name, "target": "ball"}],
+    }
+    file = folder / "job.toml"
+    file.write_text(tomli_w.dumps(job), encoding="utf-8")
+    return file
 
 
 def test_joint_angles_beside_the_poses_calibrate_the_arm(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    given = options(write(tmp_path), tmp_path / "run")
-    assert tjscan("calibrate", *given, "--arm-model", "ur10e") == 0
+    job = write_job(tmp_path, write(tmp_path))
+    assert tjscan("calibrate", job, "--out", tmp_path / "run") == 0
     told = " ".join(capsys.readouterr().err.split())
     assert "6 profiles that took no part" in told
     assert "joint 1: length x" in told
@@ -77,7 +86,7 @@ def test_joint_angles_of_other_poses_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rng = np.random.default_rng(9)
-    given = options(write(tmp_path, postures(POSES, rng)), tmp_path / "run")
-    assert tjscan("calibrate", *given, "--arm-model", "ur10e") == 2
+    job = write_job(tmp_path, write(tmp_path, postures(POSES, rng)))
+    assert tjscan("calibrate", job, "--out", tmp_path / "run") == 2
     assert "they belong to another pose" in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "run" / "calibration.toml").exists()

@@ -2,11 +2,12 @@
 
 import csv
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 from calibration_stage import (
     HAND,
     MM,
@@ -28,7 +29,8 @@ from tjscan.core.frames import Array, inverse_pose
 from tjscan.laser.profile import Profile
 
 OPENLMD = Path(__file__).resolve().parents[3] / "shared" / "data" / "openlmd-lines"
-KNOWN = ["--plane=" + ",".join(str(v) for v in (*PLANE.u, 1e3 * PLANE.u0))]
+KNOWN = {"target": "plane", "plane_mm": [float(v) for v in (*PLANE.u, 1e3 * PLANE.u0)]}
+UNKNOWN = {"target": "plane"}
 GOOD = (0.5 * MM, np.radians(0.1))
 """Bounds on position and rotation: several times what twelve lines leave uncertain."""
 
@@ -66,11 +68,18 @@ def write_poses(folder: Path, poses: Array, notation: str = "quaternion") -> Pat
     return write_rows(folder / "poses.csv", ("profile", "x_mm", "y_mm", "z_mm", *names), rows)
 
 
-def record(folder: Path, poses: Array, seed: int = 0) -> list[object]:
-    """Options that name the files of a recording."""
+def record(folder: Path, poses: Array, seed: int = 0) -> dict[str, object]:
+    """Keys that name the files of a recording."""
     profiles = shots(poses, HAND, np.random.default_rng(seed))
     lines, places = write_lines(folder, profiles), write_poses(folder, poses)
-    return ["--lines", lines, "--poses", places]
+    return {"profiles": str(lines), "poses": str(places)}
+
+
+def write_job(folder: Path, *sets: Mapping[str, object], **tables: Mapping[str, object]) -> Path:
+    """A job of recorded sets, with other tables beside them."""
+    file = folder / "job.toml"
+    file.write_text(tomli_w.dumps({**tables, "recorded": sets}), encoding="utf-8")
+    return file
 
 
 def test_all_notations_of_a_pose_give_the_same_calibration(tmp_path: Path) -> None:
@@ -79,10 +88,11 @@ def test_all_notations_of_a_pose_give_the_same_calibration(tmp_path: Path) -> No
     for notation in NOTATIONS:
         places = write_poses(tmp_path, poses, notation)
         out = tmp_path / notation
-        code = tjscan(
-            "calibrate", "--lines", tmp_path / "lines.csv", "--poses", places, *KNOWN, "--out", out
-        )
-        assert code == 0
+        files: dict[str, object] = {
+            "profiles": "lines.csv",
+            "poses": places.name,
+        }  # from the job's folder
+        assert tjscan("calibrate", write_job(tmp_path, files | KNOWN), "--out", out) == 0
         found.append(read_calibration(out / "calibration.toml").T_f_s)
     for T_f_s in found[1:]:
         np.testing.assert_allclose(T_f_s, found[0], atol=1e-9)
@@ -95,15 +105,15 @@ def test_all_notations_of_a_pose_give_the_same_calibration(tmp_path: Path) -> No
 def test_a_board_is_stated_touched_or_unknown(tmp_path: Path, target: str) -> None:
     touched = HAND.touches(PLACES, np.random.default_rng(7))
     write_rows(tmp_path / "touched.csv", ("x_mm", "y_mm", "z_mm"), (1e3 * touched).tolist())
-    options: dict[str, list[object]] = {
-        "plane": [*KNOWN],
-        "touched": ["--touched", tmp_path / "touched.csv"],
-        "unknown plane": ["--unknown-plane"],
+    keys: dict[str, dict[str, object]] = {
+        "plane": {**KNOWN},
+        "touched": {**UNKNOWN, "touched": "touched.csv"},
+        "unknown plane": {**UNKNOWN},
     }
     files = record(tmp_path, varied(np.random.default_rng(3), 14))
-    devices = ["--arm-id", "ur10e", "--laser-id", "simulated"]
-    code = tjscan("calibrate", *files, *options[target], *devices, "--out", tmp_path / "run")
-    assert code == 0
+    devices = {"arm": {"id": "ur10e"}, "laser": {"id": "simulated"}}
+    job = write_job(tmp_path, files | keys[target], **devices)
+    assert tjscan("calibrate", job, "--out", tmp_path / "run") == 0
     found = read_calibration(tmp_path / "run" / "calibration.toml", arm="ur10e", laser="simulated")
     assert np.linalg.norm(error(found.T_f_s)[:3]) < 2 * GOOD[0]
     assert found.method == ("plane unknown" if target == "unknown plane" else "plane touched")
@@ -121,9 +131,10 @@ def test_poses_and_rows_of_a_matrix_go_together_by_their_order(tmp_path: Path) -
     lines = tmp_path / "lines.csv"
     lines.write_text("\n".join(",".join(row) for row in rows), encoding="utf-8")
     places = write_poses(tmp_path, poses)
-    form = ["--units", "mm", "--pitch", "0.4", "--invalid=-1"]
-    options = ["--lines", lines, "--poses", places, *form, *KNOWN, "--out", tmp_path / "run"]
-    assert tjscan("calibrate", *options) == 0
+    files = {"profiles": str(lines), "poses": str(places)}
+    form = {"units": "mm", "pitch": 0.4, "invalid": [-1.0]}
+    job = write_job(tmp_path, {**files, **form, **KNOWN})
+    assert tjscan("calibrate", job, "--out", tmp_path / "run") == 0
     found = read_calibration(tmp_path / "run" / "calibration.toml")
     assert np.linalg.norm(error(found.T_f_s)[:3]) < GOOD[0]
 
@@ -135,8 +146,8 @@ def test_json_tells_it_all_and_words_name_the_bad_line(
     profiles[4] = raised(profiles[4], 2 * MM)
     profiles[7] = Profile(profiles[7].x_s, np.full(len(profiles[7]), np.nan))
     lines, places = write_lines(tmp_path, profiles), write_poses(tmp_path, circle(30))
-    files = ["--lines", lines, "--poses", places]
-    assert tjscan("calibrate", *files, *KNOWN, "--json", "--out", tmp_path / "run") == 0
+    job = write_job(tmp_path, {"profiles": str(lines), "poses": str(places), **KNOWN})
+    assert tjscan("calibrate", job, "--json", "--out", tmp_path / "run") == 0
     told = capsys.readouterr()
     found = json.loads(told.out)
     np.testing.assert_allclose(np.array(found["T_f_s_mm"])[:3, 3], 1e3 * T_F_S[:3, 3], atol=0.5)
@@ -144,15 +155,15 @@ def test_json_tells_it_all_and_words_name_the_bad_line(
     words = " ".join(told.err.split())
     assert "contradicting the others: profile 5" in words
     assert "profile 8 is left out: no line seen" in words
-    assert "--arm-id" in words
+    assert "arm.id" in words
 
 
 def test_a_missing_motion_is_named_and_nothing_is_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     poses = np.stack([looking(0, a) for a in np.linspace(-30, 30, 10)])
-    files = record(tmp_path, poses)
-    assert tjscan("calibrate", *files, *KNOWN, "--out", tmp_path / "run") == 1
+    job = write_job(tmp_path, record(tmp_path, poses) | KNOWN)
+    assert tjscan("calibrate", job, "--out", tmp_path / "run") == 1
     told = " ".join(capsys.readouterr().err.split())
     assert "turns about one axis only" in told
     assert "missing: tilt about" in told
@@ -160,45 +171,75 @@ def test_a_missing_motion_is_named_and_nothing_is_written(
 
 
 def test_four_lines_are_too_few(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    files = record(tmp_path, circle(30, 4))
-    assert tjscan("calibrate", *files, "--unknown-plane", "--out", tmp_path / "run") == 1
+    job = write_job(tmp_path, record(tmp_path, circle(30, 4)) | UNKNOWN)
+    assert tjscan("calibrate", job, "--out", tmp_path / "run") == 1
     assert "too few lines" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("keys", "words"),
     [
-        ([], ["one of --plane", "found: none"]),
-        ([*KNOWN, "--unknown-plane"], ["found: --plane, --unknown-plane"]),
-        (["--plane", "1,2,3"], ["--plane", "no plane A,B,C,D"]),
-        (["--plane", "0,0,0,1"], ["--plane", "normal"]),
-        (["--sphere-radius-mm", "0"], ["positive radius"]),
-        ([*KNOWN, "--range-mm", "0"], ["range_mm", "greater than 0"]),
-        ([*KNOWN, "--touched", "nosuch.csv"], ["found: --plane, --touched"]),
-        (["--touched", "nosuch.csv"], ["nosuch.csv", "no such file"]),
-        ([*KNOWN, "--poses", "nosuch.csv"], ["nosuch.csv", "no such file"]),
-        ([*KNOWN, "--lines", "nosuch.csv"], ["nosuch.csv", "no such file"]),
-        ([*KNOWN, "--unattended"], ["--unattended has no meaning"]),
-        ([*KNOWN, "--board.lines", "6"], ["--board.lines"]),
-        ([*KNOWN, "--resume", "runs/x"], ["either a job file, or --resume"]),
-        (["job.toml", *KNOWN], ["either a job file, or --resume"]),
+        ({"target": None}, ["recorded number 1", "recorded.0.target", "required"]),
+        ({"target": "cube"}, ["recorded.0.target", "'cube' is none of"]),
+        ({**KNOWN, "touched": "p.csv"}, ["either stated by plane_mm or touched"]),
+        ({**KNOWN, "target": "roof"}, ["of a target that is a plane"]),
+        ({"target": "ball", "touched": "p.csv"}, ["of a target that is a plane"]),
+        ({**UNKNOWN, "radius_mm": 30.0}, ["radius_mm is of a target that is a ball"]),
+        ({**UNKNOWN, "plane_mm": [1.0, 2.0, 3.0]}, ["recorded.0.plane_mm"]),
+        ({**UNKNOWN, "plane_mm": [0.0, 0.0, 0.0, 1.0]}, ["normal"]),
+        ({"target": "ball", "radius_mm": 0.0}, ["radius_mm", "greater than 0"]),
+        ({"target": "ball", "radius_mm": -3.0}, ["radius_mm", "greater than 0"]),
+        ({**UNKNOWN, "touched": "nosuch.csv"}, ["nosuch.csv", "no such file"]),
+        ({**KNOWN, "poses": "nosuch.csv"}, ["nosuch.csv", "no such file"]),
+        ({**KNOWN, "profiles": "nosuch.csv"}, ["nosuch.csv", "no such file"]),
+        ({**KNOWN, "radus_mm": 30.0}, ["unknown key; did you mean: radius_mm?"]),
     ],
 )
-def test_options_that_do_not_fit_together_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], words: list[str]
+def test_keys_that_do_not_fit_together_are_refused(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    keys: dict[str, object],
+    words: list[str],
 ) -> None:
-    files = record(tmp_path, circle(30, 5))
-    kept = [f for i, f in enumerate(files) if files[i - i % 2] not in options]
-    assert tjscan("calibrate", *options, *kept, "--out", tmp_path / "run") == 2
+    files = record(tmp_path, circle(30, 5)) | keys
+    job = write_job(tmp_path, {key: value for key, value in files.items() if value is not None})
+    assert tjscan("calibrate", job, "--out", tmp_path / "run") == 2
     told = " ".join(capsys.readouterr().err.split())
     for word in words:
         assert word in told
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize("options", [[], ["--lines", "l.csv"], ["--poses", "p.csv"]])
-def test_something_to_calibrate_is_needed(options: list[str]) -> None:
-    assert tjscan("calibrate", *options) == 2
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--noise.range-mm", "0"], ["range_mm", "greater than 0"]),
+        (["--unattended"], ["--unattended have no meaning"]),
+        (["--dry-run"], ["nothing moves", "--dry-run"]),
+        (["--arm"], ["solve.calibrate_arm"]),
+        (["--board.lines", "6"], ["board"]),
+        (["--resume", "runs/x"], ["either a job file, or --resume"]),
+        (
+            ["--solve.calibrate-arm", "true", "--solve.fixed-sensor", "true"],
+            ["needs a sensor on the arm"],
+        ),
+    ],
+)
+def test_options_that_do_not_fit_recorded_profiles_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], words: list[str]
+) -> None:
+    job = write_job(tmp_path, record(tmp_path, circle(30, 5)) | KNOWN)
+    assert tjscan("calibrate", job, *options, "--out", tmp_path / "run") == 2
+    told = " ".join(capsys.readouterr().err.split())
+    for word in words:
+        assert word in told
+    assert not (tmp_path / "run").exists()
+
+
+def test_something_to_calibrate_is_needed(tmp_path: Path) -> None:
+    assert tjscan("calibrate") == 2
+    (tmp_path / "job.toml").write_text("recorded = []", encoding="utf-8")
+    assert tjscan("calibrate", tmp_path / "job.toml") == 2
 
 
 @pytest.mark.parametrize(
@@ -223,7 +264,7 @@ def test_poses_that_are_none_are_refused(
     text = poses.read_text(encoding="utf-8").replace("\r\n", "\n")
     assert old in text
     poses.write_text(text.replace(old, new, 1), encoding="utf-8")
-    code = tjscan("calibrate", *files, *KNOWN, "--out", tmp_path / "run")
+    code = tjscan("calibrate", write_job(tmp_path, files | KNOWN), "--out", tmp_path / "run")
     assert code == (0 if words is None else 2)
     if words is not None:
         told = " ".join(capsys.readouterr().err.split())
@@ -237,15 +278,16 @@ def test_a_quaternion_that_is_none_is_refused(
     lines = write_lines(tmp_path, shots(circle(30), HAND, np.random.default_rng(0)))
     header = ("x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw")
     poses = write_rows(tmp_path / "poses.csv", header, [(0, 0, 0, 0, 0, 0, 2)] * 12)
-    assert tjscan("calibrate", "--lines", lines, "--poses", poses, *KNOWN) == 2
+    job = write_job(tmp_path, {"profiles": str(lines), "poses": str(poses), **KNOWN})
+    assert tjscan("calibrate", job) == 2
     assert "length 2.000, not 1" in capsys.readouterr().err
 
 
 def test_a_calibration_is_never_overwritten(tmp_path: Path) -> None:
-    files = record(tmp_path, circle(30))
-    assert tjscan("calibrate", *files, *KNOWN, "--out", tmp_path / "run") == 0
+    job = write_job(tmp_path, record(tmp_path, circle(30)) | KNOWN)
+    assert tjscan("calibrate", job, "--out", tmp_path / "run") == 0
     before = (tmp_path / "run" / "calibration.toml").read_bytes()
-    assert tjscan("calibrate", *files, *KNOWN, "--out", tmp_path / "run") == 2
+    assert tjscan("calibrate", job, "--out", tmp_path / "run") == 2
     assert (tmp_path / "run" / "calibration.toml").read_bytes() == before
 
 
@@ -260,14 +302,15 @@ def test_real_lines_are_calibrated_or_refused(
     lines = np.loadtxt(OPENLMD / f"{name}_profiles.csv", delimiter=",")[:, [0, 4, 3]]
     poses = np.loadtxt(OPENLMD / f"{name}_poses.csv", delimiter=",")
     header = ("frame", "x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw")
-    files = [
-        "--lines",
-        write_rows(tmp_path / "lines.csv", ("frame", "x_mm", "z_mm"), lines.tolist()),
-        "--poses",
-        write_rows(tmp_path / "poses.csv", header, poses.tolist()),
-    ]
-    noise = ["--unknown-plane", "--range-mm", "0.15", "--correlation-columns", "60"]
-    assert tjscan("calibrate", *files, *noise, "--out", tmp_path / "run") == code
+    files = {
+        "profiles": str(
+            write_rows(tmp_path / "lines.csv", ("frame", "x_mm", "z_mm"), lines.tolist())
+        ),
+        "poses": str(write_rows(tmp_path / "poses.csv", header, poses.tolist())),
+    }
+    noise = {"range_mm": 0.15, "correlation_columns": 60.0}
+    job = write_job(tmp_path, files | UNKNOWN, noise=noise)
+    assert tjscan("calibrate", job, "--out", tmp_path / "run") == code
     told = " ".join(capsys.readouterr().err.split())
     if code == 0:
         assert "frame 1" in told
@@ -277,11 +320,9 @@ def test_real_lines_are_calibrated_or_refused(
 
 
 def test_recordings_of_two_targets_are_solved_together(tmp_path: Path) -> None:
-    files = [
-        option for k, seed in enumerate((3, 4)) for option in _recording_in(tmp_path / str(k), seed)
-    ]
-    targets = ["--target", KNOWN[0].removeprefix("--"), "--target", "plane"]
-    assert tjscan("calibrate", *files, *targets, "--out", tmp_path / "run") == 0
+    known, unknown = (_recording_in(tmp_path / str(k), seed) for k, seed in enumerate((3, 4)))
+    job = write_job(tmp_path, known | KNOWN, unknown | UNKNOWN)
+    assert tjscan("calibrate", job, "--out", tmp_path / "run") == 0
     found = read_calibration(tmp_path / "run" / "calibration.toml")
     assert found.method == "plane touched and plane unknown"
     assert found.residuals[0].name == "plane 1, profile 1"
@@ -289,7 +330,7 @@ def test_recordings_of_two_targets_are_solved_together(tmp_path: Path) -> None:
     assert np.linalg.norm(error(found.T_f_s)[:3]) < 2 * GOOD[0]
 
 
-def _recording_in(folder: Path, seed: int) -> list[object]:
+def _recording_in(folder: Path, seed: int) -> dict[str, object]:
     folder.mkdir()
     return record(folder, varied(np.random.default_rng(seed), 8), seed)
 
@@ -299,28 +340,12 @@ def test_a_fixed_sensor_is_kept_in_the_base(tmp_path: Path) -> None:
     poses = varied(np.random.default_rng(3), 14)
     record(tmp_path, poses)
     places = write_poses(tmp_path, np.stack([inverse_pose(T) for T in poses]))
-    options = ["--lines", tmp_path / "lines.csv", "--poses", places, "--unknown-plane"]
+    files = {"profiles": "lines.csv", "poses": str(places), **UNKNOWN}
     run = tmp_path / "run"
-    assert tjscan("calibrate", *options, "--fixed-sensor", "--out", run) == 0
+    job = write_job(tmp_path, files, solve={"fixed_sensor": True})
+    assert tjscan("calibrate", job, "--out", run) == 0
     found = read_calibration(run / "calibration.toml")
     assert found.T_f_s_mm is None
     assert found.T_b_s_mm is not None
     off = np.array(found.T_b_s_mm)[:3, 3] - 1e3 * T_F_S[:3, 3]
     assert np.linalg.norm(off) < 4e3 * GOOD[0]
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--target", "cube"], "cube"),
-        (["--target", "ball=-3"], "positive radius"),
-        (["--target", "plane", "--target", "ball"], "each --lines has its --target"),
-        (["--target", "plane", "--roof-edge"], "takes one of"),
-    ],
-)
-def test_a_target_that_is_none_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[object], said: str
-) -> None:
-    files = record(tmp_path, varied(np.random.default_rng(3), 5))
-    assert tjscan("calibrate", *files, *options, "--out", tmp_path / "run") == 2
-    assert said in " ".join(capsys.readouterr().err.split())

@@ -28,4 +28,4 @@ def test_a_board_out_of_reach_is_found_before_anything_moves(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert tjscan("calibrate", JOB, "--dry-run", "--board.position-mm", "[3000, 0, 0]") == 1
-    assert "can't stand square over the board" in " ".join(capsys.readouterr().err.split())
+    assert "can't get square over the board" in " ".join(capsys.readouterr().err.split())

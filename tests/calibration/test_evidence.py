@@ -6,11 +6,10 @@ from _targets import TargetSimulator
 from calibration_stage import NOISE, T_F_S, WINDOW
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.fits.samples import ArcSample
 from tjscan.calibration.hand_eye import calibrate_on_targets
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.solve.seen import SeenBall
-from tjscan.calibration.targets import SphereTarget
+from tjscan.calibration.targets.ball import SeenBall, SphereTarget
+from tjscan.calibration.targets.target import PosedFit
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, pose
 
@@ -22,7 +21,7 @@ ARCS = HAND.arcs(POSES, POSES, RNG)
 
 def handed_in(T_b_f: Array) -> HandEyeCalibration:
     """The arcs with other poses than they were taken from."""
-    samples = [ArcSample(arc.name, T, arc.fit) for arc, T in zip(ARCS, T_b_f, strict=True)]
+    samples = [PosedFit(arc.name, T, arc.fit) for arc, T in zip(ARCS, T_b_f, strict=True)]
     seen = SeenBall(samples, SphereTarget(), NOISE)
     return calibrate_on_targets([seen], NOISE, check_conventions=True)
 

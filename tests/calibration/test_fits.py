@@ -6,9 +6,9 @@ from calibration_stage import NOISE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.calibration.fits.circle import fit_dominant_circle
-from tjscan.calibration.fits.line import fit_line
 from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.targets.ball import fit_circle
+from tjscan.calibration.targets.line import fit_line
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array
 from tjscan.laser.faults import correlated_noise
@@ -35,7 +35,7 @@ def test_an_exact_line_comes_back(angle: float, z: float) -> None:
     fit = fit_line(Profile(*board(angle, z)), NOISE)
     np.testing.assert_allclose(fit.direction_s, (np.cos(angle), 0, np.sin(angle)), atol=1e-12)
     np.testing.assert_allclose(fit.point_s, (0, 0, z), atol=1e-12)
-    assert fit.point_count == COLUMNS
+    assert fit.inlier.sum() == COLUMNS
 
 
 @given(seed=st.integers(0, 2**32 - 1), spatter=st.floats(0, 0.3))
@@ -102,7 +102,7 @@ def arc(radius: float, centre: Array, half: float) -> tuple[Array, Array]:
 )
 @settings(max_examples=25, deadline=None)
 def test_an_exact_circle_comes_back(radius: float, x: float, z: float, half: float) -> None:
-    fit = fit_dominant_circle(Profile(*arc(radius, np.array((x, z)), half)), NOISE)
+    fit = fit_circle(Profile(*arc(radius, np.array((x, z)), half)), NOISE)
     np.testing.assert_allclose((*fit.centre_s, fit.radius), (x, 0, z, radius), atol=1e-9)
 
 
@@ -113,7 +113,7 @@ def test_the_stand_under_a_ball_and_spatter_are_left_out(seed: int) -> None:
     x[:120], z[:120] = np.linspace(-0.05, -0.02, 120), 0.27
     flying = rng.random(COLUMNS) < 0.15
     z[flying] -= rng.uniform(0.002, 0.02, flying.sum())
-    fit = fit_dominant_circle(noisy(x, z, seed), NOISE)
+    fit = fit_circle(noisy(x, z, seed), NOISE)
     assert not fit.inlier[:120].any()
     away = np.array((fit.centre_s[0], fit.centre_s[2], fit.radius)) - (0.004, 0.25, 0.025)
     assert away @ np.linalg.solve(fit.covariance, away) < 20  # chi-square, 3 degrees: p = 2e-4
@@ -121,7 +121,7 @@ def test_the_stand_under_a_ball_and_spatter_are_left_out(seed: int) -> None:
 
 def test_a_straight_line_is_no_circle() -> None:
     with pytest.raises(CalibrationRefused, match="no arc seen"):
-        fit_dominant_circle(noisy(*board(0.1)), NOISE, largest=0.1)
+        fit_circle(noisy(*board(0.1)), NOISE, largest=0.1)
 
 
 @given(
@@ -133,4 +133,4 @@ def test_a_straight_line_is_no_circle() -> None:
 def test_a_straight_line_is_no_arc(seed: int, half: float, stated: int) -> None:
     noise = NoiseModel(range=1e-6 * stated)
     with pytest.raises(CalibrationRefused, match="no arc seen"):
-        fit_dominant_circle(noisy(*board(0.3, half=half), seed, noise), noise)
+        fit_circle(noisy(*board(0.3, half=half), seed, noise), noise)

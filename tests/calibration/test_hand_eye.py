@@ -28,17 +28,21 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.checks.verify import verify_with_fresh_line
-from tjscan.calibration.fits.line_bundle import stack_lines
-from tjscan.calibration.fits.samples import LineSample
+from tjscan.calibration.closed_form import solve_closed_form
 from tjscan.calibration.hand_eye import calibrate_on_plane
-from tjscan.calibration.models.combined import CombinedModel
-from tjscan.calibration.models.plane import PlaneModel
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.plucker import PluckerPlane, incidence_residuals, transform_line
+from tjscan.calibration.plucker import (
+    PluckerPlane,
+    incidence_residuals,
+    line_through_point,
+    transform_line,
+)
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.solve.closed_form import solve_closed_form
+from tjscan.calibration.solve.combined import CombinedModel
 from tjscan.calibration.solve.refine import leave_one_out_changes, refine_by_least_squares
-from tjscan.calibration.solve.seen import SeenBoard
+from tjscan.calibration.targets.line import LineFit, stack_lines
+from tjscan.calibration.targets.plane import PlaneModel, SeenBoard
+from tjscan.calibration.targets.target import PosedFit
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, pose
 from tjscan.core.pose_vector import boxplus
@@ -53,7 +57,7 @@ def calibrated(seed: int, poses: Array = POSES, hand: BoardSimulator = HAND) -> 
     return calibrate_on_plane(samples(poses, shots(poses, hand, rng)), target(rng), NOISE)
 
 
-def exact_samples(poses: Array = POSES) -> list[LineSample]:
+def exact_samples(poses: Array = POSES) -> list[PosedFit[LineFit]]:
     return samples(poses, shots(poses, EXACT_HAND, np.random.default_rng(0)))
 
 
@@ -70,7 +74,10 @@ def test_the_refinement_recovers_the_papers_transform() -> None:
     np.testing.assert_allclose(result.T_f_s, T_F_S, atol=RECOVERED)
     assert result.caveats == ()
     for sample in exact_samples():
-        line_b = transform_line(sample.T_b_f @ result.T_f_s, sample.fit.plucker_line_s)
+        line_b = transform_line(
+            sample.T_b_f @ result.T_f_s,
+            line_through_point(sample.fit.point_s, sample.fit.direction_s),
+        )
         np.testing.assert_allclose(incidence_residuals(line_b, PLANE), 0, atol=1e-8)  # (17)
 
 

@@ -13,12 +13,11 @@ from calibration_stage import (
     target,
 )
 
-from tjscan.calibration.fits.circle import fit_dominant_circle
-from tjscan.calibration.fits.laser_error import circle_by_laser, line_by_laser
-from tjscan.calibration.fits.line import fit_line
-from tjscan.calibration.fits.posed_profile import PosedProfile, fit_line_samples
 from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.result import HandEyeCalibration
+from tjscan.calibration.targets.ball import fit_circle
+from tjscan.calibration.targets.line import fit_line
+from tjscan.calibration.targets.target import PosedProfile, fit_profiles
 from tjscan.core.frames import Array
 from tjscan.core.pose_vector import boxminus
 from tjscan.laser.deviation import LaserDeviation
@@ -49,20 +48,20 @@ def test_a_line_moves_as_it_does_when_fitted_again() -> None:
         return float((again.point_s - line.point_s) @ across), float(again.direction_s @ across)
 
     found = np.array([change(other) for other in bent(profile)]).T
-    np.testing.assert_allclose(line_by_laser(line, profile, LASER), found, atol=2e-9)
+    np.testing.assert_allclose(line.by_laser(profile, LASER), found, atol=2e-9)
 
 
 def test_an_arc_moves_as_it_does_when_fitted_again() -> None:
     angle = np.linspace(-0.7, 0.9, 300)
     profile = Profile(0.01 + 0.03 * np.sin(angle), 0.26 - 0.03 * np.cos(angle))
-    arc = fit_dominant_circle(profile, NOISE)
+    arc = fit_circle(profile, NOISE)
 
     def numbers(other: Profile) -> Array:
-        again = fit_dominant_circle(other, NOISE)
+        again = fit_circle(other, NOISE)
         return np.array((again.centre_s[0], again.centre_s[2], again.radius))
 
     found = np.array([numbers(other) - numbers(profile) for other in bent(profile)]).T
-    np.testing.assert_allclose(circle_by_laser(arc, profile, LASER), found, atol=2e-9)
+    np.testing.assert_allclose(arc.by_laser(profile, LASER), found, atol=2e-9)
 
 
 def test_the_middle_of_the_window_is_in_the_middle() -> None:
@@ -77,7 +76,7 @@ def calibrated(profiles: list[Profile]) -> HandEyeCalibration:
         PosedProfile(f"line {k}", T, profile)
         for k, (T, profile) in enumerate(zip(POSES, profiles, strict=True))
     ]
-    samples, _ = fit_line_samples(taken, NOISE, LASER)
+    samples, _ = fit_profiles(taken, fit_line, NOISE, LASER)
     return calibrate_on_plane(samples, target(), NOISE)
 
 

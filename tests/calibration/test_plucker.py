@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from _board import transform_plane
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -14,7 +15,6 @@ from tjscan.calibration.plucker import (
     line_transform_matrix,
     plane_through_point,
     transform_line,
-    transform_plane,
 )
 from tjscan.core.frames import Array, inverse_pose, pose, transform_points
 from tjscan.core.pose_vector import adjoint, pose_from_vector

@@ -7,10 +7,10 @@ import pytest
 from _board import points_rms
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.fits.line import fit_line
-from tjscan.calibration.fits.samples import LineSample
 from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.targets.line import LineFit, fit_line
+from tjscan.calibration.targets.target import PosedFit
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import pose
 from tjscan.laser.profile import Profile
@@ -26,14 +26,14 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def recorded(name: str) -> list[LineSample]:
+def recorded(name: str) -> list[PosedFit[LineFit]]:
     lines = np.loadtxt(DATA / f"{name}_profiles.csv", delimiter=",")
     found = []
     for frame, x, y, z, *quaternion in np.loadtxt(DATA / f"{name}_poses.csv", delimiter=","):
         rows = lines[lines[:, 0] == frame]
         profile = Profile(MM * rows[:, 4], MM * rows[:, 3])
         T_b_f = pose(Rotation.from_quat(quaternion).as_matrix(), MM * np.array((x, y, z)))
-        found.append(LineSample(f"frame {frame:.0f}", T_b_f, fit_line(profile, NOISE)))
+        found.append(PosedFit(f"frame {frame:.0f}", T_b_f, fit_line(profile, NOISE)))
     return found
 
 

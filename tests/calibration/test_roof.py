@@ -6,16 +6,15 @@ from _targets import EDGE_B, TargetSimulator
 from calibration_stage import NOISE, T_F_S, WINDOW, error
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.fits.roof import fit_roof
-from tjscan.calibration.fits.samples import ArcSample, RoofSample
-from tjscan.calibration.hand_eye import calibrate_on_roof, calibrate_on_targets
-from tjscan.calibration.models.combined import CombinedModel
-from tjscan.calibration.models.fixed_sensor import inverse_pose_errors
-from tjscan.calibration.models.roof import RoofModel
-from tjscan.calibration.solve.seen import SeenBall, SeenRoof
-from tjscan.calibration.targets import PlaneTarget, RoofTarget, SphereTarget
+from tjscan.calibration.hand_eye import calibrate_on_targets
+from tjscan.calibration.solve.combined import CombinedModel
+from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget
+from tjscan.calibration.targets.fixed_sensor import inverse_pose_errors
+from tjscan.calibration.targets.plane import PlaneModel, PlaneTarget
+from tjscan.calibration.targets.roof import RoofFit, RoofModel, RoofTarget, SeenRoof, fit_roof
+from tjscan.calibration.targets.target import PosedFit
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import inverse_pose, pose
+from tjscan.core.frames import Array, inverse_pose, pose, unit_vector
 from tjscan.core.pose_vector import boxminus, boxplus
 from tjscan.laser.profile import Profile
 
@@ -23,14 +22,32 @@ HAND = TargetSimulator(T_F_S, WINDOW, NOISE)
 PLANES = HAND.planes
 
 
-def roofs(rng: np.random.Generator, count: int = 15) -> list[RoofSample]:
+def roofs(rng: np.random.Generator, count: int = 15) -> list[PosedFit[RoofFit]]:
     poses = HAND.poses(rng, count, "roof")
     return HAND.roofs(poses, poses, rng)
 
 
-def arcs(rng: np.random.Generator, count: int) -> list[ArcSample]:
+def arcs(rng: np.random.Generator, count: int) -> list[PosedFit[CircleFit]]:
     poses = HAND.poses(rng, count, "ball")
     return HAND.arcs(poses, poses, rng)
+
+
+def edge_of(roof: RoofTarget) -> tuple[Array, Array]:
+    """A point of the edge, metres, and its unit direction."""
+    normals = np.stack((roof.left.plane.u, roof.right.plane.u))
+    heights = np.array((roof.left.plane.u0, roof.right.plane.u0))
+    near = roof.left.centre_b
+    return near - np.linalg.pinv(normals) @ (normals @ near + heights), unit_vector(
+        np.cross(*normals)
+    )
+
+
+def model_of(T_b_f: Array, fits: list[RoofFit], roof: RoofTarget) -> RoofModel:
+    lefts, rights = [fit.left for fit in fits], [fit.right for fit in fits]
+    return RoofModel(
+        PlaneModel.from_line_fits(T_b_f, lefts, roof.left, NOISE),
+        PlaneModel.from_line_fits(T_b_f, rights, roof.right, NOISE),
+    )
 
 
 def test_the_edge_is_where_both_planes_meet() -> None:
@@ -66,12 +83,12 @@ def test_what_is_no_roof_is_refused(shape: str) -> None:
 def test_the_sensor_is_found_on_a_roof_without_a_guess() -> None:
     squares = []
     for seed in range(6):
-        result = calibrate_on_roof(roofs(np.random.default_rng(seed)), NOISE)
+        result = calibrate_on_targets([SeenRoof(roofs(np.random.default_rng(seed)), NOISE)], NOISE)
         away = error(result.T_f_s)
         squares.append(away @ np.linalg.solve(result.covariance, away))
         assert result.roof is not None
         assert np.degrees(result.roof.angle) == pytest.approx(95.0, abs=0.2)
-        point, direction = result.roof.edge_b
+        point, direction = edge_of(result.roof)
         away_b = point - EDGE_B
         assert np.linalg.norm(away_b - (away_b @ direction) * direction) < 1e-3
     # Chi-square with 6 degrees; the mean of six is known to 1.4; three of those.
@@ -84,14 +101,13 @@ def test_the_derivatives_are_those_of_the_residuals() -> None:
     T_b_f, fits = np.stack([s.T_b_f for s in taken]), [s.fit for s in taken]
     target = RoofTarget(*(PlaneTarget.unknown_plane(p, EDGE_B) for p in PLANES))
     T, where = boxplus(T_F_S, 0.01 * rng.standard_normal(6)), 0.01 * rng.standard_normal(6)
-    found, h = RoofModel.from_roof_fits(T_b_f, fits, target, NOISE).linearise(T, where), 1e-6
+    found, h = model_of(T_b_f, fits, target).linearise(T, where), 1e-6
     for i in range(6):
         up, down = (
-            RoofModel.from_roof_fits(
+            model_of(
                 np.stack([boxplus(pose_, s * h * np.eye(6)[i]) for pose_ in T_b_f]),
                 fits,
                 target,
-                NOISE,
             )
             .linearise(T, where)
             .residuals
@@ -117,8 +133,8 @@ def test_roof_and_ball_of_one_sensor_are_one_problem() -> None:
 def test_a_target_on_the_arm_is_seen_by_a_fixed_sensor() -> None:
     """The same geometry, base and flange swapped: what was T_f_s is now the sensor in the base."""
     taken = roofs(np.random.default_rng(4))
-    swapped = [RoofSample(s.name, inverse_pose(s.T_b_f), s.fit) for s in taken]
-    moving = calibrate_on_roof(taken, NOISE)
+    swapped = [PosedFit(s.name, inverse_pose(s.T_b_f), s.fit) for s in taken]
+    moving = calibrate_on_targets([SeenRoof(taken, NOISE)], NOISE)
     fixed = calibrate_on_targets([SeenRoof(swapped, NOISE)], NOISE, sensor_is_fixed=True)
     assert fixed.sensor_is_fixed
     away = boxminus(fixed.T_f_s, moving.T_f_s)

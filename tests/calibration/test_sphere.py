@@ -5,20 +5,29 @@ import pytest
 from _targets import BALL_B, TargetSimulator
 from calibration_stage import NOISE, T_F_S, WINDOW, error
 
-from tjscan.calibration.fits.samples import ArcSample
-from tjscan.calibration.hand_eye import calibrate_on_sphere
-from tjscan.calibration.models.sphere import SphereModel
-from tjscan.calibration.targets import SphereTarget
+from tjscan.calibration.hand_eye import calibrate_on_targets
+from tjscan.calibration.result import HandEyeCalibration
+from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget
+from tjscan.calibration.targets.target import PosedFit
 from tjscan.core.errors import CalibrationRefused
+from tjscan.core.frames import Array
 from tjscan.core.pose_vector import boxplus
 
 HAND = TargetSimulator(T_F_S, WINDOW, NOISE)
 RADIUS = HAND.radius
 
 
-def arcs(rng: np.random.Generator, count: int = 15, tilt: float = 35.0) -> list[ArcSample]:
+def arcs(
+    rng: np.random.Generator, count: int = 15, tilt: float = 35.0
+) -> list[PosedFit[CircleFit]]:
     poses = HAND.poses(rng, count, "ball", tilt)
     return HAND.arcs(poses, poses, rng)
+
+
+def calibrate_on_sphere(
+    taken: list[PosedFit[CircleFit]], sphere: SphereTarget, guess: Array | None = None
+) -> HandEyeCalibration:
+    return calibrate_on_targets([SeenBall(taken, sphere, NOISE)], NOISE, T_f_s_guess=guess)
 
 
 @pytest.mark.parametrize("radius", [RADIUS, None])
@@ -26,7 +35,7 @@ def test_the_sensor_is_found_without_a_guess(radius: float | None) -> None:
     squares = []
     for seed in range(5):
         taken = arcs(np.random.default_rng(seed))
-        result = calibrate_on_sphere(taken, SphereTarget(radius), NOISE)
+        result = calibrate_on_sphere(taken, SphereTarget(radius))
         away = error(result.T_f_s)
         squares.append(away @ np.linalg.solve(result.covariance, away))
         assert result.radius == pytest.approx(RADIUS, abs=0.2e-3)
@@ -38,16 +47,15 @@ def test_the_sensor_is_found_without_a_guess(radius: float | None) -> None:
 
 def test_a_guess_leads_to_the_same_place() -> None:
     taken = arcs(np.random.default_rng(0))
-    free = calibrate_on_sphere(taken, SphereTarget(RADIUS), NOISE)
-    led = calibrate_on_sphere(taken, SphereTarget(RADIUS), NOISE, T_f_s_guess=T_F_S)
+    free = calibrate_on_sphere(taken, SphereTarget(RADIUS))
+    led = calibrate_on_sphere(taken, SphereTarget(RADIUS), T_F_S)
     np.testing.assert_allclose(led.T_f_s, free.T_f_s, atol=1e-7)
 
 
 def test_the_derivatives_are_those_of_the_residuals() -> None:
     rng = np.random.default_rng(0)
     taken = arcs(rng, 6)
-    poses = np.stack([s.T_b_f for s in taken])
-    model = SphereModel.from_arc_fits(poses, [s.fit for s in taken], SphereTarget(), NOISE)
+    model = SeenBall(taken, SphereTarget(), NOISE).model
     T, where = boxplus(T_F_S, 0.01 * rng.standard_normal(6)), np.append(BALL_B + 0.01, 0.031)
     found, h = model.linearise(T, where), 1e-6
     for i in range(6):
@@ -64,25 +72,23 @@ def test_a_bad_pose_is_named() -> None:
     taken = arcs(np.random.default_rng(1))
     T = taken[3].T_b_f.copy()
     T[:3, 3] += 2e-3
-    taken[3] = ArcSample("arc 4", T, taken[3].fit)
-    assert calibrate_on_sphere(taken, SphereTarget(RADIUS), NOISE).rejected_sample_names == (
-        "arc 4",
-    )
+    taken[3] = PosedFit("arc 4", T, taken[3].fit)
+    assert calibrate_on_sphere(taken, SphereTarget(RADIUS)).rejected_sample_names == ("arc 4",)
 
 
 def test_poses_that_only_translate_are_refused() -> None:
     with pytest.raises(CalibrationRefused, match="only translations"):
-        calibrate_on_sphere(arcs(np.random.default_rng(0), tilt=0.1), SphereTarget(RADIUS), NOISE)
+        calibrate_on_sphere(arcs(np.random.default_rng(0), tilt=0.1), SphereTarget(RADIUS))
 
 
 @pytest.mark.parametrize("off", [-0.5e-3, 0.5e-3, 0.030])
 def test_a_ball_of_another_radius_than_stated_is_refused(off: float) -> None:
     with pytest.raises(CalibrationRefused, match=r"radius of 30\.\d\d mm.*is stated"):
-        calibrate_on_sphere(arcs(np.random.default_rng(2)), SphereTarget(RADIUS + off), NOISE)
+        calibrate_on_sphere(arcs(np.random.default_rng(2)), SphereTarget(RADIUS + off))
 
 
 def test_the_radius_is_measured_beside_the_stated_one() -> None:
-    result = calibrate_on_sphere(arcs(np.random.default_rng(2)), SphereTarget(RADIUS), NOISE)
+    result = calibrate_on_sphere(arcs(np.random.default_rng(2)), SphereTarget(RADIUS))
     measured = result.measured_radius
     assert measured is not None
     assert measured.stated == RADIUS

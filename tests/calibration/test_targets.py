@@ -6,7 +6,9 @@ from calibration_stage import AXES, CENTRE, HAND, NOISE, PLACES, PLANE, target
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.calibration.targets import PlaneTarget, SphereTarget, fit_plane
+from tjscan.calibration.targets.ball import SphereTarget
+from tjscan.calibration.targets.plane import PlaneTarget
+from tjscan.calibration.targets.touched import fit_plane
 from tjscan.core.errors import CalibrationRefused
 
 EXACT = 1e-12

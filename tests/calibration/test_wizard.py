@@ -24,12 +24,15 @@ from scipy.spatial.transform import Rotation
 from written import content
 
 from tjscan.calibration.file import read_calibration
-from tjscan.calibration.fits.posed_profile import PosedProfile
+from tjscan.calibration.targets.target import PosedProfile
 from tjscan.calibration.wizard.logbook import Logbook, MeasurementsSoFar
 from tjscan.calibration.wizard.operator import Question
-from tjscan.calibration.wizard.plan import CalibrationPlan
 from tjscan.calibration.wizard.probe import JoggedProbe
-from tjscan.calibration.wizard.session import CalibrationProgress, planned_touch_points
+from tjscan.calibration.wizard.session import (
+    CalibrationPlan,
+    CalibrationProgress,
+    planned_touch_points,
+)
 from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
 from tjscan.calibration.wizard.topics import (
     CALIBRATION_RECORDING,

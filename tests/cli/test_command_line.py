@@ -294,7 +294,7 @@ def test_compare_tells_the_corners_first_and_of_a_unit_that_is_not_used(
     assert tjscan("compare", run, run / "joint.toml", "--units", "um") == 0
     printed = capsys.readouterr()
     assert printed.out.index("corners to feature edges") < printed.out.index("cloud to mesh")
-    assert "--units um is not used: paper is in mm, as the run says" in printed.err
+    assert "--units um is not used: paper is in mm, as the run states" in printed.err
 
 
 def test_a_refused_scan_shows_no_bar(run: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,7 +17,13 @@ from documented import DOCUMENTS, ROOT, commands_of, fenced_blocks, without_bloc
 import tjscan as api
 from tjscan.cli import app
 from tjscan.cli.options.overrides import parse_overrides
-from tjscan.job import read_calibration_job, read_laser_job, read_scan_job
+from tjscan.job import (
+    has_recorded_profiles,
+    read_calibration_job,
+    read_laser_job,
+    read_recorded_job,
+    read_scan_job,
+)
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.runs.chain import read_chain
@@ -75,12 +81,19 @@ FOREIGN: Final = {
 }
 """Commands of other programs, and what is checked of them."""
 
+
+def read_job_of_calibration(file: Path, keys: dict[str, Any]) -> object:
+    """The job of a cell to calibrate, or of recorded profiles."""
+    read = read_recorded_job if has_recorded_profiles(file) else read_calibration_job
+    return read(file, keys)
+
+
 LOADERS: Final[dict[str, tuple[Callable[[Path, Any], object], str]]] = {
     "scan": (read_scan_job, "paper"),
     "teach": (read_scan_job, "paper"),
     "laser-loopback": (read_scan_job, "paper"),
     "laser": (read_laser_job, "paper"),
-    "calibrate": (read_calibration_job, "calibrate"),
+    "calibrate": (read_job_of_calibration, "calibrate"),
     "crawl run": (read_crawl_job, "crawl"),
     "crawl calibrate": (read_crawl_job, "crawl"),
     "crawl replay": (read_crawl_job, "crawl"),

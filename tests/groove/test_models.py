@@ -8,9 +8,8 @@ from grooves import MM, Noise, seen, turned
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.models import BUTT_V, BUTT_V_SHARP, TEE_GROOVE, GrooveModel
 from tjscan.groove.read import fit_groove
-from tjscan.groove.settings import GrooveSettings
+from tjscan.groove.settings import BUTT_V, BUTT_V_SHARP, TEE_GROOVE, GrooveModel, GrooveSettings
 from tjscan.laser.profile import Profile
 
 NOISE = Noise(sigma=0.03 * MM)

@@ -9,9 +9,8 @@ from grooves import MM, Groove, Noise, draw, seen
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.models import BUTT_V
 from tjscan.groove.read import read_groove
-from tjscan.groove.settings import GrooveSettings
+from tjscan.groove.settings import BUTT_V, GrooveSettings
 from tjscan.laser.profile import Profile
 
 REASONS = {"too few points", "no bevel", "ambiguous", "out of range"}

@@ -6,10 +6,9 @@ import pytest
 from grooves import MM, Groove, Noise, draw
 
 from tjscan.groove.alternatives import least_loss_without_root
-from tjscan.groove.models import TEE_GROOVE, TEE_NO_ROOT
 from tjscan.groove.read import order_points
 from tjscan.groove.search import DETACHED_COST, REFIT_GAIN, SIDE_COST, find_best_fit
-from tjscan.groove.settings import DEFAULT_SETTINGS
+from tjscan.groove.settings import DEFAULT_SETTINGS, TEE_GROOVE, TEE_NO_ROOT
 
 ALONE = replace(TEE_GROOVE, alternatives=())
 CORNER_SIDES = 6

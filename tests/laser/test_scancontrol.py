@@ -18,7 +18,6 @@ from tjscan.laser.scancontrol import (
     POINT_COUNTS,
     ScanControlLayout,
     parse_scancontrol,
-    parse_time_stamp,
 )
 
 SCALE = MODEL_SCALES["2600-100"]
@@ -74,17 +73,15 @@ def test_a_full_profile_is_read_as_the_specification_has_it(points: int) -> None
     pairs = raw_numbers(points)
     raw = full_profile(pairs, time_stamp(77, 12.5, 12.501))
     assert len(raw) == 64 * points
-    profile, stamp = parse_scancontrol(raw, ScanControlLayout(points=points), SCALE, 3.5, 0.1)
+    profile = parse_scancontrol(raw, ScanControlLayout(points=points), SCALE, 3.5, 0.1)
     assert_is(profile, pairs)
     assert (profile.time, profile.time_uncertainty) == (3.5, 0.1)
-    assert stamp is not None
-    assert stamp.count == 77
 
 
 def test_the_time_stamp_takes_the_place_of_the_last_reflection_of_the_last_point_alone() -> None:
     raw = full_profile(raw_numbers(80), time_stamp(1, 1.0, 1.1))
-    first, _ = parse_scancontrol(raw, ScanControlLayout(points=80), SCALE)
-    fourth, _ = parse_scancontrol(raw, ScanControlLayout(points=80, reflection=3), SCALE)
+    first = parse_scancontrol(raw, ScanControlLayout(points=80), SCALE)
+    fourth = parse_scancontrol(raw, ScanControlLayout(points=80, reflection=3), SCALE)
     assert first.valid[-1]
     assert not fourth.valid.any()
 
@@ -101,31 +98,26 @@ def test_a_container_is_read_field_by_field(little: bool, fields: tuple[str, ...
     stamped = row + bytes(2 * 160 - 16) + time_stamp(5, 127.9999, 0.0004, edges=8)
     layout = ScanControlLayout("container", 160, fields=fields, little_endian=little)
     for raw in (stamped, 3 * stamped):
-        profile, stamp = parse_scancontrol(raw, layout, SCALE)
-        assert_is(profile, pairs)
-        assert stamp is not None
-        assert (stamp.count, stamp.edges) == (5, 8)
-        assert stamp.exposure == pytest.approx(0.0005, abs=2 * OFFSET_SECONDS)
-    profile, stamp = parse_scancontrol(row, replace(layout, time_stamp=False), SCALE)
-    assert_is(profile, pairs)
-    assert stamp is None
+        assert_is(parse_scancontrol(raw, layout, SCALE), pairs)
+    assert_is(parse_scancontrol(row, replace(layout, time_stamp=False), SCALE), pairs)
 
 
 def test_a_turned_axis_counts_from_the_other_end_and_zero_is_still_no_point() -> None:
     pairs = raw_numbers(80)
     raw = full_profile(pairs, time_stamp(1, 1.0, 1.1))
     turned = ScanControlLayout(points=80, flip_x=True, flip_z=True)
-    profile, _ = parse_scancontrol(raw, turned, SCALE)
+    profile = parse_scancontrol(raw, turned, SCALE)
     assert_is(profile, [(65535 - x, 65535 - z if z else 0) for x, z in pairs])
 
 
-@given(st.floats(0, 127.999), st.integers(0, 0xFFFFFF), st.integers(0, 0xFFFF))
-def test_a_time_stamp_comes_back_to_one_offset_of_the_clock(
-    opened: float, count: int, edges: int
-) -> None:
-    stamp = parse_time_stamp(time_stamp(count, opened, opened, edges))
-    assert stamp.opened == pytest.approx(opened, abs=OFFSET_SECONDS)
-    assert (stamp.count, stamp.edges) == (count, edges)
+@pytest.mark.parametrize("word", [8000 << 12, 3072])
+@pytest.mark.parametrize("place", [4, 12])
+def test_a_time_stamp_that_counts_further_than_the_clock_is_refused(place: int, word: int) -> None:
+    stamp = bytearray(time_stamp(1, 1.0, 1.1))
+    stamp[place : place + 4] = word.to_bytes(4, "big")
+    raw = full_profile(raw_numbers(80), bytes(stamp))
+    with pytest.raises(ProfileFormatRefused, match="another layout"):
+        parse_scancontrol(raw, ScanControlLayout(points=80), SCALE)
 
 
 def test_payloads_of_another_size_are_refused() -> None:
@@ -150,7 +142,7 @@ def test_whatever_comes_is_a_profile_or_a_fault_of_the_laser(data: st.DataObject
     at = data.draw(st.integers(0, max(len(raw), 1)))
     raw = data.draw(st.sampled_from([raw + rest, raw[:at] + rest + raw[at + len(rest) :]]))
     try:
-        profile, _ = parse_scancontrol(raw, layout, SCALE)
+        profile = parse_scancontrol(raw, layout, SCALE)
     except LaserFault:
         return
     assert len(profile) == layout.points

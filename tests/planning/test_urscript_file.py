@@ -12,7 +12,7 @@ from ur_cell import HOME, KINEMATICS
 from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.plan import WeldPlan, plan_weld
-from tjscan.planning.urscript import BeadWay, StationWay, way_to_urscript
+from tjscan.planning.urscript import BeadPath, StationPath, path_to_urscript
 from tjscan.planning.wps import read_wps
 from tjscan_loopback.ur.controller import LoopbackController
 
@@ -43,8 +43,8 @@ def run(plan: WeldPlan, *, arc: bool) -> tuple[Array, Array, Array]:
     T_b_r = KINEMATICS.forward(HOME) @ tcp @ inverse_pose(over)
     back = pose(p=(0.0, 0.0, -plan.wps.torch.retract))
     path = T_b_r @ bead.T_r_torch
-    one = BeadWay(bead, np.array([path[0] @ back, path[0]]), path, (path[-1] @ back)[None])
-    script = way_to_urscript(StationWay("a", HOME, (one,)), plan.wps.torch, OUTPUT, arc=arc)
+    one = BeadPath(bead, np.array([path[0] @ back, path[0]]), path, (path[-1] @ back)[None])
+    script = path_to_urscript(StationPath("a", HOME, (one,)), plan.wps.torch, OUTPUT, arc=arc)
     told: list[str] = []
     controller = LoopbackController(KINEMATICS, HOME, hz=HZ, fast=False, tell=told.append)
     controller.start_script(script)

@@ -10,10 +10,14 @@ import pytest
 from calibration_stage import HAND, MM, NOISE, circle, raised, samples, shots, target
 from command import blank_pictures, tjscan
 
-from tjscan.calibration.arm.entry import ArmKinematicsEntry
-from tjscan.calibration.basis import BasisEntry, ShrinkingEntry, views_of_poses
-from tjscan.calibration.file import (
+from tjscan.calibration.entries import (
+    ArmKinematicsEntry,
     BallEntry,
+    BasisEntry,
+    ShrinkingEntry,
+    views_of_poses,
+)
+from tjscan.calibration.file import (
     CalibrationFile,
     read_calibration,
     to_calibration_file,

@@ -1,10 +1,10 @@
 """What is handed on: true directions, stated units, and the same numbers in every format."""
 
 import csv
-import importlib.util
 import io
 import json
 import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -216,12 +216,13 @@ def test_one_section_gives_no_direction(run: Path, tmp_path: Path) -> None:
         export_run(tmp_path, "json")
 
 
-@pytest.mark.skipif(
-    importlib.util.find_spec("weldx") is not None, reason="weldx is installed: nothing to refuse"
-)
 def test_without_its_extra_weldx_is_refused(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setitem(sys.modules, "weldx", None)  # as if it were not installed
     assert tjscan("export", run, "--to", "weldx", "--out", tmp_path / "x.weldx") == 2
     assert "tjscan[weldx]" in capsys.readouterr().err
     assert not (tmp_path / "x.weldx").exists()

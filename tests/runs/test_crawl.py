@@ -31,10 +31,10 @@ from tjscan.runs.crawl.report import crawl_chapter
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.crawl.run import (
     CrawlContext,
-    belief_after_stop,
     resume_crawl,
     run_crawl,
     short_way,
+    slip_after_stop,
     start_after_stop,
 )
 from tjscan.vehicle.vehicle import DEAD_MAN, REST, Twist, VehicleState
@@ -174,7 +174,7 @@ def moved_by_hand(monkeypatch: pytest.MonkeyPatch, *by: float) -> None:
     def make_moved_cell(job: CrawlJob, left: InterruptedWorld) -> CrawlCell:
         return make_crawl_cell(job, replace(left, pose_w=left.pose_w + np.array(by)))
 
-    monkeypatch.setattr("tjscan.runs.crawl.resume.make_crawl_cell", make_moved_cell)
+    monkeypatch.setattr("tjscan.runs.crawl.run.make_crawl_cell", make_moved_cell)
 
 
 @pytest.mark.parametrize(
@@ -268,8 +268,8 @@ def test_a_calibration_is_learned_and_holds_for_its_vehicle_alone(
     calibrated = tmp_path / "calibrated.toml"
     calibrated.write_text('calibration = "shuttle/calibration.toml"\n' + SHORT)
     assert read_crawl_job(calibrated).calibration is not None
-    first = CrawlContext(read_crawl_job(calibrated), calibrated).first_belief
-    unknown = CrawlContext(read_crawl_job(job_file), job_file).first_belief
+    first = CrawlContext(read_crawl_job(calibrated), calibrated).first_slip
+    unknown = CrawlContext(read_crawl_job(job_file), job_file).first_slip
     learned = np.diag(unknown.P)[2:6] - np.diag(first.P)[2:6]
     assert (learned > 0).all()
     code = tjscan("crawl", "run", calibrated, "--vehicle.id", "crawler-2", "--out", tmp_path / "x")
@@ -326,7 +326,7 @@ def test_a_wrong_key_of_a_pass_is_told_by_the_number_of_the_pass(
 def test_the_example_has_ways_long_enough() -> None:
     file = Path(__file__).parents[2] / "examples" / "crawl.toml"
     context = CrawlContext(read_crawl_job(file), file)
-    assert short_way(context.job, context.first_belief) == ""
+    assert short_way(context.job, context.first_slip) == ""
     assert short_way(context.job, None) == ""
 
 
@@ -393,7 +393,7 @@ def test_how_it_ended_is_told_by_what_crawled_last(
     write_parts(tmp_path, *parts)
     found = read_recorded_crawl(tmp_path)
     assert found.was_stopped is stopped
-    belief = belief_after_stop(found, read_crawl_job(EXAMPLES / "crawl.toml"))
+    belief = slip_after_stop(found, read_crawl_job(EXAMPLES / "crawl.toml"))
     assert belief is not None
     seconds = DEAD_MAN if stopped else GOES_ON
     assert belief.P[0, 0] - 1 == pytest.approx((MOST_ASIDE * 0.02 * seconds) ** 2)
@@ -404,7 +404,7 @@ def test_the_way_since_a_belief_was_recorded_is_doubted(tmp_path: Path) -> None:
     write_parts(tmp_path, "stop")
     found = read_recorded_crawl(tmp_path)
     old = tuple(replace(cycle, slip=found.cycles[-1].slip) for cycle in found.cycles)
-    belief = belief_after_stop(replace(found, cycles=old), read_crawl_job(EXAMPLES / "crawl.toml"))
+    belief = slip_after_stop(replace(found, cycles=old), read_crawl_job(EXAMPLES / "crawl.toml"))
     assert belief is not None
     assert belief.P[0, 0] - 1 == pytest.approx((MOST_ASIDE * (0.08 + 0.02 * DEAD_MAN)) ** 2)
 

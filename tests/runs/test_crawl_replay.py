@@ -137,7 +137,7 @@ def test_where_nobody_can_look_whether_it_was_moved_its_operator_must_say(tmp_pa
     context = interrupted_crawl(tmp_path, JOB + NARROW)
     run = context.job_file.parent
     before = sorted(run.iterdir())
-    with pytest.raises(ConfigurationError, match="say with --place where the torch stands"):
+    with pytest.raises(ConfigurationError, match="state with --place where the torch is"):
         resume_crawl(context)
     assert sorted(run.iterdir()) == before
     resume_crawl(context, overlap=0.005, place=0.010)

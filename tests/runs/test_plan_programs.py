@@ -213,7 +213,7 @@ def _interrupt_once_on(host: str) -> None:
         ('driver = "ur"', 'driver = "simulated"', "arm.driver: a program goes to a real arm"),
         ('model = "ur10e"', 'model = "ur5e"', "arm.model: is a ur5e"),
         ('file = "joint.toml"', 'file = "other.toml"', "joint.file: is another joint"),
-        ("522.0", "542.0", "joint: the arm stands elsewhere by the joint"),
+        ("522.0", "542.0", "joint: the arm is elsewhere by the joint"),
     ],
 )
 def test_a_program_goes_to_no_other_arm_and_joint(
@@ -237,5 +237,5 @@ def test_a_calibrated_arm_is_told_what_brings_it_where_it_should_be() -> None:
     job = read_scan_job(RUN / "job.toml")
     station = WeldingStation("arm", job, RUN / "job.toml", model, true, np.eye(4))
     q = np.radians([10, -80, 100, -60, -80, 20])
-    told = station.as_told(true.forward(q), q)
+    told = station.commanded_pose(true.forward(q), q)
     np.testing.assert_allclose(model.inverse(told, near=q + 0.01), q, atol=1e-6)

@@ -16,7 +16,6 @@ from tjscan.groove.read import read_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.recording.event import RecordedEvent
-from tjscan.scanning.checks import check_section_orientation
 from tjscan.scanning.events import RetryCounts, ScanEvent
 from tjscan.scanning.journal import CombinedJournal, ScanResultsJournal
 from tjscan.scanning.profile_taker import AGREEING_PROFILES, merge_repeated_profiles
@@ -24,7 +23,7 @@ from tjscan.scanning.progress import ScanResult, StopReason, step_lengths
 from tjscan.scanning.recorded import RecordedScan
 from tjscan.scanning.retries import MOST_MISSING
 from tjscan.scanning.section import Substep
-from tjscan.scanning.sections_before import GrooveReader
+from tjscan.scanning.sections_before import GrooveReader, check_section_orientation
 
 SHORT = {"scan.sections": 7}
 TRUE_CORNER = 0.4e-3

@@ -7,10 +7,9 @@ from functools import cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.arm.model import ArmModel, SeenTarget
-from tjscan.calibration.models.sphere import SphereModel
+from tjscan.calibration.arm.model import ArmModel, TargetInPostures
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.targets import SphereTarget
+from tjscan.calibration.targets.ball import SphereModel, SphereTarget
 from tjscan.core.errors import PoseUnreachable
 from tjscan.core.frames import Array, inverse_pose, pose, rot_z, transform_points
 from tjscan.robot.kinematics import Kinematics
@@ -69,4 +68,4 @@ def observe(true: Kinematics, q: Array, rng: np.random.Generator, share: float =
         SphereTarget(),
         NOISE,
     )
-    return ArmModel(kinematics(), (SeenTarget(model, q, T_b_f, np.append(CENTRE_B, RADIUS)),))
+    return ArmModel(kinematics(), (TargetInPostures(model, q, T_b_f, np.append(CENTRE_B, RADIUS)),))

@@ -8,12 +8,13 @@ import numpy as np
 from _board import BoardSimulator
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.fits.line import fit_line
-from tjscan.calibration.fits.samples import LineSample
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import plane_through_point
-from tjscan.calibration.targets import PlaneTarget, fit_plane
+from tjscan.calibration.targets.line import LineFit, fit_line
+from tjscan.calibration.targets.plane import PlaneTarget
+from tjscan.calibration.targets.target import PosedFit
+from tjscan.calibration.targets.touched import fit_plane
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix
 from tjscan.laser.profile import Profile
 
@@ -90,10 +91,10 @@ def shots(poses: Array, hand: BoardSimulator, rng: np.random.Generator) -> list[
     return [hand.profile(T_b_f, rng) for T_b_f in poses]
 
 
-def samples(poses: Array, profiles: Sequence[Profile]) -> list[LineSample]:
+def samples(poses: Array, profiles: Sequence[Profile]) -> list[PosedFit[LineFit]]:
     """Lines from profiles, named by their number."""
     return [
-        LineSample(f"line {i + 1}", T_b_f, fit_line(profile, NOISE))
+        PosedFit(f"line {i + 1}", T_b_f, fit_line(profile, NOISE))
         for i, (T_b_f, profile) in enumerate(zip(poses, profiles, strict=True))
     ]
 

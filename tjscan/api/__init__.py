@@ -95,9 +95,8 @@ def read_groove(
     ValueError
         If the points are not of that shape or off the laser plane, or a setting can't be.
     """
-    from tjscan.groove.models import GROOVE_MODELS
     from tjscan.groove.read import read_groove as read_groove_in_profile
-    from tjscan.groove.settings import GrooveSettings
+    from tjscan.groove.settings import GROOVE_MODELS, GrooveSettings
 
     _check_word("model", model, tuple(GROOVE_MODELS))
     chosen = GrooveSettings(GROOVE_MODELS[model], **settings)
@@ -144,10 +143,13 @@ def calibrate(
     ValueError
         If the arguments do not fit together.
     """
-    from tjscan.calibration.fits.posed_profile import PosedProfile
     from tjscan.calibration.noise import NoiseModel
-    from tjscan.calibration.offline import TargetRecording, calibrate_from_profiles
-    from tjscan.calibration.targets import PlaneTarget, SphereTarget, UnknownRoof, fit_plane
+    from tjscan.calibration.recorded import TargetRecording, calibrate_from_profiles
+    from tjscan.calibration.targets.ball import SphereTarget
+    from tjscan.calibration.targets.plane import PlaneTarget
+    from tjscan.calibration.targets.roof import UnknownRoof
+    from tjscan.calibration.targets.target import PosedProfile
+    from tjscan.calibration.targets.touched import fit_plane
 
     poses = np.asarray(T_b_f, dtype=float)
     if poses.shape != (len(profiles), 4, 4):

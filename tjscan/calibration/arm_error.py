@@ -1,4 +1,4 @@
-"""The arm's geometry error: alike at poses that are alike, so no average over them removes it."""
+"""The arm's geometry error: alike at poses that are alike, so no average over these removes it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from tjscan.core.frames import Array
 
 ARM_REACH: Final = 0.7
-"""Metres from a joint to the flange, typically: by this much times the change of a joint's angle
-the flange moves, and an error of its position over it is the error of its orientation."""
+"""Metres from a joint to the flange, typically: the flange moves by this times the change of a
+joint's angle, and an error of its position over this is the error of its orientation."""
 
 FlangeMoves = Callable[[Array], Array]
 """From joint angles, shape (joints,), to how the flange moves with m independent standard normal
@@ -28,8 +28,8 @@ def geometry_correlation(T_b_f: Array) -> Array:
 
     Notes
     -----
-    What errors of lengths, twists and zeros of joints do to the flange are sums of sines and
-    cosines of the joints' angles. With random amplitudes a sin q + b cos q correlates over a
+    Errors of lengths, twists and zeros of joints move the flange by sums of sines and cosines of
+    the joints' angles. With random amplitudes a sin q + b cos q correlates over a
     change of q as its cosine, near ``exp(-q² / 2)``: over one radian, or `ARM_REACH` metres.
     """
     p = T_b_f[:, :3, 3]

@@ -1,19 +1,27 @@
-"""``calibration.toml``: a calibration as it is kept, in millimetres and degrees."""
+"""``calibration.toml``: a calibration in millimetres and degrees."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
 import numpy as np
 import tomli_w
 from pydantic import Field, model_validator
 
-from tjscan.calibration.arm.entry import ArmKinematicsEntry
-from tjscan.calibration.basis import BasisEntry
-from tjscan.calibration.laser_entry import LaserResponseEntry
+from tjscan.calibration.entries import (
+    ArmKinematicsEntry,
+    BallEntry,
+    BasisEntry,
+    LaserResponseEntry,
+    ResidualEntry,
+    Row6,
+    VerificationEntry,
+    covariance_from_file_units,
+    in_file_units,
+)
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
@@ -24,59 +32,22 @@ from tjscan.core.units import PoseRows, pose_from_rows_mm, pose_to_rows_mm
 
 if TYPE_CHECKING:
     from tjscan.calibration.checks.verify import Verification
-    from tjscan.calibration.result import HandEyeCalibration, MeasuredRadius, SampleResidual
+    from tjscan.calibration.result import HandEyeCalibration
 
-Row6 = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
-
-_HALVES: Final = (slice(0, 3), slice(3, 6))
-"""Translation and rotation in a covariance."""
+Entry = TypeVar("Entry", ResidualEntry, VerificationEntry)
 
 MIN_SENSOR_OFFSET_MM: Final = 5.0
 """A sensor's origin is further than this from the middle of the flange it is bolted to."""
-
-FILE_UNITS_PER_SI: Final = np.array((1e3, 1e3, 1e3, *np.full(3, 180 / np.pi)))
-"""From metres and radians to the file's millimetres and degrees."""
-
-
-class ResidualEntry(StrictFileModel):
-    """Residual of one line in the file; see `tjscan.calibration.result.SampleResidual`."""
-
-    name: str
-    used: bool
-    offset_mm: float
-    tilt_deg: float | None = None
-    misfit: float
-    shift_mm: float
-    turn_deg: float
-
-
-class VerificationEntry(StrictFileModel):
-    """Result of the fresh line in the file; see `tjscan.calibration.checks.verify.Verification`."""
-
-    offset_mm: float
-    sigma_offset_mm: float
-    tilt_deg: float
-    sigma_tilt_deg: float
-    misfit: float
-    limit: float
-
-
-class BallEntry(StrictFileModel):
-    """A ball in the file: its radius as stated and as measured; see `MeasuredRadius`."""
-
-    stated_radius_mm: float | None = None
-    measured_radius_mm: float
-    sigma_radius_mm: float
 
 
 class CalibrationFile(StrictFileModel):
     """Content of ``calibration.toml``: one calibration.
 
     `covariance` is that of (x, y, z, rotation vector) in the flange's axes, in mm and degrees;
-    `geometry_mm` is the arm's geometry error that it allows for. A sensor that stands fixed in
-    the room has `T_b_s_mm` in place of `T_f_s_mm`, and the base's axes. `kinematics` holds what
-    was found of the arm with it: then T_f_s holds for the arm with these deviations alone;
-    `laser_response` what of the covariance comes from the laser's own deviation.
+    `geometry_mm` is the arm's geometry error that it allows for. A sensor that is fixed in
+    the room has `T_b_s_mm` in place of `T_f_s_mm`, and the base's axes. `kinematics` holds the
+    arm's deviations found with it: then T_f_s holds for the arm with these deviations alone;
+    `laser_response` the part of the covariance that comes from the laser's own deviation.
     """
 
     arm: str
@@ -105,7 +76,8 @@ class CalibrationFile(StrictFileModel):
         covariance = np.array(self.covariance)
         if not np.allclose(covariance, covariance.T) or np.linalg.eigvalsh(covariance)[0] <= 0:
             raise ValueError("its covariance is not one: it must be symmetric and positive")
-        sigmas = [float(np.sqrt(np.trace(covariance[part, part]))) for part in _HALVES]
+        halves = covariance[:3, :3], covariance[3:, 3:]  # translation and rotation
+        sigmas = [float(np.sqrt(np.trace(half))) for half in halves]
         stated = (self.sigma_position_mm, self.sigma_rotation_deg)
         if not np.allclose(sigmas, stated, rtol=0.02):
             raise ValueError("its sigmas do not follow from its covariance: it was edited")
@@ -134,11 +106,11 @@ class CalibrationFile(StrictFileModel):
         Raises
         ------
         ConfigurationError
-            If the sensor stands fixed in the room.
+            If the sensor is fixed in the room.
         """
         if self.T_f_s_mm is None:
             raise ConfigurationError(
-                "is of a sensor that stands fixed in the room (T_b_s_mm): no arm carries it",
+                "is of a sensor that is fixed in the room (T_b_s_mm): no arm carries it",
                 key="T_f_s_mm",
             )
         return pose_from_rows_mm(self.T_f_s_mm)
@@ -146,7 +118,7 @@ class CalibrationFile(StrictFileModel):
     @property
     def covariance_si(self) -> Array:
         """Covariance of T_f_s, shape (6, 6): translation and small rotation in axes of f, SI."""
-        return np.array(self.covariance) / np.outer(FILE_UNITS_PER_SI, FILE_UNITS_PER_SI)
+        return covariance_from_file_units(self.covariance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,9 +130,9 @@ class SavedCalibration:
     file : Path
         ``calibration.toml``.
     calibration : CalibrationFile
-        What stands in it.
+        Its content.
     caveats : tuple of str
-        What to know before relying on it.
+        Warnings before relying on it.
     """
 
     file: Path
@@ -176,7 +148,6 @@ def to_calibration_file(
     laser: str,
     date: datetime,
     verification: Verification | None = None,
-    kinematics: ArmKinematicsEntry | None = None,
     linearity: float = 0.0,
     basis: BasisEntry | None = None,
 ) -> CalibrationFile:
@@ -185,7 +156,7 @@ def to_calibration_file(
     Parameters
     ----------
     result : HandEyeCalibration
-        What was found.
+        The calibration.
     noise : NoiseModel
         The noise it was found under.
     arm, laser : str
@@ -193,19 +164,18 @@ def to_calibration_file(
     date : datetime
         When the lines were taken.
     verification : Verification, optional
-        What a fresh line said.
-    kinematics : ArmKinematicsEntry, optional
-        What was found of the arm with it.
+        Result of a fresh line.
     linearity : float
-        What the laser was taken to deviate by at most, metres.
+        Assumed largest deviation of the laser, metres.
     basis : BasisEntry, optional
-        What it rests on.
+        Target, poses and profiles that it rests on.
     """
-    sure, laser_response = result.uncertainty, None
+    sure, ball, laser_response = result.uncertainty, result.measured_radius, None
     if result.by_laser is not None and linearity > 0:
-        # Of T_f_s alone, and of the arm's deviations where the file holds these.
-        rows = 6 if kinematics is None else len(result.by_laser)
-        laser_response = LaserResponseEntry.from_si(linearity, result.by_laser[:rows])
+        # Of T_f_s alone, and of the arm's deviations if the file holds these.
+        rows = 6 if result.kinematics is None else len(result.by_laser)
+        by_draws = in_file_units(result.by_laser[:rows])
+        laser_response = LaserResponseEntry(linearity_mm=1e3 * linearity, by_draws=by_draws)
     data = {
         "arm": arm,
         "laser": laser,
@@ -213,52 +183,38 @@ def to_calibration_file(
         "method": result.method,
         "lines": sum(residual.used for residual in result.residuals),
         "T_b_s_mm" if result.sensor_is_fixed else "T_f_s_mm": pose_to_rows_mm(result.T_f_s),
-        "covariance": (result.covariance * np.outer(FILE_UNITS_PER_SI, FILE_UNITS_PER_SI)).tolist(),
+        "covariance": in_file_units(result.covariance, axes=2),
         "sigma_position_mm": 1e3 * sure.position,
         "sigma_rotation_deg": float(np.degrees(sure.rotation)),
         "condition": result.condition,
         "excess": result.sigma_scale,
         "geometry_mm": 1e3 * result.geometry,
-        "ball": result.measured_radius and _ball(result.measured_radius),
+        "ball": ball
+        and BallEntry(
+            stated_radius_mm=None if ball.stated is None else 1e3 * ball.stated,
+            measured_radius_mm=1e3 * ball.radius,
+            sigma_radius_mm=1e3 * ball.sigma,
+        ),
         "noise": noise,
-        "verification": verification and _verification(verification),
-        "kinematics": kinematics,
+        "verification": verification and _table(VerificationEntry, verification),
+        "kinematics": result.kinematics,
         "laser_response": laser_response,
         "basis": basis,
-        "residuals": [_residual(residual) for residual in result.residuals],
+        "residuals": [_table(ResidualEntry, residual) for residual in result.residuals],
     }
     return validate_table(CalibrationFile, data)
 
 
-def _ball(measured: MeasuredRadius) -> BallEntry:
-    return BallEntry(
-        stated_radius_mm=None if measured.stated is None else 1e3 * measured.stated,
-        measured_radius_mm=1e3 * measured.radius,
-        sigma_radius_mm=1e3 * measured.sigma,
-    )
-
-
-def _residual(residual: SampleResidual) -> ResidualEntry:
-    return ResidualEntry(
-        name=residual.name,
-        used=residual.used,
-        offset_mm=1e3 * residual.offset,
-        tilt_deg=None if residual.tilt is None else float(np.degrees(residual.tilt)),
-        misfit=residual.misfit,
-        shift_mm=1e3 * residual.shift,
-        turn_deg=float(np.degrees(residual.turn)),
-    )
-
-
-def _verification(found: Verification) -> VerificationEntry:
-    return VerificationEntry(
-        offset_mm=1e3 * found.offset,
-        sigma_offset_mm=1e3 * found.sigma_offset,
-        tilt_deg=float(np.degrees(found.tilt)),
-        sigma_tilt_deg=float(np.degrees(found.sigma_tilt)),
-        misfit=found.misfit,
-        limit=found.limit,
-    )
+def _table(model: type[Entry], found: object) -> Entry:
+    """A table of the file from an object with the same fields in metres and radians."""
+    values: dict[str, Any] = {}
+    for key in model.model_fields:
+        name, _, unit = key.rpartition("_")
+        value = getattr(found, name if unit in ("mm", "deg") else key)
+        if value is not None and unit in ("mm", "deg"):
+            value = 1e3 * value if unit == "mm" else float(np.degrees(value))
+        values[key] = value
+    return model(**values)
 
 
 def write_calibration(file: Path, calibration: CalibrationFile, provenance: Provenance) -> None:
@@ -276,7 +232,7 @@ def write_calibration(file: Path, calibration: CalibrationFile, provenance: Prov
     Raises
     ------
     RecordingError
-        If it can't be written; what stood there before then still does.
+        If it can't be written; an earlier file is then kept.
     """
     text = provenance.comment_lines("#") + tomli_w.dumps(calibration.model_dump(exclude_none=True))
     with write_files_atomically(file.parent) as draft:

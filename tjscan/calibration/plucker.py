@@ -115,22 +115,8 @@ def transform_line(T_b_s: Array, line_s: PluckerLine) -> PluckerLine:
     return PluckerLine(screw[..., :3], screw[..., 3:])
 
 
-def transform_plane(T_b_s: Array, plane_s: PluckerPlane) -> PluckerPlane:
-    """Transform a plane of frame s into frame b.
-
-    Parameters
-    ----------
-    T_b_s : ndarray, shape (4, 4)
-        Pose of s in b.
-    plane_s : PluckerPlane
-        In frame s.
-    """
-    u = T_b_s[:3, :3] @ plane_s.u
-    return PluckerPlane(u, plane_s.u0 - float(u @ T_b_s[:3, 3]))
-
-
 def incidence_residuals(line: PluckerLine, plane: PluckerPlane) -> Array:
-    """Both conditions of eq. (17), shape (..., 4); all zero where a line lies in the plane.
+    """Both conditions of eq. (17), shape (..., 4); all zero if a line lies in the plane.
 
     Parameters
     ----------
@@ -143,7 +129,7 @@ def incidence_residuals(line: PluckerLine, plane: PluckerPlane) -> Array:
     -------
     ndarray, shape (..., 4)
         ``u · a``, the sine of the line's tilt out of the plane; then ``u × m - u0 a``, in metres:
-        where the tilt is zero, that is ``-a`` times the line's distance from the plane.
+        if the tilt is zero, that is ``-a`` times the line's distance from the plane.
     """
     tilt = line.a @ plane.u
     distance = line.m @ skew_matrix(plane.u).T - plane.u0 * line.a

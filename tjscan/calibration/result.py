@@ -1,4 +1,4 @@
-"""The result of a hand-eye calibration: pose, covariance, residuals, and what to be wary of."""
+"""The result of a hand-eye calibration: pose, covariance, residuals, and warnings."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.solve.closed_form import ClosedFormSolution
-from tjscan.calibration.solve.design import HandEyeUncertainty
-from tjscan.calibration.targets import PlaneTarget, RoofTarget
+from tjscan.calibration.closed_form import ClosedFormSolution
+from tjscan.calibration.entries import ArmKinematicsEntry
+from tjscan.calibration.targets.plane import PlaneTarget
+from tjscan.calibration.targets.roof import RoofTarget
 from tjscan.core.frames import Array, frozen_arrays
 
 TARGET_SIGMA_POSITION: Final = 0.5e-3
@@ -19,9 +20,33 @@ MAX_RADIUS_SIGMA: Final = 0.15e-3
 """Metres; a radius measured with less certainty does not check the one that is stated."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
+class HandEyeUncertainty:
+    """Expected error of T_f_s, in position and rotation.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (6, 6)
+        Of translation (metres) and small rotation (radians), both in the axes of f.
+    """
+
+    covariance: Array
+
+    @property
+    def position(self) -> float:
+        """RMS length of the translation error, in metres."""
+        return float(np.sqrt(np.trace(self.covariance[:3, :3])))
+
+    @property
+    def rotation(self) -> float:
+        """RMS angle of the rotation error, in radians."""
+        return float(np.sqrt(np.trace(self.covariance[3:, 3:])))
+
+
 @dataclass(frozen=True, slots=True)
 class MeasuredRadius:
-    """A ball's radius as the arcs show it, whatever was stated. Metres.
+    """A ball's radius as the arcs show it, apart from the stated one. Metres.
 
     Parameters
     ----------
@@ -30,7 +55,7 @@ class MeasuredRadius:
     sigma : float
         Its standard deviation.
     stated : float or None
-        What was stated, if anything.
+        As stated; None if it was not.
     """
 
     radius: float
@@ -50,12 +75,12 @@ class SampleResidual:
         False for a bad pose: the result does without it.
     offset : float
         Distance of the line's centroid from the plane, in metres; of a roof's two lines, that
-        of the one further off; of an arc, the distance of the ball's centre from where it
-        should be, in the laser plane.
+        of the one further off; of an arc, the distance of the ball's centre from its expected
+        place, in the laser plane.
     tilt : float or None
         Angle of the line out of the plane, in radians; none for an arc.
     misfit : float
-        Both together, against what the noise model lets one expect, in standard deviations
+        Both together, over the errors that the noise model states, in standard deviations
         (RMS per residual); about one for a good line.
     shift : float
         Metres by which the sensor's position would move without this line.
@@ -85,7 +110,7 @@ class HandEyeCalibration:
         Of its translation (metres), a small rotation on top of it (radians), both in the axes of
         f, and the target's parameters; widened by `sigma_scale` squared.
     method : str
-        What it rests on: ``plane touched``, ``plane unknown``, ``sphere of known radius``,
+        The targets: ``plane touched``, ``plane unknown``, ``sphere of known radius``,
         ``sphere of unknown radius`` or ``roof edge``; several joined by `` and ``.
     residuals : tuple of SampleResidual
         One per sample, in their order.
@@ -93,31 +118,33 @@ class HandEyeCalibration:
         Of eq. (21), first over fifth singular value; for other targets than one plane, of the
         scaled normal equations.
     chi2, dof : float, int
-        Weighted sum of squares that is left, and its expectation under the noise model.
+        Weighted sum of squared residuals, and its expectation under the noise model.
     sigma_scale : float
-        By how much residuals are larger than stated, where that is significant; else one.
+        By how much residuals are larger than stated, if that is significant; else one.
     board : PlaneTarget or None
-        The board, frame b, as it came out; none without one.
+        The board as estimated, frame b; None without one.
     centre_b : ndarray, shape (3,), or None
-        The ball's centre; none without one.
+        The ball's centre; None without one.
     radius : float or None
-        The ball's radius that it was found with; none without a ball.
+        The ball's estimated radius; None without a ball.
     roof : RoofTarget or None
-        The roof edge as it came out; none without one.
+        The roof edge as estimated; None without one.
     measured_radius : MeasuredRadius or None
-        What the arcs say of the ball's radius; none without a ball.
+        The ball's radius by the arcs alone; None without a ball.
     geometry : float
         Standard deviation of the arm's geometry error that it allows for, metres.
     sensor_is_fixed : bool
-        Whether the sensor stands fixed in the room and the arm carries the target: then
-        `T_f_s` is T_b_s, and what stands in frame b above stands in f.
+        Whether the sensor is fixed in the room and the arm carries the target: then `T_f_s` is
+        T_b_s, and f takes the place of b above.
     closed_form : ClosedFormSolution or None
-        What eq. (20)-(25) gave, with all lines; none but for a touched plane alone.
+        Solution of eq. (20)-(25), with all lines; of a touched plane alone.
     notes : tuple of str
-        What the checks found that is no reason to refuse.
+        Findings of the checks that are no reason to refuse.
     by_laser : ndarray, shape (6 + m, draws), or None
         By how much `T_f_s` and the other numbers of `joint_covariance`, which holds it, are off
-        with draws of the laser's deviation; none where nothing was stated of that.
+        with draws of the laser's deviation; None if no deviation is stated.
+    kinematics : ArmKinematicsEntry or None
+        Deviations of the arm that were found with it.
     """
 
     T_f_s: Array
@@ -138,6 +165,7 @@ class HandEyeCalibration:
     closed_form: ClosedFormSolution | None = None
     notes: tuple[str, ...] = ()
     by_laser: Array | None = None
+    kinematics: ArmKinematicsEntry | None = None
 
     @property
     def covariance(self) -> Array:
@@ -157,32 +185,32 @@ class HandEyeCalibration:
     @property
     def caveats(self) -> tuple[str, ...]:
         """Warnings to a user before relying on the calibration; empty for a good one."""
-        said = []
+        found = []
         if self.rejected_sample_names:
-            said.append(
+            found.append(
                 f"left out as contradicting the others: {', '.join(self.rejected_sample_names)}"
             )
-        said.extend(self.notes)
+        found.extend(self.notes)
         if self.geometry > 0:
-            said.append(
-                f"residuals of poses that are alike are alike, as where an arm's geometry is "
+            found.append(
+                f"residuals of poses that are alike are alike, as if an arm's geometry were "
                 f"{1e3 * self.geometry:.2f} mm off; the uncertainty allows for that"
             )
         measured = self.measured_radius
         if measured and measured.stated and measured.sigma > MAX_RADIUS_SIGMA:
-            said.append(
+            found.append(
                 f"the arcs show the ball's radius to {1e3 * measured.sigma:.2f} mm only, too "
                 "little to check the stated one; take arcs on both sides of its middle"
             )
         if self.sigma_scale > 1:
-            said.append(
+            found.append(
                 f"residuals are {self.sigma_scale:.1f} times larger than stated; the uncertainty "
                 "has been widened by as much"
             )
         sure = self.uncertainty
         if sure.position > TARGET_SIGMA_POSITION or sure.rotation > TARGET_SIGMA_ROTATION:
-            said.append(
+            found.append(
                 f"the sensor's place is certain to {1e3 * sure.position:.2f} mm and "
                 f"{np.degrees(sure.rotation):.2f}° only; add lines that are tilted further"
             )
-        return tuple(said)
+        return tuple(found)

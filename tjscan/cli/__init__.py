@@ -41,24 +41,27 @@ app = _TjscanApp(
     version=VERSION,
     suppress_keyboard_interrupt=False,
 )
-crawl = App(name="crawl", help="Follow a hull's joint with a magnetic crawler, and weld it.")
-tow = App(name="tow", help="Tow a welding cable with several vehicles, in an optimised shape.")
-app.command(crawl)
-app.command(tow)
+crawl_app = App(name="crawl", help="Follow a hull's joint with a magnetic crawler, and weld it.")
+tow_app = App(name="tow", help="Tow a welding cable with several vehicles, in an optimised shape.")
+app.command(crawl_app)
+app.command(tow_app)
 
-COMMANDS: Final = (
+COMMAND_GROUPS: Final = (
     (app, "scan", "calibrate", "teach", "doctor", "laser", "reprocess", "groove", "stitch"),
     (app, "chain", "compare", "export", "plan", "report", "view", "joint", "study"),
     (app, "init", "schema"),
-    (crawl, "run", "size", "calibrate", "compare", "replay"),
-    (tow, "run", "replay"),
+    (crawl_app, "run", "size", "calibrate", "compare", "replay"),
+    (tow_app, "run", "replay"),
 )
-"""Commands by group, each a function in a module of its name; its docstring is its help."""
+"""Commands by group, each a function in the module of its name or of its group.
 
-for group, *functions in COMMANDS:
-    folder = "tjscan.cli" if group is app else f"tjscan.cli.{group.name[0]}"
+The docstring of the function is the help of the command.
+"""
+
+for group, *functions in COMMAND_GROUPS:
     for function in functions:
-        group.command(f"{folder}.{function}:{function}", name=function.replace("_", "-"))
+        module = function if group is app else group.name[0]
+        group.command(f"tjscan.cli.{module}:{function}", name=function)
 app.register_install_completion_command()
 
 for command in entry_points(group="tjscan.command"):
@@ -75,14 +78,14 @@ EXIT_CODES: dict[type[TjscanError], int] = {
     VehicleFault: 4,
     ScanInterrupted: 130,
 }
-"""What each branch of the error tree ends with; 1 for the rest."""
+"""Exit code of each branch of the error tree; 1 for the rest."""
 
 
 SYSTEM_LIBRARIES: Final = (
     "A library of the system is missing. Those that are needed, on Debian and Ubuntu: apt-get "
     "install libegl1 libgl1 libgomp1 libidn2-0 libudev1 libusb-1.0-0 libx11-6"
 )
-"""What to do where one can't be loaded."""
+"""What to do if one can't be loaded."""
 
 
 def exit_code_of_error(error: TjscanError) -> int:
@@ -102,7 +105,7 @@ def _check_is_installed(tokens: Sequence[str]) -> None:
 def _load_listed_commands(tokens: Sequence[str]) -> None:
     """Load the commands that a page of help lists: it shows the first lines of their docstrings."""
     words = tuple(token for token in tokens if not token.startswith("-"))
-    listing = {(): app, ("crawl",): crawl, ("tow",): tow}.get(words)
+    listing = {(): app, ("crawl",): crawl_app, ("tow",): tow_app}.get(words)
     if listing is not None:
         listing.resolved_commands()
 
@@ -110,7 +113,7 @@ def _load_listed_commands(tokens: Sequence[str]) -> None:
 def main(tokens: Sequence[str] | None = None) -> None:
     """Run the command line and turn errors into one message and an exit code."""
     tokens = sys.argv[1:] if tokens is None else tokens
-    # A library's log of what it stumbled over would stand beside the message that says it.
+    # A library would log what the message of an error already states.
     logging.getLogger("trimesh").propagate = False
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
     try:
@@ -128,7 +131,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
         print(f"tjscan: {error}. {SYSTEM_LIBRARIES}", file=sys.stderr)
         sys.exit(1)
     except BrokenPipeError:
-        sys.exit(0)  # whoever reads the output has read enough
+        sys.exit(0)  # the reader of the output has closed it
     except OSError as error:
         if error.errno != errno.ENAMETOOLONG:
             raise

@@ -2,11 +2,36 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
-TOLERANCE_EXCEEDED = 3
-"""Exit code where the distances exceed the tolerance."""
+from cyclopts import Parameter
+
+TOLERANCE_EXCEEDED: Final = 3
+"""Exit code if the distances exceed the tolerance."""
+
+LengthUnit = Literal["mm", "um", "m"]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StatedUnitOptions:
+    """Units and frame of files that state none.
+
+    Parameters
+    ----------
+    units
+        Unit of files that state none, neither themselves nor in a sidecar NAME.json.
+    reference_units
+        The same for the reference, if it is another.
+    frame
+        Frame of files that state none: j for the joint's own, or any name.
+    """
+
+    units: LengthUnit | None = None
+    reference_units: LengthUnit | None = None
+    frame: str | None = None
 
 
 def compare(
@@ -15,9 +40,7 @@ def compare(
     *,
     align: Literal["none", "joint", "icp"] = "none",
     tolerance_mm: float | None = None,
-    units: Literal["mm", "um", "m"] | None = None,
-    reference_units: Literal["mm", "um", "m"] | None = None,
-    frame: str | None = None,
+    stated: StatedUnitOptions | None = None,
     plot: Path | None = None,
     json: bool = False,
 ) -> None:
@@ -33,14 +56,8 @@ def compare(
         none: both are given in one frame. joint: leg and brace are found in both and aligned.
         icp: both are nearly aligned already, and iterative closest points finds the rest.
     tolerance_mm
-        Exit with 3 where the 95th percentile of the distances is larger: that of a run's corners
-        where they can be compared, else that of the cloud.
-    units
-        Unit of files that state none, neither themselves nor in a sidecar NAME.json.
-    reference_units
-        The same for the reference, where it is another.
-    frame
-        Frame of files that state none: j for the joint's own, or any name.
+        Exit with 3 if the 95th percentile of the distances is larger: of a run's corners
+        if they can be compared, else of the cloud.
     plot
         Draw the deviation, unwrapped over the azimuth, into this PNG.
     json
@@ -55,21 +72,22 @@ def compare(
 
     if plot is not None:
         check_map_file(plot)
+    o = stated or StatedUnitOptions()
     with show_phase("comparing"):
-        ours = read_shape(measured, StatedUnitAndFrame(units, frame))
-        theirs = read_shape(reference, StatedUnitAndFrame(reference_units or units, frame))
+        ours = read_shape(measured, StatedUnitAndFrame(o.units, o.frame))
+        theirs = read_shape(reference, StatedUnitAndFrame(o.reference_units or o.units, o.frame))
         tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
         comparison = compare_shapes(ours, theirs, align, tolerance)
     print_comparison(comparison, json=json)
-    for option, shapes in (
-        (units and f"--units {units}", (ours,) if reference_units else (ours, theirs)),
-        (reference_units and f"--reference-units {reference_units}", (theirs,)),
+    for option, unit, shapes in (
+        ("--units", o.units, (ours,) if o.reference_units else (ours, theirs)),
+        ("--reference-units", o.reference_units, (theirs,)),
     ):
-        if option and all(shape.stated.unit_source != "--units" for shape in shapes):
-            said = "; ".join(
-                f"{s.name} is in {s.stated.unit}, as {s.stated.unit_source} says" for s in shapes
+        if unit and all(shape.stated.unit_source != "--units" for shape in shapes):
+            sources = "; ".join(
+                f"{s.name} is in {s.stated.unit}, as {s.stated.unit_source} states" for s in shapes
             )
-            print_message(f"{option} is not used: {said}")
+            print_message(f"{option} {unit} is not used: {sources}")
     if plot is not None:
         write_map(plot, comparison.plot().figure)
         print_message(f"drawn in {plot}")

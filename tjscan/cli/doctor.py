@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
+from tjscan.cli.options.overrides import JobKeys, parse_overrides
 
 
 def doctor(
     job: Path,
-    *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
+    *overrides: JobKeys,
     station: str | None = None,
     json: bool = False,
 ) -> None:
@@ -28,7 +27,6 @@ def doctor(
     from json import dumps
 
     from tjscan.cli import exit_code_of_error
-    from tjscan.cli.options.overrides import parse_overrides
     from tjscan.runs.doctor import check_job_and_cell
 
     findings = []

@@ -12,13 +12,13 @@ from tjscan.cli.output.console import print_message
 from tjscan.core.signals import handle_ctrl_c, hear_ctrl_c, press_ctrl_c
 from tjscan.scanning.stopping import StopRequest
 
-INTERRUPTED: Final = 130
+INTERRUPT_EXIT_CODE: Final = 130
 """Exit code of a program that was interrupted: 128 and the number of the signal."""
 
 
 @contextmanager
 def stop_request_on_ctrl_c() -> Iterator[StopRequest]:
-    """While the block runs, Ctrl-C asks a scan to stop by the request that this gives.
+    """While the block runs, Ctrl-C asks a scan to stop by the request that is yielded.
 
     Outside a scan, and from the third time on, Ctrl-C interrupts as ever. A handler of signals
     must wait for nothing, and writing or stopping an arm may wait: a thread of its own does that.
@@ -47,7 +47,7 @@ def _listen(request: StopRequest, pressed: SimpleQueue[bool]) -> None:
     if not pressed.get():
         return
     request.request_stop_after_section()
-    print_message("stopping after the section under way; Ctrl-C once more stops the arm at once")
+    print_message("stopping after the section under way; Ctrl-C again stops the arm at once")
     if pressed.get():
         request.request_stop_now()
 

@@ -8,10 +8,12 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from tjscan.cli.options.overrides import JobKeys, parse_overrides
+
 
 def laser(
     job: Path,
-    *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
+    *overrides: JobKeys,
     profiles: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
     write: Path | None = None,
     json: bool = False,
@@ -35,7 +37,6 @@ def laser(
     from contextlib import ExitStack
     from itertools import islice
 
-    from tjscan.cli.options.overrides import parse_overrides
     from tjscan.cli.output.laser import LiveProfiles, print_description
     from tjscan.runs.laser import ProfileFile, open_laser_of_job, read_live_profiles
 

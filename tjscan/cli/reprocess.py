@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
+from tjscan.cli.options.overrides import JobKeys, parse_overrides
 
 
 def reprocess(
     run: Path,
-    *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
+    *overrides: JobKeys,
     out: Path | None = None,
     json: bool = False,
 ) -> None:
@@ -28,7 +27,6 @@ def reprocess(
     json
         Print the summary as JSON on stdout.
     """
-    from tjscan.cli.options.overrides import parse_overrides
     from tjscan.cli.output.console import print_message, show_phase
 
     keys = parse_overrides(overrides)

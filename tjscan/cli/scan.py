@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
+from tjscan.cli.options.overrides import JobKeys, parse_overrides
 from tjscan.cli.options.page import LiveScanOptions
 
 
 def scan(
     job: Path,
-    *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
+    *overrides: JobKeys,
     station: str | None = None,
     out: Path | None = None,
     resume: bool = False,
@@ -59,7 +57,6 @@ def scan(
     json
         Print the summary as JSON on stdout.
     """
-    from tjscan.cli.options.overrides import parse_overrides
     from tjscan.core.errors import ConfigurationError
     from tjscan.job import read_scan_job
 
@@ -72,13 +69,22 @@ def scan(
     from tjscan.cli.output.console import show_phase
 
     with show_phase("loading arm and laser"):
-        from tjscan.cli.scan_modes import check_job_only, resume_interrupted_scan, start_new_scan
+        from tjscan.cli.scan_run import ScanRequest, check_job_only, run_scan_request
 
     if resume and (out is not None or dry_run):
         raise ConfigurationError("--resume goes on in the run directory: no --out, no --dry-run")
-    if resume:
-        resume_interrupted_scan(parsed, file, keys, station, page, json=json)
-    elif dry_run:
+    if dry_run:
         check_job_only(parsed, file, station)
-    else:
-        start_new_scan(parsed, file, out, station, page, json=json)
+        return
+    run_scan_request(
+        ScanRequest(
+            job=parsed,
+            file=file,
+            keys=keys,
+            station=station,
+            out=out,
+            resume=resume,
+            page=page,
+            json=json,
+        )
+    )

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
+from tjscan.cli.options.overrides import JobKeys, parse_overrides
 
 
 def teach(
     job: Path,
-    *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
+    *overrides: JobKeys,
     which: Literal["first", "second"],
     station: str | None = None,
     lead_mm: tuple[float, float, float] | None = None,
@@ -35,7 +35,6 @@ def teach(
     json
         Print the pose as JSON on stdout.
     """
-    from tjscan.cli.options.overrides import parse_overrides
     from tjscan.cli.output.teach import print_taught_pose
     from tjscan.core.config import add_file_to_errors
     from tjscan.job import read_scan_job

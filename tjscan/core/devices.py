@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from importlib.util import find_spec
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
+from tjscan.core.errors import TjscanError
 from tjscan.core.registry import Registry
 from tjscan.core.units import SettingsTable
 
@@ -50,6 +51,28 @@ class DeviceBase:
 
     def report_events_to(self, listener: EventListener) -> None:
         """Send the device's events to a listener from now on; a device of this base has none."""
+
+
+class LocalDevice(DeviceBase):
+    """Base of simulated and replayed devices: a ``with`` block connects them."""
+
+    not_connected: ClassVar[tuple[type[TjscanError], str]]
+    """Error of a call outside a ``with`` block, and its message."""
+
+    _connected = False
+
+    def __enter__(self) -> Self:
+        self._connected = True
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._connected = False
+
+    def check_connected(self) -> None:
+        """Refuse a call outside a ``with`` block."""
+        if not self._connected:
+            error, message = self.not_connected
+            raise error(message)
 
 
 class DriverKind(StrEnum):

@@ -14,9 +14,9 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.groove.models import GrooveModel
 from tjscan.groove.refinement import FACE_BLUNTNESS
 from tjscan.groove.reflections import PointRuns
+from tjscan.groove.settings import GrooveModel
 from tjscan.groove.sides import (
     CubicCurve,
     FittedProfile,

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.models import GrooveModel, SideModel, TurnBounds
 from tjscan.groove.segments import CurvedSegments
-from tjscan.groove.settings import SearchBudget
+from tjscan.groove.settings import GrooveModel, SearchBudget, SideModel, TurnBounds
 from tjscan.groove.sides import (
     CubicCurve,
     Index,

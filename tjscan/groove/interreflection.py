@@ -17,9 +17,8 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.groove.models import GrooveModel
-from tjscan.groove.noise import UNDULATION_BLOCK, undulation_sigmas
-from tjscan.groove.refinement import FACE_BLUNTNESS
+from tjscan.groove.refinement import FACE_BLUNTNESS, UNDULATION_BLOCK, undulation_sigmas
+from tjscan.groove.settings import GrooveModel
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array, frozen_arrays, readonly_copy
-from tjscan.groove.models import GrooveModel
+from tjscan.groove.settings import GrooveModel
 
 NOTCH_PULLS: Final = readonly_copy(
     np.concatenate((np.arange(21) * 25e-6, np.arange(6, 16) * 100e-6))
@@ -182,7 +182,7 @@ class GroovePrior:
                     twist=min(sides[k].twist, BEND_CHANGE / 3),
                     expected_bend=float(bend),
                 )
-        others = tuple(self.expected_model(other) for other in model.alternatives)
+        others = tuple(map(self.expected_model, model.alternatives))
         likely_another = not self.forms.isdisjoint(other.name for other in others)
         return replace(
             model, sides=tuple(sides), alternatives=others, likely_another=likely_another

@@ -10,12 +10,11 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.models import OPENING_LEAST, OPENING_MOST
 from tjscan.groove.prior import GroovePrior
 from tjscan.groove.root import read_root
 from tjscan.groove.search import find_best_fit
 from tjscan.groove.section import GrooveSection
-from tjscan.groove.settings import DEFAULT_SETTINGS, GrooveSettings
+from tjscan.groove.settings import DEFAULT_SETTINGS, OPENING_LEAST, OPENING_MOST, GrooveSettings
 from tjscan.groove.shape import corner_estimates
 from tjscan.groove.sides import GrooveFit, OrderedProfilePoints, bearing_tangents
 from tjscan.groove.steel import fit_bare_steel

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.models import GrooveModel
+from tjscan.groove.settings import GrooveModel
 from tjscan.groove.sides import (
     FittedProfile,
     GrooveFit,

@@ -32,12 +32,17 @@ from tjscan.groove.hypotheses import (
     best_hypotheses,
     outer_side_pairs,
 )
-from tjscan.groove.models import LEAST_SIDES, GrooveModel, TurnBounds
-from tjscan.groove.noise import undulation_sigmas
-from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit
+from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit, undulation_sigmas
 from tjscan.groove.reflections import find_runs, sides_that_meet, with_other_readings
 from tjscan.groove.segments import CurvedSegments, add_halves_at_gaps, find_segments
-from tjscan.groove.settings import SEARCH_BUDGETS, GrooveSettings, SearchBudget
+from tjscan.groove.settings import (
+    LEAST_SIDES,
+    SEARCH_BUDGETS,
+    GrooveModel,
+    GrooveSettings,
+    SearchBudget,
+    TurnBounds,
+)
 from tjscan.groove.shape import points_lead_away_from_side
 from tjscan.groove.sides import (
     CubicCurve,

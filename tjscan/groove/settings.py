@@ -1,14 +1,179 @@
-"""How a groove is looked for: the settings of a job, and how hard the search tries."""
+"""What a groove looks like, and how it is looked for: templates, settings, budgets of the search.
+
+A template has sides and the corners between them. Sides run from the brace's wall (or the first
+plate) to the leg (or the second plate). A turn is positive in a valley and negative on a ridge, as
+the sensor sees it. A new groove is a new value.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import radians
 from typing import Annotated, Final
 
 from annotated_types import Ge, Gt, Le
 
 from tjscan.core.units import MM, ChosenByName, SettingsTable
-from tjscan.groove.models import GROOVE_MODELS, TEE_GROOVE, GrooveModel
+
+LEAST_SIDES: Final = 3
+
+SECTION_SIDES: Final = 4
+"""Sides of a groove with the five points of a section."""
+
+
+@dataclass(frozen=True, slots=True)
+class SideModel:
+    """Model of a groove's side: its name, length bounds, and how far it may be from straight.
+
+    Parameters
+    ----------
+    name : str
+        What it is called in messages.
+    shortest, longest : float
+        Bounds of its length, in metres; the first and the last side may run on.
+    bend, twist : float
+        How far its cross-section ``c2 s² + c3 s³`` may be from straight: standard deviations of
+        c2, in 1/m, and of c3, in 1/m². A pipe of radius R cut across has c2 = 1 / (2 R).
+    expected_bend : float, optional
+        About which c2 scatters, in 1/m; None where it scatters about zero, and the side may as
+        well be straight.
+    bead : bool
+        Whether it is the face of a weld bead, which may bulge or sag by a good part of its width.
+    """
+
+    name: str
+    shortest: float
+    longest: float = 0.2
+    bend: float = 0.0
+    twist: float = 0.0
+    expected_bend: float | None = None
+    bead: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class TurnBounds:
+    """Bounds of the angle by which one side turns to the next, in radians."""
+
+    least: float
+    most: float
+
+
+@dataclass(frozen=True, slots=True)
+class GrooveModel:
+    """Model of a groove's shape: its sides and the turns between them.
+
+    Parameters
+    ----------
+    name : str
+    sides : tuple of SideModel
+        At least three; the first and the last are the long outer ones.
+    turns : tuple of TurnBounds
+        One fewer: from each side to the next.
+    across : TurnBounds
+        From the first side to the last.
+    alternatives : tuple of GrooveModel
+        What such a groove may look like instead; the points decide.
+    likely_another : bool
+        Whether it likely looks like one of these: then it is compared with all of them, however
+        well it fits by itself.
+    """
+
+    name: str
+    sides: tuple[SideModel, ...]
+    turns: tuple[TurnBounds, ...]
+    across: TurnBounds
+    alternatives: tuple[GrooveModel, ...] = ()
+    likely_another: bool = False
+
+    def __post_init__(self) -> None:
+        if len(self.sides) < LEAST_SIDES or len(self.turns) != len(self.sides) - 1:
+            raise ValueError("a groove has three sides or more, and a turn between each two")
+
+    @property
+    def has_section_points(self) -> bool:
+        """Whether its corners are the five points of a section, which a scan needs."""
+        return len(self.sides) == SECTION_SIDES
+
+    @property
+    def has_root_bead(self) -> bool:
+        """Whether the last side but one is the face of a root bead."""
+        return self.sides[-2].bead
+
+
+OPENING_LEAST: Final = radians(20)
+OPENING_MOST: Final = radians(100)
+"""Bounds of the angle between the two faces of any groove, in radians."""
+
+_RIDGE_TURN: Final = TurnBounds(-radians(100), -radians(6))
+_HALF_VALLEY_TURN: Final = TurnBounds(radians(8), radians(150))
+_VALLEY_TURN: Final = TurnBounds(radians(180) - OPENING_MOST, radians(180) - OPENING_LEAST)
+_ROOT_FACE: Final = SideModel("root", 0.8e-3, 14e-3, bend=100.0, twist=8000.0, bead=True)
+
+_KNEE_TURN: Final = TurnBounds(-radians(16), radians(16))
+_WALL_SIDE: Final = SideModel("wall", 4e-3, bend=0.7)
+_BEVEL_SIDE: Final = SideModel("bevel", 4e-3, 120e-3, bend=0.25)
+_LEG_SIDE: Final = SideModel("leg", 4e-3, bend=5.0, twist=10.0)
+_TEE_ACROSS: Final = TurnBounds(radians(8), radians(150))
+
+TEE_TWO_FACETS: Final = GrooveModel(
+    "tee with two facets",
+    (
+        _WALL_SIDE,
+        SideModel("upper bevel", 3e-3, 80e-3),
+        # A shorter one can't be told from a flank that light between the faces pulls in.
+        SideModel("lower bevel", 6e-3, 80e-3),
+        _ROOT_FACE,
+        _LEG_SIDE,
+    ),
+    (_RIDGE_TURN, _KNEE_TURN, _HALF_VALLEY_TURN, _HALF_VALLEY_TURN),
+    _TEE_ACROSS,
+)
+"""The same with a bevel ground or cut in two facets."""
+
+TEE_NO_ROOT: Final = GrooveModel(
+    "tee without a root face",
+    (_WALL_SIDE, _BEVEL_SIDE, _LEG_SIDE),
+    (_RIDGE_TURN, _VALLEY_TURN),
+    _TEE_ACROSS,
+)
+"""The same where no face closes the root, or none is seen."""
+
+TEE_GROOVE: Final = GrooveModel(
+    "tee",
+    (_WALL_SIDE, _BEVEL_SIDE, _ROOT_FACE, _LEG_SIDE),
+    (_RIDGE_TURN, _HALF_VALLEY_TURN, _HALF_VALLEY_TURN),
+    _TEE_ACROSS,
+    (TEE_TWO_FACETS, TEE_NO_ROOT),
+)
+"""Tubular T-joint: wall, bevel, root and leg; five points."""
+
+_PLATES_TURN: Final = TurnBounds(-radians(30), radians(30))
+_FIRST_PLATE: Final = SideModel("plate", 4e-3, bend=0.3)
+_OTHER_PLATE: Final = SideModel("other plate", 4e-3, bend=0.3)
+# Cut or ground by hand, a bevel bows by a tenth of a millimetre in 20 mm.
+_BUTT_BEVEL: Final = SideModel("bevel", 3e-3, 80e-3, bend=1.0)
+_OTHER_BEVEL: Final = SideModel("other bevel", 3e-3, 80e-3, bend=1.0)
+_BUTT_ROOT: Final = SideModel("root", 0.8e-3, 45e-3, bend=100.0, twist=8000.0, bead=True)
+
+BUTT_V_SHARP: Final = GrooveModel(
+    "butt-v-sharp",
+    (_FIRST_PLATE, _BUTT_BEVEL, _OTHER_BEVEL, _OTHER_PLATE),
+    (_RIDGE_TURN, _VALLEY_TURN, _RIDGE_TURN),
+    _PLATES_TURN,
+)
+"""Butt joint whose bevels, drawn on, meet in a sharp valley: three corners."""
+
+BUTT_V: Final = GrooveModel(
+    "butt-v",
+    (_FIRST_PLATE, _BUTT_BEVEL, _BUTT_ROOT, _OTHER_BEVEL, _OTHER_PLATE),
+    (_RIDGE_TURN, _HALF_VALLEY_TURN, _HALF_VALLEY_TURN, _RIDGE_TURN),
+    _PLATES_TURN,
+    (BUTT_V_SHARP,),
+)
+"""Butt joint with a root face or with beads up to any height: four corners; three without."""
+
+GROOVE_MODELS: Final = {model.name: model for model in (TEE_GROOVE, BUTT_V, BUTT_V_SHARP)}
+"""The templates by name."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,20 +18,18 @@ import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array
 from tjscan.groove.interreflection import NotchPull, find_pull
-from tjscan.groove.models import SideModel
-from tjscan.groove.noise import (
+from tjscan.groove.refinement import (
     SIGNIFICANT_SIGMAS,
     correlated_sums,
     noise_variances,
-    undulation_sigmas,
-)
-from tjscan.groove.refinement import (
     prior_shape_means,
     prior_shape_sigmas,
     prior_uncertainty_terms,
     prior_weights,
     solve_with_prior,
+    undulation_sigmas,
 )
+from tjscan.groove.settings import SideModel
 from tjscan.groove.sides import (
     UNIT_POWERS,
     FittedProfile,

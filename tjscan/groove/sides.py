@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.models import GrooveModel
 from tjscan.groove.prior import SectionEvidence
+from tjscan.groove.settings import GrooveModel
 
 Index = NDArray[np.intp]
 

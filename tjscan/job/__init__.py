@@ -4,9 +4,12 @@ from tjscan.job.devices import CalibrationSettings, LaserSettings
 from tjscan.job.files import (
     CalibrationJob,
     CellJob,
+    RecordedJob,
     ScanJob,
+    has_recorded_profiles,
     read_calibration_job,
     read_laser_job,
+    read_recorded_job,
     read_scan_job,
 )
 from tjscan.job.simulation import SimulatedBoardSettings
@@ -18,9 +21,12 @@ __all__ = [
     "CellJob",
     "JointSettings",
     "LaserSettings",
+    "RecordedJob",
     "ScanJob",
     "SimulatedBoardSettings",
+    "has_recorded_profiles",
     "read_calibration_job",
     "read_laser_job",
+    "read_recorded_job",
     "read_scan_job",
 ]

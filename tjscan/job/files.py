@@ -7,16 +7,17 @@ from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
-from annotated_types import MaxLen
+from annotated_types import MaxLen, MinLen
 from pydantic import model_validator
 
+from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.recorded_settings import RecordedSettings, SolveSettings
 from tjscan.core.config import StrictFileModel, add_file_to_errors, read_toml, validate_table
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, PoseSettings
-from tjscan.groove.models import GROOVE_MODELS
-from tjscan.groove.settings import GrooveSettings
+from tjscan.groove.settings import GROOVE_MODELS, GrooveSettings
 from tjscan.job.devices import ArmSettings, CalibrationSettings, LaserSettings
 from tjscan.job.reading import casefolded_name, read_job, replace_keys
 from tjscan.job.simulation import SimulationSettings
@@ -239,7 +240,17 @@ class CalibrationJob(CellJob):
     groove: GrooveSettings | None = None
 
 
-J = TypeVar("J", bound=CellJob)
+class RecordedJob(StrictFileModel):
+    """A job file of a calibration from recorded profiles: nothing moves."""
+
+    recorded: Annotated[tuple[RecordedSettings, ...], MinLen(1), MaxLen(50), LIST_OR_WORD_IN_FILE]
+    solve: SolveSettings = SolveSettings()
+    arm: ArmSettings = ArmSettings()
+    laser: LaserSettings = LaserSettings()
+    noise: NoiseModel = NoiseModel()
+
+
+J = TypeVar("J", CellJob, ScanJob, CalibrationJob, RecordedJob)
 
 
 def read_scan_job(file: Path, overrides: dict[str, Any] | None = None) -> ScanJob:
@@ -250,6 +261,22 @@ def read_scan_job(file: Path, overrides: dict[str, Any] | None = None) -> ScanJo
 def read_calibration_job(file: Path, overrides: dict[str, Any] | None = None) -> CalibrationJob:
     """Read the job of a calibration, with single keys replaced; see `read_job`."""
     return _located(read_job(CalibrationJob, file, overrides), file.parent)
+
+
+def read_recorded_job(file: Path, overrides: dict[str, Any] | None = None) -> RecordedJob:
+    """Read the job of a calibration from recorded profiles; see `read_job`."""
+    return _located(read_job(RecordedJob, file, overrides), file.parent)
+
+
+def has_recorded_profiles(file: Path) -> bool:
+    """Whether the job of a calibration has recorded profiles, so that nothing moves.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file can't be read.
+    """
+    return "recorded" in read_toml(file)
 
 
 def read_laser_job(file: Path, overrides: dict[str, Any] | None = None) -> LaserJob:

@@ -77,6 +77,13 @@ FILE_KINDS: Final = (
         "run it with 'tjscan tow run'",
     ),
     FileKind(
+        "recorded",
+        "a job of a calibration from recorded profiles",
+        "tjscan.job.files:RecordedJob",
+        frozenset({"recorded"}),
+        "run it with 'tjscan calibrate'",
+    ),
+    FileKind(
         "calibrate",
         "a job of a calibration",
         "tjscan.job.files:CalibrationJob",

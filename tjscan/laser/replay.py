@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
 
-from tjscan.core.devices import DeviceBase
+from tjscan.core.devices import LocalDevice
 from tjscan.core.errors import LaserFault, ViewNotRecorded
 from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
@@ -105,7 +105,7 @@ class RecordedPoses:
         raise ViewNotRecorded(_what_is_near(gaps), T_b_f)
 
 
-class ReplayedLaser(DeviceBase):
+class ReplayedLaser(LocalDevice):
     """A laser that replays recorded profiles, each chosen by the arm's pose.
 
     Parameters
@@ -120,6 +120,8 @@ class ReplayedLaser(DeviceBase):
         Gives the seconds on the arm's clock: profiles are as late after its arrival as they were.
     """
 
+    not_connected = (LaserFault, "the recording is not open: capture inside a `with` block")
+
     def __init__(
         self,
         poses: RecordedPoses,
@@ -128,14 +130,6 @@ class ReplayedLaser(DeviceBase):
         time: Callable[[], float],
     ) -> None:
         self._poses, self._profiles, self._T_b_f, self._time = poses, tuple(profiles), T_b_f, time
-        self._connected = False
-
-    def __enter__(self) -> Self:
-        self._connected = True
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._connected = False
 
     def capture(self) -> Profile:
         """Give the profile that was recorded from the pose where the arm stands now.
@@ -145,8 +139,7 @@ class ReplayedLaser(DeviceBase):
         LaserFault
             Outside a ``with`` block, or if no further profile was taken from there.
         """
-        if not self._connected:
-            raise LaserFault("the recording is not open: capture inside a `with` block")
+        self.check_connected()
         i = self._poses.take_profile_number(self._T_b_f())
         profile = self._profiles[i]
         return replace(profile, time=profile.time + (self._time() - self._poses.times[i]))

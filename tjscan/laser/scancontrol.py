@@ -27,9 +27,6 @@ REFLECTION_COUNT: Final = 4
 BYTES_OF_REFLECTION: Final = 16
 TIME_STAMP_BYTES: Final = 16
 
-CLOCK_PERIOD: Final = 128.0
-"""Seconds after which the sensor's clock starts at zero again."""
-
 CYCLES_PER_SECOND, OFFSETS_PER_CYCLE = 8000, 3072
 
 RAW_ZERO: Final = 32_768
@@ -72,53 +69,19 @@ MODEL_SCALES: Final[Mapping[str, ScanControlScale]] = MappingProxyType(
 """Of the models that the specification lists."""
 
 
-@dataclass(frozen=True, slots=True)
-class ScanControlTime:
-    """Time stamp at the end of a profile.
+def _check_time_stamp(raw: bytes) -> None:
+    """Refuse 16 bytes that are no time stamp: shutter opened at byte 4, closed at byte 12.
 
-    Parameters
-    ----------
-    count : int
-        Number of the profile, below 2^24.
-    opened, closed : float
-        Seconds on the sensor's clock when its shutter opened and closed, below 128.
-    edges : int
-        Twice the encoder's edges, or the digital inputs.
+    Each word holds seconds (7 bits), cycles of 125 us (13 bits) and offsets in a cycle (12 bits).
     """
-
-    count: int
-    opened: float
-    closed: float
-    edges: int
-
-    @property
-    def exposure(self) -> float:
-        """Seconds for which the shutter was open, across the end of the clock's period too."""
-        return (self.closed - self.opened) % CLOCK_PERIOD
-
-
-def parse_time_stamp(raw: bytes) -> ScanControlTime:
-    """Parse the 16 bytes at the end of a profile.
-
-    Raises
-    ------
-    ProfileFormatRefused
-        If they are not 16, or count further than the clock does.
-    """
-    if len(raw) != TIME_STAMP_BYTES:
-        raise ProfileFormatRefused(f"{len(raw)} bytes are no time stamp of {TIME_STAMP_BYTES}")
-    count, opened, edges, closed = unpack(">IIHxxI", raw)
-    return ScanControlTime(count & 0xFFFFFF, _seconds(opened), _seconds(closed), edges)
-
-
-def _seconds(word: int) -> float:
-    seconds, cycle, offset = word >> 25, (word >> 12) & 0x1FFF, word & 0xFFF
-    if cycle >= CYCLES_PER_SECOND or offset >= OFFSETS_PER_CYCLE:
-        raise ProfileFormatRefused(
-            f"the time stamp counts {cycle} cycles and {offset} offsets, and the clock only below "
-            f"{CYCLES_PER_SECOND} and {OFFSETS_PER_CYCLE}: the payload is of another layout"
-        )
-    return seconds + (cycle + offset / OFFSETS_PER_CYCLE) / CYCLES_PER_SECOND
+    for word in unpack(">4xI4xI", raw):
+        cycle, offset = word >> 12 & 0x1FFF, word & 0xFFF
+        if cycle >= CYCLES_PER_SECOND or offset >= OFFSETS_PER_CYCLE:
+            raise ProfileFormatRefused(
+                f"the time stamp counts {cycle} cycles and {offset} offsets, and the clock only "
+                f"below {CYCLES_PER_SECOND} and {OFFSETS_PER_CYCLE}: the payload is of another "
+                "layout"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +130,7 @@ def parse_scancontrol(
     scale: ScanControlScale,
     time: float = 0.0,
     time_uncertainty: float = 0.0,
-) -> tuple[Profile, ScanControlTime | None]:
+) -> Profile:
     """Parse a payload; of a container with many rows the first.
 
     Parameters
@@ -185,13 +148,11 @@ def parse_scancontrol(
     -------
     Profile
         In frame s, metres.
-    ScanControlTime or None
-        Its time stamp, where it has one.
 
     Raises
     ------
     ProfileFormatRefused
-        If the payload is not of that layout.
+        If the payload is not of that layout, or its time stamp counts further than the clock.
     """
     size = layout.row_bytes
     if not raw or len(raw) % size:
@@ -200,8 +161,8 @@ def parse_scancontrol(
             "bytes): set laser.scancontrol as the sensor is set up"
         )
     row = raw[:size]
-    stamped = layout.kind == "full" or layout.time_stamp
-    stamp = parse_time_stamp(row[-TIME_STAMP_BYTES:]) if stamped else None
+    if layout.kind == "full" or layout.time_stamp:
+        _check_time_stamp(row[-TIME_STAMP_BYTES:])
     raw_x, raw_z = _full_profile(row, layout) if layout.kind == "full" else _container(row, layout)
     missing = raw_z == 0  # also where the axis is turned round
     if layout.kind == "full" and layout.reflection == REFLECTION_COUNT - 1:
@@ -211,7 +172,7 @@ def parse_scancontrol(
         for values, flip in ((raw_x, layout.flip_x), (raw_z, layout.flip_z))
     )
     x[missing] = z[missing] = np.nan
-    return Profile(x, z + scale.offset, time=time, time_uncertainty=time_uncertainty), stamp
+    return Profile(x, z + scale.offset, time=time, time_uncertainty=time_uncertainty)
 
 
 def _full_profile(row: bytes, layout: ScanControlLayout) -> tuple[Array, Array]:

@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import cos, radians, sin, tan
-from typing import Annotated, Final, Self
+from typing import Annotated, Final
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
-from tjscan.core.devices import DeviceBase
+from tjscan.core.devices import LocalDevice
 from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array
 from tjscan.core.units import DEG, MM, NOT_IN_FILE, POINTS, SettingsTable
@@ -171,7 +171,7 @@ def simulate_section_profile(
     return Profile(x, z, time=time)
 
 
-class SimulatedSectionLaser(DeviceBase):
+class SimulatedSectionLaser(LocalDevice):
     """A `LineLaser` over sections of a joint.
 
     Parameters
@@ -186,6 +186,11 @@ class SimulatedSectionLaser(DeviceBase):
         Source of all randomness.
     """
 
+    not_connected = (
+        LaserFault,
+        "the simulated laser is not connected: capture inside a `with` block",
+    )
+
     def __init__(
         self,
         view: Callable[[], tuple[Array, SectionLaserPose]],
@@ -195,14 +200,6 @@ class SimulatedSectionLaser(DeviceBase):
         rng: np.random.Generator,
     ) -> None:
         self._view, self._model, self._time, self._rng = view, model, time, rng
-        self._connected = False
-
-    def __enter__(self) -> Self:
-        self._connected = True
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._connected = False
 
     def capture(self) -> Profile:
         """Take one profile from where the laser is now.
@@ -212,7 +209,6 @@ class SimulatedSectionLaser(DeviceBase):
         LaserFault
             Outside a ``with`` block.
         """
-        if not self._connected:
-            raise LaserFault("the simulated laser is not connected: capture inside a `with` block")
+        self.check_connected()
         section, pose = self._view()
         return simulate_section_profile(section, pose, self._model(), self._rng, self._time())

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Self
 
 import numpy as np
 
-from tjscan.core.devices import DeviceBase
+from tjscan.core.devices import LocalDevice
 from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array
 from tjscan.laser.deviation import Distortion
@@ -17,7 +16,7 @@ from tjscan.laser.optics import RaycastSurface, laser_ray_directions, trace_lase
 from tjscan.laser.profile import Profile
 
 
-class SimulatedLaser(DeviceBase):
+class SimulatedLaser(LocalDevice):
     """A `LineLaser` on a simulated arm.
 
     Parameters
@@ -38,6 +37,11 @@ class SimulatedLaser(DeviceBase):
         of its kind it is.
     """
 
+    not_connected = (
+        LaserFault,
+        "the simulated laser is not connected: capture inside a `with` block",
+    )
+
     def __init__(
         self,
         surface: RaycastSurface,
@@ -53,14 +57,6 @@ class SimulatedLaser(DeviceBase):
         self._rng = rng
         self._directions_s = laser_ray_directions(model)
         self._distortion = Distortion.draw(model, make)
-        self._connected = False
-
-    def __enter__(self) -> Self:
-        self._connected = True
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._connected = False
 
     def capture(self) -> Profile:
         """Take one profile from where the sensor is now.
@@ -75,8 +71,7 @@ class SimulatedLaser(DeviceBase):
 
     def capture_with_origins(self) -> SimulatedProfile:
         """Take one profile with the origin of each point; raises as `capture` does."""
-        if not self._connected:
-            raise LaserFault("the simulated laser is not connected: capture inside a `with` block")
+        self.check_connected()
         T_j_s = np.asarray(self._pose(), dtype=np.float64)
         if T_j_s.shape != (4, 4) or not np.isfinite(T_j_s).all():
             raise LaserFault(f"the simulated laser was put at a pose that is not one: {T_j_s}")

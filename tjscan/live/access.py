@@ -2,7 +2,7 @@
 
 Buttons of the page move machines, and viser has no login. Any site that is open in the same
 browser may connect to a socket of this machine, so the token is asked for on 127.0.0.1 too. It
-stands in the path of the URL, for the page and for its socket alike.
+is in the path of the URL, for the page and for its socket alike.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ HttpAnswer = Callable[[ServerConnection, Request], Response | None]
 
 
 class UnsharedServer(viser.ViserServer):
-    """Server that never publishes the page through viser's relay, whoever asks for it."""
+    """Server that never publishes the page through viser's relay."""
 
     def request_share_url(self, verbose: bool = True) -> None:
         """Ask no relay for anything: no request leaves the machine."""
 
 
 def new_token() -> str:
-    """Return a token that nobody guesses."""
+    """Return a token that can't be guessed."""
     return secrets.token_urlsafe(18)
 
 
@@ -138,12 +138,12 @@ def _guarded(token: str) -> Iterator[None]:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """While the block runs, viser prints nothing: stdout is for results."""
-    say = rich.print
-    rich.print = _say_nothing
+    print_rich = rich.print
+    rich.print = _print_nothing
     try:
         yield
     finally:
-        rich.print = say
+        rich.print = print_rich
 
 
 def _asking_for(token: str, answer: HttpAnswer) -> HttpAnswer:
@@ -160,5 +160,5 @@ def _asking_for(token: str, answer: HttpAnswer) -> HttpAnswer:
     return answer_with_token
 
 
-def _say_nothing(*_: object, **__: object) -> None:
+def _print_nothing(*_: object, **__: object) -> None:
     """Print nothing."""

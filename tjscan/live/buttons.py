@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 HOLD_RATE: Final = 20.0
-"""Hz at which a button that is held says so again."""
+"""Hz at which a button that is held repeats it."""
 
 Tone = Literal["green", "yellow", "blue", "red", "gray"]
 
@@ -27,7 +27,7 @@ class Button:
     hint : str
         What it does, in a sentence.
     big : bool
-        Whether nobody may have to look for it.
+        Whether it must be seen at once.
     """
 
     word: str

@@ -43,7 +43,7 @@ class ColourScale:
         return cls(*round_ends(values))
 
     def colour_of(self, value: float) -> Colour:
-        """Colour of a value; grey where it is not known."""
+        """Colour of a value; grey if it is not known."""
         if not isfinite(value):
             return UNKNOWN_COLOUR
         share = min(max((value - self.low) / (self.high - self.low), 0.0), 1.0)
@@ -59,7 +59,7 @@ class ColourScale:
 def round_ends(values: Iterable[float]) -> tuple[float, float]:
     """Ends that hold all values that are known, rounded outwards.
 
-    They are multiples of a tenth to a quarter of the span, so that a scale seldom changes
+    They are multiples of a tenth to a quarter of the span, so that a scale rarely changes
     while values come in.
     """
     known = [value for value in values if isfinite(value)]

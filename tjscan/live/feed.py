@@ -26,7 +26,7 @@ class LiveFeed(Generic[Entry]):
         Shows entries, all that came since the last time at once. Where it raises, the page is
         dead: `report` hears of it once, and entries are dropped from then on.
     report : callable
-        Is told in a sentence.
+        Receives messages, each a sentence.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class LiveFeed(Generic[Entry]):
         self._thread.start()
 
     def post(self, entry: Entry) -> None:
-        """Hand an entry over at once; drop it where the page is dead or does not keep up."""
+        """Hand an entry over at once; drop it if the page is dead or does not keep up."""
         if self.is_dead:
             return
         try:

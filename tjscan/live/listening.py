@@ -22,7 +22,7 @@ class Show(Protocol[Shown]):
 
     @property
     def setting(self) -> Setting:
-        """What stands still."""
+        """What does not change."""
         ...
 
     def step(self, entry: Shown) -> Step:
@@ -36,10 +36,10 @@ class RunOnPage(Generic[Entry]):
     Parameters
     ----------
     page : Page or None
-        None where there is none to be had: everything is dropped then.
+        None if there can be none: everything is dropped then.
     show : Show
     report : callable
-        Is told, in a sentence, what becomes of the page.
+        Receives, in a sentence, what becomes of the page.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class RunOnPage(Generic[Entry]):
         if self._feed is not None:
             self._feed.post(entry)
 
-    def say(self, state: str) -> None:
+    def show_state(self, state: str) -> None:
         """Show what the run is doing, in a few words."""
         self.post(Step(facts={STATE_FACT: state}))
 
@@ -72,7 +72,7 @@ class RunOnPage(Generic[Entry]):
             raise PageUnavailable("there is no page to press Start in: leave out --wait")
 
     def start(self) -> None:
-        """Let whoever waits for the start go on."""
+        """Let the run that waits for the start go on."""
         self._started.set()
 
     def wait_for_start(self) -> None:
@@ -84,7 +84,7 @@ class RunOnPage(Generic[Entry]):
             If there is no page to press it in.
         """
         self.check_page()
-        self.say("waiting for Start")
+        self.show_state("waiting for Start")
         self._started.wait()
 
     def close(self) -> None:
@@ -106,7 +106,7 @@ def show_run(
     buttons: Callable[[RunOnPage[Entry]], Sequence[PageButton]],
     before: Callable[[], Iterable[Step]] = tuple,
 ) -> Iterator[RunOnPage[Entry]]:
-    """Show a run on a page while the block runs; it goes on without where there is none.
+    """Show a run on a page while the block runs; it goes on without if there is none.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def show_run(
         What is shown of it.
     where : PageAddress
     report : callable
-        Is told the page's address, or why there is none.
+        Receives the page's address, or why there is none.
     buttons : callable
         Gives the page's buttons.
     before : callable

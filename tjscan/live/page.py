@@ -28,7 +28,7 @@ RUN_SPACING: Final = 1.6
 BUTTONS_ORDER: Final = -300.0
 """Of the first button: above all that grows, so that none moves away from who presses it."""
 BIG_BUTTON_STYLE: Final = "height:4.5rem!important;font-size:1.8rem!important;font-weight:700"
-"""Style of a button that nobody may have to look for."""
+"""Style of a button that must be seen at once."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,10 +105,13 @@ class Page:
         where, self.token = where or PageAddress(), new_token()
         viridis()  # loads Matplotlib, which would hold up the first section
         self.server = open_server(where.address, where.port, self.token, "tjscan")
-        self.url = f"http://{_bracketed(where.address)}:{self.server.get_port()}/{self.token}/"
+        host = f"[{where.address}]" if ":" in where.address else where.address
+        self.url = f"http://{host}:{self.server.get_port()}/{self.token}/"
         self._buttons: dict[str, Any] = {}
         self._changing = RLock()
-        self._measures = _union([setting.measures for setting in settings])
+        self._measures = list(
+            dict.fromkeys(one for setting in settings for one in setting.measures)
+        )
         self._measure = self._measures[0] if self._measures else None
         try:
             with self.server.atomic():
@@ -235,18 +238,10 @@ class Page:
 
 
 def _shifts(settings: Sequence[Setting]) -> Array:
-    """Where runs stand side by side, square to the way they are looked at, shape (n, 3)."""
+    """Positions of runs side by side, square to the line of sight, shape (n, 3)."""
     away = settings[0].look_from - settings[0].look_at
     aside = np.cross((0.0, 0.0, 1.0), away)
     step = (
         RUN_SPACING * float(np.linalg.norm(away)) * aside / max(float(np.linalg.norm(aside)), 1e-9)
     )
     return np.outer(np.arange(len(settings)), 0.5 * step)
-
-
-def _union(groups: Sequence[Sequence[Measure]]) -> list[Measure]:
-    return list(dict.fromkeys(measure for group in groups for measure in group))
-
-
-def _bracketed(address: str) -> str:
-    return f"[{address}]" if ":" in address else address

@@ -31,10 +31,10 @@ MOST_PLOTTED: Final = 600
 PROFILE_POINTS: Final = 64
 """Of the newest profile in its plot."""
 NO_FACTS: Final = {STATE_FACT: "", PRESS_FACT: ""}
-"""Before any is known; these two stand first."""
+"""Before any is known; these two come first."""
 CHART_HEIGHT: Final = 200
 CHART_PADDING: Final = (8, 24, 0, 0)
-"""Pixels above, to the right, below and to the left: half a number stands out above the axis."""
+"""Pixels above, to the right, below and to the left: half a number is above the axis."""
 LABEL_FONT: Final = "11px system-ui, sans-serif"
 LINE_COLOUR: Final = "#2a6fbb"
 BAND_COLOUR: Final = "rgba(42,111,187,0.35)"
@@ -181,9 +181,9 @@ def _add_chart(gui: viser.GuiApi, x: str, y: str, *series: uplot.Series) -> Any:
 def _redraw(
     chart: Any, columns: Sequence[Array], *, x_ends: tuple[float, float], y: uplot.Scale
 ) -> None:
-    """Show other data in a chart; a scale that changes makes the browser build it anew.
+    """Show other data in a chart; a scale that changes makes the browser build it again.
 
-    The ends of x are stated: where they are not, the browser takes those of the data that it had
+    The ends of x are stated: otherwise the browser takes the ends of the data that it had
     as it built the chart, which at first were none.
     """
     chart.visible, chart.data = True, columns

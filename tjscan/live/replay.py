@@ -12,7 +12,7 @@ from tjscan.live.step import RecordedShow, Step, merge_steps
 
 
 class Replay:
-    """Recordings on a page, each as far as one slider says.
+    """Recordings on a page, each as far as one slider shows.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Replay:
             self._move_all(number)
 
     def _follow_slider(self) -> None:
-        """Go where the slider is by now: a drag sends more places than can be shown."""
+        """Follow the slider: a drag sends more places than can be shown."""
         with self._moving:
             if self._slider.value != self._shown:
                 self._move_all(self._slider.value)

@@ -29,7 +29,7 @@ class Stage:
     ----------
     server : viser.ViserServer
     setting : Setting
-        What stands still is drawn at once.
+        What does not change is drawn at once.
     root : str
         Name of the node below which all is.
     shift : ndarray, shape (3,)
@@ -61,7 +61,7 @@ class Stage:
             self._draw(name, thing)
 
     def show_only(self, names: Iterable[str]) -> None:
-        """Hide what was drawn and is not named; draw nothing anew."""
+        """Hide what was drawn and is not named; draw nothing again."""
         wanted = set(names)
         for name, nodes in self._nodes.items():
             shown = name in wanted or name.startswith("ghost/")

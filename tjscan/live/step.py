@@ -1,4 +1,4 @@
-"""What a run has to show: what stands still, and what changes step by step."""
+"""What a run has to show: what does not change, and what changes step by step."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.solids import Solid
 
 STATE_FACT: Final = "state"
-"""The fact that says what the run is doing, or asks."""
+"""The fact that shows what the run is doing, or asks."""
 PRESS_FACT: Final = "press"
-"""The fact that says which buttons answer."""
+"""The fact that shows which buttons answer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class Sample:
     sigmas: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     def sigma(self, name: str) -> float:
-        """Standard deviation of a measure; NaN where it is not known."""
+        """Standard deviation of a measure; NaN if it is not known."""
         return self.sigmas.get(name, nan)
 
 
@@ -78,7 +78,7 @@ class PlaneCurve:
     x, z : ndarray, shape (n,)
         Of the points.
     fitted : ndarray, shape (k, 2)
-        Corners of the polyline that was fitted; empty where none was.
+        Corners of the polyline that was fitted; empty if none was.
     """
 
     x: Array
@@ -202,7 +202,7 @@ class Setting:
         Ends of that axis; as the samples have them where left out.
     arm : Kinematics or None
     solids : tuple of Solid
-        What stands about, in frame b.
+        What is about, in frame b.
     tool : tuple of Solid
         What the arm carries, in frame f.
     bodies : mapping of str to tuple of Solid
@@ -241,7 +241,7 @@ class RecordedShow:
     Parameters
     ----------
     setting : Setting
-        What stands still.
+        What does not change.
     steps : tuple of Step
         In their order.
     """
@@ -254,7 +254,7 @@ class ShowReader(Protocol):
     """A function that each algorithm registers: what the recording of its run has to show."""
 
     def __call__(self, directory: Path) -> RecordedShow | None:
-        """Read what a run directory has to show; None where it holds no run of this algorithm.
+        """Read what a run directory has to show; None if it holds no run of this algorithm.
 
         Parameters
         ----------

@@ -15,7 +15,7 @@ from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.path import LONGEST
 from tjscan.planning.wps import SequenceSettings
 
-NOBODY: Final = ""
+NO_STATION: Final = ""
 """Station of a length that none reaches, and of all where no stations are told apart."""
 
 NO_LENGTH: Final = 1e-6
@@ -191,7 +191,7 @@ class StopPlacement:
             turn = self.length * (i + 1 == len(links))
             if len(links) == 1 and not whole:
                 seams.append(np.full(layers, a.begin + self.length))  # zones begin and end anyway
-            elif len(links) > 1 and NOBODY in (a.station, b.station):
+            elif len(links) > 1 and NO_STATION in (a.station, b.station):
                 seams.append(np.full(layers, b.begin + turn))
             else:
                 window = (b.begin + turn, a.end - overlap)
@@ -237,7 +237,7 @@ class StopPlacement:
         """
         if not self.stretches:
             end = begin + (3 * self.length if self.closed else self.length)
-            return (StationStretch(NOBODY, begin, end + self.sequence.overlap),)
+            return (StationStretch(NO_STATION, begin, end + self.sequence.overlap),)
         if not self.closed:
             return self._chain(0.0, self.stretches)
         turned = tuple(
@@ -246,10 +246,12 @@ class StopPlacement:
             for one in self.stretches
         )
         chains = [self._chain(one.begin, turned) for one in self.stretches]
-        gaps = [sum(link.end - link.begin for link in c if link.station == NOBODY) for c in chains]
-        return min(zip(gaps, chains, strict=True), key=lambda one: (round(one[0], 6), len(one[1])))[
-            1
-        ]
+
+        def gaps_and_count(chain: tuple[StationStretch, ...]) -> tuple[float, int]:
+            gaps = sum(link.end - link.begin for link in chain if link.station == NO_STATION)
+            return round(gaps, 6), len(chain)
+
+        return min(chains, key=gaps_and_count)
 
     def _chain(
         self, begin: float, stretches: Sequence[StationStretch]
@@ -266,7 +268,7 @@ class StopPlacement:
                 continue
             later = [one.begin for one in stretches if one.begin > at + NO_LENGTH]
             follows = min([*later, end])
-            links.append(StationStretch(NOBODY, at, follows))
+            links.append(StationStretch(NO_STATION, at, follows))
             at = follows
         return tuple(links)
 

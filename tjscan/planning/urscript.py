@@ -1,8 +1,8 @@
-"""A station's way as a program in URScript: the tip's path, its speeds, and the output of the arc.
+"""The path of a station's torch as a program in URScript: poses, speeds, and the output of the arc.
 
-The words are those that `docs/ur.md` lists. No arm has run such a file. A real controller lets no
+`docs/ur.md` lists the functions that it uses. No arm has run such a file. A real controller lets no
 two blends overlap (its manual), keeps to the speed through a blend with ``movep`` alone, and stops
-with an error where the tool turns back in one: blends here are a fifth of the shorter step beside
+with an error if the tool turns back in one: blends here are a fifth of the shorter step beside
 them, and chords meet at 2 degrees at most.
 """
 
@@ -19,13 +19,13 @@ from tjscan.core.pose_vector import pose_to_vector
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.wps import TorchSettings
 
-BLEND: Final = 0.2
+BLEND_SHARE: Final = 0.2
 """Radius of a blend as a share of the shorter step beside it: blends never touch."""
 
-ACCELERATION: Final = 0.5
-"""m/s²."""
+TOOL_ACCELERATION: Final = 0.5
+"""m/s²; of the first move rad/s²."""
 
-WAY_SPEED: Final = 0.05
+AIR_MOVE_SPEED: Final = 0.05
 """m/s, between beads."""
 
 JOINT_SPEED: Final = 0.2
@@ -33,29 +33,29 @@ JOINT_SPEED: Final = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BeadWay:
+class BeadPath:
     """How an arm leads the torch to a bead, along it, and away.
 
     Parameters
     ----------
     bead : PlannedBead
         The bead, or a station's part of it.
-    way : ndarray, shape (k, 4, 4)
-        Poses of the wire's tip on the way to where it starts, the last one there; in frame b.
+    approach : ndarray, shape (k, 4, 4)
+        Poses of the wire's tip on the way to the bead, the last one at its start; in frame b.
     path : ndarray, shape (q, 4, 4)
         At each of its points.
-    leave : ndarray, shape (l, 4, 4)
-        On the way off its end.
+    retreat : ndarray, shape (l, 4, 4)
+        On the way from its end.
     """
 
     bead: PlannedBead
-    way: Array
+    approach: Array
     path: Array
-    leave: Array
+    retreat: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StationWay:
+class StationPath:
     """How the arm of a station leads the torch along all of its beads.
 
     Parameters
@@ -64,22 +64,22 @@ class StationWay:
         Its name.
     q : ndarray, shape (6,)
         Joint angles at the first pose, radians.
-    beads : tuple of BeadWay
+    beads : tuple of BeadPath
         In the order of welding.
     """
 
     station: str
     q: Array
-    beads: tuple[BeadWay, ...]
+    beads: tuple[BeadPath, ...]
 
 
-def way_to_urscript(way: StationWay, torch: TorchSettings, output: int, *, arc: bool) -> str:
-    """Write a station's way as a URScript program.
+def path_to_urscript(path: StationPath, torch: TorchSettings, output: int, *, arc: bool) -> str:
+    """Write the path of a station's torch as a URScript program.
 
     Parameters
     ----------
-    way : StationWay
-        The way.
+    path : StationPath
+        The path.
     torch : TorchSettings
         The torch.
     output : int
@@ -87,7 +87,7 @@ def way_to_urscript(way: StationWay, torch: TorchSettings, output: int, *, arc: 
     arc : bool
         Whether it is switched on on the beads; else it stays off throughout.
     """
-    joints = ", ".join(f"{x:.7f}" for x in way.q)
+    joints = ", ".join(f"{x:.7f}" for x in path.q)
     lines = [
         "def tjscan_plan():",
         "  # in the arm's base frame: metres, rotation vectors in radians",
@@ -95,31 +95,31 @@ def way_to_urscript(way: StationWay, torch: TorchSettings, output: int, *, arc: 
         f"  set_standard_digital_out({output}, False)",
         f"  set_tcp({_pose(torch.tcp.T)})",
         "  # nobody has checked the way from where the arm stands to here",
-        f"  movej([{joints}], a={ACCELERATION}, v={JOINT_SPEED})",
+        f"  movej([{joints}], a={TOOL_ACCELERATION}, v={JOINT_SPEED})",
     ]
-    for one in way.beads:
+    for one in path.beads:
         lines.append(f"  # bead {one.bead.number}: {one.bead.kind}, layer {one.bead.layer}")
-        lines += _way(one.way)
+        lines += _moves(one.approach)
         lines += _bead(one, output, arc=arc)
-        lines += _way(one.leave)
+        lines += _moves(one.retreat)
     return "\n".join((*lines, "end", ""))
 
 
-def _bead(one: BeadWay, output: int, *, arc: bool) -> Iterator[str]:
+def _bead(one: BeadPath, output: int, *, arc: bool) -> Iterator[str]:
     if arc:
         yield f"  set_standard_digital_out({output}, True)"
     bead, steps = one.bead, one.bead.path_steps
     for i, T in enumerate(one.path[1:], start=1):
         # A step has one speed: that between its ends.
         speed = 2 / (1 / bead.speed[i - 1] + 1 / bead.speed[i])
-        blend = BLEND * min(steps[i - 1], steps[i]) if i < len(steps) else 0.0
-        yield f"  movep({_pose(T)}, a={ACCELERATION}, v={speed:.6f}, r={blend:.6f})"
+        blend = BLEND_SHARE * min(steps[i - 1], steps[i]) if i < len(steps) else 0.0
+        yield f"  movep({_pose(T)}, a={TOOL_ACCELERATION}, v={speed:.6f}, r={blend:.6f})"
     yield f"  set_standard_digital_out({output}, False)"
 
 
-def _way(poses: Array | Sequence[Array]) -> Iterator[str]:
+def _moves(poses: Array | Sequence[Array]) -> Iterator[str]:
     for T in poses:
-        yield f"  movel({_pose(T)}, a={ACCELERATION}, v={WAY_SPEED})"
+        yield f"  movel({_pose(T)}, a={TOOL_ACCELERATION}, v={AIR_MOVE_SPEED})"
 
 
 def _pose(T: Array) -> str:

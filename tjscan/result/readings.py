@@ -10,10 +10,9 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.models import TEE_GROOVE
 from tjscan.groove.read import fit_groove, read_groove
 from tjscan.groove.section import GrooveSection
-from tjscan.groove.settings import GrooveSettings
+from tjscan.groove.settings import TEE_GROOVE, GrooveSettings
 from tjscan.laser.profile import Profile
 from tjscan.result.section import MEASURE_FIELDS
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Final
 
 from tjscan.core.config import add_file_to_errors
@@ -99,7 +100,7 @@ def _replayed(context: ArmDriverInputs, settings: NoSettings) -> ReplayedArm:
 
 
 SIMULATED_DRIVER: Final = ArmDriverFactory(
-    _simulated, kind=DriverKind.SIMULATED, truth=lambda arm: arm.true_T_b_f
+    _simulated, kind=DriverKind.SIMULATED, truth=attrgetter("true_T_b_f")
 )
 REPLAY_DRIVER: Final = ArmDriverFactory(_replayed, kind=DriverKind.REPLAYED)
 

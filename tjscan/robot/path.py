@@ -64,6 +64,36 @@ def joint_path(
     return fastest_joint_path(waypoints, points_b, kinematics.velocity, limits)
 
 
+class PathPlanner:
+    """Planner of the moves of an arm that keeps its motion limits.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        The arm.
+    limits : MotionLimits
+        How fast it may go.
+    """
+
+    def __init__(self, kinematics: Kinematics, limits: MotionLimits) -> None:
+        self._kinematics, self._limits = kinematics, limits
+
+    def linear_path(self, q: Array, T_b_f: Array) -> JointTrajectory:
+        """Timed path of the flange on a straight line to a pose; see `linear_path`."""
+        return linear_path(self._kinematics, q, T_b_f, self._limits)
+
+    def joint_path(self, q: Array, T_b_f: Array, near: Array | None = None) -> JointTrajectory:
+        """Timed path to the configuration nearest to `near`, else to `q`, that holds a pose."""
+        goal = self._kinematics.inverse(T_b_f, near=q if near is None else near)
+        return joint_path(self._kinematics, q, goal, self._limits)
+
+    def check_moves(self, q: Array, *T_b_f: Array) -> None:
+        """Check a move in joint space and straight lines on from `q`; see `Arm.check_moves`."""
+        for i, T in enumerate(T_b_f):
+            path = self.linear_path(q, T) if i else self.joint_path(q, T)
+            q = path.q[-1]
+
+
 def linear_waypoints(kinematics: Kinematics, q: Array, T_b_f: Array) -> tuple[Array, Array]:
     """Waypoints of a straight line: joint angles and flange origins, evenly spaced.
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Self
 
-from tjscan.core.devices import DeviceBase
+from tjscan.core.devices import LocalDevice
 from tjscan.core.errors import ArmFault
 from tjscan.core.frames import Array
 from tjscan.laser.replay import RecordedPoses
 from tjscan.robot.arm import ArmState
 
 
-class ReplayedArm(DeviceBase):
+class ReplayedArm(LocalDevice):
     """An arm that replays a recording, behind the `Arm` protocol.
 
     It answers a move with the state that was recorded, so the scan goes on from where the arm
@@ -26,9 +26,10 @@ class ReplayedArm(DeviceBase):
         Its states at these views.
     """
 
+    not_connected = (ArmFault, "the recording is not open: use it inside a 'with' block")
+
     def __init__(self, poses: RecordedPoses, states: Sequence[ArmState]) -> None:
         self._poses, self._states = poses, tuple(states)
-        self._connected = False
 
     def __enter__(self) -> Self:
         """Make ready; there is nothing to replay in a recording without a view.
@@ -40,16 +41,11 @@ class ReplayedArm(DeviceBase):
         """
         if not self._states:
             raise ArmFault("the recording holds no view, so there is nothing to replay")
-        self._connected = True
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._connected = False
+        return super().__enter__()
 
     def state(self) -> ArmState:
         """Recorded state at the view that was last asked for; at first, at the first one."""
-        if not self._connected:
-            raise ArmFault("the recording is not open: use it inside a 'with' block")
+        self.check_connected()
         return self._states[self._poses.current_view_number]
 
     def check_moves(self, *T_b_f: Array) -> None:

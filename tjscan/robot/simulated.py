@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from itertools import chain, repeat
 from typing import Final, Self
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.core.devices import DeviceBase
+from tjscan.core.devices import LocalDevice
 from tjscan.core.errors import ArmFault, ConfigurationError
 from tjscan.core.frames import Array, pose, readonly_copy
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import JointTrajectory, MotionLimits
 from tjscan.robot.motion_lock import MotionLock
-from tjscan.robot.path import joint_path, linear_path
+from tjscan.robot.path import PathPlanner
 from tjscan.robot.simulated_errors import SimulatedArmErrors
 
 POSITION_REPEATABILITY: Final = 5e-5
@@ -30,7 +29,7 @@ TICK_PERIOD: Final = 0.01
 """Seconds between the states a move in real time passes through."""
 
 
-class SimulatedArm(DeviceBase):
+class SimulatedArm(LocalDevice):
     """An arm that is simulated, behind the `Arm` protocol.
 
     It reports what its encoders would: exactly the pose it was sent to. Where the flange truly
@@ -64,6 +63,8 @@ class SimulatedArm(DeviceBase):
         If `q` has the wrong number of joints or lies beyond a limit.
     """
 
+    not_connected = (ArmFault, "the arm is not connected: use it inside a 'with' block")
+
     def __init__(
         self,
         kinematics: Kinematics,
@@ -79,7 +80,7 @@ class SimulatedArm(DeviceBase):
     ) -> None:
         _check_start(kinematics, np.asarray(q, dtype=float))
         self.kinematics = kinematics
-        self.limits = MotionLimits() if limits is None else limits
+        self._planner = PathPlanner(kinematics, MotionLimits() if limits is None else limits)
         self.realtime = realtime
         self._spread = np.repeat([repeatability, angular_repeatability], 3) / np.sqrt(3)
         self._random = np.random.default_rng(seed)
@@ -87,19 +88,17 @@ class SimulatedArm(DeviceBase):
         self._errors = errors
         self._turning = np.zeros(len(self._now[0]))
         self._error = self._draw_error()
-        self._connected = False
         self._latch = MotionLock()
 
     def __enter__(self) -> Self:
         """Make ready to move."""
         self._latch.clear_stop()
-        self._connected = True
-        return self
+        return super().__enter__()
 
     def __exit__(self, *error: object) -> None:
         """Stop, and take no more commands."""
         self.stop()
-        self._connected = False
+        super().__exit__(*error)
 
     @property
     def true_T_b_f(self) -> Array:
@@ -114,28 +113,24 @@ class SimulatedArm(DeviceBase):
 
     def state(self) -> ArmState:
         """Joint angles, flange pose and time as the encoders and the arm's clock report them."""
-        self._need_connection()
+        self.check_connected()
         q, now = self._now
         return ArmState(q, self.kinematics.forward(q), now)
 
     def check_moves(self, *T_b_f: Array) -> None:
         """Check that moves are possible, without moving; see `Arm.check_moves`."""
-        self._need_connection()
-        q = self._now[0]
-        for plan, T in zip(
-            chain([self._joint_path], repeat(self._linear_path)), T_b_f, strict=False
-        ):
-            q = plan(q, T).q[-1]
+        self.check_connected()
+        self._planner.check_moves(self._now[0], *T_b_f)
 
     def move_linear(self, T_b_f: Array) -> ArmState:
         """Move the flange on a straight line to a pose. See `Arm.move_linear`."""
-        return self._move(lambda q: self._linear_path(q, T_b_f))
+        return self._move(lambda q: self._planner.linear_path(q, T_b_f))
 
     def move_joint_to_pose(
         self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
     ) -> ArmState:
         """Move to the nearest configuration that holds a pose. See `Arm.move_joint_to_pose`."""
-        return self._move(lambda q: self._joint_path(q, T_b_f, near))
+        return self._move(lambda q: self._planner.joint_path(q, T_b_f, near))
 
     def stop(self) -> None:
         """End the move under way where it is, and begin nothing more. See `Arm.stop`."""
@@ -145,15 +140,8 @@ class SimulatedArm(DeviceBase):
         """Take commands again after a stop. See `Arm.accept_moves_again`."""
         self._latch.clear_stop()
 
-    def _linear_path(self, q: Array, T_b_f: Array) -> JointTrajectory:
-        return linear_path(self.kinematics, q, T_b_f, self.limits)
-
-    def _joint_path(self, q: Array, T_b_f: Array, near: Array | None = None) -> JointTrajectory:
-        goal = self.kinematics.inverse(T_b_f, near=q if near is None else near)
-        return joint_path(self.kinematics, q, goal, self.limits)
-
     def _move(self, plan: Callable[[Array], JointTrajectory]) -> ArmState:
-        self._need_connection()
+        self.check_connected()
         with self._latch.hold_for_move():
             q, start = self._now
             path = plan(q)
@@ -185,10 +173,6 @@ class SimulatedArm(DeviceBase):
     def _draw_error(self) -> Array:
         """Metres along the axes of b and a rotation vector in the axes of f, shape (6,)."""
         return np.asarray(self._spread * self._random.standard_normal(6))
-
-    def _need_connection(self) -> None:
-        if not self._connected:
-            raise ArmFault("the arm is not connected: use it inside a 'with' block")
 
 
 def _check_start(kinematics: Kinematics, q: Array) -> None:

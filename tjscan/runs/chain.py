@@ -116,7 +116,7 @@ def read_chain(file: Path) -> Chain:
     for key in both:
         if not key.startswith(SHARED_TABLES):
             raise ConfigurationError(
-                "is not of the cell that both jobs share; there stand [both.arm], [both.laser] "
+                "is not of the cell that both jobs share; that has [both.arm], [both.laser] "
                 "and [both.simulation]",
                 file=file,
                 key=f"both.{key}",
@@ -149,13 +149,13 @@ class ChainOutcome:
     corner_errors : ndarray, shape (n,)
         The same once all that was seen is aligned to the joint as designed, metres.
     mount_error : ndarray, shape (6,)
-        Of T_f_s: translation (metres) and rotation (radians) in the axes of f; zero where it was
+        Of T_f_s: translation (metres) and rotation (radians) in the axes of f; zero if it was
         given.
     mount_covariance : ndarray, shape (6, 6), or None
         As the calibration states it; None where T_f_s was given.
     held_out : tuple of float or None
         RMS distance of the ball in postures that took no part, without and with the deviations of
-        the arm found, metres; None where the arm was not calibrated.
+        the arm found, metres; None if the arm was not calibrated.
     """
 
     stitched: StitchedGroove
@@ -210,7 +210,7 @@ def run_chain(
     mount_given : bool
         Whether the scan takes the true T_f_s, and nothing is calibrated.
     operator : Operator, optional
-        Watches the calibration; nobody where left out.
+        Watches the calibration; none by default.
 
     Raises
     ------
@@ -331,7 +331,7 @@ NO_SOURCE: Final = "none: touches, reading and stitching alone"
 
 @dataclass(frozen=True, slots=True)
 class SourceRow:
-    """What is left where one source of error alone is there.
+    """What is left with one source of error alone.
 
     Parameters
     ----------
@@ -340,9 +340,9 @@ class SourceRow:
     directory : Path
         With the calibration's run directory, `CALIBRATION_RUN`.
     outcome : ChainOutcome or None
-        What came of the chain; None where it was refused.
+        What came of the chain; None if it was refused.
     refusal : str
-        Why; empty where it was not.
+        Why; empty if it was not.
     """
 
     source: str
@@ -370,7 +370,7 @@ def run_sources(
     arm : bool
         Whether the arm is calibrated with the sensor.
     begin : callable
-        Is told the name of each source before its chain runs.
+        Receives the name of each source before its chain runs.
     alone : bool
         Whether to run each source alone, or all of them together and no more.
     """
@@ -384,7 +384,7 @@ def run_sources(
         begin(source)
         own = directory / str(number)
         try:
-            outcome = run_chain(chain.with_keys(dict(keys)), own, arm=arm)
+            outcome = run_chain(replace(chain, both=chain.both | dict(keys)), own, arm=arm)
             yield SourceRow(source, own, outcome)
         except (CalibrationRefused, StitchingRefused) as refused:
             yield SourceRow(source, own, None, str(refused))

@@ -82,7 +82,7 @@ def check_job_and_cell(
     overrides : dict, optional
         Dotted keys and their values, as `read_scan_job` takes them.
     station : str, optional
-        The one station to look at; all that the arm stands at where left out.
+        The one station to look at; all by default.
     """
     yield CheckResult("versions", ", ".join(_versions()))
     jobs: list[ScanJob] = []
@@ -186,7 +186,7 @@ def _model(cell: Cell) -> str:
     if apart > MODEL_TOLERANCE:
         raise ConfigurationError(
             f"the arm has its flange {1e3 * apart:.0f} mm from where the model has it; name the "
-            "arm that stands there",
+            "arm that is there",
             key="arm.model",
         )
     return f"{who}; its flange is {1e3 * apart:.1f} mm from where the model has it"
@@ -217,7 +217,7 @@ def _range(laser: DescribedLaser, table: LaserSettings) -> str:
     if described.near > table.near or described.far < table.far:
         raise ConfigurationError(
             f"the job expects z from {wanted}, and {able}: set near_mm and far_mm to what its "
-            "manual says; where its z points the other way, laser.genicam.flip_z and offset_mm",
+            "manual states; if its z points the other way, laser.genicam.flip_z and offset_mm",
             key="laser.near_mm",
         )
     return f"{able}; the job expects {wanted}"
@@ -227,12 +227,12 @@ def _profile(cell: Cell, read: Callable[[Profile], GrooveSection]) -> str:
     profile = cell.laser.capture()
     valid = int(profile.valid.sum())
     if valid < FEWEST_POINTS:
-        return f"{valid} of {len(profile)} points: nothing in range where the arm stands"
+        return f"{valid} of {len(profile)} points: nothing in range of the arm's place"
     try:
         read(profile)
     except TjscanError:
-        return f"{valid} of {len(profile)} points, and no groove where the arm stands"
-    return f"{valid} of {len(profile)} points, and a groove where the arm stands"
+        return f"{valid} of {len(profile)} points, and no groove at the arm's place"
+    return f"{valid} of {len(profile)} points, and a groove at the arm's place"
 
 
 def _path(cell: Cell, *T_b_f: Any) -> str:

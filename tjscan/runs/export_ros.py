@@ -13,11 +13,7 @@ from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import inverse_pose
 from tjscan.job import read_scan_job
-from tjscan.recording.ros import (
-    joint_trajectory_message,
-    pose_array_message,
-    write_ros_messages,
-)
+from tjscan.recording.ros import joint_trajectory_message, pose_array_message, write_ros_messages
 from tjscan.result.directory import JOB_FILE, SECTIONS_FILE, URDF_FILE
 from tjscan.result.export import EXPORT_STEM, sort_sections_by_azimuth
 from tjscan.result.shapes import read_finished_summary
@@ -34,7 +30,7 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
     """Write a scan as messages of ROS 2, in JSON and in MCAP, and return their folder.
 
     Sections and flange poses are in the arm's base frame, which has its name in the URDF that
-    stands beside them.
+    is beside them.
 
     Parameters
     ----------
@@ -49,7 +45,7 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
         If there is no finished run, it is stitched, or the folder can't be made: there is none
         to make it in, or a file has its name.
     RecordingError
-        If the recording is damaged, or the arm's clock began anew in it, or a file can't be
+        If the recording is damaged, or the arm's clock restarted in it, or a file can't be
         written.
     """
     summary = read_finished_summary(directory)
@@ -97,7 +93,7 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
 def _views_of_growing_time(directory: Path) -> tuple[list[ProfileView], int]:
     """The views of a recording, and nanoseconds from 1970 to when it began.
 
-    Of several at one time, where a profile was taken again on the spot, the first counts.
+    Of several at one time, when a profile was taken again on the spot, the first counts.
     """
     scan = read_recorded_scan(directory)
     if scan.started is None or not scan.views:
@@ -106,7 +102,7 @@ def _views_of_growing_time(directory: Path) -> tuple[list[ProfileView], int]:
     for view in scan.views[1:]:
         if view.time < views[-1].time:
             raise RecordingError(
-                f"{directory}: the arm's clock began anew where the scan was resumed, so its "
+                f"{directory}: the arm's clock restarted when the scan was resumed, so its "
                 "trajectory has no times"
             )
         if view.time > views[-1].time:

@@ -1,26 +1,39 @@
-"""The run directory: made before anything moves, with the resolved job in it."""
+"""What every run shares: its directory, what may change in it, its recording and its results.
+
+The directory is made before anything moves, with the resolved job in it.
+"""
 
 from __future__ import annotations
 
+import csv
+import io
 import shutil
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import tomli_w
 
 from tjscan.core.config import table_to_dict
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.core.files import DRAFT_PREFIX, write_files_atomically
+from tjscan.core.files import (
+    DRAFT_PREFIX,
+    lock_and_clean_directory,
+    read_small_file,
+    refuse_links_outside,
+    write_files_atomically,
+)
 from tjscan.core.locks import lock_directory
 from tjscan.core.manifest import MANIFEST_FILE, changed_since_written, check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.job import CalibrationSettings, CellJob
-from tjscan.recording.header import JobSnapshot, file_sha256
-from tjscan.recording.parts import recording_files
+from tjscan.job.crawl.job import CrawlJob
+from tjscan.job.tow.job import TowJob
+from tjscan.recording.header import JobSnapshot, file_sha256, job_snapshot_changes
+from tjscan.recording.parts import next_recording_file, recording_files
 from tjscan.result.directory import (
     CALIBRATION_FILE,
     JOB_FILE,
@@ -33,8 +46,19 @@ from tjscan.result.directory import (
 COPIED_FILES: Final = (JOB_FILE, JOINT_FILE, CALIBRATION_FILE, URDF_FILE)
 """What a run directory is made with."""
 
+MOST_BYTES: Final = 50_000_000
+"""A larger file is no result of a run: passes of an hour's welding take a tenth of it."""
+
 REPLAYED_TASKS: Final = ("crawl", "tow")
 """What is replayed into another run directory, as its recordings are named."""
+
+
+J = TypeVar("J")
+T = TypeVar("T")
+
+
+def do_nothing_when_finished(directory: Path) -> None:
+    """Do nothing when the results of a run directory are written."""
 
 
 def default_run_directory(job_file: Path, station: str | None = None) -> Path:
@@ -71,7 +95,7 @@ def make_run_directory(
     ConfigurationError
         If the directory holds something already.
     RecordingError
-        If it can't be made, or a file that the job names lies in a run directory and is not as
+        If it can't be made, or a file that the job names is in a run directory and is not as
         it was written.
     """
     check_as_written(*(file for file in (joint, calibration) if file is not None))
@@ -85,8 +109,50 @@ def make_run_directory(
         write_job_copy(draft, _text(job, draft), job_file, "w" if job.station else "b")
 
 
+def make_vehicle_run_directory(
+    directory: Path, job: CrawlJob | TowJob, job_file: Path, calibration: Path | None = None
+) -> None:
+    """Make the run directory of a crawl or a tow; see `make_run_directory`."""
+    with empty_run_directory(directory) as draft:
+        if calibration is not None:
+            shutil.copyfile(calibration, draft / CALIBRATION_FILE)
+            job = job.model_copy(update={"calibration": CALIBRATION_FILE})
+        write_job_copy(draft, tomli_w.dumps(table_to_dict(job)), job_file, "w")
+
+
+@contextmanager
+def record_vehicle_run(
+    directory: Path,
+    recording: str,
+    record: Callable[[Path, JobSnapshot], AbstractContextManager[J]],
+    *afterwards: Callable[[Path], object],
+) -> Iterator[J]:
+    """Record into a run directory while it is locked, and write results however the block ends.
+
+    Parameters
+    ----------
+    directory : Path
+        Which holds the job already.
+    recording : str
+        Name of its recordings.
+    record : callable
+        Opens the recording of a file and the job's snapshot; gives its journal.
+    *afterwards : callable
+        Are called in order with the directory when the recording is closed: they write results.
+    """
+    snapshot = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
+    file = next_recording_file(directory, recording)
+    with lock_and_clean_directory(directory):
+        try:
+            with record(file, snapshot) as journal:
+                yield journal
+        finally:
+            for act in afterwards:
+                act(directory)
+
+
 def check_replay(
-    directory: Path, out: Path, keys: Iterable[str], replayable: tuple[str, ...], what: str
+    directory: Path, out: Path, keys: Iterable[str], replayable: tuple[str, ...], task: str
 ) -> None:
     """Check that a recorded run may be replayed into a directory with some keys replaced.
 
@@ -99,43 +165,105 @@ def check_replay(
     keys : iterable of str
         Dotted keys that are replaced.
     replayable : tuple of str
-        What those that may be begin with.
-    what : str
+        Beginnings of those that may be.
+    task : str
         What was run, as its recording is named: crawl or tow.
 
     Raises
     ------
     ConfigurationError
-        If there is no such run, a key says how it was done, or the new directory would lie in its
-        own.
+        If there is no such run, a key is about how it was done, or the directory is inside.
+    RecordingError
+        If its job or calibration is not as it was written.
     """
-    if not _holds(directory, what):
-        others = [other for other in REPLAYED_TASKS if other != what and _holds(directory, other)]
-        advice = [f"it holds a {other}: tjscan {other} replay takes it" for other in others]
+    refuse_links_outside(directory, JOB_FILE, CALIBRATION_FILE)
+    check_as_written(directory / JOB_FILE, directory / CALIBRATION_FILE)
+    held = [
+        name
+        for name in REPLAYED_TASKS
+        if (directory / JOB_FILE).is_file() and recording_files(directory, name)[0].is_file()
+    ]
+    if task not in held:
+        advice = [f"it holds a {other}: tjscan {other} replay takes it" for other in held]
         raise ConfigurationError(
-            f"holds no {what}: {', '.join(advice) or 'give the run directory of one'}",
+            f"holds no {task}: {', '.join(advice) or 'give the run directory of one'}",
             file=directory,
         )
+    why = f"is about how the {task} was done, and it is done"
+    refuse_other_keys(keys, replayable, why, directory / JOB_FILE)
+    refuse_directory_inside(out, directory)
+
+
+def refuse_other_keys(
+    keys: Iterable[str], replaceable: tuple[str, ...], why: str, job_file: Path
+) -> None:
+    """Refuse to replace keys of a run's job that follow from what is recorded.
+
+    Parameters
+    ----------
+    keys : iterable of str
+        Dotted keys that are replaced.
+    replaceable : tuple of str
+        Beginnings of those that may be.
+    why : str
+        Why another may not.
+    job_file : Path
+        Of the run.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the first key.
+    """
     for key in keys:
-        if not key.startswith(replayable):
-            raise ConfigurationError(
-                f"says how the {what} was done, and it is done. What may change: "
-                f"{', '.join(name.rstrip('.') for name in replayable)}",
-                file=directory / JOB_FILE,
-                key=key,
-            )
+        if not key.startswith(replaceable):
+            may = ", ".join(name.rstrip(".") for name in replaceable)
+            raise ConfigurationError(f"{why}. What may change: {may}", file=job_file, key=key)
+
+
+def refuse_directory_inside(out: Path, directory: Path) -> None:
+    """Refuse to make a run directory inside of the one that it is made from.
+
+    Raises
+    ------
+    ConfigurationError
+        If it would be inside.
+    """
     if out.resolve().is_relative_to(directory.resolve()):
-        raise ConfigurationError("lies in the run directory, which stays as it is", file=out)
+        raise ConfigurationError("is inside the run directory, which stays as it is", file=out)
 
 
-def _holds(directory: Path, what: str) -> bool:
-    """Whether a directory is that of a run, with its job and a recording of that name."""
-    return (directory / JOB_FILE).is_file() and recording_files(directory, what)[0].is_file()
+def changes_of_job(
+    before: JobSnapshot, now: JobSnapshot, resumable: tuple[str, ...], advice: str, file: Path
+) -> list[tuple[str, str]]:
+    """Keys of a job that changed since it was recorded, and what changed.
+
+    Parameters
+    ----------
+    before, now : JobSnapshot
+        The job that was recorded, and as it is.
+    resumable : tuple of str
+        Beginnings of keys that may change.
+    advice : str
+        Why others may not, and what to do.
+    file : Path
+        That the error names.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the first other key.
+    """
+    changed = list(job_snapshot_changes(before, now))
+    for key, what in changed:
+        if not key.startswith(resumable):
+            raise ConfigurationError(f"{what}. {advice}", file=file, key=key)
+    return changed
 
 
 @contextmanager
 def empty_run_directory(directory: Path) -> Iterator[Path]:
-    """Make a run directory; what the block writes into the draft it gets stands there at once.
+    """Make a run directory; what the block writes into its draft appears there at once.
 
     Raises
     ------
@@ -152,7 +280,14 @@ def empty_run_directory(directory: Path) -> Iterator[Path]:
         lock_directory(directory),
         write_files_atomically(directory, last=JOB_FILE, listed=True) as draft,
     ):
-        _check_empty(directory, draft)
+        names = {file.name for file in directory.iterdir()} - {draft.name}
+        files = {name for name in names if not name.startswith(DRAFT_PREFIX)}
+        half_made = files < names and files <= {*COPIED_FILES, MANIFEST_FILE} - {JOB_FILE}
+        if files and not half_made:  # of one killed in the making
+            raise ConfigurationError(
+                "is not empty; a run never overwrites another. Choose another --out",
+                file=directory,
+            )
         yield draft
 
 
@@ -168,7 +303,7 @@ def accept_edited_copies(directory: Path, record_event: Callable[[str, str], obj
 
 
 def write_job_copy(draft: Path, text: str, job_file: Path, frame: str) -> None:
-    """Write a job's text into a run directory's draft, under a head that says where it is from.
+    """Write a job's text into a run directory's draft, under a head that states its origin.
 
     Parameters
     ----------
@@ -181,30 +316,61 @@ def write_job_copy(draft: Path, text: str, job_file: Path, frame: str) -> None:
     frame : str
         Of the run's coordinates.
     """
-    name = job_name_and_hash(_first_name(job_file), text.encode())
+    copied = job_label_of_run(job_file.parent) if job_file.name == JOB_FILE else ""
+    first_name = copied.rpartition(", SHA-256 ")[0] or job_file.name
+    name = job_name_and_hash(first_name, text.encode())
     head = Provenance.for_file_written_now(name, frame).comment_lines("#")
     (draft / JOB_FILE).write_text(head + text, encoding="utf-8")
 
 
-def _first_name(job_file: Path) -> str:
-    """Name of the file that a job was first read from, be it from a copy in a run directory."""
-    copied = (
-        job_label_of_run(job_file.parent).rpartition(", SHA-256 ")[0]
-        if job_file.name == JOB_FILE
-        else ""
+def table_to_csv(
+    directory: Path, columns: Mapping[str, Callable[[T], object]], rows: Iterable[T]
+) -> str:
+    """A table of a run's results as CSV, under the head that states its origin.
+
+    Parameters
+    ----------
+    directory : Path
+        Of the run.
+    columns : mapping
+        Name of each column, and its cell of a row.
+    rows : iterable
+        Of the table.
+    """
+    stream = io.StringIO()
+    stream.write(
+        Provenance.for_file_written_now(job_label_of_run(directory), "w").comment_lines("#")
     )
-    return copied or job_file.name
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([cell(row) for cell in columns.values()] for row in rows)
+    return stream.getvalue()
 
 
-def _check_empty(directory: Path, draft: Path) -> None:
-    """Refuse a directory that holds anything but what one killed in the making of it left."""
-    names = {file.name for file in directory.iterdir()} - {draft.name}
-    files = {name for name in names if not name.startswith(DRAFT_PREFIX)}
-    half_made = files < names and files <= {*COPIED_FILES, MANIFEST_FILE} - {JOB_FILE}
-    if files and not half_made:
+def read_result_file(file: Path, what: str, parse: Callable[[str], T]) -> T:
+    """Read a file of a run's results, as it was written.
+
+    Parameters
+    ----------
+    file : Path
+        In a run directory.
+    what : str
+        What such a file holds, for messages: ``the passes of a crawl``.
+    parse : callable
+        Reads its text.
+
+    Raises
+    ------
+    ConfigurationError
+        If it can't be read.
+    """
+    check_as_written(file)
+    try:
+        return parse(read_small_file(file, MOST_BYTES, what).decode())
+    except (OSError, ValueError, TypeError, KeyError, RecursionError, csv.Error) as error:
         raise ConfigurationError(
-            "is not empty; a run never overwrites another. Choose another --out", file=directory
-        )
+            f"can't be read: {error}. A run directory holds {what} there", file=file
+        ) from None
 
 
 def nothing_recorded_yet(directory: Path) -> bool:
@@ -224,22 +390,19 @@ def take_job_snapshot(directory: Path, job: CellJob) -> JobSnapshot:
         If a file there can't be read.
     """
     try:
-        texts = {
-            name: file.read_text(encoding="utf-8") if file.is_file() else ""
-            for name, file in (
-                ("joint", directory / JOINT_FILE),
-                ("calibration", directory / CALIBRATION_FILE),
-            )
-        }
+        joint, calibration = (
+            file.read_text(encoding="utf-8") if file.is_file() else ""
+            for file in (directory / JOINT_FILE, directory / CALIBRATION_FILE)
+        )
         urdf = directory / URDF_FILE
         arm = file_sha256(urdf) if urdf.is_file() else ""
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(f"{directory}: can't be read: {error}") from error
-    return JobSnapshot(_text(job, directory), **texts, arm=arm)
+    return JobSnapshot(_text(job, directory), joint, calibration, arm)
 
 
 def _text(job: CellJob, directory: Path) -> str:
-    """A job as TOML that names the copies which stand in a directory."""
+    """A job as TOML that names the copies in a directory."""
     if job.joint is not None and (directory / JOINT_FILE).is_file():
         job = job.model_copy(update={"joint": replace(job.joint, file=JOINT_FILE)})
     if (directory / CALIBRATION_FILE).is_file():

@@ -1,4 +1,4 @@
-"""Teach a start pose: from where the arm stands into the job file."""
+"""Teach a start pose: the arm's present pose into the job file."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class TaughtPose:
     Parameters
     ----------
     key : tuple of str
-        Where it stands in the file.
+        Its place in the file.
     position_mm, euler_zyx_deg : tuple of float
         As the job file holds them.
     groove : GrooveSection
@@ -64,8 +64,8 @@ def teach_pose(
     which : str
         Which of the two start poses it is.
     lead : sequence of float, shape (3,), optional
-        Leads a simulated arm, which no hand can, to the pose that stands in the job, moved by
-        this much along the axes of the flange, in metres; where it stands else.
+        Leads a simulated arm, which no hand can, to the pose in the job, moved by this
+        much along the axes of the flange, in metres; without, it stays in its present pose.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def write_start_pose(
     job_file : Path
         The file.
     key : sequence of str
-        Where the pose stands: ``scan``, ``first``; or ``station``, its name, ``first``.
+        Place of the pose: ``scan``, ``first``; or ``station``, its name, ``first``.
     position_mm, euler_zyx_deg : tuple of float
         The pose.
 
@@ -137,7 +137,7 @@ def write_start_pose(
     RecordingError
         If it can't be written.
     """
-    file = job_file.resolve()  # where a link leads, so that it stays a link
+    file = job_file.resolve()  # the target of a link, so that it stays a link
     try:
         document = tomlkit.parse(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, TOMLKitError) as error:

@@ -20,15 +20,7 @@ from tjscan.core.frames import Array
 from tjscan.groove.section import GrooveSection
 from tjscan.robot.arm import ArmState
 from tjscan.scanning.adaptive import adaptive_step_rule
-from tjscan.scanning.checks import (
-    check_agrees_with_prediction,
-    check_measures_plausible,
-    check_section_one_step_ahead,
-    check_section_orientation,
-    check_set_point,
-    largest_chance_differences,
-    measures_are_plausible,
-)
+from tjscan.scanning.checks import check_set_point
 from tjscan.scanning.correction_criterion import view_deviation, view_deviation_sigmas
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import Journal, ScanResultsJournal
@@ -61,7 +53,16 @@ from tjscan.scanning.section import (
     StepRequest,
     Substep,
 )
-from tjscan.scanning.sections_before import read_section, root_is_seen
+from tjscan.scanning.sections_before import (
+    check_agrees_with_prediction,
+    check_measures_plausible,
+    check_section_one_step_ahead,
+    check_section_orientation,
+    largest_chance_differences,
+    measures_are_plausible,
+    read_section,
+    root_is_seen,
+)
 from tjscan.scanning.smooth import tube_fit_predictor
 from tjscan.scanning.stopping import StopRequest
 from tjscan.scanning.target import ScanDirection, correction_target_pose

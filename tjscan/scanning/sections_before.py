@@ -1,21 +1,27 @@
-"""Reading a section with what the sections before it show: a prior, and tack welds."""
+"""Reading a section with what those before it show, and checking that it can follow them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import isnan
+from math import isnan, radians
 from typing import Final, Protocol
 
 import numpy as np
 
-from tjscan.core.frames import Array
+from tjscan.core.errors import GrooveNotFound
+from tjscan.core.frames import Array, rotation_angle_between, unit_vector
 from tjscan.groove.prior import GroovePrior
 from tjscan.groove.root import BURIED_CHORDS, WELD_IN_ROOT
 from tjscan.groove.section import TACK_WELD, GrooveSection, section_from_points
 from tjscan.laser.profile import Profile
-from tjscan.scanning.checks import BEAD_HEIGHT, largest_root_width_change
-from tjscan.scanning.section import ProfileView, ScannedSection
+from tjscan.scanning.section import (
+    TIGHTEST_BEND,
+    ProfileView,
+    ScannedSection,
+    StepRequest,
+    Substep,
+)
 
 MOST_SECTIONS: Final = 30
 """Sections that are looked back upon."""
@@ -26,6 +32,45 @@ fifth of a usual root's width."""
 
 STEADY_LENGTH: Final = 0.02
 """Metres of groove over which a root may go on widening: round a joint it goes to and fro."""
+
+STEPS_AHEAD: Final = (0.3, 2.0)
+"""Steps that a section lies ahead of the last one, at least and at most."""
+
+STEPS_ASIDE: Final = 1.0
+"""Steps that it lies aside of where the step led, at most."""
+
+ASIDE_ANYWAY: Final = 3e-3
+"""Metres aside that need no bend of the groove: errors of reading, of the arm, of teaching."""
+
+LEAST_UPRIGHT_COSINE: Final = 0.25
+"""Least cosine between the wall's tangent and x_s, and between the wall's normal and the view."""
+
+CHANCE_SIGMAS: Final = 5.0
+"""Standard deviations by which two readings of the same groove hardly ever differ."""
+
+ANGLE_CHANGE: Final = (radians(3), radians(250))
+"""Radians by which the groove angle differs from section to section, and radians per metre.
+
+The tightest groove (see `TIGHTEST_BEND`) changes by 200° per metre; a laser plane that is turned a
+little further than the last one sees a little more.
+"""
+
+ROOT_CHANGE: Final = (0.1, 5.0)
+DEPTH_CHANGE: Final = (0.1, 3.0)
+"""Share by which root width and depth differ, and share per metre, of the same groove."""
+
+BEAD_HEIGHT: Final = 0.8e-3
+"""Metres by which root width and depth may differ besides: weld beads are no planes."""
+
+SAME_SECTION_DISTANCE: Final = 0.5e-3
+"""Metres by which the corners differ that are read in two views of the same section."""
+
+TURNED_VIEW_DISTANCE: Final = 0.08
+"""Metres by which they differ more, per squared radian between the views.
+
+A turned laser plane meets the edges elsewhere, and the edges are not quite parallel to the step:
+on joints of 168 to 610 mm that made up to half of it.
+"""
 
 
 class GrooveReader(Protocol):
@@ -150,3 +195,171 @@ def _buried(groove: GrooveSection) -> GrooveSection:
         absent=("p3", "p4"),
         evidence=groove.evidence,
     )
+
+
+def check_section_one_step_ahead(found: ScannedSection, step: StepRequest) -> None:
+    """Refuse a section that does not lie about a step ahead of the last one, as it was meant.
+
+    Were it accepted, such a section would turn the next set-point round and lead the arm astray.
+
+    Parameters
+    ----------
+    found : ScannedSection
+        What was read, in either substep.
+    step : StepRequest
+        The step that was made.
+
+    Raises
+    ------
+    GrooveNotFound
+        With reason "implausible": too near or too far, aside, or turned.
+    """
+    length, direction_b = step.length, step.direction_b
+    gone = found.T_b_g[:3, 3] - step.groove_origin_b
+    ahead = float(gone @ direction_b)
+    aside = float(np.linalg.norm(gone - ahead * direction_b))
+    if not (
+        STEPS_AHEAD[0] * length < ahead < STEPS_AHEAD[1] * length and aside < _most_aside(length)
+    ):
+        raise GrooveNotFound(
+            "implausible",
+            f"what was read lies {1e3 * ahead:.1f} mm ahead of the last section and "
+            f"{1e3 * aside:.1f} mm aside, a step of {1e3 * length:.1f} mm was made",
+        )
+    turn = rotation_angle_between(step.last.T_b_g, found.T_b_g)
+    if turn > step.max_rotation:
+        raise GrooveNotFound(
+            "implausible",
+            f"what was read is turned by {np.degrees(turn):.0f}° against the last section, over "
+            f"{1e3 * length:.1f} mm",
+        )
+
+
+def check_section_orientation(groove: GrooveSection) -> None:
+    """Refuse a section whose wall is not above the groove, or does not face the sensor.
+
+    Raises
+    ------
+    GrooveNotFound
+        With reason "implausible".
+    """
+    up, towards = float(groove.T_s_g[0, 1]), -float(groove.T_s_g[2, 2])
+    if min(up, towards) < LEAST_UPRIGHT_COSINE:
+        raise GrooveNotFound(
+            "implausible",
+            f"the brace's wall rises by {up:.2f} of its length along x_s and faces the sensor by "
+            f"{towards:.2f}: it is not above the groove",
+        )
+
+
+def check_measures_plausible(found: ScannedSection, step: StepRequest) -> None:
+    """Refuse a section whose own measures can't follow those of the last one.
+
+    Parameters
+    ----------
+    found : ScannedSection
+        What was read, the laser plane turned as for the last section: measures of a plane that
+        lies otherwise are other measures.
+    step : StepRequest
+        The step that was made.
+
+    Raises
+    ------
+    GrooveNotFound
+        With reason "implausible": the groove angle, the root or the depth jumps by more than what
+        both readings are uncertain by and a groove changes over such a step.
+    """
+    before, after, allowed = _measures(found, step)
+    beyond = np.abs(after - before) > allowed
+    if not beyond.any():
+        return
+    k = int(beyond.argmax())
+    name, unit = (("opening", "°"), ("root width", " mm"), ("depth", " mm"))[k]
+    scale = np.degrees(1.0) if k == 0 else 1e3
+    raise GrooveNotFound(
+        "implausible",
+        f"the {name} jumps from {scale * before[k]:.1f} to {scale * after[k]:.1f}{unit} over "
+        f"{1e3 * step.length:.1f} mm, {scale * allowed[k]:.1f}{unit} are plausible",
+    )
+
+
+def measures_are_plausible(found: ScannedSection, step: StepRequest) -> bool:
+    """Whether `check_measures_plausible` would accept a section; for the parameters see there."""
+    before, after, allowed = _measures(found, step)
+    return not bool((np.abs(after - before) > allowed).any())
+
+
+def check_agrees_with_prediction(found: ScannedSection, step: StepRequest) -> None:
+    """Refuse a corrected section that is another one than was predicted.
+
+    The correction turns the sensor about the groove that the prediction view showed: seen along
+    the step, its corners stay where they are. They would not, were the profile not of this view.
+
+    Parameters
+    ----------
+    found : ScannedSection
+        What was read after the correction.
+    step : StepRequest
+        The step that was made.
+
+    Raises
+    ------
+    GrooveNotFound
+        With reason "implausible".
+    """
+    if step.predicted is None:
+        return
+    step_b = unit_vector(found.T_b_g[:3, 3] - step.groove_origin_b)
+    apart = (found.points_b - step.predicted.points_b)[1:4]  # the ends are not corners
+    aside = np.linalg.norm(apart - np.outer(apart @ step_b, step_b), axis=1)
+    same = (
+        SAME_SECTION_DISTANCE
+        + TURNED_VIEW_DISTANCE
+        * rotation_angle_between(step.predicted.view.T_b_s, found.view.T_b_s) ** 2
+    )
+    allowed = np.maximum(same, largest_chance_differences(found.groove, step.predicted.groove))
+    if (aside > allowed).any():
+        k = int((aside - allowed).argmax())
+        raise GrooveNotFound(
+            "implausible",
+            f"its corners lie {1e3 * aside[k]:.1f} mm from where the prediction view showed them, "
+            f"{1e3 * allowed[k]:.1f} mm are plausible",
+        )
+
+
+def largest_chance_differences(one: GrooveSection, other: GrooveSection) -> Array:
+    """Largest differences of p2, p3, p4 between two readings by chance, shape (3,), metres.
+
+    Of corners that are buried, as under a tack weld, these are many.
+    """
+    variances = one.corner_covariances_s + other.corner_covariances_s
+    return np.asarray(CHANCE_SIGMAS * np.sqrt(np.trace(variances, axis1=1, axis2=2)))
+
+
+def largest_root_width_change(groove: GrooveSection, away: float) -> float:
+    """Metres by which a root's width differs at most from a section's so many metres away."""
+    return BEAD_HEIGHT + (ROOT_CHANGE[0] + ROOT_CHANGE[1] * away) * groove.root_width
+
+
+def _measures(found: ScannedSection, step: StepRequest) -> tuple[Array, Array, Array]:
+    """Groove angle, root width and depth of the last section and this one, and what may change."""
+    last, now = step.last.groove, found.groove
+    # A taught laser plane may have been turned otherwise than one that the scan chose.
+    factor = 2.0 if step.last.view.substep is Substep.TAUGHT else 1.0
+    noise = CHANCE_SIGMAS * np.sqrt(
+        np.diag(last.measure_covariance)[:3] + np.diag(now.measure_covariance)[:3]
+    )
+    before, after = (np.array((g.groove_angle, g.root_width, g.depth)) for g in (last, now))
+    allowed = noise + factor * np.array(
+        (
+            ANGLE_CHANGE[0] + ANGLE_CHANGE[1] * step.length,
+            largest_root_width_change(last, step.length),
+            BEAD_HEIGHT + (DEPTH_CHANGE[0] + DEPTH_CHANGE[1] * step.length) * before[2],
+        )
+    )
+    return before, after, np.asarray(allowed)
+
+
+def _most_aside(length: float) -> float:
+    """A circle leaves its tangent by step²/2R; straight on from the last chord it is twice that."""
+    return min(ASIDE_ANYWAY + length * length / TIGHTEST_BEND, STEPS_ASIDE * length + ASIDE_ANYWAY)

@@ -25,7 +25,7 @@ class ResolvedRun:
     settings : str
         Everything that the run needs, as canonical JSON.
     followed : mapping
-        What followed from the study's keys and stands in the table beside them.
+        What followed from the study's keys and is in the table beside them.
     """
 
     settings: str
@@ -41,7 +41,7 @@ class ReportedQuantity(Generic[O]):
     name : str
         With its unit, as ``mean corner error / mm``.
     value : callable
-        Takes it from an outcome; None where it is unknown.
+        Takes it from an outcome; None if it is unknown.
     form : str
         How it is written, as `format` knows it.
     """

@@ -25,13 +25,13 @@ class StudyFile(StrictFileModel):
     Parameters
     ----------
     task : str
-        Which algorithm runs; it says which keys there are.
+        Which algorithm runs; it determines which keys there are.
     job : str or tuple of str
         The base job, or several.
     seeds : int, optional
         How many seeds of the random numbers every setting is run with.
     fixed, grid, together
-        Dotted keys: with the value of every run; with values of which every combination is run;
+        Dotted keys: with the value of every run; with values whose combinations are all run;
         and tables of such lists that go together, entry by entry.
     """
 
@@ -60,10 +60,13 @@ class StudyFile(StrictFileModel):
         Raises
         ------
         ConfigurationError
-            If an axis has no values, values are no list, a key stands twice, or lists that go
+            If an axis has no values, values are no list, a key occurs twice, or lists that go
             together differ in length.
         """
-        axes = [[{key: value} for value in _values(key, values)] for key, values in self._grid()]
+        axes = [
+            [{key: value} for value in _values(key, values)]
+            for key, values in flatten_to_dotted_keys(self.grid).items()
+        ]
         axes += [_together(flatten_to_dotted_keys(table)) for table in self.together]
         if self.seeds is not None:
             key = study_backend_of_task(self.task).seed
@@ -71,11 +74,8 @@ class StudyFile(StrictFileModel):
         keys = [key for axis in axes for key in axis[0]]
         for key in keys:
             if keys.count(key) > 1 or key in self.fixed_settings:
-                raise ConfigurationError("stands twice in the study", key=key)
+                raise ConfigurationError("occurs twice in the study", key=key)
         return axes
-
-    def _grid(self) -> list[tuple[str, Any]]:
-        return list(flatten_to_dotted_keys(self.grid).items())
 
 
 def read_study_file(file: Path) -> StudyFile:

@@ -22,7 +22,7 @@ CLUSTER_TIMEOUT: Final = 20.0
 """Seconds that a scheduler has to answer, and the first worker of a cluster to join it."""
 
 WORKER_DEATHS: Final = 1
-"""How often a trial may take a process of this machine with it and be tried once more."""
+"""How often a trial may take a process of this machine with it and be tried again."""
 
 STUDY_PACKAGES: Final = ("distributed", "pyarrow")
 """What the extra ``study`` installs."""
@@ -53,7 +53,7 @@ TaskScheduler = Callable[
 
 @dataclass(frozen=True, slots=True)
 class DaskScheduler:
-    """Runs tasks on the workers of a dask scheduler, each of which takes one thread.
+    """Runs tasks on the workers of a dask scheduler, which take one thread each.
 
     A worker that dies costs no task but the one that kills its workers again and again.
 

@@ -38,7 +38,7 @@ class Trial:
 
     @cached_property
     def hash_key(self) -> str:
-        """Hash of all that decides the run's result; tells it from every other run."""
+        """Hash of all that decides the run's result; it differs from every other run's."""
         text = canonical_json([VERSION, dict(self.inputs), self.task, self.settings])
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 

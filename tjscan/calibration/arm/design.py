@@ -9,13 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.arm.model import ArmModel, SeenTarget
+from tjscan.calibration.arm.model import ArmModel, TargetInPostures
 from tjscan.calibration.measuring_range import MeasuringRange
-from tjscan.calibration.models.sphere import SphereModel
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.targets import SphereTarget
+from tjscan.calibration.targets.ball import SphereModel, SphereTarget
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
-from tjscan.core.frames import Array, frozen_arrays, inverse_pose, pose, rot_z, transform_points
+from tjscan.core.frames import (
+    Array,
+    frozen_arrays,
+    inverse_pose,
+    pose,
+    rot_z,
+    transform_points,
+)
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import PlacementTolerance
@@ -23,14 +29,14 @@ from tjscan.robot.settings import PlacementTolerance
 SENSOR_POSES: Final = 100
 """Ways to look at the ball from which postures are chosen; each has up to eight."""
 
-WIDEST_LEAN: Final = float(np.radians(60.0))
+MAX_LEAN_ANGLE: Final = float(np.radians(60.0))
 """Radians from straight above the ball: below, its stand is in the way."""
 
-OFF_CENTRE: Final = 0.6
+MAX_OFF_CENTRE_RATIO: Final = 0.6
 """Of the ball's radius: so far, at most, the laser plane passes its centre."""
 
 RANGE_MARGIN: Final = 5e-3
-"""Metres that the ball keeps from the ends of the sensor's range: it stands about where stated."""
+"""Metres that the ball keeps from the ends of the sensor's range: its place is approximate."""
 
 ARC_SIGMA: Final = 20e-6
 """Metres; of an arc's centre and radius, for the choice of postures alone."""
@@ -52,9 +58,9 @@ class PlannedView:
     q : ndarray, shape (joints,)
         Joint angles, radians.
     T_b_f : ndarray, shape (4, 4)
-        Where the arm's model has the flange.
+        Flange pose by the arm's model.
     held_out : bool
-        Whether what is seen only checks the result.
+        Whether the profile only checks the result.
     """
 
     q: Array
@@ -65,26 +71,26 @@ class PlannedView:
 @dataclass(frozen=True, slots=True, eq=False)
 @frozen_arrays
 class BallPlan:
-    """Where a ball is, what looks at it, and how often.
+    """Place of a ball, the sensor that looks at it, and the number of postures.
 
     Parameters
     ----------
     centre_b : ndarray, shape (3,)
-        About where its centre is, in metres.
+        Approximate place of its centre, in metres.
     radius : float
-        About its radius, in metres.
+        Approximate radius, in metres.
     T_f_s : ndarray, shape (4, 4)
         How the sensor sits on the flange.
     window : MeasuringRange
-        What the sensor sees.
+        Measuring range of the sensor.
     noise : NoiseModel
-        What profiles and poses err by; of poses, what the arm does not repeat.
+        Errors of profiles and poses; of poses, the arm's repeatability.
     tolerance : PlacementTolerance
-        What the maker leaves of deviations.
+        Deviations that the maker leaves.
     poses, held_out : int
         How many postures to find the deviations from, and to check them with.
     laser : LaserDeviation, optional
-        By what the laser may deviate.
+        Possible deviation of the laser.
     """
 
     centre_b: Array
@@ -99,15 +105,15 @@ class BallPlan:
 
 
 def plan_views(plan: BallPlan, kinematics: Kinematics) -> tuple[PlannedView, ...]:
-    """Plan all postures that are worth looking from, in the order in which they tell most.
+    """Plan all postures that are worth looking from, the most informative first.
 
-    More than `plan` asks for: the arm may not reach some of them. Each next one is that whose
-    profile says most of all that is unknown (D-optimal); every so often, one that only checks.
+    More than `plan` asks for: the arm may not reach some of them. The profile of each next one
+    has the most information about all unknowns (D-optimal); now and then, one only checks.
 
     Parameters
     ----------
     plan : BallPlan
-        Where the ball is and what looks at it.
+        The ball and the sensor.
     kinematics : Kinematics
         The arm's model.
 
@@ -128,7 +134,7 @@ def plan_views(plan: BallPlan, kinematics: Kinematics) -> tuple[PlannedView, ...
     order = _most_informative_first(plan, _predicted(plan, kinematics, q, T_b_f), len(q))
     every = wanted / plan.held_out
     checks = {int(every * (k + 0.5)) for k in range(plan.held_out)}
-    # What checks is not chosen to tell much: it is taken from the other end.
+    # Postures that check are not chosen by information: they are taken from the other end.
     views, first, last = [], 0, len(order) - 1
     for place in range(len(order)):
         held_out = place % wanted in checks
@@ -147,12 +153,12 @@ def _candidates(plan: BallPlan, kinematics: Kinematics) -> Array:
     rng, middle = np.random.default_rng(0), np.zeros(len(kinematics.lower))
     near, far = plan.window.near + plan.radius, plan.window.far - RANGE_MARGIN
     wide = 0.5 * plan.window.near * np.tan(plan.window.half_angle)
-    off = OFF_CENTRE * plan.radius
+    off = MAX_OFF_CENTRE_RATIO * plan.radius
     found: list[Array] = []
     for _ in range(SENSOR_POSES):
         azimuth, yaw = rng.uniform(-np.pi, np.pi, 2)
         axis = np.array((np.cos(azimuth), np.sin(azimuth), 0.0))
-        z = -Rotation.from_rotvec(rng.uniform(0, WIDEST_LEAN) * axis).as_matrix()[:, 2]
+        z = -Rotation.from_rotvec(rng.uniform(0, MAX_LEAN_ANGLE) * axis).as_matrix()[:, 2]
         x = np.linalg.svd(z[None])[2][1]
         R = np.column_stack((x, np.cross(z, x), z)) @ rot_z(yaw)
         seen_s = rng.uniform((-wide, -off, near + RANGE_MARGIN), (wide, off, far))
@@ -179,7 +185,7 @@ def _predicted(plan: BallPlan, kinematics: Kinematics, q: Array, T_b_f: Array) -
         plan.noise,
     )
     start = np.append(plan.centre_b, plan.radius)
-    model = ArmModel(kinematics, (SeenTarget(arcs, q, T_b_f, start),))
+    model = ArmModel(kinematics, (TargetInPostures(arcs, q, T_b_f, start),))
     stacked = model.linearise(plan.T_f_s, np.zeros((model.joints, 6)), start)
     J = stacked.jacobian.reshape(len(q), 3, -1)
     blocks = stacked.covariance.reshape(len(q), 3, len(q), 3)

@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.optimize import least_squares
 from scipy.special import chdtri
 
-from tjscan.calibration.arm.model import ArmModel, StackedProfiles
-from tjscan.calibration.solve.refine import covariance_from_information
+from tjscan.calibration.arm.model import ArmModel
+from tjscan.calibration.solve.combined import StackedResiduals
+from tjscan.calibration.solve.refine import (
+    Mask,
+    covariance_from_information,
+    lower_root,
+    solve_reweighted,
+    whiten,
+    whitened,
+)
 from tjscan.core.frames import Array, frozen_arrays
-from tjscan.core.pose_vector import boxplus, left_jacobian
 
 FALSE_ALARM_PROBABILITY: Final = 1e-3
-"""Probability to blame any profile, where all are as good as stated."""
+"""Probability to blame any profile although all are as good as stated."""
 
 MAX_REJECTED_SHARE: Final = 0.1
 """Of the profiles; with more, it is not single ones that are bad."""
 
-REWEIGHTINGS: Final = 2
+WEIGHTING_ROUNDS: Final = 2
 """Weights depend on the geometry only weakly."""
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,11 +44,11 @@ class ArmEstimate:
     target : ndarray, shape (m,)
         The targets' parameters.
     covariance : ndarray, shape (6 + 6 joints + m, 6 + 6 joints + m)
-        Of all of them: T_f_s by translation and small rotation in the axes of f. As stated errors
-        have it; not widened.
+        Of all of them: T_f_s by translation and small rotation in the axes of f. By the stated
+        errors; not widened.
     chi2, dof : float, int
-        Weighted sum of squares that is left, the prior's included, and its expectation.
-    stacked : StackedProfiles
+        Weighted sum of squared residuals, the prior's included, and its expectation.
+    stacked : StackedResiduals
         Of all profiles, the unused ones too.
     used : ndarray of bool, shape (n,)
         Which profiles it rests on.
@@ -58,12 +60,12 @@ class ArmEstimate:
     covariance: Array
     chi2: float
     dof: int
-    stacked: StackedProfiles
+    stacked: StackedResiduals
     used: Mask
 
     @property
     def sigma_scale(self) -> float:
-        """By how much residuals are larger than stated, where that is significant; else one."""
+        """By how much residuals are larger than stated, if that is significant; else one."""
         if self.chi2 <= chdtri(self.dof, FALSE_ALARM_PROBABILITY):
             return 1.0
         return float(np.sqrt(self.chi2 / self.dof))
@@ -77,10 +79,10 @@ def estimate_deviations(
     Parameters
     ----------
     model : ArmModel
-        What was seen.
+        The profiles.
     sigmas : ndarray, shape (joints, 6)
         Standard deviations of the joints' deviations about zero, as the maker leaves them; all
-        zero for an arm that is taken as its model has it.
+        zero for an arm without deviations.
     T_f_s : ndarray, shape (4, 4)
         About how the sensor sits.
     held_out : ndarray of bool, shape (n,), optional
@@ -108,50 +110,49 @@ def whitened_jacobian(estimate: ArmEstimate, sigmas: Array) -> Array:
     By steps of T_f_s, by deviations over their `sigmas`, shape (joints, 6), and by targets.
     """
     rows = estimate.used[estimate.stacked.profile]
-    L = _root(estimate.stacked.covariance[np.ix_(rows, rows)])
+    L = lower_root(estimate.stacked.covariance[np.ix_(rows, rows)])
     scale = _scale(sigmas, len(estimate.target))
-    return _over(L, estimate.stacked.jacobian[rows] * scale)
+    return whiten(L, estimate.stacked.jacobian[rows] * scale)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ScaledArm:
+    """Residuals by deviations over their sigmas and by targets: the prior is a sum of squares."""
+
+    model: ArmModel
+    sigmas: Array
+
+    def first_order(self, T_f_s: Array, parameters: Array) -> tuple[Array, Array]:
+        found = self.linearise(T_f_s, parameters)
+        return found.residuals, found.jacobian
+
+    def linearise(self, T_f_s: Array, parameters: Array) -> StackedResiduals:
+        deviations, target = self.unscaled(parameters)
+        found = self.model.linearise(T_f_s, deviations, target)
+        return replace(found, jacobian=found.jacobian * _scale(self.sigmas, len(target)))
+
+    def unscaled(self, parameters: Array) -> tuple[Array, Array]:
+        """Deviations, shape (joints, 6), and the targets' parameters."""
+        n = self.sigmas.size
+        deviations = (parameters[:n] * self.sigmas.ravel()).reshape(self.sigmas.shape)
+        return deviations, parameters[n:]
 
 
 def _solve(model: ArmModel, sigmas: Array, T_f_s: Array, target: Array, used: Mask) -> ArmEstimate:
-    """Gauss-Newton on deviations over their sigmas: the prior is their sum of squares."""
-    n, scale = sigmas.size, _scale(sigmas, len(target))
-    prior = np.hstack((np.zeros((n, 6)), np.eye(n), np.zeros((n, len(target)))))
-    base, theta = T_f_s, np.concatenate((np.zeros(6 + n), target))
-
-    def at(theta: Array, base: Array) -> StackedProfiles:
-        deviations = (theta[6 : 6 + n] * sigmas.ravel()).reshape(sigmas.shape)
-        return model.linearise(boxplus(base, theta[:6]), deviations, theta[6 + n :])
-
-    for _ in range(REWEIGHTINGS):
-        first = at(theta, base)
-        rows = used[first.profile]
-        L = _root(first.covariance[np.ix_(rows, rows)])
-
-        def residuals(theta: Array, base: Array = base, L: Array = L, rows: Mask = rows) -> Array:
-            found = at(theta, base)
-            return np.concatenate((_over(L, found.residuals[rows]), theta[6 : 6 + n]))
-
-        def jacobian(theta: Array, base: Array = base, L: Array = L, rows: Mask = rows) -> Array:
-            J = at(theta, base).jacobian[rows] * scale
-            # From a small turn on top of theta's rotation to a change of the rotation vector.
-            J[:, 3:6] = J[:, 3:6] @ left_jacobian(theta[3:6])
-            return np.concatenate((_over(L, J), prior))
-
-        found = least_squares(residuals, theta, jacobian, method="lm", x_scale="jac")
-        base, theta = boxplus(base, found.x[:6]), np.concatenate((np.zeros(6), found.x[6:]))
-    stacked = at(theta, base)
-    L = _root(stacked.covariance[np.ix_(rows, rows)])
-    J = np.concatenate((_over(L, stacked.jacobian[rows] * scale), prior))
-    r = np.concatenate((_over(L, stacked.residuals[rows]), theta[6 : 6 + n]))
+    scaled, prior = _ScaledArm(model, sigmas), np.eye(sigmas.size, sigmas.size + len(target))
+    start = np.concatenate((np.zeros(sigmas.size), target))
+    T_f_s, parameters = solve_reweighted(scaled, T_f_s, start, used, prior, WEIGHTING_ROUNDS)
+    J, r = whitened(scaled.linearise(T_f_s, parameters), used, prior, parameters)
+    scale = _scale(sigmas, len(target))
+    deviations, target = scaled.unscaled(parameters)
     return ArmEstimate(
-        base,
-        (theta[6 : 6 + n] * sigmas.ravel()).reshape(sigmas.shape),
-        theta[6 + n :],
+        T_f_s,
+        deviations,
+        target,
         covariance_from_information(J.T @ J) * np.outer(scale, scale),
         float(r @ r),
         len(r) - J.shape[1],
-        stacked,
+        model.linearise(T_f_s, deviations, target),
         used,
     )
 
@@ -168,11 +169,11 @@ def without_each_profile(estimate: ArmEstimate) -> tuple[Array, Array]:
         Translation (metres) and rotation (radians) in the axes of f.
     """
     stacked, rows = estimate.stacked, estimate.used[estimate.stacked.profile]
-    L = _root(stacked.covariance[np.ix_(rows, rows)])
-    J = _over(L, stacked.jacobian[rows])
+    L = lower_root(stacked.covariance[np.ix_(rows, rows)])
+    J = whiten(L, stacked.jacobian[rows])
     gain = estimate.covariance @ J.T
     left = np.eye(len(J)) - J @ gain
-    r, at = _over(L, stacked.residuals[rows]), stacked.profile[rows]
+    r, at = whiten(L, stacked.residuals[rows]), stacked.profile[rows]
     falls, steps = np.zeros(len(estimate.used)), np.zeros((len(estimate.used), 6))
     for i in np.flatnonzero(estimate.used):
         own = at == i
@@ -183,11 +184,3 @@ def without_each_profile(estimate: ArmEstimate) -> tuple[Array, Array]:
 
 def _scale(sigmas: Array, targets: int) -> Array:
     return np.concatenate((np.ones(6), sigmas.ravel(), np.ones(targets)))
-
-
-def _root(covariance: Array) -> Array:
-    return np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
-
-
-def _over(L: Array, values: Array) -> Array:
-    return np.asarray(solve_triangular(L, values, lower=True, check_finite=False))

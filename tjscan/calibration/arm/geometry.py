@@ -14,13 +14,13 @@ from tjscan.robot.deviations import deviation_jacobian
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import PlacementTolerance
 
-POSTURES: Final = 100
+DRAWN_POSTURES: Final = 100
 """Drawn postures over which an arm's geometry error has the size that is stated."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmGeometry:
-    """Geometry error of an arm whose model is known: its joints deviate from where that has them.
+    """Geometry error of an arm whose model is known: its joints deviate from the model.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class ArmGeometry:
     def _size(self) -> float:
         """RMS of the flange's position over all postures, each axis, metres."""
         rng = np.random.default_rng(0)
-        drawn = rng.uniform(-np.pi, np.pi, (POSTURES, len(self.kinematics.lower)))
+        drawn = rng.uniform(-np.pi, np.pi, (DRAWN_POSTURES, len(self.kinematics.lower)))
         moved = np.array([self._in_flange(q)[:3] for q in drawn])
         return float(np.sqrt(np.mean(np.sum(moved**2, axis=2))))
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
-from tjscan.calibration.models.linearised import MovableTargetModel
+from tjscan.calibration.solve.combined import StackedResiduals, stack_residuals
+from tjscan.calibration.targets.target import SeenTargetModel
 from tjscan.core.frames import Array, frozen_arrays, inverse_pose, skew_matrix
 from tjscan.robot.deviations import deviation_jacobian, with_deviations
 from tjscan.robot.kinematics import Kinematics
@@ -17,63 +16,34 @@ from tjscan.robot.kinematics import Kinematics
 
 @dataclass(frozen=True, slots=True, eq=False)
 @frozen_arrays
-class SeenTarget:
-    """A target and the profiles of it.
+class TargetInPostures:
+    """A target and the profiles of it, with the arm's postures.
 
     Parameters
     ----------
-    model : MovableTargetModel
+    model : SeenTargetModel
         Of n profiles.
     q : ndarray, shape (n, joints)
         Joint angles at each, radians.
     T_b_f : ndarray, shape (n, 4, 4)
         Flange pose at each, as the arm read it.
     start : ndarray, shape (m,)
-        About what the target's parameters are.
+        Approximate parameters of the target.
     """
 
-    model: MovableTargetModel
+    model: SeenTargetModel
     q: Array
     T_b_f: Array
     start: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StackedProfiles:
-    """Residuals of all profiles of all targets, with derivatives, each over its own errors.
-
-    Parameters
-    ----------
-    residuals : ndarray, shape (N,)
-        In metres and radians.
-    jacobian : ndarray, shape (N, 6 + 6 joints + m)
-        By a step of T_f_s (axes of f), the joints' deviations, and the targets' parameters.
-    covariance : ndarray, shape (N, N)
-        Of range noise, of what the arm does not repeat, each profile's own, and of what the laser
-        deviates by in all of them.
-    profile : ndarray of int, shape (N,)
-        To which profile each residual belongs.
-    is_length : ndarray of bool, shape (N,)
-        Whether it is a length.
-    by_laser : ndarray, shape (N, m), or None
-        Derivative by draws of the laser's deviation, which the covariance holds.
-    """
-
-    residuals: Array
-    jacobian: Array
-    covariance: Array
-    profile: NDArray[np.intp]
-    is_length: NDArray[np.bool_]
-    by_laser: Array | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class ArmModel:
-    """Residuals of profiles that an arm took, as its deviations, T_f_s and targets would have it.
+    """Residuals of profiles that an arm took, by its deviations, T_f_s and targets.
 
-    The true flange is where the arm reads it to be, and a motion further: the one from where the
-    model has the flange at these joint angles to where the model with deviations has it. So a
-    controller may read poses with a calibration of its own.
+    The true flange pose is the one that the arm reads, and a motion further: from the model's
+    flange pose at these joint angles to that of the model with deviations. So a controller may
+    read poses with a calibration of its own.
 
     Parameters
     ----------
@@ -84,7 +54,7 @@ class ArmModel:
     """
 
     kinematics: Kinematics
-    targets: tuple[SeenTarget, ...]
+    targets: tuple[TargetInPostures, ...]
 
     @property
     def joints(self) -> int:
@@ -103,7 +73,7 @@ class ArmModel:
 
     @cached_property
     def _beyond_model(self) -> list[Array]:
-        """What the arm's reading adds to the model's, by target, in frame b."""
+        """Motion from the model's flange pose to the one that the arm reads, by target, frame b."""
         return [
             np.array(
                 [
@@ -122,8 +92,10 @@ class ArmModel:
             for seen in self.targets
         ]
 
-    def linearise(self, T_f_s: Array, deviations: Array, target: Array) -> StackedProfiles:
+    def linearise(self, T_f_s: Array, deviations: Array, target: Array) -> StackedResiduals:
         """Residuals at a guess, with derivatives and covariance.
+
+        The derivative is by a step of T_f_s, by the deviations, and by the targets' parameters.
 
         Parameters
         ----------
@@ -141,10 +113,7 @@ class ArmModel:
         """
         arm = with_deviations(self.kinematics, deviations)
         ends = np.cumsum([len(seen.start) for seen in self.targets])
-        parts, by_target, lengths = [], [], []
-        blocks: list[Array] = []
-        by_laser: list[Array] = []
-        profile, first = [], 0
+        parts = []
         for seen, own, E, J in zip(
             self.targets,
             np.split(target, ends[:-1]),
@@ -154,37 +123,9 @@ class ArmModel:
         ):
             T_b_f = E @ np.array([arm.forward(q) for q in seen.q])
             found = seen.model.seen_from(T_b_f).linearise(T_f_s, own)
-            n, k = found.residuals.shape
             by_flange = found.by_pose.copy()
-            # A turn of the flange also carries the sensor, whose origin stands off from f's.
+            # A turn of the flange also carries the sensor, whose origin is not that of f.
             by_flange[:, :, 3:] -= found.by_pose[:, :, :3] @ skew_matrix(T_f_s[:3, 3])
-            parts.append(
-                np.hstack(
-                    (
-                        found.residuals.reshape(-1, 1),
-                        found.by_pose.reshape(n * k, 6),
-                        (by_flange @ J).reshape(n * k, -1),
-                    )
-                )
-            )
-            by_target.append(found.by_target.reshape(n * k, -1))
-            blocks.extend(found.covariance)
-            if found.by_laser is not None:
-                by_laser.append(found.by_laser.reshape(n * k, -1))
-            # Of each line offset and tilt, of an arc three lengths.
-            lengths.append(np.tile(np.ones(k, bool) if k == 3 else np.arange(k) % 2 == 0, n))
-            profile.append(np.repeat(np.arange(first, first + n), k))
-            first += n
-        stacked = np.concatenate(parts)
-        covariance = block_diag(*blocks)
-        shared = np.concatenate(by_laser) if len(by_laser) == len(parts) else None
-        if shared is not None:
-            covariance = covariance + shared @ shared.T
-        return StackedProfiles(
-            stacked[:, 0],
-            np.hstack((stacked[:, 1:], block_diag(*by_target))),
-            covariance,
-            np.concatenate(profile),
-            np.concatenate(lengths),
-            shared,
-        )
+            by_pose = np.concatenate((found.by_pose, by_flange @ J), axis=2)
+            parts.append(replace(found, by_pose=by_pose))
+        return stack_residuals(parts)

@@ -10,43 +10,51 @@ import numpy as np
 
 from tjscan.calibration.arm.estimate import (
     ArmEstimate,
-    Mask,
     estimate_deviations,
     whitened_jacobian,
+    without_each_profile,
 )
 from tjscan.calibration.arm.model import ArmModel
-from tjscan.calibration.arm.undetermined import UndeterminedDeviation, undetermined_deviations
-from tjscan.calibration.fits.laser_error import estimate_by_laser
+from tjscan.calibration.arm.undetermined import (
+    UndeterminedDeviation,
+    list_undetermined,
+    undetermined_deviations,
+)
+from tjscan.calibration.entries import ArmKinematicsEntry
+from tjscan.calibration.result import HandEyeCalibration, SampleResidual
+from tjscan.calibration.solve.refine import Mask, estimate_by_laser
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, frozen_arrays, readonly_copy
 from tjscan.robot.settings import PlacementTolerance
 
+ARM_METHOD: Final = "ball, with the arm's kinematics"
+"""`HandEyeCalibration.method` of a calibration of the arm."""
+
 MIN_PROFILES: Final = 20
-"""Fewer say less than the maker does; forty are good."""
+"""Fewer determine less than the maker states; forty are good."""
 
 MIN_HELD_OUT: Final = 3
 """Fewer check nothing."""
 
 MAX_SIGMA_SCALE: Final = 5.0
-"""Residuals so much larger than stated are no matter of the arm's lengths and zeros."""
+"""Residuals so much larger than stated are not caused by the arm's lengths and zeros."""
 
-
-MAX_WORSE: Final = 1.3
-"""Times that poses which took no part may be further off than before: of an arm that was as its
-model has it, the RMS of twelve arcs differs by so much now and then."""
+MAX_WORSENING_RATIO: Final = 1.3
+"""Times that poses which took no part may be further off than before: of an arm without deviations,
+the RMS of twelve arcs differs by so much now and then."""
 
 
 @dataclass(frozen=True, slots=True)
 class CrossCheck:
-    """Profiles that took no part, against what the arm predicts of them without and with.
+    """Error of the arm's prediction of profiles that took no part, without and with deviations.
 
     Parameters
     ----------
     count : int
         Profiles.
     before, after : float
-        RMS distance of the target from where the arm's model has it, and the calibrated arm, in
-        metres; of an arm as its model has it, the sensor's pose was found from the same profiles.
+        RMS distance of the target from its place by the arm's model, and by the calibrated arm,
+        in metres; without deviations, the sensor's pose was found from the same profiles.
     """
 
     count: int
@@ -62,15 +70,15 @@ class ArmCalibration:
     Parameters
     ----------
     estimate : ArmEstimate
-        All that was found.
+        Deviations, sensor and targets.
     tolerance : PlacementTolerance
-        What was known of the deviations before.
+        Of the deviations, as known before.
     undetermined : tuple of UndeterminedDeviation
-        What is still known no better.
+        Deviations that are known no better than before.
     cross_check : CrossCheck
-        What profiles that took no part say.
+        With the profiles that took no part.
     held_out : ndarray of bool, shape (n,)
-        Which these are.
+        The profiles that took no part.
     """
 
     estimate: ArmEstimate
@@ -81,7 +89,7 @@ class ArmCalibration:
 
     @property
     def covariance(self) -> Array:
-        """Of T_f_s and the deviations, shape (6 + 6 joints,) squared, widened where need be."""
+        """Of T_f_s and the deviations, shape (6 + 6 joints,) squared, widened by `sigma_scale`."""
         n = 6 + self.estimate.deviations.size
         return readonly_copy(self.estimate.sigma_scale**2 * self.estimate.covariance[:n, :n])
 
@@ -89,19 +97,21 @@ class ArmCalibration:
     def by_laser(self) -> Array | None:
         """By how much T_f_s and the deviations are off with draws of the laser's deviation.
 
-        Shape (6 + 6 joints, m); none where nothing was stated of it.
+        Shape (6 + 6 joints, m); None if no deviation is stated.
         """
-        estimate, stacked = self.estimate, self.estimate.stacked
-        if stacked.by_laser is None:
-            return None
-        rows = estimate.used[stacked.profile]
-        found = estimate_by_laser(
-            estimate.covariance,
-            stacked.jacobian[rows],
-            stacked.covariance[np.ix_(rows, rows)],
-            stacked.by_laser[rows],
-        )
-        return readonly_copy(found[: 6 + estimate.deviations.size])
+        estimate = self.estimate
+        rows = estimate.used[estimate.stacked.profile]
+        found = estimate_by_laser(estimate.covariance, estimate.stacked, rows)
+        return None if found is None else readonly_copy(found[: 6 + estimate.deviations.size])
+
+    def lines(self, checks: str, target: str) -> list[str]:
+        """Sentences on the check with held-out `checks`, and on undetermined deviations."""
+        check = self.cross_check
+        return [
+            f"{check.count} {checks} that took no part: the {target} {1e3 * check.before:.3f} mm "
+            f"off (RMS) as the arm's model has it, {1e3 * check.after:.3f} mm with what was found",
+            *list_undetermined(self.undetermined),
+        ]
 
     @property
     def T_f_s(self) -> Array:
@@ -122,11 +132,11 @@ def calibrate_arm(
     Parameters
     ----------
     model : ArmModel
-        Profiles from 40 poses or more, the joints' postures as different as can be.
+        Profiles from 40 poses or more, of postures as different as possible.
     held_out : ndarray of bool, shape (n,)
         Which of them take no part, and check the result.
     tolerance : PlacementTolerance
-        What the maker leaves of deviations.
+        Deviations that the maker leaves.
     T_f_s : ndarray, shape (4, 4)
         About how the sensor sits.
 
@@ -156,7 +166,7 @@ def calibrate_arm(
             "model stated",
         )
     check = CrossCheck(checking, _off(plain, held_out), _off(found, held_out))
-    if check.after > MAX_WORSE * check.before:
+    if check.after > MAX_WORSENING_RATIO * check.before:
         raise CalibrationRefused(
             "poses that took no part fit worse",
             f"the target is {1e3 * check.before:.3f} mm RMS off as the arm's model has it, and "
@@ -172,19 +182,75 @@ def calibrate_arm(
     )
 
 
-def list_undetermined(undetermined: Sequence[UndeterminedDeviation]) -> list[str]:
-    """Sentences on what stays as the maker states it, a line for each joint and cause."""
-    groups: dict[tuple[int, str], list[str]] = {}
-    for one in undetermined:
-        groups.setdefault((one.joint, one.like), []).append(one.kind)
-    return [
-        f"joint {joint}: {', '.join(kinds)} can't be told from {like}: left as the maker states"
-        for (joint, like), kinds in groups.items()
-    ]
-
-
 def _off(estimate: ArmEstimate, held_out: Mask) -> float:
     """RMS distance of the target in held-out profiles, in metres."""
     stacked = estimate.stacked
     lengths = stacked.residuals[stacked.is_length & held_out[stacked.profile]]
     return float(np.sqrt(lengths @ lengths / held_out.sum()))
+
+
+def as_hand_eye_calibration(
+    found: ArmCalibration, names: Sequence[str], arm_model: str
+) -> HandEyeCalibration:
+    """The result of a calibration of the arm on a ball.
+
+    Parameters
+    ----------
+    found : ArmCalibration
+        The arm and the sensor.
+    names : sequence of str
+        Of all profiles, those held out as well.
+    arm_model : str
+        Name of the arm's kinematics.
+    """
+    estimate, check = found.estimate, found.cross_check
+    kinematics = ArmKinematicsEntry.from_si(
+        arm_model,
+        found.deviations,
+        found.covariance,
+        tuple(list_undetermined(found.undetermined)),
+        (check.count, check.before, check.after),
+    )
+    return HandEyeCalibration(
+        found.T_f_s,
+        found.covariance,
+        ARM_METHOD,
+        _residuals(found, names),
+        _condition(found.covariance[:6, :6]),
+        estimate.chi2,
+        estimate.dof,
+        estimate.sigma_scale,
+        centre_b=estimate.target[:3],
+        radius=float(estimate.target[3]),
+        by_laser=found.by_laser,
+        kinematics=kinematics,
+    )
+
+
+def _residuals(found: ArmCalibration, names: Sequence[str]) -> tuple[SampleResidual, ...]:
+    estimate, stacked = found.estimate, found.estimate.stacked
+    falls, steps = without_each_profile(estimate)
+    residuals = []
+    for i, name in enumerate(names):
+        if found.held_out[i]:
+            continue
+        own = stacked.profile == i
+        lengths = stacked.residuals[own & stacked.is_length]
+        residuals.append(
+            SampleResidual(
+                name,
+                bool(estimate.used[i]),
+                float(np.linalg.norm(lengths)),
+                None,
+                float(np.sqrt(falls[i] / own.sum())),
+                float(np.linalg.norm(steps[i, :3])),
+                float(np.linalg.norm(steps[i, 3:])),
+            )
+        )
+    return tuple(residuals)
+
+
+def _condition(covariance: Array) -> float:
+    """Of the sensor's pose, each number of it in units of its own certainty."""
+    sigma = np.sqrt(np.diag(covariance))
+    return float(np.sqrt(np.linalg.cond(covariance / np.outer(sigma, sigma))))

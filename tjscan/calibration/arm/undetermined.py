@@ -1,7 +1,8 @@
-"""Which deviations of an arm the profiles can't show, and what they can't be told from."""
+"""Deviations of an arm that the profiles do not determine, and the cause of the same effect."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -9,11 +10,11 @@ import numpy as np
 
 from tjscan.core.frames import Array
 
-LEAST_SHARE: Final = 0.8
-"""A deviation counts as undetermined if so much of it lies where the profiles say less than the
-prior does."""
+MIN_UNDETERMINED_SHARE: Final = 0.8
+"""A deviation counts as undetermined if so much of it is in directions that the profiles show less
+well than the prior does."""
 
-KINDS: Final = ("length x", "length y", "length z", "twist x", "twist y", "offset")
+DEVIATION_KINDS: Final = ("length x", "length y", "length z", "twist x", "twist y", "offset")
 """Of a joint's deviations, in their order."""
 
 
@@ -26,17 +27,14 @@ class UndeterminedDeviation:
     joint : int
         Number of the joint, from 1.
     kind : str
-        One of `KINDS`.
+        One of `DEVIATION_KINDS`.
     like : str
-        What has the same effect on what was seen.
+        Cause of the same effect on the profiles.
     """
 
     joint: int
     kind: str
     like: str
-
-    def __str__(self) -> str:
-        return f"joint {self.joint} {self.kind} can't be told from {self.like}"
 
 
 def undetermined_deviations(J: Array, joints: int) -> tuple[UndeterminedDeviation, ...]:
@@ -51,8 +49,8 @@ def undetermined_deviations(J: Array, joints: int) -> tuple[UndeterminedDeviatio
 
     Notes
     -----
-    What T_f_s and targets can take over is projected out. Singular values below one of what is
-    left belong to combinations of deviations that the profiles say less of than the prior.
+    Effects that T_f_s and targets can take over are projected out. Singular values of the rest
+    below one belong to combinations of deviations that the profiles show less well than the prior.
     """
     n = 6 * joints
     free = np.hstack((J[:, :6], J[:, 6 + n :]))
@@ -62,16 +60,16 @@ def undetermined_deviations(J: Array, joints: int) -> tuple[UndeterminedDeviatio
     blind = rows[np.concatenate((singular < 1, np.ones(len(rows) - len(singular), dtype=bool)))]
     share = (blind**2).sum(axis=0)
     return tuple(
-        UndeterminedDeviation(k // 6 + 1, KINDS[k % 6], _like(J, k, joints))
-        for k in map(int, np.flatnonzero(share >= LEAST_SHARE))
+        UndeterminedDeviation(k // 6 + 1, DEVIATION_KINDS[k % 6], _like(J, k, joints))
+        for k in map(int, np.flatnonzero(share >= MIN_UNDETERMINED_SHARE))
     )
 
 
 def _like(J: Array, k: int, joints: int) -> str:
-    """What does most of the same as deviation k."""
+    """Cause with most of the effect of deviation k."""
     n = 6 * joints
     others = np.delete(J, 6 + k, axis=1)
-    # As few and as small others as do: the prior's weight, and next to none for what has no prior.
+    # As few and small others as possible: the prior's weight, and next to none without a prior.
     weight = np.concatenate((np.full(6, 1e-6), np.ones(n - 1), np.full(J.shape[1] - 6 - n, 1e-6)))
     scaled = others / np.maximum(
         np.linalg.norm(others, axis=0) * (weight < 1) + (weight == 1), 1e-300
@@ -87,3 +85,14 @@ def _like(J: Array, k: int, joints: int) -> str:
         at = 6 + np.flatnonzero(joint == j)
         effect[f"those of joint {j + 1}"] = float(np.linalg.norm(scaled[:, at] @ x[at]))
     return max(effect, key=lambda name: effect[name])
+
+
+def list_undetermined(undetermined: Sequence[UndeterminedDeviation]) -> list[str]:
+    """Sentences on deviations that stay as the maker states them, one for each joint and cause."""
+    groups: dict[tuple[int, str], list[str]] = {}
+    for one in undetermined:
+        groups.setdefault((one.joint, one.like), []).append(one.kind)
+    return [
+        f"joint {joint}: {', '.join(kinds)} can't be told from {like}: left as the maker states"
+        for (joint, like), kinds in groups.items()
+    ]

@@ -8,12 +8,10 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.arm.design import BallPlan, PlannedView
-from tjscan.calibration.arm.model import ArmModel, SeenTarget
-from tjscan.calibration.arm.result import ArmCalibration, calibrate_arm, list_undetermined
-from tjscan.calibration.fits.posed_profile import PosedProfile, fit_arc_samples
-from tjscan.calibration.fits.samples import ArcSample
-from tjscan.calibration.solve.seen import SeenBall
-from tjscan.calibration.targets import SphereTarget
+from tjscan.calibration.arm.model import ArmModel, TargetInPostures
+from tjscan.calibration.arm.result import ArmCalibration, calibrate_arm
+from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget, fit_circle
+from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
 from tjscan.calibration.wizard.logbook import Logbook
 from tjscan.calibration.wizard.operator import Operator, Question
 from tjscan.calibration.wizard.topics import ArmPoseTaken
@@ -27,8 +25,8 @@ from tjscan.robot.kinematics import Kinematics
 NO_PROFILE: Final = Profile(np.empty(0), np.empty(0))
 """Recorded for a posture that the arm does not reach: it is not tried again."""
 
-RADIUS_TOLERANCE: Final = 1e-3
-"""Metres by which an arc may be wider than the ball stated: what lies on a wider one is no ball."""
+MAX_EXTRA_RADIUS: Final = 1e-3
+"""Metres by which an arc may be wider than the ball stated: a wider one is of another thing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +38,7 @@ class ArmWizard:
     plan : BallPlan
         The ball, the sensor, and how often to look.
     views : tuple of PlannedView
-        From where, the most telling first; the same each time.
+        The postures, the most informative first; the same each time.
     kinematics : Kinematics
         The arm's model.
     arm, laser
@@ -48,9 +46,9 @@ class ArmWizard:
     operator : Operator
         Is asked before every move.
     logbook : Logbook
-        Gets every profile at once; what it holds already is not taken again.
+        Gets every profile at once; profiles that it holds already are not taken again.
     home : ndarray, shape (joints,)
-        From where the way to a posture is looked for, if there is none from the last one.
+        Start of the path to a posture, if there is none from the last one.
     """
 
     plan: BallPlan
@@ -62,8 +60,8 @@ class ArmWizard:
     logbook: Logbook
     home: Array
 
-    def run(self) -> tuple[ArmCalibration, tuple[ArcSample, ...]]:
-        """Look at the ball from all postures, and calibrate; gives the arcs it rests on too.
+    def run(self) -> tuple[ArmCalibration, tuple[PosedFit[CircleFit], ...]]:
+        """Look at the ball from all postures, and calibrate; return the arcs it rests on too.
 
         Raises
         ------
@@ -78,12 +76,7 @@ class ArmWizard:
         checks = np.arange(len(used) + len(checking)) >= len(used)
         samples = [*used, *checking]
         found = calibrate_arm(self._model(samples), checks, self.plan.tolerance, self.plan.T_f_s)
-        check = found.cross_check
-        self.operator.report(
-            f"{check.count} postures that took no part: the ball is {1e3 * check.before:.3f} mm "
-            f"off (RMS) as the arm's model has it, {1e3 * check.after:.3f} mm with what was found"
-        )
-        for line in list_undetermined(found.undetermined):
+        for line in found.lines("postures", "ball is"):
             self.operator.report(line)
         return found, tuple(sample for _, sample in samples)
 
@@ -128,18 +121,20 @@ class ArmWizard:
             self.arm.move_joint_to_pose(self.kinematics.forward(self.home), near=self.home)
             self.arm.move_joint_to_pose(view.T_b_f, near=view.q, direct=True)
 
-    def _samples(self, *, held_out: bool) -> list[tuple[Array, ArcSample]]:
+    def _samples(self, *, held_out: bool) -> list[tuple[Array, PosedFit[CircleFit]]]:
         """Joint angles and arcs of the postures that show the ball."""
-        largest = self.plan.radius + RADIUS_TOLERANCE
-        found: list[tuple[Array, ArcSample]] = []
+        largest = self.plan.radius + MAX_EXTRA_RADIUS
+        found: list[tuple[Array, PosedFit[CircleFit]]] = []
         for number, taken in self.logbook.measured.arm_poses.items():
             if self.views[number].held_out is held_out:
-                arcs, _ = fit_arc_samples([taken.posed_profile], self.plan.noise, self.plan.laser)
+                arcs, _ = fit_profiles(
+                    [taken.posed_profile], fit_circle, self.plan.noise, self.plan.laser
+                )
                 found.extend((taken.q, arc) for arc in arcs if arc.fit.radius < largest)
         return found
 
-    def _model(self, samples: list[tuple[Array, ArcSample]]) -> ArmModel:
+    def _model(self, samples: list[tuple[Array, PosedFit[CircleFit]]]) -> ArmModel:
         q = np.array([q for q, _ in samples])
         ball = SeenBall([arc for _, arc in samples], SphereTarget(), self.plan.noise)
         start = np.append(self.plan.centre_b, self.plan.radius)
-        return ArmModel(self.kinematics, (SeenTarget(ball.model, q, ball.T_b_f, start),))
+        return ArmModel(self.kinematics, (TargetInPostures(ball.model, q, ball.T_b_f, start),))

@@ -1,4 +1,4 @@
-"""What an estimate is worth: residuals of each profile, and refusal of what can't be trusted."""
+"""Quality of an estimate: residuals of each profile, and refusal of bad results."""
 
 from __future__ import annotations
 
@@ -7,18 +7,17 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.checks.motion import MAX_CONDITION
-from tjscan.calibration.result import SampleResidual
-from tjscan.calibration.solve.design import HandEyeUncertainty
+from tjscan.calibration.result import HandEyeUncertainty, SampleResidual
 from tjscan.calibration.solve.refine import RefinedEstimate, leave_one_out_changes
 from tjscan.calibration.solve.snooping import chi2_is_plausible
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array
 
 MAX_SIGMA_SCALE: Final = 3.0
-"""Residuals so many times larger than stated are not what the noise model describes. Smaller
-excess, where it is significant, widens the covariance."""
+"""Residuals so many times larger than stated contradict the noise model. Smaller excess, if it is
+significant, widens the covariance."""
 MAX_SIGMA_SCALE_AFTER_REJECTION: Final = 2.0
-"""The same limit where profiles were left out: without the worst ones the others look better than
+"""The same limit if profiles were left out: without the worst ones the others look better than
 they are, and which ones are bad is itself in doubt."""
 MAX_SIGMA_POSITION: Final = 5e-3
 MAX_SIGMA_ROTATION: Final = float(np.radians(1.0))
@@ -54,14 +53,14 @@ def check_scaled_condition(estimate: RefinedEstimate) -> float:
 def sample_residuals(
     names: list[str], estimate: RefinedEstimate, settled: RefinedEstimate
 ) -> tuple[SampleResidual, ...]:
-    """Residuals of each profile, and what the result would be without it.
+    """Residuals of each profile, and the change of the result without it.
 
     Parameters
     ----------
     names : list of str
         Of the profiles, in order.
     estimate : RefinedEstimate
-        What was found from them.
+        From these profiles.
     settled : RefinedEstimate
         The same with the targets where the arm sees them; see `settle_targets`.
     """
@@ -98,7 +97,7 @@ def residual_excess(estimate: RefinedEstimate, residuals: tuple[SampleResidual, 
     Parameters
     ----------
     estimate : RefinedEstimate
-        What was found.
+        Of all profiles.
     residuals : tuple of SampleResidual
         Of its profiles, to name the worst.
 

@@ -1,38 +1,42 @@
 """Tests of evidence: whether poses were read as they were meant, and belong to their profiles.
 
-Each compares likelihoods of the same profiles under two accounts of their poses that have equally
-many unknowns. Where the stated account is true, another one is more likely by a factor of more
+Each compares likelihoods of the same profiles under two hypotheses about their poses that have
+equally many unknowns. If the stated one is true, another is more likely by a factor of more
 than 1/p with a probability of less than p (Royall 1997, Statistical Evidence, 1.4).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import combinations
 from typing import Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.checks.readings import other_readings
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.solve.refine import RefinedEstimate
-from tjscan.calibration.solve.seen import SeenBall, SeenBoard, SeenRoof
 from tjscan.calibration.solve.snooping import blame_prices, chi2_is_plausible
-from tjscan.calibration.solve.solution import Solution, fit_targets, stack_poses, with_poses
+from tjscan.calibration.solve.solution import (
+    Solution,
+    Targets,
+    fit_targets,
+    stack_poses,
+    with_poses,
+)
+from tjscan.calibration.targets.fixed_sensor import inverse_poses
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, inverse_pose
+from tjscan.core.frames import Array
 
 FALSE_ALARM_PROBABILITY: Final = 1e-3
 """Probability to refuse poses that were read as they were meant."""
-STARTS_REFINED: Final = 2
-"""The nearest ones, for each other account of the poses."""
+MAX_REFINED_STARTS: Final = 2
+"""The nearest ones, for each other hypothesis about the poses."""
 MAX_WIDENED: Final = 9.0
-"""An account of the poses fits if no variance must be larger than stated by more than this."""
-MOST_PAIRS: Final = 15
-SHIFTS: Final = 5
+"""A hypothesis fits if no variance must be larger than stated by more than this."""
+MAX_PAIRS_TRIED: Final = 15
+"""Pairs of rejected profiles whose poses are exchanged."""
+SHIFTS_TRIED: Final = 5
 """Ways to give profiles one another's poses."""
-
-Targets = Sequence[SeenBoard | SeenBall | SeenRoof]
 
 
 def check_pose_convention(
@@ -42,14 +46,14 @@ def check_pose_convention(
 
     Parameters
     ----------
-    targets : sequence of SeenBoard, SeenBall or SeenRoof
-        Poses are those of the inverse where the sensor is fixed.
+    targets : sequence of SeenTarget
+        Poses are inverted if the sensor is fixed.
     noise : NoiseModel
-        What they err by.
+        Errors of profiles and poses.
     solution : Solution
         With the poses as they were read.
     sensor_is_fixed : bool
-        Whether the sensor stands fixed in the room.
+        Whether the sensor is fixed in the room.
 
     Raises
     ------
@@ -59,12 +63,12 @@ def check_pose_convention(
     if chi2_is_plausible(solution.whole):
         return
     T = stack_poses(targets)
-    readings = other_readings(_inverted(T) if sensor_is_fixed else T)
-    turned = {k: _inverted(T) if sensor_is_fixed else T for k, T in readings.items()}
+    readings = other_readings(inverse_poses(T) if sensor_is_fixed else T)
+    turned = {k: inverse_poses(T) if sensor_is_fixed else T for k, T in readings.items()}
     fits = {k: _fit_with(targets, noise, T, sensor_is_fixed) for k, T in turned.items()}
     name = min(fits, key=lambda one: _cost(fits[one]))
     gain = _best_cost(solution) - _cost(fits[name])
-    # Where neither fits, what is wrong is something else.
+    # If neither fits, the cause is another one.
     if gain > _limit(len(fits)) and _widened(fits[name]) < MAX_WIDENED:
         raise CalibrationRefused(
             "poses that were read in another way than they were meant",
@@ -80,14 +84,14 @@ def check_pairing(
 
     Parameters
     ----------
-    targets : sequence of SeenBoard, SeenBall or SeenRoof
-        Poses are those of the inverse where the sensor is fixed.
+    targets : sequence of SeenTarget
+        Poses are inverted if the sensor is fixed.
     noise : NoiseModel
-        What they err by.
+        Errors of profiles and poses.
     solution : Solution
         With each profile's own pose.
     sensor_is_fixed : bool
-        Whether the sensor stands fixed in the room.
+        Whether the sensor is fixed in the room.
 
     Raises
     ------
@@ -115,22 +119,22 @@ def check_pairing(
 def swapped_pairs(
     targets: Targets, noise: NoiseModel, solution: Solution, sensor_is_fixed: bool
 ) -> tuple[str, ...]:
-    """Say which of the profiles left out have each other's poses.
+    """Name the rejected profiles that have each other's poses.
 
     Parameters
     ----------
-    targets : sequence of SeenBoard, SeenBall or SeenRoof
-        Poses are those of the inverse where the sensor is fixed.
+    targets : sequence of SeenTarget
+        Poses are inverted if the sensor is fixed.
     noise : NoiseModel
-        What they err by.
+        Errors of profiles and poses.
     solution : Solution
         Without the profiles that contradict the others.
     sensor_is_fixed : bool
-        Whether the sensor stands fixed in the room.
+        Whether the sensor is fixed in the room.
     """
     names = [name for one in targets for name in one.names]
-    pairs = list(combinations(np.flatnonzero(~solution.estimate.used), 2))[:MOST_PAIRS]
-    said, T = [], stack_poses(targets)
+    pairs = list(combinations(np.flatnonzero(~solution.estimate.used), 2))[:MAX_PAIRS_TRIED]
+    notes, T = [], stack_poses(targets)
     begin = [solution.estimate.T_f_s]
     for i, j in pairs:
         swapped = T.copy()
@@ -138,8 +142,10 @@ def swapped_pairs(
         changed = with_poses(targets, swapped)
         cost = _cost(fit_targets(changed, noise, begin, sensor_is_fixed, 1)[2])
         if _cost(solution.whole) - cost > _limit(len(pairs)):
-            said.append(f"{names[i]} and {names[j]} fit with each other's poses: they were swapped")
-    return tuple(said)
+            notes.append(
+                f"{names[i]} and {names[j]} fit with each other's poses: they were swapped"
+            )
+    return tuple(notes)
 
 
 def _fit_with(
@@ -148,11 +154,11 @@ def _fit_with(
     """The fit to other poses, from the nearest of the starts that these give."""
     other = with_poses(targets, T_b_f)
     begin = [T for one in other for T in one.starts()]
-    return fit_targets(other, noise, begin, sensor_is_fixed, STARTS_REFINED)[2]
+    return fit_targets(other, noise, begin, sensor_is_fixed, MAX_REFINED_STARTS)[2]
 
 
 def _best_cost(solution: Solution) -> float:
-    """That of the stated account, where profiles may be left out at a price."""
+    """Cost of the stated poses, if profiles may be left out at a price."""
     left_out = ~solution.estimate.used
     prices = blame_prices(solution.estimate)
     return min(_cost(solution.whole), _cost(solution.estimate) + float(prices[left_out].sum()))
@@ -170,13 +176,50 @@ def _widened(estimate: RefinedEstimate) -> float:
 
 
 def _limit(count: int) -> float:
-    """Of twice the logarithm of likelihoods, where the best of so many is looked at."""
+    """Limit of twice the logarithm of likelihoods for the best of so many."""
     return float(2 * np.log(count / FALSE_ALARM_PROBABILITY))
 
 
 def _shifts(count: int) -> list[int]:
-    return sorted({int(k) for k in np.linspace(1, count - 1, SHIFTS)} - {0}) if count > 2 else []
+    return (
+        sorted({int(k) for k in np.linspace(1, count - 1, SHIFTS_TRIED)} - {0}) if count > 2 else []
+    )
 
 
-def _inverted(T: Array) -> Array:
-    return np.stack([inverse_pose(one) for one in T])
+def other_readings(T_b_f: Array) -> dict[str, Array]:
+    """Poses that the same numbers mean under other conventions, by the words for these.
+
+    They are the mistakes that are made when arms' files are converted.
+
+    Parameters
+    ----------
+    T_b_f : ndarray, shape (n, 4, 4)
+        Flange poses as they were read.
+    """
+    R = Rotation.from_matrix(T_b_f[:, :3, :3])
+    zyx = R.as_euler("ZYX")
+    quaternion = R.as_quat()
+    turned = {
+        "with the angles in the opposite order": Rotation.from_euler("ZYX", zyx[:, ::-1]),
+        "with angles about fixed in place of moving axes": Rotation.from_euler("zyx", zyx),
+        "with angles about moving x, y, z axes": Rotation.from_euler("XYZ", zyx),
+        "with a rotation vector in place of angles about z, y, x": Rotation.from_rotvec(
+            zyx[:, ::-1]
+        ),
+        "with angles about z, y, x in place of a rotation vector": Rotation.from_euler(
+            "ZYX", R.as_rotvec()[:, ::-1]
+        ),
+        "with the quaternion's scalar first in place of last": Rotation.from_quat(
+            np.roll(quaternion, -1, axis=1)
+        ),
+        "with the quaternion's scalar last in place of first": Rotation.from_quat(
+            np.roll(quaternion, 1, axis=1)
+        ),
+        "with every rotation inverted": R.inv(),
+    }
+    readings = {"inverted: of the base in the flange's frame": inverse_poses(T_b_f)}
+    for name, rotation in turned.items():
+        T = T_b_f.copy()
+        T[:, :3, :3] = rotation.as_matrix()
+        readings[name] = T
+    return readings

@@ -1,4 +1,4 @@
-"""Whether the arm moved enough to find where the sensor sits, and which motion is missing."""
+"""Whether the arm moved enough to find the sensor's pose, and which motion is missing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MIN_ROTATION: Final = float(np.radians(2.0))
 MIN_TILT_SPREAD: Final = 5e-3
 """RMS by which the cosines of the tilts must differ: about 0° beside 10°."""
 ADVISED_TILT_DEG: Final = 20
-"""Degrees to tilt by, in the advice: what brings the condition number well below its limit."""
+"""Degrees to tilt by, in the advice: they bring the condition number well below its limit."""
 MAX_CONDITION: Final = 100.0
 """Of eq. (21); beyond it, errors of a line grow into millimetres."""
 ARBITRARY_CONDITION: Final = 1e4
@@ -23,14 +23,14 @@ ARBITRARY_CONDITION: Final = 1e4
 
 
 def check_motion(T_b_f: Array, u_b: Array | None, R_f_s: Array | None = None) -> None:
-    """Refuse poses that can't fix a hand-eye transform whatever the lines are.
+    """Refuse poses that can't fix a hand-eye transform, for any lines.
 
     Parameters
     ----------
     T_b_f : ndarray, shape (n, 4, 4)
         Flange poses.
     u_b : ndarray, shape (3,), optional
-        Normal of the board, where it is known.
+        Normal of the board, if it is known.
     R_f_s : ndarray, shape (3, 3), optional
         About how the sensor sits on the flange: lets the advice name the sensor's axes
         instead of the flange's.
@@ -131,7 +131,7 @@ def check_rotation_condition(
     u_f : ndarray, shape (n, 3)
         The board's normal as each flange sees it.
     R_f_s, R_f_s_guess : ndarray, shape (3, 3)
-        Rotation of the sensor as found, and about as it is where that is known: one of them names
+        Rotation of the sensor as found, and approximately, if that is known: one of them names
         the axes to tilt about.
 
     Returns
@@ -189,12 +189,12 @@ def advise_tilts(axes_f: list[Array], R_f_s: Array | None) -> str:
     axes_f : list of ndarray, shape (3,)
         Axes in frame f.
     R_f_s : ndarray, shape (3, 3), or None
-        Rotation of the sensor on the flange, where it is known.
+        Rotation of the sensor on the flange, if it is known.
 
     Returns
     -------
     str
-        In the sensor's axes where its rotation is known, else in the flange's.
+        In the sensor's axes if its rotation is known, else in the flange's.
     """
     names = " and ".join(sorted({describe_axis(axis, R_f_s) for axis in axes_f}))
     return f"missing: tilt about {names}, by {ADVISED_TILT_DEG}° or more, both ways"
@@ -208,7 +208,7 @@ def describe_axis(axis_f: Array, R_f_s: Array | None) -> str:
     axis_f : ndarray, shape (3,)
         Frame f, of any length but zero.
     R_f_s : ndarray, shape (3, 3), or None
-        Rotation of the sensor on the flange, where it is known.
+        Rotation of the sensor on the flange, if it is known.
     """
     whose, axis = ("flange", axis_f) if R_f_s is None else ("sensor", R_f_s.T @ axis_f)
     axis = unit_vector(axis)
@@ -220,7 +220,7 @@ def describe_axis(axis_f: Array, R_f_s: Array | None) -> str:
 
 
 def _across(u_f: Array, R_f_s: Array | None) -> Array:
-    """Two axes along the board: the sensor's x and y where they are known."""
+    """Two axes along the board: the sensor's x and y if they are known."""
     if R_f_s is not None:
         return R_f_s[:, :2].T
     return np.asarray(np.linalg.svd(u_f[None])[2][1:])

@@ -1,4 +1,4 @@
-"""A calibration verified with a line that it does not rest on."""
+"""Verification of a calibration with a fresh line."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from typing import Final
 import numpy as np
 from scipy.special import chdtri
 
-from tjscan.calibration.fits.samples import LineSample
-from tjscan.calibration.models.combined import CombinedModel
 from tjscan.calibration.result import HandEyeCalibration
+from tjscan.calibration.solve.combined import CombinedModel
 from tjscan.calibration.solve.refine import predicted_residuals, refine_by_least_squares
-from tjscan.calibration.solve.seen import SeenBoard
+from tjscan.calibration.targets.line import LineFit
+from tjscan.calibration.targets.plane import SeenBoard
+from tjscan.calibration.targets.target import PosedFit
 
 FALSE_ALARM_PROBABILITY: Final = 1e-3
 """Probability to reject a good calibration."""
@@ -25,9 +26,9 @@ class Verification:
     Parameters
     ----------
     offset, sigma_offset : float
-        Distance of its centroid from the plane, and what it may be, in metres.
+        Distance of its centroid from the plane and its standard deviation, in metres.
     tilt, sigma_tilt : float
-        Angle out of the plane, and what it may be, in radians.
+        Angle out of the plane and its standard deviation, in radians.
     misfit : float
         Both together, in standard deviations (RMS of the two).
     limit : float
@@ -48,12 +49,12 @@ class Verification:
 
 
 def verify_with_fresh_line(
-    board: SeenBoard, result: HandEyeCalibration, fresh: LineSample
+    board: SeenBoard, result: HandEyeCalibration, fresh: PosedFit[LineFit]
 ) -> Verification:
     """Verify a calibration with a line that took no part in it.
 
-    What arm and laser err by in all lines alike is no contradiction: the line may miss what its
-    own errors, those of the calibration, and what both have in common explain.
+    An error of arm or laser that is alike in all lines is no contradiction: the line may be off
+    by its own errors, by those of the calibration, and by errors that both have in common.
 
     Parameters
     ----------
@@ -61,7 +62,7 @@ def verify_with_fresh_line(
         The lines that `result` was found from.
     result : HandEyeCalibration
         From them.
-    fresh : LineSample
+    fresh : PosedFit
         A line on the same board.
     """
     every = replace(board, samples=[*board.samples, fresh])

@@ -8,45 +8,21 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.fits.line_bundle import LineBundle
 from tjscan.calibration.measuring_range import MeasuringRange, visible_lines_on_plane
-from tjscan.calibration.models.plane import PlaneModel
 from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.result import HandEyeUncertainty
 from tjscan.calibration.solve.refine import covariance_from_information
-from tjscan.calibration.targets import PlaneTarget
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.calibration.targets.line import LineBundle
+from tjscan.calibration.targets.plane import PlaneModel, PlaneTarget
+from tjscan.core.frames import Array
 
 ReachabilityCheck = Callable[[Array], bool]
-"""Says whether the flange can be taken to T_b_f, shape (4, 4), without touching anything."""
+"""Whether the flange can be taken to T_b_f, shape (4, 4), without touching anything."""
 
 PRIOR_SIGMA_POSITION: Final = 0.05
 PRIOR_SIGMA_ROTATION: Final = float(np.radians(10.0))
 """How well the sensor's place is known before any line: metres and radians, as for a drawing of
 the bracket. An assumption; it only keeps the first choices finite."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
-class HandEyeUncertainty:
-    """Expected error of T_f_s, in position and rotation.
-
-    Parameters
-    ----------
-    covariance : ndarray, shape (6, 6)
-        Of translation (metres) and small rotation (radians), both in the axes of f.
-    """
-
-    covariance: Array
-
-    @property
-    def position(self) -> float:
-        """RMS length of the translation error, in metres."""
-        return float(np.sqrt(np.trace(self.covariance[:3, :3])))
-
-    @property
-    def rotation(self) -> float:
-        """RMS angle of the rotation error, in radians."""
-        return float(np.sqrt(np.trace(self.covariance[3:, 3:])))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,9 +33,9 @@ class PredictedLines:
     ----------
     information : ndarray, shape (n, 9, 9)
         About T_f_s (translation, rotation in the axes of f) and the plane (tilt, tilt, height).
-        Zero where the board is out of the window.
+        Zero if the board is out of the window.
     ends_b : ndarray, shape (n, 2, 3)
-        Where the line would lie on the plane, frame b; NaN where the board is out of the window.
+        Ends of the line on the plane, frame b; NaN if the board is out of the window.
     line_length : ndarray, shape (n,)
         Its length, in metres.
     """
@@ -79,7 +55,7 @@ def predict_lines(
     T_b_f : ndarray, shape (n, 4, 4)
         Flange poses.
     T_f_s : ndarray, shape (4, 4)
-        About where the sensor sits on the flange.
+        About how the sensor sits on the flange.
     target : PlaneTarget
         The board.
     window : MeasuringRange
@@ -131,7 +107,7 @@ def predict_uncertainty(
     T_b_f : ndarray, shape (n, 4, 4)
         Flange poses, n ≥ 0.
     T_f_s : ndarray, shape (4, 4)
-        About where the sensor sits on the flange.
+        About how the sensor sits on the flange.
     target : PlaneTarget
         The board.
     window : MeasuringRange
@@ -139,23 +115,34 @@ def predict_uncertainty(
     noise : NoiseModel
         Errors of points and poses.
     """
+    return uncertainty_of(information_of_lines(T_b_f, T_f_s, target, window, noise))
+
+
+def information_of_lines(
+    T_b_f: Array, T_f_s: Array, target: PlaneTarget, window: MeasuringRange, noise: NoiseModel
+) -> Array:
+    """Information from lines and before them, shape (9, 9); see `predict_uncertainty`."""
     information = prior_information(target)
     if len(T_b_f):
-        information = information + predict_lines(
-            T_b_f, T_f_s, target, window, noise
-        ).information.sum(0)
+        seen = predict_lines(T_b_f, T_f_s, target, window, noise)
+        information = information + seen.information.sum(0)
+    return information
+
+
+def uncertainty_of(information: Array) -> HandEyeUncertainty:
+    """Uncertainty of T_f_s that information about it and the plane, shape (9, 9), leaves."""
     return HandEyeUncertainty(covariance_from_information(information)[:6, :6])
 
 
 def information_gain(before: Array, information: Array) -> Array:
-    """Log-determinant of what is known of T_f_s, the plane's errors allowed for, shape (n,).
+    """Log-determinant of the information about T_f_s, the plane being unknown, shape (n,).
 
     Parameters
     ----------
     before : ndarray, shape (9, 9) or (n, 9, 9)
-        What is known already.
+        Information so far.
     information : ndarray, shape (n, 9, 9)
-        What each candidate adds.
+        Of a line from each candidate.
     """
     total = before + information
     # The determinant of a Schur complement is the quotient of two determinants.
@@ -165,7 +152,7 @@ def information_gain(before: Array, information: Array) -> Array:
 def choose_most_informative(
     candidates: Array, information: Array, before: Array, reachable: ReachabilityCheck | None = None
 ) -> int | None:
-    """Choose the reachable candidate with most information; None where no line is seen.
+    """Choose the reachable candidate with most information; None if no line is seen.
 
     Parameters
     ----------
@@ -174,7 +161,7 @@ def choose_most_informative(
     information : ndarray, shape (n, 9, 9)
         Of a line from each.
     before : ndarray, shape (9, 9)
-        What is known already.
+        Information so far.
     reachable : callable, optional
         Whether the arm reaches a flange pose.
     """

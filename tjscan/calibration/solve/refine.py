@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
-from tjscan.calibration.models.combined import CombinedModel, StackedResiduals
+from tjscan.calibration.solve.combined import CombinedModel, StackedResiduals
 from tjscan.core.frames import Array, frozen_arrays
 from tjscan.core.pose_vector import boxplus, left_jacobian
 
@@ -19,7 +19,9 @@ MAX_REWEIGHTINGS: Final = 4
 MAX_EVALUATIONS: Final = 60
 """Of each round, for the estimate that is kept."""
 ROUGH_EVALUATIONS: Final = 15
-"""Of each round, to compare starts or accounts: those that lead anywhere get there in ten."""
+"""Of each round, to compare starts or hypotheses: those that lead anywhere get there in ten."""
+SOLVER_TOLERANCES: Final = {"xtol": 1e-12, "ftol": 1e-14}
+"""Relative; the same profiles give the same result to the last digit that counts."""
 CONVERGENCE_SIGMAS: Final = 1e-3
 """A round that moves nothing by more than so many standard deviations is the last."""
 MIN_REDUNDANCY: Final = 1e-6
@@ -42,7 +44,7 @@ class RefinedEstimate:
     covariance : ndarray, shape (6 + m, 6 + m)
         Of translation (metres), small rotation (radians), both in the axes of f, and targets.
     chi2 : float
-        Weighted sum of squares that is left, the targets' prior included.
+        Weighted sum of squared residuals, the targets' prior included.
     dof : int
         Its expectation if the noise model is right.
     stacked : StackedResiduals
@@ -118,68 +120,18 @@ def refine_by_least_squares(
     used : ndarray of bool, shape (n,)
         Which profiles count.
     rounds : int
-        How often to weigh anew at most.
+        How often to find weights at most.
     evaluations : int
         Of the residuals in each round, at most.
     """
     prior = _root(model.prior_information)
-    base, start = T_f_s, np.concatenate((np.zeros(6), target))
-    for _ in range(rounds):
-        first = model.linearise(base, start[6:])
-        rows = used[first.profile]
-        L = _lower_root(first.covariance[np.ix_(rows, rows)])
-
-        fit = _LastFit(model, base)
-
-        def residuals(theta: Array, fit: _LastFit = fit, L: Array = L, rows: Mask = rows) -> Array:
-            found, _ = fit.at(theta)
-            return np.concatenate((_whiten(L, found[rows]), prior @ theta[6:]))
-
-        def jacobian(theta: Array, fit: _LastFit = fit, L: Array = L, rows: Mask = rows) -> Array:
-            J = fit.at(theta)[1][rows]
-            # From a small turn on top of theta's rotation to a change of the rotation vector.
-            J[:, 3:6] = J[:, 3:6] @ left_jacobian(theta[3:6])
-            return _with_prior(_whiten(L, J), prior)
-
-        found = least_squares(
-            residuals,
-            start,
-            jacobian,
-            method="lm",
-            x_scale="jac",
-            xtol=1e-12,
-            ftol=1e-14,
-            max_nfev=evaluations,
-        )
-        moved = np.linalg.norm(jacobian(found.x) @ (found.x - start))
-        base, start = boxplus(base, found.x[:6]), np.concatenate((np.zeros(6), found.x[6:]))
-        if moved < CONVERGENCE_SIGMAS:
-            break
-    return _estimate(model, base, start[6:], used)
-
-
-class _LastFit:
-    """Residuals and derivatives, which the solver asks for one after the other, found once."""
-
-    def __init__(self, model: CombinedModel, base: Array) -> None:
-        self._model, self._base = model, base
-        self._at, self._found = np.empty(0), (np.empty(0), np.empty(0))
-
-    def at(self, theta: Array) -> tuple[Array, Array]:
-        """At a step of the sensor from its base and the targets' parameters, shape (6 + m,)."""
-        if not np.array_equal(theta, self._at):
-            T_f_s = boxplus(self._base, theta[:6])
-            self._at, self._found = theta.copy(), self._model.first_order(T_f_s, theta[6:])
-        return self._found
-
-
-def _estimate(model: CombinedModel, T_f_s: Array, target: Array, used: Mask) -> RefinedEstimate:
+    solver = {**SOLVER_TOLERANCES, "max_nfev": evaluations}
+    T_f_s, target = solve_reweighted(
+        model, T_f_s, target, used, prior, rounds, settled=CONVERGENCE_SIGMAS, **solver
+    )
     stacked = model.linearise(T_f_s, target)
     information = model.prior_information
-    rows, prior = used[stacked.profile], _root(information)
-    L = _lower_root(stacked.covariance[np.ix_(rows, rows)])
-    J = _with_prior(_whiten(L, stacked.jacobian[rows]), prior)
-    r = np.concatenate((_whiten(L, stacked.residuals[rows]), prior @ target))
+    J, r = whitened(stacked, used, prior, target)
     return RefinedEstimate(
         T_f_s,
         target,
@@ -193,11 +145,113 @@ def _estimate(model: CombinedModel, T_f_s: Array, target: Array, used: Mask) -> 
     )
 
 
+class ResidualModel(Protocol):
+    """Residuals of profiles by the sensor's pose and other parameters."""
+
+    def first_order(self, T_f_s: Array, target: Array) -> tuple[Array, Array]:
+        """Residuals, shape (N,), and their derivatives, shape (N, 6 + m)."""
+        ...
+
+    def linearise(self, T_f_s: Array, target: Array) -> StackedResiduals:
+        """The same with their covariance."""
+        ...
+
+
+def solve_reweighted(
+    model: ResidualModel,
+    base: Array,
+    target: Array,
+    used: Mask,
+    prior: Array,
+    rounds: int,
+    *,
+    settled: float = 0.0,
+    **solver: Any,
+) -> tuple[Array, Array]:
+    """Minimise the weighted sum of squares, the weights found again in each round.
+
+    Parameters
+    ----------
+    model : ResidualModel
+        The profiles.
+    base : ndarray, shape (4, 4)
+        Start for T_f_s.
+    target : ndarray, shape (m,)
+        Start for the other parameters.
+    used : ndarray of bool, shape (n,)
+        Which profiles count.
+    prior : ndarray, shape (r, m)
+        Further residuals: this times the other parameters.
+    rounds : int
+        How often to find weights at most.
+    settled : float
+        A round that moves the whitened residuals by less is the last.
+    **solver
+        Of `scipy.optimize.least_squares`.
+
+    Returns
+    -------
+    T_f_s : ndarray, shape (4, 4)
+    target : ndarray, shape (m,)
+    """
+    for _ in range(rounds):
+        first = model.linearise(base, target)
+        fit = _LastFit(model, base, prior, used[first.profile], first.covariance)
+        start = np.concatenate((np.zeros(6), target))
+        found = least_squares(
+            fit.residuals, start, fit.jacobian, method="lm", x_scale="jac", **solver
+        )
+        moved = np.linalg.norm(fit.jacobian(found.x) @ (found.x - start))
+        base, target = boxplus(base, found.x[:6]), found.x[6:]
+        if moved < settled:
+            break
+    return base, target
+
+
+class _LastFit:
+    """Whitened residuals and derivatives; the solver asks for one after the other at each step."""
+
+    def __init__(
+        self, model: ResidualModel, base: Array, prior: Array, rows: Mask, covariance: Array
+    ) -> None:
+        self._model, self._base, self._prior, self._rows = model, base, prior, rows
+        self._L = lower_root(covariance[np.ix_(rows, rows)])
+        self._at, self._found = np.empty(0), (np.empty(0), np.empty(0))
+
+    def residuals(self, theta: Array) -> Array:
+        """At a step of the sensor from its base and the other parameters, shape (6 + m,)."""
+        found = self._first_order(theta)[0][self._rows]
+        return np.concatenate((whiten(self._L, found), self._prior @ theta[6:]))
+
+    def jacobian(self, theta: Array) -> Array:
+        """Derivatives of `residuals`."""
+        J = self._first_order(theta)[1][self._rows]
+        # From a small turn on top of theta's rotation to a change of the rotation vector.
+        J[:, 3:6] = J[:, 3:6] @ left_jacobian(theta[3:6])
+        return _with_prior(whiten(self._L, J), self._prior)
+
+    def _first_order(self, theta: Array) -> tuple[Array, Array]:
+        if not np.array_equal(theta, self._at):
+            T_f_s = boxplus(self._base, theta[:6])
+            self._at, self._found = theta.copy(), self._model.first_order(T_f_s, theta[6:])
+        return self._found
+
+
+def whitened(
+    stacked: StackedResiduals, used: Mask, prior: Array, target: Array
+) -> tuple[Array, Array]:
+    """Derivatives and residuals of the used profiles over their errors, the prior's below them."""
+    rows = used[stacked.profile]
+    L = lower_root(stacked.covariance[np.ix_(rows, rows)])
+    J = _with_prior(whiten(L, stacked.jacobian[rows]), prior)
+    return J, np.concatenate((whiten(L, stacked.residuals[rows]), prior @ target))
+
+
 def settle_targets(model: CombinedModel, estimate: RefinedEstimate) -> RefinedEstimate:
     """Move the targets to where the used profiles show them, the sensor left where it is.
 
-    What the arm is off by at all poses alike can't be told from a target that lies elsewhere. A
-    target that is used or looked at with the same arm belongs where that arm sees it.
+    An error of the arm that is alike at all poses has the same effect as a target at another
+    place. A target that is used or looked at with the same arm belongs where that arm sees it.
 
     Parameters
     ----------
@@ -211,14 +265,37 @@ def settle_targets(model: CombinedModel, estimate: RefinedEstimate) -> RefinedEs
     target = estimate.target
     for _ in range(2):
         found = plain.linearise(estimate.T_f_s, target)
-        L = _lower_root(found.covariance[np.ix_(rows, rows)])
-        J, r = _whiten(L, found.jacobian[rows, 6:]), _whiten(L, found.residuals[rows])
+        L = lower_root(found.covariance[np.ix_(rows, rows)])
+        J, r = whiten(L, found.jacobian[rows, 6:]), whiten(L, found.residuals[rows])
         target = target - np.linalg.solve(J.T @ J + prior, J.T @ r + prior @ target)
     return replace(estimate, target=target, stacked=model.linearise(estimate.T_f_s, target))
 
 
+def estimate_by_laser(covariance: Array, stacked: StackedResiduals, rows: Mask) -> Array | None:
+    """By how much least-squares estimates are off with draws of the laser's deviation.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (p, p)
+        Of the estimates.
+    stacked : StackedResiduals
+        Of all profiles.
+    rows : ndarray of bool, shape (N,)
+        Residuals that the estimates rest on.
+
+    Returns
+    -------
+    ndarray, shape (p, m), or None
+        None if no deviation is stated.
+    """
+    if stacked.by_laser is None:
+        return None
+    weighted = np.linalg.solve(stacked.covariance[np.ix_(rows, rows)], stacked.by_laser[rows])
+    return np.asarray(-covariance @ stacked.jacobian[rows].T @ weighted)
+
+
 def residual_information(estimate: RefinedEstimate) -> tuple[Array, Array]:
-    """What the residuals of the used profiles weigh after the fit, and their weighted sums.
+    """Weights of the residuals of the used profiles after the fit, and their weighted sums.
 
     Parameters
     ----------
@@ -230,7 +307,7 @@ def residual_information(estimate: RefinedEstimate) -> tuple[Array, Array]:
     M : ndarray, shape (U, U)
         ``W - W J (Jᵀ W J + prior)⁻¹ Jᵀ W`` with W the inverse covariance of the residuals.
     weighted : ndarray, shape (U,)
-        W times the residuals: M times the observations, less what the prior pulls.
+        W times the residuals: M times the observations, less the prior's pull.
     """
     rows = estimate.rows_used
     W = np.linalg.inv(estimate.stacked.covariance[np.ix_(rows, rows)])
@@ -250,7 +327,7 @@ def leave_one_out_changes(estimate: RefinedEstimate) -> LeaveOneOutChanges:
     for i in range(n):
         if estimate.used[i]:
             own = np.flatnonzero(at == i)
-            # A profile that is off by delta as a whole: its most likely delta, and what it costs.
+            # A profile that is off by delta as a whole: its most likely delta, and its cost.
             C = covariance[np.ix_(own, own)]
             delta, chi2[i] = _solve_checked(M[np.ix_(own, own)], weighted[own], C)
             step[i] = (estimate.covariance @ W_J[own].T @ delta)[:6]
@@ -261,7 +338,7 @@ def leave_one_out_changes(estimate: RefinedEstimate) -> LeaveOneOutChanges:
 
 
 def predicted_residuals(estimate: RefinedEstimate, profile: int) -> tuple[Array, Array]:
-    """What a profile that is not in use misses of what the others predict, and what it may miss.
+    """Residuals of an unused profile from what the others predict, and their covariance.
 
     Parameters
     ----------
@@ -275,7 +352,7 @@ def predicted_residuals(estimate: RefinedEstimate, profile: int) -> tuple[Array,
     residuals : ndarray, shape (k,)
         In metres and radians.
     covariance : ndarray, shape (k, k)
-        Of its own errors and of the estimate's, which have arm and laser in common.
+        Of its own errors and of the estimate's, which share arm and laser.
     """
     stacked, used = estimate.stacked, estimate.rows_used
     own = stacked.profile == profile
@@ -296,7 +373,7 @@ def _solve_checked(M: Array, b: Array, C: Array) -> tuple[Array, float]:
 
 
 def covariance_from_information(information: Array) -> Array:
-    """Covariance from an information matrix of mixed units; huge where nothing is known."""
+    """Covariance from an information matrix of mixed units; huge for what is not known."""
     scale = np.sqrt(np.diag(information))
     scale = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
@@ -311,11 +388,12 @@ def _root(information: Array) -> Array:
     return np.asarray(np.sqrt(values[kept])[:, None] * vectors[:, kept].T)
 
 
-def _lower_root(covariance: Array) -> Array:
+def lower_root(covariance: Array) -> Array:
+    """Lower triangular L with L Lᵀ the covariance."""
     return np.asarray(np.linalg.cholesky(covariance), dtype=float)
 
 
-def _whiten(L: Array, v: Array) -> Array:
+def whiten(L: Array, v: Array) -> Array:
     """Independent residuals of variance one, from those with covariance L Lᵀ."""
     return np.asarray(solve_triangular(L, v, lower=True, check_finite=False))
 

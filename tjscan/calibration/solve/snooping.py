@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from tjscan.calibration.models.combined import CombinedModel
+from tjscan.calibration.solve.combined import CombinedModel
 from tjscan.calibration.solve.refine import (
     ROUGH_EVALUATIONS,
     Mask,
@@ -23,17 +23,17 @@ from tjscan.calibration.solve.variance import most_likely_geometry
 from tjscan.core.frames import Array
 
 FALSE_ALARM_PROBABILITY: Final = 1e-3
-"""Probability to blame any profile, or the noise model, where all are as good as stated."""
+"""Probability to blame any profile, or the noise model, although all are as good as stated."""
 MIN_PROFILES_KEPT: Final = 5
 """Profiles that are never left out."""
 MAX_REJECTED_SHARE: Final = 1 / 3
-"""If a larger share were bad, the others could not say which."""
+"""If a larger share were bad, the others could not show which."""
 MIN_DOF_SHARE: Final = 0.5
 """Share of the degrees of freedom that must remain: with few left, any lines agree."""
 MAX_SETS_TRIED: Final = 3000
 """Sets of one size that are tried; of larger choices, the last set and one more."""
-RIDGE: Final = 1e-6
-"""Keeps sets solvable without which nothing could be found; they leave no residual anyway."""
+SINGULAR_SET_RIDGE: Final = 1e-6
+"""Keeps sets solvable that nothing could be found without; they leave no residual anyway."""
 
 
 def reject_outlying_profiles(
@@ -42,9 +42,9 @@ def reject_outlying_profiles(
     """Solve again without the profiles that contradict the others.
 
     Bad profiles hide one another and put the blame on good ones, so sets of them are left out
-    whole. The set is taken that explains the profiles best: blame costs as much as a profile must
-    stand out by to be blamed alone, and it competes with two other explanations, that all
-    profiles are rougher than stated, and that the arm's geometry is off.
+    whole. The set is taken that explains the profiles best: a profile costs as much as it must
+    stand out by to be blamed alone. Two other explanations compete: that all profiles are rougher
+    than stated, and that the arm's geometry is off.
 
     Parameters
     ----------
@@ -118,13 +118,15 @@ def _drops(estimate: RefinedEstimate, sets: NDArray[np.intp]) -> Array:
     scale = np.sqrt(np.diag(estimate.stacked.covariance))
     sizes = estimate.residuals_per_profile
     n, k = len(sizes), int(sizes.max())
-    # As many rows for every profile; rows that some lack stand alone and say nothing.
+    # As many rows for every profile; rows that some lack have no effect.
     row = estimate.stacked.profile * k + np.concatenate([np.arange(size) for size in sizes])
     left, r = np.eye(n * k), np.zeros(n * k)
     left[np.ix_(row, row)] = M * np.outer(scale, scale)
     r[row] = weighted * scale
     blocks = left.reshape(n, k, n, k).transpose(0, 2, 1, 3)[sets[:, :, None], sets[:, None, :]]
     rows = sets.shape[1] * k
-    inner = blocks.transpose(0, 1, 3, 2, 4).reshape(-1, rows, rows) + RIDGE * np.eye(rows)
+    inner = blocks.transpose(0, 1, 3, 2, 4).reshape(-1, rows, rows) + SINGULAR_SET_RIDGE * np.eye(
+        rows
+    )
     r_set = r.reshape(n, k)[sets].reshape(-1, rows, 1)
     return np.asarray((r_set * np.linalg.solve(inner, r_set)).sum(axis=(1, 2)))

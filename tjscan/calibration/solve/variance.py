@@ -1,4 +1,4 @@
-"""How large the arm's geometry error is, by what residuals of different poses have in common."""
+"""Size of the arm's geometry error, from the correlation of residuals of different poses."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ GEOMETRY_TRIED: Final = (2e-5, 2e-3, 25)
 """Metres from, metres to, and steps: from less than an arm's repeatability to more than an arm that
 was ever measured is off. Larger residuals are no geometry error."""
 FALSE_ALARM_PROBABILITY: Final = 1e-3
-"""Probability to find the error larger than stated where it is not."""
-RIDGE: Final = 1e-12
-"""Of a parameter's information: far less than any that can be told counts."""
+"""Probability to find the error larger than stated although it is not."""
+UNKNOWN_RIDGE: Final = 1e-12
+"""Share of a parameter's information: far less than any measurement gives."""
 MIN_EVIDENCE: Final = float(chdtri(1, 2 * FALSE_ALARM_PROBABILITY))
 """Fall of the cost that a larger error must bring: twice a logarithm of likelihoods, chi-square
 with one degree of freedom, and half the time no larger error fits better by chance."""
@@ -35,7 +35,7 @@ def most_likely_geometry(estimate: RefinedEstimate, stated: float) -> tuple[floa
     Returns
     -------
     geometry : float
-        Metres; `stated` where a larger one explains no more than chance does.
+        Metres; `stated` if a larger one explains no more than chance does.
     cost : float
         Minus twice its restricted log-likelihood, and `MIN_EVIDENCE` for the one more unknown.
     """
@@ -68,11 +68,11 @@ def _costs(estimate: RefinedEstimate, tried: Array) -> Array:
     at_rest = float(estimate.target @ estimate.prior_information @ estimate.target)
     variances = 1 + tried[:, None] ** 2 * np.maximum(shares, 0.0)
     A = np.einsum("ni,kn,nj->kij", J, 1 / variances, J) + prior
-    # Each parameter in units of its own, and a little held: what profiles that contradict each
-    # other leave open may be open altogether.
+    # Each parameter in units of its own, and a little held: profiles that contradict each other
+    # may leave it open altogether.
     known = np.sqrt(np.einsum("kii->ki", A))
     units = np.where(known > 0, known, 1.0)
-    A = A / (units[:, :, None] * units[:, None]) + RIDGE * np.eye(A.shape[1])
+    A = A / (units[:, :, None] * units[:, None]) + UNKNOWN_RIDGE * np.eye(A.shape[1])
     gradient = ((r / variances) @ J + pull) / units
     away = np.linalg.solve(A, gradient[..., None])[..., 0]
     chi2 = (r**2 / variances).sum(axis=1) + at_rest - np.einsum("ki,ki->k", gradient, away)

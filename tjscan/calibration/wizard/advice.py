@@ -1,4 +1,4 @@
-"""Where to take the next line: one after the other, that gives all of them."""
+"""The pose for the next line: chosen one after the other, for all lines."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.result import HandEyeUncertainty
 from tjscan.calibration.solve.design import (
-    HandEyeUncertainty,
     ReachabilityCheck,
     choose_most_informative,
+    information_of_lines,
     predict_lines,
-    predict_uncertainty,
-    prior_information,
+    uncertainty_of,
 )
-from tjscan.calibration.targets import PlaneTarget
+from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, frozen_arrays, inverse_pose, unit_vector
 
@@ -34,7 +34,7 @@ MIN_LINE_LENGTH: Final = 0.04
 @dataclass(frozen=True, slots=True, eq=False)
 @frozen_arrays
 class BoardRectangle:
-    """The rectangle of the plane on which lines may lie, frame b.
+    """The rectangle of the plane that lines may be on, frame b.
 
     Parameters
     ----------
@@ -96,11 +96,11 @@ class CandidatePoseGrid:
     azimuths : int
         Directions to tilt towards, evenly spaced.
     yaws : tuple of float
-        Turns about the board's normal; 0 is how the sensor stands now.
+        Turns about the board's normal; 0 is the sensor's present turn.
     depths : tuple of float
-        Where the board lies in the measuring range, 0 nearest, 1 farthest.
+        Distances of the board in the measuring range, 0 nearest, 1 farthest.
     places : tuple of float
-        Where the central ray meets the board, as shares of its half sizes, along either side.
+        Points of the board that the central ray meets, as shares of its half sizes.
     """
 
     tilts: tuple[float, ...] = tuple(np.radians((0.0, 20.0, 40.0)))
@@ -145,7 +145,7 @@ def candidate_poses(
     target : PlaneTarget
         The plane; its normal points to the sensor's side.
     board : BoardRectangle
-        Where on the plane lines may lie.
+        Part of the plane that lines may be on.
     window : MeasuringRange
         The sensor's range.
     grid : CandidatePoseGrid
@@ -212,10 +212,10 @@ def suggest_pose(
     window : MeasuringRange
         The sensor's range.
     noise : NoiseModel
-        What lines and poses err by.
+        Errors of lines and poses.
     reachable : callable, optional
-        Says whether the arm can take its flange to T_b_f without touching anything. It is asked
-        about the poses with most information, not about all.
+        Whether the arm can take its flange to T_b_f without touching anything. It is called
+        for the poses with most information, not for all.
 
     Raises
     ------
@@ -224,23 +224,12 @@ def suggest_pose(
     """
     poses = np.reshape(np.array(candidates, dtype=float), (-1, 4, 4))
     so_far = np.reshape(np.array(taken, dtype=float), (-1, 4, 4))
-    chosen = None
-    if len(poses):
-        known = prior_information(target)
-        if len(so_far):
-            known = known + predict_lines(so_far, T_f_s, target, window, noise).information.sum(
-                axis=0
-            )
-        seen = predict_lines(poses, T_f_s, target, window, noise)
-        chosen = choose_most_informative(poses, seen.information, known, reachable)
+    known = information_of_lines(so_far, T_f_s, target, window, noise)
+    seen = predict_lines(poses, T_f_s, target, window, noise).information
+    chosen = choose_most_informative(poses, seen, known, reachable)
     if chosen is None:
         raise CalibrationRefused(
             "no pose to suggest",
             f"none of {len(poses)} candidates sees the plane within reach; offer others",
         )
-    best = poses[chosen]
-    return SuggestedPose(
-        best,
-        predict_uncertainty(so_far, T_f_s, target, window, noise),
-        predict_uncertainty(np.concatenate((so_far, best[None])), T_f_s, target, window, noise),
-    )
+    return SuggestedPose(poses[chosen], uncertainty_of(known), uncertainty_of(known + seen[chosen]))

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from tjscan.calibration.fits.posed_profile import PosedProfile
+from tjscan.calibration.targets.target import PosedProfile
 from tjscan.calibration.wizard.topics import (
     ALL_TOPICS,
     CALIBRATION_RECORDING,

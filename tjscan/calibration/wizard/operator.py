@@ -1,4 +1,4 @@
-"""Who watches a calibration: a person at a terminal, another front end, or nobody."""
+"""The operator of a calibration: a person at a terminal, another front end, or default answers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from tjscan.calibration.wizard.topics import CalibrationEntry
 
 Answer = Literal["Take", "Skip", "Redo", "Finish"]
-"""What yes and no are called where a question is answered by buttons."""
+"""Names of yes and no on buttons."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,17 +24,17 @@ class Question:
     Parameters
     ----------
     text : str
-        In words.
+        The question.
     default : bool
-        What happens when nobody is there to ask.
+        Answer without a person.
     moves : bool
         Whether yes makes the arm move.
     yes, no : str
-        What they are called on buttons.
+        Their names on buttons.
     T_b_f : ndarray, shape (4, 4), or None
-        Where yes moves the flange.
+        Pose that yes moves the flange to.
     look : callable or None
-        Takes a profile where the arm stands; for whoever waits for an answer.
+        Takes a profile at the present pose, to show while the question waits.
     """
 
     text: str
@@ -47,7 +47,7 @@ class Question:
 
 
 class Operator(Protocol):
-    """Whoever answers the questions of a calibration and receives its messages."""
+    """Answers the questions of a calibration and receives its messages."""
 
     @property
     def present(self) -> bool:
@@ -67,7 +67,7 @@ class Operator(Protocol):
         ...
 
     def show_entry(self, entry: CalibrationEntry) -> None:
-        """Show what was measured, once it is on the disk."""
+        """Show a measurement, once it is on the disk."""
         ...
 
 
@@ -87,4 +87,4 @@ class DefaultAnswerOperator:
         """Show no progress."""
 
     def show_entry(self, entry: CalibrationEntry) -> None:
-        """Show nothing that was measured."""
+        """Show no measurement."""

@@ -1,4 +1,4 @@
-"""The steps of a calibration, without devices: what was measured says what comes next."""
+"""The steps of a calibration, without devices: the next one follows from the measurements."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.fits.posed_profile import PosedProfile, fit_line_samples
-from tjscan.calibration.fits.samples import LineSample
+from tjscan.calibration.arm_error import FlangeMoves
 from tjscan.calibration.hand_eye import calibrate_on_plane
-from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.solve.design import (
-    HandEyeUncertainty,
-    ReachabilityCheck,
-    predict_uncertainty,
-)
-from tjscan.calibration.targets import PlaneTarget, fit_plane
+from tjscan.calibration.measuring_range import MeasuringRange
+from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
+from tjscan.calibration.solve.design import ReachabilityCheck, predict_uncertainty
+from tjscan.calibration.targets.line import LineFit, fit_line
+from tjscan.calibration.targets.plane import PlaneTarget
+from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
+from tjscan.calibration.targets.touched import fit_plane
 from tjscan.calibration.wizard.advice import (
     BoardRectangle,
     CandidatePoseGrid,
@@ -28,19 +28,20 @@ from tjscan.calibration.wizard.advice import (
     suggest_pose,
 )
 from tjscan.calibration.wizard.logbook import MeasurementsSoFar
-from tjscan.calibration.wizard.plan import CalibrationPlan
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import (
     Array,
+    frozen_arrays,
     pose,
     rot_x,
     rot_z,
     skew_matrix,
     transform_points,
 )
+from tjscan.laser.deviation import LaserDeviation
 
 TOUCH_EDGE_MARGIN: Final = 0.02
-"""Metres that touched places keep from the board's edges: it stands only about where stated."""
+"""Metres that touched places keep from the board's edges: its stated place is approximate."""
 BOARD_CLEARANCE: Final = 0.03
 """Metres that probe tip and sensor keep from the board while lines are taken."""
 SAME_POSE_TOLERANCE: Final = (0.01, float(np.radians(5.0)))
@@ -55,24 +56,63 @@ line must not leave board or range."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
+class CalibrationPlan:
+    """Plan of a calibration: approximate board and sensor, and how many lines to take.
+
+    Parameters
+    ----------
+    T_b_board : ndarray, shape (4, 4)
+        Approximate pose of the board: origin in the middle of its face, z away from it.
+    half_sizes : ndarray, shape (2,)
+        Half its sides along its x and y, in metres.
+    tip_f : ndarray, shape (3,)
+        The probe's tip in frame f, in metres. The flange's z points into the board to touch.
+    T_f_s : ndarray, shape (4, 4)
+        About how the sensor sits on the flange.
+    window : MeasuringRange
+        Measuring range of the sensor.
+    noise : NoiseModel
+        Errors of measurements.
+    touches, lines : int
+        How many to take.
+    flange_moves : callable, optional
+        How the arm's geometry error moves its flange, if its model is known.
+    laser : LaserDeviation, optional
+        Possible deviation of the laser.
+    """
+
+    T_b_board: Array
+    half_sizes: Array
+    tip_f: Array
+    T_f_s: Array
+    window: MeasuringRange
+    noise: NoiseModel
+    touches: int
+    lines: int
+    flange_moves: FlangeMoves | None = None
+    laser: LaserDeviation | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class CalibrationProgress:
     """How far a calibration has come: its result so far, or why there is none yet.
 
     Parameters
     ----------
-    samples : tuple of LineSample
+    samples : tuple of PosedFit
         The lines there are.
     wanted : int
         Lines to take.
     expected : HandEyeUncertainty
-        As the geometry of the poses predicts it, from the first line on.
+        As predicted from the geometry of the poses, from the first line on.
     result : HandEyeCalibration or None
-        What the lines give.
+        From the lines.
     refusal : CalibrationRefused or None
-        Why they give nothing yet.
+        Why there is none yet.
     """
 
-    samples: tuple[LineSample, ...]
+    samples: tuple[PosedFit[LineFit], ...]
     wanted: int
     expected: HandEyeUncertainty
     result: HandEyeCalibration | None
@@ -105,9 +145,9 @@ def poses_square_to_board(
     Parameters
     ----------
     T_b_board : ndarray, shape (4, 4)
-        About where the board is.
+        Approximate pose of the board.
     tip_f, place_b : ndarray, shape (3,)
-        Point of the flange, and where to take it.
+        Point of the flange, and the place to take it to.
     near : ndarray, shape (4, 4)
         Flange pose to turn as little as possible from.
     """
@@ -208,8 +248,10 @@ def worst_touch_number(task: CalibrationPlan, measured: MeasurementsSoFar) -> in
     return list(points)[int(np.argmax(off))]
 
 
-def line_samples(task: CalibrationPlan, profiles: Sequence[PosedProfile]) -> list[LineSample]:
-    """Lines of the profiles that show one, and how they answer to what all of them share.
+def line_samples(
+    task: CalibrationPlan, profiles: Sequence[PosedProfile]
+) -> list[PosedFit[LineFit]]:
+    """Lines of the profiles that show one, with their responses to errors that all share.
 
     Parameters
     ----------
@@ -218,7 +260,7 @@ def line_samples(task: CalibrationPlan, profiles: Sequence[PosedProfile]) -> lis
     profiles : sequence of PosedProfile
         Of the board.
     """
-    samples, _ = fit_line_samples(profiles, task.noise, task.laser)
+    samples, _ = fit_profiles(profiles, fit_line, task.noise, task.laser)
     if task.flange_moves is None:
         return samples
     q = {shot.name: shot.q for shot in profiles}

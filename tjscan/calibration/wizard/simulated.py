@@ -16,7 +16,7 @@ from tjscan.robot.arm import Arm, ArmState
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedTouchProbe:
-    """A `TouchProbe` on a simulated arm: it stops where the tip meets the true board, or nearly.
+    """A `TouchProbe` on a simulated arm: it stops near the point at which the tip meets the board.
 
     Parameters
     ----------
@@ -25,9 +25,9 @@ class SimulatedTouchProbe:
     tip_f : ndarray, shape (3,)
         The tip in frame f, in metres.
     T_b_board : ndarray, shape (4, 4)
-        About where the board is: the tip comes down square to it.
+        Approximate pose of the board: the tip comes down square to it.
     plane : PluckerPlane
-        Where it truly is, frame b.
+        The true board, frame b.
     sigma : float
         Standard deviation of the tip about it, in metres, in each axis.
     approach : float
@@ -35,7 +35,7 @@ class SimulatedTouchProbe:
     rng : numpy.random.Generator
         Source of the errors.
     true_flange : callable
-        Gives where the flange truly is, shape (4, 4): there the tip is what touches.
+        Gives the true flange pose, shape (4, 4), from which the tip touches.
     """
 
     arm: Arm
@@ -67,7 +67,7 @@ class SimulatedTouchProbe:
             except PoseUnreachable as error:
                 unreachable = error
                 continue
-            # The tip triggers on its way, where it truly meets the board; there the arm is read.
+            # The tip triggers when it truly meets the board; the arm is read then.
             tip_b = transform_points(self.true_flange(), self.tip_f)
             left = float((tip_b - contact_b) @ self.plane.u) / float(self.plane.u @ up)
             self.arm.move_linear(above)

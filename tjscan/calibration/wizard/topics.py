@@ -12,7 +12,7 @@ import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
-from tjscan.calibration.fits.posed_profile import PosedProfile
+from tjscan.calibration.targets.target import PosedProfile
 from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile

@@ -9,16 +9,17 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.checks.verify import Verification, verify_with_fresh_line
-from tjscan.calibration.fits.posed_profile import PosedProfile, fit_line_samples
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.solve.seen import SeenBoard
-from tjscan.calibration.targets import NOT_FLAT, PlaneTarget
+from tjscan.calibration.targets.line import fit_line
+from tjscan.calibration.targets.plane import PlaneTarget, SeenBoard
+from tjscan.calibration.targets.target import PosedProfile, fit_profiles
+from tjscan.calibration.targets.touched import NOT_FLAT
 from tjscan.calibration.wizard.advice import BoardRectangle
 from tjscan.calibration.wizard.logbook import Logbook, MeasurementsSoFar
 from tjscan.calibration.wizard.operator import Operator, Question
-from tjscan.calibration.wizard.plan import CalibrationPlan
 from tjscan.calibration.wizard.probe import TouchProbe
 from tjscan.calibration.wizard.session import (
+    CalibrationPlan,
     CalibrationProgress,
     current_progress,
     fit_touched_board,
@@ -39,9 +40,9 @@ MAX_RETOUCHES: Final = 3
 MAX_SKIPPED_IN_A_ROW: Final = 5
 """Poses in a row that may see no line before the calibration gives up."""
 MAX_LINES_RATIO: Final = 2
-"""Times the lines asked for: more lines than that cure nothing."""
+"""Times the lines asked for: still more lines cure nothing."""
 POSE_REACHED_TOLERANCE: Final = 1e-4
-"""Metres and radians from a pose within which the arm stands there."""
+"""Metres and radians; an arm nearer to a pose than this is at the pose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +54,7 @@ class VerifiedCalibration:
     result : HandEyeCalibration
         The calibration.
     verification : Verification
-        What the fresh line says.
+        With the fresh line.
     """
 
     result: HandEyeCalibration
@@ -67,13 +68,13 @@ class CalibrationWizard:
     Parameters
     ----------
     task : CalibrationPlan
-        What is to be done.
+        The plan of the calibration.
     arm, laser, probe
         The devices, connected.
     operator : Operator
         Is asked before every move.
     logbook : Logbook
-        Gets every measurement at once; what it holds already is not measured again.
+        Gets every measurement at once; measurements that it holds are not taken again.
     """
 
     task: CalibrationPlan
@@ -94,7 +95,7 @@ class CalibrationWizard:
         Raises
         ------
         CalibrationRefused
-            If the result could not be trusted; what was measured stays in the logbook.
+            If the result could not be trusted; the measurements stay in the logbook.
         TjscanError
             If a device fails.
         """
@@ -103,7 +104,7 @@ class CalibrationWizard:
         return VerifiedCalibration(result, self.verify(result, target, board))
 
     def touch_board(self) -> tuple[PlaneTarget, BoardRectangle]:
-        """Touch every place that was not touched yet, and those again that don't fit a plane.
+        """Touch every place not touched yet, and touch again those that don't fit a plane.
 
         Raises
         ------
@@ -129,7 +130,7 @@ class CalibrationWizard:
         return self._board()
 
     def take_lines(self, target: PlaneTarget, board: BoardRectangle) -> HandEyeCalibration:
-        """Take the lines that are still to be taken, and more where they are wanted.
+        """Take the lines that are still to be taken, and more if they are wanted.
 
         Parameters
         ----------
@@ -180,11 +181,11 @@ class CalibrationWizard:
         (fresh,) = line_samples(self.task, [self.measurements.verification_profile])
         lines = line_samples(self.task, self.measurements.line_profiles)
         found = verify_with_fresh_line(SeenBoard(lines, target, self.task.noise), result, fresh)
-        said = (
+        finding = (
             f"a fresh line lies {1e3 * found.offset:+.3f} mm and {np.degrees(found.tilt):+.3f}° "
             f"off the board; {found.misfit:.1f} standard deviations, {found.limit:.1f} may be"
         )
-        self.operator.report(said)
+        self.operator.report(finding)
         if not found.agrees and not self.operator.confirm(
             Question(
                 "It contradicts the calibration. Keep that all the same?",
@@ -195,7 +196,7 @@ class CalibrationWizard:
         ):
             raise CalibrationRefused(
                 "a fresh line contradicts it",
-                f"{said}; see that board and sensor sit tight, then calibrate again",
+                f"{finding}; see that board and sensor sit tight, then calibrate again",
             )
         return found
 
@@ -263,7 +264,7 @@ class CalibrationWizard:
             return
         reached = self.arm.move_linear(there.T_b_f)
         shot = PosedProfile(what, reached.T_b_f, self.laser.capture(), reached.q)
-        samples, refused = fit_line_samples([shot], self.task.noise)
+        samples, refused = fit_profiles([shot], fit_line, self.task.noise)
         if samples:
             self.logbook.record_entry(LaserLineTaken(shot, fresh))
         else:
@@ -273,7 +274,7 @@ class CalibrationWizard:
         self.arm.move_linear(ready)
 
     def _get_ready(self) -> Array:
-        """Where every line begins and ends: square over the board, clear of it.
+        """Move to the begin and end of every line: square over the board, clear of it.
 
         All other poses are reached from here on a straight line that was checked from here.
         """

@@ -5,15 +5,30 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Final
+
+from cyclopts import Parameter
 
 from tjscan.core.errors import ConfigurationError
 
+PATH_KEYS: Final = (".file", ".recording", ".profiles", ".poses", ".touched")
+"""Endings of keys whose values are files."""
 
-def parse_overrides(tokens: Sequence[str]) -> dict[str, Any]:
+JobKeys = Annotated[str, Parameter(allow_leading_hyphen=True, show=False)]
+"""Type of the arguments of a command that are keys of its job: ``--scan.step-mm 20``."""
+
+
+def parse_overrides(tokens: Sequence[str], method: str | None = None) -> dict[str, Any]:
     """Parse options that override keys of a job file into dotted keys and values.
 
     The path of a file counts from the working directory, as everywhere on a command line.
+
+    Parameters
+    ----------
+    tokens : sequence of str
+        The arguments as given.
+    method : str, optional
+        Value of the key ``method``, which has an option of its own.
 
     Raises
     ------
@@ -34,9 +49,9 @@ def parse_overrides(tokens: Sequence[str]) -> dict[str, Any]:
         if text is None:
             raise ConfigurationError(f"option {option} needs a value")
         key, found = option[2:].replace("-", "_"), _toml_value(option, text)
-        is_path = key.endswith((".file", ".recording")) and isinstance(found, str)
+        is_path = key.endswith(PATH_KEYS) and isinstance(found, str)
         overrides[key] = str(Path(found).absolute()) if is_path else found
-    return overrides
+    return overrides if method is None else overrides | {"method": method}
 
 
 def _toml_value(option: str, text: str) -> Any:

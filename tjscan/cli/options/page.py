@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 from cyclopts import Parameter
 
@@ -28,7 +28,7 @@ class PageOptions:
     port
         Port of the page in the browser; 0 for any that is free.
     address
-        Address of this machine that the page is bound to. Whoever has the printed address of a
+        Address of this machine that the page is bound to. Anyone who has the printed address of a
         page with buttons moves machines by it: leave it at 127.0.0.1 unless the network is
         trusted.
     """
@@ -38,7 +38,7 @@ class PageOptions:
 
     @property
     def where(self) -> PageAddress:
-        """Where the page is served, once viser is found to be there.
+        """Address and port of the page, once viser is found to be installed.
 
         Raises
         ------
@@ -61,13 +61,19 @@ class LiveOptions(PageOptions):
     ----------
     live
         Show the run in a browser while it goes on, with buttons that stop it.
-    port
-        With --live: port of the page; 0 for any that is free.
-    address
-        With --live: address of this machine that the page is bound to. Whoever has the page's
-        whole address moves machines by it: leave it at 127.0.0.1 unless the network is trusted.
     """
 
+    port: Annotated[
+        int, Parameter(help="With --live: port of the page; 0 for any that is free.")
+    ] = 8080
+    address: Annotated[
+        str,
+        Parameter(
+            help="With --live: address of this machine that the page is bound to. Anyone who has "
+            "the page's whole address moves machines by it: leave it at 127.0.0.1 unless the "
+            "network is trusted."
+        ),
+    ] = "127.0.0.1"
     live: bool = False
 
     def check(self) -> None:
@@ -95,11 +101,6 @@ class LiveScanOptions(LiveOptions):
         Show the scan in a browser while it goes on, with buttons that pause and stop it.
     wait
         With --live: begin when Start is pressed there.
-    port
-        With --live: port of the page; 0 for any that is free.
-    address
-        With --live: address of this machine that the page is bound to. Whoever has the page's
-        whole address moves machines by it: leave it at 127.0.0.1 unless the network is trusted.
     """
 
     wait: bool = False
@@ -107,7 +108,7 @@ class LiveScanOptions(LiveOptions):
 
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LiveCrawlOptions(LiveOptions):
+class LiveCrawlOptions(LiveScanOptions):
     """Whether and where a crawl is shown in a browser while it goes on.
 
     Parameters
@@ -117,19 +118,12 @@ class LiveCrawlOptions(LiveOptions):
     wait
         With --live: begin when Start is pressed there; until then buttons drive while they are
         held.
-    port
-        With --live: port of the page; 0 for any that is free.
-    address
-        With --live: address of this machine that the page is bound to. Whoever has the page's
-        whole address moves machines by it: leave it at 127.0.0.1 unless the network is trusted.
     """
-
-    wait: bool = False
 
 
 @contextmanager
 def explain_missing_viser() -> Iterator[None]:
-    """Say what to install where the page's server is missing."""
+    """Name what to install if the page's server is missing."""
     try:
         yield
     except ModuleNotFoundError as error:

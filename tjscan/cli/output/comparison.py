@@ -18,7 +18,7 @@ def print_comparison(comparison: Comparison, *, json: bool) -> None:
         return
     c, a = comparison, comparison.alignment
     for shape in (c.measured, c.reference):
-        print(f"{shape.name}: {shape.stated.unit}, as {shape.stated.unit_source} says")
+        print(f"{shape.name}: {shape.stated.unit}, as {shape.stated.unit_source} states")
     print(f"given in frame {c.reference.stated.frame}")
     if a.method != "none":
         rounds = f", {a.rounds} rounds" if a.rounds else ""

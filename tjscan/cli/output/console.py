@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 
+from pydantic_core import to_json
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -21,6 +22,32 @@ def print_message(message: str) -> None:
 def show_phase(what: str) -> AbstractContextManager[object]:
     """Show on a terminal, while the block runs, what is done that takes more than a moment."""
     return stderr.status(f"{what} …")
+
+
+def print_json(value: object) -> None:
+    """Print data, models and dataclasses among them, as JSON on stdout."""
+    print(to_json(value, indent=2).decode())
+
+
+def print_fields(
+    rows: Iterable[Sequence[str]], head: Sequence[str] = (), title: str | None = None
+) -> None:
+    """Print rows of a name and its values as a table on stderr.
+
+    Parameters
+    ----------
+    rows : iterable of sequence of str
+        The cells as they are: brackets are no markup.
+    head : sequence of str
+        Names of the columns; without them the table has no lines.
+    title : str, optional
+        Printed above the table.
+    """
+    plain = Table(show_header=False, box=None, pad_edge=False)
+    table = Table(*head, title=title) if head else plain
+    for row in rows:
+        table.add_row(*map(Text, row))
+    stderr.print(table)
 
 
 def add_text_row(table: Table, *cells: str) -> None:

@@ -7,9 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from rich.progress import Progress
-from rich.table import Table
 
-from tjscan.cli.output.console import add_text_row, print_message, progress_bars, stderr
+from tjscan.cli.output.console import print_fields, print_message, progress_bars
 from tjscan.result.summary import ScanSummary, summary_in_words, summary_to_json
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.plan import ScanPlan
@@ -64,8 +63,5 @@ def print_scan_summary(summary: ScanSummary, directory: Path, *, json: bool) -> 
     if json:
         print(summary_to_json(summary))
         return
-    table = Table(show_header=False, box=None, pad_edge=False)
-    for name, value in summary_in_words(summary):
-        add_text_row(table, name, value)
-    stderr.print(table)
+    print_fields(summary_in_words(summary))
     print_message(f"written to {directory}; see report.html, and sections.csv for the numbers")

@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from pydantic_core import to_json
-from rich.table import Table
-
-from tjscan.cli.output.console import add_text_row, print_message, stderr
+from tjscan.cli.output.console import print_fields, print_json, print_message
 from tjscan.result.stitching import LOOP_OPEN, StitchingReport
 from tjscan.result.summary import ScanSummary, uncertainty_lines
 from tjscan.runs.stations.stitch import StitchedRun
@@ -20,13 +17,9 @@ NOTED_MM = 0.05
 def print_stitched_groove(done: StitchedRun, directory: Path, *, json: bool) -> None:
     """Print a stitched groove on stderr: stations, overlaps, totals; or JSON on stdout."""
     if json:
-        found = {"summary": done.summary, "stitching": done.report}
-        print(to_json(found, indent=2).decode())
+        print_json({"summary": done.summary, "stitching": done.report})
         return
-    table = Table(show_header=False, box=None, pad_edge=False)
-    for name, value in _lines(done.summary, done.report):
-        add_text_row(table, name, value)
-    stderr.print(table)
+    print_fields(_lines(done.summary, done.report))
     print_message(
         f"written to {directory}; see report.html, and stations.json for how it was stitched"
     )

@@ -26,10 +26,9 @@ from tjscan.crawler.joint_tracking.registration import (
     ReferenceProfile,
     register_profile,
 )
-from tjscan.groove.models import BUTT_V
-from tjscan.groove.noise import estimate_correlation
 from tjscan.groove.read import LEAST_DEPTH, fit_groove
-from tjscan.groove.settings import GrooveSettings
+from tjscan.groove.refinement import estimate_correlation
+from tjscan.groove.settings import BUTT_V, GrooveSettings
 from tjscan.groove.sides import FittedProfile
 from tjscan.laser.profile import Profile, ProfileRepeats
 

@@ -77,4 +77,4 @@ class ScanControlLaser(GigeLaser):
         """Nothing is asked: the job states how it is set up."""
 
     def _profile(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
-        return parse_scancontrol(block.data, self._layout, self.scale, time, uncertainty)[0]
+        return parse_scancontrol(block.data, self._layout, self.scale, time, uncertainty)

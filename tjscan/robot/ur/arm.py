@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from itertools import chain, repeat
 from types import TracebackType
 from typing import Self
 
@@ -21,7 +20,7 @@ from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import JointTrajectory, MotionLimits
 from tjscan.robot.motion_lock import MotionLock
-from tjscan.robot.path import joint_path, linear_path
+from tjscan.robot.path import PathPlanner
 from tjscan.robot.ur.commands import MoveCommand, joint_command, linear_command
 from tjscan.robot.ur.connecting import connect_to_controller
 from tjscan.robot.ur.dashboard import UrIdentity, read_ur_identity
@@ -50,7 +49,7 @@ class UrArm(DeviceBase):
         self, kinematics: Kinematics, settings: UrSettings, limits: MotionLimits | None = None
     ) -> None:
         self.kinematics, self.settings = kinematics, settings
-        self.limits = MotionLimits() if limits is None else limits
+        self._planner = PathPlanner(kinematics, MotionLimits() if limits is None else limits)
         self._session: ControllerSession | None = None
         self._identity: UrIdentity | None = None
         self._latch = MotionLock()
@@ -115,10 +114,7 @@ class UrArm(DeviceBase):
 
     def check_moves(self, *T_b_f: Array) -> None:
         """Check that moves are possible, without moving; see `Arm.check_moves`."""
-        q = self.state().q
-        plans = chain([self._joint_path], repeat(self._linear_path))
-        for plan, T in zip(plans, T_b_f, strict=False):
-            q = plan(q, T).q[-1]
+        self._planner.check_moves(self.state().q, *T_b_f)
 
     def move_linear(self, T_b_f: Array) -> ArmState:
         """Move the flange on a straight line to a pose. See `Arm.move_linear`.
@@ -130,13 +126,13 @@ class UrArm(DeviceBase):
         PoseNotReached
             If the arm came to rest somewhere else. It takes no more commands then.
         """
-        return self._move(T_b_f, self._linear_path, self._linear_command)
+        return self._move(T_b_f, self._planner.linear_path, self._linear_command)
 
     def move_joint_to_pose(
         self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
     ) -> ArmState:
         """Move to the nearest configuration that holds a pose. See `move_linear`."""
-        return self._move(T_b_f, partial(self._joint_path, near=near), joint_command)
+        return self._move(T_b_f, partial(self._planner.joint_path, near=near), joint_command)
 
     def run_program(self, program: UrProgram, started: Callable[[], object]) -> None:
         """Run a program in URScript to its end; the arm takes no moves after it.
@@ -174,13 +170,6 @@ class UrArm(DeviceBase):
         if self._session is None:
             raise ArmFault("the arm is not connected: use it inside a 'with' block")
         return self._session
-
-    def _linear_path(self, q: Array, T_b_f: Array) -> JointTrajectory:
-        return linear_path(self.kinematics, q, T_b_f, self.limits)
-
-    def _joint_path(self, q: Array, T_b_f: Array, near: Array | None = None) -> JointTrajectory:
-        goal = self.kinematics.inverse(T_b_f, near=q if near is None else near)
-        return joint_path(self.kinematics, q, goal, self.limits)
 
     def _linear_command(
         self, session: ControllerSession, path: JointTrajectory, T_b_f: Array

@@ -1,4 +1,4 @@
-"""Check a calibration before it is made: whether the arm gets to its lines, and what they tell."""
+"""Check a calibration before it is made: whether the arm gets to its lines, and what they show."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.fits.posed_profile import PosedProfile
-from tjscan.calibration.solve.design import HandEyeUncertainty, predict_uncertainty
-from tjscan.calibration.targets import fit_plane
+from tjscan.calibration.result import HandEyeUncertainty
+from tjscan.calibration.solve.design import predict_uncertainty
+from tjscan.calibration.targets.target import PosedProfile
+from tjscan.calibration.targets.touched import fit_plane
 from tjscan.calibration.wizard.advice import BoardRectangle
 from tjscan.calibration.wizard.logbook import MeasurementsSoFar
-from tjscan.calibration.wizard.plan import CalibrationPlan
 from tjscan.calibration.wizard.session import (
+    CalibrationPlan,
     CalibrationProgress,
     planned_touch_points,
     start_poses_over_board,
@@ -35,7 +36,7 @@ NOT_TAKEN: Final = Profile(np.empty(0), np.empty(0))
 
 
 def check_calibration_job(job: CalibrationJob, job_file: Path) -> HandEyeUncertainty:
-    """Plan all lines of a calibration where the job says that its board is; move nothing.
+    """Plan all lines of a calibration on the board as the job places it; move nothing.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ def check_calibration_job(job: CalibrationJob, job_file: Path) -> HandEyeUncerta
     ConfigurationError
         If the job, or a file that it names, is wrong.
     CalibrationRefused
-        If the arm can't stand over the board, or too few poses that it reaches see it.
+        If the arm can't get over the board, or too few poses that it reaches see it.
     """
     T_f_s = sensor_mount_of_job(job, job_file).T_f_s
     task = calibration_plan_of_job(job, T_f_s)
@@ -73,7 +74,7 @@ def _start_pose(task: CalibrationPlan, arm: Arm) -> Array:
             reason = str(error)
         else:
             return T_b_f
-    raise CalibrationRefused("the arm can't stand square over the board", reason)
+    raise CalibrationRefused("the arm can't get square over the board", reason)
 
 
 def _plan_lines(task: CalibrationPlan, arm: Arm, ready: Array) -> HandEyeUncertainty:

@@ -9,8 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.arm.entry import ArmKinematicsEntry
-from tjscan.calibration.basis import BasisEntry
+from tjscan.calibration.entries import ArmKinematicsEntry, BasisEntry
 from tjscan.calibration.file import CalibrationFile, read_calibration
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.devices import DriverKind
@@ -151,12 +150,9 @@ def _arm(arm: ArmKinematicsEntry) -> str:
     left = arm.left_as_stated
     return (
         f"{arm.model}: six deviations of each of {len(arm.deviations)} joints; left as the maker "
-        "states: " + ("; ".join(_shortly(line) for line in left) or "none")
+        "states: "
+        + ("; ".join(line.removesuffix(": left as the maker states") for line in left) or "none")
     )
-
-
-def _shortly(line: str) -> str:
-    return line.removesuffix(": left as the maker states")
 
 
 def _findings(directory: Path, found: CalibrationFile) -> Iterator[str]:
@@ -165,7 +161,7 @@ def _findings(directory: Path, found: CalibrationFile) -> Iterator[str]:
         if {job.arm.driver_kind, job.laser.driver_kind} == {DriverKind.SIMULATED}:
             yield "Simulated: no real arm or laser measured this."
     if found.T_b_s_mm is not None:
-        yield "The sensor stands fixed in the room: this is its pose in the arm's base."
+        yield "The sensor is fixed in the room: this is its pose in the arm's base."
     basis = found.basis or BasisEntry(target="")
     for line in basis.caveats:
         yield f"{line[:1].upper()}{line[1:]}."

@@ -12,9 +12,9 @@ import trimesh
 
 from tjscan.calibration.arm.design import BallPlan, plan_views
 from tjscan.calibration.arm.geometry import ArmGeometry
-from tjscan.calibration.arm.kept import as_hand_eye_calibration, kinematics_entry
+from tjscan.calibration.arm.result import as_hand_eye_calibration
 from tjscan.calibration.arm.wizard import ArmWizard
-from tjscan.calibration.basis import BasisEntry, ShrinkingEntry, views_of_poses
+from tjscan.calibration.entries import BasisEntry, ShrinkingEntry, views_of_poses
 from tjscan.calibration.file import (
     CalibrationFile,
     SavedCalibration,
@@ -24,12 +24,11 @@ from tjscan.calibration.file import (
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.plucker import plane_through_point
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.targets import PlaneTarget
+from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.calibration.wizard.logbook import Logbook, MeasurementsSoFar
 from tjscan.calibration.wizard.operator import Operator, Question
-from tjscan.calibration.wizard.plan import CalibrationPlan
 from tjscan.calibration.wizard.probe import JoggedProbe, TouchProbe
-from tjscan.calibration.wizard.session import current_progress, fit_touched_board
+from tjscan.calibration.wizard.session import CalibrationPlan, current_progress, fit_touched_board
 from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
 from tjscan.calibration.wizard.topics import CALIBRATION_RECORDING
 from tjscan.calibration.wizard.wizard import CalibrationWizard
@@ -112,14 +111,13 @@ def calibrate_arm_in_cell(
         plan, views, kinematics, cell.arm, cell.laser, operator, logbook, cell.arm.state().q
     )
     found, arcs = wizard.run()
-    result = as_hand_eye_calibration(found, [arc.name for arc in arcs])
+    result = as_hand_eye_calibration(found, [arc.name for arc in arcs], kinematics.name)
     return result, to_calibration_file(
         result,
         ball.noise,
         arm=job.arm.device_id,
         laser=job.laser.device_id,
         date=logbook.measured.started_at,
-        kinematics=kinematics_entry(found, kinematics.name),
         linearity=0.0 if laser is None else laser.largest,
         basis=basis_of_postures(logbook.measured, result, 1e3 * ball.radius),
     )
@@ -217,7 +215,7 @@ PROBE_STREAM: Final = 2
 def start_calibration(
     job: CalibrationJob, job_file: Path, directory: Path, operator: Operator, *, arm: bool = False
 ) -> SavedCalibration:
-    """Calibrate as a job says, in a new directory that can be resumed.
+    """Calibrate as a job states, in a new directory that can be resumed.
 
     Parameters
     ----------
@@ -271,7 +269,7 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
     if not operator.present and {job.arm.driver_kind, job.laser.driver_kind} != {
         DriverKind.SIMULATED
     }:
-        raise ConfigurationError("a real arm moves only while somebody watches: not unattended")
+        raise ConfigurationError("a real arm moves only while a person watches: not unattended")
     T_f_s = sensor_mount_of_job(job, directory / JOB_FILE).T_f_s
     cell, probe = make_calibration_cell(job, T_f_s)
     with (
@@ -324,7 +322,7 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
     job : CalibrationJob
         The job.
     T_f_s : ndarray, shape (4, 4)
-        About where the laser sits.
+        Rough pose of the laser.
 
     Raises
     ------
@@ -334,7 +332,7 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
     simulation, board = job.simulation, job.board
     if job.laser.driver_kind is DriverKind.REPLAYED:
         raise ConfigurationError(
-            "a calibration touches its board: recorded profiles go in with --lines and --poses",
+            "a calibration touches its board: recorded profiles go into tables [[recorded]]",
             key="laser.driver",
         )
     if job.laser.driver_kind is DriverKind.REAL:
@@ -378,14 +376,14 @@ def _targets_surface(job: CalibrationJob, T_b_board: Array) -> RaycastSurface:
 
 
 def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPlan:
-    """Plan of a calibration: what its job says about board, laser and numbers of lines.
+    """Plan of a calibration: what its job states of board, laser and numbers of lines.
 
     Parameters
     ----------
     job : CalibrationJob
         The job.
     T_f_s : ndarray, shape (4, 4)
-        About where the laser sits.
+        Rough pose of the laser.
     """
     board = job.board
     window = measuring_range_of_job(job)
@@ -411,7 +409,7 @@ def measuring_range_of_job(job: CalibrationJob) -> MeasuringRange:
 
 
 def laser_deviation_of_job(job: CalibrationJob, window: MeasuringRange) -> LaserDeviation | None:
-    """By what a job's laser may deviate in its window; none where it is stated to be exact."""
+    """By what a job's laser may deviate in its window; none if it is stated to be exact."""
     largest, _ = job.laser.uncertainty.linear
     if largest == 0:
         return None

@@ -1,4 +1,4 @@
-"""What another estimator would have believed of a recorded crawl; nothing moves."""
+"""What another estimator makes of a recorded crawl; nothing moves."""
 
 from __future__ import annotations
 
@@ -10,20 +10,11 @@ from typing import Any, Final
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from tjscan.core.config import add_file_to_errors
-from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
-from tjscan.core.manifest import check_as_written
+from tjscan.core.files import lock_and_clean_directory
 from tjscan.crawler.control_cycle import LONGEST_PERIOD
 from tjscan.crawler.journal import SET_DOWN, CrawlCycle, is_by_hand
 from tjscan.crawler.method import FollowingMethod
-from tjscan.crawler.topics import (
-    CRAWL_RECORDING,
-    CYCLE,
-    CYCLES_TOGETHER,
-    LOG,
-    REPLAY,
-    SLIP,
-    TOPICS,
-)
+from tjscan.crawler.topics import CRAWL_RECORDING, CYCLE, CYCLES_TOGETHER, LOG, REPLAY, SLIP, TOPICS
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.recording.foxglove import event_log_message
 from tjscan.recording.header import JobSnapshot
@@ -31,19 +22,13 @@ from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic
 from tjscan.recording.writer import RecordingWriter
-from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
+from tjscan.result.directory import JOB_FILE
 from tjscan.runs.crawl.results import read_recorded_crawl, write_passes
-from tjscan.runs.crawl.run import (
-    CrawlContext,
-    belief_after_stop,
-    belief_where_set_down,
-    make_crawl_directory,
-)
-from tjscan.runs.run import check_replay
-from tjscan.runs.scan.context import do_nothing_when_finished
+from tjscan.runs.crawl.run import CrawlContext, slip_after_set_down, slip_after_stop
+from tjscan.runs.run import check_replay, do_nothing_when_finished, make_vehicle_run_directory
 
 REPLAYABLE_KEYS: Final = ("method", "slip.", "course.")
-"""Keys that say what an estimator makes of a crawl, not how it was done."""
+"""Keys of what an estimator makes of a crawl, not of how it was done."""
 
 TimedMessage = tuple[int, Topic[Any], Any]
 
@@ -57,15 +42,15 @@ def replay_crawl(
     """Feed what a crawl measured through another estimator, and write a run directory of it.
 
     The estimator gets the recorded odometry, commands and readings. The vehicle and the torch
-    moved as they did, and a simulation's truth is that of the crawl: deviations are what this
-    estimator would have believed of the recorded motion.
+    moved as they did, and a simulation's truth is the crawl's: deviations are what this
+    estimator makes of the recorded motion.
 
     Parameters
     ----------
     directory : Path
         Of the crawl, whole, cut short or resumed; it stays as it is.
     overrides : dict
-        Dotted keys and values, those of `REPLAYABLE_KEYS` only.
+        Dotted keys and values, from `REPLAYABLE_KEYS` only.
     out : Path
         The directory to make.
     finished : callable
@@ -74,13 +59,11 @@ def replay_crawl(
     Raises
     ------
     ConfigurationError
-        If there is no crawl, or a key says how it was done.
+        If there is no crawl, or a key is about how it was done.
     RecordingError
         If its recording is damaged, or the new directory can't be written.
     """
     job_file = directory / JOB_FILE
-    refuse_links_outside(directory, JOB_FILE, CALIBRATION_FILE)
-    check_as_written(job_file, directory / CALIBRATION_FILE)
     check_replay(directory, out, overrides, REPLAYABLE_KEYS, "crawl")
     context = CrawlContext(read_crawl_job(job_file, overrides), job_file, finished=finished)
     parts = recording_files(directory, CRAWL_RECORDING)
@@ -88,12 +71,12 @@ def replay_crawl(
         method = context.make_method()
     # Read to their ends before anything is made: what is no crawl, or damaged, is refused.
     set_down = [_was_set_down(part) for part in parts]
-    make_crawl_directory(context, out)
+    make_vehicle_run_directory(out, context.job, job_file, context.calibration_file)
     origin = JobSnapshot((out / JOB_FILE).read_text(encoding="utf-8"))
     with lock_and_clean_directory(out):
         for number, part in enumerate(parts):
             if number:
-                known = belief_where_set_down if set_down[number] else belief_after_stop
+                known = slip_after_set_down if set_down[number] else slip_after_stop
                 method = context.make_method(known(read_recorded_crawl(out), context.job))
             with RecordingWriter(out / part.name, TOPICS, origin) as recording:
                 for messages in _in_chunks(_replayed(part, method, f"{directory}")):
@@ -103,7 +86,7 @@ def replay_crawl(
 
 
 def _was_set_down(part: Path) -> bool:
-    """Read a part of a recording to its end: whether it begins where its operator said."""
+    """Read a part of a recording to its end: whether it begins at its operator's place."""
     events = [entry.message for entry in read_messages(part, TOPICS) if entry.topic is LOG]
     return any(
         event.name == SET_DOWN
@@ -113,10 +96,10 @@ def _was_set_down(part: Path) -> bool:
 
 
 def _replayed(part: Path, method: FollowingMethod, source: str) -> Iterator[TimedMessage]:
-    """Messages of a part of a recording, its estimates those of a method.
+    """Messages of a part of a recording, its estimates made by a method.
 
-    What it believes of slip stands where the part holds that, and every `CYCLES_TOGETHER` cycles
-    where it holds none.
+    Its estimate of slip follows each one in the part, or every `CYCLES_TOGETHER` cycles if the
+    part holds none.
     """
     time: float | None = None
     without_slip, is_due = 0, False
@@ -130,14 +113,14 @@ def _replayed(part: Path, method: FollowingMethod, source: str) -> Iterator[Time
         cycle: CrawlCycle = entry.message
         if time is None:
             event = event_log_message(
-                entry.time, Log.Level.INFO, REPLAY, f"estimated anew from {source}; nothing moved"
+                entry.time, Log.Level.INFO, REPLAY, f"estimated again from {source}; nothing moved"
             )
             yield entry.time, LOG, event
         period = 0.0 if time is None else cycle.state.time - time
         time = cycle.state.time
         if is_by_hand(cycle.phase, cycle.commanded):
             method.set_down_anew()
-        elif 0 < period <= LONGEST_PERIOD:  # it stood for longer ones
+        elif 0 < period <= LONGEST_PERIOD:  # in longer ones it did not move
             method.move(cycle.state.odometry, period, cycle.commanded)
         if cycle.was_read:
             method.read(cycle.d, cycle.d_sigma)

@@ -27,7 +27,7 @@ SLIP_CHARTS: Final = (
     (SlipState.DRIFT, "drift", "drift / (mrad/m)", 1e3),
     (SlipState.ROTATION_CENTRE, "centre of rotation", "ahead in travel direction / mm", 1e3),
 )
-"""What is believed of slip: quantity, title, label and scale of its chart."""
+"""What is estimated of slip: quantity, title, label and scale of its chart."""
 
 
 def crawl_chapter(directory: Path) -> ReportChapter:
@@ -79,7 +79,7 @@ def _findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
         )
     replays = [event.detail for event in found.events if event.name == REPLAY]
     if replays:
-        yield f"A replay, {replays[0]}: what the {job.method} method would have believed."
+        yield f"A replay, {replays[0]}: what the {job.method} method would have estimated."
     for warning in dict.fromkeys(e.detail for e in found.events if e.name == WARNING):
         yield f"{warning[:1].upper()}{warning[1:]}."
     for event in found.events:

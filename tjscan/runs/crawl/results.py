@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from math import isnan
 from pathlib import Path
 from typing import Any, Final
 
-from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import read_small_file, write_files_atomically
-from tjscan.core.manifest import check_as_written
-from tjscan.core.provenance import Provenance
+from tjscan.core.files import write_files_atomically
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
 from tjscan.crawler.pass_record import PassRecord, pass_records
 from tjscan.crawler.phases import Phase
@@ -25,26 +21,29 @@ from tjscan.laser.profile import Profile
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import job_label_of_run
-
-MOST_BYTES: Final = 50_000_000
-"""A larger file is no table of passes: an hour of welding takes a tenth of it."""
+from tjscan.runs.run import read_result_file, table_to_csv
 
 PASSES_FILE: Final = "passes.csv"
 WELD_LOG_FILE: Final = "weld-log.json"
 
-PASS_COLUMNS: Final = (
-    "pass",
-    "length_mm",
-    "speed_mm_s",
-    "vehicle_offset_rms_mm",
-    "deviation_rms_mm",
-    "deviation_max_mm",
-    "sigma_rms_mm",
-    "true_deviation_rms_mm",
-    "offset_error_rms_mm",
-    "profiles_read_percent",
-    "stops",
-)
+PASS_COLUMNS: Final[dict[str, Callable[[PassRecord], object]]] = {
+    "pass": lambda one: one.number,
+    "length_mm": lambda one: f"{1e3 * one.length:.2f}",
+    "speed_mm_s": lambda one: f"{1e3 * one.speed:.3f}",
+    "vehicle_offset_rms_mm": lambda one: f"{1e3 * one.offset_rms:.3f}",
+    "deviation_rms_mm": lambda one: f"{1e3 * one.deviation_rms:.3f}",
+    "deviation_max_mm": lambda one: f"{1e3 * one.deviation_max:.3f}",
+    "sigma_rms_mm": lambda one: f"{1e3 * one.sigma_rms:.3f}",
+    "true_deviation_rms_mm": lambda one: _mm_if_known(one.true_deviation_rms),
+    "offset_error_rms_mm": lambda one: _mm_if_known(one.offset_error_rms),
+    "profiles_read_percent": lambda one: f"{100 * one.read_share:.1f}",
+    "stops": lambda one: one.stops,
+}
+"""Columns of ``passes.csv``, and their cells."""
+
+
+def _mm_if_known(length: float) -> str:
+    return "" if isnan(length) else f"{1e3 * length:.3f}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +60,7 @@ class RecordedCrawl:
         Where a simulated vehicle truly was; empty for a real one.
     was_stopped : bool
         Whether what crawled last ends with a stop; else its program was killed. One that only
-        waited to go on, and was refused or interrupted, says nothing of that.
+        waited to go on, and was refused or interrupted, does not count.
     """
 
     cycles: tuple[CrawlCycle, ...]
@@ -108,7 +107,8 @@ def write_crawl_results(directory: Path, job: CrawlJob) -> None:
     recorded = read_recorded_crawl(directory)
     log = weld_log(directory, job, recorded.passes, recorded.events)
     with write_files_atomically(directory) as draft:
-        _write_table(draft / PASSES_FILE, directory, recorded.passes)
+        table = table_to_csv(directory, PASS_COLUMNS, recorded.passes)
+        (draft / PASSES_FILE).write_text(table, encoding="utf-8", newline="")
         (draft / WELD_LOG_FILE).write_text(json.dumps(log, indent=2) + "\n", encoding="utf-8")
 
 
@@ -122,27 +122,23 @@ def write_passes(directory: Path) -> None:
     """
     recorded = read_recorded_crawl(directory)
     with write_files_atomically(directory) as draft:
-        _write_table(draft / PASSES_FILE, directory, recorded.passes)
+        table = table_to_csv(directory, PASS_COLUMNS, recorded.passes)
+        (draft / PASSES_FILE).write_text(table, encoding="utf-8", newline="")
 
 
 def read_passes(directory: Path) -> tuple[dict[str, str], ...]:
-    """Rows of a run's ``passes.csv``, as they stand there.
+    """Rows of a run's ``passes.csv``, as text.
 
     Raises
     ------
     ConfigurationError
         If there is none.
     """
-    check_as_written(directory / PASSES_FILE)
-    try:
-        text = read_small_file(directory / PASSES_FILE, MOST_BYTES, "a table of passes").decode()
-        lines = [line for line in text.splitlines() if not line.startswith("#")]
-        return tuple(csv.DictReader(lines))
-    except (OSError, ValueError, csv.Error) as error:
-        raise ConfigurationError(
-            f"can't be read: {error}. A crawl's run directory holds it",
-            file=directory / PASSES_FILE,
-        ) from None
+    return read_result_file(directory / PASSES_FILE, "the passes of a crawl", _parse_passes)
+
+
+def _parse_passes(text: str) -> tuple[dict[str, str], ...]:
+    return tuple(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
 
 
 def weld_log(
@@ -179,28 +175,3 @@ def weld_log(
             if event.name == Phase.STOP
         ],
     }
-
-
-def _write_table(file: Path, directory: Path, passes: Sequence[PassRecord]) -> None:
-    stream = io.StringIO()
-    head = Provenance.for_file_written_now(job_label_of_run(directory), "w")
-    stream.write(head.comment_lines("#"))
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(PASS_COLUMNS)
-    for one in passes:
-        writer.writerow(
-            (
-                one.number,
-                f"{1e3 * one.length:.2f}",
-                f"{1e3 * one.speed:.3f}",
-                f"{1e3 * one.offset_rms:.3f}",
-                f"{1e3 * one.deviation_rms:.3f}",
-                f"{1e3 * one.deviation_max:.3f}",
-                f"{1e3 * one.sigma_rms:.3f}",
-                "" if isnan(one.true_deviation_rms) else f"{1e3 * one.true_deviation_rms:.3f}",
-                "" if isnan(one.offset_error_rms) else f"{1e3 * one.offset_error_rms:.3f}",
-                f"{100 * one.read_share:.1f}",
-                one.stops,
-            )
-        )
-    file.write_text(stream.getvalue(), encoding="utf-8", newline="")

@@ -2,36 +2,25 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-import tomli_w
 
-from tjscan.core.config import add_file_to_errors, table_to_dict
+from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, GrooveNotFound
-from tjscan.core.files import lock_and_clean_directory
 from tjscan.crawler.control_cycle import CrawlDevices
-from tjscan.crawler.crawler import (
-    Crawler,
-    CrawlPlan,
-    CrawlStart,
-    WeldOperator,
-)
+from tjscan.crawler.crawler import Crawler, CrawlPlan, CrawlStart, WeldOperator
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.hand_drive import HandDrive
 from tjscan.crawler.joint_sensor import JointReader
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
-from tjscan.crawler.journal import (
-    CombinedCrawlJournal,
-    CrawlCycle,
-    CrawlJournal,
-)
+from tjscan.crawler.journal import CombinedCrawlJournal, CrawlCycle, CrawlJournal
 from tjscan.crawler.last_view import GOES_ON, LastView
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.paper_method import PaperMethod
@@ -47,21 +36,18 @@ from tjscan.crawler.slip_calibration import (
 )
 from tjscan.crawler.slip_estimator import SlipBelief
 from tjscan.crawler.slip_model import SlipState
-from tjscan.crawler.topics import (
-    CRAWL_RECORDING,
-    REPLAY,
-    WARNING,
-    record_crawl,
-)
+from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY, WARNING, record_crawl
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
-from tjscan.recording.header import JobSnapshot
-from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl, write_crawl_results
-from tjscan.runs.run import accept_edited_copies, empty_run_directory, write_job_copy
-from tjscan.runs.scan.context import do_nothing_when_finished
+from tjscan.runs.run import (
+    accept_edited_copies,
+    do_nothing_when_finished,
+    make_vehicle_run_directory,
+    record_vehicle_run,
+)
 from tjscan.vehicle.vehicle import DEAD_MAN
 
 SETTLING_GAINS: Final = 4.0
@@ -72,7 +58,19 @@ TURNING_RADII: Final = 4.0
 the mean of its slope is no longer outward."""
 
 
-class WeldsAlways:
+WELD_OVERLAP: Final = 0.02
+"""Metres by which a weld that goes on after a stop overlaps what was welded before."""
+
+LONGEST_OFF_WAY: Final = 1.0
+"""Metres beyond a crawl's way at which its vehicle may be set down."""
+
+SHUTTLE_LENGTH: Final = 0.8
+"""Metres of the shuttle's way out."""
+
+SHUTTLE_TIMES: Final = 3
+
+
+class ConfirmsEveryWeld:
     """A `WeldOperator` of a simulation: everything is always ready."""
 
     def confirm_weld(self, number: int) -> bool:
@@ -96,18 +94,24 @@ class CrawlContext:
     finished : callable
         Is called with the directory once its results are written.
     hand : HandDrive, optional
-        Who drives by hand before the crawl begins; nobody where left out.
+        Drives by hand before the crawl begins; none by default.
     """
 
     job: CrawlJob
     job_file: Path
     journal: CrawlJournal = field(default_factory=CombinedCrawlJournal)
-    operator: WeldOperator = field(default_factory=WeldsAlways)
+    operator: WeldOperator = field(default_factory=ConfirmsEveryWeld)
     finished: Callable[[Path], object] = do_nothing_when_finished
     hand: HandDrive | None = None
 
     @property
-    def first_belief(self) -> SlipBelief:
+    def calibration_file(self) -> Path | None:
+        """The calibration that the job names, if it names one."""
+        name = self.job.calibration
+        return None if name is None else self.job_file.parent / name
+
+    @property
+    def first_slip(self) -> SlipBelief:
         """What is known of the vehicle's slip before the first reading.
 
         Raises
@@ -116,20 +120,19 @@ class CrawlContext:
             If the calibration that the job names can't be read, or is another vehicle's.
         """
         job, course = self.job, self.job.course
-        if job.calibration is None:
+        if self.calibration_file is None:
             return SlipBelief.before_any_reading(
                 job.slip, curvature=course.curvature, curvature_sigma=course.curvature_sigma
             )
-        file = self.job_file.parent / job.calibration
-        found = read_slip_calibration(file, job.vehicle.device_id)
+        found = read_slip_calibration(self.calibration_file, job.vehicle.device_id)
         return found.belief_at_start(job.slip, course.curvature, course.curvature_sigma)
 
-    def make_method(self, belief: SlipBelief | None = None) -> FollowingMethod:
+    def make_method(self, slip: SlipBelief | None = None) -> FollowingMethod:
         """Make the method that the job names, with what is known of slip."""
         job = self.job
         if job.method == "paper":
             return PaperMethod(job.vehicle.geometry, job.vehicle.tracks)
-        known = belief or self.first_belief
+        known = slip or self.first_slip
         return SlipAwareMethod(job.vehicle.geometry, known, job.slip, job.steering)
 
 
@@ -185,7 +188,7 @@ def check_size(job: CrawlJob) -> None:
 
 
 def short_way(job: CrawlJob, slip: SlipBelief | None) -> str:
-    """What is to be said of passes too short to come back from a reversal; empty for others.
+    """A warning of passes too short to come back from a reversal; empty for others.
 
     At a reversal the slope against the joint turns round, and crab adds to it both ways: the
     heading must change by twice the crab, at the curvature of the least radius, and then bring back
@@ -195,7 +198,7 @@ def short_way(job: CrawlJob, slip: SlipBelief | None) -> str:
     ----------
     job : CrawlJob
     slip : SlipBelief or None
-        What is known of slip; nothing is said where a method knows of none.
+        What is known of slip; no warning if a method knows of none.
     """
     if slip is None:
         return ""
@@ -213,7 +216,7 @@ def short_way(job: CrawlJob, slip: SlipBelief | None) -> str:
 
 
 def run_crawl(context: CrawlContext, directory: Path) -> None:
-    """Crawl as a job says, into a new run directory.
+    """Crawl as a job states, into a new run directory.
 
     Raises
     ------
@@ -225,26 +228,10 @@ def run_crawl(context: CrawlContext, directory: Path) -> None:
         check_size(context.job)
         method = context.make_method()
         cell = make_crawl_cell(context.job)
-        make_crawl_directory(context, directory)
+        make_vehicle_run_directory(
+            directory, context.job, context.job_file, context.calibration_file
+        )
     crawl_into(context, directory, cell, method)
-
-
-def make_crawl_directory(context: CrawlContext, directory: Path) -> None:
-    """Make a run directory with the job in it, and the calibration that it names.
-
-    Raises
-    ------
-    ConfigurationError
-        If the directory holds something already.
-    RecordingError
-        If it can't be made.
-    """
-    job = context.job
-    with empty_run_directory(directory) as draft:
-        if job.calibration is not None:
-            shutil.copyfile(context.job_file.parent / job.calibration, draft / CALIBRATION_FILE)
-            job = job.model_copy(update={"calibration": CALIBRATION_FILE})
-        write_job_copy(draft, tomli_w.dumps(table_to_dict(job)), context.job_file, "w")
 
 
 def crawl_into(
@@ -269,26 +256,21 @@ def crawl_into(
     reader : JointReader, optional
         Which remembers the joint already.
     """
-    origin = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
-    file = next_recording_file(directory, CRAWL_RECORDING)
-    with lock_and_clean_directory(directory):
-        try:
-            with record_crawl(file, origin, cell.simulated_place) as recording, cell:
-                journal = CombinedCrawlJournal((recording, context.journal))
-                accept_edited_copies(directory, journal.record_event)
-                if short := short_way(context.job, method.slip):
-                    journal.record_event(WARNING, short)
-                make_crawler(context, cell, method, journal, reader).run(start)
-        finally:
-            write_crawl_results(directory, context.job)
-            context.finished(directory)
-
-
-WELD_OVERLAP: Final = 0.02
-"""Metres by which a weld that goes on after a stop overlaps what was welded before."""
-
-LONGEST_OFF_WAY: Final = 1.0
-"""Metres beyond a crawl's way at which its vehicle may be set down."""
+    with (
+        record_vehicle_run(
+            directory,
+            CRAWL_RECORDING,
+            lambda file, job: record_crawl(file, job, cell.simulated_place),
+            partial(write_crawl_results, job=context.job),
+            context.finished,
+        ) as recording,
+        cell,
+    ):
+        journal = CombinedCrawlJournal((recording, context.journal))
+        accept_edited_copies(directory, journal.record_event)
+        if short := short_way(context.job, method.slip):
+            journal.record_event(WARNING, short)
+        make_crawler(context, cell, method, journal, reader).run(start)
 
 
 def resume_crawl(
@@ -303,14 +285,14 @@ def resume_crawl(
     overlap : float, optional
         By which the weld overlaps what was welded before the stop, metres.
     place : float, optional
-        Where the torch stands along the joint, metres, if the vehicle was moved since. Where left
-        out, it must stand where it stood, as far as the laser can tell; the recording must show
+        Place of the torch along the joint, metres, if the vehicle was moved since. By default it
+        must be where it was, as far as the laser can see; the recording must show
         hull beside the joint.
 
     Raises
     ------
     ConfigurationError
-        If there is nothing to go on with, no such place, or nothing shows where it stood.
+        If there is nothing to go on with, no such place, or nothing shows where it was.
     CrawlStopped
         If the laser shows that the vehicle was moved; and as `run_crawl` raises.
     """
@@ -322,21 +304,21 @@ def resume_crawl(
         )
     start = start_after_stop(found.cycles, context.job, overlap, directory)
     last, left = found.cycles[-1], None
-    # One that waits to go on, and is refused, may stand where it was moved to.
+    # One that waits to go on, and is refused, may be at the place that it was moved to.
     crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
     if place is None:
         view = LastView.of_recording(crawled, found.profiles, stopped=found.was_stopped)
         if view is None:
             raise ConfigurationError(
-                "no recorded profile shows the joint with enough hull beside it, so nobody can "
-                "look whether the vehicle was moved since: say with --place where the torch stands",
+                "no recorded profile shows the joint with enough hull beside it, so it can't be "
+                "checked whether the vehicle was moved: state with --place where the torch is",
                 file=directory,
             )
-        start, belief = replace(start, last_view=view), belief_after_stop(found, context.job)
+        start, slip = replace(start, last_view=view), slip_after_stop(found, context.job)
     else:
         check_place(place, context.job)
         start = replace(start, travel=place, was_set_down=True)
-        belief = belief_where_set_down(found, context.job)
+        slip = slip_after_set_down(found, context.job)
     if found.places:
         arcs = [one.true_travel for one in found.passes if len(one.true_travel)]
         pose_w = np.array(found.places[-1][1].pose_w)
@@ -346,15 +328,15 @@ def resume_crawl(
     with add_file_to_errors(context.job_file):
         check_size(context.job)
         cell = make_crawl_cell(context.job, left)
-    method = context.make_method(belief)
+    method = context.make_method(slip)
     crawl_into(context, directory, cell, method, start, reader_that_saw(found.profiles))
 
 
-def belief_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
-    """What is known of slip where a crawl goes on that was stopped, or whose program was killed.
+def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
+    """What is known of slip when a crawl goes on after a stop, or after its program was killed.
 
-    None where its method knows of none, or it never crawled. An earlier version recorded the
-    belief now and then only: the way since the last one counts as unseen, too.
+    None if its method knows of none, or it never crawled. An earlier version recorded the
+    estimate now and then only: the way since the last one counts as unseen, too.
     """
     crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
     if not crawled or (slip := crawled[-1].slip) is None:
@@ -366,8 +348,8 @@ def belief_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
     return slip.after_unseen_way(way, job.steering.least_radius)
 
 
-def belief_where_set_down(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
-    """What is known of slip where the vehicle was set down anew; see `belief_after_stop`."""
+def slip_after_set_down(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
+    """What is known of slip when the vehicle was set down elsewhere; see `slip_after_stop`."""
     crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
     slip = crawled[-1].slip if crawled else None
     return None if slip is None else slip.at_new_start(job.slip)
@@ -385,7 +367,7 @@ def check_place(place: float, job: CrawlJob) -> None:
     if not first <= place <= last:
         raise ConfigurationError(
             f"--place is {1e3 * place:g} mm along the joint, from where the weld begins; it must "
-            f"lie between {1e3 * first:g} and {1e3 * last:g}"
+            f"be between {1e3 * first:g} and {1e3 * last:g}"
         )
 
 
@@ -428,15 +410,9 @@ def start_after_stop(
     if done >= len(job.passes):
         raise ConfigurationError("every pass is welded: nothing is left to do", file=directory)
     arc_from = 0.0 if whole else max(cut.travel - overlap, 0.0)
-    # One that only waited to go on may have been told another place, and was not let go there.
+    # One that only waited to go on may have been given another place, and was not let go there.
     crawled = [cycle for cycle in cycles if cycle.phase is not Phase.MANUAL]
     return CrawlStart(done, crawled[-1].travel, arc_from)
-
-
-SHUTTLE_LENGTH: Final = 0.8
-"""Metres of the shuttle's way out."""
-
-SHUTTLE_TIMES: Final = 3
 
 
 def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
@@ -465,10 +441,17 @@ def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
             )
         check_size(context.job)
         method, cell = context.make_method(), make_crawl_cell(context.job)
-        make_crawl_directory(context, directory)
-    origin = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
-    file = next_recording_file(directory, CRAWL_RECORDING)
-    with record_crawl(file, origin, cell.simulated_place) as recording, cell:
+        make_vehicle_run_directory(
+            directory, context.job, context.job_file, context.calibration_file
+        )
+    with (
+        record_vehicle_run(
+            directory,
+            CRAWL_RECORDING,
+            lambda file, job: record_crawl(file, job, cell.simulated_place),
+        ) as recording,
+        cell,
+    ):
         journal = CombinedCrawlJournal((recording, context.journal))
         make_crawler(context, cell, method, journal).shuttle(SHUTTLE_LENGTH, SHUTTLE_TIMES)
     if method.slip is None:

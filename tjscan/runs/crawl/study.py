@@ -33,7 +33,7 @@ from tjscan.study.trial import RunOutcome, canonical_json
 class CrawlOutcome(RunOutcome):
     """Outcome of one crawl of a study. Lengths in millimetres.
 
-    All but the first four are of the last pass in which the arc burned, and None where it never
+    All but the first four are of the last pass in which the arc burned, and None if it never
     did.
 
     Parameters
@@ -152,7 +152,7 @@ def _p95(values: Array) -> float:
 
 
 class CrawlStudyBackend(StudyBackend[CrawlOutcome]):
-    """How crawls are resolved, executed and reported in a study; keys are those of the job file."""
+    """How crawls are resolved, executed and reported in a study; keys are as in the job file."""
 
     outcome = CrawlOutcome
     seed = "simulation.seed"

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.fits.posed_profile import PosedProfile
+from tjscan.calibration.targets.target import PosedProfile
 from tjscan.calibration.wizard.operator import Answer, Question
 from tjscan.calibration.wizard.session import CalibrationProgress
 from tjscan.calibration.wizard.topics import (
@@ -95,7 +95,7 @@ class CalibrationShow:
                 return self._progress_step(news)
 
     def next_pose(self, T_b_f: Array | None) -> Step:
-        """Draw where the next move leads: the flange's axes, and the laser's plane from there."""
+        """Draw the target of the next move: the flange's axes, and the laser's plane from there."""
         if T_b_f is None:
             return Step(drawn={"next": Lines(np.empty((0, 2, 3)), FITTED_COLOUR)})
         T_b_s, window = T_b_f @ self._T_f_s, self._plan.window
@@ -222,7 +222,7 @@ class PageOperator:
         The calibration on the page.
     show : CalibrationShow
     report : callable
-        Is told every message too.
+        Receives every message too.
     looks : bool
         Whether the laser is looked through while an answer is awaited: a simulated one would
         then see other noise in every run.
@@ -252,7 +252,7 @@ class PageOperator:
         return [*answers, stop]
 
     def confirm(self, question: Question) -> bool:
-        """Show a question and where it leads; wait for one of its two buttons."""
+        """Show a question and the target of its move; wait for one of its two buttons."""
         self._forget_presses()
         words = f"{question.yes} or {question.no}"
         self._run.post(Step(facts={STATE_FACT: question.text, PRESS_FACT: words}))
@@ -322,14 +322,14 @@ def operator_on_page(
         Where it was read from.
     where : PageAddress
     report : callable
-        Is told the page's address, and every message.
+        Receives the page's address, and every message.
     interrupt : callable
         Does what Ctrl-C does.
 
     Raises
     ------
     PageUnavailable
-        If there is no page: nobody would answer.
+        If there is no page: questions would have no answer.
     """
     show = CalibrationShow(job, job_file, job_file.stem)
     looks = job.laser.driver_kind is DriverKind.REAL
@@ -341,5 +341,5 @@ def operator_on_page(
 
     with show_run(show, where, report, buttons):
         if not made:
-            raise PageUnavailable("nobody can answer without the page: leave out --live")
+            raise PageUnavailable("questions can't be answered without the page: leave out --live")
         yield made[0]

@@ -50,7 +50,7 @@ LARGEST_TORQUE: Final = Measure("largest torque", "N m")
 BODY_HEIGHT: Final = 0.12
 """Metres, of the drawn body."""
 GROUND_CLEARANCE: Final = 0.05
-"""Metres by which it stands off the hull."""
+"""Metres by which it is off the hull."""
 PIECE_LENGTH: Final = 5e-3
 """Metres of travel that a drawn piece of weld is long."""
 WELD_WIDTH: Final = 0.01
@@ -72,8 +72,8 @@ SHORTEST_CYCLE: Final = 0.01
 class CrawlShow:
     """Turns what a crawl's journal receives into steps of the page.
 
-    In the picture x leads along the joint from where the weld begins, y to its left, z out of
-    the hull; the vehicle stands where its method believes it to be.
+    In the picture x leads along the joint from the beginning of the weld, y to its left, z out of
+    the hull; the vehicle is drawn at its method's estimate.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class CrawlShow:
                 return self._event_step(entry)
 
     def _event_step(self, event: NotedEvent) -> Step:
-        """Events that a phase begins with bear its name: no cycle follows that of a stop."""
+        """Events that a phase begins with bear its name: no cycle follows a stop."""
         news = ((event.name, event.detail),)
         if event.name not in set(Phase):
             return Step(event.name, events=news)
@@ -151,11 +151,15 @@ class CrawlShow:
         if cycle.arc and (welded := self._welded(cycle, values)):
             drawn.update(welded)
             samples = (Sample(1e3 * cycle.travel, values),)
+        progress = None
+        if cycle.phase is Phase.WELDING and cycle.number:
+            along = min(max(cycle.travel / self._job.weld.length, 0.0), 1.0)
+            progress = (cycle.number - 1 + along) / len(self._job.passes)
         return Step(
             f"{cycle.phase}, {1e3 * cycle.travel:.0f} mm",
             drawn,
             self._facts(cycle),
-            self._share_done(cycle),
+            progress,
             samples,
             diagram=phase_diagram(cycle.phase),
         )
@@ -175,14 +179,8 @@ class CrawlShow:
             "fault": cycle.state.fault,
         }
 
-    def _share_done(self, cycle: CrawlCycle) -> float | None:
-        if cycle.phase is not Phase.WELDING or not cycle.number:
-            return None
-        along = min(max(cycle.travel / self._job.weld.length, 0.0), 1.0)
-        return (cycle.number - 1 + along) / len(self._job.passes)
-
     def _welded(self, cycle: CrawlCycle, values: dict[str, float]) -> dict[str, Drawable]:
-        """The weld since the last piece, once it is long enough; passes lie on one another."""
+        """The weld since the last piece, once it is long enough; passes are on one another."""
         y = -(cycle.torch.offset + cycle.torch_y)
         number, x0, y0 = self._last or (cycle.number, cycle.travel, y)
         if number != cycle.number or self._last is None:
@@ -238,7 +236,7 @@ class PageHandDrive:
     """A `HandDrive` whose orders are buttons of the page that are held.
 
     It hears that a button is held again and again, and not that it is released: a page that is
-    closed, a browser that dies and a network that fails say nothing, and so stop the vehicle too.
+    closed, a browser that dies and a network that fails send nothing, and so stop the vehicle too.
     Buttons that contradict each other, held in two browsers, stop it as well.
 
     Parameters
@@ -282,7 +280,7 @@ class PageHandDrive:
         return tuple(self._twists)
 
     def start(self) -> None:
-        """Let the crawl begin: nobody drives by hand any more."""
+        """Let the crawl begin: driving by hand is over."""
         self._begun.set()
 
     def hear(self, word: str) -> None:
@@ -342,7 +340,7 @@ def show_crawl(
         Of the run.
     where : PageAddress
     report : callable
-        Is told the page's address, or why there is none.
+        Receives the page's address, or why there is none.
     interrupt : callable
         Does what Ctrl-C does.
     hand : PageHandDrive, optional
@@ -351,7 +349,7 @@ def show_crawl(
     Raises
     ------
     PageUnavailable
-        If there is no page, and somebody is to drive on it.
+        If there is no page, and it is to be driven on one.
     """
 
     def buttons(run: RunOnPage[CrawlEntry]) -> Sequence[PageButton]:

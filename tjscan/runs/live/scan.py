@@ -45,7 +45,7 @@ CORNER_SIGMA: Final = Measure("sigma of the corners", "mm")
 """By the profile's noise alone: what all sections share is in the report's budget."""
 
 STANDING_EVENTS: Final = ("paused", "stop", "failed", "interrupted", "complete")
-"""Events after which the arm stands."""
+"""Events after which the arm does not move."""
 
 FAN_POINTS: Final = 32
 """Of the laser's drawn fan."""
@@ -67,7 +67,7 @@ class ScanShow:
     Attributes
     ----------
     total : int or None
-        Sections that the job asks for, where it does.
+        Sections that the job asks for, if it does.
     """
 
     def __init__(self, context: RunContext, title: str) -> None:
@@ -80,7 +80,7 @@ class ScanShow:
 
     @cached_property
     def setting(self) -> Setting:
-        """What stands still: arm, solids, tool and the joint as designed."""
+        """What does not change: arm, solids, tool and the joint as designed."""
         job = self._context.job
         measures = (GROOVE_ANGLE, ROOT_OPENING, GROOVE_DEPTH, CORNER_SIGMA)
         at, seen_from = self._camera()
@@ -219,7 +219,7 @@ class ScanShow:
 
 
 def planned_sections(job: ScanJob) -> int | None:
-    """Sections that a job asks for; None where it goes as far as the arm reaches."""
+    """Sections that a job asks for; None if it goes as far as the arm reaches."""
     plan = job.scan
     if plan.sections is None and plan.length is not None:
         return 2 + round(plan.length / plan.step)
@@ -248,7 +248,7 @@ def laser_fan(view: ProfileView) -> dict[str, Drawable]:
 
 
 def _in_words(measure: Measure, values: dict[str, float], sigmas: dict[str, float]) -> str:
-    """A value with its standard deviation; empty where it is not known."""
+    """A value with its standard deviation; empty if it is not known."""
     value, sigma = values.get(measure.name, np.nan), sigmas.get(measure.name, np.nan)
     if not np.isfinite(value):
         return ""
@@ -318,7 +318,7 @@ class PageJournal:
         self._first: tuple[int, float] | None = None
 
     def record_view(self, view: ProfileView) -> None:
-        """Show where the arm stands and what the laser saw."""
+        """Show the arm's pose and what the laser saw."""
         self.run.post(view)
 
     def record_section(self, section: ScannedSection) -> None:
@@ -351,7 +351,7 @@ def show_scan(
         The job, of one station if it has any, and what pauses its scan.
     where : PageAddress
     report : callable
-        Is told the page's address, or why there is none.
+        Receives the page's address, or why there is none.
     interrupt : callable
         Does what Ctrl-C does.
     resumed : Path, optional
@@ -390,24 +390,24 @@ def scan_buttons(
     def start() -> None:
         stop.go_on()
         run.start()
-        run.say("scanning")
+        run.show_state("scanning")
 
     def pause() -> None:
         stop.pause()
-        run.say("pausing after the section under way")
+        run.show_state("pausing after the section under way")
 
     def step() -> None:
         stop.go_one_step()
         run.start()
-        run.say("scanning one section")
+        run.show_state("scanning one section")
 
     def end() -> None:
-        run.say("stopping after the section under way; Stop once more stops the arm at once")
+        run.show_state("stopping after the section under way; another Stop stops the arm at once")
         interrupt()
 
     return [
         Button("Start", start, "green", "Begin, or go on after a pause"),
-        Button("Pause", pause, "yellow", "Stand after the section under way"),
-        Button("Step", step, "blue", "Scan one section, then stand"),
+        Button("Pause", pause, "yellow", "Wait after the section under way"),
+        Button("Step", step, "blue", "Scan one section, then wait"),
         Button("Stop", end, "red", "As Ctrl-C: end after the section; twice, stop the arm at once"),
     ]

@@ -41,8 +41,8 @@ VEHICLE_FORCE: Final = Measure("largest force of a vehicle", "N")
 
 VEHICLE_HEIGHT: Final = 0.25
 """Metres, of a drawn vehicle."""
-CABLE_HEIGHT: Final = np.array((0.0, 0.0, 0.1))
-"""Where the cable is drawn above the floor, metres."""
+CABLE_HEIGHT: Final = 0.1
+"""Metres above the floor at which the cable is drawn."""
 CIRCLE_SIDES: Final = 40
 """Sides of a drawn obstacle."""
 CYCLES_BETWEEN_STEPS: Final = 2
@@ -79,7 +79,10 @@ class TowShow:
 
     def _setting(self, title: str) -> Setting:
         job = self._job
-        rings = [_ring(np.array(ring)) for ring in (job.area.outline, *job.area.holes)]
+        rings = [
+            _on_floor(np.array((*ring, ring[0])), height=0.0)
+            for ring in (job.area.outline, *job.area.holes)
+        ]
         outline = np.array(job.area.outline)
         middle = np.array((*(0.5 * (outline.min(axis=0) + outline.max(axis=0))), 0.0))
         size = float(np.linalg.norm(np.ptp(outline, axis=0)))
@@ -122,7 +125,7 @@ class TowShow:
             values[CABLE_CLEARANCE.name] = 1e3 * clearance(estimate, discs)
         bodies = zip(self.setting.bodies, cycle.poses, strict=True)
         drawn: dict[str, Drawable] = {
-            **{name: Placement(_stands(one)) for name, one in bodies},
+            **{name: Placement(pose(rot_z(a), (x, y, 0.0))) for name, (x, y, a) in bodies},
             "cable": Lines.through(_on_floor(estimate), colour=TOOL_COLOUR, width=4.0),
             "planned": Lines.through(
                 _on_floor(self._chain.line(plan.angles)), colour=FITTED_COLOUR, width=2.0
@@ -149,11 +152,11 @@ class TowShow:
             VEHICLE_CLEARANCE.name: f"{values[VEHICLE_CLEARANCE.name]:.0f} mm",
             "largest bend": f"{values[LARGEST_BEND.name]:.1f}°",
             "at its limits": ", ".join(cycle.plan.limits),
-            "vehicles that stand": stopped,
+            "stopped vehicles": stopped,
         }
 
     def _truth_step(self, truth: TowTruth) -> Step:
-        """What a simulation knows beside: the cable as it lies, and its forces."""
+        """What a simulation knows too: the true cable, and its forces."""
         time = truth.time if self._began is None else truth.time - self._began
         values = {
             WELDER_FORCE.name: float(np.hypot(*truth.welder_force[:2])),
@@ -192,22 +195,13 @@ def vehicles_apart(poses: Array, radius: float, discs: Array) -> float:
     return float(min(between.min(initial=np.inf), aside.min(initial=np.inf)))
 
 
-def _on_floor(points: Array) -> Array:
-    return np.asarray(np.column_stack((points[:, :2], np.zeros(len(points)))) + CABLE_HEIGHT)
-
-
-def _ring(points: Array) -> Array:
-    return np.asarray(_on_floor(np.vstack((points, points[:1]))) - CABLE_HEIGHT)
+def _on_floor(points: Array, height: float = CABLE_HEIGHT) -> Array:
+    return np.column_stack((points[:, :2], np.full(len(points), height)))
 
 
 def _circle(disc: Array) -> Array:
     turn = np.linspace(0, 2 * np.pi, CIRCLE_SIDES + 1)
     return _on_floor(disc[:2] + disc[2] * np.column_stack((np.cos(turn), np.sin(turn))))
-
-
-def _stands(one: Array) -> Array:
-    x, y, heading = one
-    return pose(rot_z(heading), (x, y, 0.0))
 
 
 def read_tow_show(directory: Path) -> RecordedShow | None:
@@ -251,7 +245,7 @@ class TowPageJournal:
         self._run.post(cycle)
 
     def show_truth(self, truth: TowTruth) -> None:
-        """Show the cable as it lies, and its forces."""
+        """Show the true cable, and its forces."""
         self._run.post(truth)
 
     def record_event(self, name: str, detail: str) -> None:
@@ -273,5 +267,5 @@ def show_tow(
         return stop_button(interrupt, "all vehicles")
 
     with show_run(TowShow(job, title), where, report, buttons) as run:
-        run.say("plans the whole seam before anything moves")
+        run.show_state("plans the whole seam before anything moves")
         yield TowPageJournal(run)

@@ -35,6 +35,6 @@ def read_recorded_show(directory: Path) -> RecordedShow:
             return show
     raise ConfigurationError(
         "holds no recording that can be shown: give the directory of a scan, a crawl, a tow or a "
-        "calibration, or that of one station",
+        "calibration, or of one station",
         file=directory,
     )

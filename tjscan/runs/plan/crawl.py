@@ -150,9 +150,9 @@ def butt_joint_edges(
     """Edges of a butt joint in frame c, and where along it they begin, from profiles along it.
 
     A section is the trapezoid with the width, depth and area of what is left to fill, the mean of
-    the readings of 20 mm; its standard deviation follows from how they scatter. Where the root lies
-    higher than usual there is a tack weld, where it lies deeper a pass left a crater or ended: such
-    readings show no groove to be filled alike, and only say where tacks are.
+    the readings of 20 mm; its standard deviation follows from how they scatter. A root
+    higher than usual is a tack weld, a deeper one a crater or the end of a pass: such readings show
+    no groove to be filled alike, and only show where tacks are.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def butt_joint_edges(
     GrooveEdges
         Through the sections.
     float
-        Metres along the joint where the first of them stands.
+        Metres along the joint of the first of them.
 
     Raises
     ------

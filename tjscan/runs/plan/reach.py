@@ -26,7 +26,7 @@ from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.stops import StationStretch
-from tjscan.planning.urscript import BeadWay, StationWay
+from tjscan.planning.urscript import BeadPath, StationPath
 from tjscan.planning.wps import TorchSettings
 from tjscan.result.directory import JOB_FILE
 from tjscan.result.stitching import read_stitching_report
@@ -39,12 +39,12 @@ from tjscan.runs.scan.context import RunContext
 from tjscan.scanning.scanned_surface import grid_triangles
 
 ARM_STATION: Final = "arm"
-"""Stands for the name of a station where a job has none."""
+"""Name of the station of a job without stations."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WeldingStation:
-    """An arm where it stood when the groove was scanned.
+    """An arm at the place from which the groove was scanned.
 
     Parameters
     ----------
@@ -68,9 +68,9 @@ class WeldingStation:
     T_b_r: Array
 
     def hindrance(self, torch: TorchSettings, groove: Array, reserve: float) -> Hindrance:
-        """What keeps the arm with a torch from standing somewhere.
+        """What keeps the arm with a torch from a configuration.
 
-        The solids of the job, where frame w is known to stand if the job says where the joint is in
+        The solids of the job, whose frame w is known if the job states the joint's pose in
         it; the arm itself; and the measured groove. A solid of the torch that enters the groove is
         held against that alone.
 
@@ -114,8 +114,8 @@ class WeldingStation:
 
         return hindrance
 
-    def as_told(self, T_b_f: Array, q: Array) -> Array:
-        """What the controller is to be told so that the flange truly gets to a pose; (4, 4)."""
+    def commanded_pose(self, T_b_f: Array, q: Array) -> Array:
+        """Pose to command so that the flange truly gets to a pose; (4, 4)."""
         if self.kinematics is self.model:
             return T_b_f
         return np.asarray(T_b_f @ inverse_pose(self.kinematics.forward(q)) @ self.model.forward(q))
@@ -134,7 +134,7 @@ def welding_stations(directory: Path, frame: str) -> tuple[WeldingStation, ...]:
     Raises
     ------
     ConfigurationError
-        If the run does not say where its arm stood, or that can't be read.
+        If the run does not state the place of its arm, or that can't be read.
     """
     report = read_stitching_report(directory)
     if report is None:
@@ -142,7 +142,7 @@ def welding_stations(directory: Path, frame: str) -> tuple[WeldingStation, ...]:
         T_b_r = np.eye(4)
         if frame == "j":
             if job.joint is None or job.station:
-                raise ConfigurationError("does not say where the joint stands", key="joint")
+                raise ConfigurationError("does not state where the joint is", key="joint")
             T_b_r = job.joint.T_w_j
         return (
             _station(job.station_names[0] if job.station else ARM_STATION, job, directory, T_b_r),
@@ -166,7 +166,7 @@ def _station(name: str, job: ScanJob, folder: Path, T_b_r: Array) -> WeldingStat
 
 def _job(folder: Path) -> ScanJob:
     if not (folder / JOB_FILE).is_file():
-        raise ConfigurationError("the run holds no job that says where its arm stood", file=folder)
+        raise ConfigurationError("the run holds no job that states where its arm was", file=folder)
     return read_scan_job(folder / JOB_FILE)
 
 
@@ -174,7 +174,7 @@ PLACE_STEP: Final = 25e-3
 """Metres along the groove between the places at which holds are looked for."""
 
 MARGIN_RESERVE: Final = 1e-3
-"""Metres further than the margins at these places, for what lies between them."""
+"""Metres further than the margins at these places, for what is between them."""
 
 SURFACE_STEP: Final = 10e-3
 """Metres between sections of the groove's surface: a tube's chords stay 0.1 mm off it."""
@@ -189,7 +189,7 @@ class UnreachedLength:
     begin, end : float
         Metres along the groove.
     reason : str
-        What mostly stands in the way.
+        What mostly prevents it.
     """
 
     begin: float
@@ -206,7 +206,7 @@ class StationReach:
     station : WeldingStation
         The arm.
     hindrance : callable
-        What keeps it from standing somewhere.
+        What keeps it from a configuration.
     places : ndarray, shape (m,)
         Where holds were looked for, metres along the groove.
     length : float
@@ -237,7 +237,7 @@ class StationReach:
 
     @property
     def unreached(self) -> tuple[UnreachedLength, ...]:
-        """Lengths of groove beyond that stretch, and what stands in the way there."""
+        """Lengths of groove beyond that stretch, and what prevents them."""
         first, last = self.longest or (0, -1)
         m, step = len(self.places), self.places[1] - self.places[0]
         reached = {i % m for i in range(first, last + 1)}
@@ -251,7 +251,7 @@ class StationReach:
                 found.append(UnreachedLength(at, at, reason))
         return tuple(found)
 
-    def lead_torch(self, plan: WeldPlan) -> StationWay:
+    def lead_torch(self, plan: WeldPlan) -> StationPath:
         """Lead the torch along this station's beads, one after the other.
 
         Between beads it is drawn back along the wire and goes back over the bead it has laid.
@@ -264,7 +264,7 @@ class StationReach:
         Raises
         ------
         PoseUnreachable
-            If something stands in the way between the places that were looked at.
+            If something is in the way between the places that were looked at.
         """
         first, last = self.longest or (0, 0)
         spins, q = self.holds.path(first, last)
@@ -273,7 +273,7 @@ class StationReach:
         torch, arm = plan.wps.torch, self.station.kinematics
         T_tool_f, back = inverse_pose(torch.tcp.T), pose(p=(0.0, 0.0, -torch.retract))
         leader = _Leader(self.station, torch.tcp.T, self.hindrance)
-        found, before = list[BeadWay](), None
+        found, before = list[BeadPath](), None
         for bead in (bead for bead in plan.beads if bead.station == self.station.name):
             turns = np.round((0.5 * (at[0] + at[-1]) - bead.s.mean()) / self.length)
             s = bead.s + turns * self.length * self.holds.closed
@@ -290,9 +290,9 @@ class StationReach:
             way = np.concatenate((way, leader.way(np.array([T[0] @ back, T[0]]), where)))
             path = leader.bead(T, bead, where)
             leave = leader.way(np.array([T[-1] @ back]), where)
-            found.append(BeadWay(bead, way, path, leave))
+            found.append(BeadPath(bead, way, path, leave))
             before = (T @ back)[::-1][_every(bead, torch.retract)]
-        return StationWay(self.station.name, start, tuple(found))
+        return StationPath(self.station.name, start, tuple(found))
 
     def _at(self, i: NDArray[np.int64]) -> Array:
         """Metres along the groove of places, beyond its length after a turn."""
@@ -301,7 +301,7 @@ class StationReach:
 
 
 class _Leader:
-    """Leads an arm from pose to pose of its tool, and sees that nothing stands in the way."""
+    """Leads an arm from pose to pose of its tool, and checks that nothing is in the way."""
 
     def __init__(self, station: WeldingStation, T_f_tool: Array, hindrance: Hindrance) -> None:
         self._station, self._T_f_tool, self._hindrance = station, T_f_tool, hindrance
@@ -309,8 +309,8 @@ class _Leader:
         self.q = np.zeros(6)
 
     def way(self, poses: Array, where: str) -> Array:
-        """On lines to poses of the tool, shape (k, 4, 4); what the controller is told of them."""
-        told = []
+        """On lines to poses of the tool, shape (k, 4, 4); as the controller is commanded."""
+        commanded = []
         for T in poses:
             T_b_f = T @ self._T_tool_f
             try:
@@ -320,12 +320,12 @@ class _Leader:
             for q in path[1:]:
                 self._check(q, T_b_f, f"on the way to {where}")
             self.q = path[-1]
-            told.append(self._told(T_b_f))
-        return np.array(told)
+            commanded.append(self._commanded(T_b_f))
+        return np.array(commanded)
 
     def bead(self, poses: Array, bead: PlannedBead, where: str) -> Array:
-        """Along a bead's poses, shape (q, 4, 4); what the controller is told of them."""
-        told = []
+        """Along a bead's poses, shape (q, 4, 4); as the controller is commanded."""
+        commanded = []
         for T, s in zip(poses, bead.s, strict=True):
             T_b_f, here = T @ self._T_tool_f, f"at s = {1e3 * s:.0f} mm of {where}"
             q = self._station.kinematics.inverse(T_b_f, near=self.q)
@@ -333,8 +333,8 @@ class _Leader:
                 raise PoseUnreachable(f"{here}: a joint would have to swing at once", T_b_f)
             self._check(q, T_b_f, here)
             self.q = q
-            told.append(self._told(T_b_f))
-        return np.array(told)
+            commanded.append(self._commanded(T_b_f))
+        return np.array(commanded)
 
     def _check(self, q: Array, T_b_f: Array, where: str) -> None:
         arm, least = self._station.kinematics, self._station.job.clearance.singular
@@ -342,8 +342,8 @@ class _Leader:
         if reason:
             raise PoseUnreachable(f"{where}: {reason}", T_b_f)
 
-    def _told(self, T_b_f: Array) -> Array:
-        return self._station.as_told(T_b_f, self.q) @ self._T_f_tool
+    def _commanded(self, T_b_f: Array) -> Array:
+        return self._station.commanded_pose(T_b_f, self.q) @ self._T_f_tool
 
 
 def find_station_reach(station: WeldingStation, plan: WeldPlan, groove: Array) -> StationReach:

@@ -25,9 +25,9 @@ from tjscan.planning.details import DetailStretch, compare_with_details
 from tjscan.planning.document import LengthEntry, PlanDocument, StationEntry, plan_document
 from tjscan.planning.edges import GrooveEdges, fit_groove_edges
 from tjscan.planning.plan import WeldPlan, plan_weld
-from tjscan.planning.stops import NOBODY, StationStretch, crowns_and_saddles
+from tjscan.planning.stops import NO_STATION, StationStretch, crowns_and_saddles
 from tjscan.planning.tables import beads_to_csv
-from tjscan.planning.urscript import StationWay, way_to_urscript
+from tjscan.planning.urscript import StationPath, path_to_urscript
 from tjscan.planning.weldx_file import weldx_is_installed, write_plan_as_weldx
 from tjscan.planning.wps import WeldingProcedure, read_wps
 from tjscan.result.directory import CLOUD_FILE, SECTIONS_FILE, job_label_of_run
@@ -58,7 +58,7 @@ EARLIER_FILES: Final = (
     WELDX_FILE,
     "plan.html",
 )
-"""Not every plan has them: those of an earlier one do not stay beside a new one."""
+"""Not every plan has them: files of an earlier one do not stay beside a new one."""
 
 
 def write_plan_files(
@@ -73,7 +73,7 @@ def write_plan_files(
     plan : WeldPlan
         The plan.
     document : PlanDocument
-        As it stands in ``plan.json``.
+        As in ``plan.json``.
     provenance : Provenance
         Of all of them.
     """
@@ -91,9 +91,9 @@ def write_plan_files(
 
 @contextmanager
 def add_file_of_key(wps_file: Path, sections: Path) -> Iterator[None]:
-    """Add to errors of the block the file that their key stands in: the WPS, or the sections.
+    """Add to errors of the block the file that holds their key: the WPS, or the sections.
 
-    An option of the command line stands in no file.
+    An option of the command line is in no file.
     """
     try:
         yield
@@ -154,30 +154,30 @@ Replan = Callable[[tuple[StationStretch, ...]], WeldPlan]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PartedPlan:
-    """A plan parted among stations, and how each leads the torch.
+class DividedPlan:
+    """A plan divided among stations, and the path of the torch at each.
 
     Parameters
     ----------
     plan : WeldPlan
         Its beads, in parts.
     stations : tuple of StationEntry
-        As they stand in ``plan.json``.
-    ways : dict of str to StationWay
+        As in ``plan.json``.
+    paths : dict of str to StationPath
         Of each station that has a program, by the program's file.
     """
 
     plan: WeldPlan
     stations: tuple[StationEntry, ...]
-    ways: dict[str, StationWay]
+    paths: dict[str, StationPath]
 
 
-def part_plan(
+def divide_plan(
     arms: Sequence[WeldingStation],
     plan: WeldPlan,
     sections: Sequence[MeasuredSection],
     replan: Replan,
-) -> PartedPlan:
+) -> DividedPlan:
     """Part a plan among the stations from which a run was scanned.
 
     Parameters
@@ -189,7 +189,7 @@ def part_plan(
     sections : sequence of MeasuredSection
         Along the groove.
     replan : callable
-        Makes the same plan anew, parted among stretches.
+        Makes the same plan, divided among stretches.
 
     Raises
     ------
@@ -205,20 +205,23 @@ def part_plan(
     if not stretches:
         raise ConfigurationError(
             "no station reaches any of the groove with this torch: "
-            + "; ".join(f"{reach.station.name}: {_mostly(reach)}" for reach in reaches),
+            + "; ".join(
+                f"{reach.station.name}: {Counter(reach.holds.hindrances).most_common(1)[0][0]}"
+                for reach in reaches
+            ),
             key="torch",
         )
-    parted, ways, entries = replan(stretches), dict[str, StationWay](), []
+    divided, paths, entries = replan(stretches), dict[str, StationPath](), []
     for reach in reaches:
         name, problem, file = reach.station.name, "", ""
-        if any(bead.station == name for bead in parted.beads):
+        if any(bead.station == name for bead in divided.beads):
             file = program_name(name)
             try:
-                ways[file] = reach.lead_torch(parted)
+                paths[file] = reach.lead_torch(divided)
             except PoseUnreachable as error:
                 file, problem = "", error.reason
         entries.append(_entry(reach, file, problem))
-    return PartedPlan(parted, tuple(entries), ways)
+    return DividedPlan(divided, tuple(entries), paths)
 
 
 def program_name(station: str) -> str:
@@ -238,10 +241,6 @@ def _entry(reach: StationReach, file: str, problem: str) -> StationEntry:
         program=file,
         without_program=problem,
     )
-
-
-def _mostly(reach: StationReach) -> str:
-    return Counter(reason for reason in reach.holds.hindrances).most_common(1)[0][0]
 
 
 def _mm(value: float) -> float:
@@ -273,12 +272,12 @@ class WrittenPlan:
     plan : WeldPlan
         The plan.
     document : PlanDocument
-        As it stands in ``plan.json``.
+        As in ``plan.json``.
     directory : Path
         Where its files are.
     files : tuple of str
         Their names.
-    ways : dict of str to StationWay
+    paths : dict of str to StationPath
         How each station leads the torch, by its program's file.
     """
 
@@ -286,12 +285,12 @@ class WrittenPlan:
     document: PlanDocument
     directory: Path
     files: tuple[str, ...]
-    ways: dict[str, StationWay] = field(default_factory=dict)
+    paths: dict[str, StationPath] = field(default_factory=dict)
 
     @property
-    def nobody_s(self) -> tuple[tuple[float, float], ...]:
+    def unreached_spans(self) -> tuple[tuple[float, float], ...]:
         """Lengths that no station reaches, where that was looked for; metres."""
-        found = [bead for bead in self.plan.beads if bead.station == NOBODY and bead.layer == 1]
+        found = [bead for bead in self.plan.beads if bead.station == NO_STATION and bead.layer == 1]
         spans = tuple((float(bead.s.min()), float(bead.s.max())) for bead in found)
         return spans if self.document.stations else ()
 
@@ -342,40 +341,36 @@ def plan_run(
         marks = crowns_and_saddles(edges, np.eye(4)) if summary.frame == "j" else np.empty(0)
         plan = plan_weld(edges, wps, gravity, marks, after_pass=after_pass)
         details = details_of_run(directory, sections, edges, wps)
-        arms, without = (
-            _arms(directory, summary.frame) if reach else ((), "reach was not asked for")
-        )
-        parted = PartedPlan(plan, (), {})
+        arms: tuple[WeldingStation, ...] = ()
+        without = "" if reach else "reach was not asked for"
+        if reach:
+            try:
+                arms = welding_stations(directory, summary.frame)
+            except ConfigurationError as error:
+                without = str(error)
+        divided = DividedPlan(plan, (), {})
         if arms:
-            parted = part_plan(
+            divided = divide_plan(
                 arms, plan, sections, lambda s: plan_weld(edges, wps, gravity, marks, s, after_pass)
             )
-            plan = parted.plan
+            plan = divided.plan
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), summary.frame, "mm")
     label = f"{wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
     document = plan_document(
-        plan, provenance, directory.resolve().name, label, details, parted.stations, without
+        plan, provenance, directory.resolve().name, label, details, divided.stations, without
     )
     folder = out or directory
     with write_files_atomically(folder, last=PLAN_FILE, instead_of=EARLIER_FILES) as draft:
         lines = provenance.comment_lines("#").splitlines(keepends=True)[:3]  # no frame, no units
-        for name, way in parted.ways.items():
-            script = way_to_urscript(way, wps.torch, switch.output, arc=switch.on)
+        for name, path in divided.paths.items():
+            script = path_to_urscript(path, wps.torch, switch.output, arc=switch.on)
             (draft / name).write_text("".join((*lines, script)), encoding="utf-8")
         write_plan_files(draft, plan, document, provenance)
         files = tuple(sorted(file.name for file in draft.iterdir()))
-    return WrittenPlan(plan, document, folder, files, parted.ways)
+    return WrittenPlan(plan, document, folder, files, divided.paths)
 
 
 def _shared_area_sigma(summary: ScanSummary) -> float:
     """Standard deviation by which the areas of all sections err alike, m²; 0 where not known."""
     parts = () if summary.uncertainty is None else summary.uncertainty.components
     return MM2.factor * float(np.linalg.norm([part.area_mm2 for part in parts if part.shared]))
-
-
-def _arms(directory: Path, frame: str) -> tuple[tuple[WeldingStation, ...], str]:
-    """Arms of a run, or why they are not known."""
-    try:
-        return welding_stations(directory, frame), ""
-    except ConfigurationError as error:
-        return (), str(error)

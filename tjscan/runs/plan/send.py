@@ -1,4 +1,4 @@
-"""Send a station's program to the arm that stands there."""
+"""Send a station's program to its arm."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.arm import kinematics_of_job, solids_in_base
-from tjscan.planning.urscript import StationWay, way_to_urscript
+from tjscan.planning.urscript import StationPath, path_to_urscript
 from tjscan.planning.wps import TorchSettings
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.clearance import ClearPathPlanner
@@ -46,14 +46,14 @@ class ArmForProgram:
 
 
 def arm_for_program(job_file: Path, station: str | None, run: Path) -> ArmForProgram:
-    """Read the job of an arm that is to run a program, and see that it is that of the run.
+    """Read the job of an arm that is to run a program, and check that it is the run's arm.
 
     Parameters
     ----------
     job_file : Path
         The job.
     station : str or None
-        Which of the job's stations it stands at.
+        Its station in the job.
     run : Path
         The run directory, with the job that the groove was scanned with.
 
@@ -91,7 +91,7 @@ def arm_for_program(job_file: Path, station: str | None, run: Path) -> ArmForPro
 
 
 def _check_place(job: ScanJob, scanned: ScanJob, station: str | None) -> None:
-    """Refuse a job whose arm stands elsewhere by the joint than it did for the run."""
+    """Refuse a job whose arm is at another place by the joint than it was for the run."""
     if job.joint is None or scanned.joint is None:
         return
     name = station or next(iter(job.station_names), None)
@@ -103,49 +103,51 @@ def _check_place(job: ScanJob, scanned: ScanJob, station: str | None) -> None:
     if not np.allclose(T_j_b, T_j_b_scanned, atol=1e-6):
         away = 1e3 * np.linalg.norm((T_j_b - T_j_b_scanned)[:3, 3])
         raise ConfigurationError(
-            f"the arm stands elsewhere by the joint than in the run's own job, {away:.1f} mm away "
+            f"the arm is elsewhere by the joint than in the run's own job, {away:.1f} mm away "
             "and perhaps turned: the program would weld beside the groove. Scan it from there",
             key="joint",
         )
 
 
-def way_of_station(ways: Mapping[str, StationWay], station: str | None) -> StationWay:
-    """The way of a station, or the only one there is.
+def path_of_station(paths: Mapping[str, StationPath], station: str | None) -> StationPath:
+    """The path of a station, or the only one there is.
 
     Raises
     ------
     ConfigurationError
         If there is none, or several and none is named.
     """
-    names = [way.station for way in ways.values()]
+    names = [path.station for path in paths.values()]
     if station is None and len(names) == 1:
         station = names[0]
-    for way in ways.values():
-        if way.station == station:
-            return way
+    for path in paths.values():
+        if path.station == station:
+            return path
     if not names:
-        raise ConfigurationError("there is no program to send: the plan says why", key="--send-to")
+        raise ConfigurationError(
+            "there is no program to send: the plan states why", key="--send-to"
+        )
     wanted = f"there is no program of {station!r}" if station else "there are several programs"
     raise ConfigurationError(f"{wanted}; choose one of: {', '.join(names)}", key="--station")
 
 
 def send_program(
     arm: ArmForProgram,
-    way: StationWay,
+    path: StationPath,
     torch: TorchSettings,
     output: int,
     *,
     arc: bool,
     started: Callable[[], object],
 ) -> None:
-    """Move an arm to where a program begins, on a checked way, and run the program.
+    """Move an arm to the beginning of a program, on a checked path, and run it.
 
     Parameters
     ----------
     arm : ArmForProgram
         The arm.
-    way : StationWay
-        Of the station it stands at.
+    path : StationPath
+        Of its station.
     torch : TorchSettings
         What it carries.
     output : int
@@ -173,9 +175,9 @@ def send_program(
     limits = MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration)
     device = UrArm(model, arm.settings, limits)
     off = f"def tjscan_arc_off():\n  set_standard_digital_out({output}, False)\nend\n"
-    T_b_tcp: Array = way.beads[-1].leave[-1]
-    script = way_to_urscript(way, torch, output, arc=arc)
+    T_b_tcp: Array = path.beads[-1].retreat[-1]
+    script = path_to_urscript(path, torch, output, arc=arc)
     with CollisionCheckedArm(device, clearance, torch.tcp.T, lifts=job.clearance.lifts) as checked:
-        start = way.beads[0].way[0] @ inverse_pose(torch.tcp.T)
-        checked.move_joint_to_pose(start, near=np.asarray(way.q))
+        start = path.beads[0].approach[0] @ inverse_pose(torch.tcp.T)
+        checked.move_joint_to_pose(start, near=np.asarray(path.q))
         device.run_program(UrProgram(script, T_b_tcp, off), started)

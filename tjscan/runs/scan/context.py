@@ -24,16 +24,12 @@ from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import URDF_FILE
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.run import make_run_directory, take_job_snapshot
+from tjscan.runs.run import do_nothing_when_finished, make_run_directory, take_job_snapshot
 from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.section import ProfileView
 from tjscan.scanning.sections_before import GrooveReader
 from tjscan.scanning.stopping import StopRequest
 from tjscan.scanning.topics import record_scan
-
-
-def do_nothing_when_finished(directory: Path) -> None:
-    """Do nothing when the results of a run are written: the callback where none is given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,9 +139,9 @@ def groove_reader_of_job(job: ScanJob) -> GrooveReader:
 
 
 def result_frame_of_job(job: ScanJob) -> JointOrBaseFrame:
-    """Frame of a scan's results: the joint's where the job says where that is, else the base's.
+    """Frame of a scan's results: the joint's if the job states its pose, else the base's.
 
-    It is b for a station: where the joint stands there is known but about.
+    It is b for a station: the joint's pose there is known only roughly.
     """
     if job.joint is None or job.station:
         return JointOrBaseFrame()

@@ -23,8 +23,13 @@ from tjscan.recording.damage import RecordingDamage
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.result.summary import ScanSummary
-from tjscan.runs.run import COPIED_FILES
-from tjscan.runs.scan.context import RunContext, do_nothing_when_finished, groove_reader_of_job
+from tjscan.runs.run import (
+    COPIED_FILES,
+    do_nothing_when_finished,
+    refuse_directory_inside,
+    refuse_other_keys,
+)
+from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 from tjscan.runs.scan.run import write_job_results
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.progress import ScanResult, StopReason
@@ -40,7 +45,7 @@ REPROCESSABLE_KEYS: Final = (
     "arm.uncertainty.",
     "laser.uncertainty.",
 )
-"""Keys that say how recorded profiles are read and reported, not how they were taken."""
+"""Keys of how recorded profiles are read and reported, not of how they were taken."""
 
 FEWEST_SECTIONS: Final = 2
 """Sections that make a result: fewer have no step between them."""
@@ -85,9 +90,9 @@ class ReprocessedRun:
     directory : Path
         The new directory.
     stations : tuple of ReprocessedStation
-        One for each station; one where there are none.
+        One for each station; one without stations.
     stitched : StitchedRun or None
-        The whole groove; None where there is one station, or one is missing or has lost a section.
+        The whole groove; None if there is one station, or one is missing or has lost a section.
     """
 
     directory: Path
@@ -103,16 +108,16 @@ def reprocess_run(
 ) -> ReprocessedRun:
     """Read a run's recorded sections again with other settings, and write a new directory.
 
-    The profiles are those recorded; where a calibration is replaced, they stand where it puts
+    The profiles are those recorded; with another calibration, they are where it puts
     them. A run that was cut short or resumed counts as far as it goes. The new directory is a
     whole one, its recording included. Of a damaged recording the sections that are left are read.
 
     Parameters
     ----------
     directory : Path
-        The run directory, which stays as it is; or one that holds those of several stations.
+        The run directory, which stays as it is; or one that holds the runs of several stations.
     overrides : dict
-        Dotted keys and values, those of `REPROCESSABLE_KEYS` only.
+        Dotted keys and values, from `REPROCESSABLE_KEYS` only.
     out : Path, optional
         The directory to make, outside of the run's; beside it where left out.
     finished : callable
@@ -121,7 +126,7 @@ def reprocess_run(
     Raises
     ------
     ConfigurationError
-        If there is no run, or a key says how its profiles were taken.
+        If there is no run, or a key is about how its profiles were taken.
     GrooveNotFound
         If less than two sections are found with these settings.
     RecordingError
@@ -132,17 +137,10 @@ def reprocess_run(
     job_file = directory / JOB_FILE
     refuse_links_outside(directory, *COPIED_FILES)
     check_as_written(*(directory / name for name in COPIED_FILES))
-    for key in overrides:
-        if not key.startswith(REPROCESSABLE_KEYS):
-            raise ConfigurationError(
-                "says how the profiles were taken, and they are taken. What may change: "
-                f"{', '.join(REPROCESSABLE_KEYS)}",
-                file=job_file,
-                key=key,
-            )
+    why = "is about how the profiles were taken, and they are taken"
+    refuse_other_keys(overrides, REPROCESSABLE_KEYS, why, job_file)
     out = out or dated_sibling_directory(directory)
-    if out.resolve().is_relative_to(directory.resolve()):
-        raise ConfigurationError("lies in the run directory, which stays as it is", file=out)
+    refuse_directory_inside(out, directory)
     job = read_scan_job(job_file, overrides)
     context = RunContext(job, job_file, finished=finished)
     if len(job.station) < 2:
@@ -240,7 +238,7 @@ def _check_place(section: ScannedSection, before: RecordedSection, far: float) -
     moved = float(np.linalg.norm(section.T_b_g[:3, 3] - before.T_b_g[:3, 3]))
     if moved > far:
         raise GrooveNotFound(
-            "implausible", f"what is read now lies {1e3 * moved:.1f} mm from what was read then"
+            "implausible", f"what is read now is {1e3 * moved:.1f} mm from what was read then"
         )
 
 

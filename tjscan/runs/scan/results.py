@@ -94,6 +94,8 @@ def summarise_scan(
     steps = 1e3 * np.array(step_lengths(result.sections))
     views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
     hops = list(pairwise(views))
+    taken = [view for view in result.views if view.substep is not Substep.TAUGHT]
+    found = sum(s.view.substep is not Substep.TAUGHT for s in result.sections)
     return ScanSummary(
         sections=len(result.sections),
         scans=len(result.views),
@@ -114,7 +116,7 @@ def summarise_scan(
         if corner_error is None
         else DistanceStatistics.from_distances(corner_error),
         calibration=calibration,
-        scans_per_section=_scans_per_section(result),
+        scans_per_section=len(taken) / found if found else None,
         corrections_skipped=sum(s.view.substep is Substep.PREDICTION for s in result.sections),
         taken_again=result.counts.taken_again,
         merged=result.counts.merged,
@@ -122,13 +124,6 @@ def summarise_scan(
         retreats=result.counts.retreats,
         uncertainty=uncertainty,
     )
-
-
-def _scans_per_section(result: ScanResult) -> float | None:
-    """Profiles for each section that was not taught."""
-    found = sum(s.view.substep is not Substep.TAUGHT for s in result.sections)
-    taken = sum(view.substep is not Substep.TAUGHT for view in result.views)
-    return taken / found if found else None
 
 
 def write_scan_results(

@@ -1,4 +1,4 @@
-"""Scan as a job says, or go on with a scan that was interrupted."""
+"""Scan as a job states, or go on with a scan that was interrupted."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.config import add_file_to_errors
-from tjscan.core.errors import (
-    ConfigurationError,
-    RecordingError,
-    ScanInterrupted,
-    TjscanError,
-    message_with_notes,
-)
+from tjscan.core.errors import RecordingError, ScanInterrupted, TjscanError, message_with_notes
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.job import ScanJob
 from tjscan.job.cell import Cell
 from tjscan.recording.damage import RecordingDamage
-from tjscan.recording.header import JobSnapshot, job_snapshot_changes
+from tjscan.recording.header import JobSnapshot
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.summary import ScanSummary
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.run import COPIED_FILES, accept_edited_copies, nothing_recorded_yet
+from tjscan.runs.run import (
+    COPIED_FILES,
+    accept_edited_copies,
+    changes_of_job,
+    nothing_recorded_yet,
+    refuse_other_keys,
+)
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
 from tjscan.runs.scan.results import write_scan_results
 from tjscan.runs.scan.uncertainty import causes_of_job
@@ -66,7 +66,7 @@ from their model by some millimetres."""
 
 
 def check_scan_job(context: RunContext) -> None:
-    """Check a job, what it names, and the way to its taught poses where it stands; move nothing.
+    """Check a job, what it names, and the way from here to its taught poses; move nothing.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def scan_in_cell(
     done: RecordedScan | None = None,
     stop: StopRequest | None = None,
 ) -> ScanResult:
-    """Connect a cell and scan in it as a job says, or go on; raises as `Scanner` does."""
+    """Connect a cell and scan in it as a job states, or go on; raises as `Scanner` does."""
     stop, read = stop or StopRequest(), groove_reader_of_job(job)
     sections = () if done is None else done.reread_sections(read)
     seen = ScannedSurfaceObstacle(cell.clearance, sections)
@@ -122,7 +122,7 @@ def _note_devices(cell: Cell, journal: Journal) -> None:
 
 
 def run_scan(context: RunContext, directory: Path) -> ScanSummary:
-    """Scan as a job says, into a new run directory.
+    """Scan as a job states, into a new run directory.
 
     Parameters
     ----------
@@ -156,14 +156,14 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
     context : RunContext
         The job as the run directory holds it, with keys replaced or not.
     overrides : iterable of str
-        The dotted keys that were replaced, those of `RESUMABLE_KEYS` only.
+        The dotted keys that were replaced, from `RESUMABLE_KEYS` only.
 
     Raises
     ------
     ConfigurationError
         If there is no run, or a key changes what was scanned before.
     JointMoved
-        If the last section is not where it was.
+        If the last section is at another place.
     TjscanError
         As `run_scan` does.
     """
@@ -241,21 +241,15 @@ def check_can_go_on_from(directory: Path, damages: Iterable[RecordingDamage]) ->
 
 
 def check_keys_replaceable(overrides: Iterable[str], job_file: Path) -> None:
-    """Check that keys of the job may be replaced when a scan is resumed.
+    """Refuse keys that may not change while a scan goes on.
 
     Raises
     ------
     ConfigurationError
-        If one changes what was scanned before.
+        Naming the first one.
     """
-    for key in overrides:
-        if not key.startswith(RESUMABLE_KEYS):
-            raise ConfigurationError(
-                "can't change while a scan goes on: what was scanned before would not fit. "
-                f"What may: {', '.join(RESUMABLE_KEYS)}",
-                file=job_file,
-                key=key,
-            )
+    why = "can't change while a scan goes on: what was scanned before would not fit"
+    refuse_other_keys(overrides, RESUMABLE_KEYS, why, job_file)
 
 
 def changes_since_recording(
@@ -266,33 +260,25 @@ def changes_since_recording(
     Returns
     -------
     list of (str, str)
-        Key and what became of it, those of `RESUMABLE_KEYS` only.
+        Key and what became of it, from `RESUMABLE_KEYS` only.
 
     Raises
     ------
     ConfigurationError
         If something else changed: job, joint, calibration or the arm's model were edited.
     RecordingError
-        If the recording does not say what it was made with: another program made it.
+        If the recording does not state what it was made with: another program made it.
     """
     before = read_job_snapshot(directory)
     if before is None:
         if done.started is not None:
             raise RecordingError(
-                f"{directory}: its recording does not say what it was made with; no scan of this "
+                f"{directory}: its recording does not state what it was made with; no scan of this "
                 "program made it. Start a new scan"
             )
         return []
-    changed = list(job_snapshot_changes(before, now))
-    for key, what in changed:
-        if not key.startswith(RESUMABLE_KEYS):
-            raise ConfigurationError(
-                f"{what}. What was scanned before does not fit any more: put it back, or start a "
-                "new scan",
-                file=directory,
-                key=key,
-            )
-    return changed
+    advice = "What was scanned before does not fit any more: put it back, or start a new scan"
+    return changes_of_job(before, now, RESUMABLE_KEYS, advice, directory)
 
 
 def write_job_results(context: RunContext, directory: Path, result: ScanResult) -> ScanSummary:

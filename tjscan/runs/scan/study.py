@@ -26,7 +26,6 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.joint.file import JointFile
 from tjscan.result.section import absent_corners
-from tjscan.result.summary import ScanSummary
 from tjscan.runs.scan.results import summarise_scan
 from tjscan.runs.scan.run import scan_in_cell
 from tjscan.runs.scan.study_rules import (
@@ -165,7 +164,7 @@ def _outcome(
     absent = absent_corners([s.groove for s in result.sections])
     errors = corner_to_edge_distances(corners, _edges(joint), absent)
     summary = summarise_scan(result, plan, frame, errors)
-    step, error = summary.step_mm, summary.corner_error_mm
+    step, error, own = summary.step_mm, summary.corner_error_mm, summary.sections - 2
     predicted, corrected = (
         _moved(result, substep) for substep in (Substep.PREDICTION, Substep.CORRECTION)
     )
@@ -175,7 +174,7 @@ def _outcome(
         detail=summary.detail,
         sections=summary.sections,
         scans=summary.scans,
-        scans_per_section=_per_section(summary),
+        scans_per_section=(summary.scans - 2) / own if own > 0 else None,
         half_steps=summary.half_steps,
         groove_length_mm=summary.groove_length_mm,
         step_nominal_mm=step.nominal,
@@ -193,11 +192,6 @@ def _outcome(
         corner_p95_mm=None if error is None else error.p95,
         path=_path(result, frame),
     )
-
-
-def _per_section(summary: ScanSummary) -> float | None:
-    own = summary.sections - 2
-    return (summary.scans - 2) / own if own > 0 else None
 
 
 def _moved(result: ScanResult, substep: Substep) -> tuple[float, float]:
@@ -233,8 +227,8 @@ START_KEY: Final = "rule.start_azimuth_deg"
 class ScanStudyBackend(StudyBackend[ScanOutcome]):
     """How scans are resolved, executed and reported in a study.
 
-    Keys are those of the job file, those of the joint's file below ``joint.``
-    (``joint.brace.wall_mm``), and those of `DerivedKeySettings` below ``rule.``.
+    Keys are from the job file, from the joint's file below ``joint.``
+    (``joint.brace.wall_mm``), and from `DerivedKeySettings` below ``rule.``.
     """
 
     outcome = ScanOutcome
@@ -287,7 +281,7 @@ SCAN_STUDY: Final = ScanStudyBackend()
 def _sorted_out(
     keys: Mapping[str, Any],
 ) -> tuple[dict[str, Any], dict[str, Any], DerivedKeySettings]:
-    """The keys of the job, those of the joint's file, and the rules."""
+    """The keys of the job, of the joint's file, and the rules."""
     job, joint, rule = {}, {}, {}
     for key, value in keys.items():
         table, _, inner = key.removeprefix(JOINT_PREFIX).partition(".")

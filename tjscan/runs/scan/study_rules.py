@@ -49,7 +49,7 @@ class DerivedKeySettings(StrictFileModel):
         The step as a share of the brace's outer diameter, in whole tenths of a millimetre.
     start_azimuth_deg : float or "any", optional
         Teach both start poses from the joint's geometry: the first at this azimuth of frame j,
-        the second a step further on. "any" draws it, evenly, by the seed, anew for every joint.
+        the second a step further on. "any" draws it, evenly, by the seed, for every joint.
     hand_mm, hand_deg : float
         How far off the taught poses are at most, along and about each axis of frame t in the
         groove; drawn evenly by the seed.
@@ -58,7 +58,7 @@ class DerivedKeySettings(StrictFileModel):
         at the middle of the arc to be scanned. Needs a taught start and `scan.sections`.
     centre_view : bool
         Choose stand-off and offset of the view so that the groove, from p2 to p4 and over the
-        whole arc, lies in the middle of the laser's window. Needs the same.
+        whole arc, is in the middle of the laser's window. Needs the same.
     """
 
     leg_to_brace: float | None = Field(default=None, ge=1, le=50)
@@ -73,7 +73,7 @@ class DerivedKeySettings(StrictFileModel):
 
 
 LONGEST_MM = 20_000.0
-"""What a joint's file allows; a stand-in while the length needed is not known yet."""
+"""What a joint's file allows; used while the length needed is not known yet."""
 
 
 def joint_with_derived_dimensions(joint: JointFile, rules: DerivedKeySettings) -> JointFile:
@@ -133,7 +133,7 @@ def _extent(d: JointDefinition) -> tuple[float, float]:
 
 
 TEACHING_STREAM: Final = 11
-"""Keeps these random numbers apart from those of arm and laser."""
+"""Keeps these random numbers apart from the arm's and the laser's."""
 
 TABULATED_AZIMUTHS: Final = np.linspace(-2 * np.pi, 4 * np.pi, 4321)
 """Where the groove's length is tabulated: a turn, and one more either way."""
@@ -143,8 +143,8 @@ TABULATED_AZIMUTHS: Final = np.linspace(-2 * np.pi, 4 * np.pi, 4321)
 class TeachingInaccuracy:
     """Largest error of a taught pose along and about each axis of frame t.
 
-    The operator watches the laser line on the steel: shift and turn are those of frame t, which
-    lies in the groove, and not of the sensor an arm's length above it.
+    The operator watches the laser line on the steel: shift and turn are of frame t, which
+    is in the groove, and not of the sensor an arm's length above it.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def _work_angle(joint: JointDefinition, bevel: Array, azimuth: float, tangent: A
 def azimuth_further_along(
     joint: JointDefinition, azimuth: float, distance: float, direction: ScanDirection
 ) -> float:
-    """Azimuth that lies a distance along the groove from another one.
+    """Azimuth at a distance along the groove from another one.
 
     Parameters
     ----------
@@ -346,7 +346,7 @@ def plan_with_centred_groove(
     Returns
     -------
     ScanPlan
-        With stand-off and offset changed so that p2, p3 and p4, over the whole arc, lie evenly
+        With stand-off and offset changed so that p2, p3 and p4, over the whole arc, are evenly
         about the middle of the window and of the line.
     """
     corners = np.concatenate(
@@ -397,7 +397,7 @@ def teach_start_poses(
     Raises
     ------
     ConfigurationError
-        If base or view depend on how far the scan goes, and nothing says so.
+        If base or view depend on how far the scan goes, and nothing states it.
     """
     if job.joint is None or job.simulation is None or job.simulation.arm is None:
         raise ConfigurationError("a taught start needs [joint] and [simulation]")

@@ -1,4 +1,4 @@
-"""What makes the sections of a job's scan err, as far as the job or its calibration says."""
+"""What makes the sections of a job's scan err, as far as the job or its calibration states."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from tjscan.uncertainty.causes import (
 from tjscan.uncertainty.laser_causes import linearity_cause, range_bias_cause
 
 UNKNOWN_MOUNT = (
-    "where the laser sits on the hand: the job states it without its uncertainty "
+    "the laser's pose on the hand: the job states it without its uncertainty "
     "(sigma_position_mm and sigma_rotation_deg in [calibration], or a calibration's file)"
 )
 CALIBRATED_EVIDENCE = "calibrated"
-STATED_JOINT = "where the joint stands: the job states it without its uncertainty"
+STATED_JOINT = "the joint's pose: the job states it without its uncertainty"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +45,7 @@ class StatedCauses:
     causes : tuple of ViewCause
         The reading of the profiles first.
     left_out : tuple of str
-        What may err too, by an amount that nobody states.
+        What may err too, by an amount that is not stated.
     """
 
     causes: tuple[ViewCause, ...]

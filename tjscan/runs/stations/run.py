@@ -18,8 +18,13 @@ from tjscan.job import ScanJob, read_scan_job
 from tjscan.recording.damage import RecordingDamage
 from tjscan.result.directory import JOB_FILE, SUMMARY_FILE
 from tjscan.result.summary import ScanSummary, read_summary
-from tjscan.runs.run import COPIED_FILES, accept_edited_copies, nothing_recorded_yet
-from tjscan.runs.scan.context import RunContext, do_nothing_when_finished
+from tjscan.runs.run import (
+    COPIED_FILES,
+    accept_edited_copies,
+    do_nothing_when_finished,
+    nothing_recorded_yet,
+)
+from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import check_keys_replaceable, resume_scan, run_scan
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.journal import Journal
@@ -31,10 +36,10 @@ Watch = Callable[[str, ScanPlan], AbstractContextManager[Journal]]
 
 
 class StationOperator(Protocol):
-    """Whoever moves the arm from station to station, and confirms that it stands there."""
+    """The person who moves the arm from station to station, and confirms that it is there."""
 
     def confirm(self, question: Question) -> bool:
-        """Answer a yes-or-no question, such as whether the arm stands at a station."""
+        """Answer a yes-or-no question, such as whether the arm is at a station."""
         ...
 
 
@@ -49,7 +54,7 @@ class StationScan:
     directory : Path
         Its own run directory.
     summary : ScanSummary or None
-        Its scan in a few numbers; None where it is still to be scanned.
+        Its scan in a few numbers; None if it is still to be scanned.
     """
 
     name: str
@@ -204,7 +209,7 @@ def _found(directory: Path, name: str) -> StationScan:
 
 
 def _stands(job: ScanJob, station: StationScan, operator: StationOperator) -> bool:
-    """Whether the arm stands there: it does at the first station, and at one that was cut short."""
+    """Whether the arm is there: it is at the first station, and at one that was cut short."""
     i = job.station_names.index(station.name)
     if i == 0 or (station.directory / JOB_FILE).is_file():
         return True
@@ -216,7 +221,7 @@ def _stands(job: ScanJob, station: StationScan, operator: StationOperator) -> bo
     )
     return operator.confirm(
         Question(
-            f"{so_far} Move the arm to station {station.name}. Does it stand there, firmly, and is "
+            f"{so_far} Move the arm to station {station.name}. Is it there, firmly, and is "
             "the way to its start poses free?",
             default=True,
         )
@@ -234,7 +239,7 @@ def _scan(context: RunContext, station: StationScan, overrides: dict[str, Any]) 
             job = read_scan_job(file, overrides)
             resume_scan(replace(context, job=job, job_file=file), overrides)
             return
-        # Nothing to go on from: its start poses may have been taught anew since.
+        # Nothing to go on from: its start poses may have been taught again since.
         _put_aside(station.directory)
     run_scan(context, station.directory)
 

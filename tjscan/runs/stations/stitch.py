@@ -52,8 +52,8 @@ from tjscan.result.summary import (
 )
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
-from tjscan.runs.run import COPIED_FILES
-from tjscan.runs.scan.context import RunContext, do_nothing_when_finished, groove_reader_of_job
+from tjscan.runs.run import COPIED_FILES, do_nothing_when_finished
+from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 from tjscan.runs.scan.results import all_profile_points
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.reader import read_recorded_scan
@@ -81,7 +81,7 @@ def build_stitching_report(stitched: StitchedGroove, sources: Mapping[str, str])
     stitched : StitchedGroove
         In metres and radians.
     sources : mapping of str to str
-        Each station's run directory, seen from that of the result, by the station's name.
+        Each station's run directory, relative to the result's, by the station's name.
     """
     brace, leg, angle, offset = stitched.shape.as_array
     spread = stitched.shape_sigma
@@ -182,7 +182,7 @@ class StationRun:
     joint : JointDefinition or None
         The joint that its job names, for the comparison alone.
     left_out : tuple of str
-        What may err by an amount that nobody states.
+        What may err by an amount that is not stated.
     devices : tuple of str
         Arm, laser and how the one sits on the other: stations with the same share their errors.
     """
@@ -222,7 +222,7 @@ def stitch_run_directories(
 ) -> StitchedRun:
     """Stitch run directories and write the result.
 
-    Runs that lie elsewhere are copied into the directory, so that it can be moved as a whole.
+    Runs from elsewhere are copied into the directory, so that it can be moved as a whole.
 
     Parameters
     ----------
@@ -345,7 +345,7 @@ def _name(job: ScanJob, job_file: Path) -> str:
 
 
 def _gather(directory: Path, read: Sequence[StationRun]) -> None:
-    """Copy the runs that lie elsewhere, and the joint, into the directory of the result."""
+    """Copy the runs from elsewhere, and the joint, into the directory of the result."""
     with write_files_atomically(directory, listed=True) as draft:
         for one in read:
             if not _lies_in(directory, one):

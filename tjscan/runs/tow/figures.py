@@ -1,9 +1,9 @@
-"""How well a tow went, in figures: against the plan, and where there is one against the truth."""
+"""How well a tow went, in figures: against the plan, and against the truth of a simulation."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, fields
 from itertools import pairwise
 from math import nan
 from typing import Any, Final
@@ -16,9 +16,13 @@ from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.seam import Seam
 
 
+def _figure(words: str, unit: str = "", **more: Any) -> Any:
+    return field(metadata={"words": (words, unit)}, **more)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TowFigures:
-    """Figures of a tow. Those of a simulation's truth are NaN where there is none.
+    """Figures of a tow. Figures of a simulation's truth are NaN without one.
 
     Parameters
     ----------
@@ -67,69 +71,41 @@ class TowFigures:
         How often something touched.
     """
 
-    complete: bool
-    welded_mm: float
-    seconds: float
-    waited_s: float
-    plan_hz: float
-    plan_p99_ms: float
-    real_time_factor: float
-    objective: float
-    objective_max: float
-    constraint: float
-    halts: int
-    asked_mm_s: float
-    planned_bend_deg: float
-    bend_deg: float = nan
-    force_mean_n: float = nan
-    force_max_n: float = nan
-    pull_max_n: float = nan
-    welder_off_mm: float = nan
-    welder_late_mm: float = nan
-    followed_mm: float = nan
-    estimate_deg: float = nan
-    estimate_mm: float = nan
-    link_clearance_mm: float = nan
-    body_clearance_mm: float = nan
-    passer_by_mm: float = nan
-    vehicle_gap_mm: float = nan
-    touches: int | None = None
+    complete: bool = _figure("whole seam welded")
+    welded_mm: float = _figure("seam welded", "mm")
+    seconds: float = _figure("time", "s")
+    waited_s: float = _figure("of it waiting", "s")
+    plan_hz: float = _figure("plans, mean rate", "Hz")
+    plan_p99_ms: float = _figure("a plan's time, 99 %", "ms")
+    real_time_factor: float = _figure("real-time factor")
+    objective: float = _figure("objective f, mean of 100")
+    objective_max: float = _figure("objective f, largest")
+    constraint: float = _figure("constraint, largest residual")
+    halts: int = _figure("cycles without a plan")
+    asked_mm_s: float = _figure("towing speed asked, fastest", "mm/s")
+    planned_bend_deg: float = _figure("joint angle planned, largest", "°")
+    bend_deg: float = _figure("joint angle, largest", "°", default=nan)
+    force_mean_n: float = _figure("force on the welder, mean", "N", default=nan)
+    force_max_n: float = _figure("force on the welder, largest", "N", default=nan)
+    pull_max_n: float = _figure("pull of a vehicle, largest", "N", default=nan)
+    welder_off_mm: float = _figure("welder off its line, largest", "mm", default=nan)
+    welder_late_mm: float = _figure("welder along its line, largest", "mm", default=nan)
+    followed_mm: float = _figure("vehicles off their poses, mean", "mm", default=nan)
+    estimate_deg: float = _figure("estimate of a joint, mean error", "°", default=nan)
+    estimate_mm: float = _figure("estimate of a link, mean error", "mm", default=nan)
+    link_clearance_mm: float = _figure("clearance of links, least", "mm", default=nan)
+    body_clearance_mm: float = _figure("clearance of bodies, least", "mm", default=nan)
+    passer_by_mm: float = _figure("distance to what moves, least", "mm", default=nan)
+    vehicle_gap_mm: float = _figure("gap between vehicles, least", "mm", default=nan)
+    touches: int | None = _figure("touches", default=None)
 
     @property
     def as_numbers(self) -> dict[str, float | int | bool | None]:
-        """Each figure by its name, None where it is not known."""
+        """Each figure by its name, None if it is not known."""
         return {k: None if isinstance(v, float) and v != v else v for k, v in asdict(self).items()}
 
 
-FIGURE_UNITS: Final[dict[str, tuple[str, str]]] = {
-    "complete": ("whole seam welded", ""),
-    "welded_mm": ("seam welded", "mm"),
-    "seconds": ("time", "s"),
-    "waited_s": ("of it waiting", "s"),
-    "plan_hz": ("plans, mean rate", "Hz"),
-    "plan_p99_ms": ("a plan's time, 99 %", "ms"),
-    "real_time_factor": ("real-time factor", ""),
-    "objective": ("objective f, mean of 100", ""),
-    "objective_max": ("objective f, largest", ""),
-    "constraint": ("constraint, largest residual", ""),
-    "halts": ("cycles without a plan", ""),
-    "asked_mm_s": ("towing speed asked, fastest", "mm/s"),
-    "planned_bend_deg": ("joint angle planned, largest", "°"),
-    "bend_deg": ("joint angle, largest", "°"),
-    "force_mean_n": ("force on the welder, mean", "N"),
-    "force_max_n": ("force on the welder, largest", "N"),
-    "pull_max_n": ("pull of a vehicle, largest", "N"),
-    "welder_off_mm": ("welder off its line, largest", "mm"),
-    "welder_late_mm": ("welder along its line, largest", "mm"),
-    "followed_mm": ("vehicles off their poses, mean", "mm"),
-    "estimate_deg": ("estimate of a joint, mean error", "°"),
-    "estimate_mm": ("estimate of a link, mean error", "mm"),
-    "link_clearance_mm": ("clearance of links, least", "mm"),
-    "body_clearance_mm": ("clearance of bodies, least", "mm"),
-    "passer_by_mm": ("distance to what moves, least", "mm"),
-    "vehicle_gap_mm": ("gap between vehicles, least", "mm"),
-    "touches": ("touches", ""),
-}
+FIGURE_UNITS: Final = {one.name: one.metadata["words"] for one in fields(TowFigures)}
 """What each figure is, in words, and its unit."""
 
 
@@ -229,11 +205,11 @@ def _welder_off(seam: Seam, cycles: Sequence[TowCycle], poses: Array) -> tuple[f
 
 
 def _clearances(job: TowJob, line: Array, poses: Array) -> tuple[float, float]:
-    """Least distance of links and of bodies from walls, pillars and obstacles that stand."""
+    """Least distance of links and of bodies from walls, pillars and obstacles that do not move."""
     from shapely import Point, Polygon, distance, linestrings, points, union_all
 
-    standing = [Point(o.points[0]).buffer(o.radius) for o in job.obstacles if not o.speed]
-    floor = Polygon(job.area.outline, job.area.holes).difference(union_all(standing))
+    fixed = [Point(o.points[0]).buffer(o.radius) for o in job.obstacles if not o.speed]
+    floor = Polygon(job.area.outline, job.area.holes).difference(union_all(fixed))
     outside = Polygon(job.area.outline).buffer(10).difference(floor)
     free = job.limits.free_links
     links = line[:, free : line.shape[1] - free]

@@ -12,18 +12,16 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.config import add_file_to_errors
-from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
+from tjscan.core.files import lock_and_clean_directory
 from tjscan.core.frames import Array
-from tjscan.core.manifest import check_as_written
 from tjscan.job.tow.cell import fixed_obstacles, make_planner
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.recording.event import RecordedEvent
 from tjscan.recording.header import JobSnapshot
 from tjscan.result.directory import JOB_FILE
-from tjscan.runs.run import check_replay
-from tjscan.runs.scan.context import do_nothing_when_finished
+from tjscan.runs.run import check_replay, do_nothing_when_finished, make_vehicle_run_directory
 from tjscan.runs.tow.results import write_tow_results
-from tjscan.runs.tow.run import TowContext, make_tow_directory
+from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import WELDED, TowCycle, TowTruth
 from tjscan.towing.loop import PERIOD
 from tjscan.towing.seam import Seam
@@ -32,7 +30,7 @@ from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
 from tjscan.towing.topics import REPLAY, TOW_RECORDING, read_tow, record_tow
 
 REPLAYABLE_KEYS: Final = ("method", "weights.", "targets.", "limits.")
-"""Keys that say what a planner makes of poses, not how the tow was done."""
+"""Keys of what a planner makes of poses, not of how the tow was done."""
 
 
 def replay_tow(
@@ -41,9 +39,9 @@ def replay_tow(
     out: Path,
     finished: Callable[[Path], object] = do_nothing_when_finished,
 ) -> None:
-    """Plan a recorded tow anew from the poses as they were believed, into a run directory.
+    """Plan a recorded tow again from the poses as they were estimated, into a run directory.
 
-    Speeds asked are those of the steps from plan to plan, for nobody follows them. Where the
+    Speeds asked follow from the steps from plan to plan, for no vehicle follows them. If the
     planner finds no plan, the tow would have halted, and its seam was not welded.
 
     Parameters
@@ -51,7 +49,7 @@ def replay_tow(
     directory : Path
         Of the tow, whole, cut short or resumed; it stays as it is.
     overrides : dict
-        Dotted keys and values, those of `REPLAYABLE_KEYS` only.
+        Dotted keys and values, from `REPLAYABLE_KEYS` only.
     out : Path
         The directory to make.
     finished : callable
@@ -60,19 +58,17 @@ def replay_tow(
     Raises
     ------
     ConfigurationError
-        If there is no tow, or a key says how it was done.
+        If there is no tow, or a key is about how it was done.
     RecordingError
         If its recording is damaged, or the new directory can't be written.
     """
     job_file = directory / JOB_FILE
-    refuse_links_outside(directory, JOB_FILE)
-    check_as_written(job_file)
     check_replay(directory, out, overrides, REPLAYABLE_KEYS, "tow")
     context = TowContext(read_tow_job(job_file, overrides), job_file, finished=finished)
     with add_file_to_errors(job_file):
         planner = make_planner(context.job)
     entries = list(read_tow(directory))
-    make_tow_directory(context, out)
+    make_vehicle_run_directory(out, context.job, job_file)
     origin = JobSnapshot((out / JOB_FILE).read_text(encoding="utf-8"))
     truths = iter([entry for entry in entries if isinstance(entry, TowTruth)])
     truth = (lambda: next(truths)) if any(isinstance(e, TowTruth) for e in entries) else None
@@ -82,7 +78,7 @@ def replay_tow(
     last = starts[0] if began is None else min(starts, key=partial(_apart, began))
     with lock_and_clean_directory(out):
         with record_tow(out / f"{TOW_RECORDING}.mcap", origin, truth) as journal:
-            journal.record_event(REPLAY, f"planned anew from {directory}; nothing moved")
+            journal.record_event(REPLAY, f"planned again from {directory}; nothing moved")
             halted = False
             for entry in entries:
                 if isinstance(entry, TowCycle):
@@ -97,7 +93,7 @@ def replay_tow(
 
 
 def _apart(poses: Array, start: TowingPlan) -> float:
-    """How far vehicles are from those of a shape to begin with, in the mean, metres."""
+    """Mean distance of vehicles from the vehicles of a shape to begin with, metres."""
     return float(np.hypot(*(start.held_poses - poses)[:, :2].T).mean())
 
 

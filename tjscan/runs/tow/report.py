@@ -117,7 +117,7 @@ def _charts(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
             line=label,
             nominal=nominal,
             caption="Dashed: the paper's mean in its simulation, whose loss functions are not "
-            "told; absolute values can't be compared.",
+            "printed; absolute values can't be compared.",
         )
     for name, label in (("change", "change"), ("pace", "pace of the vehicles")):
         yield over_time(
@@ -164,7 +164,7 @@ def _nearest(line: Array, discs: Array) -> float:
 
 
 def _snapshots(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
-    """Shapes of the cable on its way, x and y changed so that the seam lies across the page."""
+    """Shapes of the cable on its way, x and y changed so that the seam is across the page."""
     title = "shapes on the way, as figures 8, 11 and 13 of the paper"
     picked = np.unique(np.linspace(0, len(found.cycles) - 1, SHAPE_SNAPSHOTS).astype(int))
     begin = found.cycles[0].time
@@ -201,7 +201,7 @@ def _animation(job: TowJob, found: RecordedTow) -> PlaneAnimation:
     values = [
         ("objective f of 100", np.array([cycle.plan.terms.paper for cycle in cycles])),
         ("along the seam / mm", np.array([1e3 * cycle.along for cycle in cycles])),
-        ("bend planned / °", np.array([_bend(cycle.plan.angles) for cycle in cycles])),
+        ("bend planned / °", np.degrees([np.abs(cycle.plan.angles).max() for cycle in cycles])),
     ]
     if found.truths:
         truths = [found.truths[k] for k in picked]
@@ -236,7 +236,3 @@ def _animation(job: TowJob, found: RecordedTow) -> PlaneAnimation:
         values,
         [cycle.wait for cycle in cycles],
     )
-
-
-def _bend(angles: Array) -> float:
-    return float(np.degrees(np.abs(angles).max()))

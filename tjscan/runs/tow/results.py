@@ -2,48 +2,50 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
-from math import isnan
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import read_small_file, write_files_atomically
-from tjscan.core.manifest import check_as_written
-from tjscan.core.provenance import Provenance
+from tjscan.core.files import write_files_atomically
 from tjscan.job.tow.job import TowJob
 from tjscan.recording.event import RecordedEvent
 from tjscan.result.directory import job_label_of_run
+from tjscan.runs.run import read_result_file, table_to_csv
 from tjscan.runs.tow.figures import TowFigures, figures_of_tow
 from tjscan.towing.journal import WELDED, TowCycle, TowTruth
 from tjscan.towing.topics import read_tow
 
 PLANS_FILE: Final = "tow.csv"
-MOST_BYTES: Final = 10_000_000
-"""A larger file holds no figures of a tow."""
-
 FIGURES_FILE: Final = "tow.json"
 
-PLAN_COLUMNS: Final = (
-    "time_s",
-    "along_mm",
-    "pace",
-    "bend",
-    "obstacle",
-    "change",
-    "pace_term",
-    "constraint",
-    "bend_deg",
-    "plan_ms",
-    "asked_mm_s",
-    "force_n",
-    "wait",
-)
+PlannedCycle = tuple[TowCycle, TowTruth | None]
+
+PLAN_COLUMNS: Final[dict[str, Callable[[PlannedCycle], str]]] = {
+    "time_s": lambda row: f"{row[0].time:.3f}",
+    "along_mm": lambda row: f"{1e3 * row[0].along:.2f}",
+    "pace": lambda row: f"{row[0].pace:.3f}",
+    "bend": lambda row: f"{row[0].plan.terms.bend:.5f}",
+    "obstacle": lambda row: f"{row[0].plan.terms.obstacle:.5f}",
+    "change": lambda row: f"{row[0].plan.terms.change:.5f}",
+    "pace_term": lambda row: f"{row[0].plan.terms.pace:.5f}",
+    "constraint": lambda row: f"{row[0].plan.constraint:.2e}",
+    "bend_deg": lambda row: f"{np.degrees(np.abs(row[0].plan.angles).max()):.3f}",
+    "plan_ms": lambda row: f"{1e3 * row[0].seconds:.3f}",
+    "asked_mm_s": lambda row: f"{fastest_asked(row[0]):.2f}",
+    "force_n": lambda row: "" if row[1] is None else f"{np.hypot(*row[1].welder_force[:2]):.2f}",
+    "wait": lambda row: row[0].wait,
+}
+"""Columns of ``tow.csv``, and their cells of a cycle and of what a simulation knows then."""
+
+
+def fastest_asked(cycle: TowCycle) -> float:
+    """Fastest speed that was asked of a towing vehicle in a cycle, mm/s."""
+    asked = cycle.asked[:-1]
+    return float(1e3 * np.hypot(asked[:, 0], asked[:, 2]).max(initial=0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,16 +102,16 @@ def write_tow_results(directory: Path, job: TowJob) -> None:
     """
     recorded = read_recorded_tow(directory)
     figures = recorded.figures(job)
-    head = Provenance.for_file_written_now(job_label_of_run(directory), "w")
+    truths = recorded.truths or [None] * len(recorded.cycles)
+    rows = zip(recorded.cycles, truths, strict=True)
+    table = table_to_csv(directory, PLAN_COLUMNS, rows)
     content = {
         "job": job_label_of_run(directory),
         "figures": None if figures is None else figures.as_numbers,
         "events": [[event.name, event.detail] for event in recorded.events],
     }
     with write_files_atomically(directory) as draft:
-        (draft / PLANS_FILE).write_text(
-            head.comment_lines("#") + _table(recorded), encoding="utf-8", newline=""
-        )
+        (draft / PLANS_FILE).write_text(table, encoding="utf-8", newline="")
         (draft / FIGURES_FILE).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
@@ -121,43 +123,8 @@ def read_tow_figures(directory: Path) -> dict[str, Any]:
     ConfigurationError
         If the directory holds none.
     """
-    file = directory / FIGURES_FILE
-    check_as_written(file)
-    try:
-        content = json.loads(read_small_file(file, MOST_BYTES, "the figures of a tow"))
-        figures = dict(content["figures"] or {})
-    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
-        raise ConfigurationError(
-            f"can't be read: {error}. A tow's run directory holds it", file=file
-        ) from None
-    return figures
-
-
-def _table(recorded: RecordedTow) -> str:
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(PLAN_COLUMNS)
-    for k, cycle in enumerate(recorded.cycles):
-        terms = cycle.plan.terms
-        force = np.nan
-        if recorded.truths:
-            force = float(np.hypot(*recorded.truths[k].welder_force[:2]))
-        asked = 1e3 * np.hypot(cycle.asked[:-1, 0], cycle.asked[:-1, 2]).max(initial=0.0)
-        writer.writerow(
-            (
-                f"{cycle.time:.3f}",
-                f"{1e3 * cycle.along:.2f}",
-                f"{cycle.pace:.3f}",
-                f"{terms.bend:.5f}",
-                f"{terms.obstacle:.5f}",
-                f"{terms.change:.5f}",
-                f"{terms.pace:.5f}",
-                f"{cycle.plan.constraint:.2e}",
-                f"{np.degrees(np.abs(cycle.plan.angles).max()):.3f}",
-                f"{1e3 * cycle.seconds:.3f}",
-                f"{asked:.2f}",
-                "" if isnan(force) else f"{force:.2f}",
-                cycle.wait,
-            )
-        )
-    return stream.getvalue()
+    return read_result_file(
+        directory / FIGURES_FILE,
+        "the figures of a tow",
+        lambda text: dict(json.loads(text)["figures"] or {}),
+    )

@@ -1,26 +1,28 @@
-"""Tow a cable along a seam as a job says, or go on with a tow that was interrupted."""
+"""Tow a cable along a seam as a job states, or go on with a tow that was interrupted."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Final
 
-import tomli_w
-
-from tjscan.core.config import add_file_to_errors, table_to_dict
+from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import lock_and_clean_directory
 from tjscan.job.tow.cell import TowCell, make_planner, make_tow_cell
 from tjscan.job.tow.job import TowJob
 from tjscan.job.tow.sweep import sweep_seam
-from tjscan.recording.header import JobSnapshot, job_snapshot_changes
-from tjscan.recording.parts import next_recording_file
+from tjscan.recording.header import JobSnapshot
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.directory import JOB_FILE
-from tjscan.runs.run import accept_edited_copies, empty_run_directory, write_job_copy
-from tjscan.runs.scan.context import do_nothing_when_finished
+from tjscan.runs.run import (
+    accept_edited_copies,
+    changes_of_job,
+    do_nothing_when_finished,
+    make_vehicle_run_directory,
+    record_vehicle_run,
+)
 from tjscan.runs.tow.results import read_recorded_tow, write_tow_results
 from tjscan.towing.journal import CombinedTowJournal, TowJournal, TowTruth
 from tjscan.towing.loop import PERIOD, CableTow, TowSetting
@@ -43,7 +45,7 @@ RESUMABLE_KEYS: Final = (
     "vehicles.mqtt",
     "simulation",
 )
-"""Tables and keys that may change while a tow goes on: none says how the cable lies."""
+"""Tables and keys that may change while a tow goes on: none is about the cable's shape."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ def make_tow(job: TowJob, cell: TowCell, planner: ShapePlanner, journal: TowJour
 
 
 def run_tow(context: TowContext, directory: Path) -> None:
-    """Tow as a job says, into a new run directory.
+    """Tow as a job states, into a new run directory.
 
     Raises
     ------
@@ -106,7 +108,7 @@ def run_tow(context: TowContext, directory: Path) -> None:
         sweep = sweep_seam(job, planner)
         sweep.refuse_if_blocked()
         cell = make_tow_cell(job, sweep.start.angles)
-        make_tow_directory(context, directory)
+        make_vehicle_run_directory(directory, job, context.job_file)
     _tow(context, directory, cell, planner, 0.0, sweep.start)
 
 
@@ -139,8 +141,8 @@ def resume_tow(context: TowContext) -> None:
         if edited:
             sweep_seam(context.job, planner, last.along, last.plan).refuse_if_blocked()
         cell = make_tow_cell(context.job, last.plan.angles, left)
-    stood = PERIOD * sum(cycle.pace > 0 for cycle in recorded.cycles)
-    _tow(context, directory, cell, planner, last.along, last.plan, stood)
+    hauled = PERIOD * sum(cycle.pace > 0 for cycle in recorded.cycles)
+    _tow(context, directory, cell, planner, last.along, last.plan, hauled)
 
 
 def _is_edited(directory: Path) -> bool:
@@ -155,31 +157,11 @@ def _is_edited(directory: Path) -> bool:
     if before is None:
         return False
     now = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
-    changed = list(job_snapshot_changes(before, now))
-    for key, what in changed:
-        if not key.startswith(RESUMABLE_KEYS):
-            raise ConfigurationError(
-                f"{what}. The cable lies as it was towed before: put it back, or start a new tow. "
-                f"What may change: {', '.join(RESUMABLE_KEYS)}",
-                file=directory / JOB_FILE,
-                key=key,
-            )
-    return bool(changed)
-
-
-def make_tow_directory(context: TowContext, directory: Path) -> None:
-    """Make a run directory with the job in it.
-
-    Raises
-    ------
-    ConfigurationError
-        If the directory holds something already.
-    RecordingError
-        If it can't be made.
-    """
-    with empty_run_directory(directory) as draft:
-        text = tomli_w.dumps(table_to_dict(context.job))
-        write_job_copy(draft, text, context.job_file, "w")
+    advice = (
+        "The cable has the shape in which it was left: put it back, or start a new tow. "
+        f"What may change: {', '.join(RESUMABLE_KEYS)}"
+    )
+    return bool(changes_of_job(before, now, RESUMABLE_KEYS, advice, directory / JOB_FILE))
 
 
 def _tow(
@@ -189,19 +171,18 @@ def _tow(
     planner: ShapePlanner,
     along: float,
     last: TowingPlan,
-    stood: float = 0.0,
+    hauled: float = 0.0,
 ) -> None:
     """Tow, record, and write the results, however it ended."""
-    origin = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
-    file = next_recording_file(directory, TOW_RECORDING)
-    with lock_and_clean_directory(directory):
-        try:
-            with record_tow(file, origin, context.truth_of(cell)) as recording:
-                journal = CombinedTowJournal((recording, context.journal))
-                accept_edited_copies(directory, journal.record_event)
-                cell.report_events_to(journal.record_event)
-                with cell:
-                    make_tow(context.job, cell, planner, journal).run(along, last, stood)
-        finally:
-            write_tow_results(directory, context.job)
-            context.finished(directory)
+    with record_vehicle_run(
+        directory,
+        TOW_RECORDING,
+        lambda file, job: record_tow(file, job, context.truth_of(cell)),
+        partial(write_tow_results, job=context.job),
+        context.finished,
+    ) as recording:
+        journal = CombinedTowJournal((recording, context.journal))
+        accept_edited_copies(directory, journal.record_event)
+        cell.report_events_to(journal.record_event)
+        with cell:
+            make_tow(context.job, cell, planner, journal).run(along, last, hauled)

@@ -127,7 +127,7 @@ def outcome_of(job: TowJob, keeper: TowKeeper, reason: str, detail: str) -> TowO
 
 
 class TowStudyBackend(StudyBackend[TowOutcome]):
-    """How tows are resolved, executed and reported in a study; keys are those of the job file."""
+    """How tows are resolved, executed and reported in a study; keys are as in the job file."""
 
     outcome = TowOutcome
     seed = "simulation.seed"

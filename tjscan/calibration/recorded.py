@@ -1,0 +1,260 @@
+"""Calibration from recorded profiles of one or several targets: nothing moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from tjscan.calibration.arm.model import ArmModel, TargetInPostures
+from tjscan.calibration.arm.result import as_hand_eye_calibration, calibrate_arm
+from tjscan.calibration.entries import BasisEntry, views_of_poses
+from tjscan.calibration.hand_eye import calibrate_on_targets
+from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.plucker import PluckerPlane
+from tjscan.calibration.pose_files import (
+    pair_profiles_with_poses,
+    read_flange_poses,
+    read_points_in_base_frame,
+)
+from tjscan.calibration.recorded_settings import RecordedSettings
+from tjscan.calibration.result import HandEyeCalibration
+from tjscan.calibration.targets.ball import SeenBall, SphereTarget, fit_circle
+from tjscan.calibration.targets.line import fit_line
+from tjscan.calibration.targets.plane import PlaneTarget, SeenBoard
+from tjscan.calibration.targets.roof import SeenRoof, UnknownRoof, fit_roof
+from tjscan.calibration.targets.target import PosedProfile, SeenTarget, fit_profiles
+from tjscan.calibration.targets.touched import fit_plane, plane_stated_beforehand
+from tjscan.core.errors import CalibrationRefused, ConfigurationError
+from tjscan.core.frames import Array
+from tjscan.laser.files.format import ProfileFormat
+from tjscan.laser.files.read import read_profiles
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.settings import PlacementTolerance
+
+HELD_OUT_EVERY: Final = 5
+"""One profile of so many only checks the result of a calibration of the arm."""
+MAX_POSE_DIFFERENCE: Final = 0.005
+"""Metres between the flange as recorded and by the arm's model, beyond any calibration."""
+
+Report = Callable[[str], None]
+"""Receives a message."""
+
+RecordedTarget = PlaneTarget | SphereTarget | UnknownRoof | None
+"""A board, a ball or a roof edge; None for a board at an unknown place."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetRecording:
+    """Recorded profiles of one target.
+
+    Parameters
+    ----------
+    profiles : sequence of PosedProfile
+        Profiles and their poses.
+    target : PlaneTarget, SphereTarget, UnknownRoof or None
+        Their target; None for a board at an unknown place.
+    """
+
+    profiles: Sequence[PosedProfile]
+    target: RecordedTarget
+
+
+def calibrate_recorded_sets(
+    tables: Sequence[RecordedSettings],
+    noise: NoiseModel,
+    folder: Path,
+    report: Report,
+    *,
+    sensor_is_fixed: bool = False,
+    kinematics: Kinematics | None = None,
+) -> tuple[HandEyeCalibration, BasisEntry]:
+    """Calibrate from the files of recorded sets, all solved together.
+
+    Parameters
+    ----------
+    tables : sequence of RecordedSettings
+        The sets.
+    noise : NoiseModel
+        Errors of profiles and poses.
+    folder : Path
+        Folder that the files' paths start from.
+    report : callable
+        Receives messages about files, left-out profiles and results.
+    sensor_is_fixed : bool
+        The sensor is fixed in the room, and the arm carries the target.
+    kinematics : Kinematics, optional
+        Calibrate this arm with the sensor; the poses have joint angles.
+
+    Raises
+    ------
+    ConfigurationError
+        If a file is missing or wrong, or joint angles don't belong to the poses.
+    CalibrationRefused
+        If the result could not be trusted.
+    """
+    left_out: list[str] = []
+
+    def leave_out(message: str) -> None:
+        report(message)
+        left_out.append(message)
+
+    kinds = [table.kind for table in tables]
+    recordings, read_as = [], []
+    for k, table in enumerate(tables):
+        shots, convention = _read_set(table, folder, report, leave_out)
+        read_as.append(f"{Path(table.poses).name}: {convention}")
+        if len(tables) > 1:
+            several = kinds.count(kinds[k]) > 1
+            prefix = f"{kinds[k]} {kinds[: k + 1].count(kinds[k])}," if several else kinds[k]
+            shots = [replace(shot, name=f"{prefix} {shot.name}") for shot in shots]
+        recordings.append(TargetRecording(shots, _target(table, shots, noise, folder)))
+    # Joint angles are checked before anything is solved.
+    q = None if kinematics is None else _joint_angles_by_name(recordings, kinematics)
+    result = calibrate_from_profiles(recordings, noise, leave_out, sensor_is_fixed=sensor_is_fixed)
+    if kinematics is not None and q is not None:
+        result = _calibrate_arm(recordings, q, kinematics, noise, result.T_f_s, report)
+    seen = {shot.name: shot.T_b_f for one in recordings for shot in one.profiles}
+    return result, BasisEntry(
+        target="; ".join(map(str, tables)),
+        poses_read_as=tuple(read_as),
+        left_out=tuple(left_out),
+        caveats=result.caveats,
+        views=views_of_poses(seen, result.T_f_s, sensor_is_fixed=sensor_is_fixed),
+    )
+
+
+def _read_set(
+    table: RecordedSettings, folder: Path, report: Report, leave_out: Report
+) -> tuple[list[PosedProfile], str]:
+    """Profiles with their poses, and how the poses were read."""
+    # Heights count as they are: the origin of the sensor is calibrated.
+    form = ProfileFormat(table.units, table.pitch, table.invalid, z_offset=0.0)
+    profiles, poses = folder / table.profiles, folder / table.poses
+    read = read_profiles(profiles, form)
+    for bad in read.bad:
+        leave_out(f"{profiles}: {bad}; left out")
+    found = read_flange_poses(poses)
+    report(f"{poses}: {len(found.T_b_f)} poses, read as {found.convention}")
+    return pair_profiles_with_poses(read.profiles, found, poses), found.convention
+
+
+def _target(
+    table: RecordedSettings, shots: Sequence[PosedProfile], noise: NoiseModel, folder: Path
+) -> RecordedTarget:
+    """The target of a set; a board is seen from the side of the flange."""
+    if table.target == "roof":
+        return UnknownRoof()
+    if table.target == "ball":
+        return SphereTarget(table.radius)
+    flange_b = np.mean([shot.T_b_f[:3, 3] for shot in shots], axis=0)
+    if table.touched is not None:
+        points = read_points_in_base_frame(folder / table.touched)
+        return fit_plane(points, noise.touch, flange_b, geometry=noise.geometry)
+    if table.plane is None:
+        return None
+    plane = PluckerPlane(np.array(table.plane[:3]), 1e-3 * table.plane[3])
+    return plane_stated_beforehand(plane, flange_b, noise.touch, geometry=noise.geometry)
+
+
+def calibrate_from_profiles(
+    recordings: Sequence[TargetRecording],
+    noise: NoiseModel,
+    report: Report,
+    *,
+    sensor_is_fixed: bool = False,
+) -> HandEyeCalibration:
+    """Calibrate from recorded profiles of one or several targets, all solved together.
+
+    Parameters
+    ----------
+    recordings : sequence of TargetRecording
+        Of the same sensor on the same arm.
+    noise : NoiseModel
+        Errors of profiles and poses.
+    report : callable
+        Receives a message about each profile that holds no line, arc or edge, before anything is
+        solved.
+    sensor_is_fixed : bool
+        The sensor is fixed in the room, and the arm carries the target.
+
+    Raises
+    ------
+    CalibrationRefused
+        As `calibrate_on_targets` does.
+    """
+    targets = []
+    for recording in recordings:
+        seen, unread = _fit(recording, noise)
+        for name, refusal in unread.items():
+            report(f"{name} is left out: {refusal.reason}, {refusal.evidence}")
+        targets.append(seen)
+    return calibrate_on_targets(
+        targets, noise, sensor_is_fixed=sensor_is_fixed, check_conventions=True
+    )
+
+
+def _fit(
+    recording: TargetRecording, noise: NoiseModel
+) -> tuple[SeenTarget[Any], dict[str, CalibrationRefused]]:
+    """Line, arc or edge of every profile, and by name, why others hold none."""
+    target, shots = recording.target, recording.profiles
+    if isinstance(target, SphereTarget):
+        arcs, unread = fit_profiles(shots, fit_circle, noise)
+        return SeenBall(arcs, target, noise), unread
+    if isinstance(target, UnknownRoof):
+        roofs, unread = fit_profiles(shots, fit_roof, noise)
+        return SeenRoof(roofs, noise), unread
+    lines, unread = fit_profiles(shots, fit_line, noise)
+    return SeenBoard(lines, target, noise), unread
+
+
+def _calibrate_arm(
+    recordings: Sequence[TargetRecording],
+    q: Mapping[str, Array],
+    kinematics: Kinematics,
+    noise: NoiseModel,
+    T_f_s: Array,
+    report: Report,
+) -> HandEyeCalibration:
+    """Calibrate an arm and the sensor on it, every fifth profile held out."""
+    seen = [_fit(one, noise)[0] for one in recordings]
+    names = [name for one in seen for name in one.names]
+    held_out = np.arange(len(names)) % HELD_OUT_EVERY == HELD_OUT_EVERY // 2
+    targets = []
+    for one in seen:
+        begun = one.start_at(T_f_s)
+        angles = np.array([q[name] for name in one.names])
+        targets.append(TargetInPostures(begun.model, angles, one.T_b_f, begun.target))
+    found = calibrate_arm(
+        ArmModel(kinematics, tuple(targets)), held_out, PlacementTolerance(), T_f_s
+    )
+    for line in found.lines("profiles", "targets are"):
+        report(line)
+    return as_hand_eye_calibration(found, names, kinematics.name)
+
+
+def _joint_angles_by_name(
+    recordings: Sequence[TargetRecording], kinematics: Kinematics
+) -> dict[str, Array]:
+    """Joint angles of every profile, by its name, after a check that they fit its pose."""
+    found = {}
+    for shot in (shot for one in recordings for shot in one.profiles):
+        if shot.q is None or shot.q.shape != kinematics.lower.shape:
+            raise ConfigurationError(
+                f"{shot.name}: {kinematics.name} has {kinematics.lower.size} joints, and the poses "
+                f"have {0 if shot.q is None else shot.q.size} joint angles beside them: columns "
+                "q1_deg, q2_deg and so on"
+            )
+        apart = np.linalg.norm(kinematics.forward(shot.q)[:3, 3] - shot.T_b_f[:3, 3])
+        if apart > MAX_POSE_DIFFERENCE:
+            raise ConfigurationError(
+                f"{shot.name}: with these joint angles the flange of a {kinematics.name} is "
+                f"{1e3 * apart:.0f} mm from the pose beside them; they belong to another pose, "
+                "another arm, or count in another unit or from another base"
+            )
+        found[shot.name] = shot.q
+    return found

@@ -1,0 +1,1 @@
+"""Calibration targets: what a profile shows of each, its residuals, and where solving begins."""

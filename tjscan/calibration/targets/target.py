@@ -1,0 +1,277 @@
+"""What every calibration target has in common: its profiles, their residuals, and its starts."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Generic, Protocol, Self, TypeVar
+
+import numpy as np
+
+from tjscan.calibration.noise import NoiseModel
+from tjscan.core.errors import CalibrationRefused
+from tjscan.core.frames import Array, frozen_arrays
+from tjscan.laser.deviation import LaserDeviation
+from tjscan.laser.profile import Profile
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
+class PosedProfile:
+    """A profile of the calibration target, and the flange pose it was taken from.
+
+    Parameters
+    ----------
+    name : str
+        Name of the profile in reports.
+    T_b_f : ndarray, shape (4, 4)
+        Flange pose, as the arm read it.
+    profile : Profile
+        The profile that the laser took from there.
+    q : ndarray, shape (joints,), or None
+        Joint angles there, radians; None if they are not known.
+    """
+
+    name: str
+    T_b_f: Array
+    profile: Profile
+    q: Array | None = None
+
+
+class ProfileFit(Protocol):
+    """A line, a circle or a roof fitted to a profile."""
+
+    def by_laser(self, profile: Profile, laser: LaserDeviation) -> Array:
+        """Changes of the fit with m draws of the laser's deviation, shape (k, m)."""
+        ...
+
+
+Fit = TypeVar("Fit", bound=ProfileFit)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
+class PosedFit(Generic[Fit]):
+    """The fit to a profile, and the flange pose that the profile was taken from.
+
+    Parameters
+    ----------
+    name : str
+        Name of the profile in reports.
+    T_b_f : ndarray, shape (4, 4)
+        Flange pose, as the arm read it.
+    fit : LineFit, CircleFit or RoofFit
+        Frame s.
+    by_laser : ndarray, shape (k, m), or None
+        How it changes with each draw of the laser's deviation, see `LineFit.by_laser`; None if
+        no deviation is stated.
+    by_arm : ndarray, shape (6, m), or None
+        How the flange moves with each draw of the arm's geometry, see `ArmGeometry.moves`; None
+        if the arm's posture is not known.
+    """
+
+    name: str
+    T_b_f: Array
+    fit: Fit
+    by_laser: Array | None = None
+    by_arm: Array | None = None
+
+
+def fit_profiles(
+    profiles: Sequence[PosedProfile],
+    fit: Callable[[Profile, NoiseModel], Fit],
+    noise: NoiseModel,
+    laser: LaserDeviation | None = None,
+) -> tuple[list[PosedFit[Fit]], dict[str, CalibrationRefused]]:
+    """Fit a target's curve to every profile, and keep the flange pose with it.
+
+    Parameters
+    ----------
+    profiles : sequence of PosedProfile
+        Of one target.
+    fit : callable
+        `fit_line`, `fit_circle` or `fit_roof`.
+    noise : NoiseModel
+        Range noise of a point.
+    laser : LaserDeviation, optional
+        Possible deviation of the laser.
+
+    Returns
+    -------
+    samples : list of PosedFit
+        Of the profiles that show the target.
+    refused : dict of str to CalibrationRefused
+        By name, why each of the others does not.
+    """
+    samples, refused = list[PosedFit[Fit]](), dict[str, CalibrationRefused]()
+    for shot in profiles:
+        try:
+            found = fit(shot.profile, noise)
+        except CalibrationRefused as refusal:
+            refused[shot.name] = refusal
+            continue
+        by_laser = None if laser is None else found.by_laser(shot.profile, laser)
+        samples.append(PosedFit(shot.name, shot.T_b_f, found, by_laser))
+    return samples, refused
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearisedModel:
+    """Residuals of n profiles at a guess of sensor and target, with derivatives and covariance.
+
+    Parameters
+    ----------
+    residuals : ndarray, shape (n, k)
+        Zero if everything fits.
+    by_pose : ndarray, shape (n, k, 6)
+        Derivative by a step of T_f_s: translation and small rotation, both in the axes of f.
+    by_target : ndarray, shape (n, k, m)
+        Derivative by the target's parameters.
+    by_arm : ndarray, shape (n, k, 6)
+        Derivative by an error of the flange's pose: translation and small rotation about the
+        flange's origin, both in the axes of b.
+    own_covariance : ndarray, shape (n, k, k)
+        Of the residuals, from the range noise alone.
+    noise : NoiseModel
+        For the arm's errors.
+    by_laser : ndarray, shape (n, k, m), or None
+        Derivative by independent standard normal draws of the laser's deviation, the same for all
+        profiles; None if no deviation is stated.
+    by_geometry : ndarray, shape (n, k, m), or None
+        The same by draws of the arm's geometry, for an error of one metre, see
+        `ArmGeometry.moves`; None if the arm's postures are not known.
+    """
+
+    residuals: Array
+    by_pose: Array
+    by_target: Array
+    by_arm: Array
+    own_covariance: Array
+    noise: NoiseModel
+    by_laser: Array | None = None
+    by_geometry: Array | None = None
+
+    @property
+    def covariance(self) -> Array:
+        """Of the residuals, shape (n, k, k): range noise and the arm's pose noise."""
+        scaled = self.by_arm * np.repeat((self.noise.position, self.noise.rotation), 3)
+        return np.asarray(self.own_covariance + scaled @ scaled.transpose(0, 2, 1))
+
+
+class TargetModel(Protocol):
+    """Model of the residuals that profiles of a calibration target leave."""
+
+    @property
+    def prior_information(self) -> Array:
+        """Inverse covariance of the target's parameters about zero, shape (m, m)."""
+        ...
+
+    def linearise(self, T_f_s: Array, target: Array) -> LinearisedModel:
+        """Residuals at a guess of sensor and target, their derivatives and covariance.
+
+        Parameters
+        ----------
+        T_f_s : ndarray, shape (4, 4)
+            The sensor on the flange.
+        target : ndarray, shape (m,)
+            The target's parameters.
+        """
+        ...
+
+
+class SeenTargetModel(TargetModel, Protocol):
+    """Model of a target's profiles as an arm's flange poses have them."""
+
+    def seen_from(self, T_b_f: Array) -> Self:
+        """Return the same profiles, taken from other flange poses, shape (n, 4, 4)."""
+        ...
+
+    def is_behind(self, T_f_s: Array, target: Array) -> bool:
+        """Whether the sensor would look at the target from behind: a mirror image."""
+        ...
+
+    def describe(self, target: Array, covariance: Array) -> dict[str, Any]:
+        """The estimated target as fields of `HandEyeCalibration`.
+
+        Parameters
+        ----------
+        target : ndarray, shape (m,)
+            The target's parameters.
+        covariance : ndarray, shape (m, m)
+            Of them.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetStart:
+    """A model of a target near its likely place, and its parameters to start with.
+
+    Parameters
+    ----------
+    model : SeenTargetModel
+        Of the profiles.
+    target : ndarray, shape (m,)
+        The target's parameters.
+    """
+
+    model: SeenTargetModel
+    target: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenTarget(ABC, Generic[Fit]):
+    """Profiles of one target, and how to begin solving with them.
+
+    Parameters
+    ----------
+    samples : sequence of PosedFit
+        The fit to each profile.
+    """
+
+    samples: Sequence[PosedFit[Fit]]
+
+    @property
+    def names(self) -> list[str]:
+        """Of the profiles."""
+        return [sample.name for sample in self.samples]
+
+    @property
+    def T_b_f(self) -> Array:
+        """Flange poses of the profiles, shape (n, 4, 4)."""
+        return np.stack([sample.T_b_f for sample in self.samples])
+
+    @property
+    def fits(self) -> list[Fit]:
+        """Line, circle or roof of each profile."""
+        return [sample.fit for sample in self.samples]
+
+    def with_poses(self, T_b_f: Array) -> Self:
+        """The same profiles from other flange poses, shape (n, 4, 4)."""
+        samples = [replace(s, T_b_f=T) for s, T in zip(self.samples, T_b_f, strict=True)]
+        return replace(self, samples=samples)
+
+    @property
+    def by_laser(self) -> Array | None:
+        """Responses of all fits to the laser's deviation, shape (n, k, m); None if one has none."""
+        return stack_if_all([sample.by_laser for sample in self.samples])
+
+    @property
+    @abstractmethod
+    def kind(self) -> str:
+        """The target in words: a part of the result's method."""
+
+    @abstractmethod
+    def starts(self) -> list[Array]:
+        """Possible poses T_f_s of the sensor, shape (4, 4) each, from these profiles alone."""
+
+    @abstractmethod
+    def start_at(self, T_f_s: Array) -> TargetStart:
+        """Model and parameters of the target if the sensor sits at T_f_s, shape (4, 4)."""
+
+
+def stack_if_all(each: Sequence[Array | None]) -> Array | None:
+    """Stack arrays of all profiles; None if there is none, or one profile has none."""
+    known = [one for one in each if one is not None]
+    return np.stack(known) if known and len(known) == len(each) else None

@@ -1,0 +1,134 @@
+"""Output of the tow commands: progress and tables on stderr, JSON on stdout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+from tjscan.cli.interrupt import ctrl_c_presser
+from tjscan.cli.options.page import LiveOptions
+from tjscan.cli.output.console import print_fields, print_json, print_message, stderr
+from tjscan.core.config import add_file_to_errors
+from tjscan.job.tow.cell import make_planner
+from tjscan.job.tow.job import TowJob
+from tjscan.job.tow.sweep import sweep_seam
+from tjscan.report.write import write_run_report
+from tjscan.runs.tow.figures import FIGURE_UNITS
+from tjscan.runs.tow.results import FIGURES_FILE, read_tow_figures
+from tjscan.runs.tow.run import TowContext
+from tjscan.towing.journal import CombinedTowJournal, TowCycle
+from tjscan.towing.seam import Seam
+
+
+class TowProgress:
+    """A tow's journal that prints events, and shows how far the welder is.
+
+    Parameters
+    ----------
+    progress : Progress
+        Running.
+    task : TaskID
+        Whose total is the whole seam, or the whole time, in steps of 1.
+    """
+
+    def __init__(self, progress: Progress, task: TaskID) -> None:
+        self._progress, self._task = progress, task
+        self._first: float | None = None
+
+    def record_cycle(self, cycle: TowCycle) -> None:
+        """Show how far it is."""
+        if self._first is None:
+            self._first = cycle.time
+        done = 1e3 * cycle.along or cycle.time - self._first
+        self._progress.update(self._task, completed=done)
+
+    def record_event(self, name: str, detail: str) -> None:
+        """Print an event."""
+        print_message(f"{name}: {detail}")
+
+
+@contextmanager
+def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext]:
+    """Print a tow's events and how far it is, and write its report, while the block runs.
+
+    Parameters
+    ----------
+    job : TowJob
+    file : Path
+        Where it was read from.
+    page : LiveOptions
+        Whether it is shown in a browser too.
+    """
+    seam = Seam(job.seam)
+    unit = "mm of seam" if seam.length else "s"
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f} of {task.total:.0f} " + unit),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=stderr) as progress:
+        task = progress.add_task("towing", total=1e3 * seam.length or seam.seconds)
+        context = TowContext(job, file, TowProgress(progress, task), write_run_report)
+        if not page.live:
+            yield context
+            return
+        from tjscan.runs.live.tow import show_tow
+
+        with show_tow(job, file.stem, page.where, print_message, ctrl_c_presser()) as shown:
+            both = CombinedTowJournal((context.journal, shown))
+            yield replace(context, journal=both, show_truth=shown.show_truth)
+
+
+def print_sweep(job: TowJob, file: Path, *, json: bool) -> None:
+    """Say whether the cable can follow along the whole seam.
+
+    Raises
+    ------
+    ConfigurationError
+        If it can't, with where and why.
+    """
+    with add_file_to_errors(file):
+        sweep = sweep_seam(job, make_planner(job))
+        sweep.refuse_if_blocked()
+    bend = max(abs(plan.angles).max() for plan in sweep.plans)
+    if json:
+        print_json(
+            {
+                "feasible": True,
+                "length_mm": 1e3 * sweep.length,
+                "bend_rad": float(bend),
+                "first_shape": sweep.chosen,
+                "first_shapes": sweep.shapes,
+            }
+        )
+        return
+    limit = job.chain.joint_limit
+    if sweep.chosen > 1:
+        print_message(
+            f"{file}: shape {sweep.chosen} of {sweep.shapes} to begin with is taken: from the "
+            "better ones the cable gets stuck"
+        )
+    print_message(
+        f"{file}: the cable can follow along the whole seam, {1e3 * sweep.length:.0f} mm; joints "
+        f"bend by {57.2958 * bend:.0f}° at most, and {57.2958 * limit:.0f}° are allowed"
+    )
+
+
+def print_figures(directory: Path, *, json: bool) -> None:
+    """Print the figures of a run."""
+    figures = read_tow_figures(directory)
+    if json:
+        print_json({"directory": str(directory), "figures": figures})
+        return
+    rows = []
+    for name, value in figures.items():
+        if value is not None:
+            word, unit = FIGURE_UNITS[name]
+            text = f"{value:.4g}" if isinstance(value, float) else str(value)
+            rows.append((word, f"{text} {unit}".strip()))
+    print_fields(rows, ("figure", "value"), str(directory / FIGURES_FILE))
