@@ -19,7 +19,7 @@ from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.proximity import CornerPlaces, ProximityFilter
-from tjscan.crawler.slip_estimator import SlipBelief
+from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.job.crawl.cell import CrawlCell, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.joint.hull import joint_pose, laser_offset
@@ -207,13 +207,13 @@ class _Truth:
         pass
 
 
-def run(crawl: Crawl, seed: int, belief: SlipBelief | None = None) -> Crawled:
+def run(crawl: Crawl, seed: int, estimate: SlipEstimate | None = None) -> Crawled:
     """Crawl once."""
-    if crawl.calibrated and belief is None:
-        belief = shuttle(replace(crawl, calibrated=False), seed)
+    if crawl.calibrated and estimate is None:
+        estimate = shuttle(replace(crawl, calibrated=False), seed)
     job = job_of(crawl, seed)
     cell = make_crawl_cell(job)
-    method = CrawlContext(job, Path()).make_method(belief)
+    method = CrawlContext(job, Path()).make_method(estimate)
     truth, stopped = _Truth(cell), ""
     with cell:
         crawler = _crawler(cell, job, crawl, seed, method, truth)
@@ -229,7 +229,7 @@ def run(crawl: Crawl, seed: int, belief: SlipBelief | None = None) -> Crawled:
     )
 
 
-def shuttle(crawl: Crawl, seed: int) -> SlipBelief:
+def shuttle(crawl: Crawl, seed: int) -> SlipEstimate:
     """What a shuttle learns of slip."""
     job = job_of(crawl, seed)
     cell = make_crawl_cell(job)

@@ -12,7 +12,7 @@ from tjscan.crawler.method import LaserEstimate
 from tjscan.crawler.plan import GuardSettings
 from tjscan.crawler.proximity import CornerPlaces, ProximityFilter, ProximitySettings
 from tjscan.crawler.slip_aware import SlipAwareMethod
-from tjscan.crawler.slip_estimator import SlipBelief, SlipUncertainty
+from tjscan.crawler.slip_estimator import SlipEstimate, SlipUncertainty
 from tjscan.crawler.slip_model import CrawlerGeometry
 from tjscan.crawler.steering import SteeringSettings
 from tjscan.vehicle.vehicle import Twist, VehicleState
@@ -110,24 +110,24 @@ def test_a_joint_is_lost_after_a_way_or_a_time() -> None:
 def test_where_nothing_is_left_to_weld_a_joint_need_not_be_seen_but_must_be_near(
     offset: float, sigma: float, goes_on: bool
 ) -> None:
-    found, believed = guards(), LaserEstimate(offset, sigma)
+    found, estimated = guards(), LaserEstimate(offset, sigma)
     stops = pytest.raises(CrawlStopped, match="not seen for")
     with nullcontext() if goes_on else stops:
         for _ in range(100):
-            found.watch_joint(None, 0.1, 0.01, believed=believed)
+            found.watch_joint(None, 0.1, 0.01, estimated=estimated)
 
 
 @pytest.mark.parametrize("x", [(1e-3, 0.02), (-4e-3, -0.01)])
 def test_the_laser_is_where_torch_and_heading_put_it(x: tuple[float, float]) -> None:
-    """Truth of another make: the offset's variance by sampling what is believed."""
-    belief = SlipBelief.before_any_reading(SlipUncertainty(), curvature=0.02)
-    state = belief.x.copy()
+    """Truth of another make: the offset's variance by sampling what is estimated."""
+    estimate = SlipEstimate.before_any_reading(SlipUncertainty(), curvature=0.02)
+    state = estimate.x.copy()
     state[:2] = x
     geometry = CrawlerGeometry(0.5, 0.1)
     method = SlipAwareMethod(
-        geometry, SlipBelief(state, belief.P), SlipUncertainty(), SteeringSettings()
+        geometry, SlipEstimate(state, estimate.P), SlipUncertainty(), SteeringSettings()
     )
-    q, heading = np.random.default_rng(0).multivariate_normal(x, belief.P[:2, :2], 100_000).T
+    q, heading = np.random.default_rng(0).multivariate_normal(x, estimate.P[:2, :2], 100_000).T
     d = q + 0.5 * np.tan(heading)
     assert method.laser.offset == pytest.approx(x[0] + 0.5 * np.tan(x[1]) - 0.02 * 0.5**2 / 2)
     assert method.laser.sigma == pytest.approx(np.std(d), rel=0.01)

@@ -186,8 +186,8 @@ def test_reference_of_a_joint_a_little_narrower_is_seldom_believed(
     other = replace(NEARLY_FILLED, width=NEARLY_FILLED.width - narrower)
     against, rng = reference(joint=other, passes=3), np.random.default_rng(1)
     profiles = [see(NEARLY_FILLED, rng, ARC_20, passes=now) for _ in range(40)]
-    believed = [register(profile, against, true_placement()) for profile in profiles]
-    assert sum(one is not None for one in believed) <= 10
+    estimated = [register(profile, against, true_placement()) for profile in profiles]
+    assert sum(one is not None for one in estimated) <= 10
 
 
 def test_joint_whose_edges_were_welded_over_since_is_refused() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tjscan.core.frames import Array
-from tjscan.crawler.slip_estimator import SlipBelief, SlipEstimator, SlipUncertainty
+from tjscan.crawler.slip_estimator import SlipEstimate, SlipEstimator, SlipUncertainty
 from tjscan.crawler.slip_model import (
     SETTLING_LENGTH,
     STATE_COUNT,
@@ -37,7 +37,7 @@ def crawl(seed: int, changes: float = 1.0) -> tuple[float, float]:
     Slip changes by `changes` times the standard deviations that the estimator is told.
     """
     rng = np.random.default_rng(seed)
-    first = SlipBelief.before_any_reading(UNSURE, curvature_sigma=1e-4)
+    first = SlipEstimate.before_any_reading(UNSURE, curvature_sigma=1e-4)
     truth = rng.multivariate_normal(first.x, first.P)
     estimator = SlipEstimator(GEOMETRY, first, UNSURE)
     walks = np.zeros(STATE_COUNT)
@@ -67,8 +67,8 @@ def crawl(seed: int, changes: float = 1.0) -> tuple[float, float]:
         d += np.hypot(SIGMA, UNSURE.unevenness) * rng.standard_normal()
         estimator.read(d, SIGMA)
         if k % 40 == 39:
-            error = estimator.belief.x - truth
-            found.append(error @ np.linalg.solve(estimator.belief.P, error) / STATE_COUNT)
+            error = estimator.estimate.x - truth
+            found.append(error @ np.linalg.solve(estimator.estimate.P, error) / STATE_COUNT)
     return float(np.mean(found)), estimator.unsteadiness
 
 
@@ -85,9 +85,9 @@ def test_it_learns_how_unsteady_slip_is(changes: float, low: float, high: float)
 
 
 def test_a_reversal_shows_the_crab() -> None:
-    truth = SlipBelief.before_any_reading(UNSURE).x.copy()
+    truth = SlipEstimate.before_any_reading(UNSURE).x.copy()
     truth[SlipState.CRAB] = 5e-3
-    first = SlipBelief.before_any_reading(UNSURE)
+    first = SlipEstimate.before_any_reading(UNSURE)
     estimator = SlipEstimator(GEOMETRY, first, UNSURE)
     sigmas = []
     for speed in (0.02, -0.02):
@@ -95,25 +95,25 @@ def test_a_reversal_shows_the_crab() -> None:
             truth, _ = propagate_state(truth, TrackOdometry(speed, 0.0, PERIOD), GEOMETRY)
             estimator.move(TrackOdometry(speed, 0.0, PERIOD))
             estimator.read(laser_offset(truth, GEOMETRY)[0], SIGMA)
-        sigmas.append(estimator.belief.sigma(SlipState.CRAB))
+        sigmas.append(estimator.estimate.sigma(SlipState.CRAB))
     assert sigmas[0] > 0.7 * UNSURE.crab
     assert sigmas[1] < 0.2 * UNSURE.crab
-    assert estimator.belief.x[SlipState.CRAB] == pytest.approx(5e-3, abs=3 * sigmas[1])
+    assert estimator.estimate.x[SlipState.CRAB] == pytest.approx(5e-3, abs=3 * sigmas[1])
 
 
 def test_an_outlier_moves_it_little() -> None:
-    estimator = SlipEstimator(GEOMETRY, SlipBelief.before_any_reading(UNSURE), UNSURE)
+    estimator = SlipEstimator(GEOMETRY, SlipEstimate.before_any_reading(UNSURE), UNSURE)
     for _ in range(200):
         estimator.move(TrackOdometry(0.02, 0.0, PERIOD))
         estimator.read(0.0, SIGMA)
-    before = estimator.belief.x[SlipState.OFFSET] + 0.5 * estimator.belief.x[SlipState.HEADING]
+    before = estimator.estimate.x[SlipState.OFFSET] + 0.5 * estimator.estimate.x[SlipState.HEADING]
     assert estimator.read(5e-3, SIGMA) > 1e3
-    after = estimator.belief.x[SlipState.OFFSET] + 0.5 * estimator.belief.x[SlipState.HEADING]
+    after = estimator.estimate.x[SlipState.OFFSET] + 0.5 * estimator.estimate.x[SlipState.HEADING]
     assert abs(after - before) < 0.05e-3
 
 
 def test_how_it_slips_is_kept_where_it_stands_is_not() -> None:
-    known = SlipBelief(np.arange(STATE_COUNT) / 10, np.diag(np.arange(1.0, STATE_COUNT + 1)))
+    known = SlipEstimate(np.arange(STATE_COUNT) / 10, np.diag(np.arange(1.0, STATE_COUNT + 1)))
     moved = known.at_new_start(UNSURE)
     np.testing.assert_array_equal(moved.x[2:], known.x[2:])
     np.testing.assert_array_equal(moved.P[2:, 2:], known.P[2:, 2:])
@@ -124,11 +124,11 @@ def test_how_it_slips_is_kept_where_it_stands_is_not() -> None:
 @pytest.mark.parametrize("turn", [-1, 0, 1])
 def test_a_way_that_nobody_saw_does_not_contradict_what_was_known(turn: int) -> None:
     way, radius, slope = 0.02, 8.0, 0.02
-    estimator = SlipEstimator(GEOMETRY, SlipBelief.before_any_reading(UNSURE), UNSURE)
+    estimator = SlipEstimator(GEOMETRY, SlipEstimate.before_any_reading(UNSURE), UNSURE)
     for _ in range(400):
         estimator.move(TrackOdometry(0.02, 0.0, PERIOD))
         estimator.read(0.0, SIGMA)
-    sure = estimator.belief
+    sure = estimator.estimate
     d = slope * way + GEOMETRY.laser_to_torch * turn * way / radius
     assert SlipEstimator(GEOMETRY, sure, UNSURE).read(d, SIGMA) > 100
     doubts = sure.after_unseen_way(way, radius)
@@ -137,13 +137,13 @@ def test_a_way_that_nobody_saw_does_not_contradict_what_was_known(turn: int) -> 
 
 
 def test_a_reversal_leaves_what_slip_is_off_by_for_now_unknown() -> None:
-    estimator = SlipEstimator(GEOMETRY, SlipBelief.before_any_reading(UNSURE), UNSURE)
+    estimator = SlipEstimator(GEOMETRY, SlipEstimate.before_any_reading(UNSURE), UNSURE)
     for k in range(400):
         estimator.move(TrackOdometry(0.02, 0.0, PERIOD))
         estimator.read(1e-3 * np.sin(k / 40), SIGMA)
-    before = estimator.belief
+    before = estimator.estimate
     estimator.move(TrackOdometry(-0.02, 0.0, 1e-6, turned_back=True))
-    after = estimator.belief
+    after = estimator.estimate
     assert before.sigma(SlipState.UNSTEADY_DRIFT) < 0.9 * UNSURE.unsteady_drift
     assert after.sigma(SlipState.UNSTEADY_DRIFT) == pytest.approx(UNSURE.unsteady_drift, rel=0.1)
     assert after.x[UNSTEADY] == pytest.approx(0.0)

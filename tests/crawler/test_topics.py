@@ -9,26 +9,26 @@ import pytest
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.slip_estimator import SlipBelief
+from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.crawler.slip_model import STATE_COUNT
 from tjscan.crawler.topics import SLIP, read_crawl, record_crawl
 from tjscan.vehicle.vehicle import REST, VehicleState
 
 
 def test_slip_is_read_as_it_was_believed() -> None:
-    believed = SlipBelief(np.arange(STATE_COUNT) / 7, np.eye(STATE_COUNT) / 3)
-    read = SLIP.decode(SLIP.encode(believed))
-    np.testing.assert_array_equal(read.x, believed.x)
-    np.testing.assert_array_equal(read.P, believed.P)
+    estimated = SlipEstimate(np.arange(STATE_COUNT) / 7, np.eye(STATE_COUNT) / 3)
+    read = SLIP.decode(SLIP.encode(estimated))
+    np.testing.assert_array_equal(read.x, estimated.x)
+    np.testing.assert_array_equal(read.P, estimated.P)
 
 
 def test_slip_of_an_earlier_estimator_is_not_known() -> None:
-    assert SLIP.decode(SLIP.encode(SlipBelief(np.zeros(8), np.eye(8)))) is None
+    assert SLIP.decode(SLIP.encode(SlipEstimate(np.zeros(8), np.eye(8)))) is None
 
 
 def test_slip_that_is_damaged_is_refused() -> None:
     with pytest.raises(ValueError, match="reshape"):
-        SLIP.decode(SLIP.encode(SlipBelief(np.zeros(STATE_COUNT), np.eye(8))))
+        SLIP.decode(SLIP.encode(SlipEstimate(np.zeros(STATE_COUNT), np.eye(8))))
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_the_last_cycle_of_what_is_left_has_the_slip_that_was_believed_there(
 ) -> None:
     with record_crawl(tmp_path / "crawl.mcap") as journal:
         for k in range(9):
-            slip = SlipBelief(np.full(STATE_COUNT, 0.1 * k), np.eye(STATE_COUNT))
+            slip = SlipEstimate(np.full(STATE_COUNT, 0.1 * k), np.eye(STATE_COUNT))
             state, torch = VehicleState(period * k, REST), TorchEstimate(0.0, 1e-3, 0.0)
             cycle = CrawlCycle(Phase.WELDING, 1, 0.01 * k, state, REST, torch, 0.0, 0.0, False)
             journal.record_cycle(replace(cycle, slip=slip), None)

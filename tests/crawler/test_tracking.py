@@ -33,7 +33,7 @@ from tjscan.laser.section_laser import (
 EMPTY = HullJoint()
 
 BELIEVED = 0.5e-6
-"""Metres: what noisy profiles before leave in what is believed of the bevels' angles."""
+"""Metres: what noisy profiles before leave in what is estimated of the bevels' angles."""
 
 
 def started(joint: HullJoint = EMPTY) -> JointTracker:

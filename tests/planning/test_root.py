@@ -14,7 +14,7 @@ from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.planning.document import plan_document
 from tjscan.planning.edges import GrooveEdges
-from tjscan.planning.path import KINK, LONGEST
+from tjscan.planning.path import LARGEST_KINK, LONGEST_STEP
 from tjscan.planning.plan import plan_weld
 from tjscan.planning.root import root_of_sections
 from tjscan.planning.tables import beads_to_csv, read_beads_csv
@@ -95,7 +95,7 @@ def test_files_keep_the_parts_of_a_bead_apart_however_near_they_are(tmp_path: Pa
     plan = plan_weld(plate(tacked=(4,)), wps(tacks="skip"), UP)
     first, second = plan.beads[:2]
     assert [(b.number, b.part) for b in (first, second)] == [(1, 1), (1, 2)]
-    assert second.s[0] - first.s[-1] == pytest.approx(LONGEST)
+    assert second.s[0] - first.s[-1] == pytest.approx(LONGEST_STEP)
     provenance = Provenance.for_file_written_now("job", "j", "mm")
     file = tmp_path / "beads.csv"
     file.write_text(beads_to_csv(plan, provenance), encoding="utf-8")
@@ -123,7 +123,7 @@ def test_where_an_opening_ends_no_bead_has_a_corner() -> None:
         chords = np.diff(bead.points, axis=0)
         chords /= np.linalg.norm(chords, axis=1, keepdims=True)
         kinks = np.arccos(np.clip(np.sum(chords[1:] * chords[:-1], axis=1), -1, 1))
-        assert kinks.max() <= 1.02 * KINK
+        assert kinks.max() <= 1.02 * LARGEST_KINK
 
 
 def test_after_a_pass_beads_go_on_without_a_root_bead() -> None:

@@ -20,7 +20,7 @@ from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.last_view import GOES_ON
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.slip_estimator import MOST_ASIDE, SlipBelief
+from tjscan.crawler.slip_estimator import MOST_ASIDE, SlipEstimate
 from tjscan.crawler.slip_model import STATE_COUNT
 from tjscan.crawler.topics import CRAWL_RECORDING, WARNING, record_crawl
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
@@ -365,7 +365,7 @@ def write_parts(directory: Path, *names: str) -> None:
                 phase = Phase.MANUAL if waits else Phase.WELDING
                 state = VehicleState(0.1 * k, Twist(0.02, 0.0))
                 torch = TorchEstimate(0.0, 1e-3, 0.0)
-                slip = SlipBelief(np.zeros(STATE_COUNT), np.eye(STATE_COUNT))
+                slip = SlipEstimate(np.zeros(STATE_COUNT), np.eye(STATE_COUNT))
                 journal.record_cycle(
                     CrawlCycle(
                         phase, 1, 0.01 * k, state, REST, torch, 0.0, 0.0, not waits, slip=slip
@@ -393,10 +393,10 @@ def test_how_it_ended_is_told_by_what_crawled_last(
     write_parts(tmp_path, *parts)
     found = read_recorded_crawl(tmp_path)
     assert found.was_stopped is stopped
-    belief = slip_after_stop(found, read_crawl_job(EXAMPLES / "crawl.toml"))
-    assert belief is not None
+    estimate = slip_after_stop(found, read_crawl_job(EXAMPLES / "crawl.toml"))
+    assert estimate is not None
     seconds = DEAD_MAN if stopped else GOES_ON
-    assert belief.P[0, 0] - 1 == pytest.approx((MOST_ASIDE * 0.02 * seconds) ** 2)
+    assert estimate.P[0, 0] - 1 == pytest.approx((MOST_ASIDE * 0.02 * seconds) ** 2)
 
 
 def test_the_way_since_a_belief_was_recorded_is_doubted(tmp_path: Path) -> None:
@@ -404,9 +404,9 @@ def test_the_way_since_a_belief_was_recorded_is_doubted(tmp_path: Path) -> None:
     write_parts(tmp_path, "stop")
     found = read_recorded_crawl(tmp_path)
     old = tuple(replace(cycle, slip=found.cycles[-1].slip) for cycle in found.cycles)
-    belief = slip_after_stop(replace(found, cycles=old), read_crawl_job(EXAMPLES / "crawl.toml"))
-    assert belief is not None
-    assert belief.P[0, 0] - 1 == pytest.approx((MOST_ASIDE * (0.08 + 0.02 * DEAD_MAN)) ** 2)
+    estimate = slip_after_stop(replace(found, cycles=old), read_crawl_job(EXAMPLES / "crawl.toml"))
+    assert estimate is not None
+    assert estimate.P[0, 0] - 1 == pytest.approx((MOST_ASIDE * (0.08 + 0.02 * DEAD_MAN)) ** 2)
 
 
 def test_a_place_that_was_told_to_a_crawl_that_never_went_on_is_none(tmp_path: Path) -> None:

@@ -19,10 +19,10 @@ from tjscan.laser.profile import Profile
 from tjscan.vehicle.vehicle import REST, Twist, Vehicle
 
 CYCLES_AT_REST: Final = 30
-"""Cycles for which it stands before it turns back."""
+"""Cycles for which it rests before it turns back."""
 
 LONGEST_PERIOD: Final = 2.0
-"""Seconds from one state of the vehicle to the next, beyond which nobody knows where it went."""
+"""Seconds from one state of the vehicle to the next, beyond which its way is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ class ControlCycle:
         return self._joint.seen
 
     def come_to_rest(self, path: float = 0.0, height: float = 0.0) -> None:
-        """Stand before the way is turned: what pads and drives do meanwhile, no model knows."""
+        """Rest before the way is turned: what pads and drives do meanwhile, no model knows."""
         for _ in range(CYCLES_AT_REST):
             self.run(REST, path, height)
 
@@ -190,12 +190,12 @@ class ControlCycle:
             profile,
         )
         if self.phase is not Phase.MANUAL:
-            believed = method.laser if self.all_welded else None
-            self._guards.watch_joint(d, state.odometry.speed, period, believed=believed)
+            estimated = method.laser if self.all_welded else None
+            self._guards.watch_joint(d, state.odometry.speed, period, estimated=estimated)
         return period, d is not None
 
     def _period_until(self, time: float) -> float:
-        """Seconds since the last state; none where it stood, and an operator was waited for."""
+        """Seconds since the last state; none if it was at rest, and an operator was waited for."""
         period = 0.0 if self._time is None else time - self._time
         if self.phase in (Phase.MANUAL, Phase.READY) and period > LONGEST_PERIOD:
             period = 0.0

@@ -33,14 +33,14 @@ WAVE_LENGTH: Final = 0.4
 """Metres of a wave."""
 
 LONGEST_WAIT: Final = 5.0
-"""Seconds after which it says what it waits for before anything moves."""
+"""Seconds after which it reports what it waits for before anything moves."""
 
 
 class WeldOperator(Protocol):
-    """Who says that a pass may be welded."""
+    """Decides whether a pass may be welded."""
 
     def confirm_weld(self, number: int) -> bool:
-        """Whether gas, wire and current are ready for a pass, and nobody is in the way."""
+        """Whether gas, wire and current are ready for a pass, and no one is in the way."""
         ...
 
 
@@ -74,9 +74,9 @@ class CrawlStart:
     arc_from : float
         Where the arc of the next pass is struck, metres: further on if it was cut short.
     last_view : LastView, optional
-        Of the joint, where the vehicle must still stand; not looked at where left out.
+        Of the joint, where the vehicle must still be; not looked at if left out.
     was_set_down : bool, optional
-        Whether the operator set the vehicle down anew, and says where.
+        Whether the operator set the vehicle down again, and states where.
     """
 
     passes_done: int = 0
@@ -100,7 +100,7 @@ class Crawler:
     operator : WeldOperator
     journal : CrawlJournal
     hand : HandDrive, optional
-        Who drives by hand before a crawl that begins anew; nobody where left out.
+        Drives by hand before a crawl that begins at its start; none if left out.
     """
 
     def __init__(
@@ -129,7 +129,7 @@ class Crawler:
         Raises
         ------
         CrawlStopped
-            If a guard stopped it. The vehicle stands and takes no command any more.
+            If a guard stopped it. The vehicle is at rest and takes no command any more.
         VehicleFault, LaserFault
             If a device fails; likewise.
         """
@@ -165,7 +165,7 @@ class Crawler:
 
     @contextmanager
     def _stopped_by_errors(self) -> Iterator[None]:
-        """End the arc and stop the vehicle for good where the block raises, whatever it raises."""
+        """End the arc and stop the vehicle for good if the block raises, whatever it raises."""
         try:
             yield
         except BaseException as error:
@@ -191,8 +191,9 @@ class Crawler:
             self._cycle.come_to_rest()
             self._cycle.travel = home  # what it rolled on for
         at = f"the torch is at {1e3 * self._cycle.travel:.1f} mm"
-        if start is not None and start.was_set_down:  # said before it waits, which may be cut off
-            self._journal.record_event(SET_DOWN, f"{at}, as the operator says")
+        # Reported before it waits, which may be cut off.
+        if start is not None and start.was_set_down:
+            self._journal.record_event(SET_DOWN, f"{at}, as the operator states")
         self._wait_for_joint()
         if start is None:
             self._cycle.enter(Event.JOINT_IN_VIEW, "the joint is in view, with steel all round")
@@ -203,7 +204,7 @@ class Crawler:
         else:
             if start.last_view is not None:
                 start.last_view.check(self._cycle.seen)
-                self._journal.record_event("place", f"{at}, as the laser does not gainsay")
+                self._journal.record_event("place", f"{at}, which the laser does not contradict")
             self._cycle.phase = Phase.RETURN  # what was interrupted goes on from the way back
             self._go_back(start.arc_from - self._plan.weld.run_up)
             where = f"pass {start.passes_done + 1} goes on at {1e3 * start.arc_from:.0f} mm"
@@ -221,7 +222,7 @@ class Crawler:
             )
 
     def _wait_for_joint(self) -> None:
-        """Stand until the joint was seen for long enough and there is steel all round."""
+        """Wait at rest until the joint was seen for long enough and there is steel all round."""
         seen, limit, waited = 0.0, self._plan.alignment.in_view, 0.0
         while seen < limit or not self._guards.stands_on_steel:
             period, found = self._cycle.run(REST)
@@ -270,13 +271,13 @@ class Crawler:
         self._cycle.enter(Event.PASS_WELDED, f"pass {number} is welded")
 
     def _run_up(self, one: PassSettings, arc_from: float) -> None:
-        """Come to where the arc is to be struck; once more where the torch is not known there.
+        """Come to where the arc is to be struck; again if the torch is not known there.
 
         What is not known is the crab, which only a reversal shows. It goes on without the arc
         first: each reversal puts the vehicle aside, and takes some way to make up for.
         """
         for left in reversed(range(RUN_UPS)):
-            self._cycle.come_to_rest()  # an operator takes his time, and nobody looks meanwhile
+            self._cycle.come_to_rest()  # an operator takes his time, and no guard looks meanwhile
             while not self._operator.confirm_weld(self._cycle.number):
                 self._cycle.run(REST)
             self._cycle.come_to_rest(one.offset, one.height)
@@ -293,4 +294,4 @@ class Crawler:
                 self._cycle.drive(self._plan.alignment.speed)
             self._cycle.enter(Event.TORCH_NOT_KNOWN, f"the torch was known to {1e3 * sigma:.2f} mm")
             self._go_back(arc_from - self._plan.weld.run_up)
-            self._cycle.enter(Event.PASSES_LEFT, f"pass {self._cycle.number} once more")
+            self._cycle.enter(Event.PASSES_LEFT, f"pass {self._cycle.number} again")

@@ -15,8 +15,8 @@ NO_SAMPLE: Final = 0.5
 """Seconds without a sample of the proximity sensors, five of theirs, after which it stops."""
 
 VOUCHED_TIME: Final = 0.1
-"""Seconds before it that a state speaks for at most: in a longer gap nobody was heard, which says
-nothing against a sensor or a drive."""
+"""Seconds before it that a state holds for at most: a longer gap without a state shows nothing
+against a sensor or a drive."""
 
 STANDSTILL_TIME: Final = 1.0
 """Seconds by which more periods show less than half the speed asked for than show more: no drive
@@ -91,7 +91,7 @@ class Guards:
         Raises
         ------
         CrawlStopped
-            If it stands, or goes the other way.
+            If it does not move, or goes the other way.
         """
         standing = asked != 0 and shown / asked < 0.5
         period = min(period, VOUCHED_TIME)
@@ -109,7 +109,7 @@ class Guards:
         speed: float,
         period: float,
         *,
-        believed: LaserEstimate | None = None,
+        estimated: LaserEstimate | None = None,
     ) -> None:
         """Look at a reading of the joint, or at there being none.
 
@@ -121,8 +121,8 @@ class Guards:
             Of the vehicle, m/s.
         period : float
             Since the last call, seconds.
-        believed : LaserEstimate, optional
-            Where the laser is believed to be, where nothing is left to weld: the joint need not
+        estimated : LaserEstimate, optional
+            The estimated place of the laser, if nothing is left to weld: the joint need not
             be seen then as long as it surely lies within the laser's line.
 
         Raises
@@ -131,7 +131,7 @@ class Guards:
             If the joint was not seen for too long, or leaves the laser's line.
         """
         settings = self._settings
-        if d is None and believed is not None and believed.surely_within(settings.field):
+        if d is None and estimated is not None and estimated.surely_within(settings.field):
             return
         if d is None:
             self._blind_travel += abs(speed) * period
@@ -152,7 +152,7 @@ class Guards:
             )
 
     def watch_weld(self, deviation: float, sigma: float) -> None:
-        """Look at the torch where the arc burns, or is about to be struck.
+        """Look at the torch if the arc burns, or is about to be struck.
 
         Parameters
         ----------
@@ -162,7 +162,7 @@ class Guards:
         Raises
         ------
         CrawlStopped
-            If it is not on its path, or nobody knows whether it is.
+            If it is not on its path, or this is not known.
         """
         settings = self._settings
         if not abs(deviation) <= settings.torch_off:

@@ -10,12 +10,12 @@ from tjscan.vehicle.vehicle import REST, Twist, Vehicle
 
 
 class HandDrive(Protocol):
-    """Who drives the crawler to its joint by hand, and says when the crawl begins."""
+    """Drives the crawler to its joint by hand, and decides when the crawl begins."""
 
     def order(self) -> Twist | None:
         """Return the twist asked for at this moment; None once the crawl may begin.
 
-        It is asked for anew in every cycle, and is `tjscan.vehicle.vehicle.REST` where nobody has
+        It is asked for in every cycle, and is `tjscan.vehicle.vehicle.REST` where nobody has
         asked for any lately: who drives by hand must go on saying so.
         """
         ...
@@ -24,8 +24,8 @@ class HandDrive(Protocol):
 def drive_by_hand(hand: HandDrive, vehicle: Vehicle, cycle: ControlCycle, guards: Guards) -> None:
     """Drive as a person asks, until he lets the crawl begin.
 
-    Where nothing is asked for, or a way towards an edge, the vehicle is stopped, not only told to
-    stand: it brakes as hard as it can.
+    If nothing is asked for, or a way towards an edge, the vehicle is stopped, not only commanded
+    to rest: it brakes as hard as it can.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The laser and who reads its profiles: where the joint is now, or that nobody knows."""
+"""The laser and the reader of its profiles: where the joint is now, or that it is not known."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 
 OLDEST_PROFILE: Final = 0.1
-"""Seconds before now, or after it by a clock gone wrong, of which a profile is not read: ten of a
-sensor's periods, in which a vehicle that turns at 40 mm/s goes on by 4 mm."""
+"""Seconds before now, or after it by a clock gone wrong, from which on a profile is not read: ten
+of a sensor's periods, in which a vehicle that turns at 40 mm/s goes on by 4 mm."""
 
 RECENT_PROFILES: Final = 10
 """Profiles that are kept."""
@@ -54,7 +54,7 @@ class JointReader(Protocol):
 
 
 class JointSensor:
-    """A laser with its reader, which believes no profile of another time.
+    """A laser with its reader, which takes no profile of another time.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class JointSensor:
     clock : callable or None
         Gives the seconds on the clock that the profiles are dated by; None where they are not.
     journal : CrawlJournal
-        Is told of profiles that are not read for their age.
+        Receives profiles that are not read for their age as events.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class JointSensor:
         return tuple(self._seen)
 
     def _seconds_off(self, profile: Profile) -> float:
-        """Seconds between a profile and now, at the least; none where the laser dates nothing."""
+        """Seconds between a profile and now, at the least; none if the laser dates nothing."""
         if self._clock is None or profile.time == 0.0:
             return 0.0
         return abs(self._clock() - profile.time) - profile.time_uncertainty

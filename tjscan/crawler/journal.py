@@ -9,7 +9,7 @@ from typing import Final, Protocol
 
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.slip_estimator import SlipBelief
+from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.laser.profile import Profile
 from tjscan.vehicle.vehicle import REST, Twist, VehicleState
 
@@ -19,7 +19,7 @@ SET_DOWN: Final = "set-down"
 
 @dataclass(frozen=True, slots=True)
 class CrawlCycle:
-    """One cycle of the control loop: what was measured, believed and asked for.
+    """One cycle of the control loop: what was measured, estimated and asked for.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class CrawlCycle:
     commanded : Twist
         What it was asked for until then.
     torch : TorchEstimate
-        Where the torch's zero is believed to be beside the joint.
+        Where the torch's zero is estimated to be beside the joint.
     torch_y : float
         Where the torch's axis stands, to the right of its zero, metres.
     path : float
@@ -43,8 +43,8 @@ class CrawlCycle:
         Whether the arc burns.
     d, d_sigma : float, optional
         Laser minus joint as read, and its standard deviation, metres; NaN where it was not read.
-    slip : SlipBelief, optional
-        What is believed of the vehicle's slip, where the method knows of any.
+    slip : SlipEstimate, optional
+        What is estimated of the vehicle's slip, where the method knows of any.
     """
 
     phase: Phase
@@ -58,7 +58,7 @@ class CrawlCycle:
     arc: bool
     d: float = nan
     d_sigma: float = nan
-    slip: SlipBelief | None = None
+    slip: SlipEstimate | None = None
 
     @property
     def was_read(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from tjscan.crawler.slip_estimator import SlipBelief
+from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.vehicle.vehicle import Twist
 
 SURE_SIGMAS: Final = 3.0
@@ -14,7 +14,7 @@ SURE_SIGMAS: Final = 3.0
 
 @dataclass(frozen=True, slots=True)
 class TorchEstimate:
-    """Where the torch is believed to be beside the joint.
+    """The estimated place of the torch beside the joint.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class TorchEstimate:
 
 @dataclass(frozen=True, slots=True)
 class LaserEstimate:
-    """Where the laser is believed to be beside the joint.
+    """The estimated place of the laser beside the joint.
 
     Parameters
     ----------
@@ -69,22 +69,22 @@ class FollowingMethod(Protocol):
         ...
 
     def set_down_anew(self) -> None:
-        """Forget where the vehicle is beside the joint, not how it slips: somebody moved it."""
+        """Forget where the vehicle is beside the joint, not how it slips: it was moved by hand."""
         ...
 
     @property
     def torch(self) -> TorchEstimate:
-        """Where the torch is believed to be."""
+        """The estimated place of the torch."""
         ...
 
     @property
     def laser(self) -> LaserEstimate:
-        """Where the laser is believed to be, whether it sees the joint or not."""
+        """The estimated place of the laser, whether it sees the joint or not."""
         ...
 
     @property
-    def slip(self) -> SlipBelief | None:
-        """What is believed of the vehicle's slip; None where the method knows of none."""
+    def slip(self) -> SlipEstimate | None:
+        """The estimated slip of the vehicle; None if the method estimates none."""
         ...
 
     def turn_rate(self, speed: float, *, turns_back: bool = False) -> float:

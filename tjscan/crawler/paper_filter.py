@@ -27,7 +27,7 @@ READING_SIGMA: Final = 0.12e-3
 
 
 class PaperState(IntEnum):
-    """Where each quantity stands in the paper's state, shape (5,); SI units.
+    """The place of each quantity in the paper's state, shape (5,); SI units.
 
     LASER_TO_CENTRE is the paper's l, OFFSET its y: of the centre of rotation from the joint.
     """
@@ -71,7 +71,7 @@ class PaperFilter:
     tracks : TrackGeometry
         Whose radius and gauge turn the encoders' noise into that of speed and turn rate.
     x : ndarray, shape (5,)
-        What is believed at first.
+        The first estimate.
     P : ndarray, shape (5, 5)
         Its covariance.
     """

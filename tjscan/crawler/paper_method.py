@@ -19,7 +19,7 @@ from tjscan.vehicle.tracks import TrackGeometry
 from tjscan.vehicle.vehicle import Twist
 
 FIRST_SIGMAS: Final = (1e-3, 1e-2, 5e-3, 20e-3, 50e-3)
-"""Of what is believed at first."""
+"""Of the first estimate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ class PaperMethod:
 
     @property
     def torch(self) -> TorchEstimate:
-        """Where the torch is believed to be: d - D tan(theta)."""
+        """The estimated place of the torch: d - D tan(theta)."""
         heading = float(self._filter.x[PaperState.HEADING])
         D = self._geometry.laser_to_torch
         by_heading = D * (1 + tan(heading) ** 2)
@@ -99,7 +99,7 @@ class PaperMethod:
     def turn_rate(self, speed: float, *, turns_back: bool = False) -> float:
         """Turn rate by (6) to (8).
 
-        Backward the sign of the law is the other one, which the paper does not say: the virtual
+        Backward the sign of the law is the other one, which the paper does not state: the virtual
         laser leads, and is turned the other way by the same turn.
         """
         way = float(np.sign(speed))

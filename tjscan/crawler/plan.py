@@ -97,13 +97,13 @@ class GuardSettings(SettingsTable):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CourseSettings(SettingsTable):
-    """The table [course]: how the joint runs in the hull, as drawings or templates say.
+    """The table [course]: how the joint runs in the hull, as drawings or templates show.
 
     Parameters
     ----------
     radius : float or None
         In the hull's surface, metres, positive where it bends to the right of who goes along it;
-        None where it is straight.
+        None if it is straight.
     radius_sigma : float
         Its standard deviation, as a share of it.
     """

@@ -46,7 +46,7 @@ class ProximityFilter:
     _against: list[int] = field(default_factory=lambda: [0] * len(CORNERS))
 
     def add_sample(self, distances: Sequence[float]) -> None:
-        """Take in a sample: the distance at each corner, metres; nothing where there is none."""
+        """Take in a sample: the distance at each corner, metres; nothing if there is none."""
         for i, distance in enumerate(distances):
             steel = self._steel[i]
             opposite = (
@@ -92,7 +92,7 @@ class CornerPlaces:
             y = self.width / 2 * (1 if side == "right" else -1)
             forward = twist.speed - twist.turn_rate * y
             right = twist.sideways + twist.turn_rate * x
-            # Either part outward is one too many: which edge it is, the sensor does not say.
+            # Either part outward is one too many: the sensor does not show which edge it is.
             if forward * x > 0 or right * y > 0:
                 return True
         return False

@@ -24,7 +24,7 @@ from tjscan.vehicle.tracks import TrackGeometry
 METRES_PER_MINUTE: Final = FileUnit("m_min", 1 / 60)
 WATT_UNIT: Final = FileUnit("w")
 TURN_RADII: Final = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
-"""Metres at which the torque of a turn is told."""
+"""Metres at which the torque of a turn is reported."""
 
 MAGNETS_ADVICE: Final = "take more pads, or stronger magnets"
 
@@ -74,7 +74,7 @@ class SizeFigure:
     least, most : float or None
         Bounds in the same unit.
     advice : str
-        What to do where it is out of them.
+        What to do if it is out of them.
     """
 
     name: str
@@ -92,7 +92,7 @@ class SizeFigure:
 
     @property
     def rule(self) -> str:
-        """The bounds in words; empty where there are none."""
+        """The bounds in words; empty if there are none."""
         if self.most is not None:
             return f"at most {self.most:.4g}"
         return "" if self.least is None else f"at least {self.least:g}"
@@ -220,7 +220,7 @@ def tightest_turn(radii: Sequence[float], torques: Sequence[float], most: float)
     Returns
     -------
     float
-        The least radius of all where it suffices everywhere, infinity where nowhere.
+        The least radius of all if it suffices everywhere, infinity if nowhere.
     """
     enough = [torque <= most for torque in torques]
     if all(enough):
@@ -234,7 +234,7 @@ def tightest_turn(radii: Sequence[float], torques: Sequence[float], most: float)
 
 
 def peel_of_top_pad(pads: PadSettings) -> float:
-    """Force that pulls the top pad off a vertical hull, N, where one track holds the vehicle alone.
+    """Force that pulls the top pad off a vertical hull, N, if one track holds the vehicle alone.
 
     The weight's lever is borne by forces that grow with the distance from the middle:
     W h x_max / sum of x².

@@ -7,7 +7,7 @@ from typing import Final
 
 from tjscan.crawler.method import LaserEstimate, TorchEstimate
 from tjscan.crawler.odometry_filter import OdometryFilter
-from tjscan.crawler.slip_estimator import SlipBelief, SlipEstimator, SlipUncertainty
+from tjscan.crawler.slip_estimator import SlipEstimate, SlipEstimator, SlipUncertainty
 from tjscan.crawler.slip_model import CrawlerGeometry, SlipState, laser_offset
 from tjscan.crawler.steering import SteeringSettings, track_turn_rate
 from tjscan.vehicle.vehicle import Twist
@@ -22,8 +22,8 @@ class SlipAwareMethod:
     Parameters
     ----------
     geometry : CrawlerGeometry
-    belief : SlipBelief
-        What is known at first: from a calibration, or `SlipBelief.before_any_reading`.
+    estimate : SlipEstimate
+        What is known at first: from a calibration, or `SlipEstimate.before_any_reading`.
     uncertainty : SlipUncertainty
     steering : SteeringSettings
     """
@@ -31,18 +31,18 @@ class SlipAwareMethod:
     def __init__(
         self,
         geometry: CrawlerGeometry,
-        belief: SlipBelief,
+        estimate: SlipEstimate,
         uncertainty: SlipUncertainty,
         steering: SteeringSettings,
     ) -> None:
-        self._estimator = SlipEstimator(geometry, belief, uncertainty)
+        self._estimator = SlipEstimator(geometry, estimate, uncertainty)
         self._uncertainty, self._steering = uncertainty, steering
         self._odometry = OdometryFilter(DRIVE_LAG)
 
     @property
-    def slip(self) -> SlipBelief:
+    def slip(self) -> SlipEstimate:
         """What is known now."""
-        return self._estimator.belief
+        return self._estimator.estimate
 
     def move(self, odometry: Twist, period: float, commanded: Twist) -> None:
         """Take in a period of motion; see `FollowingMethod.move`."""
@@ -54,12 +54,12 @@ class SlipAwareMethod:
 
     def set_down_anew(self) -> None:
         """Forget where the vehicle is; see `FollowingMethod.set_down_anew`."""
-        self._estimator.belief = self.slip.at_new_start(self._uncertainty)
+        self._estimator.estimate = self.slip.at_new_start(self._uncertainty)
         self._odometry = OdometryFilter(DRIVE_LAG)
 
     @property
     def torch(self) -> TorchEstimate:
-        """Where the torch is believed to be."""
+        """The estimated place of the torch."""
         slip = self.slip
         return TorchEstimate(
             float(slip.x[SlipState.OFFSET]),
@@ -69,7 +69,7 @@ class SlipAwareMethod:
 
     @property
     def laser(self) -> LaserEstimate:
-        """Where the laser is believed to be."""
+        """The estimated place of the laser."""
         offset, H = laser_offset(self.slip.x, self._estimator.geometry)
         return LaserEstimate(offset, sqrt(float(H @ self.slip.P @ H)))
 

@@ -14,7 +14,7 @@ from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import write_files_atomically
 from tjscan.core.provenance import Provenance
-from tjscan.crawler.slip_estimator import SlipBelief, SlipUncertainty
+from tjscan.crawler.slip_estimator import SlipEstimate, SlipUncertainty
 from tjscan.crawler.slip_model import SlipState
 
 LEARNED_STATES = (
@@ -25,7 +25,7 @@ LEARNED_STATES = (
     SlipState.TURNING_CRAB,
     SlipState.SETTLED_CENTRE,
 )
-"""What belongs to vehicle and hull, not to where it stands."""
+"""What belongs to vehicle and hull, not to the vehicle's place."""
 
 _SHOWN_STATES = (
     ("centre of rotation, ahead in travel direction", 1e3, "mm"),
@@ -42,7 +42,7 @@ Row = Annotated[tuple[float, float, float, float, float, float], Field(strict=Fa
 class SlipCalibration(StrictFileModel):
     """Content of the file. Quantities in their SI units, in the order of the fields.
 
-    `covariance` is that of the six quantities.
+    `covariance` belongs to the six quantities.
     """
 
     vehicle: str
@@ -63,10 +63,10 @@ class SlipCalibration(StrictFileModel):
         return self
 
     @classmethod
-    def from_belief(cls, belief: SlipBelief, vehicle: str) -> SlipCalibration:
-        """What a belief says of slip, for a vehicle of this id."""
-        P = belief.P[np.ix_(LEARNED_STATES, LEARNED_STATES)]
-        values = belief.x[list(LEARNED_STATES)].tolist()
+    def from_estimate(cls, estimate: SlipEstimate, vehicle: str) -> SlipCalibration:
+        """The slip that was estimated, for a vehicle of this id."""
+        P = estimate.P[np.ix_(LEARNED_STATES, LEARNED_STATES)]
+        values = estimate.x[list(LEARNED_STATES)].tolist()
         return cls(
             vehicle=vehicle,
             date=datetime.now(UTC),
@@ -102,17 +102,17 @@ class SlipCalibration(StrictFileModel):
             )
         ]
 
-    def belief_at_start(
+    def estimate_at_start(
         self, uncertainty: SlipUncertainty, curvature: float, curvature_sigma: float
-    ) -> SlipBelief:
+    ) -> SlipEstimate:
         """What is known of slip before the first reading on a joint of this curvature, 1/m."""
-        first = SlipBelief.before_any_reading(
+        first = SlipEstimate.before_any_reading(
             uncertainty, curvature=curvature, curvature_sigma=curvature_sigma
         )
         x, P = first.x.copy(), first.P.copy()
         x[list(LEARNED_STATES)] = self.values
         P[np.ix_(LEARNED_STATES, LEARNED_STATES)] = self.covariance
-        return SlipBelief(x, P)
+        return SlipEstimate(x, P)
 
 
 def write_slip_calibration(file: Path, calibration: SlipCalibration, job: str) -> None:

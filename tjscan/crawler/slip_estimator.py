@@ -27,10 +27,10 @@ WINDOW_LENGTH: Final = 0.05
 """Metres over which differences between readings and what was expected are added up."""
 
 MEMORY_LENGTH: Final = 0.7
-"""Metres of such windows that say how unsteady the slip is: the contact of a track (assumption)."""
+"""Metres of such windows that show how unsteady slip is: the contact of a track (assumption)."""
 
 MOST_MISFIT: Final = 9.0
-"""A window's misfit counts as no more: one that was disturbed says little about the others."""
+"""A window's misfit counts as no more: one that was disturbed shows little about the others."""
 
 UNSTEADINESS_BOUNDS: Final = (0.02, 1.0)
 """Least and most that the variances of slip's changes are multiplied by: as stated they are what a
@@ -96,7 +96,7 @@ class SlipUncertainty(SettingsTable):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SlipBelief:
+class SlipEstimate:
     """What is known of a vehicle beside a joint: a state and its covariance.
 
     Parameters
@@ -154,7 +154,7 @@ class SlipBelief:
         return sqrt(self.P[which, which])
 
     def at_new_start(self, uncertainty: SlipUncertainty) -> Self:
-        """What stays known where the vehicle is set down anew: how it slips, not where it is."""
+        """What stays known if the vehicle is set down again: how it slips, not where it is."""
         x, P = self.x.copy(), self.P.copy()
         place = [SlipState.OFFSET, SlipState.HEADING]
         x[place], P[place, :], P[:, place] = 0.0, 0.0, 0.0
@@ -162,10 +162,10 @@ class SlipBelief:
         return type(self)(x, P)
 
     def after_unseen_way(self, way: float, least_radius: float) -> Self:
-        """What is still known where the vehicle went on by up to a way that nobody saw.
+        """What is still known if the vehicle went on by up to a way that was not seen.
 
         It may have turned there as tightly as it is ever steered, and gone aside with that. Without
-        this doubt the next reading would contradict the belief, and lead it astray.
+        this doubt the next reading would contradict the estimate, and lead it astray.
 
         Parameters
         ----------
@@ -183,9 +183,9 @@ class SlipBelief:
 class SlipEstimator:
     """Extended Kalman filter of `SlipState`; what it learned stays through reversals and passes.
 
-    How much slip changes differs from hull to hull, and a filter that is told wrong states a
-    wrong sigma. So it learns that too, by matching covariances (Mehra 1972): differences between
-    readings and what was expected, each over its standard deviation, are white where the noise is
+    How much slip changes differs from hull to hull, and a filter with wrong values states a wrong
+    sigma. So it learns that too, by matching covariances (Mehra 1972): differences between
+    readings and what was expected, each over its standard deviation, are white if the noise is
     right; the square of their sum over a window, over their number, is 1 in the mean. It is more
     where slip changes more than assumed, and less where it changes less.
 
@@ -193,7 +193,7 @@ class SlipEstimator:
     ----------
     geometry : CrawlerGeometry
         Where laser and torch sit.
-    belief : SlipBelief
+    estimate : SlipEstimate
         What is known at first.
     uncertainty : SlipUncertainty
         How slip changes, and how uneven the joint is.
@@ -205,9 +205,9 @@ class SlipEstimator:
     """
 
     def __init__(
-        self, geometry: CrawlerGeometry, belief: SlipBelief, uncertainty: SlipUncertainty
+        self, geometry: CrawlerGeometry, estimate: SlipEstimate, uncertainty: SlipUncertainty
     ) -> None:
-        self.geometry, self.belief, self._uncertainty = geometry, belief, uncertainty
+        self.geometry, self.estimate, self._uncertainty = geometry, estimate, uncertainty
         own = uncertainty
         walks = np.zeros(STATE_COUNT)
         walks[[2, 3, 4, 5, 7, 8]] = (
@@ -227,8 +227,8 @@ class SlipEstimator:
         """Go on by one period in which the tracks moved as the encoders show."""
         if odometry.turned_back:
             self._forget_unsteady_slip()
-        x, F = propagate_state(self.belief.x, odometry, self.geometry)
-        P = F @ self.belief.P @ F.T
+        x, F = propagate_state(self.estimate.x, odometry, self.geometry)
+        P = F @ self.estimate.P @ F.T
         travel = abs(odometry.speed) * odometry.period
         changes = self._walk_per_metre * travel + self._settled(odometry, float(F[-1, -1]))
         P[np.diag_indices(STATE_COUNT)] += self.unsteadiness * changes
@@ -236,22 +236,22 @@ class SlipEstimator:
         by_turn = F[:2, SlipState.YAW_EFFICIENCY] / (odometry.turn_rate or 1.0)
         if odometry.turn_rate == 0.0:
             by_turn = np.array([0.0, odometry.period])
-        by_turn = by_turn * self.belief.x[SlipState.YAW_EFFICIENCY]
+        by_turn = by_turn * self.estimate.x[SlipState.YAW_EFFICIENCY]
         P[:2, :2] += np.outer(by_turn, by_turn) * self._uncertainty.turn_rate**2 / odometry.period
-        self.belief = SlipBelief(x, (P + P.T) / 2)
+        self.estimate = SlipEstimate(x, (P + P.T) / 2)
         self._window += travel
         if self._window >= WINDOW_LENGTH:
             self._match_covariances()
 
     def _forget_unsteady_slip(self) -> None:
-        """Take what slip was off by for as unknown: of the other way it says nothing.
+        """Take what slip was off by for as unknown: of the other way it shows nothing.
 
         A reversal shears every foot the other way, so it is as uncertain as a track makes it.
         """
-        x, P = self.belief.x.copy(), self.belief.P.copy()
+        x, P = self.estimate.x.copy(), self.estimate.P.copy()
         x[UNSTEADY_STATES], P[UNSTEADY_STATES, :], P[:, UNSTEADY_STATES] = 0.0, 0.0, 0.0
         P[UNSTEADY_STATES, UNSTEADY_STATES] = self._unsteady_variances()
-        self.belief = SlipBelief(x, P)
+        self.estimate = SlipEstimate(x, P)
 
     def _match_covariances(self) -> None:
         """Learn from a window how unsteady the slip is."""
@@ -269,7 +269,7 @@ class SlipEstimator:
         """
         added = np.zeros(STATE_COUNT)
         if odometry.speed:
-            efficiency = float(self.belief.x[SlipState.YAW_EFFICIENCY])
+            efficiency = float(self.estimate.x[SlipState.YAW_EFFICIENCY])
             curvature = efficiency * odometry.turn_rate / odometry.speed
             self._turns = kept * self._turns + (1 - kept) * curvature
         added[UNSTEADY_STATES] = self._unsteady_variances()
@@ -297,7 +297,7 @@ class SlipEstimator:
         float
             How far off it was, squared, in its variance.
         """
-        x, P = self.belief.x, self.belief.P
+        x, P = self.estimate.x, self.estimate.P
         expected, H = laser_offset(x, self.geometry)
         variance = sigma**2 + self._uncertainty.unevenness**2
         PH = P @ H
@@ -310,5 +310,5 @@ class SlipEstimator:
         gain = PH / (before + variance)
         rest = np.eye(STATE_COUNT) - np.outer(gain, H)
         P = rest @ P @ rest.T + np.outer(gain, gain) * variance
-        self.belief = SlipBelief(x + gain * (d - expected), P)
+        self.estimate = SlipEstimate(x + gain * (d - expected), P)
         return off

@@ -19,7 +19,7 @@ from tjscan.core.frames import Array
 
 
 class SlipState(IntEnum):
-    """Where each quantity stands in a state vector, shape (11,).
+    """The place of each quantity in a state vector, shape (11,).
 
     OFFSET is that of the torch from the joint, metres; HEADING the angle from the joint to the
     vehicle; ROTATION_CENTRE how far the centre of rotation lies ahead of the vehicle's own, in

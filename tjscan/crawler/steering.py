@@ -1,4 +1,4 @@
-"""Steer along a joint by what is believed of slip: state feedback in arc length."""
+"""Steer along a joint by the estimated slip: state feedback in arc length."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def track_turn_rate(
     x : ndarray, shape (11,)
         As `SlipState` orders it.
     speed : float
-        Forward, m/s; nothing is steered where it is 0.
+        Forward, m/s; nothing is steered if it is 0.
     geometry : CrawlerGeometry
     settings : SteeringSettings
     turns_back : bool, optional
@@ -67,7 +67,7 @@ def track_turn_rate(
     arm = geometry.centre_to_torch + way * ahead
     offset = x[SlipState.OFFSET] + arm * x[SlipState.HEADING]
     slope = way * x[SlipState.HEADING] + x[SlipState.CRAB] + x[SlipState.UNSTEADY_CRAB]
-    # Where it goes straight along the joint, it stands askew by the crab: so does the torch.
+    # If it goes straight along the joint, it is turned by the crab: so is the torch.
     asked = -arm * way * x[SlipState.CRAB]
     if turns_back:
         asked -= 2 * x[SlipState.CRAB] / gain

@@ -19,7 +19,7 @@ from tjscan.core.signals import hold_ctrl_c
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.slip_estimator import SlipBelief
+from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.crawler.slip_model import STATE_COUNT
 from tjscan.laser.profile import Profile
 from tjscan.recording.event import RecordedEvent
@@ -128,16 +128,16 @@ def _to_cycle(fields: dict[str, Any]) -> CrawlCycle:
     )
 
 
-def _from_slip(slip: SlipBelief) -> dict[str, Any]:
+def _from_slip(slip: SlipEstimate) -> dict[str, Any]:
     return {"state": slip.x.tolist(), "covariance": slip.P.ravel().tolist()}
 
 
-def _to_slip(fields: dict[str, Any]) -> SlipBelief | None:
+def _to_slip(fields: dict[str, Any]) -> SlipEstimate | None:
     x = np.array(to_finite_floats(fields["state"]))
     P = np.array(to_finite_floats(fields["covariance"]))
     if len(x) != STATE_COUNT and len(P) == len(x) ** 2:
         return None  # of an earlier estimator, with other quantities
-    return SlipBelief(x.reshape(STATE_COUNT), P.reshape(STATE_COUNT, STATE_COUNT))
+    return SlipEstimate(x.reshape(STATE_COUNT), P.reshape(STATE_COUNT, STATE_COUNT))
 
 
 CYCLE: Final = make_json_topic(
@@ -165,7 +165,7 @@ SLIP: Final[Topic[Any]] = make_json_topic(
     _from_slip,
     _to_slip,
 )
-"""What is believed of slip, as `SlipState` orders it; None where an earlier estimator did."""
+"""What is estimated of slip, as `SlipState` orders it; None where an earlier estimator did."""
 
 TRUTH: Final = make_json_topic(
     "/simulation/torch",
@@ -251,9 +251,9 @@ class RecordingCrawlJournal:
 def with_last_slip(
     messages: Sequence[tuple[int, Topic[Any], Any]],
 ) -> Iterator[tuple[int, Topic[Any], Any]]:
-    """Messages that are written at once, and before the last cycle what is believed of slip there.
+    """Messages that are written at once, and before the last cycle what is estimated of slip there.
 
-    So whatever a recording ends with, a stop or a killed program, its last cycle has a belief of
+    So whatever a recording ends with, a stop or a killed program, its last cycle has a estimate of
     its own: an older one contradicts what the laser shows there, and a filter that is sure of it
     would be led astray.
     """
@@ -312,7 +312,7 @@ def read_crawl(
         As `read_messages` does.
     """
     files = recording_files(directory, CRAWL_RECORDING)
-    slip: SlipBelief | None = None
+    slip: SlipEstimate | None = None
     last: CrawlCycle | None = None
     for entry in chain.from_iterable(read_messages(file, TOPICS) for file in files):
         if entry.topic is SLIP:

@@ -67,7 +67,7 @@ class FixedTorch:
         return 0.0
 
     def set_arc(self, *, burning: bool) -> None:
-        """Note what the welder is told by the event."""
+        """Note what the event asks of the welder."""
         self.arc = burning
 
 

@@ -29,7 +29,7 @@ class PassSettings(SettingsTable):
     dwell : float
         How long it stays at each end, seconds.
     procedure : str, optional
-        Which welding procedure specification holds; that of the job where left out.
+        Which welding procedure specification holds; the job's if left out.
     """
 
     speed: Annotated[float, Gt(0), Le(100), MM_S] = 5e-3

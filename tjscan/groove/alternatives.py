@@ -2,7 +2,7 @@
 
 The face of a bead is proposed as an arc if a straight root fits badly, or as what goes on from
 bevel or leg; a knee of the bevel if one straight side fits badly. For the form without a face at
-the root a bound tells whether it is worth a search.
+the root a bound shows whether it is worth a search.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Such light moves a notch's bottom and the nearest parts of its flanks towards th
 the rays, and fades smoothly up the flanks. So a corner is still seen in its own direction, but
 too near: it lies where that ray meets the flank, drawn on from where nothing pulls it. The bottom
 shows nothing of it. The flanks do: their points leave them, or the bottom's face is bent to go
-over into them. How well a pull explains the points about a notch tells how likely it is.
+over into them. How well a pull explains the points about a notch shows how likely it is.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ class _Flank:
     def corners_with(self, x: float, z: float, tx: float, tz: float) -> Array | None:
         """Where a line meets the flank, inward of the corner, for each of the pulls, (p,).
 
-        None where the two are nearly parallel.
+        None if the two are nearly parallel.
         """
         (cx, cz), (fx, fz) = self.corner, self.along
         cross = fx * tz - fz * tx

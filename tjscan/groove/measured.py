@@ -14,7 +14,7 @@ from tjscan.groove.section import GrooveSection
 @dataclass(frozen=True, slots=True, eq=False)
 @frozen_arrays
 class MeasuredSection:
-    """One section of the groove in the frame r of the result: j, or b where no joint is known.
+    """One section of the groove in the frame r of the result: j, or b if no joint is known.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ class MeasuredSection:
     station : str
         Where it was scanned from; names joined by ``+`` where several stations saw it.
     azimuth : float
-        About the brace's axis from the crown, radians; NaN where no joint is known.
+        About the brace's axis from the crown, radians; NaN if no joint is known.
     T_r_g : ndarray, shape (4, 4)
         Frame g. Its x is square to the laser's plane, which is turned from the groove's normal
         plane by about the pull angle; its y goes up the brace's wall.
@@ -48,7 +48,7 @@ class MeasuredSection:
     absent : tuple of str
         Corners, of ``p2``, ``p3`` and ``p4``, that are buried, not there or not seen.
     root_opening : float
-        Distance of an open root's edge from the leg, metres; NaN where the root is not open.
+        Distance of an open root's edge from the leg, metres; NaN if the root is not open.
     shared_sigmas : ndarray, shape (3,)
         Standard deviations of p2, p3 and p4, all directions together, by causes that move all
         sections of a scan; they are part of `covariances`. Metres; NaN where this is not known.

@@ -1,9 +1,9 @@
-"""What the sections of a groove say of the next one: what persists along it, and nothing else.
+"""What the sections of a groove show of the next one: what persists along it, and nothing else.
 
 Root opening, depth and angle of a groove vary from section to section by more than a profile
 shows them, so that of these nothing is carried on. What persists is how far the leg bends, how
 thick mill scale is, and how far light between the faces pulls the notch in. Each section keeps what
-its own profile says of these, without what it was told: no profile counts twice.
+its own profile shows of these, without what was known before: no profile counts twice.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ SECTIONS_WITH_FORMS: Final = 3
 """Of so many sections before, one with another form is reason enough to look for it again."""
 
 STRAIGHT_BEND: Final = 1.0
-"""A side that bends by less, in 1/m, is most likely straight: how far others seemed to bend says
+"""A side that bends by less, in 1/m, is most likely straight: how far others seemed to bend shows
 less of it than that."""
 
 CHANGE_PROBABILITY: Final = 0.1
@@ -75,7 +75,7 @@ def _base_log_thicknesses() -> Array:
 @dataclass(frozen=True, slots=True, eq=False)
 @frozen_arrays
 class SectionEvidence:
-    """What one profile says, by itself, of what persists along the groove.
+    """What one profile shows, by itself, of what persists along the groove.
 
     Parameters
     ----------
@@ -125,12 +125,12 @@ class GroovePrior:
 
     @classmethod
     def from_sections(cls, sections: Sequence[tuple[SectionEvidence, float]]) -> GroovePrior:
-        """What sections before say of the next one.
+        """What sections before show of the next one.
 
         Parameters
         ----------
         sections : sequence of (SectionEvidence, float)
-            What each says, and how far before the next one it lies along the groove, in metres;
+            What each shows, and how far before the next one it is along the groove, in metres;
             the nearest one last.
 
         Notes

@@ -3,7 +3,7 @@
 All sides are fitted to the points that their corners leave them, over and over until nothing
 moves. A side's section is a straight line or a shallow cubic whose bend and twist are those of
 pipes and bevels, whichever the points make the likelier. How residuals of neighbouring columns
-correlate decides how much the points tell.
+correlate decides how much the points show.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ UNDULATION_BLOCK: Final = 10
 """Points over which residuals are averaged: undulation is longer, most noise is not."""
 
 FEWEST_BLOCKS: Final = 3
-"""Blocks that tell undulation from noise."""
+"""Blocks that distinguish undulation from noise."""
 
 SIGNIFICANT_SIGMAS: Final = 3.0
 """Standard deviations from which a departure or an undulation is none of chance."""
@@ -69,7 +69,7 @@ FEWEST_SIDE_POINTS: Final = 3
 """Points that a side can be fitted to."""
 
 POOLED_NOISE_POINTS: Final = 20
-"""A side of few points can't tell its own noise: it leans on all by as many points as this."""
+"""A side of few points can't show its own noise: it leans on all by as many points as this."""
 
 FACE_BLUNTNESS: Final = 0.2
 """Share of its height by which the face of a bead may lie off a parabola: its points are within
@@ -95,7 +95,7 @@ REBASED_ROUNDS: Final = 4
 """Rounds after each of which the chords become tangents again; later they lean too little."""
 
 STRAIGHT_LOG_ODDS: Final = 1.1
-"""Log of the odds from which a side is straight: a factor of 3, for few points don't tell."""
+"""Log of the odds from which a side is straight: a factor of 3, for few points show little."""
 
 RIM_POINTS, LARGEST_CURL, LEAST_CURL_SIGMAS, FEWEST_CURLED_RIMS = 8, 0.6e-3, 2.5, 2
 """Points on either side of a hole that may curl; how far they lie off at most, in metres, and at

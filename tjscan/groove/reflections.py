@@ -4,7 +4,7 @@ Light that took another way comes back as a whole run of points, which jumps off
 one end or both. Its points hang together, so that they are no more worth explaining than a few
 independent ones. A run that leaves a side without a jump is steel: it has to be explained.
 
-A run of reflections beside a bevel may look as good as the bevel. Then noise tells little about
+A run of reflections beside a bevel may look as good as the bevel. Then noise shows little about
 how far the corners may be off: the other reading shows more, by how likely it is (Bayesian model
 averaging).
 """

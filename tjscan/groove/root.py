@@ -38,7 +38,7 @@ SEAM_BESIDE: Final = "seam weld beside"
 
 TACK_RATIO, TACK_HEIGHT = 0.165, 1.45e-3
 """Height of a tack over its chord: a share of it, and metres. A pass that lies in a groove wets
-both faces and stands lower; a root bead that bulges is smaller."""
+both faces and is lower; a root bead that bulges is smaller."""
 
 WELD_RATIO: Final = 0.06
 """Height over its chord, as a share of it, from which a face is that of convex weld metal."""
@@ -305,7 +305,7 @@ def _spread(curve: CubicCurve, s: float, along: float, across: float) -> Array:
 
 
 def _seam_beside(fit: GrooveFit) -> bool:
-    """Whether a bump that a weld's cap may be stands on the leg."""
+    """Whether the leg has a bump that may be a weld's cap."""
     fitted = fit.fitted
     own = fitted.spans[len(fitted.curves) - 1]
     s, d = fitted.along[own], -fitted.residuals[own]

@@ -70,11 +70,11 @@ class GrooveSection:
         What was found about the groove, such as ``tack``, ``open root`` or ``seam weld beside``.
     absent : tuple of str
         Corners, of ``p2``, ``p3`` and ``p4``, that are buried, not there or not seen. What is
-        given for one is where it may be; its covariance says how far it may be from there.
+        given for one is where it may be; its covariance states how far it may be from there.
     root_opening : float
-        Distance of an open root's edge from the leg, in metres; NaN where the root is not open.
+        Distance of an open root's edge from the leg, in metres; NaN if the root is not open.
     evidence : SectionEvidence, optional
-        What its profile says, by itself, of what persists along the groove.
+        What its profile shows, by itself, of what persists along the groove.
     """
 
     points_s: Array

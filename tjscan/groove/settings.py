@@ -35,7 +35,7 @@ class SideModel:
         How far its cross-section ``c2 s² + c3 s³`` may be from straight: standard deviations of
         c2, in 1/m, and of c3, in 1/m². A pipe of radius R cut across has c2 = 1 / (2 R).
     expected_bend : float, optional
-        About which c2 scatters, in 1/m; None where it scatters about zero, and the side may as
+        About which c2 scatters, in 1/m; None if it scatters about zero, and the side may as
         well be straight.
     bead : bool
         Whether it is the face of a weld bead, which may bulge or sag by a good part of its width.
@@ -120,7 +120,7 @@ TEE_TWO_FACETS: Final = GrooveModel(
     (
         _WALL_SIDE,
         SideModel("upper bevel", 3e-3, 80e-3),
-        # A shorter one can't be told from a flank that light between the faces pulls in.
+        # A shorter one can't be distinguished from a flank that light between the faces pulls in.
         SideModel("lower bevel", 6e-3, 80e-3),
         _ROOT_FACE,
         _LEG_SIDE,
@@ -136,7 +136,7 @@ TEE_NO_ROOT: Final = GrooveModel(
     (_RIDGE_TURN, _VALLEY_TURN),
     _TEE_ACROSS,
 )
-"""The same where no face closes the root, or none is seen."""
+"""The same if no face closes the root, or none is seen."""
 
 TEE_GROOVE: Final = GrooveModel(
     "tee",

@@ -36,7 +36,7 @@ UNIT_POWERS: Final = UNIT_LENGTH ** np.arange(4)
 """Metres per unit of s / 20 mm, to the powers of a side's coefficients."""
 
 SUPPORT_NEIGHBOURS: Final = 4
-"""Points on either side of one that tell, with it, whether it lies on a side."""
+"""Points on either side of one that show, with it, whether it lies on a side."""
 
 _SUPPORT_WINDOW: Final = np.ones(2 * SUPPORT_NEIGHBOURS + 1)
 
@@ -130,7 +130,7 @@ class CubicCurve(NamedTuple):
 def intersect_curves(a: CubicCurve, b: CubicCurve, start: float) -> tuple[float, float] | None:
     """Intersection of two curves: values of s on `a` and on `b`, by Newton's method from `start`.
 
-    None where they do not meet near enough to say.
+    None if they do not meet near enough to the start.
     """
     ax, az, atx, atz, a0, a1, a2, a3 = a
     bx, bz, btx, btz, b0, b1, b2, b3 = b

@@ -39,14 +39,14 @@ from tjscan.groove.sides import (
 )
 
 MISLED_SHARE: Final = 0.02
-"""Share of the profiles whose flanks are none of what the model of a pull has: they say nothing."""
+"""Share of the profiles whose flanks the model of a pull does not describe: they show nothing."""
 
 
 SCALE_BLOCK: Final = 6
 """Points that are averaged."""
 
 FEWEST_BLOCKS_OF_SIDE: Final = 5
-"""Blocks of a side that say something."""
+"""Blocks of a side that show something."""
 
 SURFACE_REACH: Final = 1.0e-3
 """Points this near a side, in metres, are of its surface or of what lies on it."""

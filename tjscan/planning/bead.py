@@ -41,7 +41,7 @@ class PlannedBead:
     power : float
         Of the arc, watts.
     s : ndarray, shape (q,)
-        Length along the groove, metres; beyond the groove's own where a bead overlaps its start.
+        Length along the groove, metres; beyond the groove's own if a bead overlaps its start.
     T_r_torch : ndarray, shape (q, 4, 4)
         Tip of the wire in the frame of the sections: z into the work, x the way it travels.
     speed : ndarray, shape (q,)
@@ -59,11 +59,11 @@ class PlannedBead:
     relative_sigma : ndarray, shape (q,)
         Standard deviation of the section's area, and so of speed and fill, as a share of it.
     station : str
-        That welds it, or this part of it; empty where none is told.
+        That welds it, or this part of it; empty if no stations are named.
     open_root : bool
         Whether it is the root bead over an opening.
     part : int
-        Of the bead, from 1: where tacks or stations part it, the arc is off between two parts.
+        Of the bead, from 1: tacks or stations interrupt it, and the arc is off between two parts.
     """
 
     number: int

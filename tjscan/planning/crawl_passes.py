@@ -12,7 +12,7 @@ from tjscan.planning.plan import WeldPlan
 
 @dataclass(frozen=True, slots=True)
 class CrawlPass:
-    """What a crawler can be told of a bead, as it has one path and speed for a whole pass.
+    """A bead as a crawler can weld it: with one path and one speed for a whole pass.
 
     Parameters
     ----------
@@ -29,9 +29,9 @@ class CrawlPass:
     offset, height : float
         Of the wire's tip, to the right of the joint's centre and over the hull, metres.
     strays : float
-        How far the bead's own path lies from that, at most, metres.
+        How far the bead's own path is from that, at most, metres.
     misfills : float
-        How much more or less than the bead needs this speed lays down somewhere, at most, as a
+        Largest deviation of the area deposited at this speed from the area of the bead, as a
         share of it.
     """
 
@@ -48,7 +48,7 @@ class CrawlPass:
 
 
 def passes_of_plan(plan: WeldPlan) -> tuple[CrawlPass, ...]:
-    """Passes for a crawler, one for each bead; they lay down the same volume.
+    """Passes for a crawler, one for each bead; they deposit the same volume.
 
     Parameters
     ----------

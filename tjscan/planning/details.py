@@ -18,7 +18,7 @@ from tjscan.planning.wps import JointDetail
 
 @dataclass(frozen=True, slots=True)
 class DetailStretch:
-    """Sections that follow one another and of which the table says the same.
+    """Consecutive sections for which the table gives the same result.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def compare_with_details(
 
 
 _Out = dict[str, tuple[float, tuple[float, float]]]
-"""Value and window of each measure that lies out of it."""
+"""Value and window of each measure outside its window."""
 
 
 def _beside(
@@ -125,7 +125,7 @@ def _text(name: str, out: Sequence[tuple[float, tuple[float, float]]]) -> str:
 
 
 def _measures(edges: GrooveEdges) -> list[dict[str, float]]:
-    """Measures of each section square to the groove; the opening only where the root is open."""
+    """Measures of each section square to the groove; the opening only if the root is open."""
     p3, p4, g, p2 = np.moveaxis(stations_at(edges, edges.sections).corners, 1, 0)
     bevel, leg, line = p2 - p3, g - p4, g - p2
     turn = np.abs(leg[:, 0] * bevel[:, 1] - leg[:, 1] * bevel[:, 0])

@@ -44,7 +44,7 @@ class ZoneEntry(StrictFileModel):
 
 
 class BeadEntry(StrictFileModel):
-    """A bead, or a station's part of it; its points stand in ``beads.csv``."""
+    """A bead, or a station's part of it; its points are in ``beads.csv``."""
 
     number: int
     part: Annotated[int, Field(description="of the bead, from 1; the arc is off between two parts")]
@@ -53,9 +53,9 @@ class BeadEntry(StrictFileModel):
     place: Annotated[int, Field(description="in its layer, from the bevel")]
     kind: str
     station: Annotated[
-        str, Field(description="that welds it, or its part of it; empty where none is told")
+        str, Field(description="that welds it, or its part of it; empty if no stations are named")
     ]
-    begin_mm: Annotated[float, Field(description="length along the groove where it starts")]
+    begin_mm: Annotated[float, Field(description="length along the groove at its start")]
     end_mm: float
     length_mm: Annotated[float, Field(description="of the tip's path")]
     feed_m_min: float
@@ -75,9 +75,9 @@ class RootEntry(StrictFileModel):
     """What is at the root, as the sections show it."""
 
     opening_mm: Annotated[
-        Range | None, Field(description="of an open root; null where it is closed all along")
+        Range | None, Field(description="of an open root; null if it is closed all along")
     ]
-    backing: Annotated[bool, Field(description="as the WPS says")]
+    backing: Annotated[bool, Field(description="as the WPS states")]
     tacks: Literal["fuse", "skip"]
     tack_spans_mm: Annotated[
         tuple[Range, ...],
@@ -105,7 +105,7 @@ class LengthEntry(StrictFileModel):
 
     begin_mm: float
     end_mm: float
-    reason: Annotated[str, Field(description="what mostly stands in the way")]
+    reason: Annotated[str, Field(description="the most frequent obstacle")]
 
 
 class StationEntry(StrictFileModel):
@@ -116,11 +116,11 @@ class StationEntry(StrictFileModel):
         Range | None,
         Field(
             description="the longest length along which the torch can be led; beyond the groove's "
-            "length where it closes and that passes its start; null where nothing is reached"
+            "length if it closes and the length passes its start; null if nothing is reached"
         ),
     ]
     unreached: Annotated[tuple[LengthEntry, ...], Field(strict=False)]
-    program: Annotated[str, Field(description="file; empty where there is none")]
+    program: Annotated[str, Field(description="file; empty if there is none")]
     without_program: Annotated[str, Field(description="why there is none")]
 
 

@@ -14,13 +14,13 @@ from tjscan.groove.measured import MeasuredSection
 from tjscan.planning.root import RootAlongGroove, closed_root, root_of_sections
 from tjscan.planning.smoothing import SmoothCurve, fit_smooth_curve
 
-FEWEST: Final = 4
+FEWEST_SECTIONS: Final = 4
 """Sections that a cubic needs."""
 
 LEAST_SIGMA: Final = 1e-6
 """Metres: no corner counts as known better."""
 
-CORNERS: Final = ("p3", "p4", "g", "p2")
+CORNER_NAMES: Final = ("p3", "p4", "g", "p2")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,11 +30,11 @@ class GrooveEdges:
     Parameters
     ----------
     length : float
-        Of the chain, back to its start where the groove closes; metres.
+        Of the chain, back to its start if the groove closes; metres.
     closed : bool
         Whether the groove closes.
     sections : ndarray, shape (k,)
-        Where the measured sections stand, metres.
+        Lengths of the measured sections, metres.
     correlation : ndarray, shape (k,)
         Standard deviation of each section's area as a share of what it would be if its corners
         erred independently.
@@ -63,14 +63,14 @@ class GrooveEdges:
 
     def corners(self, s: Array) -> Array:
         """p3, p4, g and p2 at lengths (m,), shape (m, 4, 3), metres."""
-        return self._together.values(s).reshape(-1, len(CORNERS), 3)
+        return self._together.values(s).reshape(-1, len(CORNER_NAMES), 3)
 
     def derivatives(self, s: Array) -> Array:
         """Their derivatives by s, shape (m, 4, 3)."""
-        return self._together.derivatives(s).reshape(-1, len(CORNERS), 3)
+        return self._together.derivatives(s).reshape(-1, len(CORNER_NAMES), 3)
 
     def root_opening(self, s: Array) -> Array:
-        """Distance of p3 and p4 where the root is open, 0 where it is closed, shape (m,)."""
+        """Distance of p3 and p4, times the openness of the root, shape (m,), metres."""
         corners = self.corners(s)
         gaps = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
         return np.asarray(gaps * self.root.openness_at(s))
@@ -105,10 +105,10 @@ def fit_groove_edges(
     Raises
     ------
     ConfigurationError
-        If there are too few, they stand out of order, or one is missing.
+        If there are too few, they are out of order, or one is missing.
     """
-    if len(sections) < FEWEST:
-        raise ConfigurationError(f"{FEWEST} sections or more are needed", key="sections")
+    if len(sections) < FEWEST_SECTIONS:
+        raise ConfigurationError(f"{FEWEST_SECTIONS} sections or more are needed", key="sections")
     points = np.array([s.points for s in sections])
     corners = np.stack(
         (points[:, 2], points[:, 3], np.array([s.T_r_g[:3, 3] for s in sections]), points[:, 1]),
@@ -141,7 +141,7 @@ def fit_edges_to_corners(
     Raises
     ------
     ConfigurationError
-        If the sections stand out of order or one is missing.
+        If the sections are out of order or one is missing.
     """
     steps = np.diff(corners[:, 0], axis=0)
     lengths = np.linalg.norm(steps, axis=1)
@@ -149,22 +149,22 @@ def fit_edges_to_corners(
     if lengths.min() <= 0 or back.any():
         i = int(np.argmax(back)) + 1 if back.any() else int(np.argmin(lengths))
         raise ConfigurationError(
-            f"section number {i + 1} of the table and the one after it stand out of order: the "
+            f"section number {i + 1} of the table and the one after it are out of order: the "
             "groove would run back there",
             key="sections",
         )
     gap = float(np.linalg.norm(corners[-1, 0] - corners[0, 0]))
-    closed = len(corners) > FEWEST and gap <= 2 * float(np.median(lengths))
+    closed = len(corners) > FEWEST_SECTIONS and gap <= 2 * float(np.median(lengths))
     if (lengths > longest_step).any():
         i = int(np.argmax(lengths))
         raise ConfigurationError(
-            f"sections number {i + 1} and {i + 2} of the table stand {1e3 * lengths[i]:.0f} mm "
+            f"sections number {i + 1} and {i + 2} of the table are {1e3 * lengths[i]:.0f} mm "
             "apart: one is missing between them, or the key is too small",
             key="sequence.longest_step_mm",
         )
     s = np.concatenate(([0.0], lengths.cumsum()))
     length = float(s[-1]) + (gap if closed else 0.0)
-    # The noise of a corner lies in two directions, its sigma is that of both together.
+    # The noise of a corner has two directions; its sigma holds both together.
     spread = np.maximum(sigmas, LEAST_SIGMA) / np.sqrt(2)
     curves = tuple(
         fit_smooth_curve(s, corners[:, j], spread[:, j], length, closed=closed) for j in range(4)
@@ -184,7 +184,7 @@ def _areas(corners: Array) -> Array:
 def _area_sigma_of_corners(corners: Array, spread: Array) -> Array:
     """Standard deviation of areas whose corners err independently, by `spread` in each direction.
 
-    A corner moves the area by half the diagonal that it does not stand on.
+    A corner moves the area by half the diagonal between its two neighbours.
     """
     diagonals = np.linalg.norm(corners[:, 2:] - corners[:, :2], axis=2)
     levers = 0.5 * diagonals[:, [1, 0, 1, 0]]
@@ -194,7 +194,7 @@ def _area_sigma_of_corners(corners: Array, spread: Array) -> Array:
 def _sigmas(sections: Sequence[MeasuredSection]) -> Array:
     """Standard deviations of p3, p4, g and p2 by what is each section's own, shape (k, 4).
 
-    That of g is not measured: it is at least that of p2 and p4 together, and at least what the
+    The sigma of g is not measured: it is at least p2's and p4's together, and at least what the
     area's standard deviation allows for, since g moves the area by half its distance from p2 to p4.
     """
     p2, p3, p4 = np.array([section.own_corner_sigmas for section in sections]).T

@@ -1,4 +1,4 @@
-"""What of a planned bead is out of the WPS, and where."""
+"""Findings: what of a planned bead is out of the WPS, and where along the groove."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.stops import NO_LENGTH, StopPlacement
 from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN, WeldingProcedure
 
-ROUNDING: Final = 1e-9
+LIMIT_TOLERANCE: Final = 1e-9
 """Share of a limit by which a number may pass it: they are computed, not measured."""
 
 
@@ -31,11 +31,11 @@ class WpsFinding:
     bead : int
         Number of the bead.
     begin, end : float
-        First and last length along the groove where it is so, metres.
+        First and last length along the groove that are out, metres.
     share : float
         Of the bead's points.
     text : str
-        What was planned, and what the WPS says.
+        What was planned, and what the WPS allows.
     """
 
     key: str
@@ -64,7 +64,7 @@ def findings_of_bead(bead: PlannedBead, wps: WeldingProcedure) -> Iterator[WpsFi
         (f"bead.{bead.kind}_area", MM2, bead.area, getattr(wps.bead, f"{bead.kind}_area")),
     )
     for name, unit, values, (low, high) in checks:
-        out = (values < low * (1 - ROUNDING)) | (values > high * (1 + ROUNDING))
+        out = (values < low * (1 - LIMIT_TOLERANCE)) | (values > high * (1 + LIMIT_TOLERANCE))
         if out.any():
             low, high, least, most = (
                 x / unit.factor for x in (low, high, values.min(), values.max())
@@ -75,7 +75,7 @@ def findings_of_bead(bead: PlannedBead, wps: WeldingProcedure) -> Iterator[WpsFi
                 out,
                 f"{least:.4g} to {most:.4g}, allowed {low:g} to {high:g}",
             )
-    out = bead.width > wps.bead.weave_limit * (1 + ROUNDING)
+    out = bead.width > wps.bead.weave_limit * (1 + LIMIT_TOLERANCE)
     if out.any():
         widest, limit = 1e3 * bead.width.max(), 1e3 * wps.bead.weave_limit
         yield _finding(bead, "bead.weave_limit_mm", out, f"{widest:.1f} wide, allowed {limit:g}")
@@ -105,7 +105,7 @@ def findings_of_stops(
     spread, apart = wps.sequence.start_spread, 1e3 * wps.sequence.start_spread
     seen: dict[tuple[int, str, int, int], list[float]] = {}
     for bead in beads:
-        if bead.length < wps.sequence.shortest_bead * (1 - ROUNDING):
+        if bead.length < wps.sequence.shortest_bead * (1 - LIMIT_TOLERANCE):
             text = f"{1e3 * bead.length:.0f}, allowed {1e3 * wps.sequence.shortest_bead:g} or more"
             whole = np.ones(len(bead.s), dtype=bool)
             yield _finding(bead, "sequence.shortest_bead_mm", whole, text)

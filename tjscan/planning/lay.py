@@ -1,4 +1,4 @@
-"""Lay the beads of a layer along the groove."""
+"""The beads of a layer along the groove: path, torch, speed and heat."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.path import (
     CHORD_ERROR,
-    KINK,
-    LONGEST,
+    LARGEST_KINK,
+    LONGEST_STEP,
     GrooveStations,
     aim_points,
     bead_lines,
@@ -35,10 +35,10 @@ from tjscan.planning.torch import (
 )
 from tjscan.planning.wps import WeldingProcedure
 
-FINER: Final = 0.8
-"""What a step that is too long is multiplied by."""
+STEP_SHRINKAGE: Final = 0.8
+"""Factor by which a step that is too long is reduced."""
 
-SHORTEST: Final = 0.2e-3
+SHORTEST_STEP: Final = 0.2e-3
 """Metres: no groove bends so sharply that beads need a shorter step."""
 
 
@@ -72,20 +72,21 @@ def sampling_step(
     ConfigurationError
         If the beads bend too sharply for any.
     """
-    step = LONGEST
-    while step >= SHORTEST:
+    step = LONGEST_STEP
+    while step >= SHORTEST_STEP:
         count = ceil((end - begin) / step)
         stations, cells = cut_groove(
             edges, np.linspace(begin, end, 2 * count + 1), arrangement, wps
         )
         points = stations.to_space(aim_points(cells))
         error, kink = chord_error_and_kink(points[::2], points[1::2])
-        if error <= CHORD_ERROR and kink <= KINK:
+        if error <= CHORD_ERROR and kink <= LARGEST_KINK:
             return step
-        step *= FINER
+        step *= STEP_SHRINKAGE
     raise ConfigurationError(
         f"between s = {1e3 * begin:.0f} and {1e3 * end:.0f} mm the beads would bend by more than "
-        f"{np.degrees(KINK):g}° within {1e3 * SHORTEST:g} mm: corners of the sections jump there",
+        f"{np.degrees(LARGEST_KINK):g}° within {1e3 * SHORTEST_STEP:g} mm: corners of the sections "
+        "jump there",
         key="sections",
     )
 

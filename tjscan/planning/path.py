@@ -15,10 +15,10 @@ from tjscan.planning.template import BeadCells, SectionTemplate
 CHORD_ERROR: Final = 0.1e-3
 """Metres between a bead's line and the chord of two stations, at most."""
 
-KINK: Final = np.radians(2.0)
+LARGEST_KINK: Final = np.radians(2.0)
 """Angle between two chords that follow one another, at most."""
 
-LONGEST: Final = 10e-3
+LONGEST_STEP: Final = 10e-3
 """Metres between two stations, at most."""
 
 

@@ -17,7 +17,7 @@ from tjscan.planning.plan import WeldPlan
 from tjscan.planning.torch import laying_order
 from tjscan.planning.wps import KJ_MM, MM_MIN
 
-DRAWN: Final = (0.1, 0.5, 0.9)
+DRAWN_SHARES: Final = (0.1, 0.5, 0.9)
 """Where along the groove sections are drawn, as shares of its length."""
 
 KIND_COLOURS: Final = {"root": "#d62728", "fill": "#2f7ed8", "cap": "#2ca02c"}
@@ -28,7 +28,7 @@ def draw_plan(plan: WeldPlan) -> Figure:
     figure = Figure(figsize=(14, 8), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 6)
-    for k, share in enumerate(DRAWN):
+    for k, share in enumerate(DRAWN_SHARES):
         _draw_section(figure.add_subplot(grid[0, 2 * k : 2 * k + 2]), plan, share)
     for k, (name, unit, symbol, window) in enumerate(
         (

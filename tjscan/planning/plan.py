@@ -18,7 +18,7 @@ from tjscan.planning.findings import (
     findings_of_stops,
 )
 from tjscan.planning.lay import lay_layer, sampling_step
-from tjscan.planning.path import LONGEST, stations_at, template_at
+from tjscan.planning.path import LONGEST_STEP, stations_at, template_at
 from tjscan.planning.root import (
     RootKind,
     check_passes_are_there,
@@ -27,7 +27,7 @@ from tjscan.planning.root import (
 )
 from tjscan.planning.stops import StationStretch, StopPlacement
 from tjscan.planning.topology import Arrangement, arrange_beads
-from tjscan.planning.wire_feed import DoesNotFit
+from tjscan.planning.wire_feed import NoArrangementFits
 from tjscan.planning.wps import WeldingProcedure
 
 
@@ -61,9 +61,9 @@ class WeldPlan:
     gravity : ndarray, shape (3,)
         Unit vector downwards in the frame of the sections.
     zones : tuple of PlannedZone
-        One, where one number of beads fits everywhere.
+        One if one number of beads fits everywhere.
     beads : tuple of PlannedBead
-        In the order of welding; a bead that stations share, or that tacks part, stands there in
+        In the order of welding; a bead that stations share, or that tacks interrupt, is listed in
         parts of one number.
     findings : tuple of WpsFinding
         What is out of the WPS, and where.
@@ -180,14 +180,14 @@ def plan_weld(
 
 
 def _zones(edges: GrooveEdges, wps: WeldingProcedure, after_pass: int) -> tuple[PlannedZone, ...]:
-    """One zone where one arrangement fits all of the groove; else the longest that fit, in turn.
+    """One zone if one arrangement fits all of the groove; else the longest that fit, in turn.
 
     Of a groove that closes, from the place on at which the zone about its smallest section ends:
     begun anywhere else, one zone would be cut in two.
     """
     zones = _zones_from(0.0, edges, wps, after_pass)
     if edges.closed and len(zones) > 1:
-        s = np.linspace(0.0, edges.length, ceil(edges.length / LONGEST) + 1)
+        s = np.linspace(0.0, edges.length, ceil(edges.length / LONGEST_STEP) + 1)
         smallest = float(s[np.argmin(template_at(stations_at(edges, s), 0.0).area)])
         around = _zones_from(smallest, edges, wps, after_pass)[0].end % edges.length
         zones = _zones_from(around, edges, wps, after_pass)
@@ -197,7 +197,7 @@ def _zones(edges: GrooveEdges, wps: WeldingProcedure, after_pass: int) -> tuple[
 def _zones_from(
     begin: float, edges: GrooveEdges, wps: WeldingProcedure, after_pass: int
 ) -> tuple[PlannedZone, ...]:
-    end = ceil(edges.length / LONGEST)
+    end = ceil(edges.length / LONGEST_STEP)
     over = ceil(wps.sequence.overlap / edges.length * end)
     count = end + 1 + over * edges.closed
     s: Array = begin + edges.length / end * np.arange(count, dtype=np.float64)
@@ -225,10 +225,12 @@ def _zones_from(
         while fails - fits > 1 or arrangement is None:
             try:
                 arrangement, fits = fit(first, last), last
-            except DoesNotFit as problem:
+            except NoArrangementFits as problem:
                 if last - first <= 1:
                     where = f"at s = {1e3 * s[first]:.0f} mm"
-                    raise problem.as_error(where) from None
+                    raise ConfigurationError(
+                        f"{where}: {problem.message}", key=problem.key
+                    ) from None
                 fails = last
             last = max(first + 1, (fits + fails) // 2)
         found.append(PlannedZone(float(s[first]), float(s[fits]), arrangement))

@@ -22,7 +22,7 @@ RootKind = Literal["closed", "open", "welded"]
 
 Span = tuple[float, float]
 
-UNKNOWN: Final = (TACK_WELD, ROOT_NOT_SEEN)
+HIDDEN_ROOT_CONDITIONS: Final = (TACK_WELD, ROOT_NOT_SEEN)
 """Conditions of a section that does not show whether its root is open."""
 
 
@@ -33,12 +33,12 @@ class RootAlongGroove:
     Parameters
     ----------
     s : ndarray, shape (k,)
-        Where they are, metres.
+        Lengths along the groove, metres.
     openness : ndarray, shape (k,)
-        1 where it is open, 0 where it is closed, between where neighbours of a section that does
-        not show it differ.
+        1 for open and 0 for closed; between both if a section does not show it and its neighbours
+        differ.
     tacked : ndarray of bool, shape (k,)
-        Where a tack weld lies over it.
+        Whether a tack weld covers it.
     length : float
         Of the groove, metres.
     closed : bool
@@ -83,21 +83,23 @@ def closed_root(s: Array, length: float, *, closed: bool) -> RootAlongGroove:
 def root_of_sections(
     sections: Sequence[MeasuredSection], s: Array, length: float, *, closed: bool
 ) -> RootAlongGroove:
-    """What sections say of the root; where one does not show it, the sections beside it do.
+    """The root as sections show it; for one that does not, the sections beside it count.
 
     Parameters
     ----------
     sections : sequence of MeasuredSection
         In their order along the groove.
     s : ndarray, shape (k,)
-        Where they stand, metres.
+        Their lengths along the groove, metres.
     length : float
         Of the groove, metres.
     closed : bool
         Whether it closes.
     """
     tacked = np.array([TACK_WELD in section.conditions for section in sections])
-    shown = np.array([not set(UNKNOWN) & set(section.conditions) for section in sections])
+    shown = np.array(
+        [not set(HIDDEN_ROOT_CONDITIONS) & set(section.conditions) for section in sections]
+    )
     openness = np.array([float(OPEN_ROOT in section.conditions) for section in sections])
     if shown.any():
         period = length if closed else None
@@ -123,7 +125,7 @@ def check_passes_are_there(root: RootAlongGroove, after_pass: int) -> None:
 
 
 def spans_to_skip(root: RootAlongGroove, span: Span, wps: WeldingProcedure) -> tuple[Span, ...]:
-    """Parts of a bead's way over which it is not laid, since tacks lie there; metres.
+    """Parts of a bead's path over which it is not laid because of tacks; metres.
 
     It ends `overlap` on each tack, and goes on as much before its end.
 
@@ -132,7 +134,7 @@ def spans_to_skip(root: RootAlongGroove, span: Span, wps: WeldingProcedure) -> t
     root : RootAlongGroove
         Where tacks are.
     span : tuple of float
-        From where to where the bead goes along the groove; beyond its length where it closes.
+        Begin and end of the bead along the groove; beyond its length if it closes.
     wps : WeldingProcedure
         Whether tacks are skipped.
     """

@@ -2,10 +2,10 @@
 
 A smoothing spline of degree 2m - 1 is what is to be expected of a curve whose m-th derivative is
 white noise, given its noisy values (Wahba 1978, J. R. Stat. Soc. B 40, 364); the strength of that
-noise is the one that makes the values most likely (restricted likelihood). The same model says how
-sure the curve is, at the values and between them. Over the length of a curve these standard
-deviations hold on average even where the curve is a fixed one (Nychka 1988, J. Am. Stat. Assoc. 83,
-1134).
+noise is the one that makes the values most likely (restricted likelihood). The same model gives
+the standard deviation of the curve, at the values and between them. Over the length of a curve
+these standard deviations hold on average even if the curve is a fixed one (Nychka 1988, J. Am.
+Stat. Assoc. 83, 1134).
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from scipy.optimize import minimize_scalar
 
 from tjscan.core.frames import Array
 
-ORDER: Final = 4
-"""m: where tubes meet, edges have all derivatives."""
+SMOOTHNESS_ORDER: Final = 4
+"""m: the edges of tubes that meet have all derivatives."""
 
-STRENGTHS: Final = np.arange(-10.0, 61.0)
-"""Natural logarithms of strengths that are tried, from where none would be seen."""
+LOG_STRENGTHS: Final = np.arange(-10.0, 61.0)
+"""Natural logarithms of the strengths that are tried, from one too small to be seen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +38,7 @@ class SmoothCurve:
     nodes : ndarray, shape (n,)
         Where its values were known, as shares of the length.
     length : float
-        Its length, its period where it closes.
+        Its length, its period if it closes.
     closed : bool
         Whether it closes.
     order : int
@@ -102,12 +102,12 @@ def fit_smooth_curve(
     sigma : ndarray, shape (n,)
         Standard deviation of each component; above zero.
     length : float
-        Of all of it; the period where it closes.
+        Of all of it; the period if it closes.
     closed : bool
         Whether it closes.
     """
     x, count = s / length, len(s)
-    order = min(ORDER, count - 1)
+    order = min(SMOOTHNESS_ORDER, count - 1)
     trend = powers(x, 1 if closed else order)
     kernel = smoothness_kernel(x[:, None] - x, order, closed=closed)
     noise = np.diag(sigma**2)
@@ -140,7 +140,7 @@ def _likeliest_strength(seen: Array, energy: Array, components: int) -> float:
         variance = 1 + np.exp(log_strength) * seen
         return float(np.sum(components * np.log(variance) + energy / variance))
 
-    tried = STRENGTHS - np.log(seen.max())
+    tried = LOG_STRENGTHS - np.log(seen.max())
     best = int(np.argmin([cost(one) for one in tried]))
     around = tried[max(best - 1, 0)], tried[min(best + 1, len(tried) - 1)]
     return float(np.exp(minimize_scalar(cost, bounds=around, method="bounded").x))

@@ -1,4 +1,4 @@
-"""Where beads start and stop: spread from layer to layer, and parted among stations."""
+"""Where beads start and stop: spread from layer to layer, and divided among stations."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import numpy as np
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, transform_points
 from tjscan.planning.edges import GrooveEdges
-from tjscan.planning.path import LONGEST
+from tjscan.planning.path import LONGEST_STEP
 from tjscan.planning.wps import SequenceSettings
 
 NO_STATION: Final = ""
-"""Station of a length that none reaches, and of all where no stations are told apart."""
+"""Name of the station of a length that none reaches, and of all if no stations are named."""
 
 NO_LENGTH: Final = 1e-6
 """Metres: a shorter span is none."""
 
 Span = tuple[float, float]
-"""From where to where along the groove, metres; where it closes, any number of turns on."""
+"""Begin and end along the groove, metres; if it closes, any number of turns on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class StationStretch:
     station : str
         Its name.
     begin, end : float
-        Metres along the groove; beyond its length where it closes and the stretch passes its start.
+        Metres along the groove; beyond its length if it closes and the stretch passes its start.
     """
 
     station: str
@@ -44,7 +44,7 @@ class StationStretch:
 
 @dataclass(frozen=True, slots=True)
 class BeadSpan:
-    """From where to where a station lays the beads of a layer.
+    """Begin and end of the beads of a layer at a station.
 
     Parameters
     ----------
@@ -67,9 +67,9 @@ def crowns_and_saddles(edges: GrooveEdges, T_j_r: Array) -> Array:
     edges : GrooveEdges
         The groove, in frame r.
     T_j_r : ndarray, shape (4, 4)
-        Frame r in frame j, whose z is the brace's axis and whose x lies in the plane of both.
+        Frame r in frame j, whose z is the brace's axis and whose x is in the plane of both.
     """
-    s = np.linspace(0.0, edges.length, ceil(edges.length / LONGEST) + 1)
+    s = np.linspace(0.0, edges.length, ceil(edges.length / LONGEST_STEP) + 1)
     x, y, _ = transform_points(T_j_r, edges.corners(s)[:, 0]).T
     azimuth = np.unwrap(np.arctan2(y, x))
     if azimuth[-1] < azimuth[0]:
@@ -93,12 +93,12 @@ class StopPlacement:
     closed : bool
         Whether it closes.
     sequence : SequenceSettings
-        What the WPS says of starts and stops.
+        The WPS's table of starts and stops.
     landmarks : ndarray, shape (k,)
         Crowns and saddles, metres along the groove; none where they are not known.
     stretches : tuple of StationStretch
         What stations reach, in the order in which these weld: one has laid all of its beads before
-        the next begins. None where there is but one place to weld from.
+        the next begins. Empty if there is only one place to weld from.
     """
 
     length: float
@@ -148,7 +148,7 @@ class StopPlacement:
         return found
 
     def is_open_end(self, s: float) -> bool:
-        """Whether an end of a groove that does not close is at s, where no stop can be moved.
+        """Whether an end of a groove that does not close is at s: a stop there can't be moved.
 
         Of a cascade it is the lowest layer's alone.
         """
@@ -174,7 +174,7 @@ class StopPlacement:
         return begin, float(seams[i]) if goes_on else self.length - back, goes_on
 
     def _in_zone(self, zone: Span, begin: float, end: float) -> list[Span]:
-        """Parts of a span in a zone, which comes again with every turn where the groove closes."""
+        """Parts of a span in a zone, which recurs with every turn if the groove closes."""
         turns = range(-1, 3) if self.closed else range(1)
         parts = [
             (max(begin, zone[0] + k * self.length), min(end, zone[1] + k * self.length))
@@ -202,8 +202,8 @@ class StopPlacement:
     def _stops(self, window: Span, layers: int, *, falls: bool) -> Array:
         """Places of the stops of each layer in a window, each further on than the one below.
 
-        Spread and kept from the landmarks; where there is no room for that, spread alone; where
-        there is none for that either, evenly over the window.
+        Spread and kept from the landmarks; without room for that, spread alone; without room for
+        that either, evenly over the window.
         """
         sign = -1.0 if falls else 1.0
         begin, end = (window[1], window[0]) if falls else window
@@ -230,7 +230,7 @@ class StopPlacement:
     def _links(self, begin: float) -> tuple[StationStretch, ...]:
         """Stretches that follow one another over the whole groove from its first zone on.
 
-        Gaps are nobody's.
+        Gaps belong to no station.
 
         Of a groove that closes, from the stretch on that leaves the shortest gaps, with the fewest
         stations.

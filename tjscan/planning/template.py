@@ -16,8 +16,8 @@ import numpy as np
 
 from tjscan.core.frames import Array, readonly_copy
 
-HALVINGS: Final = 60
-"""Of the interval in which a line of the last layer lies: more change no bit of it."""
+BISECTION_STEPS: Final = 60
+"""For a line of the last layer: more steps change no bit of it."""
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -115,7 +115,7 @@ class SectionTemplate:
             If they do not, or the last layer would be all reinforcement.
         """
         if not np.allclose(areas.sum(axis=1), self.area, rtol=1e-9):
-            raise ValueError("the areas of the beads do not sum up to that of the groove")
+            raise ValueError("the areas of the beads do not sum up to the area of the groove")
         ends, m = np.cumsum(counts), len(areas)
         w = self.layer_lines(areas.cumsum(axis=1)[:, ends[:-1] - 1])
         cells = []
@@ -142,7 +142,7 @@ class SectionTemplate:
         Raises
         ------
         ValueError
-            If the first or the last layer would lie outside the groove.
+            If the first or the last layer would be outside the groove.
         """
         below = below - self.root_area[:, None]
         if np.any(below >= self.groove_area[:, None]):
@@ -170,11 +170,11 @@ class SectionTemplate:
         return np.asarray(area)
 
     def _inner_lines(self, w0: Array, w1: Array, inside: Array, *, capped: bool) -> Array:
-        """Where the lines u = const stand that leave given areas towards the bevel."""
+        """U of the lines that leave given areas towards the bevel."""
         if capped and self.cap_height > 0:
             # A cubic that grows: halving finds its one root between 0 and 1.
             low, high = np.zeros_like(inside), np.ones_like(inside)
-            for _ in range(HALVINGS):
+            for _ in range(BISECTION_STEPS):
                 u = 0.5 * (low + high)
                 short = self.area_beside(w0, w1, u, capped=True) < inside
                 low, high = np.where(short, u, low), np.where(short, high, u)
@@ -208,14 +208,14 @@ class BeadCells:
 
     @property
     def areas(self) -> Array:
-        """Area of each bead from where its lines stand, shape (m, n), m²."""
+        """Area of each bead between its lines, shape (m, n), m²."""
         last = len(self.counts) - 1
         parts = [
             np.diff(self.template.area_beside(*self._layer(k), u, capped=k == last), axis=1)
             for k, u in enumerate(self.u)
         ]
         found = np.concatenate(parts, axis=1)
-        found[:, 0] += self.template.root_area  # only where the first layer is one bead
+        found[:, 0] += self.template.root_area  # the first layer is one bead then
         return found
 
     @property

@@ -17,18 +17,18 @@ from tjscan.core.frames import Array
 from tjscan.planning.path import GrooveStations, bead_lines
 from tjscan.planning.root import RootKind
 from tjscan.planning.template import SectionTemplate
-from tjscan.planning.wire_feed import DoesNotFit, choose_wire_feed
+from tjscan.planning.wire_feed import NoArrangementFits, choose_wire_feed
 from tjscan.planning.wps import WeldingProcedure
 
 MOST_BEADS: Final = 400
 """More in one section are no weld of a tubular joint."""
 
-ROUNDING: Final = 1e-9
+LIMIT_TOLERANCE: Final = 1e-9
 """Share of a limit by which a number may pass it: all are computed, none is measured."""
 
-KINDS: Final = ("root", "fill", "cap")
+KIND_NAMES: Final = ("root", "fill", "cap")
 
-BETWEEN: Final = 2e-3
+BETWEEN_STATIONS: Final = 2e-3
 """Share by which a bead's area may pass, between two stations, what it is at the stations."""
 
 Window = tuple[float, float]
@@ -117,7 +117,7 @@ def arrange_beads(
     template : SectionTemplate
         Sections square to the groove.
     stations : GrooveStations
-        Where these stand.
+        The same sections in space.
     wps : WeldingProcedure
         The windows.
     root : str
@@ -125,7 +125,7 @@ def arrange_beads(
 
     Raises
     ------
-    DoesNotFit
+    NoArrangementFits
         If no number of beads fits.
     """
     area = template.area
@@ -136,15 +136,15 @@ def arrange_beads(
     first = max(1 if root == "welded" else 3, ceil(largest / high - 1e-9))
     last = min(MOST_BEADS, floor(smallest / low + 1e-9))
     if first > last:
-        raise DoesNotFit(
-            "bead.fill_area_mm2",
+        raise NoArrangementFits(
             f"no number of beads fits: {1e6 * smallest:.1f} to {1e6 * largest:.1f} mm² of groove "
             f"take {first} beads of {1e6 * high:g} mm² or more, and at most {last} of "
             f"{1e6 * low:g} mm²",
+            key="bead.fill_area_mm2",
         )
     layers, widths = _layers(template, wps, root), _widths(template)
     found: list[tuple[tuple[bool, float, int, int], Arrangement]] = []
-    problems: list[DoesNotFit] = []
+    problems: list[NoArrangementFits] = []
     ways = {n: _layer_counts(n, layers, widths, root) for n in range(first, last + 1)}
     some = next((counts for group in ways.values() for counts in group), None)
     laid_shares = {} if some is None else _laid_shares(template, stations, some, root)
@@ -154,7 +154,7 @@ def arrange_beads(
         for counts in group:
             try:
                 one = _arrange(template, stations, wps, counts, root, laid_shares)
-            except DoesNotFit as problem:
+            except NoArrangementFits as problem:
                 problems.append(problem)
                 continue
             heat = all(kind.heat_fits for kind in one.kinds)
@@ -166,15 +166,17 @@ def arrange_beads(
         return min(found, key=lambda item: item[0])[1]
     if problems:
         # The one that came nearest to a plan: what is checked last.
-        raise max(problems, key=lambda p: _CHECKED.index(p.key.split(".")[1].split("_area")[0]))
+        raise max(
+            problems, key=lambda p: _CHECK_ORDER.index(str(p.key).split(".")[1].split("_area")[0])
+        )
     height = 1e3 * wps.bead.layer_height[0], 1e3 * wps.bead.layer_height[1]
-    raise DoesNotFit(
-        "bead.layer_height_mm",
+    raise NoArrangementFits(
         f"no number of layers has heights of {height[0]:g} to {height[1]:g} mm",
+        key="bead.layer_height_mm",
     )
 
 
-_CHECKED: Final = (
+_CHECK_ORDER: Final = (
     "cap_height_mm",
     "root",
     "cap",
@@ -199,7 +201,7 @@ def _highest_feeds(arrangement: Arrangement, wps: WeldingProcedure) -> Array:
 def _layer_counts(
     n: int, layers: range, widths: tuple[float, float], root: RootKind
 ) -> list[tuple[int, ...]]:
-    """Ways to lay n beads in layers: the root bead, then by the layers' width at even heights."""
+    """Counts of n beads in layers: the root bead, then by the layers' width at even heights."""
     bottom, top = widths
     roots = (1,) if root != "welded" else ()
     rest, found = n - len(roots), []
@@ -220,8 +222,10 @@ def _layers(template: SectionTemplate, wps: WeldingProcedure, root: RootKind) ->
     whole = template.layer_lines(np.empty((len(template.corners), 0)))
     depth = template.layer_heights(whole)
     lowest, highest = wps.bead.layer_height
-    fewest = max(1 if root == "welded" else 2, ceil(float(depth.max()) / highest * (1 - ROUNDING)))
-    return range(fewest, floor(float(depth.min()) / lowest * (1 + ROUNDING)) + 1)
+    fewest = max(
+        1 if root == "welded" else 2, ceil(float(depth.max()) / highest * (1 - LIMIT_TOLERANCE))
+    )
+    return range(fewest, floor(float(depth.min()) / lowest * (1 + LIMIT_TOLERANCE)) + 1)
 
 
 def _widths(template: SectionTemplate) -> tuple[float, float]:
@@ -233,18 +237,18 @@ def _widths(template: SectionTemplate) -> tuple[float, float]:
 def _laid_shares(
     template: SectionTemplate, stations: GrooveStations, counts: tuple[int, ...], root: RootKind
 ) -> dict[str, Window]:
-    """Least and most that beads of each kind lay down a metre of the tip's way, over their area.
+    """Least and largest ratio of deposited area, a metre of the tip's path, to each kind's area.
 
-    Taken of beads of equal areas: where in the section a bead lies decides it.
+    Computed for beads of equal areas: the place of a bead in the section decides it.
     """
     names = np.array(bead_kinds(counts, root))
     equal = np.repeat(template.area[:, None] / len(names), len(names), axis=1)
     try:
         cells = template.cut_into_beads(counts, equal)
     except ValueError:
-        return dict.fromkeys(KINDS, (1.0, 1.0))
+        return dict.fromkeys(KIND_NAMES, (1.0, 1.0))
     shares = bead_lines(stations, cells).areas / equal
-    found = {name: shares[:, names == name] for name in KINDS}
+    found = {name: shares[:, names == name] for name in KIND_NAMES}
     return {
         name: (float(x.min()), float(x.max())) if x.size else (1.0, 1.0)
         for name, x in found.items()
@@ -254,7 +258,7 @@ def _laid_shares(
 def _check_root_layer(template: SectionTemplate, wps: WeldingProcedure, laid: Window) -> None:
     """Refuse a root that one bead can't span: the template lays one across all of it."""
     low, high = wps.bead.layer_height
-    # The largest bead there may be, where it is laid thinnest, and the smallest where thickest.
+    # The largest bead allowed at its thinnest, and the smallest at its thickest.
     for area, share, too in (
         (wps.bead.root_area[1], laid[0], "wide"),
         (wps.bead.root_area[0], laid[1], "narrow"),
@@ -266,11 +270,11 @@ def _check_root_layer(template: SectionTemplate, wps: WeldingProcedure, laid: Wi
         height = float(heights[worst])
         if (too == "wide" and height < low) or (too == "narrow" and height > high):
             width = float(np.linalg.norm(template.corners[worst, 1] - template.corners[worst, 0]))
-            raise DoesNotFit(
-                "bead.root_area_mm2",
+            raise NoArrangementFits(
                 f"a root of {1e3 * width:.1f} mm is too {too} for the template, which lays one "
                 f"root bead across all of it: {1e6 * area:g} mm² would be {1e3 * height:.2f} mm "
                 f"high, and bead.layer_height_mm allows {1e3 * low:g} to {1e3 * high:g}",
+                key="bead.root_area_mm2",
             )
 
 
@@ -283,7 +287,7 @@ def _arrange(
     laid_shares: dict[str, Window],
 ) -> Arrangement:
     area, names = template.area, np.array(bead_kinds(counts, root))
-    shares = dict(zip(KINDS, _shares(area, wps, counts, root, laid_shares), strict=True))
+    shares = dict(zip(KIND_NAMES, _shares(area, wps, counts, root, laid_shares), strict=True))
     for name in dict.fromkeys(names.tolist()):  # before it is cut: what is to be expected
         expected = shares[name] * np.array((area.min(), area.max())) * laid_shares[name]
         choose_wire_feed(name, expected, wps, open_root=name == "root" and root == "open")
@@ -292,25 +296,25 @@ def _arrange(
     try:
         heights = template.layer_heights(template.layer_lines(below))
     except ValueError as error:
-        raise DoesNotFit("bead.cap_height_mm", str(error)) from None
+        raise NoArrangementFits(str(error), key="bead.cap_height_mm") from None
     least, most = float(heights.min()), float(heights.max())
     low, high = wps.bead.layer_height
-    if least < low * (1 - ROUNDING) or most > high * (1 + ROUNDING):
-        raise DoesNotFit(
-            "bead.layer_height_mm",
+    if least < low * (1 - LIMIT_TOLERANCE) or most > high * (1 + LIMIT_TOLERANCE):
+        raise NoArrangementFits(
             f"{sum(counts)} beads in {len(counts)} layers are {1e3 * least:.2f} to "
             f"{1e3 * most:.2f} mm high",
+            key="bead.layer_height_mm",
         )
     laid = bead_lines(stations, template.cut_into_beads(counts, wanted)).areas
     kinds = {}
-    for name in KINDS:
+    for name in KIND_NAMES:
         of_kind = laid[:, names == name] if name in names else laid
         low, high = getattr(wps.bead, f"{name}_area")
-        least, most = of_kind.min() * (1 - BETWEEN), of_kind.max() * (1 + BETWEEN)
+        least, most = of_kind.min() * (1 - BETWEEN_STATIONS), of_kind.max() * (1 + BETWEEN_STATIONS)
         if name in names and not low <= least <= most <= high:
-            raise DoesNotFit(
-                f"bead.{name}_area_mm2",
+            raise NoArrangementFits(
                 f"a {name} bead is {1e6 * least:.1f} to {1e6 * most:.1f} mm²",
+                key=f"bead.{name}_area_mm2",
             )
         over_opening = name == "root" and root == "open"
         feed = choose_wire_feed(name, np.array((least, most)), wps, open_root=over_opening)
@@ -327,20 +331,20 @@ def _shares(
 ) -> tuple[float, float, float]:
     """Shares of a root, a fill and a cap bead: equal, unless their windows part them.
 
-    A kind of which there is no bead is given another's.
+    A kind without a bead has the share of another.
     """
     n, capped, roots = sum(counts), counts[-1], int(root_kind != "welded")
     inner = n - roots - capped
 
     def nearest(kind: str, window: Window, share: float) -> float:
         less, more = laid_shares[kind]
-        lowest = window[0] * (1 + 2 * BETWEEN) / (float(area.min()) * less)
-        highest = window[1] * (1 - 2 * BETWEEN) / (float(area.max()) * more)
+        lowest = window[0] * (1 + 2 * BETWEEN_STATIONS) / (float(area.min()) * less)
+        highest = window[1] * (1 - 2 * BETWEEN_STATIONS) / (float(area.max()) * more)
         if lowest > highest * (1 + 1e-12):
-            raise DoesNotFit(
-                f"bead.{kind}_area_mm2",
+            raise NoArrangementFits(
                 f"the groove's area changes by {float(area.max() / area.min()):.2f} times, more "
                 f"than the window of a {kind} bead",
+                key=f"bead.{kind}_area_mm2",
             )
         return min(max(share, lowest), highest)
 
@@ -349,13 +353,15 @@ def _shares(
     if inner == 0:
         rest = (1 - root) / capped
         if abs(nearest("cap", wps.bead.cap_area, rest) - rest) > 1e-12:
-            raise DoesNotFit("bead.cap_area_mm2", f"{n} beads are too large or too small")
+            raise NoArrangementFits(
+                f"{n} beads are too large or too small", key="bead.cap_area_mm2"
+            )
         return root or rest, rest, rest
     fill = (1 - root - capped * cap) / inner
     if fill <= 0 or abs(nearest("fill", wps.bead.fill_area, fill) - fill) > 1e-12:
-        raise DoesNotFit(
-            "bead.fill_area_mm2",
+        raise NoArrangementFits(
             f"with {n} beads in {len(counts)} layers a fill bead has "
             f"{1e6 * fill * float(area.min()):.1f} to {1e6 * fill * float(area.max()):.1f} mm²",
+            key="bead.fill_area_mm2",
         )
     return root or fill, fill, cap

@@ -9,10 +9,10 @@ import numpy as np
 from tjscan.core.frames import Array, cross
 from tjscan.planning.template import BeadCells
 
-NAMES: Final = np.array(("PA", "PB", "PC", "PD", "PE"))
+POSITION_NAMES: Final = np.array(("PA", "PB", "PC", "PD", "PE"))
 """Principal positions, 45° of rotation from one to the next."""
 
-STEEP: Final = np.radians(45.0)
+STEEP_SLOPE: Final = np.radians(45.0)
 """Slope from which a bead counts as welded upwards (PF) or downwards (PG)."""
 
 
@@ -125,9 +125,9 @@ def position_names(slope: Array, rotation: Array) -> tuple[str, ...]:
     hand.
     """
     turned = np.rint((0.5 * np.pi - rotation) / np.radians(45)).astype(int)
-    names = NAMES[np.clip(turned, 0, len(NAMES) - 1)]
+    names = POSITION_NAMES[np.clip(turned, 0, len(POSITION_NAMES) - 1)]
     steep = np.where(slope > 0, "PF", "PG")
-    return tuple(np.where(np.abs(slope) > STEEP, steep, names).tolist())
+    return tuple(np.where(np.abs(slope) > STEEP_SLOPE, steep, names).tolist())
 
 
 def _angle(v: Array) -> Array:

@@ -25,7 +25,7 @@ def write_plan_as_weldx(file: Path, plan: WeldPlan, document: PlanDocument, root
     """Write a plan as a weldx file.
 
     Every bead is a frame ``torch, bead N`` below the root that moves with time from the bead's
-    start, z along the wire; further parts of it are ``torch, bead N, part 2`` and so on. They stand
+    start, z along the wire; further parts of it are ``torch, bead N, part 2`` and so on. They are
     under ``coordinate_systems``; wire feed, travel speed, heat input and power of each under
     ``beads``; the document of ``plan.json`` under ``plan``.
 
@@ -36,7 +36,7 @@ def write_plan_as_weldx(file: Path, plan: WeldPlan, document: PlanDocument, root
     plan : WeldPlan
         The plan.
     document : PlanDocument
-        As it stands in ``plan.json``.
+        As in ``plan.json``.
     root : str
         What the frame of the sections is called in the tree of frames.
     """

@@ -1,4 +1,4 @@
-"""The wire feed of a kind of bead, and what is raised where none fits."""
+"""The wire feed of a kind of bead, and the error if none fits."""
 
 from __future__ import annotations
 
@@ -10,28 +10,12 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.planning.wps import WeldingProcedure
 
-FEEDS: Final = 101
-"""Wire feeds that are tried, evenly over their window."""
+TRIED_FEEDS: Final = 101
+"""Number of wire feeds that are tried, evenly over their window."""
 
 
-class DoesNotFit(Exception):
-    """No arrangement fits some sections.
-
-    Parameters
-    ----------
-    key : str
-        Of the WPS that stands in the way.
-    reason : str
-        In a sentence.
-    """
-
-    def __init__(self, key: str, reason: str) -> None:
-        self.key, self.reason = key, reason
-        super().__init__(f"{key}: {reason}")
-
-    def as_error(self, where: str) -> ConfigurationError:
-        """The error that says where along the groove this is so."""
-        return ConfigurationError(f"{where}: {self.reason}", key=self.key)
+class NoArrangementFits(ConfigurationError):
+    """No arrangement of beads fits some sections; its key is of the WPS."""
 
 
 def choose_wire_feed(
@@ -55,25 +39,25 @@ def choose_wire_feed(
     float
         m/s.
     bool
-        Whether the heat input fits; where it does at no wire feed, the speed alone decides.
+        Whether the heat input fits; if it does at no wire feed, the speed alone decides.
 
     Raises
     ------
-    DoesNotFit
+    NoArrangementFits
         If the speed fits at no wire feed.
     """
     table, limits = wps.limits(open_root=open_root)
     least, most = float(area.min()), float(area.max())
-    feeds = np.linspace(*limits.wire_feed, FEEDS)
+    feeds = np.linspace(*limits.wire_feed, TRIED_FEEDS)
     rate = wps.deposition_rate(feeds)
     slowest, fastest = rate / most, rate / least
     can = (slowest >= limits.travel_speed[0]) & (fastest <= limits.travel_speed[1])
     if not can.any():
         low, high = (f"{60e3 * slowest[i]:.0f} to {60e3 * fastest[i]:.0f} mm/min" for i in (0, -1))
-        raise DoesNotFit(
-            f"{table}.travel_speed_mm_min",
+        raise NoArrangementFits(
             f"a {kind} bead of {1e6 * least:.1f} to {1e6 * most:.1f} mm² needs {low} at the lowest "
             f"wire feed and {high} at the highest",
+            key=f"{table}.travel_speed_mm_min",
         )
     warmest, coldest = wps.heat_input(feeds, slowest), wps.heat_input(feeds, fastest)
     warm = can & (coldest >= limits.heat_input[0]) & (warmest <= limits.heat_input[1])

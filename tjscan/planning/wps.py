@@ -1,7 +1,7 @@
 """The tables of a welding procedure specification (WPS): windows and values that the user states.
 
-Nothing here has a default: what may be welded, and how, is the user's to say. A plan states what it
-computed; it never says that it complies with anything.
+Nothing here has a default: the user states what may be welded, and how. A plan states what was
+computed; it never claims to comply with anything.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class WireSettings(Table):
     diameter : float
         Of the wire, metres.
     density : float
-        kg/m³, for the mass that is told.
+        kg/m³, for the mass that is reported.
     deposition_efficiency : float
         Share of the molten wire that ends in the weld.
     """
@@ -134,7 +134,7 @@ class BeadSettings(Table):
     layer_height : tuple of float
         Window of a layer's height in the middle of its width, metres.
     cap_height : float
-        How far the middle of the weld stands above the line of the brace's wall, metres.
+        Height of the middle of the weld above the line of the brace's wall, metres.
     weave_limit : float
         Width of the widest bead that may be laid, metres.
     """
@@ -154,8 +154,8 @@ class TorchSolidSettings(SolidSettings):
     Parameters
     ----------
     in_groove : bool
-        Whether it enters the groove, as a nozzle does: it is then held against the measured groove
-        alone, for what stands for tubes in the job has no groove in it.
+        Whether it enters the groove, as a nozzle does: it is then checked against the measured
+        groove alone, for the tubes of the job have no groove in them.
     """
 
     in_groove: bool = False
@@ -278,7 +278,7 @@ class JointDetail(Table):
     name : str
         Of the detail.
     dihedral : tuple of float
-        Window of the local dihedral angle in which it may be used; those of two may overlap.
+        Window of the local dihedral angle in which it may be used; windows may overlap.
     groove_angle : tuple of float
         Window of the angle between bevel and leg, radians.
     root_opening : tuple of float

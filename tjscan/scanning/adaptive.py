@@ -1,4 +1,4 @@
-"""Steps as long as the groove allows: short where it changes fast, long where it does not."""
+"""Steps as long as the groove allows: short if it changes fast, long if it does not."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def adaptive_step_rule(adaptive: AdaptiveStepSettings) -> StepLengthRule:
     """Rule that takes the longest step over which nothing changes by more than is allowed.
 
     Angle and area are smooth random functions of the groove's length, measured with the sections'
-    own errors: noise is not taken for change, and what nobody can foresee shortens the step.
+    own errors: noise is not taken for change, and what can't be foreseen shortens the step.
     A change counts as what is expected and one standard deviation more.
     """
     steps = np.linspace(adaptive.least, adaptive.most, TRIED_LENGTHS)

@@ -17,7 +17,7 @@ from tjscan.scanning.section import ScannedSection, SetPoint
 from tjscan.scanning.target import ScanDirection
 
 DOUBT_SIGMAS: Final = 2.0
-"""Standard deviations that count besides the deviation itself."""
+"""Standard deviations that count in addition to the deviation itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class CorrectionCriterion(SettingsTable):
     Parameters
     ----------
     enabled : bool, optional
-        Whether a correction may be left out; where this is not said, the paper's cases always
+        Whether a correction may be left out; if this is not stated, the paper's cases always
         make it.
     position : float
         Of the groove in the laser plane, metres. About a groove the sensor's range leaves some
@@ -50,7 +50,7 @@ class CorrectionCriterion(SettingsTable):
     rotation: Annotated[float, Gt(0), Le(30), DEG] = radians(8)
 
     def allows_skipping(self, off: Array, sigma: Array) -> bool:
-        """Whether a view may stand that is off the ideal one.
+        """Whether a view that is off the ideal one may be kept.
 
         Parameters
         ----------
@@ -97,11 +97,11 @@ def view_deviation_sigmas(
     groove : GrooveSection
         What was read in the view.
     ahead : SetPoint
-        The prediction, with the covariance of the ideal set-point where the predictor tells it.
+        The prediction, with the covariance of the ideal set-point if the predictor states it.
     step : float
         From the last section, metres.
     direction : ScanDirection
-        Which way round: it says how the work angle turns frame t.
+        Which way round: it decides how the work angle turns frame t.
 
     Notes
     -----

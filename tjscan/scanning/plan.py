@@ -39,11 +39,11 @@ class ScanPlan(SettingsTable):
     sections : int, optional
         Stop after this many sections, the two taught ones included.
     return_tolerance : float
-        How far a section may seem to have moved when it is seen once more, metres.
+        How far a section may seem to have moved when it is seen again, metres.
     criterion : CorrectionCriterion
         When a prediction view may be the section's, and no correction is made; see `skip`.
     adaptive : AdaptiveStepSettings, optional
-        What may change from section to section: it says how long the steps are, not `step`.
+        What may change from section to section: it decides how long the steps are, not `step`.
     first, second : PoseSettings, optional
         The taught poses of the flange in frame b; each station has its own.
     """

@@ -52,7 +52,7 @@ def predicted_target_pose(
     Parameters
     ----------
     T_b_t : ndarray, shape (4, 4)
-        Frame t as it stands after the last correction.
+        Frame t as it is after the last correction.
     T_b_g_before, T_b_g_last : ndarray, shape (4, 4)
         Frames g of the sections i-2 and i-1.
     step : float

@@ -46,7 +46,7 @@ class ScanSetup:
     T_f_s : ndarray, shape (4, 4)
         Pose of the sensor on the flange, from calibration, metres.
     read : callable
-        Turns a profile, with what the sections before it say, into a groove section, or raises
+        Turns a profile, with what the sections before it show, into a groove section, or raises
         GrooveNotFound.
     """
 
@@ -213,7 +213,7 @@ class FrozenProfileCheck:
         Raises
         ------
         LaserFault
-            If it was taken before the arm came to rest (where the sensor gives the time), or is
+            If it was taken before the arm came to rest (if the sensor gives the time), or is
             the same to the last bit as one of another place, however long ago: no sensor measures
             the same noise twice.
         """

@@ -71,7 +71,7 @@ def read_recording_entries(
 ) -> Iterator[tuple[datetime, Entry]]:
     """Yield time and content of each view, section and event of a recording, any version.
 
-    The sensor sits on the flange as it did in the file's other views; a view that says otherwise
+    The sensor sits on the flange as it did in the file's other views; a view that contradicts this
     is damaged, and so is a section that was read in it.
     """
     head = read_header(file)

@@ -1,4 +1,4 @@
-"""Every retry of a scan: what is tried again where a section is not read, how often, and why.
+"""Every retry of a scan: what is tried again if a section is not read, how often, and why.
 
 The scanner goes through them from the mildest to the strongest: another profile at the same place,
 several of them merged, the same section from a set-point beside, a shorter step, a shorter step
@@ -29,17 +29,17 @@ MOST_MISSING: Final = 6
 """Profiles in a row that may be missing, late, frozen or empty before the sensor is given up."""
 
 REPEATED_PROFILES: Final = 1
-"""Profiles taken again where points are there and no groove is read: noise is drawn anew."""
+"""Profiles taken again if points are there and no groove is read: noise is another each time."""
 
 MERGED_PROFILES: Final = 7
-"""Profiles of one place that are merged where that does not help either."""
+"""Profiles of one place that are merged if that does not help either."""
 
 TOO_FEW_POINTS: Final = "too few points"
 """Reason of a profile that is as good as missing."""
 
 
 SHORTER_STEPS: Final = (0.5, 0.25)
-"""Shares of a step that are tried where it led to no section: the groove changes less, and fewer
+"""Shares of a step that are tried if it led to no section: the groove changes less, and fewer
 poses are out of reach."""
 
 LENGTHS_PAST_TACK: Final = (0.03, 0.06)
@@ -58,7 +58,7 @@ class StepRetry:
     length : float
         Metres.
     from_last_section : bool
-        Whether the arm first returns to the last section and checks that it lies where it was.
+        Whether the arm first returns to the last section and checks that it is where it was.
     """
 
     event: ScanEvent
@@ -99,16 +99,16 @@ NUDGE_SHIFT: Final = 6e-3
 """Metres by which a nudge moves the groove in the sensor."""
 
 LARGEST_SHIFT: Final = 10e-3
-"""Metres by which it does so where the surface was seen nearer or further."""
+"""Metres by which it does so if the surface was seen nearer or further."""
 
 NUDGE_TURN: Final = radians(5)
 """By which a nudge turns the sensor about the groove: reflections and shadows move by more."""
 
 EVIDENT_OFFSET: Final = 5e-3
-"""Metres that a surface is nearer or further than at the last section to say where to go."""
+"""Metres that a surface is nearer or further than at the last section to show where to go."""
 
 ENOUGH_POINTS: Final = 20
-"""Points that say how far a surface is."""
+"""Points that show how far a surface is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +135,7 @@ class ViewAdjustment:
         to : SetPoint
             Where the groove was to be seen from.
         direction : ScanDirection
-            Which way round: it says how the work angle turns frame t.
+            Which way round: it decides how the work angle turns frame t.
         """
         turn = self.work_angle if direction is ScanDirection.COUNTERCLOCKWISE else -self.work_angle
         T_s_t = to.T_s_t @ pose(rot_x(turn))  # (14), (15): the work angle turns last
@@ -173,7 +173,7 @@ def view_adjustments(
 
     Notes
     -----
-    A surface that is nearer or further than at the last section says which way the stand-off has
+    A surface that is nearer or further than at the last section shows which way the stand-off has
     to go; a groove partly out of range may be so on either side. Otherwise the work angle is
     turned, first the way it has been going, then the other way.
     """
@@ -245,7 +245,7 @@ def _halfway(T_1: Array, T_2: Array) -> Array:
 
 
 def _further(seen: Profile, usual: Profile) -> float:
-    """Metres by which a surface is further away than another; 0 where nothing says so."""
+    """Metres by which a surface is further away than another; 0 if nothing shows it."""
     if min(seen.valid.sum(), usual.valid.sum()) < ENOUGH_POINTS:
         return 0.0
     return float(np.nanmedian(seen.z_s) - np.nanmedian(usual.z_s))

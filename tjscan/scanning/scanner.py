@@ -80,9 +80,9 @@ class Scanner:
     journal : Journal
         Receives everything at once.
     predictor : SetPointPredictor, optional
-        Predicts where the next section lies; the plan's where left out.
+        Predicts where the next section lies; the plan's if left out.
     step_rule : StepLengthRule, optional
-        Chooses the length of each step; the plan's where left out.
+        Chooses the length of each step; the plan's if left out.
     stop : StopRequest, optional
         Asks for an end before the plan is fulfilled.
     """
@@ -146,7 +146,7 @@ class Scanner:
         JointMoved
             If the last section lies elsewhere now, or is not found any more.
         PoseUnreachable
-            Before anything moves, if the arm can't get from where it stands into the
+            Before anything moves, if the arm can't get from where it is into the
             configuration that it scanned in.
         ArmFault, LaserFault, Interrupted
             As `run` does.
@@ -199,7 +199,7 @@ class Scanner:
         self._log.record_section(section)
 
     def _step_with_retries(self, d_st: float) -> ScannedSection:
-        """Make a step; where it leads to no section, one of `step_retries`.
+        """Make a step; if it leads to no section, one of `step_retries`.
 
         Raises
         ------

@@ -115,7 +115,7 @@ class SetPoint:
         Frame t in the sensor frame, eq. (14), metres.
     covariance : ndarray, shape (7, 7), optional
         Of where the ideal set-point will turn out to be: position and rotation vector in frame t
-        (metres, radians), and work angle (radians). None where the predictor does not know.
+        (metres, radians), and work angle (radians). None if the predictor does not know.
     straight : bool
         Whether the flange shall go there on a straight line, as the paper's does. A path in
         joint space is shorter for the joints and takes less time.

@@ -60,7 +60,7 @@ DEPTH_CHANGE: Final = (0.1, 3.0)
 """Share by which root width and depth differ, and share per metre, of the same groove."""
 
 BEAD_HEIGHT: Final = 0.8e-3
-"""Metres by which root width and depth may differ besides: weld beads are no planes."""
+"""Metres by which root width and depth may differ in addition: weld beads are no planes."""
 
 SAME_SECTION_DISTANCE: Final = 0.5e-3
 """Metres by which the corners differ that are read in two views of the same section."""
@@ -77,18 +77,18 @@ class GrooveReader(Protocol):
     """Reads the groove in a profile, or raises GrooveNotFound."""
 
     def __call__(self, profile: Profile, *, prior: GroovePrior | None = None) -> GrooveSection:
-        """Read, with what the sections before the profile's say of it; with None, without."""
+        """Read, with what the sections before the profile's show of it; with None, without."""
         ...
 
 
 def prior_for_view(view: ProfileView, sections: Sequence[ScannedSection]) -> GroovePrior:
-    """What the finished sections say of the one that a view is taken for."""
+    """What the finished sections show of the one that a view is taken for."""
     before = [one for one in sections if one.view.index < view.index][-MOST_SECTIONS:]
     if not before:
         return GroovePrior()
     origins = np.array([one.T_b_g[:3, 3] for one in before])
     steps = np.linalg.norm(np.diff(origins, axis=0), axis=1)
-    # To where the groove is not read yet, the sensor has gone as far as it.
+    # Ahead of the last section the sensor has gone as far as the groove.
     last = float(np.linalg.norm(view.T_b_s[:3, 3] - before[-1].view.T_b_s[:3, 3]))
     aways = np.append(steps, last)[::-1].cumsum()[::-1]
     return GroovePrior.from_sections(
@@ -106,7 +106,7 @@ def read_section(
     T_s_t: Array | Callable[[GrooveSection], Array],
     before: Sequence[ScannedSection],
 ) -> ScannedSection:
-    """Read a section as a scan does: with what the sections before it say, tack welds named.
+    """Read a section as a scan does: with what the sections before it show, tack welds named.
 
     Parameters
     ----------

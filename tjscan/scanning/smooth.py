@@ -23,7 +23,7 @@ from tjscan.scanning.target import ScanDirection
 
 MOST_ROUNDS: Final = 30
 SETTLED_STEP: Final = 1e-7
-"""Metres and radians: where a smaller step ends the search for the section."""
+"""Metres and radians: a smaller step ends the search for the section."""
 
 KEPT_SIGMAS: Final = 3.0
 """Standard deviations that are kept from the tolerances of a view: a view planned at
@@ -41,8 +41,8 @@ def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
 
     Notes
     -----
-    Where no such section is found, or only where none can be (two sections, one of them misread),
-    the prediction is that of the paper's case 3, which states no covariance.
+    If no such section is found, and if none can be (two sections, one of them misread),
+    the prediction is the one of the paper's case 3, which states no covariance.
     """
     otherwise = paper_predictor(PREDICTION_CASES[3], plan.direction)
 
@@ -80,7 +80,7 @@ def _settle(
     Parameters
     ----------
     section : ndarray, shape (5,)
-        To start from, in a sensor that stands as `R_b_s`.
+        To start from, in a sensor with the orientation `R_b_s`.
     R_b_now : ndarray, shape (3, 3)
         Where the sensor comes from.
     slack : tuple of float

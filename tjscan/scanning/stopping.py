@@ -1,4 +1,4 @@
-"""Asking a scan to stop, or to stand for a while between two sections."""
+"""Asking a scan to stop, or to pause for a while between two sections."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tjscan.core.errors import ScanInterrupted
 class StopRequest:
     """Asks a scan to stop, from another thread: after the section under way, or at once.
 
-    It may also be asked to stand between two sections, and to go on by one or altogether.
+    It may also be asked to pause between two sections, and to go on by one or altogether.
     """
 
     def __init__(self) -> None:
@@ -40,11 +40,11 @@ class StopRequest:
 
     @property
     def is_paused(self) -> bool:
-        """Whether the scan stands, or shall stand, after the section under way."""
+        """Whether the scan pauses, or shall pause, after the section under way."""
         return self._paused and not self._steps and not self._wanted
 
     def pause(self) -> None:
-        """Let the scan stand after the section under way."""
+        """Let the scan pause after the section under way."""
         with self._may_go:
             self._paused, self._steps = True, 0
 
@@ -55,7 +55,7 @@ class StopRequest:
             self._may_go.notify_all()
 
     def go_one_step(self) -> None:
-        """Let the scan make one section, and stand after it."""
+        """Let the scan make one section, and pause after it."""
         with self._may_go:
             self._paused, self._steps, self._let_go = True, 1, self._let_go + 1
             self._may_go.notify_all()
@@ -66,8 +66,8 @@ class StopRequest:
         Parameters
         ----------
         say : callable
-            Says that the scan stands; once more where it was let go and paused again before it
-            could move.
+            Reports that the scan pauses; again if it was let go and paused again before it could
+            move.
         """
         while True:
             with self._may_go:
@@ -108,7 +108,7 @@ class StopRequest:
 
     @contextmanager
     def halt_arm_on_stop_now(self, halt: Callable[[], None]) -> Iterator[None]:
-        """Stop an arm by `halt` where the end is asked for now, while the block runs."""
+        """Stop an arm by `halt` if the end is asked for now, while the block runs."""
         self._halt = halt
         try:
             yield

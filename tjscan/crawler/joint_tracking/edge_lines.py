@@ -176,7 +176,7 @@ def fit_edge_lines(
     Returns
     -------
     EdgeLines or None
-        None where a line has lost its points, or two no longer meet between the others.
+        None if a line has lost its points, or two no longer meet between the others.
     """
     # One over z errs by z² less than z does.
     certain = z**4 / start.noise**2

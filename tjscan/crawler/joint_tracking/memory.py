@@ -1,4 +1,4 @@
-"""What the joint looked like on the way back, for where the next pass no longer sees its edges.
+"""What the joint looked like on the way back, for the next pass, which may no longer see its edges.
 
 On the way back the arc is out, and the surface is that which the next pass will see. Where the
 edges can't be read on the way back either, the joint is found by what was seen a pass before; then
@@ -16,7 +16,7 @@ from tjscan.crawler.joint_tracking.tracking import REGISTERED_JOINT, ButtJointRe
 from tjscan.laser.profile import Profile
 
 STATION_LENGTH: Final = 5e-3
-"""Metres along the joint for which one reference stands."""
+"""Metres along the joint for which one reference holds."""
 
 PROFILE_SPACING: Final = 0.5e-3
 """Metres between two profiles that are remembered."""
@@ -35,7 +35,7 @@ class JointMemory:
         self._last: float | None = None
 
     def reference_at(self, travel: float) -> ReferenceProfile | None:
-        """What the joint looked like at a place along it, in metres; None where it was not seen."""
+        """What the joint looked like at a place along it, in metres; None if it was not seen."""
         return self._references.get(floor(travel / STATION_LENGTH))
 
     def remember(
@@ -101,7 +101,7 @@ class RememberingTracker:
 def sigma_of_addition(own: float, shared: float, count: int) -> float:
     """Standard deviation of the last of some readings, taken as independent of those before it.
 
-    Readings with errors of their own, and one they share, tell n / (own² + n shared²) together.
+    Readings with errors of their own, and one they share, give n / (own² + n shared²) together.
     What the last one adds to that is the inverse of the returned value's square.
 
     Parameters

@@ -21,7 +21,7 @@ from tjscan.crawler.joint_tracking.edge_lines import (
 from tjscan.laser.profile import Profile
 
 REFERENCE_PITCH: Final = 0.25e-3
-"""Distance of a reference's points, in metres: about that of the sensor's columns."""
+"""Distance of a reference's points, in metres: about the pitch of the sensor's columns."""
 
 SMOOTHED_POINTS: Final = 7
 """Points over which a reference's slope is taken: that of its noise must not look like shape."""
@@ -34,7 +34,7 @@ FEWEST_ON_REFERENCE: Final = 40
 """Points that must lie on the reference."""
 
 LEAST_OF_SIDE: Final = 0.1
-"""Share of what each side of a reference tells of its place across that must be left: a bead laid
+"""Share of what each side of a reference shows of its place across that must be left: a bead laid
 since hides much of a bevel, but over another joint only the places where outlines cross agree."""
 
 DEEPER_SIGMAS, FARTHEST_DEEPER = 4.0, 6e-3
@@ -42,7 +42,7 @@ DEEPER_SIGMAS, FARTHEST_DEEPER = 4.0, 6e-3
 joint's would: the arc's light lies anywhere, mostly farther."""
 
 MOST_DEEPER: Final = 0.2
-"""Share of what a side tells that may lie deeper: a pass adds steel and takes none away."""
+"""Share of what a side shows that may lie deeper: a pass adds steel and takes none away."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +54,7 @@ class JointPlacement:
     centre, hull_z : float
         x_s and z_s of the middle between its top edges, in metres.
     roll : float
-        Of the sensor about the forward axis against the hull, in radians, positive where its
+        Of the sensor about the forward axis against the hull, in radians, positive if its
         right side is nearer to it.
     centre_sigma : float
         Standard deviation of the centre, in metres.
@@ -110,7 +110,7 @@ class ReferenceProfile:
         ----------
         profiles : sequence of Profile
             Ten or so, taken over the few millimetres along the joint for which the reference
-            stands: fewer keep their noise and their arc light.
+            holds: fewer keep their noise and their arc light.
         placements : sequence of JointPlacement
             Where the joint was read in each.
         noise : float
@@ -183,8 +183,8 @@ def register_profile(
     -------
     JointPlacement and float, or None
         Its standard deviation is that of independent noise and of the reference's; and the share
-        of the points that lie on the reference. None where too few do, where one side of the
-        joint no longer shows where it is, or where steel is gone that the reference shows.
+        of the points that lie on the reference. None if too few do, if one side of the
+        joint no longer shows where it is, or if steel is gone that the reference shows.
     """
     x = t * z
     roll = start.roll

@@ -64,7 +64,7 @@ deviations, and, in metres, for each profile since then. A vehicle at 20 mm/s th
 radius of 5 m carries its laser sideways by half of that."""
 
 LOST_BEFORE_SEARCH: Final = 5
-"""Profiles in a row that are refused before the joint is searched for anew: a search takes longer
+"""Profiles in a row that are refused before the joint is searched for again: a search takes longer
 than a sensor's period."""
 
 LEARNING_SHARE: Final = 0.05
@@ -74,7 +74,7 @@ CORRELATION_EVERY: Final = 5
 """Of how many profiles one shows how its noise is correlated: that takes a while, and stays."""
 
 DEPTHS_KEPT, DEPTH_EVERY = 21, 50
-"""How many depths tell what is usual, and of how many profiles one is taken: a tack passes sooner
+"""How many depths show what is usual, and of how many profiles one is taken: a tack passes sooner
 than half of them."""
 
 SHORT_BEVEL_SHARE: Final = 0.1
@@ -165,7 +165,7 @@ class JointTracker:
         profile : Profile
             With x_s to the vehicle's right.
         reference : ReferenceProfile, optional
-            What the joint looked like here before, for where the edges are gone.
+            What the joint looked like here before, for use if the edges are gone.
 
         Raises
         ------
@@ -446,7 +446,7 @@ def _bottom(t: Array, z: Array) -> tuple[Array, Array]:
 
 
 def _running_median(values: Array, count: int) -> Array:
-    """Running median over `count` values, an odd number; fewer where there are no more."""
+    """Running median over `count` values, an odd number; fewer if there are no more."""
     count = min(count, len(values) - 1 + len(values) % 2)
     if count < 2:
         return values

@@ -113,7 +113,7 @@ def _replayed(part: Path, method: FollowingMethod, source: str) -> Iterator[Time
         cycle: CrawlCycle = entry.message
         if time is None:
             event = event_log_message(
-                entry.time, Log.Level.INFO, REPLAY, f"estimated again from {source}; nothing moved"
+                entry.time, Log.Level.INFO, REPLAY, f"estimated anew from {source}; nothing moved"
             )
             yield entry.time, LOG, event
         period = 0.0 if time is None else cycle.state.time - time

@@ -34,7 +34,7 @@ from tjscan.crawler.slip_calibration import (
     read_slip_calibration,
     write_slip_calibration,
 )
-from tjscan.crawler.slip_estimator import SlipBelief
+from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.crawler.slip_model import SlipState
 from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY, WARNING, record_crawl
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
@@ -111,7 +111,7 @@ class CrawlContext:
         return None if name is None else self.job_file.parent / name
 
     @property
-    def first_slip(self) -> SlipBelief:
+    def first_slip(self) -> SlipEstimate:
         """What is known of the vehicle's slip before the first reading.
 
         Raises
@@ -121,13 +121,13 @@ class CrawlContext:
         """
         job, course = self.job, self.job.course
         if self.calibration_file is None:
-            return SlipBelief.before_any_reading(
+            return SlipEstimate.before_any_reading(
                 job.slip, curvature=course.curvature, curvature_sigma=course.curvature_sigma
             )
         found = read_slip_calibration(self.calibration_file, job.vehicle.device_id)
-        return found.belief_at_start(job.slip, course.curvature, course.curvature_sigma)
+        return found.estimate_at_start(job.slip, course.curvature, course.curvature_sigma)
 
-    def make_method(self, slip: SlipBelief | None = None) -> FollowingMethod:
+    def make_method(self, slip: SlipEstimate | None = None) -> FollowingMethod:
         """Make the method that the job names, with what is known of slip."""
         job = self.job
         if job.method == "paper":
@@ -187,7 +187,7 @@ def check_size(job: CrawlJob) -> None:
         )
 
 
-def short_way(job: CrawlJob, slip: SlipBelief | None) -> str:
+def short_way(job: CrawlJob, slip: SlipEstimate | None) -> str:
     """A warning of passes too short to come back from a reversal; empty for others.
 
     At a reversal the slope against the joint turns round, and crab adds to it both ways: the
@@ -197,7 +197,7 @@ def short_way(job: CrawlJob, slip: SlipBelief | None) -> str:
     Parameters
     ----------
     job : CrawlJob
-    slip : SlipBelief or None
+    slip : SlipEstimate or None
         What is known of slip; no warning if a method knows of none.
     """
     if slip is None:
@@ -332,7 +332,7 @@ def resume_crawl(
     crawl_into(context, directory, cell, method, start, reader_that_saw(found.profiles))
 
 
-def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
+def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
     """What is known of slip when a crawl goes on after a stop, or after its program was killed.
 
     None if its method knows of none, or it never crawled. An earlier version recorded the
@@ -348,7 +348,7 @@ def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
     return slip.after_unseen_way(way, job.steering.least_radius)
 
 
-def slip_after_set_down(found: RecordedCrawl, job: CrawlJob) -> SlipBelief | None:
+def slip_after_set_down(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
     """What is known of slip when the vehicle was set down elsewhere; see `slip_after_stop`."""
     crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
     slip = crawled[-1].slip if crawled else None
@@ -456,6 +456,6 @@ def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
         make_crawler(context, cell, method, journal).shuttle(SHUTTLE_LENGTH, SHUTTLE_TIMES)
     if method.slip is None:
         raise ConfigurationError("this method learns no slip", key="method")
-    found = SlipCalibration.from_belief(method.slip, context.job.vehicle.device_id)
+    found = SlipCalibration.from_estimate(method.slip, context.job.vehicle.device_id)
     write_slip_calibration(directory / CALIBRATION_FILE, found, job_label_of_run(directory))
     return found

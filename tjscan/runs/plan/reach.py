@@ -142,7 +142,7 @@ def welding_stations(directory: Path, frame: str) -> tuple[WeldingStation, ...]:
         T_b_r = np.eye(4)
         if frame == "j":
             if job.joint is None or job.station:
-                raise ConfigurationError("does not state where the joint is", key="joint")
+                raise ConfigurationError("does not say where the joint stands", key="joint")
             T_b_r = job.joint.T_w_j
         return (
             _station(job.station_names[0] if job.station else ARM_STATION, job, directory, T_b_r),
@@ -166,7 +166,7 @@ def _station(name: str, job: ScanJob, folder: Path, T_b_r: Array) -> WeldingStat
 
 def _job(folder: Path) -> ScanJob:
     if not (folder / JOB_FILE).is_file():
-        raise ConfigurationError("the run holds no job that states where its arm was", file=folder)
+        raise ConfigurationError("the run holds no job that says where its arm stood", file=folder)
     return read_scan_job(folder / JOB_FILE)
 
 

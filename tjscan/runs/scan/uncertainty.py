@@ -29,11 +29,11 @@ from tjscan.uncertainty.causes import (
 from tjscan.uncertainty.laser_causes import linearity_cause, range_bias_cause
 
 UNKNOWN_MOUNT = (
-    "the laser's pose on the hand: the job states it without its uncertainty "
+    "where the laser sits on the hand: the job states it without its uncertainty "
     "(sigma_position_mm and sigma_rotation_deg in [calibration], or a calibration's file)"
 )
 CALIBRATED_EVIDENCE = "calibrated"
-STATED_JOINT = "the joint's pose: the job states it without its uncertainty"
+STATED_JOINT = "where the joint stands: the job states it without its uncertainty"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

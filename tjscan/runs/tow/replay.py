@@ -78,7 +78,7 @@ def replay_tow(
     last = starts[0] if began is None else min(starts, key=partial(_apart, began))
     with lock_and_clean_directory(out):
         with record_tow(out / f"{TOW_RECORDING}.mcap", origin, truth) as journal:
-            journal.record_event(REPLAY, f"planned again from {directory}; nothing moved")
+            journal.record_event(REPLAY, f"planned anew from {directory}; nothing moved")
             halted = False
             for entry in entries:
                 if isinstance(entry, TowCycle):

@@ -1,4 +1,4 @@
-"""Two tubes that meet, as far as the sections of their seam tell.
+"""Two tubes that meet, as far as the sections of their seam show.
 
 A few sections do not hold two cylinders: two taught ones give eight numbers for ten. What is
 missing is taken from what joints of tubes are like, as a prior, and its doubt is kept.
@@ -28,7 +28,7 @@ AXES_OFFSET: Final = 0.05
 WALL_SHIFT: Final = 3e-3
 """Metres, standard deviation of where a wall lies beside p2 or p4 as read."""
 WALL_TILT: Final = radians(30)
-"""Of where it faces beside where the last two sections say, and of the brace's axis beside the
+"""Of its direction beside what the last two sections show, and of the brace's axis beside the
 laser plane."""
 
 OUT_OF_ROUND: Final = 0.3e-3
@@ -45,7 +45,7 @@ MOST_REVISIONS: Final = 3
 """How often the rest is asked again."""
 
 AXIS_STARTS: Final = 4
-"""Directions of the leg's axis to start from: at the crown nothing tells it beforehand."""
+"""Directions of the leg's axis to start from: at the crown nothing shows it beforehand."""
 ROUNDS_TOGETHER: Final = 4
 """Rounds after which the best of them goes on alone."""
 MOST_ROUNDS: Final = 40
@@ -68,8 +68,8 @@ _PRIOR_MASK: Final = np.array((1.0, 1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0)
 class LocalWalls:
     """Walls of brace and leg beside the last section, by point, normal, axis and curvature.
 
-    A wall is told by its point next to p2 or p4, its normal, its axis and its curvature: this
-    stays well defined where the tube is so large, or so little seen, that its middle is anywhere.
+    A wall is given by its point next to p2 or p4, its normal, its axis and its curvature: this
+    stays well defined if the tube is so large, or so little seen, that its middle is anywhere.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ class LocalTubeFit:
         values, sigmas : ndarray, shape (6,)
             As `residuals`, and how uncertain that is of itself, metres and radians.
         by_theta : ndarray, shape (6, 10)
-            Derivatives of the values by `theta`: what is believed of the tubes and what they
+            Derivatives of the values by `theta`: what is estimated of the tubes and what they
             leave are wrong together.
         """
         towards = np.array(
@@ -203,8 +203,8 @@ def fit_tubes_to_sections(track: RecentSections) -> LocalTubeFit:
     -----
     The sections' distances and slopes from the walls are Gaussian with the sections' own
     variances on the diagonal and, along the groove, the covariance of a smooth random function:
-    real tubes are not quite round. What then lies far from where its neighbours would have it was
-    misread, and is believed to no more than that.
+    real tubes are not quite round. What is then far from what its neighbours show was
+    misread, and counts for no more than that.
     """
     sigmas = track.sigmas
     seam = _fit(track, sigmas)

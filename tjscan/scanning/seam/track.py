@@ -1,4 +1,4 @@
-"""What the finished sections say of the groove's walls, as arrays."""
+"""What the finished sections show of the groove's walls, as arrays."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOST_SECTIONS: Final = 30
 """Sections that are looked back upon: at the shortest steps still half a saddle."""
 
 ARM_REPEATABILITY: Final = 0.05e-3 / np.sqrt(3)
-"""Metres, standard deviation on one axis by which an arm misses the pose it tells: assumption,
+"""Metres, standard deviation on one axis by which an arm misses the pose it reports: assumption,
 after the ±0.05 mm that makers state. No section knows of it, yet it outweighs what they state."""
 
 ANGULAR_REPEATABILITY: Final = 1e-4 / np.sqrt(3)
