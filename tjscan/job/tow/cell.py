@@ -14,8 +14,8 @@ from tjscan.core.frames import Array
 from tjscan.job.devices import DeviceGroup
 from tjscan.job.tow.job import TOWING_EXTRA, TowJob
 from tjscan.job.tow.simulation import FaultyTeam, towing_world_of_job
-from tjscan.towing.devices import Team
 from tjscan.towing.journal import TowTruth
+from tjscan.towing.loop import Team
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.plan import ShapePlanner
 from tjscan.vehicle.localisation import Localisation
