@@ -376,8 +376,8 @@ def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
             assert program.stderr is not None
             loopback.wait_for_line("move")
             program.send_signal(signal.SIGINT)
-            assert any("once more" in line for line in program.stderr)
-            program.send_signal(signal.SIGINT)  # and once more, which stops the arm at once
+            assert any("Ctrl-C again" in line for line in program.stderr)
+            program.send_signal(signal.SIGINT)  # and again, which stops the arm at once
             loopback.wait_for_line("program stopped")
             program.communicate()
             assert program.returncode == 130

@@ -16,7 +16,7 @@ def teach(
     lead_mm: tuple[float, float, float] | None = None,
     json: bool = False,
 ) -> None:
-    """Write where the arm stands into a job file as a start pose, if the laser sees a groove.
+    """Write the arm's pose into a job file as a start pose, if the laser sees a groove.
 
     Lead the arm there by hand or pendant before; nothing moves. Comments in the file stay. Every
     key of the job file is an option too, for this once.
@@ -28,9 +28,9 @@ def teach(
     which
         The first or the second start pose.
     station
-        Where the arm stands, of a job with several stations.
+        Station of the arm, if the job has several.
     lead_mm
-        Lead a simulated arm, which no hand can: to the pose that stands in the job, moved by this
+        Lead a simulated arm, which no hand can: to the pose in the job, moved by this
         much along the flange's axes. ``--lead-mm 3 0 -2``
     json
         Print the pose as JSON on stdout.

@@ -1,11 +1,11 @@
-"""One cycle of a crawl: command, measure, estimate, guard, record."""
+"""One cycle of a crawl: command, measure, estimate, guard, record; and cycles driven by hand."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import nan
-from typing import Final
+from typing import Final, Protocol
 
 from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.guards import Guards
@@ -211,3 +211,47 @@ class ControlCycle:
         """Go on to the phase that an event leads to."""
         self.phase = next_phase(self.phase, event)
         self._journal.record_event(str(self.phase), detail)
+
+
+class HandDrive(Protocol):
+    """Drives the crawler to its joint by hand, and decides when the crawl begins."""
+
+    def order(self) -> Twist | None:
+        """Return the twist asked for at this moment; None once the crawl may begin.
+
+        It is asked for in every cycle, and is `tjscan.vehicle.vehicle.REST` where nobody has
+        asked for any lately: who drives by hand must go on saying so.
+        """
+        ...
+
+
+def drive_by_hand(hand: HandDrive, vehicle: Vehicle, cycle: ControlCycle, guards: Guards) -> None:
+    """Drive as a person asks, until he lets the crawl begin.
+
+    If nothing is asked for, or a way towards an edge, the vehicle is stopped, not only commanded
+    to rest: it brakes as hard as it can.
+
+    Parameters
+    ----------
+    hand : HandDrive
+    vehicle : Vehicle
+        That of the cycle.
+    cycle : ControlCycle
+    guards : Guards
+
+    Raises
+    ------
+    CrawlStopped, VehicleFault, LaserFault
+        As `ControlCycle.run` does.
+    """
+    vehicle.stop()
+    stopped = True
+    while (twist := hand.order()) is not None:
+        stays = twist == REST or guards.leads_off_steel(twist)
+        if stays and not stopped:
+            vehicle.stop()
+        elif stopped and not stays:
+            vehicle.accept_commands_again()
+        stopped = stays
+        cycle.run(REST if stays else twist, stopped=stopped)
+    vehicle.accept_commands_again()

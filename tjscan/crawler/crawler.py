@@ -9,15 +9,13 @@ from math import cos, pi
 from typing import Final, Protocol
 
 from tjscan.core.errors import CrawlStopped
-from tjscan.crawler.control_cycle import ControlCycle, CrawlDevices
+from tjscan.crawler.control_cycle import ControlCycle, CrawlDevices, HandDrive, drive_by_hand
 from tjscan.crawler.guards import Guards
-from tjscan.crawler.hand_drive import HandDrive, drive_by_hand
 from tjscan.crawler.journal import SET_DOWN, CrawlJournal
 from tjscan.crawler.last_view import LastView
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase
-from tjscan.crawler.plan import AlignmentSettings, WeldSettings
-from tjscan.crawler.torch_path import PassSettings
+from tjscan.crawler.plan import AlignmentSettings, PassSettings, WeldSettings
 from tjscan.vehicle.vehicle import REST, Twist
 
 TURN_BACK: Final = 0.5

@@ -32,9 +32,9 @@ TICK_PERIOD: Final = 0.01
 class SimulatedArm(LocalDevice):
     """An arm that is simulated, behind the `Arm` protocol.
 
-    It reports what its encoders would: exactly the pose it was sent to. Where the flange truly
-    stands, `true_T_b_f`, differs from that by an error drawn anew at the end of every move, and
-    by what its geometry and gears are off.
+    It reports what its encoders would: exactly the pose it was sent to. The true pose of
+    the flange, `true_T_b_f`, differs from that by an error drawn at the end of every move, and
+    by the errors of its geometry and gears.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class SimulatedArm(LocalDevice):
     seed : int, optional
         Seed of these errors. The same seed and moves give the same errors.
     realtime : bool, optional
-        Whether moves take as long as they say. If not they end at once; the arm's clock
+        Whether moves take their time. If not they end at once; the arm's clock
         advances all the same.
     time : float, optional
         What its clock shows at first, in seconds.
@@ -60,7 +60,7 @@ class SimulatedArm(LocalDevice):
     Raises
     ------
     ConfigurationError
-        If `q` has the wrong number of joints or lies beyond a limit.
+        If `q` has the wrong number of joints or is beyond a limit.
     """
 
     not_connected = (ArmFault, "the arm is not connected: use it inside a 'with' block")
@@ -157,7 +157,7 @@ class SimulatedArm(LocalDevice):
         if passed < path.duration:
             raise ArmFault(
                 f"the arm was stopped after {passed:.2f} s of a move of {path.duration:.2f} s. "
-                "See that the way is clear, then move again from where it stands."
+                "See that the way is clear, then move again from where it is."
             )
         return self.state()
 

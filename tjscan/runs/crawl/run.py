@@ -14,10 +14,9 @@ import numpy as np
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, GrooveNotFound
-from tjscan.crawler.control_cycle import CrawlDevices
+from tjscan.crawler.control_cycle import CrawlDevices, HandDrive
 from tjscan.crawler.crawler import Crawler, CrawlPlan, CrawlStart, WeldOperator
 from tjscan.crawler.guards import Guards
-from tjscan.crawler.hand_drive import HandDrive
 from tjscan.crawler.joint_sensor import JointReader
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.journal import CombinedCrawlJournal, CrawlCycle, CrawlJournal
