@@ -26,7 +26,7 @@ from tjscan.towing.team_poses import TeamEstimate, TeamPoses
 from tjscan.vehicle.localisation import Localisation, VehiclePose
 from tjscan.vehicle.vehicle import REST, Twist, Vehicle, VehicleState
 
-PERIOD: Final = 0.1
+PLAN_PERIOD: Final = 0.1
 """Seconds between plans."""
 
 LOOKS_PER_PLAN: Final = 2
@@ -178,7 +178,7 @@ class CableTow:
 
     def _wait_for_poses(self) -> TeamEstimate:
         """Stand until every vehicle's pose is known, and see that the welder is at its seam."""
-        limit = self._team.time + max(self._setting.localisation.lost, 5 * PERIOD)
+        limit = self._team.time + max(self._setting.localisation.lost, 5 * PLAN_PERIOD)
         estimate = self._see()
         while self._poses.unknown and self._team.time < limit:
             estimate = self._see()
@@ -206,11 +206,11 @@ class CableTow:
 
     def _see(self) -> TeamEstimate:
         """Let a period pass with the vehicles driving as told, and take in what was measured."""
-        due, begun = self._due + PERIOD, self._due
+        due, begun = self._due + PLAN_PERIOD, self._due
         self._measured = [None] * len(self._followers)
         for look in range(1, LOOKS_PER_PLAN + 1):
             before = self._team.time
-            self._states = self._team.advance_to(begun + look * PERIOD / LOOKS_PER_PLAN)
+            self._states = self._team.advance_to(begun + look * PLAN_PERIOD / LOOKS_PER_PLAN)
             measured, now = self._localisation.read(), self._team.time
             odometry = [
                 state.odometry if isinstance(state, VehicleState) else REST
@@ -221,13 +221,13 @@ class CableTow:
                 old if new is None else new
                 for old, new in zip(self._measured, measured, strict=True)
             ]
-        self._due = due if now < due + PERIOD else now  # what was missed is not made up for
+        self._due = due if now < due + PLAN_PERIOD else now  # what was missed is not made up for
         return estimate
 
     def _cycle(self, estimate: TeamEstimate) -> None:
         """Plan, and tell the vehicles where to go."""
         now = self._team.time
-        self._standing.update(now, PERIOD, self._states, self._asked, estimate)
+        self._standing.update(now, PLAN_PERIOD, self._states, self._asked, estimate)
         waiting, pace = self._reason_to_wait(estimate), self._standing.pace(estimate.poses)
         pace = allowed = 0.0 if waiting else pace
         obstacles = self._setting.obstacles(now)
@@ -240,7 +240,7 @@ class CableTow:
             waiting = Waiting("one step on, the cable has no shape within its limits")
         self._shapeless = bool(plan.halt) or (pace == 0 and allowed > 0)
         self._patience.update(now, waiting, self._along)
-        step = pace * self._setting.seam.settings.speed * PERIOD
+        step = pace * self._setting.seam.settings.speed * PLAN_PERIOD
         along = min(self._along + step, self._setting.seam.length)
         targets = self._send(estimate, plan, along)
         self._journal.record_cycle(
@@ -264,7 +264,7 @@ class CableTow:
             )
         )
         self._along, self._targets = along, targets
-        self._stood += PERIOD if pace else 0.0
+        self._stood += PLAN_PERIOD if pace else 0.0
         if not plan.halt:
             self._last = plan
 
@@ -272,7 +272,7 @@ class CableTow:
         self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle], pace: float
     ) -> tuple[TowingPlan, float]:
         """The plan for one step on, or for the welder's place if that has none; and its pace."""
-        step = pace * self._setting.seam.settings.speed * PERIOD
+        step = pace * self._setting.seam.settings.speed * PLAN_PERIOD
         if pace and self._may_go_on(estimate, obstacles, step):
             plan = self._plan_ahead(estimate, obstacles, step)
             if not plan.halt:
@@ -299,7 +299,7 @@ class CableTow:
         return self._planner.plan(
             estimate.poses,
             self._setting.seam.pose_at(self._along + ahead),
-            dt=PERIOD,
+            dt=PLAN_PERIOD,
             last=self._last,
             obstacles=obstacles,
             stopped=self._standing.stopped,
@@ -320,7 +320,9 @@ class CableTow:
                 follower.reset()
                 targets[v], self._asked[v] = estimate.poses[v], REST
             else:
-                self._asked[v] = follower.follow(estimate.poses[v], before[v], targets[v], PERIOD)
+                self._asked[v] = follower.follow(
+                    estimate.poses[v], before[v], targets[v], PLAN_PERIOD
+                )
         self._command()
         return targets
 
