@@ -12,6 +12,7 @@ from kinematic_team import ExactLocalisation, KinematicTeam, RowPlanner
 
 from tjscan.core.errors import TowHalted, VehicleFault
 from tjscan.core.frames import Array
+from tjscan.recording.journal import RunEvent
 from tjscan.towing.journal import TowCycle
 from tjscan.towing.loop import CableTow, TowSetting
 from tjscan.towing.seam import Seam
@@ -29,11 +30,12 @@ class Kept:
         self.cycles: list[TowCycle] = []
         self.events: list[tuple[str, str]] = []
 
-    def record_cycle(self, cycle: TowCycle) -> None:
-        self.cycles.append(cycle)
-
-    def record_event(self, name: str, detail: str) -> None:
-        self.events.append((name, detail))
+    def record(self, message: object) -> None:
+        match message:
+            case TowCycle():
+                self.cycles.append(message)
+            case RunEvent(name, detail):
+                self.events.append((name, detail))
 
     @property
     def names(self) -> list[str]:

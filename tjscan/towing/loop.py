@@ -13,9 +13,10 @@ import numpy as np
 
 from tjscan.core.errors import TowHalted, VehicleFault, VehicleLinkLost
 from tjscan.core.frames import Array
+from tjscan.recording.journal import Journal, RunEvent, event_recorder
 from tjscan.towing.devices import Team
 from tjscan.towing.following import PoseFollower
-from tjscan.towing.journal import WELDED, TowCycle, TowJournal
+from tjscan.towing.journal import WELDED_EVENT, TowCycle
 from tjscan.towing.pose_filter import SIGMAS
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
@@ -82,7 +83,7 @@ class CableTow:
         Connected.
     setting : TowSetting
     planner : ShapePlanner
-    journal : TowJournal
+    journal : Journal
     """
 
     def __init__(
@@ -91,20 +92,19 @@ class CableTow:
         localisation: Localisation,
         setting: TowSetting,
         planner: ShapePlanner,
-        journal: TowJournal,
+        journal: Journal,
     ) -> None:
         self._team, self._localisation = vehicles, localisation
         self._setting, self._planner, self._journal = setting, planner, journal
         team, count = setting.team, len(setting.team.held_links)
-        self._poses = TeamPoses(
-            setting.cable, team, setting.localisation, self._journal.record_event
-        )
+        record_event = event_recorder(journal)
+        self._poses = TeamPoses(setting.cable, team, setting.localisation, record_event)
         turn = team.top_speed / team.body_radius
         self._followers = [
             PoseFollower(setting.following, team.top_speed, turn) for _ in range(count)
         ]
-        self._standing = StandingVehicles(setting.cable, team, self._journal.record_event)
-        self._patience = Patience(setting.following.patience, self._journal.record_event)
+        self._standing = StandingVehicles(setting.cable, team, record_event)
+        self._patience = Patience(setting.following.patience, record_event)
         self._along = self._due = 0.0
         self._stood = 0.0
         self._last: TowingPlan | None = None
@@ -137,11 +137,11 @@ class CableTow:
         with self._stopped_by_errors():
             self._due = self._team.time
             estimate = self._wait_for_poses()
-            self._journal.record_event("start", f"{1e3 * along:.0f} mm along the seam")
+            self._journal.record(RunEvent("start", f"{1e3 * along:.0f} mm along the seam"))
             while not self._finished:
                 self._cycle(estimate)
                 estimate = self._see()
-            self._journal.record_event(WELDED, f"{1e3 * self._along:.0f} mm of seam")
+            self._journal.record(RunEvent(WELDED_EVENT, f"{1e3 * self._along:.0f} mm of seam"))
 
     @property
     def _finished(self) -> bool:
@@ -157,7 +157,7 @@ class CableTow:
             self._stop()
             interrupted = isinstance(error, KeyboardInterrupt)
             reason = "interrupted" if interrupted else str(error) or type(error).__name__
-            self._journal.record_event("stop", reason)
+            self._journal.record(RunEvent("stop", reason))
             raise
         self._stop()
 
@@ -228,7 +228,7 @@ class CableTow:
         step = pace * self._setting.seam.settings.speed * PERIOD
         along = min(self._along + step, self._setting.seam.length)
         targets = self._send(estimate, plan, along)
-        self._journal.record_cycle(
+        self._journal.record(
             TowCycle(
                 now,
                 along,

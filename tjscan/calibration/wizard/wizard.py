@@ -220,7 +220,7 @@ class CalibrationWizard:
                 touched = BoardTouch(k, state.T_b_f, state.q)
             except PoseUnreachable as error:
                 self.operator.report(f"place {k + 1} is passed over: {error}")
-        self.logbook.record_entry(touched)
+        self.logbook.record(touched)
 
     def _wants_more(self, progress: CalibrationProgress) -> bool:
         count, wanted = len(progress.samples), progress.wanted
@@ -260,17 +260,17 @@ class CalibrationWizard:
         hope = "" if fresh else f"; certain to {1e3 * there.after.position:.3g} mm after it"
         question = f"Take {what}: move {way:.0f} mm, turn {turn:.0f}°{hope}?"
         if not self.operator.confirm(self._move(question, there.T_b_f)):
-            self.logbook.record_entry(SkippedPose(there.T_b_f, "declined"))
+            self.logbook.record(SkippedPose(there.T_b_f, "declined"))
             return
         reached = self.arm.move_linear(there.T_b_f)
         shot = PosedProfile(what, reached.T_b_f, self.laser.capture(), reached.q)
         samples, refused = fit_profiles([shot], fit_line, self.task.noise)
         if samples:
-            self.logbook.record_entry(LaserLineTaken(shot, fresh))
+            self.logbook.record(LaserLineTaken(shot, fresh))
         else:
             reason = refused[what].evidence
             self.operator.report(f"no line there: {reason}")
-            self.logbook.record_entry(SkippedPose(there.T_b_f, reason))
+            self.logbook.record(SkippedPose(there.T_b_f, reason))
         self.arm.move_linear(ready)
 
     def _get_ready(self) -> Array:

@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from tjscan.core.array_fields import PlanarPoints, PlanarPoses
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import DiscObstacle
 
@@ -76,14 +77,14 @@ class TowingPlan:
 
     estimate: Array
     angles: Array
-    link_poses: Array
-    held_poses: Array
+    link_poses: PlanarPoses
+    held_poses: PlanarPoses
     terms: PlanTerms
     constraint: float
     limits: tuple[str, ...] = ()
     iterations: int = 0
     halt: str = ""
-    rest: Array | None = None
+    rest: PlanarPoints | None = None
 
 
 class ShapePlanner(Protocol):
