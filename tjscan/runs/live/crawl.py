@@ -123,7 +123,7 @@ class CrawlShow:
             "along the joint / mm",
             see_through=("vehicle",),
             bodies={"vehicle": (body,), "torch": (torch,)},
-            ghost=(
+            nominal=(
                 Surface(hull, np.array([(0, 1, 2), (0, 2, 3)]), NOMINAL_COLOUR, 0.35),
                 Lines.through(ends, colour=NOMINAL_COLOUR, width=1.5),
                 Lines.through(weld, colour=LASER_COLOUR, width=2.0),
