@@ -58,7 +58,7 @@ def test_a_browser_gets_all_of_it(show: RecordedShow, replay: Replay) -> None:
         "/run/arm/forearm_link/body",
         "/run/laser",
         "/run/fitted",
-        "/run/ghost/0",
+        "/run/nominal/0",
     } <= client.names()
 
 

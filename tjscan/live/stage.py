@@ -51,8 +51,8 @@ class Stage:
             self._add_hidden_frame(name)
             opacity = BODY_OPACITY if name in setting.see_through else 1.0
             self._draw_solids(name, solids, ARM_COLOUR, opacity)
-        for k, thing in enumerate(setting.ghost):
-            self._draw(f"ghost/{k}", thing)
+        for k, thing in enumerate(setting.nominal):
+            self._draw(f"nominal/{k}", thing)
 
     def draw(self, things: Mapping[str, Drawable]) -> None:
         """Draw things by their names; what had a name before is replaced."""
@@ -63,7 +63,7 @@ class Stage:
         """Hide what was drawn and is not named; draw nothing again."""
         wanted = set(names)
         for name, nodes in self._nodes.items():
-            shown = name in wanted or name.startswith("ghost/")
+            shown = name in wanted or name.startswith("nominal/")
             for node in nodes:
                 if node.visible != shown:
                     node.visible = shown

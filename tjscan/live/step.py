@@ -193,7 +193,7 @@ class Setting:
         What else moves, each in its own frame, placed by `Placement` steps of its name.
     see_through : tuple of str
         Which of them are.
-    ghost : tuple of Lines or Surface
+    nominal : tuple of Lines or Surface
         What was designed, drawn faintly.
     look_at : ndarray, shape (3,)
         Middle of the picture.
@@ -212,7 +212,7 @@ class Setting:
     tool: tuple[Solid, ...] = ()
     bodies: Mapping[str, tuple[Solid, ...]] = field(default_factory=lambda: MappingProxyType({}))
     see_through: tuple[str, ...] = ()
-    ghost: tuple[Lines | Surface, ...] = ()
+    nominal: tuple[Lines | Surface, ...] = ()
     look_at: Array = field(default_factory=lambda: np.zeros(3))
     look_from: Array = field(default_factory=lambda: np.array((2.0, -2.0, 1.5)))
     profile_axes: tuple[str, str] = ("x / mm", "z / mm")

@@ -120,7 +120,7 @@ class CalibrationShow:
             kinematics_of_job(job),
             solids_in_base(job),
             tuple(one.solid for one in job.clearance.tool),
-            ghost=(self._board(),),
+            nominal=(self._board(),),
             look_at=at,
             look_from=at + out * aside + (0.0, 0.0, 0.6 * out),
         )

@@ -98,7 +98,7 @@ class CrawlShow:
                 return self._event_step(entry)
 
     def _event_step(self, event: RunEvent) -> Step:
-        """Events that a phase begins with bear its name: no cycle follows that of a stop."""
+        """Events that a phase begins with bear its name: no cycle follows a stop."""
         news = ((event.name, event.detail),)
         if event.name not in set(Phase):
             return Step(event.name, events=news)
@@ -123,7 +123,7 @@ class CrawlShow:
             "along the joint / mm",
             see_through=("vehicle",),
             bodies={"vehicle": (body,), "torch": (torch,)},
-            ghost=(
+            nominal=(
                 Surface(hull, np.array([(0, 1, 2), (0, 2, 3)]), NOMINAL_COLOUR, 0.35),
                 Lines.through(ends, colour=NOMINAL_COLOUR, width=1.5),
                 Lines.through(weld, colour=LASER_COLOUR, width=2.0),

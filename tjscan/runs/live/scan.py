@@ -106,7 +106,7 @@ class ScanShow:
             kinematics_of_job(job),
             solids_in_base(job),
             tuple(one.solid for one in job.clearance.tool),
-            ghost=tuple(self._ghost()),
+            nominal=tuple(self._nominal_joint()),
             look_at=at,
             look_from=seen_from,
         )
@@ -211,7 +211,7 @@ class ScanShow:
         )
         return {f"groove/{view.index}": piece}
 
-    def _ghost(self) -> Iterator[Lines | Surface]:
+    def _nominal_joint(self) -> Iterator[Lines | Surface]:
         T_b_j = self._frame.T_b_j
         if self._joint is None or T_b_j is None:
             return
@@ -314,7 +314,7 @@ class PageJournal:
     run : RunOnPage
         The scan on the page.
     total : int or None
-        Sections to scan, where that is known.
+        Sections to scan, if that is known.
     clock : callable
         Gives seconds.
     """

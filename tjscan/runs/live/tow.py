@@ -102,7 +102,7 @@ class TowShow:
             ),
             "time / s",
             bodies={name: (Solid(name, shape, upright),) for name in (*names, "welder")},
-            ghost=(
+            nominal=(
                 Lines.through(*rings, colour=NOMINAL_COLOUR, width=2.0),
                 Lines.through(seam, colour=LASER_COLOUR, width=2.5),
             ),
