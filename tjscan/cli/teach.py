@@ -35,12 +35,23 @@ def teach(
     json
         Print the pose as JSON on stdout.
     """
-    from tjscan.cli.output.teach import print_taught_pose
+    from json import dumps
+
+    from tjscan.cli.output.console import print_message
     from tjscan.core.config import add_file_to_errors
     from tjscan.job import read_scan_job
+    from tjscan.result.readings import measures_with_sigmas
     from tjscan.runs.teach import teach_pose
 
     with add_file_to_errors(job):
         here = read_scan_job(job, parse_overrides(overrides)).job_at_station(station)
     lead = None if lead_mm is None else [1e-3 * value for value in lead_mm]
-    print_taught_pose(teach_pose(here, job, which, lead), job, which, json=json)
+    taught = teach_pose(here, job, which, lead)
+    position, angles = taught.position_mm, taught.euler_zyx_deg
+    if json:
+        pose = {"which": which, "position_mm": position, "euler_zyx_deg": angles}
+        print(dumps(pose, indent=2))
+    measures = measures_with_sigmas(taught.groove)
+    seen = ", ".join(f"{name} {value:.2f}" for name, value, _ in measures)
+    print_message(f"the laser sees a groove there: {seen}")
+    print_message(f"{job}: {'.'.join(taught.key)} is now {list(position)} mm, {list(angles)}°")
