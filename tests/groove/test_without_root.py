@@ -7,8 +7,8 @@ from grooves import MM, Groove, Noise, draw
 
 from tjscan.groove.alternatives import least_loss_without_root
 from tjscan.groove.read import order_points
-from tjscan.groove.search import find_best_fit
-from tjscan.groove.settings import DEFAULT_SETTINGS, SEARCH_SETTINGS, TEE_GROOVE, TEE_NO_ROOT
+from tjscan.groove.search import DETACHED_COST, REFIT_GAIN, SIDE_COST, find_best_fit
+from tjscan.groove.settings import DEFAULT_SETTINGS, TEE_GROOVE, TEE_NO_ROOT
 
 ALONE = replace(TEE_GROOVE, alternatives=())
 CORNER_SIDES = 6
@@ -23,12 +23,7 @@ def test_a_search_finds_nothing_below_the_bound(ghosts: float, seed: int) -> Non
     with_root = find_best_fit(row, replace(DEFAULT_SETTINGS, model=ALONE))
     without = find_best_fit(row, replace(DEFAULT_SETTINGS, model=TEE_NO_ROOT))
     bound = least_loss_without_root(row, with_root.fitted, DEFAULT_SETTINGS.support_tolerance)
-    least = (
-        bound
-        - SEARCH_SETTINGS.side_cost
-        - CORNER_SIDES * SEARCH_SETTINGS.detached_cost
-        - SEARCH_SETTINGS.refit_gain
-    )
+    least = bound - SIDE_COST - CORNER_SIDES * DETACHED_COST - REFIT_GAIN
     assert without.cost - with_root.cost > least
 
 

@@ -14,8 +14,9 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.groove.refinement import FACE_BLUNTNESS
 from tjscan.groove.reflections import PointRuns
-from tjscan.groove.settings import FORM_SETTINGS, REFINEMENT_SETTINGS, GrooveModel
+from tjscan.groove.settings import GrooveModel
 from tjscan.groove.sides import (
     CubicCurve,
     FittedProfile,
@@ -31,11 +32,28 @@ BEAD_PLACES: Final = np.array(
 )
 """Where, as shares of the bead, the three points of a proposed parabola lie."""
 
+FEWEST_BEAD_POINTS: Final = 6
+"""Points between the neighbours that are worth a parabola."""
+
+FEWEST_FACE_RUN: Final = 4
+"""Points that show where a face goes which begins at bevel or leg."""
+
+LEAST_BEAD_GAIN: Final = 3.0
+"""By how many points a parabola must explain more than a straight face."""
+
+REACH_COST: Final = 0.3
+"""What each point costs a face that reaches farther, times the logarithm of how much farther."""
 
 KNEE_PLACES: Final = np.array(
     list(product((0.03, 0.12, 0.24), (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8), (0.76, 0.88, 0.97)))
 )
 """Where, as shares of the side's points, the three points of a proposed pair of lines lie."""
+
+KNEE_REACH: Final = 2.0e-3
+"""Farther from the side a point proposes nothing, in metres."""
+
+FEWEST_DIVIDED_POINTS: Final = 12
+"""Points of a side that is worth dividing."""
 
 
 def fit_bead(
@@ -65,13 +83,13 @@ def fit_bead(
     before, straight, after = line.sides[k - 1 : k + 2]
     first, last = row.tangents.searchsorted(bearing_tangents(line.corners[k - 1 : k + 1])).tolist()
     a, b = _between(row, (before, after), (last, first), tolerance)
-    if b - a < FORM_SETTINGS.fewest_bead_points:
+    if b - a < FEWEST_BEAD_POINTS:
         return line
     points = row.points[a:b]
     pays = np.minimum((straight.signed_distances(points) / tolerance) ** 2, 1)
     own = runs.within(a, b)
     flat = float(own.total_cost(pays))
-    curve = _parabola(points, own, (before, after), tolerance, flat - FORM_SETTINGS.least_bead_gain)
+    curve = _parabola(points, own, (before, after), tolerance, flat - LEAST_BEAD_GAIN)
     if curve is None:
         return line
     sides = (*line.sides[:k], curve, *line.sides[k + 1 :])
@@ -104,7 +122,7 @@ def root_arc(
         With one side more; None if no arc fits between.
     """
     a, b = _gap_at_root(row, line, tolerance)
-    if b - a < FORM_SETTINGS.fewest_bead_points:
+    if b - a < FEWEST_BEAD_POINTS:
         return None
     points = row.points[a:b]
     curve = _parabola(points, runs.within(a, b), line.sides[-2:], tolerance, np.inf)
@@ -124,7 +142,7 @@ def attached_faces(
         (a, min(runs.bounds_of_run(max(a - 1, 0))[1], b)),
         (max(runs.bounds_of_run(min(b, len(row.points) - 1))[0], a), b),
     ):
-        if end - start < FORM_SETTINGS.fewest_face_run:
+        if end - start < FEWEST_FACE_RUN:
             continue
         points = row.points[start:end]
         middle = points.mean(axis=0)
@@ -201,11 +219,9 @@ def _parabola(
     steep = np.abs(coefficients[:, 2]) * length > 2
     away = d - (coefficients @ np.vstack((np.ones_like(s), s, s * s)))
     # A face that rises high is no parabola.
-    reach = np.maximum(
-        tolerance, REFINEMENT_SETTINGS.face_bluntness * np.abs(coefficients[:, 2]) * length**2 / 4
-    )
+    reach = np.maximum(tolerance, FACE_BLUNTNESS * np.abs(coefficients[:, 2]) * length**2 / 4)
     cost = runs.total_cost(np.minimum((away / reach[:, None]) ** 2, 1)) + 1e9 * steep
-    cost += FORM_SETTINGS.reach_cost * len(points) * np.log(reach / tolerance)
+    cost += REACH_COST * len(points) * np.log(reach / tolerance)
     best = int(cost.argmin())
     if cost[best] > most:
         return None
@@ -239,8 +255,8 @@ def with_knee(
     """
     own = fitted.spans[k]
     points, residuals = row.points[own], fitted.residuals[own]
-    near = np.flatnonzero(np.abs(residuals) < FORM_SETTINGS.knee_reach)
-    if len(near) < FORM_SETTINGS.fewest_divided_points:
+    near = np.flatnonzero(np.abs(residuals) < KNEE_REACH)
+    if len(near) < FEWEST_DIVIDED_POINTS:
         return None
     side = fitted.curves[k]
     s, d = side.local_coordinates(points)

@@ -18,13 +18,7 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.segments import CurvedSegments
-from tjscan.groove.settings import (
-    PROPOSAL_SETTINGS,
-    GrooveModel,
-    SearchBudget,
-    SideModel,
-    TurnBounds,
-)
+from tjscan.groove.settings import GrooveModel, SearchBudget, SideModel, TurnBounds
 from tjscan.groove.sides import (
     CubicCurve,
     Index,
@@ -37,9 +31,41 @@ from tjscan.groove.sides import (
 PAIR_LAGS: Final = (2, 4, 7, 12, 20, 35, 60, 110)
 """How many points apart the pairs are that propose a line."""
 
+GAP_COST: Final = 0.15
+"""What a point costs the stretch it lies in, in points, unless the line explains it."""
 
 STRETCH_BLOCK: Final = 6
 """Points between the ends that a stretch may have."""
+
+SUPPORT_GAIN: Final = 0.2
+"""Gain from which a line counts as explaining a point."""
+
+OUTER_MARGIN: Final = 10
+"""Points of the outer sides that may belong to the sides between them."""
+
+FEWEST_INNER_POINTS: Final = 4
+"""Points that must support an inner side."""
+
+LEAST_SUPPORT_SHARE: Final = 0.12
+"""Share of an inner side's points that must support it."""
+
+DISTINCT_DISTANCE: Final = 1e-3
+"""Chains that differ less than this at every corner are the same one, in metres."""
+
+MOST_REFINED: Final = 3
+"""Most hypotheses looked at more closely."""
+
+MOST_COMPARED: Final = 150
+"""Most hypotheses of which the distinct ones are sought."""
+
+RIVAL_MARGIN: Final = 12.0
+"""By how many outliers a hypothesis may be dearer than the cheapest and still be looked at."""
+
+NEAREST_RANGE: Final = 0.02
+"""Least distance of anything from the sensor, in metres."""
+
+CORNER_ROOM: Final = 30e-3
+"""How far a corner may lie outside all points, in metres."""
 
 
 _Neighbour = tuple[CubicCurve, TurnBounds]
@@ -131,11 +157,11 @@ def best_hypotheses(
     until, since = stretches
     d_first = outer[0].signed_distances(row.points) / tolerance
     d_last = outer[1].signed_distances(row.points) / tolerance
-    lo = max(end_of_support(np.abs(d_first[: until + 1]) < 1) - PROPOSAL_SETTINGS.outer_margin, 0)
-    behind = end_of_support(np.abs(d_last[since:][::-1]) < 1) - PROPOSAL_SETTINGS.outer_margin
+    lo = max(end_of_support(np.abs(d_first[: until + 1]) < 1) - OUTER_MARGIN, 0)
+    behind = end_of_support(np.abs(d_last[since:][::-1]) < 1) - OUTER_MARGIN
     hi = len(row.points) - max(behind, 0)
     inner = len(model.sides) - 2
-    if hi - lo < PROPOSAL_SETTINGS.fewest_inner_points * inner:
+    if hi - lo < FEWEST_INNER_POINTS * inner:
         return []
     outside = float(_costs(d_first[:lo]).sum() + _costs(d_last[hi:]).sum())
     scaled = np.array((d_first[lo:hi], d_last[lo:hi]))
@@ -150,7 +176,7 @@ def best_hypotheses(
     gains = distances * distances
     np.subtract(1, gains, out=gains)
     np.maximum(gains, 0, out=gains)
-    gains -= np.float32(PROPOSAL_SETTINGS.gap_cost)
+    gains -= np.float32(GAP_COST)
     proposed = _Proposed(lines, distances, gains)
     layers = [first]
     for k in range(inner):
@@ -234,13 +260,13 @@ def _pool(
         corner = np.where(keep[:, None], corner, 1.0)
         bounds[i] = np.searchsorted(region.tangents, bearing_tangents(corner))
         end = corner + (longest if following else -longest) * lines[:, 2:]
-        end[:, 1] = np.maximum(end[:, 1], PROPOSAL_SETTINGS.nearest_range)
+        end[:, 1] = np.maximum(end[:, 1], NEAREST_RANGE)
         bounds[1 - i] = np.searchsorted(region.tangents, bearing_tangents(end))
     which = np.flatnonzero(keep)
     if not len(which):
         return _Lines(lines[:0, :2], lines[:0, 2:], np.zeros((0, 1)), np.zeros((0, 1)))
     if neighbours == (None, None):
-        gains = proposed.gains[which] + np.float32(PROPOSAL_SETTINGS.gap_cost)
+        gains = proposed.gains[which] + np.float32(GAP_COST)
         best = which[_one_by_one(gains, most)]
     else:
         index = np.arange(n)
@@ -261,7 +287,7 @@ def _best_stretches(gain: Array, most: int, *, backward: bool) -> Index:
     order = np.argsort(-score, kind="stable")
     order = order[: max(np.count_nonzero(score > 0), 1)]
     # Of the lines that explain a point the best one claims it.
-    claims = gain[order] > PROPOSAL_SETTINGS.support_gain - PROPOSAL_SETTINGS.gap_cost
+    claims = gain[order] > SUPPORT_GAIN - GAP_COST
     winners = np.zeros(len(order), dtype=np.bool_)
     winners[claims.argmax(axis=0)[claims.any(axis=0)]] = True
     winners &= score[order] > 0
@@ -273,8 +299,8 @@ def _one_by_one(gain: Array, most: int) -> Index:
     gain, found = gain.copy(), []
     for _ in range(most):
         best = int(gain.sum(axis=1).argmax())
-        explained = gain[best] > PROPOSAL_SETTINGS.support_gain
-        if np.count_nonzero(explained) < PROPOSAL_SETTINGS.fewest_inner_points:
+        explained = gain[best] > SUPPORT_GAIN
+        if np.count_nonzero(explained) < FEWEST_INNER_POINTS:
             break
         found.append(best)
         gain[:, explained] = 0
@@ -301,8 +327,8 @@ def _cheapest(
 ) -> list[Polyline]:
     """Dynamic programming over the layers; `total` keeps the last three of a hypothesis apart."""
     box = (
-        (region.points.min(axis=0) - PROPOSAL_SETTINGS.corner_room).tolist(),
-        (region.points.max(axis=0) + PROPOSAL_SETTINGS.corner_room).tolist(),
+        (region.points.min(axis=0) - CORNER_ROOM).tolist(),
+        (region.points.max(axis=0) + CORNER_ROOM).tolist(),
     )
     joints = []
     for k, bounds in enumerate(model.turns):
@@ -323,12 +349,10 @@ def _cheapest(
             value = total.min(axis=0)
     constant = outside + float(layers[-1].paid[0, -1])
     costs = total.ravel()
-    most = float(costs.min()) + PROPOSAL_SETTINGS.rival_margin
+    most = float(costs.min()) + RIVAL_MARGIN
     likely = np.flatnonzero((costs <= most) & (costs < np.inf))
     found: list[Polyline] = []
-    for flat in likely[
-        np.argsort(costs[likely], kind="stable")[: PROPOSAL_SETTINGS.most_compared]
-    ].tolist():
+    for flat in likely[np.argsort(costs[likely], kind="stable")[:MOST_COMPARED]].tolist():
         start, last = divmod(flat, total.shape[2])
         hypothesis = [*divmod(start, total.shape[1]), last]
         for choice in reversed(choices):
@@ -336,13 +360,11 @@ def _cheapest(
         corners = np.array(
             [j.corner[hypothesis[i], hypothesis[i + 1]] for i, j in enumerate(joints)]
         )
-        if all(
-            np.abs(corners - c.corners).max() > PROPOSAL_SETTINGS.distinct_distance for c in found
-        ):
+        if all(np.abs(corners - c.corners).max() > DISTINCT_DISTANCE for c in found):
             inner = [_curve(layers[k], hypothesis[k]) for k in range(1, len(hypothesis) - 1)]
             cost = float(costs[flat]) + constant
             found.append(Polyline((outer[0], *inner, outer[1]), corners, cost))
-            if len(found) == PROPOSAL_SETTINGS.most_refined:
+            if len(found) == MOST_REFINED:
                 break
     return found
 
@@ -412,12 +434,6 @@ def _may_be_between(before: _Joint, after: _Joint, side: SideModel) -> NDArray[n
     good = after.until[None] - before.since[:, :, None]
     gap = after.corner[None] - before.corner[:, :, None]
     square = gap[..., 0] ** 2 + gap[..., 1] ** 2
-    fits = (span > 0) & (
-        good
-        >= np.maximum(
-            PROPOSAL_SETTINGS.least_support_share * span,
-            PROPOSAL_SETTINGS.fewest_inner_points * 0.7,
-        )
-    )
+    fits = (span > 0) & (good >= np.maximum(LEAST_SUPPORT_SHARE * span, FEWEST_INNER_POINTS * 0.7))
     fits &= square > side.shortest**2
     return np.asarray(fits & (square < side.longest**2))

@@ -17,8 +17,8 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.groove.refinement import UNDULATION_BLOCK, undulation_sigmas
-from tjscan.groove.settings import NOTCH_SETTINGS, REFINEMENT_SETTINGS, GrooveModel
+from tjscan.groove.refinement import FACE_BLUNTNESS, UNDULATION_BLOCK, undulation_sigmas
+from tjscan.groove.settings import GrooveModel
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
@@ -31,8 +31,35 @@ TRIED_PULLS: Final = 1e-3 * np.array((0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0,
 TRIED_REACHES: Final = 1e-3 * np.array((3.0, 4.0, 5.0))
 """How far a notch may be pulled in, and how far up its flanks that may be seen, in metres."""
 
+STEEPEST_PULL: Final = 0.5
+"""A pull is smooth: it is no greater than this share of its reach."""
+
+PULL_PRIOR_ODDS: Final = 0.1
+"""Odds that a notch is pulled in, before its points are looked at."""
+
+PULL_SHAPE_SPREAD: Final = 0.05
+"""A pull may differ from a raised cosine by this share, one standard deviation."""
+
+NOTCH_REGION: Final = 8e-3
+"""Points this near a corner are looked at, in metres along its flank."""
 
 FACE_PLACES: Final = (0.15, 0.35, 0.5, 0.65, 0.85)
+FEWEST_FACE_POINTS: Final = 8
+"""Where, as shares of its points, those lie that propose flatter faces; fewest points for that."""
+
+LEAST_TURN_SINE: Final = 0.15
+"""Least sine of the turn between a flank and a face that have a corner."""
+
+
+PULL_REACH: Final = 4e-3
+"""Distance from a notch in metres within which points are pulled in: real profiles
+show 3 to 5 mm."""
+
+PULL_DOUBT: Final = 0.15
+"""Share of itself by which a pull is uncertain, for its reach is."""
+
+FEWEST_PULLED_POINTS: Final = 4
+"""Points about a notch that show a pull."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +81,7 @@ class NotchPull:
 
 NO_PULL: Final = NotchPull(0.0, np.zeros(2), np.zeros(2))
 
-_ALLOWED_PULLS: Final = TRIED_PULLS[:, None] <= NOTCH_SETTINGS.steepest_pull * TRIED_REACHES
+_ALLOWED_PULLS: Final = TRIED_PULLS[:, None] <= STEEPEST_PULL * TRIED_REACHES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +119,7 @@ class _Flank:
         """
         (cx, cz), (fx, fz) = self.corner, self.along
         cross = fx * tz - fz * tx
-        if abs(cross) < NOTCH_SETTINGS.least_turn_sine:
+        if abs(cross) < LEAST_TURN_SINE:
             return None
         met = (x - cx) * tz - (z - cz) * tx
         return np.asarray((met + TRIED_PULLS * (cx / cz * tz - tx)) / cross)
@@ -113,12 +140,12 @@ def find_pull(row: OrderedProfilePoints, fitted: FittedProfile, k: int) -> Notch
     limits = OUTLIER_SIGMAS * np.maximum(fitted.sigmas, LEAST_NOISE)
     flat = float(limits[k])
     sag = -face.c2 * (places[1] - places[0]) ** 2 / 4
-    limits[k] = max(flat, REFINEMENT_SETTINGS.face_bluntness * abs(sag))
+    limits[k] = max(flat, FACE_BLUNTNESS * abs(sag))
     bounds = [
         fitted.curves[i].points_at(s)
         for i, s in (
-            (k - 1, fitted.places[k - 1][0] - NOTCH_SETTINGS.notch_region),
-            (k + 1, fitted.places[k][1] + NOTCH_SETTINGS.notch_region),
+            (k - 1, fitted.places[k - 1][0] - NOTCH_REGION),
+            (k + 1, fitted.places[k][1] + NOTCH_REGION),
         )
     ]
     a, b = row.tangents.searchsorted([-x / z for x, z in bounds]).tolist()
@@ -144,7 +171,7 @@ def find_pull(row: OrderedProfilePoints, fitted: FittedProfile, k: int) -> Notch
     inflation = fitted.noise.variance_inflation
     weight = np.exp((now - costs) * OUTLIER_SIGMAS**2 / 2 / inflation) * _ALLOWED_PULLS
     total = float(weight.sum())
-    odds = NOTCH_SETTINGS.pull_prior_odds * total / (len(known) * np.count_nonzero(_ALLOWED_PULLS))
+    odds = PULL_PRIOR_ODDS * total / (len(known) * np.count_nonzero(_ALLOWED_PULLS))
     if odds < 1e-4:
         return NO_PULL
     share = weight[:, None] / total
@@ -166,7 +193,7 @@ def _flank(curve: CubicCurve, s: float, sign: float, points: Array, limit: float
 
 def _flatter_faces(points: Array) -> list[CubicCurve]:
     """Straight faces through pairs of a face's points, shape (n, 2)."""
-    if len(points) < NOTCH_SETTINGS.fewest_face_points:
+    if len(points) < FEWEST_FACE_POINTS:
         return []
     chosen = points[np.rint(np.multiply(FACE_PLACES, len(points) - 1)).astype(np.intp)].tolist()
     found = []
@@ -199,7 +226,7 @@ def _costs(
     for flank, met, on in zip(flanks, corners, (before, after), strict=True):
         share = (met[:, None] - flank.inward)[:, None] / TRIED_REACHES[:, None]
         pull = TRIED_PULLS[:, None, None] * (0.5 + 0.5 * np.cos(np.pi * np.minimum(share, 1)))
-        fuzzy = (NOTCH_SETTINGS.pull_shape_spread * OUTLIER_SIGMAS / flank.limit * pull) ** 2
+        fuzzy = (PULL_SHAPE_SPREAD * OUTLIER_SIGMAS / flank.limit * pull) ** 2
         away = ((flank.behind + flank.square * pull) / flank.limit) ** 2
         pays = np.minimum(away / (1 + fuzzy), 1) + np.log1p(fuzzy) / OUTLIER_SIGMAS**2
         total = total + (pays * on[:, None]).sum(axis=2)
@@ -216,7 +243,7 @@ def closeness_to_notch(points: Array, notch: Array) -> Array:
         Its corners, x and z in metres.
     """
     away = np.linalg.norm(points[:, None] - notch, axis=2).min(axis=1)
-    return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.minimum(away / NOTCH_SETTINGS.pull_reach, 1.0)))
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.minimum(away / PULL_REACH, 1.0)))
 
 
 def estimate_pull(
@@ -252,7 +279,7 @@ def estimate_pull(
         off = d - (curve.c0 + s * (curve.c1 + s * (curve.c2 + s * curve.c3)))
         sigma = max(float(fitted.sigmas[k]), LEAST_NOISE)
         used = fitted.keep[own] | (close & (np.abs(off) < 2 * OUTLIER_SIGMAS * sigma))
-        if np.count_nonzero(close & used) < NOTCH_SETTINGS.fewest_pulled_points:
+        if np.count_nonzero(close & used) < FEWEST_PULLED_POINTS:
             continue
         expected = curve.c2 if side.expected_bend is None and side.bend > 1 else side.expected_bend
         basis = np.stack([s[used] ** p for p in range(4)])

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array, frozen_arrays, readonly_copy
-from tjscan.groove.settings import PRIOR_SETTINGS, GrooveModel, SideModel
+from tjscan.groove.settings import GrooveModel
 
 NOTCH_PULLS: Final = readonly_copy(
     np.concatenate((np.arange(21) * 25e-6, np.arange(6, 16) * 100e-6))
@@ -27,20 +27,48 @@ show 0.4 to 1.5 mm."""
 SCALE_THICKNESSES: Final = readonly_copy(np.concatenate(([0.0], np.arange(4, 21, 2) * 25e-6)))
 """How thick mill scale may be, in metres: real profiles show 0.2 to 0.4 mm."""
 
+ABSENCE_PROBABILITY: Final = 0.5
+"""Probability that there is no scale, or no pull: as likely as not."""
+
+USUAL_PULL: Final = 0.5e-3
+"""About how far a notch is pulled in, in metres, if it is."""
+
+ALIKE_LENGTH: Final = 0.5
+"""Length of groove over which scale and the faces' gloss stay alike, in metres."""
+
+PATCH_LENGTH: Final = 20e-3
+"""Sections nearer to each other, in metres, show the same patches of scale."""
+
+BEND_CHANGE: Final = 5.0
+"""By how much a side's bend changes along the groove, in 1/m per metre: that of a leg of 600 mm
+from none at the crown to all of it at the saddle. Across the groove it changes no faster."""
+
+BEND_SIGMA: Final = 0.15
+"""Least standard deviation of a bend in 1/m: of 0.02 mm in 12 mm, which undulation makes too."""
+
+SECTIONS_WITH_FORMS: Final = 3
+"""Of so many sections before, one with another form is reason enough to look for it again."""
+
+STRAIGHT_BEND: Final = 1.0
+"""A side that bends by less, in 1/m, is most likely straight: how far others seemed to bend shows
+less of it than that."""
+
+CHANGE_PROBABILITY: Final = 0.1
+"""Probability that scale or pull are no more as they were: then nothing is known of them."""
+
 
 def _base_log_pulls() -> Array:
-    width = np.gradient(NOTCH_PULLS) * np.exp(-0.5 * (NOTCH_PULLS / PRIOR_SETTINGS.usual_pull) ** 2)
-    share = (1 - PRIOR_SETTINGS.absence_probability) * width / width[1:].sum()
-    share[0] = PRIOR_SETTINGS.absence_probability
+    width = np.gradient(NOTCH_PULLS) * np.exp(-0.5 * (NOTCH_PULLS / USUAL_PULL) ** 2)
+    share = (1 - ABSENCE_PROBABILITY) * width / width[1:].sum()
+    share[0] = ABSENCE_PROBABILITY
     return readonly_copy(np.log(share))
 
 
 def _base_log_thicknesses() -> Array:
     share = np.full(
-        len(SCALE_THICKNESSES),
-        (1 - PRIOR_SETTINGS.absence_probability) / (len(SCALE_THICKNESSES) - 1),
+        len(SCALE_THICKNESSES), (1 - ABSENCE_PROBABILITY) / (len(SCALE_THICKNESSES) - 1)
     )
-    share[0] = PRIOR_SETTINGS.absence_probability
+    share[0] = ABSENCE_PROBABILITY
     return readonly_copy(np.log(share))
 
 
@@ -107,7 +135,7 @@ class GroovePrior:
 
         Notes
         -----
-        Log-likelihoods add, fading over `alike_length`. Of each bend the nearest good one is taken,
+        Log-likelihoods add, fading over `ALIKE_LENGTH`. Of each bend the nearest good one is taken,
         for what it has changed since is common to all before.
         """
         prior = cls()
@@ -116,21 +144,13 @@ class GroovePrior:
         pulls, thicknesses = prior.log_pulls.copy(), prior.log_thicknesses.copy()
         further = [away for _, away in sections]
         for k, (one, away) in enumerate(sections):
-            apart = (
-                PRIOR_SETTINGS.patch_length
-                if k + 1 == len(sections)
-                else max(away - further[k + 1], 0.0)
-            )
-            weight = exp(-away / PRIOR_SETTINGS.alike_length) * min(
-                apart / PRIOR_SETTINGS.patch_length, 1.0
-            )
+            apart = PATCH_LENGTH if k + 1 == len(sections) else max(away - further[k + 1], 0.0)
+            weight = exp(-away / ALIKE_LENGTH) * min(apart / PATCH_LENGTH, 1.0)
             pulls += weight * one.log_pulls
             thicknesses += weight * one.log_thicknesses
         aways = np.array(further)[:, None]
         sigmas = np.array([one.bend_sigmas for one, _ in sections])
-        sigmas = np.sqrt(
-            sigmas**2 + (PRIOR_SETTINGS.bend_change * aways) ** 2 + PRIOR_SETTINGS.bend_sigma**2
-        )
+        sigmas = np.sqrt(sigmas**2 + (BEND_CHANGE * aways) ** 2 + BEND_SIGMA**2)
         best = sigmas.argmin(axis=0)
         bends = np.array([one.bends for one, _ in sections])
         return cls(
@@ -138,9 +158,7 @@ class GroovePrior:
             sigmas[best, (0, 1)],
             _or_anything(pulls, prior.log_pulls),
             _or_anything(thicknesses, prior.log_thicknesses),
-            frozenset(
-                one.form for one, _ in sections[-PRIOR_SETTINGS.sections_with_forms :] if one.form
-            ),
+            frozenset(one.form for one, _ in sections[-SECTIONS_WITH_FORMS:] if one.form),
         )
 
     @property
@@ -155,30 +173,20 @@ class GroovePrior:
 
     def expected_model(self, model: GrooveModel) -> GrooveModel:
         """A groove's model, and its alternatives, with what is known of their form and bends."""
-        others = model.alternatives
-        expected = [self._expected_sides(one) for one in (model, *others)]
-        likely = not self.forms.isdisjoint([other.name for other in others])
-        return replace(
-            model,
-            sides=expected[0],
-            alternatives=tuple(
-                [replace(o, sides=s) for o, s in zip(others, expected[1:], strict=True)]
-            ),
-            likely_another=likely,
-        )
-
-    def _expected_sides(self, model: GrooveModel) -> tuple[SideModel, ...]:
-        """The sides of a model, wall and leg bent as far as that is known."""
         sides = list(model.sides)
         for k, bend, sigma in zip((0, -1), self.bends, self.bend_sigmas, strict=True):
-            if sigma < sides[k].bend and sides[k].bend > PRIOR_SETTINGS.straight_bend:
+            if sigma < sides[k].bend and sides[k].bend > STRAIGHT_BEND:
                 sides[k] = replace(
                     sides[k],
                     bend=float(sigma),
-                    twist=min(sides[k].twist, PRIOR_SETTINGS.bend_change / 3),
+                    twist=min(sides[k].twist, BEND_CHANGE / 3),
                     expected_bend=float(bend),
                 )
-        return tuple(sides)
+        others = tuple(map(self.expected_model, model.alternatives))
+        likely_another = not self.forms.isdisjoint(other.name for other in others)
+        return replace(
+            model, sides=tuple(sides), alternatives=others, likely_another=likely_another
+        )
 
 
 def posterior(log_prior: Array, log_likelihood: Array) -> Array:
@@ -193,7 +201,7 @@ def _normalised(log_share: Array) -> Array:
 
 def _or_anything(log_share: Array, log_base: Array) -> Array:
     """Logarithm of probabilities that also count what is likely without anything known."""
-    share = (1 - PRIOR_SETTINGS.change_probability) * np.exp(
-        _normalised(log_share)
-    ) + PRIOR_SETTINGS.change_probability * np.exp(log_base)
+    share = (1 - CHANGE_PROBABILITY) * np.exp(_normalised(log_share)) + CHANGE_PROBABILITY * np.exp(
+        log_base
+    )
     return np.asarray(np.log(share))

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.settings import REFINEMENT_SETTINGS, REFLECTION_SETTINGS, SideModel
+from tjscan.groove.reflections import HOLE_COLUMNS
+from tjscan.groove.settings import SideModel
 from tjscan.groove.sides import (
     FIXED_WEIGHT,
     LEAST_NOISE,
@@ -41,19 +42,64 @@ LONGEST_LAG: Final = 24
 WIDEST_HALF_LAG: Final = LONGEST_LAG / 2 * 0.83
 """Largest lag of half the correlation: what stays correlated for longer is shape, not noise."""
 
+LARGEST_FIT_SHARE: Final = 0.6
+"""No fit is thought to take out a greater share of the noise."""
 
 UNDULATION_BLOCK: Final = 10
 """Points over which residuals are averaged: undulation is longer, most noise is not."""
 
+FEWEST_BLOCKS: Final = 3
+"""Blocks that distinguish undulation from noise."""
+
+SIGNIFICANT_SIGMAS: Final = 3.0
+"""Standard deviations from which a departure or an undulation is none of chance."""
 
 _LOG_TWO: Final = log(2)
 _LEAST_CORRELATION: Final = 0.01  # a correlation that is as good as none
 _SHORTEST_LAG: Final = 0.15  # columns: white noise
 _LAG_POWERS: Final = np.array((1.0, 2.0))  # of the lag in the exponent: a filter's and speckle's
 
+SHADOW_SIGMAS: Final = 0.7
+"""Off the surface by more, in standard deviations, and next to a run of outliers: a ghost."""
+
+SHADOW_RUN: Final = 3
+"""Outliers that make a run."""
+
+FEWEST_SIDE_POINTS: Final = 3
+"""Points that a side can be fitted to."""
+
+POOLED_NOISE_POINTS: Final = 20
+"""A side of few points can't show its own noise: it leans on all by as many points as this."""
+
+FACE_BLUNTNESS: Final = 0.2
+"""Share of its height by which the face of a bead may lie off a parabola: its points are within
+that of the fit."""
+
+OUTER_SIDE_REACH: Final = 3.0
+"""Points of a rough or patched outer side lie within so many tolerances of it."""
+
+FIRST_TOLERANCES: Final = (4.0, 2.0)
+"""Tolerance of the first rounds: a side known from one end only must find its other end."""
+
+SETTLED_SIGMAS: Final = 1.0
+"""Corners that move less from one round to the next are final, in standard deviations."""
+
+SAME_FIT_DISTANCE: Final = 0.05e-3
+"""Fits whose corners differ by less, in metres, become the same."""
 
 MOST_ROUNDS: Final = 10
+UNDECIDED_ROUNDS: Final = 3
+"""Rounds in all, and rounds after which sides become straight or curved at the latest."""
 
+REBASED_ROUNDS: Final = 4
+"""Rounds after each of which the chords become tangents again; later they lean too little."""
+
+STRAIGHT_LOG_ODDS: Final = 1.1
+"""Log of the odds from which a side is straight: a factor of 3, for few points show little."""
+
+RIM_POINTS, LARGEST_CURL, LEAST_CURL_SIGMAS, FEWEST_CURLED_RIMS = 8, 0.6e-3, 2.5, 2
+"""Points on either side of a hole that may curl; how far they lie off at most, in metres, and at
+least, in standard deviations; and how many rims must be seen to curl."""
 
 _TO_SIGMA: Final = 1.4826  # of the median absolute deviation of Gaussian noise
 _GUESSED_INFLATION: Final = 4.0  # before the noise's correlation is known
@@ -135,7 +181,7 @@ def noise_share_in_fit(parameters: ArrayLike, inflation: float, count: ArrayLike
         Number of points.
     """
     taken = np.asarray(parameters) * max(inflation, 1.0) / np.asarray(count)
-    return np.asarray(np.minimum(taken, REFINEMENT_SETTINGS.largest_fit_share))
+    return np.asarray(np.minimum(taken, LARGEST_FIT_SHARE))
 
 
 def correlated_sums(noise: NoiseCorrelation, basis: Array, counts: Index, columns: Index) -> Array:
@@ -207,14 +253,14 @@ def undulation_sigmas(fitted: FittedProfile) -> Array:
         side = fitted.spans[k]
         own = fitted.residuals[side][fitted.keep[side]]
         count = len(own) // block
-        if count < REFINEMENT_SETTINGS.fewest_blocks:
+        if count < FEWEST_BLOCKS:
             continue
         start = (len(own) - count * block) // 2
         means = own[start : start + count * block].reshape(count, block).mean(axis=1)
         free = max(count - (2 + int(fitted.curved[k])), 1)
         variance = float((means**2).sum()) / free
         expected = sigma**2 * share
-        if variance > expected * (1 + REFINEMENT_SETTINGS.significant_sigmas * sqrt(2 / free)):
+        if variance > expected * (1 + SIGNIFICANT_SIGMAS * sqrt(2 / free)):
             found[k] = sqrt((variance - expected) * (1 + 4 / count))
     return found
 
@@ -242,18 +288,18 @@ def refine_fit(
     annealed : bool
         Whether the first rounds reach farther, which sides half hidden need.
     known : sequence of ndarray, shape (k - 1, 2)
-        Corners of other fits: one that comes as near as `same_fit_distance` to them is not
+        Corners of other fits: one that comes as near as `SAME_FIT_DISTANCE` to them is not
         finished.
     """
-    widths = REFINEMENT_SETTINGS.first_tolerances if annealed else ()
+    widths = FIRST_TOLERANCES if annealed else ()
     spread, expected = prior_shape_sigmas(model), prior_shape_means(model)
     curved, inflation = spread[:, 0] > 0, _GUESSED_INFLATION
     bead = np.array([side.bead for side in model])
     # What sticks to the long outer sides is wider than their noise.
     reach = np.ones(len(model))
-    reach[[0, -1]] = REFINEMENT_SETTINGS.outer_side_reach
+    reach[[0, -1]] = OUTER_SIDE_REACH
     sigmas = np.full(len(model), tolerance / 4)
-    holes = np.flatnonzero(np.abs(np.diff(row.columns)) > REFLECTION_SETTINGS.hole_columns)
+    holes = np.flatnonzero(np.abs(np.diff(row.columns)) > HOLE_COLUMNS)
     fitted: FittedProfile | None = None
     noise: NoiseCorrelation | None = None
     straight: Array | None = None
@@ -266,31 +312,24 @@ def refine_fit(
             limits = np.minimum(noticed, tolerance * reach)
         limits = np.maximum(limits, _face_bluntness(start, model))
         prior = prior_weights(spread, curved, sigmas, inflation), expected
-        if fitted is not None and count < REFINEMENT_SETTINGS.rebased_rounds:
+        if fitted is not None and count < REBASED_ROUNDS:
             start = start._replace(sides=rebased_at_tangents(start.sides, fitted.middles))
         shadows = count >= len(widths)
         fitted = _round(row, start, limits, prior, curved, left_out, shadows=shadows)
         if fitted is None:
             return None
-        if any(
-            np.abs(fitted.corners - other).max() < REFINEMENT_SETTINGS.same_fit_distance
-            for other in known
-        ):
+        if any(np.abs(fitted.corners - other).max() < SAME_FIT_DISTANCE for other in known):
             return fitted
         moved = np.abs(fitted.corners - start.corners).max() if count else np.inf
         start, sigmas = start._replace(sides=fitted.curves, corners=fitted.corners), fitted.sigmas
-        if noise is not None and moved < REFINEMENT_SETTINGS.settled_sigmas * max(
-            float(sigmas.mean()), LEAST_NOISE
-        ):
+        if noise is not None and moved < SETTLED_SIGMAS * max(float(sigmas.mean()), LEAST_NOISE):
             break
         settling = count >= len(widths) and moved < 0.1 * tolerance
-        if noise is None and (settling or count + 1 >= REFINEMENT_SETTINGS.undecided_rounds):
+        if noise is None and (settling or count + 1 >= UNDECIDED_ROUNDS):
             noise = estimate_noise_correlation(row, fitted)
             inflation = noise.variance_inflation
             straight = _evidence(row, replace(fitted, noise=noise), model)
-            curved = curved & (
-                straight < np.where(bead, 0.0, REFINEMENT_SETTINGS.straight_log_odds)
-            )
+            curved = curved & (straight < np.where(bead, 0.0, STRAIGHT_LOG_ODDS))
             if left_out is None and len(holes):
                 left_out = _curled_rims(fitted, holes, bead)
                 if left_out is not None:
@@ -306,9 +345,7 @@ def _face_bluntness(line: Polyline, model: tuple[SideModel, ...]) -> Array:
     for k, side in enumerate(model):
         if side.bead:
             gap = line.corners[k] - line.corners[k - 1]
-            found[k] = (
-                REFINEMENT_SETTINGS.face_bluntness * abs(line.sides[k].c2) * float(gap @ gap) / 4
-            )
+            found[k] = FACE_BLUNTNESS * abs(line.sides[k].c2) * float(gap @ gap) / 4
     return found
 
 
@@ -358,7 +395,7 @@ def _round(
     cuts = row.tangents.searchsorted(-start.corners[:, 0] / start.corners[:, 1]).tolist()
     edges = [0, *cuts, len(row.points)]
     sizes = [b - a for a, b in pairwise(edges)]
-    if min(sizes) < REFINEMENT_SETTINGS.fewest_side_points:
+    if min(sizes) < FEWEST_SIDE_POINTS:
         return None
     # Of each point's side: x and z of its s, its d and their origins, and its coefficients.
     ex, ez, es, ed, c0, c1, c2, c3, scale = np.array(
@@ -386,7 +423,7 @@ def _round(
     np.multiply(terms[:4], d, out=terms[7:])
     sums = np.add.reduceat(terms, edges[:-1], axis=1)
     counts = sums[0]
-    if counts.min() < REFINEMENT_SETTINGS.fewest_side_points:
+    if counts.min() < FEWEST_SIDE_POINTS:
         return None
     equations = sums[_HANKEL_INDEX].transpose(2, 0, 1), sums[7:].T
     try:
@@ -439,25 +476,22 @@ def _sigmas(residuals: Array, keep: NDArray[np.bool_], edges: list[int], counts:
     sigma = np.array(found)
     pooled = float(sigma @ counts) / float(counts.sum())
     return np.asarray(
-        (counts * sigma + REFINEMENT_SETTINGS.pooled_noise_points * pooled)
-        / (counts + REFINEMENT_SETTINGS.pooled_noise_points)
+        (counts * sigma + POOLED_NOISE_POINTS * pooled) / (counts + POOLED_NOISE_POINTS)
     )
 
 
 def _unshadowed(scaled: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Drop points that lead over from the surface to a run of reflections beside it."""
-    if len(keep) - np.count_nonzero(keep) < REFINEMENT_SETTINGS.shadow_run:
+    if len(keep) - np.count_nonzero(keep) < SHADOW_RUN:
         return keep
-    beside = (scaled > REFINEMENT_SETTINGS.shadow_sigmas).view(np.int8) - (
-        scaled < -REFINEMENT_SETTINGS.shadow_sigmas
-    ).view(np.int8)
+    beside = (scaled > SHADOW_SIGMAS).view(np.int8) - (scaled < -SHADOW_SIGMAS).view(np.int8)
     starts = (beside[1:] != beside[:-1]).nonzero()[0] + 1
     if not len(starts):
         return keep
     # Outliers lie beside the surface themselves.
     edges = np.empty(len(starts) + 2, dtype=np.intp)
     edges[0], edges[1:-1], edges[-1] = 0, starts, len(keep)
-    surface = np.add.reduceat(~keep, edges[:-1], dtype=np.intp) < REFINEMENT_SETTINGS.shadow_run
+    surface = np.add.reduceat(~keep, edges[:-1], dtype=np.intp) < SHADOW_RUN
     return keep & surface.repeat(np.diff(edges))
 
 
@@ -470,16 +504,14 @@ def _curled_rims(
     bead may follow what curls. Each hole comes after one of the points `holes`.
     """
     n = len(fitted.keep)
-    steps = np.arange(REFINEMENT_SETTINGS.rim_points)
+    steps = np.arange(RIM_POINTS)
     rims = np.clip(np.concatenate((holes[:, None] - steps, holes[:, None] + 1 + steps)), 0, n - 1)
     owner = np.searchsorted(fitted.edges[1:-1], rims, side="right")
     off = np.abs(fitted.residuals[rims])
-    long = ~bead[owner[:, 0]] & (off[:, 0] < REFINEMENT_SETTINGS.largest_curl)
-    curled = (off / np.maximum(fitted.sigmas, LEAST_NOISE)[owner])[
-        long
-    ] > REFINEMENT_SETTINGS.least_curl_sigmas
+    long = ~bead[owner[:, 0]] & (off[:, 0] < LARGEST_CURL)
+    curled = (off / np.maximum(fitted.sigmas, LEAST_NOISE)[owner])[long] > LEAST_CURL_SIGMAS
     first = np.count_nonzero(curled[:, 0])
-    if first < REFINEMENT_SETTINGS.fewest_curled_rims or 2 * first <= len(curled):
+    if first < FEWEST_CURLED_RIMS or 2 * first <= len(curled):
         return None
     width = 1 + int(np.logical_and.accumulate(curled, axis=1).sum(axis=1).max())
     found = np.zeros(n, dtype=np.bool_)

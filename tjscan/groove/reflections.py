@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.settings import REFLECTION_SETTINGS, GrooveModel
+from tjscan.groove.settings import GrooveModel
 from tjscan.groove.sides import (
     FittedProfile,
     GrooveFit,
@@ -28,10 +28,42 @@ from tjscan.groove.sides import (
     true_stretches,
 )
 
-TOUCHING_SHARE: Final = REFLECTION_SETTINGS.jump_distance / (
-    sqrt(3) * REFLECTION_SETTINGS.reflection_distance
-)
+JUMP_DISTANCE, JUMP_STEEPNESS = 0.5e-3, 1.5
+"""Neighbouring points of one surface lie no farther apart than this, in metres, with this many
+times the distance of their neighbours."""
+
+HOLE_COLUMNS: Final = 6
+"""Columns without points after which nothing shows whether a surface goes on."""
+
+RUN_COST, POINT_COST = 3.0, 0.35
+"""What a run of reflections costs, in outliers, and each of its points."""
+
+
+POINT_LOG_ODDS: Final = 0.25
+"""Logarithm of the odds that one point explained more is worth: points of a reflection come in
+runs, and noise is correlated, so that a point counts for a part of an independent one."""
+
+LEAST_ODDS: Final = 0.01
+"""Readings less likely than this, over the likeliest, are left out."""
+
+REFLECTION_DISTANCE: Final = 3e-3
+"""How far reflections lie off the surface, in metres."""
+
+TOUCHING_SHARE: Final = JUMP_DISTANCE / (sqrt(3) * REFLECTION_DISTANCE)
 """Share of the reflections that end so near the surface, by chance, that no jump shows."""
+
+FAR_DISTANCE: Final = 0.6e-3
+"""Farther from its side, in metres, a point is a reflection."""
+
+MOST_REFLECTED: Final = 0.25
+"""Greatest probability that a side which hangs together with no other is a reflection."""
+
+MEETING_REACH, FEWEST_MEETING, FEWEST_HIDING = 1.5e-3, 2, 3
+"""Points of a side, so near a corner in metres, that show it there; and points between two sides
+that hide how one goes over into the other."""
+
+SAME_READING_DISTANCE: Final = 0.05e-3
+"""Readings whose corners differ by less, in metres, are one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,9 +108,7 @@ class PointRuns:
         """
         paid = np.add.reduceat(costs, self.first, axis=-1)
         off = self.jumps & (np.minimum.reduceat(costs, self.first, axis=-1) >= 1)
-        cheaper = np.minimum(
-            paid, REFLECTION_SETTINGS.run_cost + REFLECTION_SETTINGS.point_cost * self.count
-        )
+        cheaper = np.minimum(paid, RUN_COST + POINT_COST * self.count)
         return np.asarray(np.where(off, cheaper, paid).sum(axis=-1))
 
 
@@ -95,11 +125,8 @@ def find_runs(points: Array, columns: Index) -> PointRuns:
     apart = np.abs(np.diff(columns))
     each = np.concatenate((step[:1] / apart[:1], step / apart, step[-1:] / apart[-1:]))
     usual = np.minimum(each[:-2], each[2:])
-    hole = apart > REFLECTION_SETTINGS.hole_columns
-    jump = ~hole & (
-        step
-        > REFLECTION_SETTINGS.jump_distance + REFLECTION_SETTINGS.jump_steepness * usual * apart
-    )
+    hole = apart > HOLE_COLUMNS
+    jump = ~hole & (step > JUMP_DISTANCE + JUMP_STEEPNESS * usual * apart)
     ends = np.flatnonzero(jump | hole) + 1
     first = np.concatenate(([0], ends))
     count = np.diff(np.concatenate((first, [len(points)])))
@@ -125,7 +152,7 @@ def with_other_readings(best: GrooveFit, others: list[GrooveFit]) -> GrooveFit:
 
 def _odds(other: GrooveFit, best: GrooveFit) -> float:
     """Odds of a reading against a likelier one."""
-    return exp(-REFLECTION_SETTINGS.point_log_odds * (other.cost - best.cost))
+    return exp(-POINT_LOG_ODDS * (other.cost - best.cost))
 
 
 def _form_probability(best: GrooveFit, others: list[GrooveFit]) -> float:
@@ -164,13 +191,13 @@ def _covariance_of_readings(best: GrooveFit, others: list[GrooveFit]) -> Array:
     moments: list[tuple[float, Array]] = []
     for other in sorted(others, key=lambda one: one.cost - best.cost):
         weight = _odds(other, best)
-        if weight < REFLECTION_SETTINGS.least_odds:
+        if weight < LEAST_ODDS:
             break
         away = np.zeros(2 * len(best.model.sides))
         for i, j in matched_corners(best.model, other.model):
             away[2 * i : 2 * i + 2] = other.fitted.corners[j] - best.fitted.corners[i]
         known = (np.zeros_like(away), *(v for _, v in moments))
-        if min(np.abs(away - v).max() for v in known) > REFLECTION_SETTINGS.same_reading_distance:
+        if min(np.abs(away - v).max() for v in known) > SAME_READING_DISTANCE:
             moments.append((weight, away))
     covariance = np.zeros((2 * len(best.model.sides),) * 2)
     total = 1 + sum(weight for weight, _ in moments)
@@ -185,8 +212,8 @@ def reflection_probability(fitted: FittedProfile) -> float:
     It is the share of the profile's points that are reflections, estimated with half a point
     more, for none may be seen by chance.
     """
-    far = np.count_nonzero(np.abs(fitted.residuals) > REFLECTION_SETTINGS.far_distance)
-    return min((far + 0.5) / (len(fitted.residuals) + 1), REFLECTION_SETTINGS.most_reflected)
+    far = np.count_nonzero(np.abs(fitted.residuals) > FAR_DISTANCE)
+    return min((far + 0.5) / (len(fitted.residuals) + 1), MOST_REFLECTED)
 
 
 def share_in_long_stretches(
@@ -213,7 +240,7 @@ def share_in_long_stretches(
     length = stop - first
     counted = length >= least
     share = float((length * counted) @ np.where(hangs.any(axis=0), 1.0, jumping))
-    return min(share / len(residuals), REFLECTION_SETTINGS.most_reflected)
+    return min(share / len(residuals), MOST_REFLECTED)
 
 
 def _far_stretches(
@@ -224,7 +251,7 @@ def _far_stretches(
     First points, points after the last ones, and whether they begin and end without a jump,
     shape (2, m).
     """
-    first, stop = true_stretches(np.abs(residuals) > REFLECTION_SETTINGS.far_distance)
+    first, stop = true_stretches(np.abs(residuals) > FAR_DISTANCE)
     cut = np.zeros(len(residuals) + 2, dtype=np.bool_)
     if len(first):
         cut[find_runs(row.points, row.columns).first] = cut[len(residuals)] = True
@@ -241,16 +268,13 @@ def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
     found = np.zeros(len(fitted.corners), dtype=np.bool_)
     for i, (s_before, s_after) in enumerate(fitted.places):
         start, middle, end = fitted.edges[i : i + 3]
-        before = start + np.flatnonzero(on[start:middle])[-REFLECTION_SETTINGS.fewest_meeting :]
-        after = middle + np.flatnonzero(on[middle:end])[: REFLECTION_SETTINGS.fewest_meeting]
-        if min(len(before), len(after)) < REFLECTION_SETTINGS.fewest_meeting:
+        before = start + np.flatnonzero(on[start:middle])[-FEWEST_MEETING:]
+        after = middle + np.flatnonzero(on[middle:end])[:FEWEST_MEETING]
+        if min(len(before), len(after)) < FEWEST_MEETING:
             continue
         away = np.concatenate((fitted.along[before] - s_before, fitted.along[after] - s_after))
         between = after[0] - before[-1] - 1
-        found[i] = (
-            between < REFLECTION_SETTINGS.fewest_hiding
-            and np.abs(away).max() < REFLECTION_SETTINGS.meeting_reach
-        )
+        found[i] = between < FEWEST_HIDING and np.abs(away).max() < MEETING_REACH
     return found
 
 
@@ -270,10 +294,7 @@ def _left_out_covariance(fit: GrooveFit) -> Array:
             for k, point in ((i, b - 1), (i + 1, a)):
                 if sides[k].bead or not fitted.edges[k] <= point < fitted.edges[k + 1]:
                     continue
-                if (
-                    abs(float(fitted.along[point]) - places[k - i])
-                    > REFLECTION_SETTINGS.meeting_reach
-                ):
+                if abs(float(fitted.along[point]) - places[k - i]) > MEETING_REACH:
                     continue
                 probability = (b - a) / (b - a + float(fitted.counts[k]))
                 off = float(np.median(np.abs(fitted.residuals[a:b])))
@@ -299,8 +320,6 @@ def _reflection_covariance(fit: GrooveFit) -> Array:
             continue
         away = np.zeros(len(covariance))
         for i in (k - 1, k):
-            away[2 * i : 2 * i + 2] = REFLECTION_SETTINGS.reflection_distance * fitted.corner_shift(
-                i, k
-            )
+            away[2 * i : 2 * i + 2] = REFLECTION_DISTANCE * fitted.corner_shift(i, k)
         covariance += probability * np.outer(away, away)
     return covariance

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.reflections import (
+    FAR_DISTANCE,
     TOUCHING_SHARE,
     reflection_probability,
     share_in_long_stretches,
     sides_that_meet,
 )
 from tjscan.groove.section import TACK_WELD, GrooveSection, section_from_points
-from tjscan.groove.settings import REFLECTION_SETTINGS, ROOT_SETTINGS
 from tjscan.groove.shape import gaps_beside_corners
 from tjscan.groove.sides import (
     LEAST_NOISE,
@@ -36,6 +36,45 @@ WELD_IN_ROOT: Final = "weld in the root"
 ROOT_NOT_SEEN: Final = "root not seen"
 SEAM_BESIDE: Final = "seam weld beside"
 
+TACK_RATIO, TACK_HEIGHT = 0.165, 1.45e-3
+"""Height of a tack over its chord: a share of it, and metres. A pass that lies in a groove wets
+both faces and is lower; a root bead that bulges is smaller."""
+
+WELD_RATIO: Final = 0.06
+"""Height over its chord, as a share of it, from which a face is that of convex weld metal."""
+
+LEAST_OPENING: Final = 0.8e-3
+"""Distance between the end of a bevel and the leg that makes an open root, in metres."""
+
+POINTS_UNDER: Final = 40
+FEWEST_UNDER: Final = 2
+"""Of so many points after the end of a bevel, so many must lie on the leg under it where a root
+is open."""
+
+LEAST_CAP, MOST_CAP = 5e-3, 30e-3
+CAP_HEIGHT: Final = 0.5e-3
+"""Width and least height of a seam weld's cap, in metres."""
+
+CAP_FOOT: Final = 0.5
+"""An end of a cap lies lower than this share of its height: it grows out of the surface."""
+
+CAP_STEP: Final = 0.4
+"""Neighbouring points of a cap differ in height by less than this share of it."""
+
+BURIED_CHORDS: Final = 0.5
+"""Distance along bevel or leg from a tack's toe to the corner under it, in chords of the tack."""
+
+LEAST_UNSEEN: Final = 0.5e-3
+"""Least standard deviation, in metres along its side, of a corner that is not seen."""
+
+ANY_FORM_PROBABILITY: Final = 0.5
+"""Probability that a root which is not seen has no face: as likely as not."""
+
+NOTCH_REFLECTIONS: Final = 2.0
+"""By how much reflections are denser about a notch, where light finds many ways."""
+
+FARTHEST_ROOT: Final = 20e-3
+"""Metres along bevel or leg in which the root lies."""
 
 BOW_POINTS: Final = 21
 """Points by which a face's height over its chord is found."""
@@ -105,16 +144,14 @@ def _with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
     spread[2:6, 2:6] += _if_no_surface(fit)
     conditions: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
-    if bow > max(ROOT_SETTINGS.tack_ratio * chord, ROOT_SETTINGS.tack_height):
+    if bow > max(TACK_RATIO * chord, TACK_HEIGHT):
         conditions, absent = (TACK_WELD,), ("p3", "p4")
         for k, curve, s in (
             (2, fitted.curves[-3], fitted.places[-2][0]),
             (4, fitted.curves[-1], fitted.places[-1][1]),
         ):
-            spread[k : k + 2, k : k + 2] += _spread(
-                curve, s, ROOT_SETTINGS.buried_chords * chord, 0.0
-            )
-    elif bow > ROOT_SETTINGS.weld_ratio * chord:
+            spread[k : k + 2, k : k + 2] += _spread(curve, s, BURIED_CHORDS * chord, 0.0)
+    elif bow > WELD_RATIO * chord:
         conditions = (WELD_IN_ROOT,)
     places = fitted.places[0][0], fitted.places[-1][1]
     section = _section(fit, fitted.corners[chosen], spread, places)
@@ -142,11 +179,11 @@ def _if_no_surface(fit: GrooveFit) -> Array:
                 fit.row, fitted.residuals, points, jumping=TOUCHING_SHARE if meets[k // 2] else 1.0
             )
         else:
-            probability = ROOT_SETTINGS.notch_reflections * reflection_probability(fitted)
+            probability = NOTCH_REFLECTIONS * reflection_probability(fitted)
         place = fitted.places[-2][0] if k == 0 else fitted.places[-1][1]
         near = float(-gaps[0, 0] if k == 0 else gaps[1, 1])
-        far = near + (ROOT_SETTINGS.farthest_root if k == 0 else -ROOT_SETTINGS.farthest_root)
-        if met is not None and abs(met[k // 2] - place) < ROOT_SETTINGS.farthest_root:
+        far = near + (FARTHEST_ROOT if k == 0 else -FARTHEST_ROOT)
+        if met is not None and abs(met[k // 2] - place) < FARTHEST_ROOT:
             far = met[k // 2] - place
         # Mean square of what is uniform between the two.
         square = (near * near + near * far + far * far) / 3
@@ -185,7 +222,7 @@ def _without_face(fit: GrooveFit, covariance: Array, tolerance: float) -> Groove
     total[:2, :2] = p2
     total[6:, 6:] = covariance[-2:, -2:]
     under = _under(row, leg, last, apex_leg, on_leg)
-    if opening > ROOT_SETTINGS.least_opening and under is not None:
+    if opening > LEAST_OPENING and under is not None:
         step = _step(row, bevel, last, on_bevel)
         # A root face or a rounded edge that goes on from the bevel leaves it slowly.
         sure = OUTLIER_SIGMAS * max(float(fitted.sigmas[-2]), LEAST_NOISE)
@@ -195,17 +232,15 @@ def _without_face(fit: GrooveFit, covariance: Array, tolerance: float) -> Groove
         p3 = np.array(bevel.points_at(s3))
         s4 = leg.position_along_chord(*p3.tolist())
         # What is taken for the leg under it may be a reflection. Then the bevel goes on.
-        reflected = float(
-            np.mean((np.abs(fitted.residuals) > REFLECTION_SETTINGS.far_distance) & ~on_leg)
-        )
-        hides = min(abs(apex_bevel - s3), ROOT_SETTINGS.farthest_root)
+        reflected = float(np.mean((np.abs(fitted.residuals) > FAR_DISTANCE) & ~on_leg))
+        hides = min(abs(apex_bevel - s3), FARTHEST_ROOT)
         # As many columns may be lost before the edge as after it: their difference is triangular.
         along = hypot(step * hidden / sqrt(24), sqrt(reflected / 3) * hides)
         total[2:4, 2:4] = _spread(bevel, s3, along, height[-2])
         points = np.array((fitted.corners[0], p3, leg.points_at(s4)))
         opening = float(np.linalg.norm(points[1] - points[2]))
-        hides = min(abs(apex_leg - s4), ROOT_SETTINGS.farthest_root)
-        along = hypot(max(opening / 4, ROOT_SETTINGS.least_unseen), sqrt(reflected / 3) * hides)
+        hides = min(abs(apex_leg - s4), FARTHEST_ROOT)
+        along = hypot(max(opening / 4, LEAST_UNSEEN), sqrt(reflected / 3) * hides)
         total[4:6, 4:6] = _spread(leg, s4, along, height[-1])
         places = (fitted.places[0][0], s4)
         section = _section(fit, points, total, places)
@@ -213,10 +248,10 @@ def _without_face(fit: GrooveFit, covariance: Array, tolerance: float) -> Groove
     first = len(row.points) - end_of_support(on_leg[turn:][::-1])
     s_first = leg.position_along_chord(*row.points[min(first, len(row.points) - 1)].tolist())
     s3, s4 = 0.5 * (s_last + apex_bevel), 0.5 * (s_first + apex_leg)
-    reach_3 = max(abs(apex_bevel - s_last) / sqrt(12), ROOT_SETTINGS.least_unseen)
-    reach_4 = max(abs(s_first - apex_leg) / sqrt(12), ROOT_SETTINGS.least_unseen)
+    reach_3 = max(abs(apex_bevel - s_last) / sqrt(12), LEAST_UNSEEN)
+    reach_4 = max(abs(s_first - apex_leg) / sqrt(12), LEAST_UNSEEN)
     # What is taken for the ends of bevel and leg may be reflections.
-    farther = sqrt(reflection_probability(fitted) / 3) * ROOT_SETTINGS.farthest_root
+    farther = sqrt(reflection_probability(fitted) / 3) * FARTHEST_ROOT
     total[2:4, 2:4] = _spread(bevel, s3, hypot(reach_3, farther), height[-2])
     total[4:6, 4:6] = _spread(leg, s4, hypot(reach_4, farther), height[-1])
     points = np.array((fitted.corners[0], bevel.points_at(s3), leg.points_at(s4)))
@@ -226,7 +261,7 @@ def _without_face(fit: GrooveFit, covariance: Array, tolerance: float) -> Groove
         section,
         conditions=(ROOT_NOT_SEEN,),
         absent=("p3", "p4"),
-        model_probability=fit.probability * ROOT_SETTINGS.any_form_probability,
+        model_probability=fit.probability * ANY_FORM_PROBABILITY,
     )
 
 
@@ -237,10 +272,10 @@ def _under(
 
     It is there beyond where the two, drawn on, meet.
     """
-    index = last + 1 + np.flatnonzero(on_leg[last + 1 : last + 1 + ROOT_SETTINGS.points_under])
+    index = last + 1 + np.flatnonzero(on_leg[last + 1 : last + 1 + POINTS_UNDER])
     s, _ = leg.local_coordinates(row.points[index])
-    under = index[s < apex - ROOT_SETTINGS.least_opening]
-    return int(under[0]) if len(under) >= ROOT_SETTINGS.fewest_under else None
+    under = index[s < apex - LEAST_OPENING]
+    return int(under[0]) if len(under) >= FEWEST_UNDER else None
 
 
 def _step(
@@ -274,18 +309,12 @@ def _seam_beside(fit: GrooveFit) -> bool:
     fitted = fit.fitted
     own = fitted.spans[len(fitted.curves) - 1]
     s, d = fitted.along[own], -fitted.residuals[own]
-    starts, stops = true_stretches(d > 0.3 * ROOT_SETTINGS.cap_height)
+    starts, stops = true_stretches(d > 0.3 * CAP_HEIGHT)
     for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
         width, height = abs(float(s[b - 1] - s[a])), float(d[a:b].max())
-        if (
-            not ROOT_SETTINGS.least_cap < width < ROOT_SETTINGS.most_cap
-            or not ROOT_SETTINGS.cap_height < height < width / 2
-        ):
+        if not LEAST_CAP < width < MOST_CAP or not CAP_HEIGHT < height < width / 2:
             continue
         steps = np.abs(np.diff(d[a:b]))
-        if (
-            min(d[a], d[b - 1]) < ROOT_SETTINGS.cap_foot * height
-            and steps.max() < ROOT_SETTINGS.cap_step * height
-        ):
+        if min(d[a], d[b - 1]) < CAP_FOOT * height and steps.max() < CAP_STEP * height:
             return True
     return False

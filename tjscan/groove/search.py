@@ -26,16 +26,18 @@ from tjscan.groove.alternatives import (
     with_knee,
     without_face,
 )
-from tjscan.groove.hypotheses import best_hypotheses, outer_side_pairs
-from tjscan.groove.refinement import refine_fit, undulation_sigmas
+from tjscan.groove.hypotheses import (
+    MOST_REFINED,
+    RIVAL_MARGIN,
+    best_hypotheses,
+    outer_side_pairs,
+)
+from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit, undulation_sigmas
 from tjscan.groove.reflections import find_runs, sides_that_meet, with_other_readings
 from tjscan.groove.segments import CurvedSegments, add_halves_at_gaps, find_segments
 from tjscan.groove.settings import (
     LEAST_SIDES,
-    PROPOSAL_SETTINGS,
-    REFINEMENT_SETTINGS,
     SEARCH_BUDGETS,
-    SEARCH_SETTINGS,
     GrooveModel,
     GrooveSettings,
     SearchBudget,
@@ -50,8 +52,60 @@ from tjscan.groove.sides import (
     Polyline,
 )
 
+FEWEST_POINTS_ON_SIDE: Final = 4
+"""Fewest points on a side."""
+
+PARTIAL_GROOVE_SHARE: Final = 0.25
+"""A part of a groove that leaves no greater share of the points unexplained is one."""
+
+LENGTH_SLACK: Final = 0.8
+"""A fitted side may be shorter than the model's shortest, or longer than its longest, by this
+factor."""
+
+SAME_START_DISTANCE: Final = 0.3e-3
+"""A hypothesis whose corners differ by less, in metres, from those of another one, or of what
+came of it, is not refined again."""
+
 TURN_SLACK: Final = radians(3)
 """How far the fitted turns may lie outside the model's."""
+
+STRAYED_SHARE: Final = 0.05
+"""A refined hypothesis that explains fewer points than before, by this share, has strayed."""
+
+SIDE_COST: Final = 5.0
+"""What a model's every side costs, in outliers: BIC's penalty for a line and its end where some
+ninety points of a profile are independent."""
+
+UNEXPLAINED_SHARES: Final = (0.3, 0.45, 1.0)
+"""Share of the points that a fit may leave unexplained for each budget and need no other one."""
+
+REFIT_GAIN: Final = 6.0
+"""More points than this, beyond those that its sides explain as they are, no refit of a fit
+explains."""
+
+NEAR_SIDE_TOLERANCES: Final = 3.0
+"""Points this near a side, in tolerances, are of its surface or of what sticks to it, as scale."""
+
+REFLECTED_SHARE: Final = 0.08
+"""Share of the points that a fit may leave to reflections if all others are near its sides."""
+
+CORNER_REACH: Final = 1.5e-3
+"""Points of both sides lie this near a corner that is seen, in metres."""
+
+FEWEST_AT_CORNER: Final = 2
+"""Points of a side that show its corner."""
+
+DETACHED_COST: Final = 2.0
+"""What a side whose points end before its corner costs, in outliers: reflections often do."""
+
+SEEN_SHARE: Final = 0.25
+"""Share of a side's points that must lie on it if no other form is to be tried."""
+
+STRAIGHT_UNDULATION: Final = 0.08e-3
+"""A side that undulates by more, in metres, may be two."""
+
+RECOVERABLE_SHARE: Final = 0.5
+"""Share of the points a hypothesis leaves unexplained that other outer sides may yet explain."""
 
 
 def find_best_fit(row: OrderedProfilePoints, settings: GrooveSettings) -> GrooveFit:
@@ -70,7 +124,7 @@ def find_best_fit(row: OrderedProfilePoints, settings: GrooveSettings) -> Groove
     search = _Search(row, settings)
     model, others = settings.model, settings.model.alternatives
     stages = ((model,), others) if others and not model.likely_another else ((model, *others),)
-    for budget, left_out in zip(SEARCH_BUDGETS, SEARCH_SETTINGS.unexplained_shares, strict=True):
+    for budget, left_out in zip(SEARCH_BUDGETS, UNEXPLAINED_SHARES, strict=True):
         segments = find_segments(row.points, search.tolerance, budget)
         for forms in stages:
             for form in forms:
@@ -114,11 +168,8 @@ class _Search:
     def add(self, model: GrooveModel, hypotheses: list[Polyline]) -> None:
         """Refine the likeliest hypotheses of one form that are new."""
         hypotheses.sort(key=lambda one: one.cost)
-        likely = hypotheses[: PROPOSAL_SETTINGS.most_refined]
-        self._refine(
-            model,
-            *(one for one in likely if one.cost <= likely[0].cost + PROPOSAL_SETTINGS.rival_margin),
-        )
+        likely = hypotheses[:MOST_REFINED]
+        self._refine(model, *(one for one in likely if one.cost <= likely[0].cost + RIVAL_MARGIN))
 
     def rules_out(self, form: GrooveModel) -> bool:
         """Whether a form without the face at the root explains too little to be looked for."""
@@ -126,16 +177,14 @@ class _Search:
         if not sound or form.has_root_bead:
             return False
         best = min(sound, key=lambda fit: fit.cost)
-        saved = SEARCH_SETTINGS.side_cost + SEARCH_SETTINGS.detached_cost * np.count_nonzero(
-            ~best.seen
-        )
+        saved = SIDE_COST + DETACHED_COST * np.count_nonzero(~best.seen)
         loss = least_loss_without_root(self._row, best.fitted, self.tolerance)
-        return bool(loss > saved + SEARCH_SETTINGS.refit_gain)
+        return bool(loss > saved + REFIT_GAIN)
 
     def leaves_few_points(self, fit: GrooveFit) -> bool:
         """Whether nearly all points lie on a side or on what sticks to it."""
-        off = np.abs(fit.fitted.residuals) > SEARCH_SETTINGS.near_side_tolerances * self.tolerance
-        return bool(off.mean() < SEARCH_SETTINGS.reflected_share)
+        off = np.abs(fit.fitted.residuals) > NEAR_SIDE_TOLERANCES * self.tolerance
+        return bool(off.mean() < REFLECTED_SHARE)
 
     def derive(self) -> None:
         """Try what other forms the fits so far suggest."""
@@ -171,9 +220,7 @@ class _Search:
         model = self._settings.model
         if one.model is model:
             k = next(k for k, side in enumerate(model.sides) if side != form.sides[k])
-            self._refine(
-                form, with_knee(self._row, one.fitted, k, self.tolerance, SEARCH_SETTINGS.side_cost)
-            )
+            self._refine(form, with_knee(self._row, one.fitted, k, self.tolerance, SIDE_COST))
 
     def _attach(self, form: GrooveModel, bare: Polyline) -> None:
         """Try faces at the root that go on from bevel or leg."""
@@ -187,16 +234,14 @@ class _Search:
             self._tried.append((model, start.corners))
             known = [fit.fitted.corners for fit in self.found if fit.model is model]
             fit = self._fit(model, start, known)
-            if fit is None or _is_near(
-                fit.fitted.corners, known, REFINEMENT_SETTINGS.same_fit_distance
-            ):
+            if fit is None or _is_near(fit.fitted.corners, known, SAME_FIT_DISTANCE):
                 continue
             self.found.append(replace(fit, objection=_reason_to_reject(fit, self._settings)))
             self._tried.append((model, fit.fitted.corners))
 
     def _is_tried(self, model: GrooveModel, corners: Array) -> bool:
         tried = [other for form, other in self._tried if form is model]
-        return _is_near(corners, tried, SEARCH_SETTINGS.same_start_distance)
+        return _is_near(corners, tried, SAME_START_DISTANCE)
 
     def _fit(self, model: GrooveModel, start: Polyline, known: list[Array]) -> GrooveFit | None:
         """Refine a polyline, unless it leads to a fit whose corners are known.
@@ -219,15 +264,13 @@ class _Search:
                 total = float(np.minimum(scaled * scaled, 1).sum())
                 if total < least:
                     best, least = fitted, total
-            if least < start.cost + SEARCH_SETTINGS.strayed_share * len(row.points):
+            if least < start.cost + STRAYED_SHARE * len(row.points):
                 break
         if best is None:
             return None
         seen = _points_beside_corners(best)
         cost = float(runs.total_cost(np.minimum((best.residuals / tolerance) ** 2, 1)))
-        cost += SEARCH_SETTINGS.side_cost * len(
-            model.sides
-        ) + SEARCH_SETTINGS.detached_cost * np.count_nonzero(~seen)
+        cost += SIDE_COST * len(model.sides) + DETACHED_COST * np.count_nonzero(~seen)
         return GrooveFit(row, model, best, cost, seen)
 
 
@@ -251,7 +294,7 @@ def _hypotheses(
     cheapest, likeliest = np.inf, -np.inf
     for i, j, score in outer_side_pairs(segments, model, len(row.points), budget.pairs):
         # Only points still unexplained can make up for what this pair explains less.
-        if likeliest - score > SEARCH_SETTINGS.recoverable_share * cheapest:
+        if likeliest - score > RECOVERABLE_SHARE * cheapest:
             break
         stretches = int(segments.last[i]), int(segments.first[j])
         outer = _curve(segments, i), _curve(segments, j)
@@ -281,9 +324,7 @@ def _why_not(
             model, sides=model.sides[kept], turns=model.turns[kept], across=TurnBounds(-pi, pi)
         )
         hypotheses = _hypotheses(row, segments, part, tolerance, SEARCH_BUDGETS[-1])
-        if any(
-            one.cost < SEARCH_SETTINGS.partial_groove_share * len(row.points) for one in hypotheses
-        ):
+        if any(one.cost < PARTIAL_GROOVE_SHARE * len(row.points) for one in hypotheses):
             return GrooveNotFound(
                 "out of range",
                 f"no {hidden} is seen beside the rest of the groove: move the sensor {way}",
@@ -316,8 +357,8 @@ def _convincing(found: GrooveFit, *, compared: bool) -> bool:
     if not (compared or found.seen.all()):
         return False
     if (
-        fitted.inlier_shares.min() < SEARCH_SETTINGS.seen_share
-        or undulation_sigmas(fitted)[1:-1].max() > SEARCH_SETTINGS.straight_undulation
+        fitted.inlier_shares.min() < SEEN_SHARE
+        or undulation_sigmas(fitted)[1:-1].max() > STRAIGHT_UNDULATION
     ):
         return False
     return not any(
@@ -333,30 +374,24 @@ def _points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
     sizes = np.diff(fitted.edges)
     near = np.empty((2, len(fitted.keep)), dtype=np.bool_)
     for own, places in zip(near, ((*ends, np.inf), (np.inf, *starts)), strict=True):
-        np.less(
-            np.abs(fitted.along - np.repeat(places, sizes)), SEARCH_SETTINGS.corner_reach, out=own
-        )
+        np.less(np.abs(fitted.along - np.repeat(places, sizes)), CORNER_REACH, out=own)
     near &= fitted.keep
     count = np.add.reduceat(near, fitted.edges[:-1], axis=1, dtype=np.intp)
-    return SEARCH_SETTINGS.fewest_at_corner <= np.array((count[0, :-1], count[1, 1:])).T
+    return np.array((count[0, :-1], count[1, 1:])).T >= FEWEST_AT_CORNER
 
 
 def _reason_to_reject(found: GrooveFit, settings: GrooveSettings) -> str | None:
     """Why the points do not bear a fit out; None if they do."""
     fitted, model = found.fitted, found.model
     for side, count, share in zip(model.sides, fitted.counts, fitted.inlier_shares, strict=True):
-        if share < settings.inlier_share or count < SEARCH_SETTINGS.fewest_points_on_side:
+        if share < settings.inlier_share or count < FEWEST_POINTS_ON_SIDE:
             return f"only {count} points, {share:.0%} of those seen there, lie on the {side.name}"
     for turned, allowed in zip(_turns(fitted), model.turns, strict=True):
         if not allowed.least - TURN_SLACK <= turned <= allowed.most + TURN_SLACK:
             return f"a corner turns by {degrees(turned):.0f}°, which no such groove does"
     lengths = np.linalg.norm(np.diff(fitted.corners, axis=0), axis=1)
     for side, length in zip(model.sides[1:-1], lengths.tolist(), strict=True):
-        if (
-            not SEARCH_SETTINGS.length_slack * side.shortest
-            < length
-            < side.longest / SEARCH_SETTINGS.length_slack
-        ):
+        if not LENGTH_SLACK * side.shortest < length < side.longest / LENGTH_SLACK:
             return f"the {side.name} is {1e3 * length:.1f} mm long"
     rms = float(np.sqrt(np.mean(fitted.residuals[fitted.keep] ** 2)))
     if rms > settings.largest_rms:

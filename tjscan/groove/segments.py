@@ -10,13 +10,26 @@ segments come out: the long sides of the groove, and whatever reflections look a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.settings import PROPOSAL_SETTINGS, SearchBudget
+from tjscan.groove.settings import SearchBudget
 from tjscan.groove.sides import Index
+
+THINNED_COUNT: Final = 107
+"""About how many points judge a window: noise is correlated over more than what is skipped."""
+
+CURVATURE_SPREAD: Final = 3.0
+"""Standard deviation of a side's curvature coefficient, 1/m: pipes of a radius of 170 mm."""
+
+LEAST_SEGMENT_GAIN: Final = 1.0
+"""What a segment has to add to those before it, in points of the thinned row."""
+
+WIDE_GAP: Final = 10
+"""Points without support that may divide a segment into two sides."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +105,7 @@ def find_segments(points: Array, tolerance: float, budget: SearchBudget) -> Curv
     CurvedSegments
         Their stretches and scores count all n points.
     """
-    step = max(1, round(len(points) / PROPOSAL_SETTINGS.thinned_count))
+    step = max(1, round(len(points) / THINNED_COUNT))
     row = points[::step]
     segments = _windows(points, tolerance, budget.windows)
     if not len(segments):
@@ -121,7 +134,7 @@ def add_halves_at_gaps(segments: CurvedSegments, points: Array, tolerance: float
     for k in range(len(segments)):
         on = np.flatnonzero(good[k])
         gaps = np.diff(on)
-        if len(gaps) and gaps.max() > PROPOSAL_SETTINGS.wide_gap:
+        if len(gaps) and gaps.max() > WIDE_GAP:
             cut = int(gaps.argmax()) + 1
             for half in (on[:cut], on[cut:]):
                 one = segments.select_segments(np.array([k]))
@@ -221,7 +234,7 @@ def _spread(segments: CurvedSegments, gain: Array, most: int) -> CurvedSegments:
     while len(chosen) < most:
         worth = left @ every
         best = int(worth.argmax())
-        if chosen and worth[best] < PROPOSAL_SETTINGS.least_segment_gain:
+        if chosen and worth[best] < LEAST_SEGMENT_GAIN:
             break
         chosen.append(best)
         left *= left[best] <= 0
@@ -249,7 +262,7 @@ def _refitted(segments: CurvedSegments, row: Array, tolerance: float) -> CurvedS
     m = powers.sum(axis=2)
     b = (powers[:3] * d).sum(axis=2)
     # A pipe's side is nearly straight: a short stretch is taken for straight until it shows more.
-    prior = (tolerance / 2 / PROPOSAL_SETTINGS.curvature_spread) ** 2
+    prior = (tolerance / 2 / CURVATURE_SPREAD) ** 2
     a = np.array(
         [[m[0] + 1e-9, m[1], m[2]], [m[1], m[2] + 1e-15, m[3]], [m[2], m[3], m[4] + prior]]
     )

@@ -19,6 +19,7 @@ import scipy  # its parts are loaded at first use
 from tjscan.core.frames import Array
 from tjscan.groove.interreflection import NotchPull, find_pull
 from tjscan.groove.refinement import (
+    SIGNIFICANT_SIGMAS,
     correlated_sums,
     noise_variances,
     prior_shape_means,
@@ -28,7 +29,7 @@ from tjscan.groove.refinement import (
     solve_with_prior,
     undulation_sigmas,
 )
-from tjscan.groove.settings import REFINEMENT_SETTINGS, SHAPE_SETTINGS, SideModel
+from tjscan.groove.settings import SideModel
 from tjscan.groove.sides import (
     UNIT_POWERS,
     FittedProfile,
@@ -37,6 +38,50 @@ from tjscan.groove.sides import (
     end_of_support,
     true_stretches,
 )
+
+CORNER_NEIGHBOURHOOD: Final = 1.5e-3
+"""Points this near a corner, in metres along their side, belong to its neighbourhood."""
+
+REFLECTION_OFFSET: Final = 2.0e-3
+"""Farther from its side a point is a reflection, in metres."""
+
+FEWEST_BESIDE_CORNER: Final = 4
+"""Points that show a departure."""
+
+PATCH_REACH: Final = 0.6e-3
+"""Points this near a side, in metres, are of its surface or of what sticks to it."""
+
+FEWEST_PATCH_POINTS: Final = 12
+CORNER_POINTS: Final = 3
+"""Points that show patches, and points next to each corner that do not."""
+
+ROUGH_FACTOR: Final = 1.6
+"""Factor over the usual from which a side is rough or patched."""
+
+PATCH_SIGMAS, PATCHED_SHARE = 3.5, 0.15
+"""Standard deviations off its side where a point is on a patch, and the share of such points that
+makes a side patched: single spatter does not."""
+
+UNSEEN_SLOPE: Final = 0.04
+"""Slope by which a side may turn where it is not seen: half the angle between two facets that a
+bevel may have, and as often it does not."""
+
+PULL_PROBABILITY: Final = 0.5
+"""Probability that a notch which looks pulled in by light is, and no fillet."""
+
+UNSEEN_FACE_SLOPE: Final = 0.15
+"""Slope by which the face of a bead may turn where it is not seen: it has no plan."""
+
+LEAVING_POINTS, LEAVING_STEP = 6, 0.25e-3
+"""Points in a row that leave a side, and the most by which one lies farther off than the last, in
+metres."""
+
+RESIDUAL_JUMP: Final = 0.7e-3
+"""Neighbouring points of one surface lie no farther apart, square to it, in metres."""
+
+FACE_END_SHARE: Final = 0.1
+"""A bead's face is no parabola: its ends may lie off one by this share of its height. One that
+rises twice as steeply from its toes as a parabola does is off by a seventh."""
 
 _MEDIAN_OVER_MEAN: Final = 1.2533  # standard deviation of a median over that of a mean
 
@@ -89,26 +134,17 @@ def estimate_shape_errors(
     sigma = np.hypot(sigma, np.column_stack((slow[:-1], slow[1:])))
     gaps = gaps_beside_corners(fitted)
     unseen = _unseen_shares(fitted, gaps)
-    sigma = np.hypot(
-        sigma,
-        SHAPE_SETTINGS.unseen_slope
-        * np.maximum(gaps - SHAPE_SETTINGS.corner_neighbourhood, 0.0)
-        * unseen,
-    )
+    sigma = np.hypot(sigma, UNSEEN_SLOPE * np.maximum(gaps - CORNER_NEIGHBOURHOOD, 0.0) * unseen)
     for k, side in enumerate(model):
         if side.bead:
             ends = np.array((fitted.places[k - 1][1], fitted.places[k][0]))
             bow = abs(fitted.curves[k].c2) * (ends[1] - ends[0]) ** 2 / 4
             # Beyond its last points a face goes on with a slope that these hardly know.
-            slope = (
-                SHAPE_SETTINGS.unseen_face_slope
-                + abs(fitted.curves[k].c2) * (ends[1] - ends[0]) / 2
-            )
+            slope = UNSEEN_FACE_SLOPE + abs(fitted.curves[k].c2) * (ends[1] - ends[0]) / 2
             beyond = (
-                np.maximum(gaps[(k - 1, k), (1, 0)] - SHAPE_SETTINGS.patch_reach, 0.0)
-                * unseen[(k - 1, k), (1, 0)]
+                np.maximum(gaps[(k - 1, k), (1, 0)] - PATCH_REACH, 0.0) * unseen[(k - 1, k), (1, 0)]
             )
-            free = np.hypot(SHAPE_SETTINGS.face_end_share * bow, slope * beyond)
+            free = np.hypot(FACE_END_SHARE * bow, slope * beyond)
             sigma[(k - 1, k), (1, 0)] = np.hypot(sigma[(k - 1, k), (1, 0)], free)
     return ShapeErrors(shift, sigma)
 
@@ -142,18 +178,13 @@ def _patches(fitted: FittedProfile) -> Array:
     )
     usual = median(along.tolist())
     for i in range(k):
-        inner = fitted.residuals[
-            edges[i] + SHAPE_SETTINGS.corner_points : edges[i + 1] - SHAPE_SETTINGS.corner_points
-        ]
-        close = inner[np.abs(inner) < SHAPE_SETTINGS.patch_reach]
-        if len(close) < SHAPE_SETTINGS.fewest_patch_points:
+        inner = fitted.residuals[edges[i] + CORNER_POINTS : edges[i + 1] - CORNER_POINTS]
+        close = inner[np.abs(inner) < PATCH_REACH]
+        if len(close) < FEWEST_PATCH_POINTS:
             continue
         sigma = float(fitted.sigmas[i])
-        patched = (
-            float((np.abs(close) > SHAPE_SETTINGS.patch_sigmas * sigma).mean())
-            > SHAPE_SETTINGS.patched_share
-        )
-        if patched or along[i] > SHAPE_SETTINGS.rough_factor * usual:
+        patched = float((np.abs(close) > PATCH_SIGMAS * sigma).mean()) > PATCHED_SHARE
+        if patched or along[i] > ROUGH_FACTOR * usual:
             found[i] = sqrt(float(np.mean(close**2)))
     return found
 
@@ -190,40 +221,33 @@ def departures_beside_corners(fitted: FittedProfile, model: tuple[SideModel, ...
     found = np.zeros((len(fitted.corners), 2))
     chance = np.ones_like(found)
     edges = fitted.edges
-    near = np.abs(fitted.residuals) < SHAPE_SETTINGS.reflection_offset
+    near = np.abs(fitted.residuals) < REFLECTION_OFFSET
     for i, places in enumerate(fitted.places):
         for j, s in enumerate(places):
             a, b = edges[i + j], edges[i + j + 1]
             # Columns lie far apart on a steep side.
-            most = min(SHAPE_SETTINGS.fewest_beside_corner + 2, b - a)
+            most = min(FEWEST_BESIDE_CORNER + 2, b - a)
             away = np.abs((fitted.along[a : a + most] if j else fitted.along[b - most : b]) - s)
-            reach = min(
-                max(SHAPE_SETTINGS.corner_neighbourhood, float(away.max())),
-                2 * SHAPE_SETTINGS.corner_neighbourhood,
-            )
+            reach = min(max(CORNER_NEIGHBOURHOOD, float(away.max())), 2 * CORNER_NEIGHBOURHOOD)
             beside = near[a:b] & (np.abs(fitted.along[a:b] - s) <= reach)
             residuals = fitted.residuals[a:b][beside]
             n = len(residuals)
-            if n < SHAPE_SETTINGS.fewest_beside_corner or _jumps(residuals):
+            if n < FEWEST_BESIDE_CORNER or _jumps(residuals):
                 continue
             # Before the corner the row ends at it, after it the row begins there.
             inward = residuals if j else residuals[::-1]
             inner, outer = _median(inward[: n // 2]), _median(inward[n // 2 :])
-            if abs(outer) > abs(inner) + REFINEMENT_SETTINGS.significant_sigmas * sigmas[i + j]:
+            if abs(outer) > abs(inner) + SIGNIFICANT_SIGMAS * sigmas[i + j]:
                 continue  # a reflection that grows out of the corner
             found[i, j] = _median(residuals)
             share = sqrt(min(1.0, fitted.noise.variance_inflation / n))
             chance[i, j] = _MEDIAN_OVER_MEAN * sigmas[i + j] * share
     ratio = found / chance
-    significant = np.abs(ratio) > REFINEMENT_SETTINGS.significant_sigmas
+    significant = np.abs(ratio) > SIGNIFICANT_SIGMAS
     for k, side in enumerate(model):
         # Both flanks of a notch that are pulled in show it together.
         both = ratio[k - 1, 0], ratio[min(k, len(ratio) - 1), 1]
-        if (
-            side.bead
-            and max(both) < 0
-            and sum(both) < -REFINEMENT_SETTINGS.significant_sigmas * sqrt(2)
-        ):
+        if side.bead and max(both) < 0 and sum(both) < -SIGNIFICANT_SIGMAS * sqrt(2):
             significant[k - 1, 0] = significant[k, 1] = True
     return np.where(significant, found, 0.0)
 
@@ -242,16 +266,13 @@ def points_lead_away_from_side(fitted: FittedProfile, k: int) -> bool:
     starts, stops = true_stretches(~keep)
     for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
         run = residuals[a:b]
-        if (
-            b - a < SHAPE_SETTINGS.leaving_points
-            or np.abs(run).max() > 1.5 * SHAPE_SETTINGS.reflection_offset
-        ):
+        if b - a < LEAVING_POINTS or np.abs(run).max() > 1.5 * REFLECTION_OFFSET:
             continue
         # Reflections grow out of corners; what leaves a side does so from its inside.
         ends = [(a - 1, run)] * (a > 0) + [(b, run[::-1])] * (b < len(keep))
         for place, outward in ends:
             steps = np.abs(np.diff(np.concatenate((residuals[place : place + 1], outward))))
-            if steps.max() < SHAPE_SETTINGS.leaving_step and abs(outward[-1]) > abs(outward[0]):
+            if steps.max() < LEAVING_STEP and abs(outward[-1]) > abs(outward[0]):
                 return True
     return False
 
@@ -265,7 +286,7 @@ def _jumps(residuals: Array) -> bool:
     """Whether a row of residuals jumps, as reflections do, single points apart."""
     a, b, c = residuals[:-2], residuals[1:-1], residuals[2:]
     middle = np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c))
-    return bool(np.abs(np.diff(middle)).max(initial=0.0) > SHAPE_SETTINGS.residual_jump)
+    return bool(np.abs(np.diff(middle)).max(initial=0.0) > RESIDUAL_JUMP)
 
 
 def _if_pulled(fitted: FittedProfile, k: int, pull: NotchPull) -> ShapeErrors:
@@ -274,7 +295,7 @@ def _if_pulled(fitted: FittedProfile, k: int, pull: NotchPull) -> ShapeErrors:
     A fillet of steel looks the same: then the corners lie where they are seen.
     """
     shift, sigma = np.zeros((2, 2)), np.zeros((2, 2))
-    probability = SHAPE_SETTINGS.pull_probability * pull.probability
+    probability = PULL_PROBABILITY * pull.probability
     for i, (inward, spread) in enumerate(zip(pull.inward, pull.sigma, strict=True)):
         (a, b), (sa, sb) = fitted.curves[k - 1 + i : k + 1 + i], fitted.places[k - 1 + i]
         (ax, az), (bx, bz) = a.tangent_at(sa), b.tangent_at(sb)

@@ -16,7 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.interreflection import closeness_to_notch, estimate_pull
+from tjscan.groove.interreflection import (
+    PULL_DOUBT,
+    closeness_to_notch,
+    estimate_pull,
+)
 from tjscan.groove.prior import (
     NOTCH_PULLS,
     SCALE_THICKNESSES,
@@ -25,7 +29,6 @@ from tjscan.groove.prior import (
     posterior,
 )
 from tjscan.groove.refinement import refine_fit
-from tjscan.groove.settings import NOTCH_SETTINGS, SCALE_SETTINGS
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
@@ -35,8 +38,43 @@ from tjscan.groove.sides import (
     corners_between_sides,
 )
 
-TRIED_BENDS: Final = np.linspace(-1.5, 1.5, 7)
+MISLED_SHARE: Final = 0.02
+"""Share of the profiles whose flanks the model of a pull does not describe: they show nothing."""
 
+
+SCALE_BLOCK: Final = 6
+"""Points that are averaged."""
+
+FEWEST_BLOCKS_OF_SIDE: Final = 5
+"""Blocks of a side that show something."""
+
+SURFACE_REACH: Final = 1.0e-3
+"""Points this near a side, in metres, are of its surface or of what lies on it."""
+
+BLOCK_UNDULATION: Final = 0.02e-3
+"""Standard deviation, in metres, of a block of points beyond noise: no surface is a parabola."""
+
+STEEPEST_STEEL: Final = 0.06
+"""Slope against the fitted side that the steel under scale may have."""
+
+TRIED_BENDS: Final = np.linspace(-1.5, 1.5, 7)
+WIDEST_BEND: Final = 1.0
+"""Bends that are tried, in standard deviations about the expected one; and the largest one of
+these, in 1/m, with which a side is looked at."""
+
+MOST_TRIED_LINES: Final = 80
+"""Lines that are tried."""
+
+STRAY_COST: Final = 9.0
+"""What a block costs that lies on neither level, in squared standard deviations."""
+
+COVERED_SHARE: Final = 0.35
+PATCH_WIDTH: Final = 12e-3
+"""Share of a surface that scale covers, and about how wide its patches are, in metres:
+assumptions, after what tubes show that have lain in a yard."""
+
+BLOCK_WEIGHT: Final = 0.5
+"""Weight of a block's evidence: neighbours undulate together."""
 
 STEEL_ROUNDS: Final = 5
 
@@ -75,13 +113,13 @@ class ScaledSide:
     def log_likelihoods(self) -> Array:
         """Log-likelihood of each of `SCALE_THICKNESSES`, shape (n,)."""
         least = self.costs.min(axis=1)
-        return np.asarray(-0.5 * SCALE_SETTINGS.block_weight * (least - least[0]))
+        return np.asarray(-0.5 * BLOCK_WEIGHT * (least - least[0]))
 
     def height_variance(self, thickness: float, s: float) -> float:
         """Mean square by which other likely surfaces lie off the likeliest one at s, in m²."""
         cost = self.costs[int(np.abs(SCALE_THICKNESSES - thickness).argmin())]
         best = int(cost.argmin())
-        likely = np.exp(-0.5 * SCALE_SETTINGS.block_weight * (cost - cost[best]))
+        likely = np.exp(-0.5 * BLOCK_WEIGHT * (cost - cost[best]))
         away = (self.surfaces - self.surfaces[best]) @ np.array((1.0, s, s * s))
         return float(likely @ away**2 / likely.sum())
 
@@ -97,13 +135,10 @@ class ScaledSide:
             on_scale = (np.abs(off + thickness) < np.abs(off)) & (thickness > 0)
             raised = np.where(on_scale, self.heights + thickness, self.heights)
             used = np.abs(raised - surface @ basis) < OUTLIER_SIGMAS * self.sigma
-            if (
-                np.count_nonzero(used)
-                < SCALE_SETTINGS.fewest_blocks_of_side * SCALE_SETTINGS.scale_block
-            ):
+            if np.count_nonzero(used) < FEWEST_BLOCKS_OF_SIDE * SCALE_BLOCK:
                 break
             # A block's standard deviation is that of a mean: its points count as one.
-            weighted = basis[:, used] / (SCALE_SETTINGS.scale_block * self.sigma**2)
+            weighted = basis[:, used] / (SCALE_BLOCK * self.sigma**2)
             information, seen = weighted @ basis[:, used].T, weighted @ raised[used]
             surface = np.linalg.solve(information + known, seen + known @ expected)
         else:
@@ -151,29 +186,29 @@ def find_scaled_side(fit: GrooveFit, k: int, pulled: Array) -> ScaledSide | None
     """
     fitted, side = fit.fitted, fit.model.sides[k]
     own = fitted.spans[k]
-    near = np.flatnonzero(np.abs(fitted.residuals[own]) < SCALE_SETTINGS.surface_reach)
-    count = len(near) // SCALE_SETTINGS.scale_block
-    if count < SCALE_SETTINGS.fewest_blocks_of_side:
+    near = np.flatnonzero(np.abs(fitted.residuals[own]) < SURFACE_REACH)
+    count = len(near) // SCALE_BLOCK
+    if count < FEWEST_BLOCKS_OF_SIDE:
         return None
     base = fitted.curves[k].rebased_at_tangent(fitted.middles[k])
     s, d = base.local_coordinates(fit.row.points[own])
     d = d + pulled[own] - base.c3 * s**3
-    blocks = near[: count * SCALE_SETTINGS.scale_block].reshape(count, SCALE_SETTINGS.scale_block)
+    blocks = near[: count * SCALE_BLOCK].reshape(count, SCALE_BLOCK)
     along, heights = s[blocks].mean(axis=1), np.median(d[blocks], axis=1)
     least = max(float(fitted.sigmas.min()), LEAST_NOISE)
-    correlated = min(fitted.noise.variance_inflation / SCALE_SETTINGS.scale_block, 1.0)
-    sigma = hypot(least * sqrt(correlated), SCALE_SETTINGS.block_undulation)
-    known = side.expected_bend is not None or side.bend < SCALE_SETTINGS.widest_bend
+    correlated = min(fitted.noise.variance_inflation / SCALE_BLOCK, 1.0)
+    sigma = hypot(least * sqrt(correlated), BLOCK_UNDULATION)
+    known = side.expected_bend is not None or side.bend < WIDEST_BEND
     expected = (side.expected_bend or 0.0) if known else base.c2
-    bend_sigma = min(side.bend, SCALE_SETTINGS.widest_bend)
+    bend_sigma = min(side.bend, WIDEST_BEND)
     i, j = np.triu_indices(count, max(2, count // 4))
-    every = -(-len(i) // SCALE_SETTINGS.most_tried_lines)
+    every = -(-len(i) // MOST_TRIED_LINES)
     i, j = i[::every], j[::every]
     bends = expected + bend_sigma * TRIED_BENDS
     flat = heights - bends[:, None] * along**2
     slope = (flat[:, j] - flat[:, i]) / (along[j] - along[i])
     level = flat[:, i] - slope * along[i]
-    usual = np.abs(slope) < SCALE_SETTINGS.steepest_steel
+    usual = np.abs(slope) < STEEPEST_STEEL
     which, line = usual.nonzero()
     if not len(which):
         return None
@@ -189,21 +224,17 @@ def find_scaled_side(fit: GrooveFit, k: int, pulled: Array) -> ScaledSide | None
 def _costs(off: Array, steps: Array, along: Array) -> Array:
     """What surfaces cost, shape (n, l), whose blocks, shape (l, b), lie so far behind them."""
     bare = off**2
-    pitch = abs(float(np.median(np.diff(along)))) / SCALE_SETTINGS.patch_width
+    pitch = abs(float(np.median(np.diff(along)))) / PATCH_WIDTH
     rarely = max(-2 * log(pitch), 0.0)
     found = np.empty((len(steps), len(off)))
-    found[0] = np.minimum(bare, SCALE_SETTINGS.stray_cost).sum(axis=1)
+    found[0] = np.minimum(bare, STRAY_COST).sum(axis=1)
     for k, step in enumerate(steps[1:].tolist(), 1):
         raised = (off + step) ** 2
         on_scale = raised < bare
-        pays = np.minimum(np.minimum(raised, bare), SCALE_SETTINGS.stray_cost)
-        seen = pays < SCALE_SETTINGS.stray_cost
+        pays = np.minimum(np.minimum(raised, bare), STRAY_COST)
+        seen = pays < STRAY_COST
         change = (on_scale[:, 1:] != on_scale[:, :-1]) & seen[:, 1:] & seen[:, :-1]
-        begins = np.where(
-            (on_scale & seen)[:, 0],
-            log(SCALE_SETTINGS.covered_share),
-            log(1 - SCALE_SETTINGS.covered_share),
-        )
+        begins = np.where((on_scale & seen)[:, 0], log(COVERED_SHARE), log(1 - COVERED_SHARE))
         found[k] = pays.sum(axis=1) + rarely * change.sum(axis=1) - 2 * begins
     return found
 
@@ -275,7 +306,7 @@ def _without_pull(fit: GrooveFit, moved: Array, prior: GroovePrior, tolerance: f
     log_pulls = _log_pulls(fit, moved)
     probability = posterior(prior.log_pulls, log_pulls)
     pull = _if_likely(NOTCH_PULLS, probability)
-    doubt = float(probability @ (NOTCH_PULLS - pull) ** 2) + (NOTCH_SETTINGS.pull_doubt * pull) ** 2
+    doubt = float(probability @ (NOTCH_PULLS - pull) ** 2) + (PULL_DOUBT * pull) ** 2
     shift = np.zeros(2 * face + 4)
     for corner in (face - 1, face):
         at = fitted.corners[corner][None]
@@ -307,11 +338,9 @@ def _log_pulls(fit: GrooveFit, moved: Array) -> Array:
     for one in rows:
         pull, sigma = estimate_pull(one, fitted, fit.model)
         if isfinite(sigma):
-            spread = np.hypot(sigma, NOTCH_SETTINGS.pull_doubt * NOTCH_PULLS)
+            spread = np.hypot(sigma, PULL_DOUBT * NOTCH_PULLS)
             density = sigma / spread * np.exp(-0.5 * ((pull - NOTCH_PULLS) / spread) ** 2)
-            likelihood += (
-                (1 - SCALE_SETTINGS.misled_share) * density + SCALE_SETTINGS.misled_share
-            ) / len(rows)
+            likelihood += ((1 - MISLED_SHARE) * density + MISLED_SHARE) / len(rows)
         else:
             likelihood += 1 / len(rows)
     return np.log(likelihood)

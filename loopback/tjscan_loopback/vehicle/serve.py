@@ -19,7 +19,7 @@ from tjscan.core.signals import read_no_terminal_in_background
 from tjscan.vehicle.mqtt.link import BrokerLink, ReceivedMessage
 from tjscan.vehicle.mqtt.torch_wire import TORCH_COMMANDER_TOPIC, TORCH_TOPIC
 from tjscan.vehicle.mqtt.wire import COMMAND_TOPIC, COMMANDER_TOPIC, PRESENCE_TOPIC, PresenceMessage
-from tjscan.vehicle.simulated_body import PERIOD, SimulatedBody
+from tjscan.vehicle.simulated_body import STATE_PERIOD, SimulatedBody
 from tjscan.vehicle.simulation import VehicleSimulationSettings
 from tjscan.vehicle.tracks import TrackGeometry
 from tjscan_loopback.process import TRUTH_COMMAND, check_is_loopback_address, print_line
@@ -34,7 +34,7 @@ CONNECT_LIMIT: Final = 5.0
 LONGEST_PERIOD: Final = 0.1
 """Seconds of motion in one step; where the process slept longer, the rest of its sleep is lost."""
 
-BESIDE: Final = 1.5
+VEHICLE_SPACING: Final = 1.5
 """Metres from one vehicle to the next, along y of frame w."""
 
 MOST_VEHICLES: Final = 50
@@ -130,7 +130,7 @@ def _run(
 ) -> None:
     before = due = time.monotonic()
     while True:
-        due = max(due + PERIOD, time.monotonic())  # a process that was held up does not hurry
+        due = max(due + STATE_PERIOD, time.monotonic())  # a process that was held up does not hurry
         time.sleep(due - min(time.monotonic(), due))
         while not orders.empty():
             line = orders.get()
@@ -199,7 +199,7 @@ def _crawlers(vehicles: int, settings: Path | None, seed: int) -> Iterator[Crawl
     tracks, simulation = _read_settings(settings)
     x, y = simulation.start
     for number in range(vehicles):
-        own = replace(simulation, start=(x, y + BESIDE * number))
+        own = replace(simulation, start=(x, y + VEHICLE_SPACING * number))
         yield CrawlerBody(SimulatedBody(tracks, own, seed=seed + number))
 
 
