@@ -16,9 +16,8 @@ from tjscan.recording.journal import RunEvent
 from tjscan.towing.journal import TowCycle
 from tjscan.towing.loop import CableTow, TowSetting
 from tjscan.towing.seam import Seam
-from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.plan import TowingPlan
-from tjscan.towing.shape.team import TowingTeam
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings, SeamSettings
 from tjscan.vehicle.localisation import VehiclePose
 

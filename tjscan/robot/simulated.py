@@ -44,7 +44,7 @@ class SimulatedArm(LocalDevice):
         Joint angles it starts with, in radians.
     limits : MotionLimits, optional
         How fast it may move.
-    repeatability, angular_repeatability : float, optional
+    repeatability : tuple of float, optional
         Root mean square of the distance (metres) and of the angle (radians) between the true
         pose and the reported one; normal on each axis.
     seed : int, optional
@@ -71,8 +71,7 @@ class SimulatedArm(LocalDevice):
         q: Array,
         *,
         limits: MotionLimits | None = None,
-        repeatability: float = POSITION_REPEATABILITY,
-        angular_repeatability: float = ANGULAR_REPEATABILITY,
+        repeatability: tuple[float, float] = (POSITION_REPEATABILITY, ANGULAR_REPEATABILITY),
         seed: int = 0,
         realtime: bool = False,
         time: float = 0.0,
@@ -82,7 +81,7 @@ class SimulatedArm(LocalDevice):
         self.kinematics = kinematics
         self._planner = PathPlanner(kinematics, MotionLimits() if limits is None else limits)
         self.realtime = realtime
-        self._spread = np.repeat([repeatability, angular_repeatability], 3) / np.sqrt(3)
+        self._spread = np.repeat(repeatability, 3) / np.sqrt(3)
         self._random = np.random.default_rng(seed)
         self._now = (readonly_copy(q), time)
         self._errors = errors

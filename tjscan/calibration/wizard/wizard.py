@@ -182,7 +182,7 @@ class CalibrationWizard:
         lines = line_samples(self.task, self.measurements.line_profiles)
         found = verify_with_fresh_line(SeenBoard(lines, target, self.task.noise), result, fresh)
         finding = (
-            f"a fresh line lies {1e3 * found.offset:+.3f} mm and {np.degrees(found.tilt):+.3f}° "
+            f"a fresh line is {1e3 * found.offset:+.3f} mm and {np.degrees(found.tilt):+.3f}° "
             f"off the board; {found.misfit:.1f} standard deviations, {found.limit:.1f} may be"
         )
         self.operator.report(finding)
@@ -246,8 +246,8 @@ class CalibrationWizard:
             raise CalibrationRefused(
                 "no line to be had",
                 f"{MAX_SKIPPED_IN_A_ROW} poses in a row were passed over, the last because of: "
-                f"{self.measurements.skipped_poses[-1].reason}. Check where the job says that the "
-                "board is, and how the laser sits on the flange",
+                f"{self.measurements.skipped_poses[-1].reason}. Check the place of the "
+                "board in the job, and how the laser sits on the flange",
             )
         ready = self._get_ready()
         reachable = partial(self._reaches, ready)
@@ -282,7 +282,7 @@ class CalibrationWizard:
         ready = start_poses_over_board(self.task, state)
         if _same(state, ready[0]):
             return state
-        question = "Move to where the sensor stands square over the board?"
+        question = "Move the sensor square over the board?"
         if not self.operator.confirm(replace(self._move(question, ready[0]), no="Finish")):
             raise CalibrationRefused(
                 "the arm may not move", "every line begins square over the board; go on later"

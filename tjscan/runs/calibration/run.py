@@ -11,7 +11,7 @@ import numpy as np
 import trimesh
 
 from tjscan.calibration.arm.design import BallPlan, plan_views
-from tjscan.calibration.arm.geometry import ArmGeometry
+from tjscan.calibration.arm.model import ArmGeometry
 from tjscan.calibration.arm.result import as_hand_eye_calibration
 from tjscan.calibration.arm.wizard import ArmWizard
 from tjscan.calibration.entries import BasisEntry, ShrinkingEntry, views_of_poses

@@ -98,7 +98,7 @@ class CrawlShow:
                 return self._event_step(entry)
 
     def _event_step(self, event: RunEvent) -> Step:
-        """Events that a phase begins with bear its name: no cycle follows that of a stop."""
+        """Events that a phase begins with bear its name: no cycle follows a stop."""
         news = ((event.name, event.detail),)
         if event.name not in set(Phase):
             return Step(event.name, events=news)

@@ -314,7 +314,7 @@ class PageJournal:
     run : RunOnPage
         The scan on the page.
     total : int or None
-        Sections to scan, where that is known.
+        Sections to scan, if that is known.
     clock : callable
         Gives seconds.
     """

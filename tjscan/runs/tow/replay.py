@@ -23,7 +23,7 @@ from tjscan.runs.run import check_replay, do_nothing_when_finished, make_vehicle
 from tjscan.runs.tow.results import write_tow_results
 from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import WELDED_EVENT, TowCycle, TowTruth
-from tjscan.towing.loop import PERIOD
+from tjscan.towing.loop import PLAN_PERIOD
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
@@ -103,7 +103,7 @@ def _planned_anew(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: Towi
     plan = planner.plan(
         cycle.poses,
         seam.pose_at(cycle.along),
-        dt=PERIOD,
+        dt=PLAN_PERIOD,
         last=last,
         obstacles=obstacles,
         stopped=cycle.stopped,
@@ -114,4 +114,4 @@ def _planned_anew(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: Towi
         return replace(cycle, plan=plan, seconds=seconds, asked=still, pace=0.0, wait=plan.halt)
     ways = plan.held_poses - last.held_poses
     steps = np.column_stack((np.hypot(*ways[:, :2].T), ways[:, 2], np.zeros(len(ways))))
-    return replace(cycle, plan=plan, seconds=seconds, asked=steps / PERIOD)
+    return replace(cycle, plan=plan, seconds=seconds, asked=steps / PLAN_PERIOD)

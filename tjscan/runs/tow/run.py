@@ -26,7 +26,7 @@ from tjscan.runs.run import (
 )
 from tjscan.runs.tow.results import read_recorded_tow, write_tow_results
 from tjscan.towing.journal import TowTruth
-from tjscan.towing.loop import PERIOD, CableTow, TowSetting
+from tjscan.towing.loop import PLAN_PERIOD, CableTow, TowSetting
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
 from tjscan.towing.topics import REPLAY_EVENT, TOW_RECORDING, TowRecording
@@ -142,7 +142,7 @@ def resume_tow(context: TowContext) -> None:
         if edited:
             sweep_seam(context.job, planner, last.along, last.plan).refuse_if_blocked()
         cell = make_tow_cell(context.job, last.plan.angles, left)
-    hauled = PERIOD * sum(cycle.pace > 0 for cycle in recorded.cycles)
+    hauled = PLAN_PERIOD * sum(cycle.pace > 0 for cycle in recorded.cycles)
     _tow(context, directory, cell, planner, last.along, last.plan, hauled)
 
 
