@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
@@ -33,6 +33,11 @@ def compiled(function: F) -> F:
         return cast(F, compiler(function))
     finally:
         numba.config.CACHE_DIR = before
+
+
+def plain_tuple(value: tuple[Any, ...]) -> tuple[Any, ...]:
+    """A named tuple and those in it as plain ones: Numba finds their types ten times as fast."""
+    return tuple(plain_tuple(item) if isinstance(item, tuple) else item for item in value)
 
 
 @cache

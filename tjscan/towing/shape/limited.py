@@ -7,14 +7,14 @@ far the limits can't be kept: such a shape is never sent.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import proxsuite
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.chain import chain_gradient
-from tjscan.towing.shape.compiled import compiled
+from tjscan.towing.shape.compiled import compiled, plain_tuple
 from tjscan.towing.shape.limits import (
     ROW_TYPE,
     SPARE_MARGIN,
@@ -24,15 +24,17 @@ from tjscan.towing.shape.limits import (
     LimitRows,
     limit_gradients,
     limit_rows,
+    name_limits,
 )
 from tjscan.towing.shape.linear import constrained_step, least_squares_multipliers
 from tjscan.towing.shape.optimise import add_multipliers, convex_hessian, pull_after
 from tjscan.towing.shape.problem import (
     ShapeArrays,
     ShapeProblem,
-    ShapeState,
     evaluate_shape,
-    make_state,
+    name_problem,
+    name_state,
+    new_state,
 )
 
 NEAR_BAND: Final = 0.05
@@ -100,8 +102,9 @@ class _Iterate:
 
     def __init__(self, problem: ShapeArrays, limits: LimitArrays) -> None:
         n = len(problem.estimate)
-        self._problem, self._limits = problem, limits
-        self.angles, self.state = np.empty(n), make_state(n, len(problem.fixed))
+        self.angles, self.state = np.empty(n), new_state(n, len(problem.fixed))
+        self.plain_state = plain_tuple(self.state)
+        self._problem, self._limits = plain_tuple(problem), plain_tuple(limits)
         self._rows, self._used = np.empty(128, dtype=ROW_TYPE), 0
         self.f, self.off, self.worst = 0.0, 0.0, 0.0
 
@@ -110,7 +113,7 @@ class _Iterate:
         self.angles[:] = angles
         while True:
             self.f, self.off, self.worst, self._used = _evaluate(
-                self.angles, self._problem, self._limits, self.state, self._rows, band
+                self.angles, self._problem, self._limits, self.plain_state, self._rows, band
             )
             if self._used <= len(self._rows):
                 return
@@ -129,13 +132,15 @@ class _Iterate:
 @compiled
 def _evaluate(
     angles: Array,
-    problem: ShapeArrays,
-    limits: LimitArrays,
-    state: ShapeState,
+    plain_problem: Any,
+    plain_limits: Any,
+    plain_state: Any,
     rows: LimitRows,
     band: float,
 ) -> tuple[float, float, float, int]:
     """Fill state and rows; objective, constraints' sum, worst limit, number of rows."""
+    problem, state = name_problem(plain_problem), name_state(plain_state)
+    limits = name_limits(plain_limits)
     f = evaluate_shape(angles, problem, state)
     used = limit_rows(angles, state.links, band, rows, limits)
     worst = 0.0
@@ -146,16 +151,18 @@ def _evaluate(
 
 @compiled
 def _model(
-    problem: ShapeArrays,
-    state: ShapeState,
+    plain_problem: Any,
+    plain_state: Any,
     rows: LimitRows,
     y: Array,
     z: Array,
     shift: float,
-    program: _Program,
+    plain_program: Any,
     gradients: Array,
 ) -> float:
     """Fill the program and the derivatives of its rows; returns the Hessian's shift."""
+    problem, state = name_problem(plain_problem), name_state(plain_state)
+    program = _Program(*plain_program)
     n, point = len(state.links), state.parts.point
     chain_gradient(state.parts, state.links, problem.length, program.gradient[:n])
     if len(z) == 0:
@@ -183,13 +190,20 @@ def _model(
 
 
 @compiled
+def _pull_after(plain_problem: Any, links: Array, step: Array, force: Array) -> None:
+    """`optimise.pull_after` of a plain tuple."""
+    pull_after(name_problem(plain_problem), links, step, force)
+
+
+@compiled
 def _guess_active(
-    program: _Program, state: ShapeState, C: Array, rows: LimitRows, step: Array, y: Array, z: Array
+    plain_program: Any, plain_state: Any, C: Array, rows: LimitRows, step: Array, y: Array, z: Array
 ) -> bool:
     """Solve a program by adding the worst row and dropping those that pull; True if that ends.
 
     What it then found meets all conditions of the program's solution, with no slack.
     """
+    program, state = _Program(*plain_program), name_state(plain_state)
     n, m = len(step), len(state.constraint)
     active = np.zeros(len(rows), np.bool_)
     for _ in range(MOST_ACTIVE):
@@ -249,17 +263,18 @@ def optimise_limited(
         np.full(n + 1, SLACK_COST), np.zeros((n + 1, n + 1)), np.zeros((n, n)), np.zeros(2)
     )
     program.hessian[n, n] = 1.0
+    plain, plain_program = plain_tuple(arrays), plain_tuple(program)
     while iteration < most:
         iteration += 1
         rows = now.rows
         C = np.ones((len(rows), n + 1))
-        shift = _model(arrays, now.state, rows, y, z, shift, program, C)
+        shift = _model(plain, now.plain_state, rows, y, z, shift, plain_program, C)
         step, z, left, reach = np.empty(n), np.empty(len(rows)), 0.0, 1.0
-        if not _guess_active(program, now.state, C, rows, step, y, z):
+        if not _guess_active(plain_program, now.plain_state, C, rows, step, y, z):
             step, left, y, z, reach = _solve_program(program, now, C)
         if reach == 0.0:
             break
-        pull_after(arrays, now.state.links, step, program.force)
+        _pull_after(plain, now.state.links, step, program.force)
         fix = max(fix, 2 * float(np.abs(y).max(initial=0.0)))
         slope = float(program.gradient[:n] @ step) - fix * reach * now.off
         slope -= SLACK_COST * max(now.worst - left, 0.0)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
 from math import degrees, hypot, pi
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.chain import place_links
-from tjscan.towing.shape.compiled import Indices, compiled
+from tjscan.towing.shape.compiled import Indices, compiled, plain_tuple
 from tjscan.towing.shape.distance import distance_to_obstacle, obstacle_count
 from tjscan.towing.shape.settings import TowingLimits
 
@@ -151,6 +151,15 @@ class LimitArrays(NamedTuple):
     obstacles: Obstacles
 
 
+@compiled
+def name_limits(plain: Any) -> LimitArrays:
+    """The limits of a plain tuple."""
+    return LimitArrays(
+        plain[0], plain[1], plain[2], plain[3], plain[4], plain[5], plain[6], plain[7], plain[8],
+        plain[9], plain[10], plain[11], plain[12], plain[13], Obstacles(*plain[14]),
+    )  # fmt: skip
+
+
 class NearRows(NamedTuple):
     """Room for the rows of limits that are near.
 
@@ -263,25 +272,28 @@ def add_crossed_edges(
 
 
 @compiled
-def add_link_to_obstacles(near: NearRows, i: int, links: Array, limits: LimitArrays) -> None:
-    """Rows of link i: its end, its nearest points to corners and discs, edges that it crosses."""
-    end, apart, obstacles = link_end(i, links, limits.root), limits.link_clearance, limits.obstacles
-    for k in range(obstacle_count(obstacles)):
-        d, gx, gy, _, _, _ = distance_to_obstacle(k, end.x, end.y, obstacles)
-        if d - apart < near.band:
-            add_row(near, LimitKind.LINK_TO_OBSTACLE, d - apart, gx, gy, end, NO_POINT)
+def add_links_to_obstacles(near: NearRows, links: Array, limits: LimitArrays) -> None:
+    """Rows of links: their ends, their nearest points to corners and discs, edges they cross."""
+    apart, obstacles, band = limits.link_clearance, limits.obstacles, near.band
     corners, starts, discs = obstacles.corners, obstacles.starts, obstacles.discs
-    reach = 3.0 * (limits.length + apart + near.band)
-    for k in range(len(corners)):
-        if abs(end.x - corners[k, 0]) + abs(end.y - corners[k, 1]) < reach:
-            place = ChainPoint(-1, corners[k, 0], corners[k, 1])
-            add_beside(near, apart, i, place, links, limits)
-    for k in range(len(starts) - 1):
-        add_crossed_edges(near, i, corners[starts[k] : starts[k + 1]], links, limits)
-    for k in range(len(discs)):
-        for at in (0, 2):
-            place = ChainPoint(-1, discs[k, at], discs[k, at + 1])
-            add_beside(near, apart + discs[k, 4], i, place, links, limits)
+    count, reach = obstacle_count(obstacles), 3.0 * (limits.length + apart + band)
+    for i in range(limits.first_link, limits.last_link):
+        x, y = links[i, 0], links[i, 1]
+        for k in range(count):
+            d, gx, gy, _, _, _ = distance_to_obstacle(k, x, y, obstacles)
+            if d - apart < band:
+                end = ChainPoint(i, x, y)
+                add_row(near, LimitKind.LINK_TO_OBSTACLE, d - apart, gx, gy, end, NO_POINT)
+        for k in range(len(corners)):
+            if abs(x - corners[k, 0]) + abs(y - corners[k, 1]) < reach:
+                place = ChainPoint(-1, corners[k, 0], corners[k, 1])
+                add_beside(near, apart, i, place, links, limits)
+        for k in range(len(starts) - 1):
+            add_crossed_edges(near, i, corners[starts[k] : starts[k + 1]], links, limits)
+        for k in range(len(discs)):
+            for at in (0, 2):
+                place = ChainPoint(-1, discs[k, at], discs[k, at + 1])
+                add_beside(near, apart + discs[k, 4], i, place, links, limits)
 
 
 @compiled
@@ -385,8 +397,7 @@ def limit_rows(
     limits : LimitArrays
     """
     near, held = NearRows(rows, np.zeros(1, np.int64), band), limits.held
-    for i in range(limits.first_link, limits.last_link):
-        add_link_to_obstacles(near, i, links, limits)
+    add_links_to_obstacles(near, links, limits)
     for m in range(len(held)):
         i = held[m]
         if m < len(held) - 1:
@@ -399,6 +410,12 @@ def limit_rows(
     add_speeds(near, links, limits)
     add_joints(near, angles, limits)
     return int(near.used[0])
+
+
+@compiled
+def _limit_rows(angles: Array, links: Array, band: float, rows: LimitRows, plain: Any) -> int:
+    """`limit_rows` of a plain tuple."""
+    return limit_rows(angles, links, band, rows, name_limits(plain))
 
 
 @compiled
@@ -475,12 +492,16 @@ class HardLimits:
             obstacles=self.obstacles,
         )
 
+    @cached_property
+    def _plain(self) -> tuple[Any, ...]:
+        return plain_tuple(self.arrays)
+
     def rows(self, angles: Array, band: float = 0.0) -> LimitRows:
         """Rows with a margin below `band`, shape (R,), of `ROW_TYPE`."""
         links, room = self._links(angles), 64
         while True:
             rows = np.empty(room, dtype=ROW_TYPE)
-            used = limit_rows(angles, links, band, rows, self.arrays)
+            used = _limit_rows(angles, links, band, rows, self._plain)
             if used <= room:
                 return rows[:used]
             room = used

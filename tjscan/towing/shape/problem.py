@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import exp, sqrt, tanh
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from tjscan.towing.shape.chain import (
     place_links,
     pose_constraints,
 )
-from tjscan.towing.shape.compiled import Indices, compiled
+from tjscan.towing.shape.compiled import Indices, compiled, plain_tuple
 from tjscan.towing.shape.distance import distance_to_obstacle, obstacle_count
 from tjscan.towing.shape.plan import PlanTerms
 from tjscan.towing.shape.pull import CablePull
@@ -168,6 +168,28 @@ class ShapeState(NamedTuple):
     jacobian: Array
 
 
+def new_state(n: int, fixed: int) -> ShapeState:
+    """`make_state` without Numba, which is slow to give tuples back."""
+    parts = ChainParts(np.empty((n, 2)), np.empty((n, 5)), np.zeros((n, 2)))
+    constraint, jacobian = np.zeros(3 * fixed), np.zeros((3 * fixed, n))
+    return ShapeState(np.empty((n, 5)), parts, np.empty(5), constraint, jacobian)
+
+
+@compiled
+def name_problem(plain: Any) -> ShapeArrays:
+    """The problem of a plain tuple."""
+    estimate, root, length, scale, targets, moved, costs, obstacles, fixed, poses = plain
+    named = Obstacles(*obstacles)
+    return ShapeArrays(estimate, root, length, scale, targets, moved, costs, named, fixed, poses)
+
+
+@compiled
+def name_state(plain: Any) -> ShapeState:
+    """The state of a plain tuple."""
+    links, parts, terms, constraint, jacobian = plain
+    return ShapeState(links, ChainParts(*parts), terms, constraint, jacobian)
+
+
 @compiled
 def make_state(n: int, fixed: int) -> ShapeState:
     """Room for a chain of n links and a number of fixed ones."""
@@ -189,6 +211,12 @@ def evaluate_shape(angles: Array, problem: ShapeArrays, state: ShapeState) -> fl
         state.jacobian,
     )
     return f
+
+
+@compiled
+def _evaluate_plain(angles: Array, problem: Any, state: Any) -> float:
+    """`evaluate_shape` of plain tuples."""
+    return evaluate_shape(angles, name_problem(problem), name_state(state))
 
 
 @compiled
@@ -292,8 +320,8 @@ class ShapeProblem:
 
     def evaluated(self, angles: Array) -> ShapeState:
         """All that is known of a shape."""
-        state = make_state(len(angles), len(self.fixed))
-        evaluate_shape(angles, self.arrays, state)
+        state = new_state(len(angles), len(self.fixed))
+        _evaluate_plain(angles, plain_tuple(self.arrays), plain_tuple(state))
         return state
 
     def terms(self, angles: Array) -> PlanTerms:
