@@ -19,10 +19,10 @@ from _table import Row
 
 from tjscan.core.frames import Array
 from tjscan.job import read_scan_job
+from tjscan.recording.journal import CombinedJournal
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import scan_in_cell
-from tjscan.scanning.journal import CombinedJournal
-from tjscan.scanning.section import ProfileView, ScannedSection
+from tjscan.scanning.section import ProfileView
 from tjscan_loopback.process import LaserLoopbackProcess, UrLoopbackProcess
 
 PAPER: Final = Path(__file__).resolve().parents[1] / "examples" / "paper.toml"
@@ -37,15 +37,10 @@ class Views:
     def __init__(self) -> None:
         self.views: list[ProfileView] = []
 
-    def record_view(self, view: ProfileView) -> None:
+    def record(self, message: object) -> None:
         """Keep a view."""
-        self.views.append(view)
-
-    def record_section(self, section: ScannedSection) -> None:
-        """Keep nothing of sections."""
-
-    def record_event(self, name: str, detail: str) -> None:
-        """Keep nothing of events."""
+        if isinstance(message, ProfileView):
+            self.views.append(message)
 
 
 def scan(arm: UrLoopbackProcess, keys: dict[str, Any]) -> tuple[list[ProfileView], Array]:

@@ -39,6 +39,7 @@ from tjscan.laser.files.format import ProfileFormat
 from tjscan.laser.files.read import read_profiles
 from tjscan.laser.profile import Profile
 from tjscan.recording.header import JobSnapshot
+from tjscan.recording.journal import RunEvent
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.readings import measure_grooves
 from tjscan.result.shapes import read_shape
@@ -49,8 +50,8 @@ from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan
 from tjscan.runs.scan.study import ScanOutcome
 from tjscan.scanning.reader import read_recorded_scan
-from tjscan.scanning.section import ProfileView, ScannedSection
-from tjscan.scanning.topics import record_scan
+from tjscan.scanning.section import ScannedSection
+from tjscan.scanning.topics import ScanRecording
 from tjscan.study.file import read_study_file, trials_of_study
 from tjscan.study.store import PLAN_FILE, ROWS_FILE, make_study_directory, read_rows, read_trials
 from tjscan.study.trial import StudyRow
@@ -68,14 +69,9 @@ class _Sections:
     def __init__(self) -> None:
         self.scans: list[ScannedSection] = []
 
-    def record_view(self, view: ProfileView) -> None:
-        pass
-
-    def record_section(self, scan: ScannedSection) -> None:
-        self.scans.append(scan)
-
-    def record_event(self, name: str, detail: str) -> None:
-        pass
+    def record(self, message: object) -> None:
+        if isinstance(message, ScannedSection):
+            self.scans.append(message)
 
 
 def readers(folder: Path) -> Iterator[Reader]:
@@ -131,7 +127,7 @@ def _recordings(folder: Path, run: Path, scans: list[ScannedSection]) -> Iterato
             LaserLineTaken(PosedProfile("line 1", T, profile)),
             SkippedPose(T, "no line"),
         ):
-            book.record_entry(entry)
+            book.record(entry)
     measured = (folder / "measured.mcap").read_bytes()
     yield Reader("calibration recording", "measured.mcap", (measured,), _measured, 2)
 
@@ -142,14 +138,14 @@ def _measured(file: Path) -> None:
 
 def _recording(file: Path, scans: list[ScannedSection], seed: int) -> bytes:
     """A recording of profiles with few points."""
-    with record_scan(
+    with ScanRecording(
         file, JobSnapshot('[scan]\nstep_mm = 40.0\n[arm]\nmodel = "x"\n')
     ) as recording:
         for scan in scans:
             short = replace(scan, view=replace(scan.view, profile=_short(scan.view.profile)))
-            recording.record_view(short.view)
-            recording.record_event("half step", f"section {seed}")
-            recording.record_section(short)
+            recording.record(short.view)
+            recording.record(RunEvent("half step", f"section {seed}"))
+            recording.record(short)
     return file.read_bytes()
 
 

@@ -187,8 +187,8 @@ class _Truth:
         self.torch: dict[int, list[float]] = {}
         self.nees: list[float] = []
 
-    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
-        if cycle.phase is Phase.MANUAL:
+    def record(self, cycle: object) -> None:
+        if not isinstance(cycle, CrawlCycle) or cycle.phase is Phase.MANUAL:
             return
         along, off = self._world.torch_place()
         if cycle.arc:
@@ -202,9 +202,6 @@ class _Truth:
             self.nees.append(float(error @ np.linalg.solve(cycle.slip.P[:2, :2], error)) / 2)
         elif cycle.slip is not None:
             self.nees.append(np.nan)
-
-    def record_event(self, name: str, detail: str) -> None:
-        pass
 
 
 def run(crawl: Crawl, seed: int, estimate: SlipEstimate | None = None) -> Crawled:

@@ -39,7 +39,7 @@ from tjscan.live.buttons import Button
 from tjscan.live.colours import ARM_COLOUR, viridis
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import Setting
-from tjscan.recording.event import RecordedEvent
+from tjscan.recording.journal import RunEvent
 from tjscan.runs.live.view import read_recorded_show
 from tjscan.scanning.reader import read_recorded_scan
 
@@ -231,7 +231,7 @@ def stop_rows(browser: Browser, folder: Path) -> Iterator[Row]:
         shown.press("STOP")
         code = served.end()
     seconds = time.perf_counter() - begun
-    names = [one.name for one in read_crawl(run) if isinstance(one, RecordedEvent)]
+    names = [one.name for one in read_crawl(run) if isinstance(one, RunEvent)]
     yield Row("the crawler stopped by a click", seconds, 60, "s")
     yield Row("… its exit code, as by Ctrl-C", code, 130, at_least=130)
     yield Row("… its last event is the stop", names[-1] == Phase.STOP, 1, at_least=1)

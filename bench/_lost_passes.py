@@ -17,7 +17,6 @@ from _stops import START_LIMIT, Break
 from tjscan.core.errors import CrawlStopped, TjscanError, VehicleFault
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.job.crawl.job import read_crawl_job
-from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.crawl.run import CrawlContext, resume_crawl, run_crawl
 from tjscan_loopback.broker import MosquittoProcess
@@ -128,13 +127,12 @@ class _TellsThatItBurns:
     def __init__(self, burns: Connection) -> None:
         self._burns, self._told = burns, False
 
-    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
-        if cycle.arc and cycle.travel > WELD / 3 and not self._told:
+    def record(self, cycle: object) -> None:
+        if self._told or not isinstance(cycle, CrawlCycle):
+            return
+        if cycle.arc and cycle.travel > WELD / 3:
             self._told = True
             self._burns.send(None)
-
-    def record_event(self, name: str, detail: str) -> None:
-        pass
 
 
 def crawl_until_broken(file: Path, out: Path, burns: Connection) -> None:

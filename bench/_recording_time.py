@@ -13,29 +13,18 @@ from _table import Row
 from tjscan.job import read_scan_job
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import scan_in_cell
-from tjscan.scanning.section import ProfileView, ScannedSection
-from tjscan.scanning.topics import RecordingJournal, record_scan
+from tjscan.scanning.topics import ScanRecording
 
 
 class _Timed:
     """A recording, and the seconds that it takes."""
 
-    def __init__(self, recording: RecordingJournal) -> None:
+    def __init__(self, recording: ScanRecording) -> None:
         self._recording, self.seconds = recording, 0.0
 
-    def record_view(self, view: ProfileView) -> None:
+    def record(self, message: object) -> None:
         began = perf_counter()
-        self._recording.record_view(view)
-        self.seconds += perf_counter() - began
-
-    def record_section(self, scan: ScannedSection) -> None:
-        began = perf_counter()
-        self._recording.record_section(scan)
-        self.seconds += perf_counter() - began
-
-    def record_event(self, name: str, detail: str) -> None:
-        began = perf_counter()
-        self._recording.record_event(name, detail)
+        self._recording.record(message)
         self.seconds += perf_counter() - began
 
 
@@ -48,7 +37,7 @@ def recording_time(times: int, sections: int) -> Row:
         cell = RunContext(job, file).make_cell()
         with TemporaryDirectory() as name:
             began = perf_counter()
-            with record_scan(Path(name) / "scan.mcap") as recording:
+            with ScanRecording(Path(name) / "scan.mcap") as recording:
                 timed = _Timed(recording)
                 scan_in_cell(cell, job, timed)
                 ending = perf_counter()

@@ -20,6 +20,7 @@ from tjscan.job import read_scan_job
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.recording.damage import RecordingDamage
+from tjscan.recording.journal import RunEvent
 from tjscan.report.data import read_report_data
 from tjscan.result.chapter import ReportChapter
 from tjscan.result.directory import (
@@ -136,18 +137,9 @@ class _Events:
 
     changes: list[str] = field(default_factory=list)
 
-    def record_view(self, view: object) -> None:
-        pass
-
-    def record_section(self, scan: object) -> None:
-        pass
-
-    def record_cycle(self, *cycle: object) -> None:
-        pass
-
-    def record_event(self, name: str, detail: str) -> None:
-        if name == "changed":
-            self.changes.append(detail)
+    def record(self, message: object) -> None:
+        if isinstance(message, RunEvent) and message.name == "changed":
+            self.changes.append(message.detail)
 
 
 def make_scans(folder: Path) -> tuple[SoundRun, SoundRun]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf, pi
 from pathlib import Path
 from statistics import median
@@ -16,14 +16,13 @@ from _table import Row
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Area, Obstacles
-from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
 from tjscan.towing.shape.limited import optimise_limited
 from tjscan.towing.shape.limits import HardLimits
 from tjscan.towing.shape.plan import TowingPlan
-from tjscan.towing.shape.planner import PlannerSettings, TowingPlanner, optimise_freely
+from tjscan.towing.shape.planner import TowingPlanner, optimise_freely
 from tjscan.towing.shape.problem import ShapeProblem
-from tjscan.towing.shape.team import TowingLimits, TowingTeam, equal_links
-from tjscan.towing.shape.weights import EffortTargets, TowingWeights
+from tjscan.towing.shape.settings import EffortTargets, PlannerSettings, TowingLimits, TowingWeights
 
 OPTIMA: Final = Path(__file__).with_name("towing-optima.json")
 """Best shapes of 30 problems, by `_towing_optima.py`."""
@@ -143,10 +142,8 @@ def made(given: dict[str, list[float]]) -> tuple[ShapeProblem, HardLimits]:
     (x, y), (far_x, far_y) = given["low"], given["high"]
     cable = Cable(least_bend_radius=0.05 / np.sin(0.385))
     cx, cy, radius = given["disc"]
-    floor = replace(
-        Obstacles.of_area(Area([(x, y), (far_x, y), (far_x, far_y), (x, far_y)])),
-        discs=np.array([(cx, cy, cx, cy, radius)]),
-    )
+    yard = Obstacles.of_area(Area([(x, y), (far_x, y), (far_x, far_y), (x, far_y)]))
+    floor = yard._replace(discs=np.array([(cx, cy, cx, cy, radius)]))
     bend, obstacle, change = given["weights"]
     none, nowhere = np.zeros(0, dtype=np.int64), np.zeros((0, 2))
     problem = ShapeProblem(

@@ -14,10 +14,10 @@ from _table import Row, main
 
 from tjscan.core.frames import Array
 from tjscan.job import read_scan_job
+from tjscan.recording.journal import CombinedJournal
 from tjscan.robot.collision_checked import CollisionCheckedArm
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import scan_in_cell
-from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.section import ProfileView
 
 PAPER: Final = Path(__file__).resolve().parents[1] / "examples" / "paper.toml"

@@ -26,14 +26,13 @@ from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import PluckerPlane, plane_through_point
 from tjscan.calibration.pose_files import pair_profiles_with_poses, read_flange_poses
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
-from tjscan.calibration.solve.design import predict_uncertainty
 from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget, fit_circle
 from tjscan.calibration.targets.line import LineFit, fit_line, stack_lines
 from tjscan.calibration.targets.plane import PlaneTarget, SeenBoard
 from tjscan.calibration.targets.roof import RoofFit, SeenRoof, fit_roof
 from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
 from tjscan.calibration.targets.touched import fit_plane
-from tjscan.calibration.wizard.advice import BoardRectangle
+from tjscan.calibration.wizard.advice import BoardRectangle, predict_uncertainty
 from tjscan.calibration.wizard.logbook import MeasurementsSoFar
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator
 from tjscan.calibration.wizard.session import (

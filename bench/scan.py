@@ -19,11 +19,11 @@ from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.frames import JointOrBaseFrame, transform_points
 from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
+from tjscan.recording.journal import CombinedJournal
 from tjscan.result.summary import ScanSummary
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.results import summarise_scan
 from tjscan.runs.scan.run import scan_in_cell
-from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.progress import StopReason
 
 EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"

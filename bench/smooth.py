@@ -22,10 +22,10 @@ from _table import Row, main
 
 from tjscan.core.frames import JointOrBaseFrame
 from tjscan.job import read_scan_job
+from tjscan.recording.journal import CombinedJournal
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.results import summarise_scan
 from tjscan.runs.scan.run import scan_in_cell
-from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.progress import groove_length
 from tjscan.scanning.scanner import predictor_for_plan
 

@@ -28,12 +28,12 @@ from tjscan.core.errors import (
 )
 from tjscan.core.frames import Array, pose
 from tjscan.job import read_scan_job
+from tjscan.recording.journal import CombinedJournal
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.driver import UrSettings
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan, scan_in_cell
-from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.progress import ScanResult
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan_loopback.process import UrLoopbackProcess

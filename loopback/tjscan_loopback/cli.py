@@ -155,9 +155,17 @@ def _read_tow(file: Path, seed: int) -> TowingBodies | None:
 
     if "seam" not in read_toml(file):
         return None
-    from tjscan.job.tow.sweep import read_towing_world
+    from tjscan.core.config import add_file_to_errors
+    from tjscan.job.tow.cell import make_planner
+    from tjscan.job.tow.checks import read_tow_job
+    from tjscan.job.tow.simulation import towing_world_of_job
+    from tjscan.job.tow.sweep import sweep_seam
     from tjscan.vehicle.cable.world import TowingWorld
     from tjscan_loopback.vehicle.towing import TowingBodies
 
-    model, angles, localisation = read_towing_world(file)
-    return TowingBodies(TowingWorld(model, angles, seed=seed), localisation, seed)
+    job = read_tow_job(file)
+    with add_file_to_errors(file):
+        sweep = sweep_seam(job, make_planner(job))
+        sweep.refuse_if_blocked()
+    world = TowingWorld(towing_world_of_job(job), sweep.start.angles, seed=seed)
+    return TowingBodies(world, job.simulation.localisation, seed)

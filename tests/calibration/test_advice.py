@@ -25,13 +25,15 @@ from tjscan.calibration.checks.motion import check_rotation_condition
 from tjscan.calibration.closed_form import rotation_equations, solve_closed_form
 from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.measuring_range import visible_lines_on_plane
-from tjscan.calibration.solve.design import ReachabilityCheck, predict_lines, predict_uncertainty
 from tjscan.calibration.targets.line import stack_lines
 from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.calibration.wizard.advice import (
     BoardRectangle,
     CandidatePoseGrid,
+    ReachabilityCheck,
     candidate_poses,
+    predict_lines,
+    predict_uncertainty,
     suggest_pose,
 )
 from tjscan.core.errors import CalibrationRefused

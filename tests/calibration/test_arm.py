@@ -13,7 +13,6 @@ from tjscan.calibration.arm.design import BallPlan, plan_views
 from tjscan.calibration.arm.estimate import estimate_deviations
 from tjscan.calibration.arm.model import ArmModel, TargetInPostures
 from tjscan.calibration.arm.result import ArmCalibration, calibrate_arm
-from tjscan.calibration.arm.undetermined import list_undetermined
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.plucker import PluckerPlane
 from tjscan.calibration.targets.line import LineBundle
@@ -98,7 +97,7 @@ def test_the_stated_uncertainty_is_true() -> None:
 
 def test_what_can_not_be_told_is_named_and_left() -> None:
     found = calibrated_once(1)
-    said = "\n".join(list_undetermined(found.undetermined))
+    said = "\n".join(found.undetermined)
     assert "joint 1: length x, length y, length z, twist x, twist y, offset" in said
     assert "can't be told from where the target is" in said
     assert "joint 6: length z, offset can't be told from how the sensor sits" in said
@@ -165,12 +164,14 @@ def lines_on(T_b_board: Array, true: Kinematics, rng: np.random.Generator) -> Ta
         directions.append(along)
         q_all.append(q)
     q, T_b_f = np.array(q_all), np.array([kinematics().forward(one) for one in q_all])
-    lines = LineBundle(T_b_f[:, :3, :3], T_b_f[:, :3, 3], np.array(points), np.array(directions))
+    sigma = np.full(len(q), 5e-6), np.full(len(q), 5e-5)
+    lines = LineBundle(
+        T_b_f[:, :3, :3], T_b_f[:, :3, 3], np.array(points), np.array(directions), *sigma
+    )
     u = T_b_board[:3, 2]
     plane = PluckerPlane(u, -float(u @ T_b_board[:3, 3]))
-    sigma = np.full(len(q), 5e-6), np.full(len(q), 5e-5)
     target = PlaneTarget.unknown_plane(plane, T_b_board[:3, 3])
-    return TargetInPostures(PlaneModel(lines, *sigma, target, NOISE), q, T_b_f, np.zeros(3))
+    return TargetInPostures(PlaneModel(lines, target, NOISE), q, T_b_f, np.zeros(3))
 
 
 def test_postures_that_only_check_look_every_way() -> None:

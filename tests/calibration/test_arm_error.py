@@ -19,7 +19,7 @@ from calibration_stage import (
 )
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.arm.geometry import ArmGeometry
+from tjscan.calibration.arm.model import ArmGeometry
 from tjscan.calibration.arm_error import ARM_REACH, geometry_correlation
 from tjscan.calibration.checks.verify import verify_with_fresh_line
 from tjscan.calibration.hand_eye import calibrate_on_plane

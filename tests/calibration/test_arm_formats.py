@@ -8,12 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.calibration.arm_formats import CONVENTIONS, poses_of_fanuc_program, poses_of_kuka_data
+from tjscan.calibration.arm_formats import (
+    ORIENTATION_CONVENTIONS,
+    poses_of_fanuc_program,
+    poses_of_kuka_data,
+)
 from tjscan.calibration.pose_files import read_flange_poses
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 
-BY_COLUMNS = {convention.columns: convention.matrix for convention in CONVENTIONS}
+BY_COLUMNS = {convention.columns: convention.matrix for convention in ORIENTATION_CONVENTIONS}
 angles = st.tuples(*[st.floats(-3.1, 3.1)] * 3).map(np.array)
 
 

@@ -250,7 +250,7 @@ def test_something_to_calibrate_is_needed(tmp_path: Path) -> None:
         ("qx", "a_deg", "columns of one orientation"),
         ("profile", "number", None),
         ("\n1,", "\n77,", "number 1, 77 has a profile or a pose, but not both"),
-        ("\n1,", "\n2,", "profile 2 stands there twice"),
+        ("\n1,", "\n2,", "profile 2 is there twice"),
         ("\n1,", "\n1,1,", "9 columns, the header 8"),
         ("\n1,", "\n1,nan", "pose 1:"),
         ("\n1,", "\n1,x", "pose 1:"),

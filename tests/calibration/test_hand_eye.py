@@ -113,7 +113,7 @@ def test_it_needs_no_more_than_five_lines() -> None:
 def test_the_derivatives_are_those_of_the_residuals() -> None:
     rng = np.random.default_rng(0)
     taken = samples(POSES, shots(POSES, HAND, rng))
-    model = PlaneModel.from_line_fits(POSES, [s.fit for s in taken], target(rng), NOISE)
+    model = PlaneModel(stack_lines(POSES, [s.fit for s in taken]), target(rng), NOISE)
     T, by = boxplus(T_F_S, 0.01 * rng.standard_normal(6)), 0.02 * rng.standard_normal(3)
     found, h = model.linearise(T, by), 1e-6
     for i in range(6):
@@ -134,7 +134,7 @@ def test_residuals_scatter_as_their_covariance_says() -> None:
     T_b_f = np.repeat(steep[None], 1500, axis=0)
     taken = samples(T_b_f, shots(T_b_f, HAND, rng))
     exact = replace(target(), plane=PLANE)
-    found = PlaneModel.from_line_fits(T_b_f, [s.fit for s in taken], exact, NOISE).linearise(
+    found = PlaneModel(stack_lines(T_b_f, [s.fit for s in taken]), exact, NOISE).linearise(
         T_F_S, np.zeros(3)
     )
     # 1,500 draws give a variance to 3.7 %; four of those.
@@ -222,7 +222,7 @@ def test_leaving_a_line_out_moves_the_result_as_foretold() -> None:
     rng = np.random.default_rng(5)
     taken = samples(POSES, shots(POSES, HAND, rng))
     board = target(rng)
-    lines = PlaneModel.from_line_fits(POSES, [s.fit for s in taken], board, NOISE)
+    lines = PlaneModel(stack_lines(POSES, [s.fit for s in taken]), board, NOISE)
     model = CombinedModel.of([lines], POSES)
     every = np.ones(12, dtype=bool)
     whole = refine_by_least_squares(model, T_F_S, np.zeros(3), every)

@@ -10,6 +10,7 @@ from tjscan.calibration.hand_eye import calibrate_on_targets
 from tjscan.calibration.solve.combined import CombinedModel
 from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget
 from tjscan.calibration.targets.fixed_sensor import inverse_pose_errors
+from tjscan.calibration.targets.line import stack_lines
 from tjscan.calibration.targets.plane import PlaneModel, PlaneTarget
 from tjscan.calibration.targets.roof import RoofFit, RoofModel, RoofTarget, SeenRoof, fit_roof
 from tjscan.calibration.targets.target import PosedFit
@@ -45,8 +46,8 @@ def edge_of(roof: RoofTarget) -> tuple[Array, Array]:
 def model_of(T_b_f: Array, fits: list[RoofFit], roof: RoofTarget) -> RoofModel:
     lefts, rights = [fit.left for fit in fits], [fit.right for fit in fits]
     return RoofModel(
-        PlaneModel.from_line_fits(T_b_f, lefts, roof.left, NOISE),
-        PlaneModel.from_line_fits(T_b_f, rights, roof.right, NOISE),
+        PlaneModel(stack_lines(T_b_f, lefts), roof.left, NOISE),
+        PlaneModel(stack_lines(T_b_f, rights), roof.right, NOISE),
     )
 
 

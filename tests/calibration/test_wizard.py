@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from prompt_toolkit.application import create_app_session
 from prompt_toolkit.input import create_pipe_input
 from prompt_toolkit.output import DummyOutput
+from raw_topics import raw_topic
 from scipy.spatial.transform import Rotation
 from written import content
 
@@ -36,8 +37,6 @@ from tjscan.calibration.wizard.session import (
 from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
 from tjscan.calibration.wizard.topics import (
     CALIBRATION_RECORDING,
-    PROFILE_TOPIC,
-    TRANSFORMS_TOPIC,
     BoardTouch,
     CalibrationEntry,
     LaserLineTaken,
@@ -53,15 +52,15 @@ from tjscan.calibration.wizard.wizard import (
     VerifiedCalibration,
 )
 from tjscan.cli.operators import TerminalOperator
-from tjscan.core.errors import CalibrationRefused, ConfigurationError, RecordingError
+from tjscan.core.errors import CalibrationRefused, RecordingError
 from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.core.units import pose_from_rows_mm, pose_to_rows_mm
 from tjscan.job import read_calibration_job
 from tjscan.job.arm import sensor_mount_of_job
 from tjscan.job.cell import Cell
 from tjscan.laser.profile import Profile
+from tjscan.recording.foxglove import PROFILE_TOPIC, TRANSFORMS_TOPIC
 from tjscan.recording.reader import read_messages
-from tjscan.recording.topic import Topic, make_json_topic
 from tjscan.recording.writer import RecordingWriter
 from tjscan.robot.arm import ArmState
 from tjscan.runs.calibration.run import (
@@ -462,12 +461,12 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
             SkippedPose(T, "no line"),
             LaserLineTaken(PosedProfile("fresh", T, profile), for_verification=True),
         ):
-            logbook.record_entry(entry)
+            logbook.record(entry)
             on_disk = read_calibration_entries(tmp_path)
             assert kind(list(on_disk)[-1]) == kind(entry)
         written = logbook.measured
         whole = file.read_bytes()
-        logbook.record_entry(LaserLineTaken(PosedProfile("cut off", T, profile)))
+        logbook.record(LaserLineTaken(PosedProfile("cut off", T, profile)))
     cut = whole + file.read_bytes()[len(whole) :][:300]
     file.write_bytes(cut)
     with Logbook(tmp_path, TRUTH) as logbook:
@@ -499,17 +498,17 @@ def test_every_part_shows_a_viewer_where_the_laser_sits_on_the_flange(tmp_path: 
 @pytest.mark.parametrize(
     ("name", "schema", "fields"),
     [
-        ("/touch", "tjscan.Touch", {}),
-        ("/touch", "tjscan.Touch", {"place": "first", "T_b_f": []}),
-        ("/touch", "tjscan.Touch", {"place": 0, "T_b_f": [1.0] * 16}),
-        ("/touch", "tjscan.Joke", {"place": 0, "T_b_f": []}),
-        ("/begun", "tjscan.CalibrationBegun", {"date": "yesterday"}),
+        ("/touch", "tjscan.BoardTouch", {}),
+        ("/touch", "tjscan.BoardTouch", {"place_number": "first", "T_b_f": [], "q": []}),
+        ("/touch", "tjscan.BoardTouch", {"place_number": 0, "T_b_f": [1.0] * 16, "q": []}),
+        ("/touch", "tjscan.Joke", {"place_number": 0, "T_b_f": [], "q": []}),
+        ("/begun", "tjscan.StartOrResumeEntry", {"date": "yesterday"}),
     ],
 )
 def test_a_damaged_recording_is_refused(
     tmp_path: Path, name: str, schema: str, fields: dict[str, Any]
 ) -> None:
-    topic: Topic[dict[str, Any]] = make_json_topic(name, schema, {}, dict, dict)
+    topic = raw_topic(name, schema)
     with RecordingWriter(tmp_path / f"{CALIBRATION_RECORDING}.mcap", [topic]) as recording:
         recording.write(0, (topic, fields))
     with pytest.raises(RecordingError, match="damaged"), Logbook(tmp_path, TRUTH):
@@ -527,15 +526,6 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     (tmp_path / f"{CALIBRATION_RECORDING}.mcap").write_text("nonsense", encoding="utf-8")
     with pytest.raises(RecordingError, match="is no recording"), Logbook(tmp_path, TRUTH):
         pass
-
-
-def test_a_calibration_of_version_0_1_is_refused_with_what_to_do(
-    calibrated: Path, tmp_path: Path
-) -> None:
-    (tmp_path / "job.toml").write_bytes((calibrated / "job.toml").read_bytes())
-    (tmp_path / "measured.jsonl").write_text('{"kind": "begun"}\n', encoding="utf-8")
-    with pytest.raises(ConfigurationError, match=r"by tjscan 0\.1\.0.*start a new one"):
-        resume_calibration(tmp_path, Watcher())
 
 
 @given(count=st.integers(3, 40))

@@ -174,7 +174,7 @@ def test_help_loads_nothing_heavy() -> None:
     told = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
-    assert "Scan a groove as a job file says." in told.stdout
+    assert "Scan a groove as a job file states." in told.stdout
 
 
 def test_every_key_that_the_help_of_scan_names_is_a_key_of_a_job(

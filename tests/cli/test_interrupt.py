@@ -128,9 +128,9 @@ class StopsAfter(Notes):
         super().__init__()
         self.stop, self._profiles, self._at_once = StopRequest(), profiles, at_once
 
-    def record_view(self, view: ProfileView) -> None:
-        super().record_view(view)
-        if len(self.views) == self._profiles:
+    def record(self, message: object) -> None:
+        super().record(message)
+        if isinstance(message, ProfileView) and len(self.views) == self._profiles:
             (
                 self.stop.request_stop_now
                 if self._at_once

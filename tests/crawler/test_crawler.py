@@ -16,6 +16,7 @@ from tjscan.crawler.torch_axes import SimulatedTorchAxes
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.laser.profile import Profile
+from tjscan.recording.journal import RunEvent
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
 from tjscan.vehicle.vehicle import REST, Twist, VehicleState
 
@@ -27,11 +28,12 @@ class Notes:
         self.cycles: list[CrawlCycle] = []
         self.events: list[str] = []
 
-    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
-        self.cycles.append(cycle)
-
-    def record_event(self, name: str, detail: str) -> None:
-        self.events.append(name)
+    def record(self, message: object) -> None:
+        match message:
+            case CrawlCycle():
+                self.cycles.append(replace(message, profile=None))
+            case RunEvent():
+                self.events.append(message.name)
 
 
 class WrongVehicle:
@@ -191,9 +193,10 @@ def test_it_says_what_it_waits_for(tmp_path: Path) -> None:
     found, told = context(tmp_path), []
 
     class EndsWhenTold(Notes):
-        def record_event(self, name: str, detail: str) -> None:
-            told.append(detail)
-            raise KeyboardInterrupt
+        def record(self, message: object) -> None:
+            if isinstance(message, RunEvent):
+                told.append(message.detail)
+                raise KeyboardInterrupt
 
     cell = make_crawl_cell(found.job)
     missing = WrongVehicle(cell.vehicle, lambda state: replace(state, proximity=(nan,) * 4))

@@ -11,10 +11,9 @@ from tjscan.crawler.guards import Guards
 from tjscan.crawler.method import LaserEstimate
 from tjscan.crawler.plan import GuardSettings
 from tjscan.crawler.proximity import CornerPlaces, ProximityFilter, ProximitySettings
-from tjscan.crawler.slip_aware import SlipAwareMethod
+from tjscan.crawler.slip_aware import SlipAwareMethod, SteeringSettings
 from tjscan.crawler.slip_estimator import SlipEstimate, SlipUncertainty
 from tjscan.crawler.slip_model import CrawlerGeometry
-from tjscan.crawler.steering import SteeringSettings
 from tjscan.vehicle.vehicle import Twist, VehicleState
 
 STEEL = (0.03,) * 4

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tjscan.crawler.odometry_filter import OdometryFilter
+from tjscan.crawler.slip_aware import OdometryFilter
 from tjscan.vehicle.vehicle import Twist
 
 PERIOD = 0.01

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
-from tjscan.crawler.odometry_filter import OdometryFilter
+from tjscan.crawler.slip_aware import OdometryFilter
 from tjscan.crawler.slip_model import (
     SETTLING_LENGTH,
     STATE_COUNT,

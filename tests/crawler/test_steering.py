@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
+from tjscan.crawler.slip_aware import SteeringSettings, track_turn_rate
 from tjscan.crawler.slip_model import (
     STATE_COUNT,
     CrawlerGeometry,
@@ -15,7 +16,6 @@ from tjscan.crawler.slip_model import (
     TrackOdometry,
     propagate_state,
 )
-from tjscan.crawler.steering import SteeringSettings, track_turn_rate
 from tjscan.runs.crawl.run import SETTLING_GAINS, TURNING_RADII
 
 GEOMETRY = CrawlerGeometry(0.5, 0.0)

@@ -11,24 +11,24 @@ from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.crawler.slip_model import STATE_COUNT
-from tjscan.crawler.topics import SLIP, read_crawl, record_crawl
+from tjscan.crawler.topics import CrawlRecording, read_crawl
+from tjscan.recording.journal import RunEvent
+from tjscan.recording.topic import Topic
 from tjscan.vehicle.vehicle import REST, VehicleState
+
+SLIP_TOPIC = Topic.of("/slip", SlipEstimate)
 
 
 def test_slip_is_read_as_it_was_believed() -> None:
-    estimated = SlipEstimate(np.arange(STATE_COUNT) / 7, np.eye(STATE_COUNT) / 3)
-    read = SLIP.decode(SLIP.encode(estimated))
-    np.testing.assert_array_equal(read.x, estimated.x)
-    np.testing.assert_array_equal(read.P, estimated.P)
-
-
-def test_slip_of_an_earlier_estimator_is_not_known() -> None:
-    assert SLIP.decode(SLIP.encode(SlipEstimate(np.zeros(8), np.eye(8)))) is None
+    believed = SlipEstimate(np.arange(STATE_COUNT) / 7, np.eye(STATE_COUNT) / 3)
+    read = SLIP_TOPIC.decode(SLIP_TOPIC.encode(believed))
+    np.testing.assert_array_equal(read.x, believed.x)
+    np.testing.assert_array_equal(read.P, believed.P)
 
 
 def test_slip_that_is_damaged_is_refused() -> None:
     with pytest.raises(ValueError, match="reshape"):
-        SLIP.decode(SLIP.encode(SlipEstimate(np.zeros(STATE_COUNT), np.eye(8))))
+        SLIP_TOPIC.decode(SLIP_TOPIC.encode(SlipEstimate(np.zeros(STATE_COUNT), np.eye(8))))
 
 
 @pytest.mark.parametrize(
@@ -42,13 +42,12 @@ def test_slip_that_is_damaged_is_refused() -> None:
 def test_a_killed_program_leaves_what_was_done_but_for_half_a_second(
     tmp_path: Path, period: float, struck_at: int | None, known: int
 ) -> None:
-    with record_crawl(tmp_path / "crawl.mcap") as journal:
+    with CrawlRecording(tmp_path / "crawl.mcap") as journal:
         for k in range(10):
             arc = struck_at is not None and k >= struck_at
             state, torch = VehicleState(period * k, REST), TorchEstimate(0.0, 1e-3, 0.0)
-            journal.record_cycle(
-                CrawlCycle(Phase.WELDING, 1, 0.01 * k, state, REST, torch, 0.0, 0.0, arc), None
-            )
+            cycle = CrawlCycle(Phase.WELDING, 1, 0.01 * k, state, REST, torch, 0.0, 0.0, arc)
+            journal.record(cycle)
         assert len(list(read_crawl(tmp_path))) == known  # as it stands while the program runs
     assert len(list(read_crawl(tmp_path))) == 10
 
@@ -57,14 +56,14 @@ def test_a_killed_program_leaves_what_was_done_but_for_half_a_second(
 def test_the_last_cycle_of_what_is_left_has_the_slip_that_was_believed_there(
     tmp_path: Path, period: float, stops: bool
 ) -> None:
-    with record_crawl(tmp_path / "crawl.mcap") as journal:
+    with CrawlRecording(tmp_path / "crawl.mcap") as journal:
         for k in range(9):
             slip = SlipEstimate(np.full(STATE_COUNT, 0.1 * k), np.eye(STATE_COUNT))
             state, torch = VehicleState(period * k, REST), TorchEstimate(0.0, 1e-3, 0.0)
             cycle = CrawlCycle(Phase.WELDING, 1, 0.01 * k, state, REST, torch, 0.0, 0.0, False)
-            journal.record_cycle(replace(cycle, slip=slip), None)
+            journal.record(replace(cycle, slip=slip))
         if stops:
-            journal.record_event(Phase.STOP, "a drive fails")
+            journal.record(RunEvent(Phase.STOP, "a drive fails"))
         left = [entry for entry in read_crawl(tmp_path) if isinstance(entry, CrawlCycle)]
     last = left[-1]
     assert last.slip is not None

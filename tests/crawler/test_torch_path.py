@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.crawler.torch_path import PassSettings
+from tjscan.crawler.plan import PassSettings
 
 
 def test_a_stringer_bead_stays_where_it_is() -> None:

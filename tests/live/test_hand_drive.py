@@ -15,7 +15,6 @@ from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.job.crawl.job import read_crawl_job
-from tjscan.laser.profile import Profile
 from tjscan.live.buttons import HOLD_RATE, HoldButton
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import Setting
@@ -95,17 +94,16 @@ class StopsOnceItStands:
         self.heard_at = self.cycles[-1].state.time
         self._hand.hear(FORWARD)
 
-    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
-        self.cycles.append(cycle)
+    def record(self, cycle: object) -> None:
+        if not isinstance(cycle, CrawlCycle):
+            return
+        self.cycles.append(replace(cycle, profile=None))
         if cycle.state.odometry.speed > 0.5 * SPEED:
             self.drives.set()
         elif self.drives.is_set() and abs(cycle.state.odometry.speed) < 1e-3:
             self._hand.start()
         if cycle.phase is not Phase.MANUAL or cycle.state.time > LONGEST:
             raise KeyboardInterrupt
-
-    def record_event(self, name: str, detail: str) -> None:
-        pass
 
 
 def hold_until_it_drives(page: Page, drives: Event) -> None:

@@ -25,7 +25,7 @@ from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.topics import read_crawl
 from tjscan.live.colours import ARM_COLOUR, TOOL_COLOUR, viridis
-from tjscan.recording.event import RecordedEvent
+from tjscan.recording.journal import RunEvent
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.vehicle.vehicle import DEAD_MAN, REST
 
@@ -144,4 +144,4 @@ def test_a_crawler_is_driven_by_a_held_button_and_stopped_by_a_click(
     held = [one.state.time for one in by_hand if one.commanded != REST]
     rolling = [one.state.time for one in by_hand if abs(one.state.odometry.speed) > 1e-3]
     assert held[0] < held[-1] < rolling[-1] < held[-1] + DEAD_MAN / 2
-    assert [one.name for one in entries if isinstance(one, RecordedEvent)][-1] == Phase.STOP
+    assert [one.name for one in entries if isinstance(one, RunEvent)][-1] == Phase.STOP

@@ -13,6 +13,7 @@ from tjscan.core.errors import ScanInterrupted
 from tjscan.job import read_scan_job
 from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.page import Page, PageAddress
+from tjscan.recording.journal import RunEvent
 from tjscan.runs.live.scan import show_scan
 from tjscan.runs.live.view import read_recorded_show
 from tjscan.runs.scan.context import RunContext
@@ -97,9 +98,9 @@ class PausesAndSteps(Notes):
         self.stop, self.presses, self.stood_after = StopRequest(), list(presses), [-1]
         self.stop.pause()
 
-    def record_event(self, name: str, detail: str) -> None:
-        super().record_event(name, detail)
-        if name == "paused":
+    def record(self, message: object) -> None:
+        super().record(message)
+        if isinstance(message, RunEvent) and message.name == "paused":
             self.stood_after.append(len(self.sections))
             getattr(self.stop, self.presses.pop(0))()
 

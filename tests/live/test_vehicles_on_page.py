@@ -1,6 +1,7 @@
 """Crawls and tows on the page: what a cycle shows, and a Stop that is Ctrl-C."""
 
 import socket
+from dataclasses import replace
 from math import nan
 from pathlib import Path
 from typing import Any, cast
@@ -24,7 +25,8 @@ from tjscan.live.drawables import Lines, MeasuredPiece, Placement
 from tjscan.live.listening import RunOnPage
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.replay import Replay
-from tjscan.live.step import STATE_FACT, NotedEvent, RecordedShow, Setting
+from tjscan.live.step import STATE_FACT, RecordedShow, Setting
+from tjscan.recording.journal import RunEvent
 from tjscan.runs.live.crawl import TORCH_DEVIATION, CrawlEntry, CrawlPageJournal, CrawlShow
 from tjscan.runs.live.tow import CABLE_CLEARANCE, TowShow, clearance, vehicles_apart
 from tjscan.runs.tow.run import TowContext
@@ -72,7 +74,7 @@ def test_a_crawl_hands_over_twenty_cycles_a_second() -> None:
     run = Counted(None, show, print)
     journal, nothing = CrawlPageJournal(run), Profile(np.empty(0), np.empty(0))
     for k in range(200):
-        journal.record_cycle(crawl_cycle(1e-4 * k, time=0.01 * k), nothing)
+        journal.record(replace(crawl_cycle(1e-4 * k, time=0.01 * k), profile=nothing))
     assert 38 <= run.count <= 42
 
 
@@ -127,17 +129,17 @@ def test_vehicles_are_apart_from_rim_to_rim() -> None:
 
 def test_a_stop_is_shown_in_state_and_diagram() -> None:
     show = CrawlShow(read_crawl_job(CRAWL), "crawl")
-    step = show.step(NotedEvent("stop", "interrupted"))
+    step = show.step(RunEvent("stop", "interrupted"))
     assert step.diagram is not None
     assert step.diagram.now == step.facts[STATE_FACT] == "stop"
-    assert show.step(NotedEvent("arc on", "pass 1")).diagram is None
+    assert show.step(RunEvent("arc on", "pass 1")).diagram is None
     tow = TowShow(read_tow_job(TOW), "tow")
-    assert tow.step(NotedEvent("stop", "interrupted")).facts == {STATE_FACT: "stop: interrupted"}
+    assert tow.step(RunEvent("stop", "interrupted")).facts == {STATE_FACT: "stop: interrupted"}
 
 
 def test_the_slider_hides_a_state_of_later() -> None:
     show = CrawlShow(read_crawl_job(CRAWL), "crawl")
-    steps = (show.step(NotedEvent("warning", "short")), show.step(NotedEvent("stop", "danger")))
+    steps = (show.step(RunEvent("warning", "short")), show.step(RunEvent("stop", "danger")))
     replay = Replay([RecordedShow(show.setting, steps)], PageAddress(port=0))
     with replay.page:
         panel = replay.page.views[0].panel

@@ -2,6 +2,7 @@
 
 import random
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -12,17 +13,18 @@ from tjscan.recording.damage import RecordingDamage, refuse_damage
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import count_messages, read_header, read_job_snapshot, read_messages
-from tjscan.recording.topic import INTEGER_SCHEMA, make_json_topic, make_protobuf_topic
+from tjscan.recording.topic import Topic
 from tjscan.recording.writer import RecordingWriter
 
-COUNT = make_json_topic(
-    "/count",
-    "tjscan.Count",
-    {"number": INTEGER_SCHEMA},
-    lambda number: {"number": number},
-    lambda fields: int(fields["number"]),
-)
-TEXTS = make_protobuf_topic("/text", Log)
+
+@dataclass(frozen=True)
+class Count:
+    number: int
+    name: str = "one"
+
+
+COUNT = Topic.of("/count", Count)
+TEXTS = Topic.of("/text", Log)
 TOPICS = (COUNT, TEXTS)
 SNAPSHOT = JobSnapshot("[scan]\nstep_mm = 4.0\n")
 CHUNKS = 4
@@ -31,7 +33,7 @@ CHUNKS = 4
 def record(file: Path, first: int = 0) -> None:
     with RecordingWriter(file, TOPICS, SNAPSHOT) as recording:
         for i in range(first, first + CHUNKS):
-            recording.write(10 * i, (COUNT, i), (TEXTS, Log(message=f"it is {i}")))
+            recording.write(10 * i, (COUNT, Count(i)), (TEXTS, Log(message=f"it is {i}")))
 
 
 def content(
@@ -49,7 +51,7 @@ def killed(tmp_path: Path) -> bytes:
     """A recording whose program was killed: it ends behind its last chunk."""
     with RecordingWriter(tmp_path / "killed.mcap", TOPICS, SNAPSHOT) as recording:
         for i in range(CHUNKS):
-            recording.write(10 * i, (COUNT, i), (TEXTS, Log(message=f"it is {i}")))
+            recording.write(10 * i, (COUNT, Count(i)), (TEXTS, Log(message=f"it is {i}")))
         return (tmp_path / "killed.mcap").read_bytes()
 
 
@@ -100,7 +102,7 @@ def test_a_chunk_that_is_cut_out_as_a_whole_is_missed(tmp_path: Path) -> None:
     ends = []
     with RecordingWriter(file, TOPICS) as recording:
         for i in range(3):
-            recording.write(i, (COUNT, i))
+            recording.write(i, (COUNT, Count(i)))
             ends.append(file.stat().st_size)
         data = file.read_bytes()
     file.write_bytes(data[: ends[0]] + data[ends[1] :])

@@ -2,6 +2,7 @@
 
 import signal
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -10,12 +11,16 @@ import pytest
 
 from tjscan.core.signals import hold_ctrl_c
 from tjscan.recording.reader import read_messages
-from tjscan.recording.topic import NUMBERS_SCHEMA, make_json_topic
+from tjscan.recording.topic import Topic
 from tjscan.recording.writer import RecordingWriter
 
-TOPIC = make_json_topic(
-    "/number", "Number", {"n": NUMBERS_SCHEMA}, lambda n: {"n": [n]}, lambda f: f["n"][0]
-)
+
+@dataclass(frozen=True)
+class Number:
+    n: float
+
+
+TOPIC = Topic.of("/number", Number)
 pytestmark = pytest.mark.usefixtures("ctrl_c_is_heard")
 
 
@@ -38,15 +43,15 @@ def interrupt_at_line(number: int) -> None:
 def test_what_is_written_is_whole_wherever_it_is_interrupted(tmp_path: Path, line: int) -> None:
     file = tmp_path / "numbers.mcap"
     with pytest.raises(KeyboardInterrupt), RecordingWriter(file, [TOPIC]) as recording:  # noqa: PT012
-        recording.write(1, (TOPIC, 1.0))
+        recording.write(1, (TOPIC, Number(1.0)))
         interrupt_at_line(line)
         try:
             for n in range(2, 30):
-                recording.write(n, (TOPIC, float(n)), (TOPIC, n + 0.5))
+                recording.write(n, (TOPIC, Number(float(n))), (TOPIC, Number(n + 0.5)))
         finally:
             sys.settrace(None)
-            recording.write(99, (TOPIC, 99.0))
-    found = [entry.message for entry in read_messages(file, [TOPIC])]
+            recording.write(99, (TOPIC, Number(99.0)))
+    found = [entry.message.n for entry in read_messages(file, [TOPIC])]
     assert found[0] == 1.0
     assert found[-1] == 99.0
     assert found[1:-1] == [n / 2 for n in range(4, 4 + 2 * (len(found) // 2 - 1))]

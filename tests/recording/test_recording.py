@@ -1,41 +1,44 @@
 """Messages on topics are read again, from a whole file and from one that was cut."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from mcap.writer import CompressionType, Writer
+from raw_topics import raw_topic
 
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.recording.header import FORMAT_VERSION, HEADER_RECORD, JobSnapshot
 from tjscan.recording.mcap_records import MAX_RECORD_BYTES
 from tjscan.recording.parts import next_recording_file, recording_files
 from tjscan.recording.reader import read_header, read_job_snapshot, read_messages
-from tjscan.recording.topic import INTEGER_SCHEMA, TEXT_SCHEMA, make_json_topic, make_protobuf_topic
+from tjscan.recording.topic import Topic
 from tjscan.recording.writer import RecordingWriter
 
-COUNT = make_json_topic(
-    "/count",
-    "tjscan.Count",
-    {"number": INTEGER_SCHEMA, "name": TEXT_SCHEMA},
-    lambda number: {"number": number, "name": "one"},
-    lambda fields: int(fields["number"]),
-)
-TEXTS = make_protobuf_topic("/text", Log)
+
+@dataclass(frozen=True)
+class Count:
+    number: int
+    name: str = "one"
+
+
+COUNT = Topic.of("/count", Count)
+TEXTS = Topic.of("/text", Log)
 TOPICS = (COUNT, TEXTS)
 
 
 def record(file: Path, count: int, **options: Any) -> None:
     with RecordingWriter(file, TOPICS, **options) as recording:
         for i in range(count):
-            recording.write(10 * i, (COUNT, i), (TEXTS, Log(message=f"it is {i}")))
+            recording.write(10 * i, (COUNT, Count(i)), (TEXTS, Log(message=f"it is {i}")))
             recording.sync_to_disk()
 
 
 def numbers(file: Path) -> list[int]:
-    return [entry.message for entry in read_messages(file, [COUNT])]
+    return [entry.message.number for entry in read_messages(file, [COUNT])]
 
 
 def test_messages_come_back_with_their_topics_and_times_in_order(tmp_path: Path) -> None:
@@ -43,7 +46,7 @@ def test_messages_come_back_with_their_topics_and_times_in_order(tmp_path: Path)
     entries = list(read_messages(tmp_path / "scan.mcap", TOPICS))
     assert [entry.topic for entry in entries] == 3 * [COUNT, TEXTS]
     assert [entry.time for entry in entries] == [0, 0, 10, 10, 20, 20]
-    assert [entry.message for entry in entries[::2]] == [0, 1, 2]
+    assert [entry.message.number for entry in entries[::2]] == [0, 1, 2]
     assert entries[-1].message.message == "it is 2"
 
 
@@ -66,7 +69,7 @@ def test_a_message_is_on_the_disk_before_the_next_is_written(tmp_path: Path) -> 
     file = tmp_path / "scan.mcap"
     with RecordingWriter(file, TOPICS) as recording:
         for i in range(3):
-            recording.write(i, (COUNT, i))
+            recording.write(i, (COUNT, Count(i)))
             assert numbers(file) == list(range(i + 1))
 
 
@@ -77,16 +80,16 @@ def test_topics_not_asked_for_are_passed_over(tmp_path: Path) -> None:
 
 def test_a_topic_with_another_schema_is_refused(tmp_path: Path) -> None:
     record(tmp_path / "scan.mcap", 1)
-    other = make_json_topic("/text", "tjscan.Text", {}, dict, dict)
+    other = raw_topic("/text", "tjscan.Text")
     with pytest.raises(RecordingError, match=r"/text holds foxglove\.Log in protobuf"):
         list(read_messages(tmp_path / "scan.mcap", [other]))
 
 
 def test_a_message_that_its_topic_cannot_decode_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "scan.mcap"
-    bad = make_json_topic("/count", "tjscan.Count", {}, lambda _: {"number": "many"}, dict)
+    bad = raw_topic("/count", "tjscan.Count")
     with RecordingWriter(file, [bad]) as recording:
-        recording.write(0, (bad, {}))
+        recording.write(0, (bad, {"number": "many"}))
     with pytest.raises(RecordingError, match="/count can't be read"):
         numbers(file)
 
@@ -169,7 +172,7 @@ def test_a_head_that_makes_no_sense_is_refused(tmp_path: Path) -> None:
 def test_a_length_is_believed_only_as_far_as_the_file_goes(tmp_path: Path) -> None:
     file = tmp_path / "scan.mcap"
     with RecordingWriter(file, TOPICS) as recording:
-        recording.write(0, (COUNT, 1))
+        recording.write(0, (COUNT, Count(1)))
         data = file.read_bytes()
     file.write_bytes(data + b"\x05" + (2**62).to_bytes(8, "little"))
     assert numbers(file) == [1]

@@ -207,7 +207,7 @@ def test_a_path_that_begins_too_near_may_lead_away_but_not_nearer() -> None:
 
 
 def test_an_arm_that_stands_in_something_is_not_moved() -> None:
-    with pytest.raises(PathBlocked, match="where the arm stands, sensor already overlaps post"):
+    with pytest.raises(PathBlocked, match="where the arm is now, sensor already overlaps post"):
         clearance(post(0.0, y=0.0)).joint_angles_after_linear_move(HOME, aside(-0.3))
 
 

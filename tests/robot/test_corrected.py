@@ -34,7 +34,7 @@ def true_kinematics() -> Kinematics:
 def true_arm() -> SimulatedArm:
     still = np.zeros(6)
     errors = SimulatedArmErrors(true_kinematics(), np.zeros((6, 6)), still, still, 0.0, 1.0)
-    return SimulatedArm(kinematics(), WELL, repeatability=0, angular_repeatability=0, errors=errors)
+    return SimulatedArm(kinematics(), WELL, repeatability=(0, 0), errors=errors)
 
 
 def ahead(x: float) -> Array:
@@ -59,7 +59,7 @@ def test_with_the_true_deviations_it_stands_where_it_is_told_and_says_so() -> No
 def test_a_controller_that_knows_its_own_calibration_is_corrected_alike() -> None:
     # The deviations were found on top of what this controller reads.
     own = with_deviations(kinematics(), np.full((6, 6), 2e-4))
-    inner = SimulatedArm(own, WELL, repeatability=0, angular_repeatability=0)
+    inner = SimulatedArm(own, WELL, repeatability=(0, 0))
     arm = CorrectedArm(inner, kinematics(), true_kinematics())
     with arm:
         assert np.linalg.norm(arm.move_linear(ahead(0.03)).T_b_f[:3, 3] - ahead(0.03)[:3, 3]) < 1e-6

@@ -97,7 +97,7 @@ def test_a_drawn_arm_is_off_by_what_a_calibrated_one_is() -> None:
 
 def test_the_arm_reports_what_its_controller_knows_and_stands_elsewhere() -> None:
     errors = SimulatedArmErrors.draw(kinematics(), ArmErrorSettings(), 1)
-    arm = SimulatedArm(kinematics(), WELL, repeatability=0, angular_repeatability=0, errors=errors)
+    arm = SimulatedArm(kinematics(), WELL, repeatability=(0, 0), errors=errors)
     with arm:
         state = arm.state()
         np.testing.assert_array_equal(state.T_b_f, kinematics().forward(WELL))
@@ -108,7 +108,7 @@ def test_the_arm_reports_what_its_controller_knows_and_stands_elsewhere() -> Non
 def test_backlash_shows_between_two_ways_to_one_place() -> None:
     settings = ArmErrorSettings(offset=0, length=0, twist=0, backlash=1e-3)
     errors = SimulatedArmErrors.draw(kinematics(), settings, 1)
-    arm = SimulatedArm(kinematics(), WELL, repeatability=0, angular_repeatability=0, errors=errors)
+    arm = SimulatedArm(kinematics(), WELL, repeatability=(0, 0), errors=errors)
     place = kinematics().forward(WELL)
     seen = []
     with arm:

@@ -83,7 +83,7 @@ def errors(arm: SimulatedArm, moves: int) -> tuple[Array, Array]:
 
 
 def test_repeatability_is_the_root_mean_square_of_the_error() -> None:
-    arm = SimulatedArm(kinematics(), WELL, repeatability=5e-5, angular_repeatability=2e-4)
+    arm = SimulatedArm(kinematics(), WELL, repeatability=(5e-5, 2e-4))
     distances, angles = errors(arm, 600)
     # The root mean square of 600 draws of three normals is known to about 2.4 %: 4 sigma.
     assert np.sqrt(np.mean(distances**2)) == pytest.approx(5e-5, rel=0.1)
@@ -91,7 +91,7 @@ def test_repeatability_is_the_root_mean_square_of_the_error() -> None:
 
 
 def test_a_perfect_arm_stands_where_it_says() -> None:
-    arm = SimulatedArm(kinematics(), WELL, repeatability=0, angular_repeatability=0)
+    arm = SimulatedArm(kinematics(), WELL, repeatability=(0, 0))
     distances, angles = errors(arm, 3)
     assert distances.max() == 0
     assert angles.max() < 1e-15 + SOLVED

@@ -53,7 +53,7 @@ from tjscan.robot.ur.messages import PROGRAM_PLAYING, ControllerState, RobotMode
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan_loopback.process import UrLoopbackProcess
 from tjscan_loopback.ur.server import RTDE_PORT
-from tjscan_loopback.ur.wire import HEADER, INPUTS
+from tjscan_loopback.ur.wire import INPUTS, PACKAGE_HEADER
 
 pytest.importorskip("rtde_control")
 
@@ -188,7 +188,7 @@ def test_a_program_of_somebody_else_is_left_alone(loopback: UrLoopbackProcess) -
 def test_inputs_that_another_client_writes_are_not_taken(loopback: UrLoopbackProcess) -> None:
     names = b"input_int_register_0,input_double_register_0"
     with socket.create_connection((loopback.host, RTDE_PORT)) as other:
-        other.sendall(HEADER.pack(HEADER.size + len(names), INPUTS) + names)
+        other.sendall(PACKAGE_HEADER.pack(PACKAGE_HEADER.size + len(names), INPUTS) + names)
         assert b"IN_USE" not in other.recv(1 << 12)
         with pytest.raises(RegistersInUse), arm_at(loopback.host):
             pass
@@ -376,8 +376,8 @@ def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
             assert program.stderr is not None
             loopback.wait_for_line("move")
             program.send_signal(signal.SIGINT)
-            assert any("once more" in line for line in program.stderr)
-            program.send_signal(signal.SIGINT)  # and once more, which stops the arm at once
+            assert any("Ctrl-C again" in line for line in program.stderr)
+            program.send_signal(signal.SIGINT)  # and again, which stops the arm at once
             loopback.wait_for_line("program stopped")
             program.communicate()
             assert program.returncode == 130

@@ -17,15 +17,15 @@ from crawls import SHORT
 from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.crawler import RUN_UPS
 from tjscan.crawler.journal import CrawlCycle
-from tjscan.crawler.last_view import GOES_ON
+from tjscan.crawler.last_view import COASTING_TIME
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import MOST_ASIDE, SlipEstimate
 from tjscan.crawler.slip_model import STATE_COUNT
-from tjscan.crawler.topics import CRAWL_RECORDING, WARNING, record_crawl
+from tjscan.crawler.topics import CRAWL_RECORDING, WARNING_EVENT, CrawlRecording
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
-from tjscan.laser.profile import Profile
+from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import next_recording_file
 from tjscan.runs.crawl.report import crawl_chapter
 from tjscan.runs.crawl.results import read_recorded_crawl
@@ -46,12 +46,9 @@ class InterruptedInWeld:
     def __init__(self, travel: float) -> None:
         self._travel = travel
 
-    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
-        if cycle.arc and cycle.travel > self._travel:
+    def record(self, message: object) -> None:
+        if isinstance(message, CrawlCycle) and message.arc and message.travel > self._travel:
             raise KeyboardInterrupt
-
-    def record_event(self, name: str, detail: str) -> None:
-        pass
 
 
 @pytest.fixture
@@ -230,9 +227,9 @@ def test_a_job_that_lost_a_pass_since_is_not_gone_on_with(
     job_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     class InterruptedInSecond(InterruptedInWeld):
-        def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
-            if cycle.number == 2:
-                super().record_cycle(cycle, profile)
+        def record(self, message: object) -> None:
+            if isinstance(message, CrawlCycle) and message.number == 2:
+                super().record(message)
 
     out = tmp_path / "run"
     with pytest.raises(KeyboardInterrupt):
@@ -359,21 +356,20 @@ def write_parts(directory: Path, *names: str) -> None:
     """Write parts of a recording: each crawls 9 cycles, or waits for as many, and then ends."""
     for name in names:
         waits = name.startswith("waits")
-        with record_crawl(next_recording_file(directory, CRAWL_RECORDING)) as journal:
-            journal.record_event(WARNING, "anything else")
+        with CrawlRecording(next_recording_file(directory, CRAWL_RECORDING)) as journal:
+            journal.record(RunEvent(WARNING_EVENT, "anything else"))
             for k in range(9):
                 phase = Phase.MANUAL if waits else Phase.WELDING
                 state = VehicleState(0.1 * k, Twist(0.02, 0.0))
                 torch = TorchEstimate(0.0, 1e-3, 0.0)
                 slip = SlipEstimate(np.zeros(STATE_COUNT), np.eye(STATE_COUNT))
-                journal.record_cycle(
+                journal.record(
                     CrawlCycle(
                         phase, 1, 0.01 * k, state, REST, torch, 0.0, 0.0, not waits, slip=slip
-                    ),
-                    None,
+                    )
                 )
             if name.endswith("stop"):
-                journal.record_event(Phase.STOP, "interrupted")
+                journal.record(RunEvent(Phase.STOP, "interrupted"))
 
 
 @pytest.mark.parametrize(
@@ -393,10 +389,10 @@ def test_how_it_ended_is_told_by_what_crawled_last(
     write_parts(tmp_path, *parts)
     found = read_recorded_crawl(tmp_path)
     assert found.was_stopped is stopped
-    estimate = slip_after_stop(found, read_crawl_job(EXAMPLES / "crawl.toml"))
-    assert estimate is not None
-    seconds = DEAD_MAN if stopped else GOES_ON
-    assert estimate.P[0, 0] - 1 == pytest.approx((MOST_ASIDE * 0.02 * seconds) ** 2)
+    belief = slip_after_stop(found, read_crawl_job(EXAMPLES / "crawl.toml"))
+    assert belief is not None
+    seconds = DEAD_MAN if stopped else COASTING_TIME
+    assert belief.P[0, 0] - 1 == pytest.approx((MOST_ASIDE * 0.02 * seconds) ** 2)
 
 
 def test_the_way_since_a_belief_was_recorded_is_doubted(tmp_path: Path) -> None:

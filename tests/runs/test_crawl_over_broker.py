@@ -13,7 +13,6 @@ from tjscan.core.errors import VehicleFault
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
 from tjscan.job.crawl.job import read_crawl_job
-from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.crawl.run import CrawlContext, resume_crawl, run_crawl
 from tjscan_loopback.broker import MosquittoProcess, find_mosquitto
@@ -28,13 +27,10 @@ class DriveFaultInWeld:
     def __init__(self, vehicles: VehicleLoopbackProcess) -> None:
         self._vehicles, self._done = vehicles, False
 
-    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
-        if cycle.arc and cycle.travel > 0.01 and not self._done:
+    def record(self, cycle: object) -> None:
+        if isinstance(cycle, CrawlCycle) and cycle.arc and cycle.travel > 0.01 and not self._done:
             self._done = True
             self._vehicles.schedule_fault("drive-fault 1")
-
-    def record_event(self, name: str, detail: str) -> None:
-        pass
 
 
 def test_a_drive_fault_stops_it_and_no_pass_is_lost(tmp_path: Path) -> None:

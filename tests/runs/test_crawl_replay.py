@@ -11,7 +11,6 @@ from command import tjscan
 from tjscan.core.errors import ConfigurationError
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.job.crawl.job import read_crawl_job
-from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.replay import replay_crawl
 from tjscan.runs.crawl.results import RecordedCrawl, read_passes, read_recorded_crawl
 from tjscan.runs.crawl.run import CrawlContext, resume_crawl, run_crawl
@@ -52,19 +51,17 @@ depth_mm = 10
 class InterruptedInWeld:
     """A journal that interrupts the crawl in the middle of the weld."""
 
-    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
-        if cycle.arc and cycle.travel > 0.010:
+    def record(self, message: object) -> None:
+        if isinstance(message, CrawlCycle) and message.arc and message.travel > 0.010:
             raise KeyboardInterrupt
-
-    def record_event(self, name: str, detail: str) -> None:
-        pass
 
 
 class InterruptedWhileItWaits(InterruptedInWeld):
     """A journal that interrupts a crawl before it goes on."""
 
-    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
-        raise KeyboardInterrupt
+    def record(self, message: object) -> None:
+        if isinstance(message, CrawlCycle):
+            raise KeyboardInterrupt
 
 
 def interrupted_crawl(folder: Path, text: str) -> CrawlContext:
@@ -108,11 +105,7 @@ def test_the_same_estimator_believes_the_same_again(run: Path, tmp_path: Path) -
     assert read_passes(tmp_path / "again") == read_passes(run)
 
 
-@pytest.mark.parametrize("name", ["set-down", "place"])  # an earlier version said place
-def test_a_vehicle_that_was_set_down_anew_is_believed_there_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
-    monkeypatch.setattr("tjscan.crawler.crawler.SET_DOWN", name)
+def test_a_vehicle_that_was_set_down_anew_is_believed_there_again(tmp_path: Path) -> None:
     run = crawl_in_two_parts(tmp_path, "slip-aware", place=0.011)
     replay_crawl(run, {}, tmp_path / "again")
     before, after = read_recorded_crawl(run), read_recorded_crawl(tmp_path / "again")

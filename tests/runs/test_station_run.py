@@ -21,6 +21,7 @@ from tjscan.calibration.wizard.operator import Question
 from tjscan.core.config import read_toml
 from tjscan.core.frames import pose, rot_y
 from tjscan.job import ScanJob, read_scan_job
+from tjscan.recording.journal import Journal
 from tjscan.recording.parts import recording_files
 from tjscan.report.write import write_run_report
 from tjscan.result.summary import read_summary
@@ -28,7 +29,6 @@ from tjscan.result.table import read_sections_csv
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.stations.run import StationScan, resume_stations, run_stations
-from tjscan.scanning.journal import Journal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.stopping import StopRequest
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -15,9 +14,9 @@ from tjscan.groove.prior import GroovePrior
 from tjscan.groove.read import read_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
-from tjscan.recording.event import RecordedEvent
+from tjscan.recording.journal import CombinedJournal, RunEvent
 from tjscan.scanning.events import RetryCounts, ScanEvent
-from tjscan.scanning.journal import CombinedJournal, ScanResultsJournal
+from tjscan.scanning.journal import ScanResultsJournal
 from tjscan.scanning.profile_taker import AGREEING_PROFILES, merge_repeated_profiles
 from tjscan.scanning.progress import ScanResult, StopReason, step_lengths
 from tjscan.scanning.recorded import RecordedScan
@@ -256,7 +255,7 @@ def test_a_groove_seen_from_behind_is_refused() -> None:
 
 
 def test_what_was_counted_before_a_cut_counts_on() -> None:
-    event = RecordedEvent(datetime.now(UTC), ScanEvent.MERGED, "section 1")
+    event = RunEvent(ScanEvent.MERGED, "section 1")
     done = RecordedScan(None, (), {}, (event,))
     log = ScanResultsJournal(CombinedJournal())
     log.restore_from_recording(done, ())

@@ -22,10 +22,12 @@ from scipy.spatial.transform import Rotation
 from tjscan.core.errors import RecordingError
 from tjscan.core.frames import pose_from_euler_zyx
 from tjscan.laser.profile import Profile
+from tjscan.recording.foxglove import PROFILE_TOPIC
+from tjscan.recording.journal import RunEvent
 from tjscan.recording.writer import RecordingWriter
 from tjscan.scanning.reader import read_recorded_scan, read_views
 from tjscan.scanning.section import ProfileView, Substep
-from tjscan.scanning.topics import PROFILE, TOPICS, record_scan
+from tjscan.scanning.topics import SCAN_TOPICS, ScanRecording
 
 ROUNDING = 1e-12
 """Of a pose that is written as a quaternion, and multiplied a few times."""
@@ -56,10 +58,10 @@ def view(index: int, intensity: bool = True) -> ProfileView:
 
 def record(file: Path, count: int) -> list[ProfileView]:
     views = [view(i, intensity=i % 2 == 0) for i in range(count)]
-    with record_scan(file) as journal:
+    with ScanRecording(file) as journal:
         for v in views:
-            journal.record_view(v)
-        journal.record_event("stop", "enough")
+            journal.record(v)
+        journal.record(RunEvent("stop", "enough"))
     return views
 
 
@@ -101,17 +103,17 @@ def test_a_cut_file_gives_every_whole_view_before_the_cut(tmp_path: Path) -> Non
 @pytest.mark.parametrize("days", [0, 40])
 def test_stamps_are_of_today_however_long_the_arm_has_been_on(tmp_path: Path, days: int) -> None:
     began = time.time()
-    with record_scan(tmp_path / "scan.mcap") as journal:
+    with ScanRecording(tmp_path / "scan.mcap") as journal:
         for i in range(3):
-            journal.record_view(replace(view(i), time=86400.0 * days + i))
+            journal.record(replace(view(i), time=86400.0 * days + i))
     stamps = [1e-9 * log_time for topic, _, log_time, _ in contents(tmp_path) if topic == "/view"]
     assert began - 1 < stamps[0] <= time.time() + 1
     np.testing.assert_allclose(np.diff(stamps), 1.0, atol=1e-6)
 
 
 def test_a_profile_without_its_view_is_refused(tmp_path: Path) -> None:
-    with RecordingWriter(tmp_path / "scan.mcap", TOPICS) as recording:
-        recording.write(0, (PROFILE, PointCloud()))
+    with RecordingWriter(tmp_path / "scan.mcap", SCAN_TOPICS) as recording:
+        recording.write(0, (PROFILE_TOPIC, PointCloud()))
     with pytest.raises(RecordingError, match="no message on /view before it"):
         read_recorded_scan(tmp_path)
 
@@ -151,7 +153,7 @@ def test_foxglove_names_carry_what_foxglove_defines_and_nothing_else(run: Path) 
 def test_own_messages_hold_what_their_schemas_name(run: Path) -> None:
     fields = {
         topic.name: json.loads(topic.schema_bytes)["properties"].keys()
-        for topic in TOPICS
+        for topic in SCAN_TOPICS
         if topic.message_encoding == "json"
     }
     for topic, schema, _, message in contents(run):

@@ -23,6 +23,7 @@ from tjscan.job import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
+from tjscan.recording.journal import RunEvent
 from tjscan.runs.scan.context import RunContext
 from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.progress import ScanResult
@@ -64,14 +65,14 @@ class Notes:
         self.sections: list[ScannedSection] = []
         self.events: list[tuple[str, str]] = []
 
-    def record_view(self, view: ProfileView) -> None:
-        self.views.append(view)
-
-    def record_section(self, section: ScannedSection) -> None:
-        self.sections.append(section)
-
-    def record_event(self, name: str, detail: str) -> None:
-        self.events.append((name, detail))
+    def record(self, message: object) -> None:
+        match message:
+            case ProfileView():
+                self.views.append(message)
+            case ScannedSection():
+                self.sections.append(message)
+            case RunEvent(name, detail):
+                self.events.append((name, detail))
 
 
 def scan_example(

@@ -16,9 +16,11 @@ HELD = 4
 class GatedJournal(scan.ProgressJournal):
     held = False
 
-    def record_view(self, view: ProfileView) -> None:
-        super().record_view(view)
-        if view.substep is Substep.PREDICTION and view.index == HELD and not self.held:
+    def record(self, message: object) -> None:
+        super().record(message)
+        if not isinstance(message, ProfileView) or self.held:
+            return
+        if message.substep is Substep.PREDICTION and message.index == HELD:
             self.held = True
             print(UNDER_WAY, file=sys.stderr, flush=True)
             sys.stdin.readline()

@@ -9,9 +9,10 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Area, DiscObstacle, Obstacles
 from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.distance import distance_to_obstacle, obstacle_count
 from tjscan.towing.shape.problem import ShapeProblem
 from tjscan.towing.shape.pull import CablePull
-from tjscan.towing.shape.weights import EffortTargets, TowingWeights
+from tjscan.towing.shape.settings import EffortTargets, TowingWeights
 
 YARD = Area([(0, -5), (2.6, -5), (2.6, 5), (0, 5)])
 """The paper's V-C."""
@@ -57,6 +58,17 @@ def shape_problem(rng: np.random.Generator, area: Area = NOTCHED, links: int = 6
         0.1,
         PULL.moved(poses[held[-1], :2]),
     )
+
+
+def obstacle_distances(points: Array, obstacles: Obstacles) -> tuple[Array, Array, Array]:
+    """Signed distances (n, K), gradients (n, K, 2) and Hessians (n, K, 3) of points (n, 2)."""
+    found = np.array(
+        [
+            [distance_to_obstacle(k, x, y, obstacles) for k in range(obstacle_count(obstacles))]
+            for x, y in points
+        ]
+    )
+    return found[..., 0], found[..., 1:3], found[..., 3:]
 
 
 def turned(values: Array, angle: float) -> Array:

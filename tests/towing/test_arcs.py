@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
-from tjscan.towing.shape.arcs import NEAR, bent_once, meanders
+from tjscan.towing.shape.arcs import LENGTH_TOLERANCE, bent_once, meanders
 
 RADIUS = 0.2
 PLACES = st.floats(-3.0, 3.0)
@@ -33,7 +33,7 @@ def test_paths_have_the_length_meet_both_poses_and_bend_no_tighter(
         *meanders(start, tip, 7.0, RADIUS, 2, middle)[::10],
         *meanders(start, tip, 7.0, RADIUS, 3, middle)[::10],
     ):
-        np.testing.assert_allclose(path[-1, 0], 7.0, rtol=NEAR)
+        np.testing.assert_allclose(path[-1, 0], 7.0, rtol=LENGTH_TOLERANCE)
         np.testing.assert_allclose(walked(path, start), tip[:2], atol=1e-4)
         np.testing.assert_allclose(path[0, 1], begin)
         np.testing.assert_allclose(np.cos(path[-1, 1] - end), 1.0)

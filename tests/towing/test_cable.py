@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tjscan.towing.shape.area import Area
-from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.team import TowingTeam, equal_links
+from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
 
 CABLE = Cable(root=(0.3, -0.2, 0.4))
 

@@ -6,35 +6,38 @@ from towed import bent_angles
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.chain import chain_gradient, chain_hessian, place_links
+from tjscan.towing.shape.chain import chain_gradient, chain_hessian, make_parts, place_links
 from tjscan.towing.shape.compiled import Indices
 from tjscan.towing.shape.estimate import (
-    SLIDES,
+    SLIDING_DISTANCE,
     CableEstimate,
-    PoseTrust,
+    EstimateArrays,
     estimate_shape,
     estimate_terms,
 )
+from tjscan.towing.shape.settings import PoseTrust
 
 CABLE, HELD = Cable(links=20), (9, 19)
 
 
 def energy(angles: Array, held: Indices, poses: Array, rest: Array) -> tuple[float, Array, Array]:
     """Of the estimate's problem, with gradient and Hessian."""
-    n, root = len(angles), np.zeros(3)
-    links, joint, point, turn = (np.empty((n, k)) for k in (5, 2, 5, 2))
-    place_links(angles, root, 0.1, links)
-    stiff = np.tile((1e4, 1e3), (len(held), 1))
-    value = estimate_terms(
-        angles, links, held, poses, stiff, rest, np.full(n, 0.5), joint, point, turn
+    n = len(angles)
+    problem = EstimateArrays(
+        np.zeros(3), 0.1, held, poses, np.array((1e4, 1e3)), rest, np.full(n, 0.5)
     )
+    links, parts = np.empty((n, 5)), make_parts(n)
+    place_links(angles, problem.root, 0.1, links)
+    value = estimate_terms(angles, problem, links, parts)
     gradient, hessian = np.empty(n), np.empty((n, n))
-    chain_gradient(joint, point, turn, links, 0.1, gradient)
-    chain_hessian(joint, point, turn, links, 0.1, hessian)
+    chain_gradient(parts, links, 0.1, gradient)
+    chain_hessian(parts, links, 0.1, hessian)
     return value, gradient, hessian
 
 
-@pytest.mark.parametrize("off", [0.3 * SLIDES, 3 * SLIDES], ids=["held", "sliding"])
+@pytest.mark.parametrize(
+    "off", [0.3 * SLIDING_DISTANCE, 3 * SLIDING_DISTANCE], ids=["held", "sliding"]
+)
 def test_derivatives_are_those_of_differences(off: float) -> None:
     rng = np.random.default_rng(1)
     angles = bent_angles(rng, 20)

@@ -12,12 +12,12 @@ from kinematic_team import ExactLocalisation, KinematicTeam, RowPlanner
 
 from tjscan.core.errors import TowHalted, VehicleFault
 from tjscan.core.frames import Array
+from tjscan.recording.journal import RunEvent
 from tjscan.towing.journal import TowCycle
 from tjscan.towing.loop import CableTow, TowSetting
 from tjscan.towing.seam import Seam
-from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.plan import TowingPlan
-from tjscan.towing.shape.team import TowingTeam
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings, SeamSettings
 from tjscan.vehicle.localisation import VehiclePose
 
@@ -29,11 +29,12 @@ class Kept:
         self.cycles: list[TowCycle] = []
         self.events: list[tuple[str, str]] = []
 
-    def record_cycle(self, cycle: TowCycle) -> None:
-        self.cycles.append(cycle)
-
-    def record_event(self, name: str, detail: str) -> None:
-        self.events.append((name, detail))
+    def record(self, message: object) -> None:
+        match message:
+            case TowCycle():
+                self.cycles.append(message)
+            case RunEvent(name, detail):
+                self.events.append((name, detail))
 
     @property
     def names(self) -> list[str]:

@@ -10,19 +10,13 @@ from towed import YARD, bent_angles
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import DiscObstacle
-from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import CableEstimate, estimate_shape
 from tjscan.towing.shape.limited import optimise_limited
 from tjscan.towing.shape.paper_planner import PaperPlanner
 from tjscan.towing.shape.plan import TowingPlan
-from tjscan.towing.shape.planner import (
-    CheckedShape,
-    PlannerSettings,
-    TowingPlanner,
-    optimise_freely,
-)
-from tjscan.towing.shape.team import TowingLimits, TowingTeam
-from tjscan.towing.shape.weights import TowingWeights
+from tjscan.towing.shape.planner import CheckedShape, TowingPlanner, optimise_freely
+from tjscan.towing.shape.settings import PlannerSettings, TowingLimits, TowingWeights
 
 CABLE, TEAM = Cable(), TowingTeam()
 HELD = list(TEAM.held_links)
@@ -42,9 +36,7 @@ def begun() -> TowingPlan:
     problem, _ = ours.problem(start, WELDER, 1.0)
     problem = replace(problem, weights=TowingWeights(change=0, pace=0))
     angles, _ = optimise_freely(problem)
-    plan = CheckedShape(problem, ours.problem(start, WELDER, 1.0)[1], angles).plan(
-        np.array(HELD), 0
-    )
+    plan = CheckedShape(problem, ours.problem(start, WELDER, 1.0)[1], angles).plan(0)
     for _ in range(20):
         plan = ours.plan(plan.held_poses, WELDER, dt=0.1, last=plan)
     assert not plan.halt

@@ -7,11 +7,12 @@ import pytest
 from towed import shape_problem
 
 from tjscan.towing.shape.area import Area
+from tjscan.towing.shape.cable import TowingTeam
 from tjscan.towing.shape.limited import optimise_limited
 from tjscan.towing.shape.limits import HardLimits
 from tjscan.towing.shape.planner import optimise_freely
 from tjscan.towing.shape.problem import ShapeProblem
-from tjscan.towing.shape.team import TowingLimits, TowingTeam
+from tjscan.towing.shape.settings import TowingLimits
 
 FIELD = Area([(-20, -20), (20, -20), (20, 20), (-20, 20)])
 
@@ -44,6 +45,6 @@ def test_the_search_with_limits_finds_the_same_shape_where_none_is_near(seed: in
         problem.cable, team, TowingLimits(), problem.obstacles, paced, begin, problem.period
     )
     angles, _ = optimise_freely(problem)
-    assert limits.rows(angles)[:, 0].min(initial=1.0) > 0
+    assert limits.rows(angles)["margin"].min(initial=1.0) > 0
     found = optimise_limited(problem, limits, problem.estimate)
     assert problem.terms(found.angles).total == pytest.approx(problem.terms(angles).total, rel=1e-5)

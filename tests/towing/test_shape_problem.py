@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from towed import NOTCHED, PASSER_BY, YARD, bent_angles, shape_problem, turned
+from towed import NOTCHED, PASSER_BY, YARD, bent_angles, obstacle_distances, shape_problem, turned
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Area, DiscObstacle, Obstacles
-from tjscan.towing.shape.distance import obstacle_distances
-from tjscan.towing.shape.effort import free_share, rising_loss
-from tjscan.towing.shape.problem import ShapeProblem
+from tjscan.towing.shape.problem import ShapeProblem, free_share, rising_loss
 from tjscan.towing.shape.pull import CablePull
 
 STEP = 1e-6
@@ -170,7 +168,7 @@ def test_distances_are_those_of_shapely_and_their_derivatives_fit(x: float, y: f
 
     obstacles = Obstacles.of_area(NOTCHED).with_discs([PASSER_BY], 1.0)
     point = np.array([(x, y)])
-    d, gradient, hessian = obstacle_distances(point, *obstacles.arrays)
+    d, gradient, hessian = obstacle_distances(point, obstacles)
     outline = shapely.Polygon(NOTCHED.outline)
     at = shapely.Point(x, y)
     outside = d[0, :-2].min()
@@ -185,9 +183,9 @@ def test_distances_are_those_of_shapely_and_their_derivatives_fit(x: float, y: f
     swept = shapely.LineString([(px, py), (px + vx, py + vy)])
     assert d[0, -1] == pytest.approx(swept.distance(at) - PASSER_BY.radius, abs=1e-9)
     np.testing.assert_allclose(np.hypot(*gradient[0].T), 1, atol=1e-12)
-    ahead = obstacle_distances(point + 1e-7 * gradient[0, -1], *obstacles.arrays)
+    ahead = obstacle_distances(point + 1e-7 * gradient[0, -1], obstacles)
     assert ahead[0][0, -1] - d[0, -1] == pytest.approx(1e-7, rel=1e-4)
     across = 1e-6 * np.array((-gradient[0, -1, 1], gradient[0, -1, 0]))
     bent = hessian[0, -1, [0, 1, 1, 2]].reshape(2, 2) @ across
-    turned_by = obstacle_distances(point + across, *obstacles.arrays)[1][0, -1] - gradient[0, -1]
+    turned_by = obstacle_distances(point + across, obstacles)[1][0, -1] - gradient[0, -1]
     np.testing.assert_allclose(turned_by, bent, atol=1e-8 + 1e-3 * float(np.abs(bent).max()))

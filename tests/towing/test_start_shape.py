@@ -9,10 +9,10 @@ import pytest
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Area
-from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.planner import NO_HASTE, PlannerSettings, TowingPlanner
+from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
+from tjscan.towing.shape.planner import NO_HASTE, TowingPlanner
+from tjscan.towing.shape.settings import PlannerSettings, TowingLimits
 from tjscan.towing.shape.start import StartShape, start_shapes
-from tjscan.towing.shape.team import TowingLimits, TowingTeam, equal_links
 
 OUTLINE = np.array([(0.0, -5.0), (2.6, -5.0), (2.6, 5.0), (0.0, 5.0)])
 
@@ -81,9 +81,8 @@ def test_no_plan_of_a_tow_waits_for_what_is_compiled() -> None:
 import sys
 import numpy as np
 from tjscan.towing.shape.area import Area
-from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.planner import TowingPlanner
-from tjscan.towing.shape.team import TowingTeam
 
 def known():
     rooms = [m for name, m in sys.modules.items() if name.startswith("tjscan.towing.shape")]

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tjscan.recording.event import RecordedEvent
+from tjscan.recording.journal import RunEvent
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.shape.plan import PlanTerms, TowingPlan
-from tjscan.towing.topics import read_tow, record_tow
+from tjscan.towing.topics import TowRecording, read_tow
 
 RNG = np.random.default_rng(1)
 
@@ -50,12 +50,12 @@ def test_cycles_truth_and_events_come_back_in_their_order(tmp_path: Path) -> Non
     truth = TowTruth(
         0.0, np.ones((6, 2)), np.ones((2, 3)), np.ones(3), np.ones(2), np.empty((0, 3)), ("a",)
     )
-    with record_tow(tmp_path / "tow.mcap", truth=lambda: truth) as journal:
-        journal.record_event("start", "0 mm along the seam")
+    with TowRecording(tmp_path / "tow.mcap", truth=lambda: truth) as journal:
+        journal.record(RunEvent("start", "0 mm along the seam"))
         for cycle in cycles:
-            journal.record_cycle(cycle)
+            journal.record(cycle)
     entries = list(read_tow(tmp_path))
-    assert isinstance(entries[0], RecordedEvent)
+    assert isinstance(entries[0], RunEvent)
     found = [entry for entry in entries if isinstance(entry, TowCycle)]
     assert len(found) == sum(isinstance(entry, TowTruth) for entry in entries) == 7
     for was, cycle in zip(cycles, found, strict=True):
@@ -72,8 +72,8 @@ def test_cycles_truth_and_events_come_back_in_their_order(tmp_path: Path) -> Non
 def test_of_a_tow_that_is_killed_the_first_cycle_is_known_and_less_than_half_a_second_lost(
     tmp_path: Path,
 ) -> None:
-    with record_tow(tmp_path / "tow.mcap") as journal:
+    with TowRecording(tmp_path / "tow.mcap") as journal:
         for done in range(1, 13):
-            journal.record_cycle(make_cycle(0.1 * done))
+            journal.record(make_cycle(0.1 * done))
             kept = sum(isinstance(entry, TowCycle) for entry in read_tow(tmp_path))
             assert max(1, done - 4) <= kept <= done

@@ -3,7 +3,7 @@
 import pytest
 
 from tjscan.core.errors import TowHalted
-from tjscan.towing.waiting import Patience, Waiting
+from tjscan.towing.standstill import Patience, Waiting
 
 
 def test_what_differs_in_its_figures_alone_is_said_once() -> None:

@@ -1,1 +1,1 @@
-"""Hand-eye calibration: where the laser sits on the flange."""
+"""Hand-eye calibration: the pose of the laser on the flange."""

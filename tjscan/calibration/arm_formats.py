@@ -1,4 +1,4 @@
-"""Poses as arms write them: what each maker's numbers mean, and the programs that hold them."""
+"""Poses as arms write them: the meaning of each maker's numbers, and programs with poses."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ QUATERNION_NORM_TOLERANCE: Final = 0.01
 
 @dataclass(frozen=True, slots=True)
 class OrientationConvention:
-    """What the numbers of an orientation mean.
+    """Meaning of the numbers of an orientation.
 
     Parameters
     ----------
@@ -33,8 +33,7 @@ class OrientationConvention:
     matrix : callable
         From the numbers (radians) to a rotation matrix, shape (3, 3).
     length_unit, angle_unit : str
-        Of columns whose names state none, as the arm writes them; nothing where a unit must be
-        stated.
+        Of columns whose names state none, as the arm writes them; empty if a unit must be stated.
     """
 
     columns: tuple[str, ...]
@@ -51,19 +50,21 @@ def _from_quaternion(wxyz: Array) -> Array:
     return np.asarray(matrix_from_quaternion(wxyz / length))
 
 
-def _from_zyx(abc: Array) -> Array:
-    return np.asarray(matrix_from_euler(abc, 2, 1, 0, extrinsic=False))
-
-
-def _from_fixed_xyz(wpr: Array) -> Array:
-    return np.asarray(matrix_from_euler(wpr, 0, 1, 2, extrinsic=True))
-
-
-def _from_rotation_vector(vector: Array) -> Array:
-    return np.asarray(matrix_from_compact_axis_angle(vector))
-
-
-CONVENTIONS: Final = (
+FANUC_CONVENTION: Final = OrientationConvention(
+    ("w", "p", "r"),
+    "FANUC W P R: about the fixed x, y, z axes in turn, R = Rz(R) Ry(P) Rx(W)",
+    lambda wpr: np.asarray(matrix_from_euler(wpr, 0, 1, 2, extrinsic=True)),
+    length_unit="mm",
+    angle_unit="deg",
+)
+KUKA_CONVENTION: Final = OrientationConvention(
+    ("a", "b", "c"),
+    "KUKA A B C: about the moving z, y, x axes in turn, R = Rz(A) Ry(B) Rx(C)",
+    lambda abc: np.asarray(matrix_from_euler(abc, 2, 1, 0, extrinsic=False)),
+    length_unit="mm",
+    angle_unit="deg",
+)
+ORIENTATION_CONVENTIONS: Final = (
     OrientationConvention(
         ("qx", "qy", "qz", "qw"),
         "quaternion, scalar last",
@@ -75,37 +76,21 @@ CONVENTIONS: Final = (
         _from_quaternion,
         length_unit="mm",
     ),
-    OrientationConvention(
-        ("w", "p", "r"),
-        "FANUC W P R: about the fixed x, y, z axes in turn, R = Rz(R) Ry(P) Rx(W)",
-        _from_fixed_xyz,
-        length_unit="mm",
-        angle_unit="deg",
-    ),
-    OrientationConvention(
-        ("a", "b", "c"),
-        "KUKA A B C: about the moving z, y, x axes in turn, R = Rz(A) Ry(B) Rx(C)",
-        _from_zyx,
-        length_unit="mm",
-        angle_unit="deg",
-    ),
+    FANUC_CONVENTION,
+    KUKA_CONVENTION,
     OrientationConvention(
         ("rx", "ry", "rz"),
         "UR rotation vector: along the axis, as long as the angle",
-        _from_rotation_vector,
+        lambda vector: np.asarray(matrix_from_compact_axis_angle(vector)),
         length_unit="m",
         angle_unit="rad",
     ),
 )
-"""Told apart by the names of their columns."""
-
-FANUC: Final = CONVENTIONS[2]
-KUKA: Final = CONVENTIONS[3]
+"""Distinguished by the names of their columns."""
 
 _FANUC_POSITION: Final = re.compile(r"P\[(\d+)[^\]]*\]\s*\{(.*?)\}\s*;", re.DOTALL)
 _FANUC_GROUP: Final = re.compile(r"GP\d+\s*:")
 _FANUC_FRAMES: Final = re.compile(r"UF\s*:\s*(\w+)\s*,\s*UT\s*:\s*(\w+)")
-_NUMBER: Final = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 _KUKA_POSITION: Final = re.compile(
     r"(?:E6POS|\bPOS|\bFRAME)\s+(\w+)\s*=\s*\{(?:\s*E6POS\s*:|\s*POS\s*:)?([^}]*)\}", re.IGNORECASE
 )
@@ -117,7 +102,7 @@ def poses_of_fanuc_program(text: str) -> dict[str, Array]:
     Parameters
     ----------
     text : str
-        The program; its positions stand behind ``/POS``.
+        The program, with its positions behind ``/POS``.
 
     Raises
     ------
@@ -129,13 +114,13 @@ def poses_of_fanuc_program(text: str) -> dict[str, Array]:
     for number, body in _FANUC_POSITION.findall(text):
         if len(_FANUC_GROUP.findall(body)) > 1:
             raise ValueError(f"P[{number}] holds several motion groups; only one arm is read")
-        values = [re.search(rf"\b{name}\s*=\s*{_NUMBER}", body) for name in "XYZWPR"]
-        if any(value is None for value in values):
+        T = _pose(body, "XYZWPR", r"\s*=\s*", FANUC_CONVENTION)
+        if T is None:
             raise ValueError(
                 f"P[{number}] holds no X Y Z W P R: teach it as a Cartesian position, not as joints"
             )
         frames |= set(_FANUC_FRAMES.findall(body))
-        found[number] = _pose(np.array([float(v[1]) for v in values if v]), FANUC)
+        found[number] = T
     if len(frames) > 1:
         shown = ", ".join(f"UF {uf} UT {ut}" for uf, ut in sorted(frames))
         raise ValueError(f"its positions count in several frames ({shown}); record all in one")
@@ -159,8 +144,8 @@ def poses_of_kuka_data(text: str) -> dict[str, Array]:
     """
     found: dict[str, Array] = {}
     for name, body in _KUKA_POSITION.findall(text):
-        values = [re.search(rf"\b{axis}\s+{_NUMBER}", body) for axis in "XYZABC"]
-        if any(value is None for value in values):
+        T = _pose(body, "XYZABC", r"\s+", KUKA_CONVENTION)
+        if T is None:
             continue  # a tool's load, a frame's name
         digits = re.search(r"(\d+)$", name)
         key = digits[1].lstrip("0") or "0" if digits else name
@@ -168,11 +153,17 @@ def poses_of_kuka_data(text: str) -> dict[str, Array]:
             raise ValueError(
                 f"two positions are numbered {key} ({name}); keep one list in the file"
             )
-        found[key] = _pose(np.array([float(v[1]) for v in values if v]), KUKA)
+        found[key] = T
     if not found:
         raise ValueError("holds no positions E6POS, POS or FRAME with X Y Z A B C")
     return found
 
 
-def _pose(numbers: Array, convention: OrientationConvention) -> Array:
-    return pose(convention.matrix(np.radians(numbers[3:])), 1e-3 * numbers[:3])
+def _pose(body: str, names: str, separator: str, convention: OrientationConvention) -> Array | None:
+    """Pose of a position in millimetres and degrees; None if one of the six numbers lacks."""
+    number = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+    found = [re.search(rf"\b{name}{separator}{number}", body) for name in names]
+    values = np.array([float(one[1]) for one in found if one])
+    if len(values) < len(names):
+        return None
+    return pose(convention.matrix(np.radians(values[3:])), 1e-3 * values[:3])

@@ -45,7 +45,7 @@ class VisibleLines:
     Parameters
     ----------
     ends_s : ndarray, shape (n, 2, 3)
-        Both ends, by rising x; NaN where the plane is out of the window.
+        Both ends, by rising x; NaN if the plane is out of the window.
     span : ndarray, shape (n,)
         Length in metres; zero where nothing is seen.
     columns : ndarray, shape (n,)

@@ -35,13 +35,13 @@ class NoiseModel(SettingsTable):
     geometry : float
         Of the flange's position, in metres, in each axis, from the arm's lengths and zeros of
         joints: alike at poses that are alike; see `tjscan.calibration.arm_error`. At least so
-        much is allowed for; where the residuals show more, that. The default is what a maker's
+        much is allowed for; if the residuals show more, that. The default is what a maker's
         own calibration of an arm leaves; zero suits an exact, simulated one.
 
     Notes
     -----
-    The error of the plane, common to all lines, follows from `touch` and from where the plane
-    was touched.
+    The error of the plane, common to all lines, follows from `touch` and from the touched
+    points.
     """
 
     range: Annotated[float, Gt(0), MM] = 30e-6

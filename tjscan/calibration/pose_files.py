@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import csv
 import math
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from tjscan.calibration.arm_formats import (
-    CONVENTIONS,
-    FANUC,
-    KUKA,
+    FANUC_CONVENTION,
+    KUKA_CONVENTION,
+    ORIENTATION_CONVENTIONS,
     OrientationConvention,
     poses_of_fanuc_program,
     poses_of_kuka_data,
 )
 from tjscan.calibration.targets.target import PosedProfile
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.files import check_file_size
+from tjscan.core.files import read_small_file
 from tjscan.core.frames import Array, pose
 from tjscan.laser.files.format import METRES_PER_UNIT
 from tjscan.laser.files.tables import GROUP_COLUMNS
@@ -32,8 +32,15 @@ RADIANS_PER_UNIT: Final = {"rad": 1.0, "deg": math.pi / 180}
 """Radians in each unit of angle."""
 MAX_FILE_BYTES: Final = 10_000_000
 """A larger file is no list of poses."""
-PROGRAMS: Final = {".ls": (poses_of_fanuc_program, FANUC), ".dat": (poses_of_kuka_data, KUKA)}
+ARM_PROGRAMS: Final = {
+    ".ls": (poses_of_fanuc_program, FANUC_CONVENTION),
+    ".dat": (poses_of_kuka_data, KUKA_CONVENTION),
+}
 """Files of arms that are no tables, by how their names end."""
+
+
+Columns = list[tuple[int, float]]
+"""Place of each column, and the SI value of its unit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +56,7 @@ class FlangePoseList:
     convention : str
         How orientations were read, for messages.
     q : dict of str to ndarray, shape (joints,)
-        Joint angles by the same keys, radians; empty where the file has none.
+        Joint angles by the same keys, radians; empty if the file has none.
     """
 
     T_b_f: dict[str, Array]
@@ -65,51 +72,39 @@ def read_flange_poses(file: Path) -> FlangePoseList:
     ----------
     file : Path
         CSV whose header names position (``x_mm, y_mm, z_mm``; or m, um) and orientation, as one
-        of `CONVENTIONS` has it (``w_deg, p_deg, r_deg``; or rad); columns of arms' makers need no
-        units. Beside them ``profile``, ``frame`` or ``index``, and joint angles ``q1_deg``,
-        ``q2_deg`` and so on (or rad). Or a file that ends in one of
-        `PROGRAMS`.
+        of `ORIENTATION_CONVENTIONS` has it (``w_deg, p_deg, r_deg``; or rad); columns of arms'
+        makers need no units. Beside them ``profile``, ``frame`` or ``index``, and joint angles
+        ``q1_deg``, ``q2_deg`` and so on (or rad). Or a file that ends in one of `ARM_PROGRAMS`.
 
     Raises
     ------
     ConfigurationError
         If the file is missing, or a column or a number is missing or wrong.
     """
-    program = PROGRAMS.get(file.suffix.lower())
-    if program is not None:
-        return _read_program(file, *program)
+    if (program := ARM_PROGRAMS.get(file.suffix.lower())) is not None:
+        read, convention = program
+        try:
+            poses = read(_read_text(file, errors="replace"))
+        except ValueError as error:
+            raise ConfigurationError(str(error), file=file) from None
+        return FlangePoseList(poses, all(key.isdigit() for key in poses), convention.meaning)
     names, rows = _read_table(file)
-    convention, read = _reader(file, names)
+    convention, orientation = _orientation(file, names)
+    position, joints = _position(file, names, convention.length_unit), _joint_columns(names)
     key_at = next((names.index(name) for name in GROUP_COLUMNS if name in names), None)
-    joints = _joint_columns(names)
-    poses: dict[str, Array] = {}
-    q: dict[str, Array] = {}
+    found = FlangePoseList({}, key_at is not None, convention.meaning)
     for number, row in enumerate(rows, start=1):
         key = str(number) if key_at is None else _key(row[key_at])
-        if key in poses:
-            raise ConfigurationError(f"{names[key_at or 0]} {key} stands there twice", file=file)
+        if key in found.T_b_f:
+            raise ConfigurationError(f"{names[key_at or 0]} {key} is there twice", file=file)
         try:
-            poses[key] = read(row)
+            p, values = _values(row, position), _values(row, orientation)
+            found.T_b_f[key] = pose(convention.matrix(values), p)
             if joints:
-                q[key] = np.array([scale * _finite(row[k]) for k, scale in joints])
+                found.q[key] = _values(row, joints)
         except ValueError as error:
             raise ConfigurationError(f"pose {number}: {error}", file=file) from None
-    return FlangePoseList(poses, key_at is not None, convention.meaning, q)
-
-
-def _read_program(
-    file: Path, read: Callable[[str], dict[str, Array]], convention: OrientationConvention
-) -> FlangePoseList:
-    try:
-        check_file_size(file, MAX_FILE_BYTES, "a list of poses")
-        poses = read(file.read_text(encoding="utf-8-sig", errors="replace"))
-    except FileNotFoundError:
-        raise ConfigurationError("there is no such file", file=file) from None
-    except OSError as error:
-        raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
-    except ValueError as error:
-        raise ConfigurationError(str(error), file=file) from None
-    return FlangePoseList(poses, all(key.isdigit() for key in poses), convention.meaning)
+    return found
 
 
 def read_points_in_base_frame(file: Path) -> Array:
@@ -123,7 +118,7 @@ def read_points_in_base_frame(file: Path) -> Array:
     names, rows = _read_table(file)
     columns = _position(file, names)
     try:
-        return np.array([[scale * _finite(row[k]) for k, scale in columns] for row in rows])
+        return np.array([_values(row, columns) for row in rows])
     except ValueError as error:
         raise ConfigurationError(f"is no table of numbers: {error}", file=file) from None
 
@@ -167,18 +162,25 @@ def pair_profiles_with_poses(
     ]
 
 
+def _read_text(file: Path, errors: str = "strict") -> str:
+    try:
+        content = read_small_file(file, MAX_FILE_BYTES, "a list of poses")
+        return content.decode("utf-8-sig", errors)
+    except FileNotFoundError:
+        raise ConfigurationError("there is no such file", file=file) from None
+    except OSError as error:
+        raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(f"is no table of numbers: {error}", file=file) from None
+
+
 def _read_table(file: Path) -> tuple[list[str], list[list[str]]]:
     """Lower-case names of the header, and rows of as many cells."""
     try:
-        check_file_size(file, MAX_FILE_BYTES, "a list of poses")
-        with file.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [row for row in csv.reader(stream) if any(cell.strip() for cell in row)]
-    except FileNotFoundError:
-        raise ConfigurationError("there is no such file", file=file) from None
-    except (UnicodeDecodeError, csv.Error) as error:
+        table = csv.reader(StringIO(_read_text(file), newline=""))
+        rows = [row for row in table if any(cell.strip() for cell in row)]
+    except csv.Error as error:
         raise ConfigurationError(f"is no table of numbers: {error}", file=file) from None
-    except OSError as error:
-        raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
     if len(rows) < 2:
         raise ConfigurationError("holds nothing below a header", file=file)
     names = [cell.strip().lstrip("# ").lower() for cell in rows[0]]
@@ -191,7 +193,7 @@ def _read_table(file: Path) -> tuple[list[str], list[list[str]]]:
     return names, rows[1:]
 
 
-def _position(file: Path, names: Sequence[str], unit: str = "") -> list[tuple[int, float]]:
+def _position(file: Path, names: Sequence[str], unit: str = "") -> Columns:
     columns = _columns(names, ("x", "y", "z"), METRES_PER_UNIT, unit)
     if columns is None:
         raise ConfigurationError(
@@ -200,15 +202,14 @@ def _position(file: Path, names: Sequence[str], unit: str = "") -> list[tuple[in
     return columns
 
 
-def _reader(
-    file: Path, names: Sequence[str]
-) -> tuple[OrientationConvention, Callable[[Sequence[str]], Array]]:
-    """What the header names mean, and how to make a pose of a row."""
-    found = [
-        (convention, columns)
-        for convention in CONVENTIONS
-        if (columns := _orientation(names, convention)) is not None
-    ]
+def _orientation(file: Path, names: Sequence[str]) -> tuple[OrientationConvention, Columns]:
+    """Convention that the header names, and its columns."""
+    found = []
+    for convention in ORIENTATION_CONVENTIONS:
+        units = {} if len(convention.columns) == 4 else RADIANS_PER_UNIT
+        columns = _columns(names, convention.columns, units, convention.angle_unit)
+        if columns is not None:
+            found.append((convention, columns))
     if len(found) != 1:
         raise ConfigurationError(
             "needs the columns of one orientation: qx, qy, qz, qw, or q1, q2, q3, q4 (ABB), or "
@@ -216,54 +217,40 @@ def _reader(
             f"(UR) (found: {', '.join(names[:12])})",
             file=file,
         )
-    ((convention, columns),) = found
-    position = _position(file, names, convention.length_unit)
-
-    def read(row: Sequence[str]) -> Array:
-        p = np.array([scale * _finite(row[k]) for k, scale in position])
-        values = np.array([scale * _finite(row[k]) for k, scale in columns])
-        return pose(convention.matrix(values), p)
-
-    return convention, read
-
-
-def _orientation(
-    names: Sequence[str], convention: OrientationConvention
-) -> list[tuple[int, float]] | None:
-    units = {} if len(convention.columns) == 4 else RADIANS_PER_UNIT
-    return _columns(names, convention.columns, units, convention.angle_unit)
+    return found[0]
 
 
 def _columns(
     names: Sequence[str], axes: Sequence[str], units: Mapping[str, float], unit: str = ""
-) -> list[tuple[int, float]] | None:
-    """Place and unit of each axis' column, `unit` where none is named; None where one lacks."""
+) -> Columns | None:
+    """Columns of the axes, `unit` counting if none is named; None if an axis has no column."""
     found = []
-    ending = rf"_({'|'.join(units)})" if units else "()"
     for axis in axes:
-        matches = ((i, re.fullmatch(axis + ending, name)) for i, name in enumerate(names))
-        first = next(((i, units.get(m[1], 1.0)) for i, m in matches if m), None)
-        if first is None and unit and axis in names:
-            first = (names.index(axis), units[unit])
-        if first is None:
+        known = {f"{axis}_{name}": scale for name, scale in units.items()} or {axis: 1.0}
+        if unit and not known.keys() & set(names):
+            known[axis] = units[unit] if units else 1.0
+        at = next(((i, known[name]) for i, name in enumerate(names) if name in known), None)
+        if at is None:
             return None
-        found.append(first)
+        found.append(at)
     return found
 
 
-def _joint_columns(names: Sequence[str]) -> list[tuple[int, float]]:
-    """Place and unit of the columns ``q1_deg``, ``q2_deg`` and so on; as many as there are."""
-    found: list[tuple[int, float]] = []
+def _joint_columns(names: Sequence[str]) -> Columns:
+    """Columns ``q1_deg``, ``q2_deg`` and so on; as many as there are."""
+    found: Columns = []
     while (one := _columns(names, (f"q{len(found) + 1}",), RADIANS_PER_UNIT)) is not None:
         found += one
     return found
 
 
-def _finite(cell: str) -> float:
-    value = float(cell)
-    if not math.isfinite(value):
-        raise ValueError(f"{cell.strip()!r} is no finite number")
-    return value
+def _values(row: Sequence[str], columns: Columns) -> Array:
+    """Numbers of a row in SI units."""
+    values = np.array([scale * float(row[k]) for k, scale in columns])
+    for (k, _), value in zip(columns, values, strict=True):
+        if not math.isfinite(value):
+            raise ValueError(f"{row[k].strip()!r} is no finite number")
+    return values
 
 
 def _key(cell: str) -> str:

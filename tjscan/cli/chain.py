@@ -24,7 +24,7 @@ def chain(
     sources
         Run the chain again with each source of error alone, and with none.
     out
-        The directory to make; ``runs/CHAIN-DATE`` where left out.
+        The directory to make; ``runs/CHAIN-DATE`` if left out.
     json
         Print the table as JSON on stdout.
     """

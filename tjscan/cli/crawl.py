@@ -50,7 +50,7 @@ def run(
     json: bool = False,
     page: LiveCrawlOptions | None = None,
 ) -> None:
-    """Align with a joint and weld every pass, as a job file says.
+    """Align with a joint and weld every pass, as a job file states.
 
     Ctrl-C stops the crawler at once; --resume goes on from there.
 
@@ -61,11 +61,11 @@ def run(
     job
         The job file (TOML); with --resume the run directory to go on in.
     out
-        The run directory to make; ``runs/JOB-DATE`` where left out.
+        The run directory to make; ``runs/JOB-DATE`` if left out.
     method
-        How to follow the joint: slip-aware, or paper for that of Kermorgant (2018) as printed.
+        How to follow the joint: slip-aware, or paper, as Kermorgant (2018) printed it.
     calibration
-        What ``tjscan crawl calibrate`` learned; that of the job where left out.
+        File of ``tjscan crawl calibrate``; the one of the job if left out.
     json
         Print the passes as JSON on stdout.
     """
@@ -108,7 +108,7 @@ def calibrate(job: Path, *overrides: JobKeys, out: Path | None = None, json: boo
     job
         The job file (TOML).
     out
-        The directory to make; ``runs/JOB-DATE`` where left out.
+        The directory to make; ``runs/JOB-DATE`` if left out.
     json
         Print the calibration as JSON on stdout.
     """
@@ -150,17 +150,17 @@ def replay(
 ) -> None:
     """Feed a recorded crawl through another estimator, into a new run directory; nothing moves.
 
-    Keys of the job that say what is known of slip and of the joint's course are options:
-    ``--slip.crab-mrad 2``. ``tjscan crawl compare RUN OUT`` then shows both.
+    Keys of the job about slip and the joint's course are options: ``--slip.crab-mrad 2``.
+    ``tjscan crawl compare RUN OUT`` then shows both.
 
     Parameters
     ----------
     run
         The run directory of the crawl, whole or cut short.
     out
-        The directory to make; ``RUN-DATE`` beside the run where left out.
+        The directory to make; ``RUN-DATE`` beside the run if left out.
     method
-        The estimator: slip-aware, or paper for that of Kermorgant (2018); the run's own where
+        The estimator: slip-aware, or paper, as Kermorgant (2018) printed it; the run's own if
         left out.
     json
         Print the passes as JSON on stdout.
@@ -178,7 +178,7 @@ def replay(
 def size(job: Path, *overrides: JobKeys, json: bool = False) -> None:
     """Check a crawler's grip, friction, pull, power, peel and the torque of its turns.
 
-    Ends with exit code 3 where a rule is broken.
+    Ends with exit code 3 if a rule is broken.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ def doctor(
     job
         The job file (TOML).
     station
-        Where the arm stands, of a job with several stations.
+        Station of the arm, if the job has several.
     json
         Print the findings as JSON on stdout.
     """

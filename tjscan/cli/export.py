@@ -23,9 +23,9 @@ def export(
         csv: a flat table. ply: points. json: a document with a schema. weldx: frames for weldx.
         ros: a folder with a PoseArray and a JointTrajectory of ROS 2, and the arm's URDF.
     out
-        The file or folder to write; ``export.FORMAT`` in the run directory where left out.
+        The file or folder to write; ``export.FORMAT`` in the run directory if left out.
     units
-        Unit of its lengths, mm where left out; those of ROS are metres.
+        Unit of its lengths, mm if left out; messages of ROS are in metres.
     """
     from tjscan.cli.output.console import print_message
     from tjscan.core.errors import ConfigurationError

@@ -15,7 +15,7 @@ def init(example: str | None = None, *, out: Path | None = None) -> None:
     example
         Name of the example, such as paper.
     out
-        Directory for the files; the working directory where left out. What is there is never
+        Directory for the files; the working directory if left out. What is there is never
         overwritten.
     """
     import tomllib

@@ -13,7 +13,7 @@ def joint(file: Path, *, out: Path | None = None, json: bool = False) -> None:
     file
         The joint's definition (TOML).
     out
-        The folder to write to; ``build/NAME`` beside the definition where left out.
+        The folder to write to; ``build/NAME`` beside the definition if left out.
     json
         Print what was built as JSON on stdout.
     """

@@ -1,4 +1,4 @@
-"""Who watches a calibration: a person at the terminal, or nobody."""
+"""Operators of a calibration: a person at the terminal or the page, or none."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class PrintOnlyOperator(DefaultAnswerOperator):
 def chosen_operator(
     job: CalibrationJob, job_file: Path, page: LiveOptions, *, unattended: bool
 ) -> Iterator[Operator]:
-    """Give who watches a calibration, by the page, at the terminal or nobody, while the block runs.
+    """Yield the operator of a calibration, on the page, at the terminal or none.
 
     Raises
     ------
@@ -76,7 +76,7 @@ class TerminalOperator(PrintOnlyOperator):
     Parameters
     ----------
     otherwise : str
-        What to do where there is no terminal.
+        What to do without a terminal.
 
     Raises
     ------

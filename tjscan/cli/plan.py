@@ -71,7 +71,7 @@ def plan(
         Direction downwards in the frame of the run's sections, three numbers: 0 0 -1 if its z
         points up.
     out
-        Directory for the plan's files; the run directory where left out.
+        Directory for the plan's files; the run directory if left out.
     after_pass
         Passes that were welded before the groove was scanned: planned are those after them.
     reach

@@ -16,7 +16,7 @@ def report(
 ) -> None:
     """Write a run's report.html again, compared with another reference if one is given.
 
-    Where it holds a weld plan, plan.html is written again too.
+    If it holds a weld plan, plan.html is written again too.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def report(
     reference
         A joint's TOML, a mesh or a cloud, in place of the joint that the run names.
     tolerance_mm
-        Say which corners lie farther from it.
+        Report the corners that are farther from it.
     units
         Unit of a reference that states none, neither itself nor in a sidecar NAME.json.
     frame
@@ -42,7 +42,7 @@ def report(
         if (run / PLAN).is_file():
             print_message(f"written to {write_plan_page(run)}")
             if reference is None and not (run / SUMMARY_FILE).is_file():
-                return  # the plan of a run that lies elsewhere
+                return  # the plan is not in the directory of its run
         tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
         page = write_run_report(run, reference, tolerance, StatedUnitAndFrame(units, frame))
     print_message(f"written to {page}")

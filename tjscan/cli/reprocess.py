@@ -15,7 +15,7 @@ def reprocess(
 ) -> None:
     """Read a run's recorded profiles again with other settings, into a new directory.
 
-    Keys of the job that say how profiles are read are options: ``--groove.noise-mm 0.1``; so is
+    Keys of the job for reading profiles are options: ``--groove.noise-mm 0.1``; so is
     ``--calibration.file``. The run itself stays as it is.
 
     Parameters
@@ -23,7 +23,7 @@ def reprocess(
     run
         The run directory, whole or cut short, of one station or of several.
     out
-        The directory to make; ``RUN-DATE`` beside the run where left out.
+        The directory to make; ``RUN-DATE`` beside the run if left out.
     json
         Print the summary as JSON on stdout.
     """

@@ -19,7 +19,7 @@ def scan(
     json: bool = False,
     page: LiveScanOptions | None = None,
 ) -> None:
-    """Scan a groove as a job file says.
+    """Scan a groove as a job file states.
 
     Ctrl-C ends the scan after the section under way; twice, it stops the arm at once. Either way
     --resume goes on from there.
@@ -44,9 +44,9 @@ def scan(
     job
         The job file (TOML); with --resume the run directory to go on in.
     station
-        The one station to scan from, of a job with several; all of them where left out.
+        The one station to scan from, of a job with several; all of them if left out.
     out
-        The run directory to make; ``runs/JOB-DATE`` where left out.
+        The run directory to make; ``runs/JOB-DATE`` if left out.
     resume
         Go on with an interrupted scan, after its last finished section, and with stations that
         are still to be scanned.

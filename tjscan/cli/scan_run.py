@@ -18,12 +18,12 @@ from tjscan.cli.output.stitching import print_stitched_groove
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.job import ScanJob
+from tjscan.recording.journal import CombinedJournal, Journal
 from tjscan.report.write import write_run_report
 from tjscan.runs.run import default_run_directory
 from tjscan.runs.scan import run as scan
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.stations import run as stations
-from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.plan import ScanPlan
 
 

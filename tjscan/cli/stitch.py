@@ -24,11 +24,11 @@ def stitch(
     Parameters
     ----------
     run
-        The run directory of one station, or one that holds those of all stations.
+        The run directory of one station, or one that holds the runs of all stations.
     runs
         Further run directories of single stations.
     out
-        The directory to make; ``runs/stitched-DATE`` where left out.
+        The directory to make; ``runs/stitched-DATE`` if left out.
     repeatability_mm
         Root mean square error of the position that the arm reports.
     repeatability_deg

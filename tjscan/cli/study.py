@@ -22,11 +22,11 @@ def study(
     study
         The study file (TOML); with --resume the study's directory to go on in.
     out
-        The directory to make; ``runs/STUDY-DATE`` where left out.
+        The directory to make; ``runs/STUDY-DATE`` if left out.
     resume
         Go on with a study that was interrupted; runs that are done are not made again.
     workers
-        Processes on this machine; as many as it has cores where left out.
+        Processes on this machine; as many as it has cores if left out.
     scheduler
         Address of a dask scheduler to run on instead, for instance tcp://10.0.0.5:8786.
     dry_run
@@ -59,7 +59,7 @@ def study(
         make_study_directory(directory, trials)
     if scheduler is not None and not scheduler.startswith("tls://"):
         print_message(
-            f"whoever reaches {scheduler} runs programs on its workers: docs/study.md shows TLS"
+            f"anyone who reaches {scheduler} runs programs on its workers: docs/study.md shows TLS"
         )
     where = DaskScheduler(workers or os.cpu_count() or 1, scheduler)
     with study_progress_bar(len(trials)) as watch:

@@ -16,7 +16,7 @@ def teach(
     lead_mm: tuple[float, float, float] | None = None,
     json: bool = False,
 ) -> None:
-    """Write where the arm stands into a job file as a start pose, if the laser sees a groove.
+    """Write the arm's pose into a job file as a start pose, if the laser sees a groove.
 
     Lead the arm there by hand or pendant before; nothing moves. Comments in the file stay. Every
     key of the job file is an option too, for this once.
@@ -28,19 +28,30 @@ def teach(
     which
         The first or the second start pose.
     station
-        Where the arm stands, of a job with several stations.
+        Station of the arm, if the job has several.
     lead_mm
-        Lead a simulated arm, which no hand can: to the pose that stands in the job, moved by this
+        Lead a simulated arm, which no hand can: to the pose in the job, moved by this
         much along the flange's axes. ``--lead-mm 3 0 -2``
     json
         Print the pose as JSON on stdout.
     """
-    from tjscan.cli.output.teach import print_taught_pose
+    from json import dumps
+
+    from tjscan.cli.output.console import print_message
     from tjscan.core.config import add_file_to_errors
     from tjscan.job import read_scan_job
+    from tjscan.result.readings import measures_with_sigmas
     from tjscan.runs.teach import teach_pose
 
     with add_file_to_errors(job):
         here = read_scan_job(job, parse_overrides(overrides)).job_at_station(station)
     lead = None if lead_mm is None else [1e-3 * value for value in lead_mm]
-    print_taught_pose(teach_pose(here, job, which, lead), job, which, json=json)
+    taught = teach_pose(here, job, which, lead)
+    position, angles = taught.position_mm, taught.euler_zyx_deg
+    if json:
+        pose = {"which": which, "position_mm": position, "euler_zyx_deg": angles}
+        print(dumps(pose, indent=2))
+    measures = measures_with_sigmas(taught.groove)
+    seen = ", ".join(f"{name} {value:.2f}" for name, value, _ in measures)
+    print_message(f"the laser sees a groove there: {seen}")
+    print_message(f"{job}: {'.'.join(taught.key)} is now {list(position)} mm, {list(angles)}°")

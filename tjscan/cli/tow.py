@@ -18,7 +18,7 @@ def run(
     json: bool = False,
     page: LiveOptions | None = None,
 ) -> None:
-    """Tow a welding cable along a seam as a job says, into a new run directory.
+    """Tow a welding cable along a seam as a job states, into a new run directory.
 
     Every key of the job is an option too: ``--seam.speed-mm-min 330``, ``--vehicles.driver mqtt``.
 
@@ -27,7 +27,7 @@ def run(
     job
         The job file (TOML); with --resume the run directory of a tow to go on with.
     out
-        The directory to make; ``runs/JOB-DATE`` where left out.
+        The directory to make; ``runs/JOB-DATE`` if left out.
     method
         ours, or paper for the problem of Suzuki et al. (2022) as printed.
     resume
@@ -77,7 +77,7 @@ def replay(
 ) -> None:
     """Plan a recorded tow again from its poses, into a new run directory; nothing moves.
 
-    Keys that say what a planner weighs are options: ``--weights.change 5``. The vehicles went where
+    The weights of a planner are options: ``--weights.change 5``. The vehicles went where
     they went, so each plan is what this planner would have asked for next.
 
     Parameters
@@ -85,9 +85,9 @@ def replay(
     run
         The run directory of the tow, whole or cut short.
     out
-        The directory to make; ``RUN-DATE`` beside the run where left out.
+        The directory to make; ``RUN-DATE`` beside the run if left out.
     method
-        The planner: ours, or paper; the run's own where left out.
+        The planner: ours, or paper; the run's own if left out.
     json
         Print the figures as JSON on stdout.
     """

@@ -9,7 +9,7 @@ from tjscan.cli.options.page import PageOptions
 
 
 def view(*runs: Path, page: PageOptions | None = None) -> None:
-    """Show recorded runs in a browser, with a slider; several stand side by side.
+    """Show recorded runs in a browser, with a slider; several are shown side by side.
 
     Parameters
     ----------

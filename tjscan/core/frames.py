@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 ARRAY_DTYPES: Final[dict[str, type[np.generic]]] = {
     "Array": np.float64,
+    "PoseMatrix": np.float64,
     "Mask": np.bool_,
     "NDArray[np.bool_]": np.bool_,
     "NDArray[np.int8]": np.int8,
@@ -53,7 +54,7 @@ def frozen_arrays(cls: type[T]) -> type[T]:
     dtypes = {
         name: ARRAY_DTYPES[kind]
         for name, annotation in cls.__annotations__.items()
-        if (kind := annotation.removesuffix(" | None")) in ARRAY_DTYPES
+        if (kind := _array_kind(annotation)) in ARRAY_DTYPES
         and getattr(getattr(cls, name, None), "init", True)
     }
     check: Callable[[T], None] | None = getattr(cls, "__post_init__", None)
@@ -70,6 +71,11 @@ def frozen_arrays(cls: type[T]) -> type[T]:
 
     cls.__post_init__ = freeze  # type: ignore[attr-defined]
     return cls
+
+
+def _array_kind(annotation: str) -> str:
+    """``Array`` of ``Annotated[Array, ...]`` and of ``Array | None``."""
+    return annotation.removesuffix(" | None").removeprefix("Annotated[").partition(", ")[0]
 
 
 def unit_vector(v: Array) -> Array:

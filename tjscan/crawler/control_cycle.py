@@ -1,21 +1,22 @@
-"""One cycle of a crawl: command, measure, estimate, guard, record."""
+"""One cycle of a crawl: command, measure, estimate, guard, record; and cycles driven by hand."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import nan
-from typing import Final
+from typing import Final, Protocol
 
 from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.joint_sensor import JointReader, JointSensor
-from tjscan.crawler.journal import CrawlCycle, CrawlJournal, is_by_hand
+from tjscan.crawler.journal import CrawlCycle, is_by_hand
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase, next_phase
 from tjscan.crawler.torch_axes import TorchAxes
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
+from tjscan.recording.journal import Journal, RunEvent
 from tjscan.vehicle.vehicle import REST, Twist, Vehicle
 
 CYCLES_AT_REST: Final = 30
@@ -56,7 +57,7 @@ class ControlCycle:
     method : FollowingMethod
         Which estimates and steers.
     guards : Guards
-    journal : CrawlJournal
+    journal : Journal
 
     Attributes
     ----------
@@ -80,7 +81,7 @@ class ControlCycle:
         devices: CrawlDevices,
         method: FollowingMethod,
         guards: Guards,
-        journal: CrawlJournal,
+        journal: Journal,
     ) -> None:
         self._devices, self._method, self._guards = devices, method, guards
         self._journal = journal
@@ -104,7 +105,7 @@ class ControlCycle:
         self._devices.torch.set_arc(burning=burning)
         self.arc = burning
         where = f"pass {self.number} at {1e3 * self.travel:.1f} mm"
-        self._journal.record_event("arc on" if burning else "arc off", where)
+        self._journal.record(RunEvent("arc on" if burning else "arc off", where))
 
     def drive(
         self, speed: float, path: float = 0.0, height: float = 0.0, *, turns_back: bool = False
@@ -172,7 +173,7 @@ class ControlCycle:
         torch = method.torch
         torch_y = devices.torch.move(path - torch.offset, height, period)
         self.deviation = torch.offset + torch_y - path
-        self._journal.record_cycle(
+        self._journal.record(
             CrawlCycle(
                 self.phase,
                 self.number,
@@ -186,8 +187,8 @@ class ControlCycle:
                 nan if d is None else d,
                 nan if d_sigma is None else d_sigma,
                 method.slip,
-            ),
-            profile,
+                profile,
+            )
         )
         if self.phase is not Phase.MANUAL:
             estimated = method.laser if self.all_welded else None
@@ -210,4 +211,48 @@ class ControlCycle:
     def enter(self, event: Event, detail: str) -> None:
         """Go on to the phase that an event leads to."""
         self.phase = next_phase(self.phase, event)
-        self._journal.record_event(str(self.phase), detail)
+        self._journal.record(RunEvent(str(self.phase), detail))
+
+
+class HandDrive(Protocol):
+    """Drives the crawler to its joint by hand, and decides when the crawl begins."""
+
+    def order(self) -> Twist | None:
+        """Return the twist asked for at this moment; None once the crawl may begin.
+
+        It is asked for in every cycle, and is `tjscan.vehicle.vehicle.REST` where nobody has
+        asked for any lately: who drives by hand must go on saying so.
+        """
+        ...
+
+
+def drive_by_hand(hand: HandDrive, vehicle: Vehicle, cycle: ControlCycle, guards: Guards) -> None:
+    """Drive as a person asks, until he lets the crawl begin.
+
+    If nothing is asked for, or a way towards an edge, the vehicle is stopped, not only commanded
+    to rest: it brakes as hard as it can.
+
+    Parameters
+    ----------
+    hand : HandDrive
+    vehicle : Vehicle
+        That of the cycle.
+    cycle : ControlCycle
+    guards : Guards
+
+    Raises
+    ------
+    CrawlStopped, VehicleFault, LaserFault
+        As `ControlCycle.run` does.
+    """
+    vehicle.stop()
+    stopped = True
+    while (twist := hand.order()) is not None:
+        stays = twist == REST or guards.leads_off_steel(twist)
+        if stays and not stopped:
+            vehicle.stop()
+        elif stopped and not stays:
+            vehicle.accept_commands_again()
+        stopped = stays
+        cycle.run(REST if stays else twist, stopped=stopped)
+    vehicle.accept_commands_again()

@@ -9,15 +9,14 @@ from math import cos, pi
 from typing import Final, Protocol
 
 from tjscan.core.errors import CrawlStopped
-from tjscan.crawler.control_cycle import ControlCycle, CrawlDevices
+from tjscan.crawler.control_cycle import ControlCycle, CrawlDevices, HandDrive, drive_by_hand
 from tjscan.crawler.guards import Guards
-from tjscan.crawler.hand_drive import HandDrive, drive_by_hand
-from tjscan.crawler.journal import SET_DOWN, CrawlJournal
+from tjscan.crawler.journal import SET_DOWN_EVENT
 from tjscan.crawler.last_view import LastView
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase
-from tjscan.crawler.plan import AlignmentSettings, WeldSettings
-from tjscan.crawler.torch_path import PassSettings
+from tjscan.crawler.plan import AlignmentSettings, PassSettings, WeldSettings
+from tjscan.recording.journal import Journal, RunEvent
 from tjscan.vehicle.vehicle import REST, Twist
 
 TURN_BACK: Final = 0.5
@@ -98,7 +97,7 @@ class Crawler:
         Which estimates and steers.
     guards : Guards
     operator : WeldOperator
-    journal : CrawlJournal
+    journal : Journal
     hand : HandDrive, optional
         Drives by hand before a crawl that begins at its start; none if left out.
     """
@@ -110,7 +109,7 @@ class Crawler:
         method: FollowingMethod,
         guards: Guards,
         operator: WeldOperator,
-        journal: CrawlJournal,
+        journal: Journal,
         hand: HandDrive | None = None,
     ) -> None:
         self._devices, self._plan, self._method = devices, plan, method
@@ -186,14 +185,14 @@ class Crawler:
         home = -self._plan.weld.run_up
         self._cycle.travel = home if start is None else start.travel
         if start is None and self._hand is not None:
-            self._journal.record_event(str(self._cycle.phase), "waits for the start")
+            self._journal.record(RunEvent(str(self._cycle.phase), "waits for the start"))
             drive_by_hand(self._hand, self._devices.vehicle, self._cycle, self._guards)
             self._cycle.come_to_rest()
             self._cycle.travel = home  # what it rolled on for
         at = f"the torch is at {1e3 * self._cycle.travel:.1f} mm"
         # Reported before it waits, which may be cut off.
         if start is not None and start.was_set_down:
-            self._journal.record_event(SET_DOWN, f"{at}, as the operator states")
+            self._journal.record(RunEvent(SET_DOWN_EVENT, f"{at}, as the operator states"))
         self._wait_for_joint()
         if start is None:
             self._cycle.enter(Event.JOINT_IN_VIEW, "the joint is in view, with steel all round")
@@ -204,7 +203,9 @@ class Crawler:
         else:
             if start.last_view is not None:
                 start.last_view.check(self._cycle.seen)
-                self._journal.record_event("place", f"{at}, which the laser does not contradict")
+                self._journal.record(
+                    RunEvent("place", f"{at}, which the laser does not contradict")
+                )
             self._cycle.phase = Phase.RETURN  # what was interrupted goes on from the way back
             self._go_back(start.arc_from - self._plan.weld.run_up)
             where = f"pass {start.passes_done + 1} goes on at {1e3 * start.arc_from:.0f} mm"
@@ -229,7 +230,7 @@ class Crawler:
             seen = seen + period if found else 0.0
             if waited <= LONGEST_WAIT < waited + period:
                 missing = "steel below every corner" if seen >= limit else "the joint in view"
-                self._journal.record_event(str(self._cycle.phase), f"waits for {missing}")
+                self._journal.record(RunEvent(str(self._cycle.phase), f"waits for {missing}"))
             waited += period
 
     def _align_forward(self, home: float) -> None:

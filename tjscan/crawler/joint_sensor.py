@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 from tjscan.core.errors import GrooveNotFound
-from tjscan.crawler.journal import CrawlJournal
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
+from tjscan.recording.journal import Journal, RunEvent
 
 OLDEST_PROFILE: Final = 0.1
 """Seconds before now, or after it by a clock gone wrong, from which on a profile is not read: ten
@@ -62,8 +62,8 @@ class JointSensor:
     reader : JointReader
     clock : callable or None
         Gives the seconds on the clock that the profiles are dated by; None where they are not.
-    journal : CrawlJournal
-        Receives profiles that are not read for their age as events.
+    journal : Journal
+        Receives an event if profiles are not read for their age.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class JointSensor:
         laser: LineLaser,
         reader: JointReader,
         clock: Callable[[], float] | None,
-        journal: CrawlJournal,
+        journal: Journal,
     ) -> None:
         self._laser, self._reader, self._clock = laser, reader, clock
         self._journal, self._late = journal, False
@@ -95,10 +95,8 @@ class JointSensor:
         was_late, self._late = self._late, off > OLDEST_PROFILE
         if self._late:
             if not was_late:
-                self._journal.record_event(
-                    "old profile",
-                    f"a profile of the laser is dated {off:.2f} s off the clock, and not read",
-                )
+                detail = f"a profile of the laser is dated {off:.2f} s off the clock, and not read"
+                self._journal.record(RunEvent("old profile", detail))
             return profile, None
         try:
             reading = self._reader.read(profile, travel)

@@ -1,20 +1,20 @@
-"""What a crawl reports while it runs, to whoever writes it down or shows it."""
+"""What a crawl reports while it runs, for listeners that write it down or show it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite, nan
-from typing import Final, Protocol
+from typing import Final
 
+from tjscan.core.array_fields import FloatOrNan
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.laser.profile import Profile
 from tjscan.vehicle.vehicle import REST, Twist, VehicleState
 
-SET_DOWN: Final = "set-down"
-"""Name of the event that says where a vehicle was set down anew, as its operator says."""
+SET_DOWN_EVENT: Final = "set-down"
+"""Name of the event that states where a vehicle was set down again, by its operator."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,17 +34,19 @@ class CrawlCycle:
     commanded : Twist
         What it was asked for until then.
     torch : TorchEstimate
-        Where the torch's zero is estimated to be beside the joint.
+        Estimate of where the torch's zero is beside the joint.
     torch_y : float
-        Where the torch's axis stands, to the right of its zero, metres.
+        Position of the torch's axis, to the right of its zero, metres.
     path : float
         How far beside the joint's centre the pass has the torch at this moment, metres.
     arc : bool
         Whether the arc burns.
     d, d_sigma : float, optional
-        Laser minus joint as read, and its standard deviation, metres; NaN where it was not read.
+        Laser minus joint as read, and its standard deviation, metres; NaN if it was not read.
     slip : SlipEstimate, optional
-        What is estimated of the vehicle's slip, where the method knows of any.
+        Estimate of the vehicle's slip, if the method has any.
+    profile : Profile, optional
+        What the laser saw; of a recording in one cycle a millimetre.
     """
 
     phase: Phase
@@ -56,9 +58,10 @@ class CrawlCycle:
     torch_y: float
     path: float
     arc: bool
-    d: float = nan
-    d_sigma: float = nan
+    d: FloatOrNan = nan
+    d_sigma: FloatOrNan = nan
     slip: SlipEstimate | None = None
+    profile: Profile | None = None
 
     @property
     def was_read(self) -> bool:
@@ -90,46 +93,3 @@ class SimulatedPlace:
 
     pose_w: tuple[float, ...]
     torch: tuple[float, ...]
-
-
-class CrawlJournal(Protocol):
-    """Receives everything of a crawl at once, in the order it happens."""
-
-    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
-        """Note a cycle, and the profile it was read from, if one came."""
-        ...
-
-    def record_event(self, name: str, detail: str) -> None:
-        """Note that something happened: a phase, a stop, a fault.
-
-        Parameters
-        ----------
-        name : str
-            What, in a word.
-        detail : str
-            The same in a sentence.
-        """
-        ...
-
-
-class CombinedCrawlJournal:
-    """Passes everything on to several journals, in their order.
-
-    Parameters
-    ----------
-    journals : sequence of CrawlJournal
-        The one that writes to disk comes first.
-    """
-
-    def __init__(self, journals: Sequence[CrawlJournal] = ()) -> None:
-        self._journals = tuple(journals)
-
-    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
-        """Pass a cycle on."""
-        for journal in self._journals:
-            journal.record_cycle(cycle, profile)
-
-    def record_event(self, name: str, detail: str) -> None:
-        """Pass an event on."""
-        for journal in self._journals:
-            journal.record_event(name, detail)

@@ -1,4 +1,4 @@
-"""What the laser showed where a crawl ended: whether the vehicle still stands there."""
+"""What the laser showed at the place of a crawl's end: whether the vehicle is still there."""
 
 from __future__ import annotations
 
@@ -12,22 +12,21 @@ from tjscan.core.errors import CrawlStopped
 from tjscan.core.frames import Array
 from tjscan.crawler.joint_history import height_over_hull
 from tjscan.crawler.journal import CrawlCycle
-from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import MOST_ASIDE
 from tjscan.laser.profile import Profile
 
-PROFILES: Final = 10
-"""The last ones that are looked at: of as many the median shows no light of the arc."""
+PROFILES_COMPARED: Final = 10
+"""Last profiles that are compared: the median of as many shows no light of the arc."""
 
-GIVES_WAY: Final = 1e-3
-"""Metres by which the feet of a vehicle that nobody moves may give way."""
+FEET_YIELD: Final = 1e-3
+"""Metres by which the feet of a vehicle at rest may give way."""
 
-BRAKES, GOES_ON = 0.1, 1.0
+BRAKING_TIME, COASTING_TIME = 0.1, 1.0
 """Seconds for which a vehicle goes on that was stopped, and one whose program was killed: half of
 them were not yet on the disk, and the others are its dead-man's."""
 
-OTHERWISE, SHARE = 0.3e-3, 0.1
-"""Another place, or another joint, lies off by more metres in more than this share of the section:
+HEIGHT_CHANGE, CHANGED_SHARE = 0.3e-3, 0.1
+"""Another place, or another joint, is off by more metres in more than this share of the section:
 five times the noise of one point of the paper's sensor."""
 
 
@@ -40,7 +39,7 @@ class LastView:
     d : float
         Laser minus joint, metres.
     section : ndarray, shape (m,)
-        Height over the hull at each place of `tjscan.crawler.joint_history.GRID`, metres.
+        Height over the hull at each place of `tjscan.crawler.joint_history.ACROSS_JOINT`, metres.
     way : float
         By which the vehicle may have gone on since, metres.
     """
@@ -53,36 +52,30 @@ class LastView:
     def of_recording(
         cls,
         cycles: Sequence[CrawlCycle],
-        profiles: Sequence[tuple[CrawlCycle, Profile]],
         *,
         stopped: bool,
     ) -> Self | None:
-        """What a recording ends with; None where the joint was not seen any more.
+        """What a recording ends with; None if the joint was not seen any more.
 
         Parameters
         ----------
         cycles : sequence of CrawlCycle
-            In which it crawled.
-        profiles : sequence of (CrawlCycle, Profile)
+            In which it crawled, not driven by hand.
         stopped : bool
             Whether it ends with a stop; else the program was killed.
         """
         read = [cycle for cycle in cycles if cycle.was_read]
-        seen = [
-            (cycle.d, profile)
-            for cycle, profile in profiles
-            if cycle.was_read and cycle.phase is not Phase.MANUAL
-        ]
+        seen = [(cycle.d, cycle.profile) for cycle in read if cycle.profile is not None]
         section = median_section(seen)
         if not read or section is None:
             return None
         last = cycles[-1]
         way = abs(last.travel - read[-1].travel)
-        way += abs(last.state.odometry.speed) * (BRAKES if stopped else GOES_ON)
+        way += abs(last.state.odometry.speed) * (BRAKING_TIME if stopped else COASTING_TIME)
         return cls(read[-1].d, section, way)
 
     def check(self, seen: Sequence[tuple[float, Profile]]) -> None:
-        """Look whether the vehicle still stands where it stood.
+        """Check that the vehicle was not moved.
 
         Parameters
         ----------
@@ -92,23 +85,23 @@ class LastView:
         Raises
         ------
         CrawlStopped
-            If the joint lies elsewhere in the laser's line, or looks otherwise.
+            If the joint is elsewhere in the laser's line, or looks different.
         """
         aside = float(np.median([d for d, _ in seen])) - self.d
-        if abs(aside) > GIVES_WAY + MOST_ASIDE * self.way:
+        if abs(aside) > FEET_YIELD + MOST_ASIDE * self.way:
             raise _moved(f"the laser is {1e3 * abs(aside):.1f} mm aside of where it was")
         section = median_section(seen)
         if section is None:
             return
         known = np.isfinite(section) & np.isfinite(self.section)
-        off = np.abs(section - self.section)[known] > OTHERWISE
-        if np.mean(off) > SHARE:
-            raise _moved("the joint looks otherwise than where the crawl ended")
+        off = np.abs(section - self.section)[known] > HEIGHT_CHANGE
+        if np.mean(off) > CHANGED_SHARE:
+            raise _moved("the joint looks different from the place where the crawl ended")
 
 
 def median_section(seen: Sequence[tuple[float, Profile]]) -> Array | None:
-    """Median of the last sections of the joint; None where none shows the hull."""
-    heights = [height_over_hull(profile, d) for d, profile in seen[-PROFILES:]]
+    """Median of the last sections of the joint; None if none shows the hull."""
+    heights = [height_over_hull(profile, d) for d, profile in seen[-PROFILES_COMPARED:]]
     rows = [height for height in heights if height is not None]
     if not rows:
         return None
@@ -119,6 +112,6 @@ def median_section(seen: Sequence[tuple[float, Profile]]) -> Array | None:
 def _moved(evidence: str) -> CrawlStopped:
     return CrawlStopped(
         "moved",
-        f"{evidence}: the vehicle was moved since, and nobody knows where it is along the joint. "
-        "Set it back, or say with --place where the torch stands",
+        f"{evidence}: the vehicle was moved since, and its place along the joint is not known. "
+        "Set it back, or state the place of the torch with --place",
     )

@@ -13,7 +13,7 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
 
-END: Final = 0.1
+PASS_END: Final = 0.1
 """Seconds before a pass ends, from which one that was cut off is whole."""
 
 
@@ -64,8 +64,8 @@ class PassRecord:
         return total
 
     def is_whole(self, length: float) -> bool:
-        """Whether it is as long as asked, metres, but for what is welded in its last `END`."""
-        return self.length >= length - END * self.speed
+        """Whether it is as long as asked, metres, but for what is welded in its last `PASS_END`."""
+        return self.length >= length - PASS_END * self.speed
 
     @property
     def speed(self) -> float:
@@ -85,12 +85,12 @@ class PassRecord:
 
     @property
     def true_deviation_rms(self) -> float:
-        """Root mean square of the true deviation, metres; NaN where it is not known."""
+        """Root mean square of the true deviation, metres; NaN if it is not known."""
         return root_mean_square(self.true_deviation)
 
     @property
     def offset_error_rms(self) -> float:
-        """Root mean square of the estimated offset's error, metres; NaN where it is not known."""
+        """Root mean square of the estimated offset's error, metres; NaN if it is not known."""
         return root_mean_square(self.offset_error)
 
     @property

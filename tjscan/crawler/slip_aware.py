@@ -1,19 +1,161 @@
-"""Follow a joint with a vehicle that slips, and learn how it slips."""
+"""Follow a joint with a vehicle that slips: learn how it slips, and steer by that in arc length."""
 
 from __future__ import annotations
 
-from math import sqrt
-from typing import Final
+from dataclasses import dataclass
+from math import copysign, exp, sqrt
+from typing import Annotated, Final
 
+from annotated_types import Ge, Gt, Le
+
+from tjscan.core.frames import Array
+from tjscan.core.units import MM, PER_M, SettingsTable
 from tjscan.crawler.method import LaserEstimate, TorchEstimate
-from tjscan.crawler.odometry_filter import OdometryFilter
 from tjscan.crawler.slip_estimator import SlipEstimate, SlipEstimator, SlipUncertainty
-from tjscan.crawler.slip_model import CrawlerGeometry, SlipState, laser_offset
-from tjscan.crawler.steering import SteeringSettings, track_turn_rate
-from tjscan.vehicle.vehicle import Twist
+from tjscan.crawler.slip_model import (
+    SETTLING_LENGTH,
+    CrawlerGeometry,
+    SlipState,
+    TrackOdometry,
+    laser_offset,
+)
+from tjscan.vehicle.vehicle import REST, Twist
+
+AVERAGING_TIME: Final = 0.5
+"""Seconds over which encoders are averaged about what was asked."""
+
+
+SPEED_RAMP: Final = 2e-3
+TURN_RAMP: Final = 10e-3
+"""m/s and rad/s: encoders this far from what was asked show a ramp, not noise, and count alone."""
+
+CREEPING_SPEED: Final = 1e-3
+"""m/s: what is slower shows no curvature, its turn being divided by hardly anything."""
 
 DRIVE_LAG: Final = 0.05
 """Seconds: time constant of the drives (assumption)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SteeringSettings(SettingsTable):
+    """How fast the torch is led back to the joint, and how tightly the vehicle may turn.
+
+    Parameters
+    ----------
+    gain : float
+        1/m: an offset dies out as (1 + gain s) exp(-gain s) over the travel s. Both poles.
+    least_radius : float
+        Of a turn, metres: below it the tracks ask for more torque than the motors have.
+    """
+
+    gain: Annotated[float, Gt(0), Le(50), PER_M] = 8.0
+    least_radius: Annotated[float, Ge(500), Le(1e6), MM] = 8.0
+
+
+def track_turn_rate(
+    x: Array,
+    speed: float,
+    geometry: CrawlerGeometry,
+    settings: SteeringSettings,
+    *,
+    turns_back: bool = False,
+) -> float:
+    """Turn rate to ask of the tracks so that the torch comes to the joint and stays there.
+
+    In arc length along the travel, with y the offset of the centre of rotation and m = s theta +
+    crab its slope: dy = m, dm = curvature - curvature of the joint. The law gives both poles
+    -gain, forward and backward alike, and ends with the torch, not the centre, on the joint.
+
+    Parameters
+    ----------
+    x : ndarray, shape (11,)
+        As `SlipState` orders it.
+    speed : float
+        Forward, m/s; nothing is steered if it is 0.
+    geometry : CrawlerGeometry
+    settings : SteeringSettings
+    turns_back : bool, optional
+        Whether it is about to turn back. It then keeps aside of the joint, by as much as the crab
+        will carry it over while it takes its new heading.
+
+    Returns
+    -------
+    float
+        rad/s, as the encoders would show it.
+    """
+    if speed == 0.0:
+        return 0.0
+    way, gain = copysign(1.0, speed), settings.gain
+    ahead = x[SlipState.ROTATION_CENTRE] + x[SlipState.SETTLED_CENTRE]
+    arm = geometry.centre_to_torch + way * ahead
+    offset = x[SlipState.OFFSET] + arm * x[SlipState.HEADING]
+    slope = way * x[SlipState.HEADING] + x[SlipState.CRAB] + x[SlipState.UNSTEADY_CRAB]
+    # If it goes straight along the joint, it is turned by the crab: so is the torch.
+    asked = -arm * way * x[SlipState.CRAB]
+    if turns_back:
+        asked -= 2 * x[SlipState.CRAB] / gain
+    limit, off = 1 / settings.least_radius, offset - asked
+    # From farther off it comes back more gently: the tightest turn could not brake in time.
+    if gain**2 * abs(off) > limit:
+        gain = sqrt(limit / abs(off))
+    curvature = x[SlipState.CURVATURE] - 2 * gain * slope - gain**2 * off
+    curvature = min(max(curvature, -limit), limit)
+    turn = (curvature - x[SlipState.DRIFT] - x[SlipState.UNSTEADY_DRIFT]) * speed
+    return float(turn / max(x[SlipState.YAW_EFFICIENCY], LEAST_EFFICIENCY))
+
+
+LEAST_EFFICIENCY = 0.2
+"""A vehicle that turned less would not be one that follows a joint."""
+
+
+class OdometryFilter:
+    """The tracks' motion: what drives of a known lag make of a command, corrected by the encoders.
+
+    Noise of the encoders would else bias the yaw efficiency, which multiplies it: errors in a
+    regressor make its coefficient too small.
+
+    Parameters
+    ----------
+    drive_lag : float
+        Time constant of the drives, seconds.
+    """
+
+    def __init__(self, drive_lag: float) -> None:
+        self._lag = drive_lag
+        self._speed = self._turn_rate = 0.0
+        self._way, self._recent_turn = 0.0, 0.0
+
+    def smooth(self, measured: Twist, period: float, commanded: Twist = REST) -> TrackOdometry:
+        """Motion over the period that has just passed.
+
+        Parameters
+        ----------
+        measured : Twist
+            What the encoders show.
+        period : float
+            Seconds.
+        commanded : Twist
+            What the drives were asked for meanwhile.
+        """
+        follow, correct = min(period / self._lag, 1.0), min(period / AVERAGING_TIME, 1.0)
+        speed = self._speed + follow * (commanded.speed - self._speed)
+        turn_rate = self._turn_rate + follow * (commanded.turn_rate - self._turn_rate)
+        ramps = (
+            abs(measured.speed - speed) > SPEED_RAMP
+            or abs(measured.turn_rate - turn_rate) > TURN_RAMP
+        )
+        correct = 1.0 if ramps else correct
+        self._speed = speed + correct * (measured.speed - speed)
+        self._turn_rate = turn_rate + correct * (measured.turn_rate - turn_rate)
+        turned_back = False
+        if abs(self._speed) > CREEPING_SPEED:
+            way = copysign(1.0, self._speed)
+            turned_back = way == -self._way
+            if way != self._way:
+                self._way, self._recent_turn = way, 0.0
+            new = 1 - exp(-abs(self._speed) * period / SETTLING_LENGTH)
+            self._recent_turn += new * (self._turn_rate / abs(self._speed) - self._recent_turn)
+        return TrackOdometry(self._speed, self._turn_rate, period, self._recent_turn, turned_back)
 
 
 class SlipAwareMethod:

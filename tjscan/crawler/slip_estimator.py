@@ -9,6 +9,7 @@ from typing import Annotated, Final, Self
 import numpy as np
 from annotated_types import Gt, Le
 
+from tjscan.core.array_fields import ArrayForm
 from tjscan.core.frames import Array
 from tjscan.core.units import MM, MRAD, SettingsTable
 from tjscan.crawler.slip_model import (
@@ -107,8 +108,8 @@ class SlipEstimate:
         Its covariance.
     """
 
-    x: Array
-    P: Array
+    x: Annotated[Array, ArrayForm((STATE_COUNT,))]
+    P: Annotated[Array, ArrayForm((STATE_COUNT, STATE_COUNT))]
 
     @classmethod
     def before_any_reading(

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import atan2, copysign, hypot, nan
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tjscan.core.array_fields import ArrayForm, FloatOrNan, PoseMatrix
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, frozen_arrays, unit_vector
 from tjscan.groove.prior import SectionEvidence
@@ -77,10 +78,10 @@ class GrooveSection:
         What its profile shows, by itself, of what persists along the groove.
     """
 
-    points_s: Array
+    points_s: Annotated[Array, ArrayForm((5, 3))]
     wall_s: Array
     leg_s: Array
-    T_s_g: Array
+    T_s_g: PoseMatrix
     groove_angle: float
     gamma_1: float
     gamma_2: float
@@ -88,14 +89,14 @@ class GrooveSection:
     depth: float
     area: float
     rms: float
-    covariance_s: Array
-    tangent_covariance: Array
-    measure_covariance: Array
+    covariance_s: Annotated[Array, ArrayForm((6, 6), may_be_unknown=True)]
+    tangent_covariance: Annotated[Array, ArrayForm((2, 2), may_be_unknown=True)]
+    measure_covariance: Annotated[Array, ArrayForm((4, 4), may_be_unknown=True)]
     model: str = "tee"
-    model_probability: float = nan
+    model_probability: FloatOrNan = nan
     conditions: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
-    root_opening: float = nan
+    root_opening: FloatOrNan = nan
     evidence: SectionEvidence | None = None
 
     @property

@@ -35,8 +35,8 @@ class LaserDeviation:
 
     Products of Legendre polynomials of x and z up to the third degree, a lens' own, every one as
     likely as others of its degree and higher degrees as much less likely. (Assumption.) A laser
-    deviates by as much as its data sheet says somewhere in its window: coefficients are as large
-    as they are among such lasers.
+    deviates by the linearity of its data sheet somewhere in its window: coefficients are as large
+    as among such lasers.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class LaserDeviation:
         largest : float
             Metres.
         near, far, apex_z : float
-            Where the window begins and ends, and where its sides meet: z in frame s, metres.
+            Begin and end of the window, and the apex of its sides: z in frame s, metres.
         half_angle : float
             Between the central ray and a side, radians.
         """
@@ -89,7 +89,7 @@ class LaserDeviation:
 
 
 RANDOM_STREAM: Final = 4
-"""Keeps the random numbers of a sensor's make apart from those of its profiles."""
+"""Keeps the random numbers of a sensor's make apart from the numbers of its profiles."""
 
 SAMPLE_COUNT: Final = 41
 """Places across the window, each way, at which the largest error is looked for."""
@@ -117,7 +117,7 @@ class Distortion:
 
     @classmethod
     def draw(cls, model: LaserModel, make: int) -> Self | None:
-        """Draw a sensor of a kind, or none where the model states it has no such error.
+        """Draw a sensor of a kind, or none if the model has no such error.
 
         Parameters
         ----------

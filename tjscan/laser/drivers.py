@@ -29,11 +29,11 @@ class LaserFlange:
     Parameters
     ----------
     truth : callable
-        Gives where the flange truly is, shape (4, 4), in frame b; for simulations.
+        Returns the true pose of the flange, shape (4, 4), in frame b; for simulations.
     T_b_f : callable
-        Gives where the arm reports it to be, shape (4, 4).
+        Returns the pose that the arm reports, shape (4, 4).
     time : callable
-        Gives the seconds on the arm's clock.
+        Returns the seconds on the arm's clock.
     """
 
     truth: Callable[[], Array]
@@ -50,7 +50,7 @@ class SimulatedScene:
     surface : RaycastSurface
         Its triangles, in a frame of their own, j.
     T_b_j : ndarray, shape (4, 4)
-        Where that frame truly stands in the base frame.
+        True pose of that frame in the base frame.
     """
 
     surface: RaycastSurface
@@ -59,7 +59,7 @@ class SimulatedScene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserDriverInputs:
-    """What a laser's driver makes its laser from, besides its own settings.
+    """What a laser's driver makes its laser from, beside its own settings.
 
     Parameters
     ----------
@@ -68,14 +68,14 @@ class LaserDriverInputs:
     carrier : LaserFlange
         The flange it sits on.
     T_f_s : ndarray, shape (4, 4)
-        Where it truly sits on the flange.
+        Its true pose on the flange.
     scene : callable
-        Gives the `SimulatedScene`; raises ConfigurationError where the job describes none.
+        Gives the `SimulatedScene`; raises ConfigurationError if the job describes none.
     seed : int or None
-        Of a simulation's random numbers; None where the job has no [simulation].
+        Of a simulation's random numbers; None if the job has no [simulation].
     recording : callable
         Gives the poses and profiles of the recording that the job names; raises
-        ConfigurationError where it names none.
+        ConfigurationError if it names none.
     """
 
     model: LaserModel
@@ -101,7 +101,7 @@ def _simulated(context: LaserDriverInputs, settings: NoSettings) -> SimulatedLas
     T_j_b, carrier, T_f_s = inverse_pose(scene.T_b_j), context.carrier, context.T_f_s
     return SimulatedLaser(
         scene.surface,
-        # Where the laser truly is, not where the arm believes it to be.
+        # The true pose of the laser, not the one that the arm reports.
         pose=lambda: T_j_b @ carrier.truth() @ T_f_s,
         model=context.model,
         rng=np.random.default_rng([context.seed, RANDOM_STREAM]),

@@ -35,9 +35,9 @@ class SimulatedProfile:
     Parameters
     ----------
     x_s, z_s : ndarray, shape (n,)
-        In frame s, in metres; NaN where there is no point.
+        In frame s, in metres; NaN for no point.
     intensity : ndarray, shape (n,)
-        0 to 1; zero where there is no point.
+        0 to 1; zero for no point.
     kind : ndarray of int8, shape (n,)
         A `PointOrigin` for each column.
     """
@@ -76,7 +76,7 @@ def apply_faults(
     """Apply a sensor's faults to what its rays hit; gives the simulated profile.
 
     A ghost takes the place of the direct point, also of one that dropped out; a missing
-    column stays empty whatever it saw; no point lies outside the range.
+    column stays empty whatever it saw; no point is outside the range.
     """
     cosine = np.clip(hits.incidence_cosine, 0.0, 1.0)
     distance = np.where(hits.seen, hits.distance, np.nan)
@@ -152,7 +152,7 @@ def choose_column_runs(
     count : int
         How many; all of them if there are no more.
     run : tuple of int
-        Shortest and longest run. The last may come out shorter, and runs touch where there is
+        Shortest and longest run. The last may come out shorter, and runs touch if there is
         no room between them.
 
     Returns
@@ -201,9 +201,9 @@ def _ghosts(hits: LaserRayHits, model: LaserModel, rng: np.random.Generator) -> 
 
 
 def _flyers(hits: LaserRayHits, model: LaserModel, rng: np.random.Generator) -> Array:
-    """Distances of the points that fly, NaN where none does, shape (n,).
+    """Distances of the points that fly, NaN for the others, shape (n,).
 
-    They lie somewhere between the two sides of an edge, and miss that span at random.
+    They are somewhere between the two sides of an edge, and miss that span at random.
     """
     columns = model.columns
     flies = rng.random(columns) < model.flyers
@@ -254,7 +254,7 @@ def _interreflection(hits: LaserRayHits, model: LaserModel) -> Array:
 
 
 def _edges(hits: LaserRayHits, model: LaserModel) -> NDArray[np.bool_]:
-    """Whether a crease or a jump lies between each column and the next, shape (n - 1,)."""
+    """Whether a crease or a jump is between each column and the next, shape (n - 1,)."""
     hit = np.isfinite(hits.distance)
     points = np.where(hit, hits.distance, 0.0)[:, None] * hits.directions_s
     normals = hits.normals_s

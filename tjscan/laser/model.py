@@ -15,7 +15,7 @@ STANDARD_RANGE: Final = (0.190, 0.290)
 """Nearest and farthest z of the 100 mm range, in metres (scanCONTROL 26xx-100)."""
 
 EXTENDED_RANGE: Final = (0.125, 0.390)
-"""Nearest and farthest z where the same sensor still measures, less accurately, in metres."""
+"""Nearest and farthest z at which the same sensor still measures, less accurately, in metres."""
 
 # The trapezoid is 83 mm wide at z = 190 mm and 121 mm at z = 290 mm; its sides meet at the emitter.
 _WINDOW_SLOPE: Final = 0.5 * (0.121 - 0.083) / (0.290 - 0.190)
@@ -171,9 +171,9 @@ class LaserModel(SettingsTable):
         _require(
             0 <= self.dropout_start < self.dropout_end <= math.pi / 2,
             "dropout_end",
-            "must lie above dropout_start and not above 90°",
+            "must be above dropout_start and not above 90°",
         )
-        _require(0 < self.flyer_crease < math.pi, "flyer_crease", "lies between 0 and 180°")
+        _require(0 < self.flyer_crease < math.pi, "flyer_crease", "must be between 0 and 180°")
         _require(self.flyer_jump > 0, "flyer_jump", "must be positive")
         _require(
             0 <= self.stray_offset[0] <= self.stray_offset[1],
@@ -181,7 +181,7 @@ class LaserModel(SettingsTable):
             "is the least and the largest distance",
         )
         _require(self.interreflection_reach > 0, "interreflection_reach", "must be positive")
-        _require(0 < self.notch < math.pi, "notch", "lies between 0 and 180°")
+        _require(0 < self.notch < math.pi, "notch", "must be between 0 and 180°")
         for name in ("missing_run", "ghost_run", "stray_run"):
             shortest, longest = getattr(self, name)
             _require(1 <= shortest <= longest, name, "is the shortest and the longest run, from 1")
@@ -199,9 +199,9 @@ class LaserModel(SettingsTable):
             "must be 80 to 640 in steps of 80",
         )
         _require(0 < self.near < self.far, "near", "must be positive and smaller than far")
-        _require(self.emitter_z < self.near, "emitter_z", "must lie before the range")
-        _require(self.detector_z < self.near, "detector_z", "must lie before the range")
-        _require(0 < self.half_angle < math.pi / 2, "half_angle", "lies between 0 and 90°")
+        _require(self.emitter_z < self.near, "emitter_z", "must be before the range")
+        _require(self.detector_z < self.near, "detector_z", "must be before the range")
+        _require(0 < self.half_angle < math.pi / 2, "half_angle", "must be between 0 and 90°")
 
     @classmethod
     def without_faults(cls, **changes: Any) -> Self:

@@ -33,9 +33,9 @@ class FirstHits:
     Parameters
     ----------
     distance : ndarray, shape (n,)
-        Along the ray, in metres; infinite where it meets nothing.
+        Along the ray, in metres; infinite if it meets nothing.
     normals : ndarray, shape (n, 3)
-        Unit normal of the face hit, on the side the ray came from; zero where there is none.
+        Unit normal of the face hit, on the side the ray came from; zero if there is none.
     """
 
     distance: Array
@@ -43,7 +43,7 @@ class FirstHits:
 
 
 class RaycastSurface:
-    """Triangles that light can hit. They may form a solid, or just lie about.
+    """Triangles that light can hit. They need not form a solid.
 
     Parameters
     ----------
@@ -140,13 +140,13 @@ class LaserRayHits:
     directions_s : ndarray, shape (n, 3)
         Unit rays from the emitter, in frame s.
     distance : ndarray, shape (n,)
-        From the emitter to the first face, in metres; infinite where there is none.
+        From the emitter to the first face, in metres; infinite if there is none.
     normals_s : ndarray, shape (n, 3)
-        Normal of that face, on the sensor's side, in frame s; zero where there is none.
+        Normal of that face, on the sensor's side, in frame s; zero if there is none.
     seen : ndarray of bool, shape (n,)
         Whether the point is inside the range and free in view of the detector.
     ghost : ndarray, shape (n,)
-        Distance at which the face shows the mirror image of another one; NaN where it shows
+        Distance at which the face shows the mirror image of another one; NaN if it shows
         none, or none inside the range.
     """
 
@@ -158,7 +158,7 @@ class LaserRayHits:
 
     @property
     def incidence_cosine(self) -> Array:
-        """Cosine of the angle of incidence, shape (n,); zero where there is no face."""
+        """Cosine of the angle of incidence, shape (n,); zero if there is no face."""
         return np.asarray(-np.einsum("ij,ij->i", self.directions_s, self.normals_s))
 
 
@@ -235,7 +235,7 @@ def _mirror_images(
 
 
 def _in_range(distance: Array, directions_s: Array, model: LaserModel) -> NDArray[np.bool_]:
-    """Whether points at these distances from the emitter lie in the trapezoid, shape (n,)."""
+    """Whether points at these distances from the emitter are in the trapezoid, shape (n,)."""
     z = model.emitter_z + distance * directions_s[:, 2]
     return np.asarray((z >= model.near) & (z <= model.far))
 

@@ -22,11 +22,11 @@ class Profile:
     ----------
     x_s, z_s : ndarray, shape (n,)
         Coordinates in the laser plane, in metres; z along the central ray. Both are NaN
-        where the sensor has no point.
+        if the sensor has no point.
     intensity : ndarray, shape (n,), optional
-        Brightness of each point, 0 to 1, where the sensor reports it.
+        Brightness of each point, 0 to 1, if the sensor reports it.
     time : float
-        Seconds on the clock of the cell; 0 where the sensor reports none.
+        Seconds on the clock of the cell; 0 if the sensor reports none.
     time_uncertainty : float
         How far off the time may be, in seconds: the two clocks are read one after the other.
     """

@@ -1,4 +1,4 @@
-"""A line laser that gives again what was recorded, as the arm comes to where it was recorded."""
+"""A line laser that replays recorded profiles as the arm comes to their poses."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class RecordedPoses:
     """Flange poses of a recording's profiles, from which a replay seeks the pose asked for.
 
     A pose that was recorded exactly is sought first, then the first one ahead within the
-    tolerance. What lies between is passed over, such as the second look at the section that a
+    tolerance. What is between is passed over, such as the second look at the section that a
     resumed scan went back to.
 
     Parameters
@@ -31,7 +31,7 @@ class RecordedPoses:
     times : sequence of float
         What the arm's clock showed there, seconds.
     distance : float
-        How far from the pose asked for the flange may have stood, metres.
+        How far from the pose asked for the flange may have been, metres.
     angle : float
         How far it may have been turned from it, radians.
     """
@@ -115,7 +115,7 @@ class ReplayedLaser(LocalDevice):
     profiles : sequence of Profile
         The profiles, in the order of the recording.
     T_b_f : callable
-        Gives where the arm reports its flange to be, shape (4, 4).
+        Returns the flange pose that the arm reports, shape (4, 4).
     time : callable
         Gives the seconds on the arm's clock: profiles are as late after its arrival as they were.
     """
@@ -132,7 +132,7 @@ class ReplayedLaser(LocalDevice):
         self._poses, self._profiles, self._T_b_f, self._time = poses, tuple(profiles), T_b_f, time
 
     def capture(self) -> Profile:
-        """Give the profile that was recorded from the pose where the arm stands now.
+        """Return the profile that was recorded from the present pose of the arm.
 
         Raises
         ------

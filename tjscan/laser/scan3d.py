@@ -65,7 +65,7 @@ COORDINATE_FORMATS: Final = {
     "Mono16": CoordinateFormat(0x01100007, "<u2", "C"),
 }
 """Formats that can be read, by name. Mono16 holds heights in some sensors, and brightness in
-others: it is read where a job states its scale."""
+others: it is read if a job states its scale."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,7 +44,7 @@ FIELD_WORDS: Final[Mapping[str, int]] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class ScanControlScale:
-    """What one count is worth, and where the middle of the counts lies.
+    """What one count is worth, and z of the middle of the counts.
 
     Parameters
     ----------
@@ -164,9 +164,9 @@ def parse_scancontrol(
     if layout.kind == "full" or layout.time_stamp:
         _check_time_stamp(row[-TIME_STAMP_BYTES:])
     raw_x, raw_z = _full_profile(row, layout) if layout.kind == "full" else _container(row, layout)
-    missing = raw_z == 0  # also where the axis is turned round
+    missing = raw_z == 0  # also if the axis is turned round
     if layout.kind == "full" and layout.reflection == REFLECTION_COUNT - 1:
-        missing[-1] = True  # the time stamp lies there
+        missing[-1] = True  # the time stamp is there
     x, z = (
         scale.scale * ((GREATEST_RAW - values if flip else values) - RAW_ZERO)
         for values, flip in ((raw_x, layout.flip_x), (raw_z, layout.flip_z))

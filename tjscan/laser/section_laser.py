@@ -21,7 +21,7 @@ from tjscan.laser.faults import choose_column_runs
 from tjscan.laser.profile import Profile
 
 STAND_OFF: Final = 0.149
-"""Distance at which a line of 80 mm at ±15° stands off the steel, in metres."""
+"""Distance at which a line of 80 mm at ±15° is above the steel, in metres."""
 
 Fraction = Annotated[float, Ge(0.0), Le(0.9)]
 
@@ -51,7 +51,7 @@ class SectionLaserModel(SettingsTable):
     arc_run : tuple of int
         Shortest and longest run of them.
     arc_reach : float
-        How far before or behind the steel such points lie at most, in metres.
+        Largest distance of such points before or behind the steel, in metres.
     """
 
     columns: Annotated[int, Ge(20), Le(10_000), POINTS] = 290
@@ -78,7 +78,7 @@ class SectionLaserModel(SettingsTable):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SectionLaserPose:
-    """Where a laser stands before a section.
+    """Pose of a laser before a section.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class SectionLaserPose:
     stand_off : float
         Of its origin from the section's height zero, in metres.
     roll : float
-        Turn about the forward axis, in radians, positive where its right side goes down.
+        Turn about the forward axis, in radians, positive if its right side goes down.
     """
 
     offset: float = 0.0
@@ -109,7 +109,7 @@ def section_in_sensor(section: Array, pose: SectionLaserPose) -> Array:
 
 
 def cast_rays_on_section(section: Array, pose: SectionLaserPose, model: SectionLaserModel) -> Array:
-    """z_s of what each ray meets first, shape (columns,), in metres; NaN where it meets nothing.
+    """z_s of what each ray meets first, shape (columns,), in metres; NaN if it meets nothing.
 
     Parameters
     ----------
@@ -177,9 +177,9 @@ class SimulatedSectionLaser(LocalDevice):
     Parameters
     ----------
     view : callable
-        Gives the section below the laser at this moment, shape (n, 2), and its pose over it.
+        Returns the section below the laser at this moment, shape (n, 2), and its pose over it.
     model : callable
-        Gives its optics and faults at this moment: an arc blinds columns while it burns.
+        Returns its optics and faults at this moment: an arc blinds columns while it burns.
     time : callable
         Gives the time in seconds.
     rng : numpy.random.Generator

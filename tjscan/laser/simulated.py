@@ -22,9 +22,9 @@ class SimulatedLaser(LocalDevice):
     Parameters
     ----------
     surface : RaycastSurface
-        What stands before the sensor, in frame j.
+        What is before the sensor, in frame j.
     pose : callable
-        Gives ``T_j_s``, shape (4, 4): where the sensor *truly* is at this moment.
+        Returns ``T_j_s``, shape (4, 4): the *true* pose of the sensor at this moment.
     model : LaserModel
         Its optics and faults.
     rng : numpy.random.Generator

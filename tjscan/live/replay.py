@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from threading import Lock
 
-from tjscan.live.drawables import Drawable, MeasuredPiece, Posture
+from tjscan.live.drawables import Drawable, Posture
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import RecordedShow, Step, merge_steps
 
@@ -30,7 +30,8 @@ class Replay:
         self._shows, self._moving = shows, Lock()
         self.page = Page([show.setting for show in shows], where)
         last = max(len(show.steps) for show in shows) - 1
-        self._at = [_Position() for _ in shows]
+        # Every piece that was ever drawn of each run, hidden or not.
+        self._drawn: list[dict[str, Drawable]] = [{} for _ in shows]
         gui = self.page.server.gui
         self._slider = gui.add_slider("Step", 0, max(last, 1), 1, last, order=0)
         self._shown = -1
@@ -57,22 +58,15 @@ class Replay:
 
     def _move(self, k: int, show: RecordedShow, number: int) -> None:
         """Draw what differs: all that came until then counts, and what came later is hidden."""
-        view, at = self.page.views[k], self._at[k]
+        view, drawn = self.page.views[k], self._drawn[k]
         whole = merge_steps([Step(), *show.steps[: number + 1]])
         changed = {
             name: thing
             for name, thing in whole.drawn.items()
-            if at.drawn.get(name) is not thing or isinstance(thing, Posture)
+            if drawn.get(name) is not thing or isinstance(thing, Posture)
         }
         view.panel.forget()
         facts = {"step": f"{number + 1} of {len(show.steps)}: {whole.label}", **whole.facts}
         self.page.show(replace(whole, drawn=changed, facts=facts), k)
-        at.drawn.update(changed)
+        drawn.update(changed)
         view.stage.show_only(whole.drawn)
-
-
-class _Position:
-    """What a run's picture holds: every piece that was ever drawn, hidden or not."""
-
-    def __init__(self) -> None:
-        self.drawn: dict[str, Drawable | MeasuredPiece] = {}

@@ -41,15 +41,14 @@ class Stage:
     ) -> None:
         self._scene, self._root, self._arm = server.scene, root, setting.arm
         self._scene.add_frame(root, show_axes=False, position=shift)
-        self._links: dict[str, Any] = {}
+        self._frames: dict[str, Any] = {}
         self._nodes: dict[str, list[Any]] = {}
-        self._bodies: dict[str, Any] = {}
         self.pieces: dict[str, MeasuredPiece] = {}
         self._colour_by, self._scale = "", ColourScale(0.0, 1.0)
         self._draw_arm(setting)
         self._draw_solids("solid", setting.solids, SOLID_COLOUR, SOLID_OPACITY)
         for name, solids in setting.bodies.items():
-            self._bodies[name] = self._hidden_frame(name)
+            self._add_hidden_frame(name)
             opacity = BODY_OPACITY if name in setting.see_through else 1.0
             self._draw_solids(name, solids, ARM_COLOUR, opacity)
         for k, thing in enumerate(setting.ghost):
@@ -104,7 +103,7 @@ class Stage:
             return
         flange = setting.arm.link_names[-1]
         for name in setting.arm.link_names:
-            self._links[name] = self._hidden_frame(f"arm/{name}")
+            self._add_hidden_frame(f"arm/{name}")
         for body in link_bodies(setting.arm.urdf):
             path = f"{self._root}/arm/{body.link}/body"
             self._mesh(path, body.vertices, body.triangles, ARM_COLOUR)
@@ -113,20 +112,21 @@ class Stage:
     def _pose_arm(self, q: Array) -> None:
         if self._arm is None:
             return
-        poses = self._arm.link_poses(q)
-        turns = Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
-        for name, T, turn in zip(self._arm.link_names, poses, turns, strict=True):
-            _put(self._links[name], T, turn)
+        for name, T in zip(self._arm.link_names, self._arm.link_poses(q), strict=True):
+            self._place(f"arm/{name}", T)
 
     def _place(self, name: str, T: Array) -> None:
-        if name not in self._bodies:
-            self._bodies[name] = self._hidden_frame(name)
-        turn = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
-        _put(self._bodies[name], T, turn)
+        if name not in self._frames:
+            self._add_hidden_frame(name)
+        frame = self._frames[name]
+        frame.position = T[:3, 3]
+        frame.wxyz = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+        if not frame.visible:
+            frame.visible = True
 
-    def _hidden_frame(self, name: str) -> Any:
+    def _add_hidden_frame(self, name: str) -> None:
         path = f"{self._root}/{name}"
-        return self._scene.add_frame(path, show_axes=False, visible=False)
+        self._frames[name] = self._scene.add_frame(path, show_axes=False, visible=False)
 
     def _draw_solids(
         self, name: str, solids: Iterable[Solid], colour: Colour, opacity: float = 1.0
@@ -194,10 +194,3 @@ class Stage:
                 node.colors = np.array(colour, dtype=np.uint8)
             else:
                 node.color = colour
-
-
-def _put(node: Any, T: Array, turn: Array) -> None:
-    """Place a node at a pose whose quaternion, scalar first, is given too; and show it."""
-    node.position, node.wxyz = T[:3, 3], turn
-    if not node.visible:
-        node.visible = True

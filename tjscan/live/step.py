@@ -116,22 +116,6 @@ class StateDiagram:
         return [(start, end, " / ".join(events)) for (start, end), events in labels.items()]
 
 
-@dataclass(frozen=True, slots=True)
-class NotedEvent:
-    """An event of a run, as its journal receives it.
-
-    Parameters
-    ----------
-    name : str
-        Its kind.
-    detail : str
-        What happened.
-    """
-
-    name: str
-    detail: str
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
     """What changed at once; what it does not name stays as it was.

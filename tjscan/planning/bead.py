@@ -3,23 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from tjscan.core.frames import Array, frozen_arrays
-
-BEAD_ARRAYS = (
-    "s",
-    "T_r_torch",
-    "speed",
-    "area",
-    "heat",
-    "slope",
-    "rotation",
-    "width",
-    "relative_sigma",
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,11 +77,14 @@ class PlannedBead:
 
     def cut(self, spans: Sequence[tuple[int, int]]) -> tuple[PlannedBead, ...]:
         """The parts of it from one point to another, both included, in the order of welding."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        sampled = {
+            name: value
+            for name, value in values.items()
+            if isinstance(value, np.ndarray) or name == "positions"
+        }
         return tuple(
-            replace(
-                self,
-                **{name: getattr(self, name)[a : b + 1] for name in (*BEAD_ARRAYS, "positions")},
-            )
+            replace(self, **{name: value[a : b + 1] for name, value in sampled.items()})
             for a, b in spans
         )
 

@@ -44,25 +44,24 @@ def refuse_damage(damage: RecordingDamage) -> None:
 class MessageCount:
     """Notices messages that are missing between those that are read, by their numbers.
 
-    A damage of something else, such as a viewer's index, is none: no message is missing. In a
-    recording of an earlier format, whose messages have no numbers, every damage counts.
+    A damage of something else, such as a viewer's index, is none: no message is missing.
 
     Parameters
     ----------
     file : Path
         The file that is read.
     report : callable
-        Is told of each damage.
+        Is called with each damage.
     """
 
     def __init__(self, file: Path, report: ReportDamage) -> None:
         self._file, self._report = file, report
-        self._next: int | None = None
+        self._next = 0
         self._noticed: list[str] = []
 
     def begin(self, header: RecordingHeader) -> None:
         """Take the number of the first message from the head of the file."""
-        self._next = header.messages_before if header.is_counted else None
+        self._next = header.messages_before
 
     def notice(self, reason: str) -> None:
         """Take note of a damage, whose loss the next message shows."""
@@ -70,27 +69,22 @@ class MessageCount:
 
     def count(self, number: int) -> None:
         """Take the number of a message that was read."""
-        if self._next is None:
-            self._tell(self._noticed, is_at_end=False)
-        else:
-            self._compare(number, is_at_end=False)
-            self._next = number + 1
-        self._noticed = []
+        self._compare(number, is_at_end=False)
+        self._next, self._noticed = number + 1, []
 
     def end(self, following: RecordingHeader | None) -> None:
-        """Take the head of the part that follows this file; None where none does."""
-        if self._next is None or following is None or not following.is_counted:
-            self._tell(self._noticed, is_at_end=True)
-        else:
+        """Take the head of the part that follows this file; None if none does."""
+        if following is not None:
             self._compare(following.messages_before, is_at_end=True)
+        elif self._noticed:
+            self._report_damage(self._noticed, is_at_end=True)
 
     def _compare(self, number: int, *, is_at_end: bool) -> None:
-        if self._next is not None and number != self._next:
+        if number != self._next:
             missing = number - self._next
             what = f"{missing} messages are missing" if missing > 0 else "messages come twice"
             behind = f"{what} before message {number} of the recording"
-            self._tell([*self._noticed, behind], is_at_end=is_at_end)
+            self._report_damage([*self._noticed, behind], is_at_end=is_at_end)
 
-    def _tell(self, reasons: list[str], *, is_at_end: bool) -> None:
-        if reasons:
-            self._report(RecordingDamage(self._file, "; ".join(reasons), is_at_end))
+    def _report_damage(self, reasons: list[str], *, is_at_end: bool) -> None:
+        self._report(RecordingDamage(self._file, "; ".join(reasons), is_at_end))

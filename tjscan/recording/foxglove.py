@@ -6,6 +6,7 @@ Lengths are in metres, angles in radians. Quaternions are stored x, y, z, w.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -25,9 +26,13 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
+from tjscan.recording.topic import Topic
 
 LINE_WIDTH_PIXELS: Final = 2.0
 """Pixels of a drawn line."""
+
+PROFILE_TOPIC: Final = Topic.of("/profile", PointCloud)
+TRANSFORMS_TOPIC: Final = Topic.of("/tf", FrameTransforms)
 
 NumericType = PackedElementField.NumericType
 
@@ -54,7 +59,7 @@ def frame_transforms_message(time: int, poses: Mapping[tuple[str, str], Array]) 
 
 
 def profile_to_cloud_message(time: int, profile: Profile) -> PointCloud:
-    """Foxglove point cloud message of a raw profile in frame s; NaN where there is no point."""
+    """Foxglove point cloud message of a raw profile in frame s; NaN for a missing point."""
     columns = {"x": profile.x_s, "y": np.zeros(len(profile)), "z": profile.z_s}
     if profile.intensity is not None:
         columns["intensity"] = profile.intensity
@@ -71,15 +76,15 @@ def profile_to_cloud_message(time: int, profile: Profile) -> PointCloud:
     )
 
 
-def profile_from_cloud_message(cloud: PointCloud, time: float) -> Profile:
+def profile_from_cloud_message(cloud: PointCloud, times: Profile) -> Profile:
     """The profile in a point cloud message that `profile_to_cloud_message` made.
 
     Parameters
     ----------
     cloud : PointCloud
         The message.
-    time : float
-        Seconds on the clock of the cell when it was taken.
+    times : Profile
+        Without points: when it was taken, as the message states that it belongs to.
 
     Raises
     ------
@@ -92,10 +97,10 @@ def profile_from_cloud_message(cloud: PointCloud, time: float) -> Profile:
         for i, field in enumerate(cloud.fields)
     )
     if not names or not packed or cloud.point_stride != 8 * len(names):
-        raise ValueError("a point cloud whose fields are not those of a profile")
+        raise ValueError("a point cloud whose fields are no profile's")
     table = np.frombuffer(cloud.data, dtype="<f8").reshape(-1, len(names))
     columns = {name: table[:, i] for i, name in enumerate(names)}
-    return Profile(columns["x"], columns["z"], columns.get("intensity"), time)
+    return replace(times, x_s=columns["x"], z_s=columns["z"], intensity=columns.get("intensity"))
 
 
 def joint_states_message(time: int, names: Sequence[str], q: Array) -> JointStates:
@@ -118,7 +123,7 @@ def line_and_surface_message(time: int, name: str, line: Array, triangles: Array
     line : ndarray, shape (n, 3)
         Points of an open line, metres.
     triangles : ndarray, shape (m, 3, 3)
-        Corners of each triangle, metres; none where m is 0.
+        Corners of each triangle, metres; m may be 0.
     """
     entity = SceneEntity(timestamp=_stamp(time), frame_id="b", id=name)
     entity.lines.add(
@@ -139,7 +144,7 @@ def line_and_surface_message(time: int, name: str, line: Array, triangles: Array
 
 
 def event_log_message(time: int, level: Log.Level.ValueType, name: str, detail: str) -> Log:
-    """Foxglove log message of an event: its name, and what there is to say about it."""
+    """Foxglove log message of an event: its name, and its detail."""
     return Log(timestamp=_stamp(time), level=level, name=name, message=detail)
 
 

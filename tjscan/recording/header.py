@@ -16,21 +16,15 @@ from tjscan.core.version import PROGRAM_VERSION
 PROGRAM_NAME: Final = "tjscan"
 """MCAP profile of every recording."""
 
-FORMAT_VERSION: Final = 3
+FORMAT_VERSION: Final = 1
 """Number of the format that is written: one more whenever an older version can't read it."""
 
 HEADER_RECORD: Final = "tjscan.recording"
 JOB_RECORD: Final = "tjscan.origin"
 """Names of the two metadata records at the head of a recording."""
 
-COUNTED_SINCE: Final = 3
-"""The first format whose messages are counted and whose metadata have a checksum."""
-
-CHECKSUM: Final = "sha256"
+CHECKSUM_KEY: Final = "sha256"
 """Key of a metadata record: the SHA-256 of all others."""
-
-LIBRARY_OF_VERSION_0_1: Final = "mcap-python/"
-"""How the name of the library begins that recordings of version 0.1.0 state."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +36,7 @@ class RecordingHeader:
     version : str
         Of the program.
     format : int
-        How it is written; 1 is that of version 0.1.0, which names neither.
+        How it is written.
     messages_before : int
         Messages in the earlier parts of the recording.
     """
@@ -52,18 +46,13 @@ class RecordingHeader:
     messages_before: int = 0
 
     @classmethod
-    def default_for_version_0_1(cls) -> Self:
-        """Header of recordings of version 0.1.0, which hold none themselves."""
-        return cls("0.1.0", 1)
-
-    @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> Self:
-        """Header from a recording's metadata; raises ValueError where it is none.
+        """Header from a recording's metadata; raises ValueError if it is none.
 
-        That of a newer format is not checked any further: its reader knows how.
+        The header of another format is not checked any further: only its version is needed.
         """
         header = cls(metadata.get("version", ""), int(metadata.get("format", "")))
-        if not COUNTED_SINCE <= header.format <= FORMAT_VERSION:
+        if header.format != FORMAT_VERSION:
             return header
         _check_metadata(metadata)
         return replace(header, messages_before=int(metadata.get("messages_before", "")))
@@ -80,22 +69,17 @@ class RecordingHeader:
             }
         )
 
-    @property
-    def is_counted(self) -> bool:
-        """Whether its messages are counted, and its metadata have a checksum."""
-        return self.format >= COUNTED_SINCE
-
 
 @dataclass(frozen=True, slots=True)
 class JobSnapshot:
-    """The job of a run and the files beside it, as they stood when it was recorded.
+    """The job of a run and the files beside it, as they were when it was recorded.
 
     Parameters
     ----------
     job, joint, calibration : str
-        Text of the TOML files; empty where there is none.
+        Text of the TOML files; empty if there is none.
     arm : str
-        SHA-256 of the arm's URDF; empty where the job names a model instead.
+        SHA-256 of the arm's URDF; empty if the job names a model instead.
     """
 
     job: str
@@ -105,9 +89,8 @@ class JobSnapshot:
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> Self:
-        """Snapshot from a recording's metadata; raises ValueError where it was changed since."""
-        if CHECKSUM in metadata or not metadata.keys() <= {*cls.__slots__}:
-            _check_metadata(metadata)
+        """Snapshot from a recording's metadata; raises ValueError if it was changed since."""
+        _check_metadata(metadata)
         return cls(**{name: metadata.get(name, "") for name in cls.__slots__})
 
     @property
@@ -117,12 +100,12 @@ class JobSnapshot:
 
 
 def _with_checksum(fields: Mapping[str, str]) -> dict[str, str]:
-    return {**fields, CHECKSUM: _checksum(fields)}
+    return {**fields, CHECKSUM_KEY: _checksum(fields)}
 
 
 def _check_metadata(metadata: Mapping[str, str]) -> None:
-    fields = {name: text for name, text in metadata.items() if name != CHECKSUM}
-    if metadata.get(CHECKSUM) != _checksum(fields):
+    fields = {name: text for name, text in metadata.items() if name != CHECKSUM_KEY}
+    if metadata.get(CHECKSUM_KEY) != _checksum(fields):
         raise ValueError("the checksum of its head is another")
 
 
@@ -136,7 +119,7 @@ def file_sha256(file: Path) -> str:
 
 
 def job_snapshot_changes(before: JobSnapshot, now: JobSnapshot) -> Iterator[tuple[str, str]]:
-    """Yield each key that differs between two job snapshots, and what became of it.
+    """Yield each key that differs between two job snapshots, and how.
 
     Keys of the job are its own; those of the other files begin with ``joint.toml:``,
     ``calibration.toml:`` and ``arm.urdf``.

@@ -16,9 +16,9 @@ from mcap.records import Chunk, Footer, McapRecord
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
-_HEAD: Final = struct.Struct("<BQ")  # opcode, and length of what follows
+_RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode, and length of what follows
 _CHUNK_HEAD: Final = struct.Struct("<QQQIIQ")  # times, size, CRC, length of compression, size
-_FOOTER: Final = _HEAD.pack(Opcode.FOOTER, 20) + bytes(20) + MCAP0_MAGIC
+_END_OF_FILE: Final = _RECORD_HEAD.pack(Opcode.FOOTER, 20) + bytes(20) + MCAP0_MAGIC
 _DATA_END_BYTES: Final = 4
 
 _CHUNK_START: Final = re.compile(
@@ -34,13 +34,13 @@ MAX_RECORD_BYTES: Final = 16_000_000
 
 _BLOCK_BYTES: Final = 1 << 20
 
-_READ: Final = frozenset(
+_KINDS_READ: Final = frozenset(
     (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA)
 )
-"""What is read."""
+"""Kinds of records that are read."""
 
-_PASSED_OVER: Final = frozenset((Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX))
-"""What stands between those for viewers. Nothing else stands before the end of the data."""
+_KINDS_SKIPPED: Final = frozenset((Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX))
+"""Kinds of records for viewers. Nothing else is in a file before the end of its data."""
 
 
 class _CutOff(Exception):
@@ -50,7 +50,7 @@ class _CutOff(Exception):
 def read_mcap_records(
     stream: BinaryIO, report_damage: Callable[[str], object]
 ) -> Iterator[McapRecord]:
-    """Yield the whole records of a file, those inside its chunks too; where it was cut, it ends.
+    """Yield the whole records of a file, those inside its chunks too, as far as it was not cut.
 
     Parameters
     ----------
@@ -68,10 +68,10 @@ def read_mcap_records(
     Notes
     -----
     `mcap.stream_reader` parses the records, but one at a time: over a whole file it would yield
-    the last message of a file that was cut as if it were complete, would believe every length
-    that it reads, and pass over a chunk whose kind was changed by a flipped bit. Here a length is
-    believed only as far as the file goes, so no record takes more memory than it takes of the
-    file; and a file counts as cut off only where no whole chunk follows and its end is missing.
+    the last message of a file that was cut as if it were complete, would trust every length that
+    it reads, and pass over a chunk whose kind was changed by a flipped bit. Here a length is
+    trusted only as far as the file goes, so no record takes more memory than it takes of the
+    file; and a file counts as cut off only if no whole chunk follows and its end is missing.
     """
     size = os.fstat(stream.fileno()).st_size
     magic = stream.read(len(MCAP0_MAGIC))
@@ -94,11 +94,11 @@ def read_mcap_records(
         if records is None:
             return
         yield from records
-        place += _HEAD.size + length
+        place += _RECORD_HEAD.size + length
 
 
 def _read_record(stream: BinaryIO, place: int, size: int) -> tuple[int, list[McapRecord] | None]:
-    """Length of the record at a place, and those in it; None at the end of the data.
+    """Length of the record at a place, and the records in it; None at the end of the data.
 
     Raises
     ------
@@ -108,20 +108,20 @@ def _read_record(stream: BinaryIO, place: int, size: int) -> tuple[int, list[Mca
         If it is damaged.
     """
     stream.seek(place)
-    head = stream.read(_HEAD.size)
-    if len(head) < _HEAD.size:
+    head = stream.read(_RECORD_HEAD.size)
+    if len(head) < _RECORD_HEAD.size:
         raise _CutOff
-    opcode, length = _HEAD.unpack(head)
+    opcode, length = _RECORD_HEAD.unpack(head)
     if opcode == 0 and _only_zeros(head, stream):
         raise _CutOff  # what a machine that lost its power leaves behind the last whole record
     if opcode == Opcode.DATA_END and length == _DATA_END_BYTES:
         return length, None
-    if opcode not in _READ | _PASSED_OVER:
+    if opcode not in _KINDS_READ | _KINDS_SKIPPED:
         raise ValueError(f"its kind is {opcode}, which does not belong there")
-    if length > size - place - _HEAD.size:
+    if length > size - place - _RECORD_HEAD.size:
         _check_cut_chunk(opcode, length, stream)
         raise _CutOff
-    if opcode in _PASSED_OVER:
+    if opcode in _KINDS_SKIPPED:
         return length, []
     if length > MAX_RECORD_BYTES:
         raise ValueError(f"it has {length} bytes: none is so long")
@@ -139,9 +139,9 @@ def _check_cut_chunk(opcode: int, length: int, stream: BinaryIO) -> None:
 
 
 def _parse(record: bytes) -> list[McapRecord]:
-    """The record, or those in it where it is a chunk; a footer behind it ends the reading."""
+    """The record, or the records in it if it is a chunk; a footer behind it ends the reading."""
     found: list[McapRecord] = []
-    stream = BytesIO(record + _FOOTER)
+    stream = BytesIO(record + _END_OF_FILE)
     for one in StreamReader(stream, skip_magic=True, emit_chunks=True).records:
         if isinstance(one, Chunk):
             found += _records_of_chunk(one)
@@ -164,10 +164,10 @@ def _records_of_chunk(chunk: Chunk) -> list[McapRecord]:
 
 
 def _next_chunk(stream: BinaryIO, place: int, size: int) -> int | None:
-    """Where the next whole chunk begins; None where there is none."""
+    """Place of the next whole chunk; None if there is none."""
     while place < size:
         stream.seek(place)
-        block = stream.read(_BLOCK_BYTES + _HEAD.size + _CHUNK_HEAD.size)
+        block = stream.read(_BLOCK_BYTES + _RECORD_HEAD.size + _CHUNK_HEAD.size)
         for match in _CHUNK_START.finditer(block):
             start = place + match.start()
             try:
@@ -180,7 +180,7 @@ def _next_chunk(stream: BinaryIO, place: int, size: int) -> int | None:
 
 
 def _ends_as_finished(stream: BinaryIO, size: int) -> bool:
-    """Whether a file ends as one does that was closed; leaves the place where it reads."""
+    """Whether a file ends as a closed one does; changes the place of reading."""
     stream.seek(max(len(MCAP0_MAGIC), size - len(MCAP0_MAGIC)))
     return stream.read() == bytes(MCAP0_MAGIC)
 

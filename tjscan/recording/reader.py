@@ -23,7 +23,6 @@ from tjscan.recording.header import (
     FORMAT_VERSION,
     HEADER_RECORD,
     JOB_RECORD,
-    LIBRARY_OF_VERSION_0_1,
     PROGRAM_NAME,
     JobSnapshot,
     RecordingHeader,
@@ -67,10 +66,10 @@ def read_messages(
     file : Path
         The recording; one that was cut off ends where it was cut.
     topics : iterable of Topic
-        What to read; the others are passed over.
+        What to read; others are passed over.
     report_damage : callable
-        Is called with each damage that took messages with it; where it returns, those behind it
-        are read. Without it the first damage is refused.
+        Is called with each damage that took messages with it; if it returns, the messages behind
+        the damage are read. Without it the first damage is refused.
 
     Raises
     ------
@@ -100,7 +99,7 @@ def read_messages(
             channels[record.id] = topic
         elif isinstance(record, Message):
             if record.channel_id not in channels:
-                raise _damaged(file, f"a message on channel {record.channel_id}, which is none")
+                raise _damaged(file, f"a message on channel {record.channel_id}, which is unknown")
             count.count(record.sequence)
             topic = channels[record.channel_id]
             if topic is not None:
@@ -120,14 +119,14 @@ def count_messages(file: Path) -> int:
     count = 0
     for record in _records(file, lambda _: None):
         if isinstance(record, RecordingHeader):
-            count, is_counted = record.messages_before, record.is_counted
+            count = record.messages_before
         elif isinstance(record, Message):
-            count = record.sequence + 1 if is_counted else count + 1
+            count = record.sequence + 1
     return count
 
 
 def read_header(file: Path) -> RecordingHeader | None:
-    """Read the header of a recording; None where the file was cut off before it.
+    """Read the header of a recording; None if the file was cut off before it.
 
     Raises
     ------
@@ -138,7 +137,7 @@ def read_header(file: Path) -> RecordingHeader | None:
 
 
 def read_job_snapshot(directory: Path, kind: str = SCAN_RECORDING) -> JobSnapshot | None:
-    """Read the job snapshot that a run was last recorded with; None where there is none.
+    """Read the job snapshot that a run was last recorded with; None if there is none.
 
     Parameters
     ----------
@@ -180,7 +179,7 @@ def _before_messages(file: Path) -> Iterator[McapRecord | RecordingHeader | JobS
 def _records(
     file: Path, report_damage: Callable[[str], object]
 ) -> Iterator[McapRecord | RecordingHeader | JobSnapshot]:
-    """The records of a recording of this program, its header before all others but MCAP's own."""
+    """The records of a recording of this program, its header before all but MCAP's own."""
     try:
         check_file_size(file, MAX_FILE_BYTES, "a recording")
         with file.open("rb") as stream:
@@ -188,9 +187,6 @@ def _records(
             for record in read_mcap_records(stream, report_damage):
                 if isinstance(record, McapHeader):
                     _check_program(file, record)
-                    if record.library.startswith(LIBRARY_OF_VERSION_0_1):
-                        header = RecordingHeader.default_for_version_0_1()
-                        yield header
                 elif header is None:
                     if not isinstance(record, Metadata) or record.name != HEADER_RECORD:
                         raise ValueError("its head is missing")
@@ -199,7 +195,7 @@ def _records(
                     yield header
                 elif isinstance(record, Metadata):
                     if record.name != JOB_RECORD:
-                        raise ValueError(f"its head holds {record.name!r}, which nobody writes")
+                        raise ValueError(f"its head holds {record.name!r}, which no version writes")
                     yield JobSnapshot.from_metadata(record.metadata)
                 yield record
     except FileNotFoundError:
@@ -227,7 +223,7 @@ def _check_format(file: Path, head: RecordingHeader) -> None:
     if head.format > FORMAT_VERSION:
         raise RecordingError(
             f"{file}: was recorded by {PROGRAM_NAME} {head.version} in format {head.format}; this "
-            f"version reads formats up to {FORMAT_VERSION}. Install {PROGRAM_NAME} {head.version} "
+            f"version reads format {FORMAT_VERSION} only. Install {PROGRAM_NAME} {head.version} "
             "or newer"
         )
 

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array
 
-_NEXT: Final = "\n" + 80 * "=" + "\nMSG: "
-_HEADER: Final = _NEXT.join(
+_NEXT_DEFINITION: Final = "\n" + 80 * "=" + "\nMSG: "
+_HEADER_DEFINITION: Final = _NEXT_DEFINITION.join(
     (
         "",
         "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id",
@@ -36,7 +36,7 @@ class RosMessageType:
 
 POSE_ARRAY: Final = RosMessageType(
     "geometry_msgs/msg/PoseArray",
-    _NEXT.join(
+    _NEXT_DEFINITION.join(
         (
             "std_msgs/Header header\ngeometry_msgs/Pose[] poses",
             "geometry_msgs/Pose\ngeometry_msgs/Point position\n"
@@ -45,11 +45,11 @@ POSE_ARRAY: Final = RosMessageType(
             "geometry_msgs/Quaternion\nfloat64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1",
         )
     )
-    + _HEADER,
+    + _HEADER_DEFINITION,
 )
 JOINT_TRAJECTORY: Final = RosMessageType(
     "trajectory_msgs/msg/JointTrajectory",
-    _NEXT.join(
+    _NEXT_DEFINITION.join(
         (
             "std_msgs/Header header\nstring[] joint_names\n"
             "trajectory_msgs/JointTrajectoryPoint[] points",
@@ -59,7 +59,7 @@ JOINT_TRAJECTORY: Final = RosMessageType(
             "builtin_interfaces/Duration\nint32 sec\nuint32 nanosec",
         )
     )
-    + _HEADER,
+    + _HEADER_DEFINITION,
 )
 
 

@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, TypeVar, cast
 
 from google.protobuf.message import DecodeError, Message
 from mcap_protobuf.schema import build_file_descriptor_set
 
-T = TypeVar("T")
-M = TypeVar("M", bound=Message)
+from tjscan.recording.codec import dataclass_codec
 
-TEXT_SCHEMA: Final = {"type": "string"}
-INTEGER_SCHEMA: Final = {"type": "integer"}
-NUMBER_SCHEMA: Final = {"type": "number"}
-BOOLEAN_SCHEMA: Final = {"type": "boolean"}
-NUMBERS_SCHEMA: Final = {"type": "array", "items": NUMBER_SCHEMA}
-TEXTS_SCHEMA: Final = {"type": "array", "items": TEXT_SCHEMA}
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +32,7 @@ class Topic(Generic[T]):
     encode : callable
         Bytes of a message.
     decode : callable
-        The message that bytes hold; raises ValueError, KeyError, TypeError or OverflowError where
+        The message that bytes hold; raises ValueError, KeyError, TypeError or OverflowError if
         they hold none.
     """
 
@@ -54,19 +48,46 @@ class Topic(Generic[T]):
         """Name that MCAP has for the language of the schema: ``jsonschema`` or ``protobuf``."""
         return "jsonschema" if self.message_encoding == "json" else self.message_encoding
 
+    @classmethod
+    def of(cls, name: str, kind: type[T], *, decimals: int | None = None) -> Topic[T]:
+        """Make a topic of a class: schema and codec follow from its fields.
 
-def make_protobuf_topic(name: str, kind: type[M]) -> Topic[M]:
-    """A topic whose messages are of a generated protobuf class.
+        Parameters
+        ----------
+        name : str
+            Of the topic.
+        kind : type
+            A dataclass, whose messages are JSON (see `value_codec` for what its fields may be), or
+            a generated protobuf class, for instance ``foxglove.PointCloud``.
+        decimals : int, optional
+            To which the arrays of a dataclass are rounded when they are written.
+        """
+        if issubclass(kind, Message):
+            return cast("Topic[T]", _protobuf_topic(name, kind))
+        codec = dataclass_codec(kind, decimals)
+        schema: str = codec.schema["title"]
 
-    Parameters
-    ----------
-    name : str
-        Of the topic.
-    kind : type
-        The class, for instance ``foxglove.PointCloud``.
-    """
+        def decode(data: bytes) -> T:
+            try:
+                content = json.loads(data)
+            except RecursionError as error:
+                raise ValueError("nested too deeply") from error
+            if not isinstance(content, dict):
+                raise ValueError(f"no fields of {schema}")
+            return cast("T", codec.decode(content))
 
-    def decode(data: bytes) -> M:
+        return cls(
+            name,
+            schema,
+            "json",
+            json.dumps(codec.schema).encode(),
+            lambda message: json.dumps(codec.encode(message), allow_nan=False).encode(),
+            decode,
+        )
+
+
+def _protobuf_topic(name: str, kind: type[Message]) -> Topic[Any]:
+    def decode(data: bytes) -> Message:
         try:
             return kind.FromString(data)
         except DecodeError as error:
@@ -81,47 +102,3 @@ def make_protobuf_topic(name: str, kind: type[M]) -> Topic[M]:
         lambda message: message.SerializeToString(),
         decode,
     )
-
-
-def make_json_topic(
-    name: str,
-    schema: str,
-    fields: Mapping[str, Mapping[str, Any]],
-    to_fields: Callable[[T], dict[str, Any]],
-    from_fields: Callable[[dict[str, Any]], T],
-) -> Topic[T]:
-    """A topic whose messages are JSON objects.
-
-    Parameters
-    ----------
-    name, schema : str
-        Of the topic and of its schema.
-    fields : mapping
-        JSON schema of each field, spelt out to its leaves: Foxglove refuses schemas that leave
-        anything open.
-    to_fields, from_fields : callable
-        The fields of a message, and the message of fields.
-    """
-
-    def decode(data: bytes) -> T:
-        try:
-            content = json.loads(data)
-        except RecursionError as error:
-            raise ValueError("nested too deeply") from error
-        if not isinstance(content, dict):
-            raise ValueError(f"no fields of {schema}")
-        return from_fields(content)
-
-    return Topic(
-        name,
-        schema,
-        "json",
-        json.dumps(json_object_schema(schema, **fields)).encode(),
-        lambda message: json.dumps(to_fields(message), allow_nan=False).encode(),
-        decode,
-    )
-
-
-def json_object_schema(title: str, **fields: Mapping[str, Any]) -> dict[str, Any]:
-    """JSON schema of an object with these fields."""
-    return {"type": "object", "title": title, "properties": dict(fields)}

@@ -125,7 +125,7 @@ class RecordingWriter:
             raise self._failed(error) from error
 
     def _begin(self) -> None:
-        """Write everything that stands before the first message."""
+        """Write everything before the first message."""
         self._writer = Writer(self._stream, compression=CompressionType.NONE, enable_data_crcs=True)
         before, _ = neighbouring_parts(self._file)
         self._count = 0 if before is None else count_messages(before)

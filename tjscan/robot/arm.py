@@ -91,7 +91,7 @@ class Arm(Protocol):
 
         It ends in the configuration nearest to the joint angles `near`, shape (n,), in radians;
         nearest to those it has where they are left out. An arm that goes round what blocks its
-        way does not where the path is to be `direct`.
+        way does not if the path is to be `direct`.
 
         Raises
         ------

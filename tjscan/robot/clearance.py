@@ -91,7 +91,7 @@ class ClearPathPlanner:
 
         Near a singularity such a move is harmless; only its end is kept from one. It ends in
         the configuration nearest to `near`, shape (n,), or to `q` where that is left out.
-        Parameters and errors are otherwise those of `joint_angles_after_linear_move`.
+        Other parameters and errors are as in `joint_angles_after_linear_move`.
         """
         goal = self.kinematics.inverse(T_b_f, near=q if near is None else near)
         path = interpolate_joints(q, goal)
@@ -114,7 +114,7 @@ class ClearPathPlanner:
 
     def _check_singular(self, path: Array, T_b_f: Array) -> None:
         smallest = np.array([self.kinematics.smallest_singular_value(q) for q in path])
-        # As with distances: an arm that stands near a singularity may leave it.
+        # As with distances: an arm near a singularity may leave it.
         short = smallest < min(self.margins.singular, float(smallest[0]))
         if short.any():
             i = int(short.argmax())
@@ -150,7 +150,7 @@ class ClearPathPlanner:
         return np.where(own, self.margins.own, self.margins.solids)
 
     def _first_too_near(self, walk: _Walk) -> tuple[Array, float | None]:
-        """Least distances of a walk, and the first s at which one is less; None where none is."""
+        """Least distances of a walk, and the first s at which one is less, or None."""
         start, margins = walk.distances(0.0), self._margins_of_pairs
         least = np.where(start < margins, np.maximum(start - MARGIN_ROUNDING, 0.0), margins)
         if (start < least).any():
@@ -173,7 +173,7 @@ class _Walk:
     def first_below(
         self, least: Array, from_: tuple[float, Array], to: tuple[float, Array]
     ) -> float | None:
-        """First s where a distance falls below `least`, looking no closer than needed.
+        """First s at which a distance falls below `least`, looking no closer than needed.
 
         Where two bodies are `a` apart at one s and `b` at another, and come nearer by at most
         `m` between them, they are never nearer than (a + b - m) / 2.
@@ -191,7 +191,7 @@ class _Walk:
 
 
 def _at(values: Array, s: float) -> Array:
-    """Rows between which `s` lies, interpolated."""
+    """Rows at `s`, interpolated."""
     i = min(int(s), len(values) - 2)
     return np.asarray(values[i] + (s - i) * (values[i + 1] - values[i]))
 
@@ -203,7 +203,7 @@ def _where(share: float) -> str:
 def _say(pair: BodyPair, share: float, distance: float, margin: float) -> str:
     if share == 0 and distance <= 0:
         return (
-            f"where the arm stands, {pair.moving} already overlaps {pair.other} by "
+            f"where the arm is now, {pair.moving} already overlaps {pair.other} by "
             f"{-1e3 * distance:.1f} mm. Jog it free by hand, or correct the job's [clearance]."
         )
     how = (

@@ -2,7 +2,7 @@
 
 Joints 2, 3 and 4 of such an arm are parallel, joint 2 is square to joint 1, joint 5 to joint 4
 and joint 6 to joint 5, each pair meeting: at most eight configurations (shoulder left or right,
-wrist flipped or not, elbow up or down) hold one pose. The derivation stands beside the lines;
+wrist flipped or not, elbow up or down) hold one pose. The derivation is beside the lines;
 z_i is the axis of DH frame i.
 """
 
@@ -45,7 +45,7 @@ def all_inverse_solutions(geometry: UrDhLengths, T_0_6: Array, free_wrist: float
     T_0_6 : ndarray, shape (4, 4)
         Pose of DH frame 6 in DH frame 0.
     free_wrist : float
-        Angle of joint 6 in radians where the pose leaves it free.
+        Angle of joint 6 in radians if the pose leaves it free.
 
     Returns
     -------
@@ -88,7 +88,7 @@ def inverse_branches(geometry: UrDhLengths, T_0_6: Array) -> Array:
     -------
     ndarray, shape (m, 8, 6)
         Radians, whatever the joint limits: shoulder, wrist and elbow either way. Not a number
-        where a branch does not reach the pose. Where joint 6 is free, it is anywhere.
+        if a branch does not reach the pose. If joint 6 is free, its angle is any.
     """
     q1 = _shoulders(geometry, T_0_6)
     lean, turn = _wrists(T_0_6, q1)
@@ -100,7 +100,7 @@ def inverse_branches(geometry: UrDhLengths, T_0_6: Array) -> Array:
 def _shoulders(g: UrDhLengths, T: Array) -> Array:
     """Joint 1 both ways, shape (m, 2)."""
     p5 = T[:, :3, 3] - g.d6 * T[:, :3, 2]
-    # z1 = (sin q1, -cos q1, 0), and the wrist stands d4 along it: p5 . z1 = d4.
+    # z1 = (sin q1, -cos q1, 0), and the wrist is d4 along it: p5 . z1 = d4.
     lean = np.arcsin(_bounded(g.d4, np.hypot(p5[:, 0], p5[:, 1])))
     bearing = np.arctan2(p5[:, 1], p5[:, 0])
     return np.stack((bearing + lean, bearing + pi - lean), axis=1)
@@ -129,7 +129,7 @@ def _planar(g: UrDhLengths, T: Array, q1: Array, q5: Array, q6: Array) -> Array:
     away = p4 - np.array((0.0, 0.0, g.d1))
     x = c1 * away[..., 0] + s1 * away[..., 1]
     y = away[..., 2]
-    # R_1_4 = Rz(q2 + q3 + q4) Rx(90 deg), so its x axis is that of frame 4.
+    # R_1_4 = Rz(q2 + q3 + q4) Rx(90 deg), so its x axis is the x axis of frame 4.
     x6 = c6 * R[..., 0] - s6 * R[..., 1]
     c5, s5 = np.cos(q5)[..., None], np.sin(q5)[..., None]
     x4 = c5 * x6 - s5 * R[..., 2]
@@ -142,7 +142,7 @@ def _planar(g: UrDhLengths, T: Array, q1: Array, q5: Array, q6: Array) -> Array:
 
 
 def _bounded(part: Array | float, whole: Array | float) -> Array:
-    """``part / whole`` where that is a sine or cosine, not a number where no angle has it."""
+    """``part / whole`` if that is a sine or cosine, not a number if no angle has it."""
     part, whole = np.asarray(part), np.asarray(whole)
     can = (np.abs(part) <= np.abs(whole) * (1 + REACH_ROUNDING)) & (whole != 0)
     ratio = np.divide(part, whole, out=np.full(can.shape, np.nan), where=can)

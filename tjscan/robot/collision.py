@@ -68,7 +68,7 @@ class _Body:
 
 
 class CollisionModel:
-    """Distances between an arm, what it carries, what stands around it, and itself.
+    """Distances between an arm, what it carries, what is around it, and itself.
 
     Pinocchio's scratch memory is in it: one thread at a time.
 
@@ -77,7 +77,7 @@ class CollisionModel:
     kinematics : Kinematics
         The arm.
     solids : sequence of Solid
-        What stands around it, in frame b.
+        What is around it, in frame b.
     tool : sequence of Solid
         What it carries, in frame f.
     self_collision : bool, optional

@@ -61,7 +61,7 @@ class ClearPath:
     segments : tuple of PathSegment
         Its parts: the direct way is one, a detour two or three.
     blocked : PathBlocked, optional
-        What stands in the direct way, where another one had to be found.
+        What blocks the direct way, if another one had to be found.
     """
 
     segments: tuple[PathSegment, ...]
@@ -92,7 +92,7 @@ class ClearPath:
 class CollisionCheckedArm:
     """Any arm whose paths are checked for collisions, as a whole, before anything moves.
 
-    Where the direct path is blocked, the arm goes round: it draws the sensor back from where it
+    If the direct path is blocked, the arm goes round: it draws the sensor back from where it
     looks, moves, and comes forward again. Where a move in joint space is blocked even so, it ends
     in the nearest other configuration that is reached on a clear path.
 
@@ -239,7 +239,7 @@ class CollisionCheckedArm:
         try:
             return ClearPath(self._segments(q, [(straight, T_b_f, near)]))
         except PathBlocked as blocked:
-            if direct or blocked.share == 0:  # where it stands: no way begins elsewhere
+            if direct or blocked.share == 0:  # where it is now: no way begins elsewhere
                 raise
             ways = self._detours(q, T_b_f, near, straight=straight)
             if near is not None:
@@ -268,7 +268,7 @@ class CollisionCheckedArm:
     def _searched(self, q: Array, T_b_f: Array, near: Array) -> Iterator[Way]:
         """A way through postures to a pose drawn back from the end, and forward from there.
 
-        Straight to the end where no line leads forward.
+        Straight to the end if no line leads forward.
         """
         clearance, kinematics = self.clearance, self.clearance.kinematics
         for lift in (*self._lifts, 0.0):
@@ -349,7 +349,7 @@ def _check_near(q: Array, T_b_f: Array, near: Array) -> None:
 
 
 def _check_configuration(state: ArmState, segment: PathSegment) -> None:
-    """Refuse to go on where the arm took joint angles that nobody checked."""
+    """Refuse to go on if the arm took joint angles that were not checked."""
     off = np.abs(state.q - segment.q)
     if off.max() > SAME_CONFIGURATION:
         raise ArmFault(

@@ -12,7 +12,7 @@ from tjscan.robot.kinematics import Kinematics
 
 
 class CorrectedArm:
-    """An arm that is told and reports where its flange truly is, as far as a calibration knows.
+    """An arm that takes and reports true poses of its flange, as far as a calibration knows.
 
     The arm itself goes on planning with its own kinematics. Its poses are corrected by the motion
     from where the model has the flange at its joint angles to where the calibrated model has it,
@@ -59,16 +59,16 @@ class CorrectedArm:
 
     def check_moves(self, *T_b_f: Array) -> None:
         """Check that moves are possible, without moving. See `Arm.check_moves`."""
-        q, told = self._arm.state().q, []
+        q, commanded = self._arm.state().q, []
         for T in T_b_f:
             q = self._calibrated.inverse(T, near=q)
-            told.append(self._as_told(T, q))
-        self._arm.check_moves(*told)
+            commanded.append(self._commanded(T, q))
+        self._arm.check_moves(*commanded)
 
     def move_linear(self, T_b_f: Array) -> ArmState:
         """Move the flange on a straight line to a pose. See `Arm.move_linear`."""
         q = self._calibrated.inverse(T_b_f, near=self._arm.state().q)
-        return self._corrected(self._arm.move_linear(self._as_told(T_b_f, q)))
+        return self._corrected(self._arm.move_linear(self._commanded(T_b_f, q)))
 
     def move_joint_to_pose(
         self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
@@ -76,7 +76,7 @@ class CorrectedArm:
         """Move to the nearest configuration that holds a pose. See `Arm.move_joint_to_pose`."""
         q = self._calibrated.inverse(T_b_f, near=self._arm.state().q if near is None else near)
         return self._corrected(
-            self._arm.move_joint_to_pose(self._as_told(T_b_f, q), near, direct=direct)
+            self._arm.move_joint_to_pose(self._commanded(T_b_f, q), near, direct=direct)
         )
 
     def stop(self) -> None:
@@ -91,7 +91,7 @@ class CorrectedArm:
         further = inverse_pose(self._model.forward(state.q)) @ self._calibrated.forward(state.q)
         return ArmState(state.q, state.T_b_f @ further, state.time)
 
-    def _as_told(self, T_b_f: Array, q: Array) -> Array:
-        """What the arm is to be told so that its flange truly gets to a pose."""
+    def _commanded(self, T_b_f: Array, q: Array) -> Array:
+        """Pose to command so that the flange truly gets to a pose."""
         back = inverse_pose(self._calibrated.forward(q)) @ self._model.forward(q)
         return T_b_f @ back

@@ -1,8 +1,8 @@
-"""Deviations of an arm's joints from where its model places them: offset, length and twist.
+"""Deviations of an arm's joints from their places in its model: offset, length and twist.
 
 The frame of each joint is off by a small motion in its own axes: a translation (a length), a tilt
 of its axis (a twist) and a turn about it (an offset). Six numbers a joint are more than the flange
-can show, and stay regular where axes are parallel, as those of joints 2, 3 and 4 of a Universal
+can show, and stay regular where axes are parallel, as the axes of joints 2, 3 and 4 of a Universal
 Robots arm are (Hayati and Mirmirani 1985, Improving the absolute positioning accuracy of robot
 manipulators, J. Robotic Systems 2(4), on why DH parameters do not).
 """

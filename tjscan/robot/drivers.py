@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmDriverInputs:
-    """What an arm's driver makes its arm from, besides its own settings.
+    """What an arm's driver makes its arm from, beside its own settings.
 
     Parameters
     ----------
@@ -36,10 +36,10 @@ class ArmDriverInputs:
     seed : int
         Of a simulation's random numbers.
     simulation : ArmSimulationSettings or None
-        How a simulated arm stands at first and how well it repeats; None if the job has no
+        The first posture of a simulated arm and how well it repeats; None if the job has no
         [simulation.arm].
     left : ArmState or None
-        Where an interrupted scan left the arm: a simulated one stands there again.
+        Where an interrupted scan left the arm: a simulated one is there again.
     recording : callable
         Gives the poses and states of the recording that the job names; raises
         ConfigurationError if it names none.
@@ -82,8 +82,7 @@ def _simulated(context: ArmDriverInputs, settings: NoSettings) -> SimulatedArm:
             context.kinematics,
             np.array(world.home if left is None else left.q),
             limits=context.limits,
-            repeatability=world.repeatability,
-            angular_repeatability=world.angular_repeatability,
+            repeatability=(world.repeatability, world.angular_repeatability),
             seed=context.seed,
             realtime=world.realtime,
             time=0.0 if left is None else left.time,

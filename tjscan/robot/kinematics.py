@@ -30,12 +30,12 @@ from tjscan.robot.urdf import (
 DESCENT_TOLERANCE: Final = 1e-13
 """Metres and radians at which a descent ends; it comes this close unless singular.
 
-So close that an arm stands in the same place whichever way it came: a scan that is gone on with
-finds what it would have found.
+So close that an arm is in the same place whichever way it came: a resumed scan finds what the
+uninterrupted one would have found.
 """
 
 POSITION_TOLERANCE: Final = 1e-7
-"""Metres: a solution puts the flange this close, even where the arm is singular."""
+"""Metres: a solution puts the flange this close, also at a singularity."""
 
 ROTATION_TOLERANCE: Final = 1e-7
 """Radians."""
@@ -47,7 +47,7 @@ LEAST_DAMPING: Final = 1e-12
 """Least damping, in squared metres and radians: keeps a singular arm's equations solvable."""
 
 LONGEST_STEP: Final = 0.5
-"""Radians a joint turns in one iteration; further, the linearisation says nothing."""
+"""Radians a joint turns in one iteration; further, the linearisation does not hold."""
 
 SEED_DISTANCE: Final = 0.5
 """Radians: a descent that stays this close to its seed has kept the configuration."""
@@ -56,7 +56,7 @@ NEAR_SINGULAR: Final = 0.05
 """Smallest singular value below which joints have to run to let the flange walk."""
 
 SEED_COUNT: Final = 64
-"""Seeds tried where there is no closed form."""
+"""Seeds tried if there is no closed form."""
 
 SAME_CONFIGURATION: Final = 1e-3
 """Radians within which two solutions are one."""
@@ -189,7 +189,7 @@ class Kinematics:
 
     @property
     def joint_placements(self) -> Array:
-        """Frame of each joint, at zero, in that of the joint before it, shape (n, 4, 4)."""
+        """Frame of each joint, at zero, in the frame of the joint before it, shape (n, 4, 4)."""
         return np.array([M.homogeneous for M in list(self._model.jointPlacements)[1:]])
 
     def with_joint_placements(self, placements: Array) -> Kinematics:
@@ -243,7 +243,7 @@ class Kinematics:
     def smallest_singular_value(self, q: Array) -> float:
         """Smallest singular value of the Jacobian: 0 where the flange loses a direction.
 
-        It is that of `jacobian` in metres and radians: the slowest speed of the flange, in
+        It is the one of `jacobian` in metres and radians: the slowest speed of the flange, in
         m/s or rad/s, that joint speeds of norm 1 rad/s can give.
         """
         return float(np.linalg.svd(self.jacobian(q), compute_uv=False)[-1])
@@ -251,7 +251,7 @@ class Kinematics:
     def inverse(self, T_b_f: Array, near: Array) -> Array:
         """Joint angles that put the flange at a pose.
 
-        A pose close to that of `near` keeps its configuration. Otherwise the nearest of all
+        A pose close to the one of `near` keeps its configuration. Otherwise the nearest of all
         configurations found, each joint in its nearest turn within limits, is taken: of all
         there are for a Universal Robots type of arm, else of those found from many seeds
         about `near` (always the same ones).
@@ -271,7 +271,7 @@ class Kinematics:
         Raises
         ------
         PoseUnreachable
-            With what stands in the way: the reach, or a joint's limit and by how much.
+            With the reason: the reach, or a joint's limit and by how much.
         """
         near = np.asarray(near, dtype=float)
         warm = self._descend(self._target(T_b_f), near)
@@ -286,7 +286,7 @@ class Kinematics:
     def all_inverse_solutions(self, T_b_f: Array, near: Array) -> tuple[Array, ...]:
         """All joint configurations found that put the flange at a pose, nearest first.
 
-        Parameters, errors and what is found are those of `inverse`; each joint is in the turn
+        Parameters and errors are as in `inverse`; each joint is in the turn
         nearest to `near` that its limits allow.
 
         Returns
@@ -321,7 +321,7 @@ class Kinematics:
         Returns
         -------
         ndarray, shape (m, 8, 6)
-            Radians, from -pi to pi, whatever the limits; not a number where a branch does not
+            Radians, from -pi to pi, whatever the limits; not a number if a branch does not
             reach. Of a calibrated arm it is as close as that differs from its maker's drawing.
 
         Raises
@@ -353,7 +353,7 @@ class Kinematics:
 
         The damping is the squared error (Sugihara 2011, Solvability-unconcerned inverse
         kinematics by the Levenberg-Marquardt method, IEEE Trans. Robotics 27(5)): it vanishes
-        at a solution and holds the steps short where there is none.
+        at a solution and holds the steps short if there is none.
         """
         model, data, flange = self._model, self._workspace.data, self._flange
         q = np.array(seed, dtype=float)
@@ -379,7 +379,7 @@ class Kinematics:
     def _seeds(self, target: Any, near: Array) -> Iterable[Array]:
         """Where to begin a search for other configurations."""
         if self._geometry is not None:
-            # Frame 6 is that of the last link here; the flange stands anywhere on it.
+            # Frame 6 is the last link's frame here; the flange is anywhere on it.
             T_root_0 = self._model.jointPlacements[1]
             T_6_f = self._model.frames[self._flange].placement
             T_0_6 = T_root_0.actInv(target) * T_6_f.inverse()

@@ -12,9 +12,9 @@ from tjscan.core.errors import ArmFault
 class MotionLock:
     """Lock that lets one move run at a time, and none after a stop until that is cleared.
 
-    Whoever moves an arm holds `move` from the moment a move is ordered until it has ended, and
-    `start` while he sets it off. So a stop, given from any thread, finds one of two: the move has
-    not started, and never will; or it has, and `wait` reports it.
+    A driver holds `hold_for_move` from the moment a move is ordered until it has ended, and
+    `begin_move` while it starts it. So a stop, given from any thread, finds one of two: the move
+    has not started, and never will; or it has, and `wait_for_stop` reports it.
     """
 
     def __init__(self) -> None:

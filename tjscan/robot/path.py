@@ -117,7 +117,7 @@ def linear_waypoints(kinematics: Kinematics, q: Array, T_b_f: Array) -> tuple[Ar
     ------
     PoseUnreachable
         If the line leaves the reach or the joint limits, or if a joint would have to jump:
-        near a singularity, or where it has to turn back from its limit.
+        near a singularity, or if it has to turn back from its limit.
     """
     poses_b_f = _line(kinematics.forward(q), T_b_f)
     waypoints = [np.asarray(q, dtype=float)]

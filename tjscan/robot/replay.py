@@ -1,4 +1,4 @@
-"""An arm that stands where it stood in a recording, and moves nothing."""
+"""An arm that is where it was in a recording, and moves nothing."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ class ReplayedArm(LocalDevice):
     """An arm that replays a recording, behind the `Arm` protocol.
 
     It answers a move with the state that was recorded, so the scan goes on from where the arm
-    truly stood.
+    truly was.
 
     Parameters
     ----------
     poses : RecordedPoses
-        Where it stood at each view; the same object that a replayed laser takes its profiles by.
+        Where it was at each view; the same object that a replayed laser takes its profiles by.
     states : sequence of ArmState
         Its states at these views.
     """

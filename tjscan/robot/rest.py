@@ -1,4 +1,4 @@
-"""Whether an arm rests, whoever moves it: a person's hand too."""
+"""Whether an arm rests, moved by a program or by hand."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def await_rest(
     now: Callable[[], float] = time.monotonic,
     pause: Callable[[float], object] = time.sleep,
 ) -> ArmState:
-    """Wait until an arm has stood still for a moment.
+    """Wait until an arm has been still for a moment.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def await_rest(
     Returns
     -------
     ArmState
-        As it stands.
+        Its state at rest.
 
     Raises
     ------

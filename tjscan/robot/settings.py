@@ -39,7 +39,7 @@ class ClearanceMargins(SettingsTable):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacementTolerance(SettingsTable):
-    """Standard deviations of where an arm's joints are about where its model places them.
+    """Standard deviations of the placement of an arm's joints from its model.
 
     **The defaults are assumptions**: what a maker's calibration leaves of an arm of one metre and
     more, 0.3 to 0.5 mm RMS at the flange.
@@ -112,7 +112,7 @@ class ArmSimulationSettings(SettingsTable):
     angular_repeatability : float
         The same of the angle, radians. Assumption: about the above over half a metre of arm.
     realtime : bool
-        Whether moves take as long as they say.
+        Whether moves take their time.
     errors : ArmErrorSettings, optional
         How the true arm differs from what its controller knows; not at all where left out.
     """

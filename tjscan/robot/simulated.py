@@ -32,9 +32,9 @@ TICK_PERIOD: Final = 0.01
 class SimulatedArm(LocalDevice):
     """An arm that is simulated, behind the `Arm` protocol.
 
-    It reports what its encoders would: exactly the pose it was sent to. Where the flange truly
-    stands, `true_T_b_f`, differs from that by an error drawn anew at the end of every move, and
-    by what its geometry and gears are off.
+    It reports what its encoders would: exactly the pose it was sent to. The true pose of
+    the flange, `true_T_b_f`, differs from that by an error drawn at the end of every move, and
+    by the errors of its geometry and gears.
 
     Parameters
     ----------
@@ -44,13 +44,13 @@ class SimulatedArm(LocalDevice):
         Joint angles it starts with, in radians.
     limits : MotionLimits, optional
         How fast it may move.
-    repeatability, angular_repeatability : float, optional
+    repeatability : tuple of float, optional
         Root mean square of the distance (metres) and of the angle (radians) between the true
         pose and the reported one; normal on each axis.
     seed : int, optional
         Seed of these errors. The same seed and moves give the same errors.
     realtime : bool, optional
-        Whether moves take as long as they say. If not they end at once; the arm's clock
+        Whether moves take their time. If not they end at once; the arm's clock
         advances all the same.
     time : float, optional
         What its clock shows at first, in seconds.
@@ -60,7 +60,7 @@ class SimulatedArm(LocalDevice):
     Raises
     ------
     ConfigurationError
-        If `q` has the wrong number of joints or lies beyond a limit.
+        If `q` has the wrong number of joints or is beyond a limit.
     """
 
     not_connected = (ArmFault, "the arm is not connected: use it inside a 'with' block")
@@ -71,8 +71,7 @@ class SimulatedArm(LocalDevice):
         q: Array,
         *,
         limits: MotionLimits | None = None,
-        repeatability: float = POSITION_REPEATABILITY,
-        angular_repeatability: float = ANGULAR_REPEATABILITY,
+        repeatability: tuple[float, float] = (POSITION_REPEATABILITY, ANGULAR_REPEATABILITY),
         seed: int = 0,
         realtime: bool = False,
         time: float = 0.0,
@@ -82,7 +81,7 @@ class SimulatedArm(LocalDevice):
         self.kinematics = kinematics
         self._planner = PathPlanner(kinematics, MotionLimits() if limits is None else limits)
         self.realtime = realtime
-        self._spread = np.repeat([repeatability, angular_repeatability], 3) / np.sqrt(3)
+        self._spread = np.repeat(repeatability, 3) / np.sqrt(3)
         self._random = np.random.default_rng(seed)
         self._now = (readonly_copy(q), time)
         self._errors = errors
@@ -157,7 +156,7 @@ class SimulatedArm(LocalDevice):
         if passed < path.duration:
             raise ArmFault(
                 f"the arm was stopped after {passed:.2f} s of a move of {path.duration:.2f} s. "
-                "See that the way is clear, then move again from where it stands."
+                "See that the way is clear, then move again from where it is."
             )
         return self.state()
 

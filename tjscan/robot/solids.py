@@ -1,4 +1,4 @@
-"""Simple solids that stand for things: what an arm must keep clear of, and what it carries."""
+"""Simple solids in place of things: what an arm must keep clear of, and what it carries."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Solid:
     shape : Box, Cylinder or Capsule
         What it is like.
     T : ndarray, shape (4, 4)
-        Its pose: in frame b where it stands in the cell, in frame f where the arm carries it.
+        Its pose: in frame b of a solid in the cell, in frame f of one that the arm carries.
     """
 
     name: str
@@ -82,7 +82,7 @@ _LengthMm = Annotated[float, Gt(0), Le(FARTHEST_MM)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SolidSettings(PoseSettings):
-    """Settings of a simple solid; cylinder and capsule lie along the z axis of its frame.
+    """Settings of a simple solid; the axis of a cylinder or capsule is the z axis of its frame.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
 A torch, or any tool that works at a point and along its axis, may be turned about that axis, its
 spin, as the arm likes. At every place of the line all spins and all branches of the inverse
 kinematics are looked at; what holds the tool there, clear of everything, is a node, and nodes of
-neighbouring places are joined where no joint has to jump: the ladder graph of Cartesian planning.
+neighbouring places are joined if no joint has to jump: the ladder graph of Cartesian planning.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ OUT_OF_REACH: Final = "out of the arm's reach"
 NEAR_SINGULARITY: Final = "the arm is too near to a singularity"
 
 Hindrance = Callable[[Array], str]
-"""What keeps an arm from standing with these joint angles, shape (6,); empty where nothing does."""
+"""What keeps an arm from having these joint angles, shape (6,); empty if nothing does."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,9 +49,9 @@ class ToolHolds:
         Joint angles at the first of the poses of each place, from -pi to pi.
     turns : ndarray, shape (m, 2 SPIN_STEPS + 1, SPIN_COUNT, 8)
         Sum of the joints' squared turns to a node of the following place, from the node that is
-        -SPIN_STEPS, ..., SPIN_STEPS spins before; infinite where there is no way.
+        -SPIN_STEPS, ..., SPIN_STEPS spins before; infinite if there is no way.
     hindrances : tuple of str
-        What mostly stands in the way at each place; empty where something holds the tool.
+        The most frequent hindrance at each place; empty if the tool can be held there.
     closed : bool
         Whether the last place is followed by the first.
     """
@@ -81,7 +81,7 @@ class ToolHolds:
             found.append((first, last))
             if last >= first + m:
                 return ((first, last),)
-        if self.closed and len(found) > 1:  # the first ones may lie in a later one, a turn on
+        if self.closed and len(found) > 1:  # the first ones may be part of a later one, a turn on
             found = [one for one in found if one[1] + m > found[-1][1] or one is found[-1]]
         return tuple(found)
 
@@ -149,7 +149,7 @@ def find_tool_holds(
         n poses at each of m places that must all be held with the same spin and in the same branch,
         in frame b.
     hindrance : callable
-        What keeps the arm from standing somewhere.
+        What keeps the arm from having joint angles.
     singular : float
         Least singular value of the arm's Jacobian, see `Kinematics.smallest_singular_value`. It is
         looked at for the first pose of a place alone, the others being near.
@@ -188,7 +188,7 @@ def find_tool_holds(
 def _turns(can: NDArray[np.bool_], q: Array) -> Array:
     """Squared turns from place to place, as `ToolHolds` has them; a last place leads to the first.
 
-    That is not looked at where the line does not close.
+    That is not looked at if the line does not close.
     """
     found = []
     for a in range(len(can)):

@@ -1,9 +1,9 @@
 """An arm as a URDF describes it.
 
-Frame b is the frame ``base`` of the URDF where it has one, else its root link; for the arms in
+Frame b is the frame ``base`` of the URDF if it has one, else its root link; for the arms in
 ``robot/models`` that is the DH base frame, in which a Universal Robots controller shows its
-poses. Frame f is ``tool0`` where the URDF has one (by the convention of ROS-Industrial its z
-axis is square to the flange, while that of their ``flange`` is not), else ``flange``.
+poses. Frame f is ``tool0`` if the URDF has one (by the convention of ROS-Industrial its z
+axis is square to the flange, while the axis of their ``flange`` is not), else ``flange``.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ def read_urdf(urdf: Path) -> Any:
 
 
 def frames_b_and_f(model: Any, urdf: Path) -> tuple[int, int]:
-    """Indices of the frames that stand for b and f.
+    """Indices of the frames b and f.
 
     Raises
     ------
     ConfigurationError
-        If b moves, or nothing stands for f.
+        If b moves, or there is no frame f.
     """
     names = [str(frame.name) for frame in model.frames]
     kinds = [frame.type for frame in model.frames]
@@ -108,7 +108,7 @@ def check_chain(model: Any, flange: int, urdf: Path) -> None:
 def dh_lengths_of_chain(model: Any) -> UrDhLengths | None:
     """DH lengths if the arm is of the Universal Robots type, up to its calibration.
 
-    A joint's frame may slide along its axis; the DH length sums up what lies on that axis.
+    A joint's frame may slide along its axis; the DH length is the sum along that axis.
     """
     if model.nq != 6 or any(model.joints[i].shortname() != "JointModelRZ" for i in range(1, 7)):
         return None

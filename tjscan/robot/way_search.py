@@ -1,4 +1,4 @@
-"""Find a way of an arm through joint space where the direct one is blocked.
+"""Find a path of an arm through joint space if the direct one is blocked.
 
 RRT-Connect after J. Kuffner and S. LaValle, *RRT-Connect: an efficient approach to single-query
 path planning*, ICRA 2000: a tree of clear lines grows from either end, towards postures drawn by

@@ -26,13 +26,13 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.joint.tubes.fit import ArmRepeatability
+from tjscan.recording.journal import CombinedJournal
 from tjscan.result.section import absent_corners
 from tjscan.runs.calibration.run import start_calibration
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 from tjscan.runs.scan.results import all_profile_points
 from tjscan.runs.scan.run import scan_in_cell
 from tjscan.runs.scan.uncertainty import causes_of_job
-from tjscan.scanning.journal import CombinedJournal
 from tjscan.stitching.stations import Station, StitchSettings, station_from_recording
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
 from tjscan.study.file import flatten_to_dotted_keys

@@ -33,6 +33,7 @@ from tjscan.job import CalibrationSettings, CellJob
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.job.tow.job import TowJob
 from tjscan.recording.header import JobSnapshot, file_sha256, job_snapshot_changes
+from tjscan.recording.journal import Journal, RunEvent
 from tjscan.recording.parts import next_recording_file, recording_files
 from tjscan.result.directory import (
     CALIBRATION_FILE,
@@ -291,7 +292,7 @@ def empty_run_directory(directory: Path) -> Iterator[Path]:
         yield draft
 
 
-def accept_edited_copies(directory: Path, record_event: Callable[[str, str], object]) -> None:
+def accept_edited_copies(directory: Path, journal: Journal) -> None:
     """Take what a run directory is made with as it now is, and report what was edited in it."""
     edited = changed_since_written(*(directory / name for name in COPIED_FILES))
     if edited:
@@ -299,7 +300,7 @@ def accept_edited_copies(directory: Path, record_event: Callable[[str, str], obj
             for file in edited:
                 shutil.copyfile(file, draft / file.name)
     for file in edited:
-        record_event("changed", f"{file.name} was edited since it was written")
+        journal.record(RunEvent("changed", f"{file.name} was edited since it was written"))
 
 
 def write_job_copy(draft: Path, text: str, job_file: Path, frame: str) -> None:

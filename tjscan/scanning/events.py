@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
 from enum import StrEnum
+from typing import Self
 
 
 class ScanEvent(StrEnum):
@@ -51,16 +54,14 @@ class RetryCounts:
     half_steps: int = 0
     retreats: int = 0
 
-    def with_one_more(self, name: str) -> RetryCounts:
-        """With one more event of that name; the same for events that are no retry."""
-        field = _COUNTED.get(name)
-        return self if field is None else replace(self, **{field: getattr(self, field) + 1})
-
-
-_COUNTED: dict[str, str] = {
-    ScanEvent.TAKEN_AGAIN: "taken_again",
-    ScanEvent.MERGED: "merged",
-    ScanEvent.NUDGE: "nudges",
-    ScanEvent.HALF_STEP: "half_steps",
-    ScanEvent.RETREAT: "retreats",
-}
+    @classmethod
+    def of_events(cls, names: Iterable[str]) -> Self:
+        """Count the retries among events, by their names."""
+        count = Counter(names)
+        return cls(
+            taken_again=count[ScanEvent.TAKEN_AGAIN],
+            merged=count[ScanEvent.MERGED],
+            nudges=count[ScanEvent.NUDGE],
+            half_steps=count[ScanEvent.HALF_STEP],
+            retreats=count[ScanEvent.RETREAT],
+        )

@@ -146,7 +146,7 @@ class ProfileTaker:
         T_b_s = state.T_b_f @ self._setup.T_f_s
         view = ProfileView(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
         self._frozen.remember_view(view)
-        self._log.record_view(view)
+        self._log.record(view)
         return view
 
     def take_and_merge_views(
@@ -167,7 +167,7 @@ class ProfileTaker:
         if (profile := merge_repeated_profiles(profiles)) is None:
             return None
         view = replace(first, profile=profile)
-        self._log.record_view(view)
+        self._log.record(view)
         return view
 
     def _capture(self, index: int, substep: Substep, state: ArmState) -> Profile:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.robot.clearance import ClearPathPlanner
-from tjscan.scanning.section import ProfileView, ScannedSection
+from tjscan.scanning.section import ScannedSection
 
 
 class ScannedSurfaceObstacle:
@@ -29,16 +29,11 @@ class ScannedSurfaceObstacle:
         self._points_b = [section.points_b for section in sections]
         self._update()
 
-    def record_view(self, view: ProfileView) -> None:
-        """Pass over profiles: their false points are no surface."""
-
-    def record_section(self, section: ScannedSection) -> None:
-        """Add the strip from the last section to this one to the obstacle."""
-        self._points_b.append(section.points_b)
-        self._update()
-
-    def record_event(self, name: str, detail: str) -> None:
-        """Pass over events; see `Journal.record_event`."""
+    def record(self, message: object) -> None:
+        """Add the strip from the last section to this one; false points of profiles are none."""
+        if isinstance(message, ScannedSection):
+            self._points_b.append(message.points_b)
+            self._update()
 
     def _update(self) -> None:
         if len(self._points_b) > 1:

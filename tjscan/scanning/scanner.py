@@ -18,12 +18,13 @@ from tjscan.core.errors import (
 )
 from tjscan.core.frames import Array
 from tjscan.groove.section import GrooveSection
+from tjscan.recording.journal import Journal
 from tjscan.robot.arm import ArmState
 from tjscan.scanning.adaptive import adaptive_step_rule
 from tjscan.scanning.checks import check_set_point
 from tjscan.scanning.correction_criterion import view_deviation, view_deviation_sigmas
 from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.journal import Journal, ScanResultsJournal
+from tjscan.scanning.journal import ScanResultsJournal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.prediction import PREDICTION_CASES, SMOOTH_PREDICTION, paper_predictor
 from tjscan.scanning.profile_taker import ProfileTaker, ScanSetup
@@ -196,7 +197,7 @@ class Scanner:
         """
         if section.groove.on_tack:
             self._log.record_event(ScanEvent.TACK, f"section {section.view.index}: stepped over")
-        self._log.record_section(section)
+        self._log.record(section)
 
     def _step_with_retries(self, d_st: float) -> ScannedSection:
         """Make a step; if it leads to no section, one of `step_retries`.
@@ -381,7 +382,7 @@ class Scanner:
             raise StartSeesNoGroove(which, error) from None
         if section.groove.on_tack:
             raise StartOnTack(which)
-        self._log.record_section(section)
+        self._log.record(section)
 
     def _check_last_section(self, state: ArmState) -> float:
         """Read the last section again; gives the metres that it seems to have moved.

@@ -10,6 +10,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
+from tjscan.core.array_fields import PoseMatrix
 from tjscan.core.frames import Array, frozen_arrays, transform_points
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
@@ -60,8 +61,8 @@ class ProfileView:
 
     index: int
     substep: Substep
-    T_b_f: Array
-    T_b_s: Array
+    T_b_f: PoseMatrix
+    T_b_s: PoseMatrix
     profile: Profile
     time: float
     q: Array
@@ -84,7 +85,7 @@ class ScannedSection:
 
     view: ProfileView
     groove: GrooveSection
-    T_s_t: Array
+    T_s_t: PoseMatrix
 
     @property
     def T_b_g(self) -> Array:

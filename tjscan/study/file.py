@@ -43,11 +43,6 @@ class StudyFile(StrictFileModel):
     together: Tables = ()
 
     @property
-    def base_jobs(self) -> tuple[str, ...]:
-        """Paths of the base jobs, counted from the study's folder."""
-        return (self.job,) if isinstance(self.job, str) else self.job
-
-    @property
     def fixed_settings(self) -> dict[str, Any]:
         """Dotted keys and values that are the same in every run."""
         return flatten_to_dotted_keys(self.fixed)
@@ -147,7 +142,8 @@ def trials_of_study(study: StudyFile, study_file: Path) -> tuple[Trial, ...]:
         For the first run that can't be, naming the key.
     """
     kind, axes = study_backend_of_task(study.task), study.varied_axes()
-    jobs = [study_file.parent / name for name in study.base_jobs]
+    names = (study.job,) if isinstance(study.job, str) else study.job
+    jobs = [study_file.parent / name for name in names]
     count = len(jobs) * prod(map(len, axes))
     if count > MOST_TRIALS:
         raise ConfigurationError(

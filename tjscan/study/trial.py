@@ -44,14 +44,7 @@ class Trial:
 
     def to_json_line(self) -> str:
         """The trial as one line of JSON."""
-        return canonical_json(
-            {
-                "index": self.index,
-                "inputs": dict(self.inputs),
-                "task": self.task,
-                "settings": json.loads(self.settings),
-            }
-        )
+        return canonical_json(asdict(self) | {"settings": json.loads(self.settings)})
 
     @classmethod
     def from_json_line(cls, line: str) -> Self:

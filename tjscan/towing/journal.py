@@ -1,21 +1,21 @@
-"""What a tow reports while it runs, to whoever writes it down or shows it."""
+"""What a tow reports while it runs, for listeners that write it down or show it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Annotated, Final
 
+from tjscan.core.array_fields import ArrayForm, PlanarPoints, PlanarPoses
 from tjscan.core.frames import Array
 from tjscan.towing.shape.plan import TowingPlan
 
-WELDED: Final = "welded"
-"""Name of the event that says that the whole seam was welded."""
+WELDED_EVENT: Final = "welded"
+"""Name of the event that ends a tow: the whole seam was welded."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TowCycle:
-    """One cycle of the loop: what was measured, believed, planned and asked for.
+    """One cycle of the loop: what was measured, estimated, planned and asked for.
 
     Parameters
     ----------
@@ -24,11 +24,11 @@ class TowCycle:
     along : float
         Where the welder is to be along the seam at the cycle's end, metres.
     pace : float
-        Share of the welding speed at which it goes, 0 where it waits.
+        Share of the welding speed at which it goes, 0 if it waits.
     seen : ndarray, shape (vehicles, 3)
-        Poses as measured since the last cycle: x, y, metres, heading, radians; NaN where none came.
+        Poses as measured since the last cycle: x, y, metres, heading, radians; NaN if none came.
     poses : ndarray, shape (vehicles, 3)
-        Poses as believed.
+        Poses as estimated.
     sigmas : ndarray, shape (vehicles, 2)
         Standard deviations of position and heading, metres and radians.
     targets : ndarray, shape (vehicles, 3)
@@ -43,20 +43,20 @@ class TowCycle:
     host : float
         Seconds of a processor that the program took since the loop began.
     wait : str
-        Why the welder waits, in a sentence; empty where it welds.
+        Why the welder waits, in a sentence; empty if it welds.
     stopped : tuple of int
-        Vehicles that stand for good, by number from 0 at the root.
+        Vehicles that stopped for good, by number from 0 at the root.
     """
 
     time: float
     along: float
     pace: float
-    seen: Array
-    poses: Array
-    sigmas: Array
-    targets: Array
-    asked: Array
-    obstacles: Array
+    seen: Annotated[Array, ArrayForm((-1, 3), may_be_unknown=True)]
+    poses: PlanarPoses
+    sigmas: PlanarPoints
+    targets: PlanarPoses
+    asked: PlanarPoses
+    obstacles: Annotated[Array, ArrayForm((-1, 5))]
     plan: TowingPlan
     seconds: float
     host: float
@@ -87,44 +87,9 @@ class TowTruth:
     """
 
     time: float
-    line: Array
-    poses: Array
+    line: PlanarPoints
+    poses: PlanarPoses
     welder_force: Array
     vehicle_forces: Array
-    passers_by: Array
+    passers_by: PlanarPoses
     touches: tuple[str, ...] = ()
-
-
-class TowJournal(Protocol):
-    """Receives everything of a tow at once, in the order it happens."""
-
-    def record_cycle(self, cycle: TowCycle) -> None:
-        """Note a cycle."""
-        ...
-
-    def record_event(self, name: str, detail: str) -> None:
-        """Note that something happened, in a word and in a sentence."""
-        ...
-
-
-class CombinedTowJournal:
-    """Passes everything on to several journals, in their order.
-
-    Parameters
-    ----------
-    journals : sequence of TowJournal
-        The one that writes to disk comes first.
-    """
-
-    def __init__(self, journals: Sequence[TowJournal] = ()) -> None:
-        self._journals = tuple(journals)
-
-    def record_cycle(self, cycle: TowCycle) -> None:
-        """Pass a cycle on."""
-        for journal in self._journals:
-            journal.record_cycle(cycle)
-
-    def record_event(self, name: str, detail: str) -> None:
-        """Pass an event on."""
-        for journal in self._journals:
-            journal.record_event(name, detail)

@@ -7,38 +7,36 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from math import hypot
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
 from tjscan.core.errors import TowHalted, VehicleFault, VehicleLinkLost
 from tjscan.core.frames import Array
-from tjscan.towing.devices import Team
+from tjscan.recording.journal import Journal, RunEvent, event_recorder
 from tjscan.towing.following import PoseFollower
-from tjscan.towing.journal import WELDED, TowCycle, TowJournal
-from tjscan.towing.pose_filter import SIGMAS
+from tjscan.towing.journal import WELDED_EVENT, TowCycle
+from tjscan.towing.pose_filter import OUTLIER_SIGMAS
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
-from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
-from tjscan.towing.shape.team import TowingTeam
-from tjscan.towing.standing import StandingVehicles
+from tjscan.towing.standstill import Patience, StandingVehicles, Waiting
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings
 from tjscan.towing.team_poses import TeamEstimate, TeamPoses
-from tjscan.towing.waiting import Patience, Waiting
 from tjscan.vehicle.localisation import Localisation, VehiclePose
-from tjscan.vehicle.vehicle import REST, Twist, VehicleState
+from tjscan.vehicle.vehicle import REST, Twist, Vehicle, VehicleState
 
-PERIOD: Final = 0.1
+PLAN_PERIOD: Final = 0.1
 """Seconds between plans."""
 
-LOOKS: Final = 2
+LOOKS_PER_PLAN: Final = 2
 """From one plan to the next: a localisation sees the vehicles more often than that."""
 
-KNOWN: Final = 0.15e-3
+START_POSE_SIGMA: Final = 0.15e-3
 """Metres to which the poses of vehicles that stand are to be known before they drive."""
 
-LONGEST_LOOK: Final = 10.0
+LONGEST_START_LOOK: Final = 10.0
 """Seconds that this may take; then they drive as well as they are known."""
 
 AT_START: Final = 0.05
@@ -46,6 +44,24 @@ AT_START: Final = 0.05
 
 NEAR_START: Final = 0.3
 """The same of a towing vehicle and its place in the first shape: it is led there."""
+
+
+class Team(Protocol):
+    """The vehicles, the welder last, whose states come together."""
+
+    @property
+    def vehicles(self) -> Sequence[Vehicle]:
+        """All of them, connected."""
+        ...
+
+    @property
+    def time(self) -> float:
+        """Seconds on the team's clock: simulated time, or this computer's."""
+        ...
+
+    def advance_to(self, time: float) -> Sequence[VehicleState | VehicleFault]:
+        """Wait until a time, and return each vehicle's newest state, or what is wrong with it."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +98,7 @@ class CableTow:
         Connected.
     setting : TowSetting
     planner : ShapePlanner
-    journal : TowJournal
+    journal : Journal
     """
 
     def __init__(
@@ -91,26 +107,25 @@ class CableTow:
         localisation: Localisation,
         setting: TowSetting,
         planner: ShapePlanner,
-        journal: TowJournal,
+        journal: Journal,
     ) -> None:
         self._team, self._localisation = vehicles, localisation
         self._setting, self._planner, self._journal = setting, planner, journal
         team, count = setting.team, len(setting.team.held_links)
-        self._poses = TeamPoses(
-            setting.cable, team, setting.localisation, self._journal.record_event
-        )
+        record_event = event_recorder(journal)
+        self._poses = TeamPoses(setting.cable, team, setting.localisation, record_event)
         turn = team.top_speed / team.body_radius
         self._followers = [
             PoseFollower(setting.following, team.top_speed, turn) for _ in range(count)
         ]
-        self._standing = StandingVehicles(setting.cable, team, self._journal.record_event)
-        self._patience = Patience(setting.following.patience, self._journal.record_event)
-        self._along = self._due = 0.0
-        self._stood = 0.0
+        self._standing = StandingVehicles(setting.cable, team, record_event)
+        self._patience = Patience(setting.following.patience, record_event)
+        self._along = self._stood = self._due = self._began = 0.0
         self._last: TowingPlan | None = None
         self._targets: Array | None = None
         self._asked: list[Twist] = [REST] * count
         self._states: Sequence[VehicleState | VehicleFault] = ()
+        self._measured: Sequence[VehiclePose | None] = ()
         self._shapeless = False
 
     def run(self, along: float = 0.0, last: TowingPlan | None = None, stood: float = 0.0) -> None:
@@ -137,11 +152,11 @@ class CableTow:
         with self._stopped_by_errors():
             self._due = self._team.time
             estimate = self._wait_for_poses()
-            self._journal.record_event("start", f"{1e3 * along:.0f} mm along the seam")
+            self._journal.record(RunEvent("start", f"{1e3 * along:.0f} mm along the seam"))
             while not self._finished:
                 self._cycle(estimate)
                 estimate = self._see()
-            self._journal.record_event(WELDED, f"{1e3 * self._along:.0f} mm of seam")
+            self._journal.record(RunEvent(WELDED_EVENT, f"{1e3 * self._along:.0f} mm of seam"))
 
     @property
     def _finished(self) -> bool:
@@ -157,13 +172,13 @@ class CableTow:
             self._stop()
             interrupted = isinstance(error, KeyboardInterrupt)
             reason = "interrupted" if interrupted else str(error) or type(error).__name__
-            self._journal.record_event("stop", reason)
+            self._journal.record(RunEvent("stop", reason))
             raise
         self._stop()
 
     def _wait_for_poses(self) -> TeamEstimate:
         """Stand until every vehicle's pose is known, and see that the welder is at its seam."""
-        limit = self._team.time + max(self._setting.localisation.lost, 5 * PERIOD)
+        limit = self._team.time + max(self._setting.localisation.lost, 5 * PLAN_PERIOD)
         estimate = self._see()
         while self._poses.unknown and self._team.time < limit:
             estimate = self._see()
@@ -173,8 +188,8 @@ class CableTow:
                 f"no pose of vehicle {numbers} came within "
                 f"{self._setting.localisation.lost:g} s. See that the localisation is running."
             )
-        limit = self._team.time + LONGEST_LOOK
-        while estimate.sigmas[:, 0].max() > KNOWN and self._team.time < limit:
+        limit = self._team.time + LONGEST_START_LOOK
+        while estimate.sigmas[:, 0].max() > START_POSE_SIGMA and self._team.time < limit:
             estimate = self._see()
         places = estimate.poses.copy() if self._last is None else self._last.held_poses.copy()
         places[-1] = self._setting.seam.pose_at(self._along)
@@ -191,11 +206,11 @@ class CableTow:
 
     def _see(self) -> TeamEstimate:
         """Let a period pass with the vehicles driving as told, and take in what was measured."""
-        due, begun = self._due + PERIOD, self._due
-        self._measured: Sequence[VehiclePose | None] = [None] * len(self._followers)
-        for look in range(1, LOOKS + 1):
+        due, begun = self._due + PLAN_PERIOD, self._due
+        self._measured = [None] * len(self._followers)
+        for look in range(1, LOOKS_PER_PLAN + 1):
             before = self._team.time
-            self._states = self._team.advance_to(begun + look * PERIOD / LOOKS)
+            self._states = self._team.advance_to(begun + look * PLAN_PERIOD / LOOKS_PER_PLAN)
             measured, now = self._localisation.read(), self._team.time
             odometry = [
                 state.odometry if isinstance(state, VehicleState) else REST
@@ -206,13 +221,13 @@ class CableTow:
                 old if new is None else new
                 for old, new in zip(self._measured, measured, strict=True)
             ]
-        self._due = due if now < due + PERIOD else now  # what was missed is not made up for
+        self._due = due if now < due + PLAN_PERIOD else now  # what was missed is not made up for
         return estimate
 
     def _cycle(self, estimate: TeamEstimate) -> None:
         """Plan, and tell the vehicles where to go."""
         now = self._team.time
-        self._standing.update(now, PERIOD, self._states, self._asked, estimate)
+        self._standing.update(now, PLAN_PERIOD, self._states, self._asked, estimate)
         waiting, pace = self._reason_to_wait(estimate), self._standing.pace(estimate.poses)
         pace = allowed = 0.0 if waiting else pace
         obstacles = self._setting.obstacles(now)
@@ -225,54 +240,57 @@ class CableTow:
             waiting = Waiting("one step on, the cable has no shape within its limits")
         self._shapeless = bool(plan.halt) or (pace == 0 and allowed > 0)
         self._patience.update(now, waiting, self._along)
-        step = pace * self._setting.seam.settings.speed * PERIOD
+        step = pace * self._setting.seam.settings.speed * PLAN_PERIOD
         along = min(self._along + step, self._setting.seam.length)
         targets = self._send(estimate, plan, along)
-        self._journal.record_cycle(
+        self._journal.record(
             TowCycle(
-                now,
-                along,
-                pace,
-                _seen(self._measured),
-                estimate.poses,
-                estimate.sigmas,
-                targets,
-                np.array([(t.speed, t.turn_rate, t.sideways) for t in self._asked]),
-                np.array([(d.x, d.y, d.radius, *d.velocity) for d in obstacles]).reshape(-1, 5),
-                plan,
-                seconds,
-                host.process_time() - self._began,
-                "" if waiting is None else waiting.why,
-                self._standing.stopped,
+                time=now,
+                along=along,
+                pace=pace,
+                seen=_seen(self._measured),
+                poses=estimate.poses,
+                sigmas=estimate.sigmas,
+                targets=targets,
+                asked=np.array([(t.speed, t.turn_rate, t.sideways) for t in self._asked]),
+                obstacles=np.array([(d.x, d.y, d.radius, *d.velocity) for d in obstacles]).reshape(
+                    -1, 5
+                ),
+                plan=plan,
+                seconds=seconds,
+                host=host.process_time() - self._began,
+                wait="" if waiting is None else waiting.why,
+                stopped=self._standing.stopped,
             )
         )
         self._along, self._targets = along, targets
-        self._stood += PERIOD if pace else 0.0
+        self._stood += PLAN_PERIOD if pace else 0.0
         if not plan.halt:
             self._last = plan
 
     def _plan(
         self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle], pace: float
     ) -> tuple[TowingPlan, float]:
-        """The plan for one step on, or for where the welder stands; and its pace.
-
-        Where there was no shape one step on, the welder goes on once there is one so far on that
-        noise of the poses cannot take it away again.
-        """
-        step = pace * self._setting.seam.settings.speed * PERIOD
-        steps = [step, 0.0] if pace else [0.0]
-        noise = SIGMAS * float(estimate.sigmas[:, 0].max())
-        if (
-            self._shapeless
-            and noise > step > 0
-            and self._plan_ahead(estimate, obstacles, noise).halt
-        ):
-            steps = [0.0]
-        for ahead in steps:
-            plan = self._plan_ahead(estimate, obstacles, ahead)
+        """The plan for one step on, or for the welder's place if that has none; and its pace."""
+        step = pace * self._setting.seam.settings.speed * PLAN_PERIOD
+        if pace and self._may_go_on(estimate, obstacles, step):
+            plan = self._plan_ahead(estimate, obstacles, step)
             if not plan.halt:
-                return plan, pace if ahead else 0.0
-        return plan, 0.0
+                return plan, pace
+        return self._plan_ahead(estimate, obstacles, 0.0), 0.0
+
+    def _may_go_on(
+        self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle], step: float
+    ) -> bool:
+        """Whether the next step is worth a plan.
+
+        A welder that waited for a shape goes on only if there is one so far on that noise of the
+        poses cannot take it away again.
+        """
+        noise = OUTLIER_SIGMAS * float(estimate.sigmas[:, 0].max())
+        if not self._shapeless or noise <= step:
+            return True
+        return not self._plan_ahead(estimate, obstacles, noise).halt
 
     def _plan_ahead(
         self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle], ahead: float
@@ -281,7 +299,7 @@ class CableTow:
         return self._planner.plan(
             estimate.poses,
             self._setting.seam.pose_at(self._along + ahead),
-            dt=PERIOD,
+            dt=PLAN_PERIOD,
             last=self._last,
             obstacles=obstacles,
             stopped=self._standing.stopped,
@@ -302,7 +320,9 @@ class CableTow:
                 follower.reset()
                 targets[v], self._asked[v] = estimate.poses[v], REST
             else:
-                self._asked[v] = follower.follow(estimate.poses[v], before[v], targets[v], PERIOD)
+                self._asked[v] = follower.follow(
+                    estimate.poses[v], before[v], targets[v], PLAN_PERIOD
+                )
         self._command()
         return targets
 

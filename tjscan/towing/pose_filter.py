@@ -15,22 +15,22 @@ from tjscan.towing.following import velocity_from_twist, wrap_angle
 from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.vehicle import Twist
 
-SLIP: Final = 0.05
+SLIP_SHARE: Final = 0.05
 """Share of its way by which a vehicle's odometry may be wrong along it: wheels slip as they drive,
 wear, and climb what lies on the floor."""
 
-DRIFT: Final = 0.01
+SLIP_ANGLE: Final = 0.01
 """The same across its way, radians: the slip angle of wheels at a side force of a tenth of their
 load, more than the cable's. Their cornering stiffness is ten times the load at least (Pacejka,
 Tire and Vehicle Dynamics, 2012)."""
 
-WANDER: Final = (1e-4, 3e-4)
+ODOMETRY_NOISE: Final = (1e-4, 3e-4)
 """What odometry may miss without any way, metres and radians per square root of a second."""
 
-SIGMAS: Final = 5.0
+OUTLIER_SIGMAS: Final = 5.0
 """Standard deviations by which a pose that is true is off at most."""
 
-REMEMBERED: Final = 40
+KEPT_UPDATES: Final = 40
 """Updates that are kept, 2 s of them, so that a late pose meets the estimate of its own time."""
 
 SCATTER_FROM: Final = 30
@@ -106,7 +106,7 @@ class VehiclePoseFilter:
         self._longest_gap = longest_gap
         self._pose: Array | None = None
         self._covariance = np.diag(np.square(self._sigma))
-        self._trail: deque[tuple[float, Array]] = deque(maxlen=REMEMBERED)
+        self._trail: deque[tuple[float, Array]] = deque(maxlen=KEPT_UPDATES)
         self._taken = self._newest = -inf
         self._last: tuple[float, ...] = ()
         self._equal, self._way = 0, 0.0
@@ -184,9 +184,11 @@ class VehiclePoseFilter:
         way = hypot(step[0], step[1])
         self._way += way
         turned = np.array(((1.0, 0.0, -step[1]), (0.0, 1.0, step[0]), (0.0, 0.0, 1.0)))
-        across = (DRIFT * way) ** 2 + WANDER[0] ** 2 * period
-        doubt = np.diag((across, across, (SLIP * step[2]) ** 2 + WANDER[1] ** 2 * period))
-        doubt[:2, :2] += (SLIP**2 - DRIFT**2) * np.outer(step[:2], step[:2])
+        across = (SLIP_ANGLE * way) ** 2 + ODOMETRY_NOISE[0] ** 2 * period
+        doubt = np.diag(
+            (across, across, (SLIP_SHARE * step[2]) ** 2 + ODOMETRY_NOISE[1] ** 2 * period)
+        )
+        doubt[:2, :2] += (SLIP_SHARE**2 - SLIP_ANGLE**2) * np.outer(step[:2], step[:2])
         self._covariance = turned @ self._covariance @ turned.T + doubt
         if self._denied is not None:
             self._denied = self._denied + step
@@ -207,7 +209,7 @@ class VehiclePoseFilter:
         off[2] = wrap_angle(off[2])
         gap = min(time - self._taken, self._longest_gap)
         noise = np.diag(np.square(self._sigma))
-        spread = SIGMAS * np.sqrt(np.diag(noise + self._covariance))
+        spread = OUTLIER_SIGMAS * np.sqrt(np.diag(noise + self._covariance))
         reach = self._top * gap + spread
         if hypot(off[0], off[1]) > reach[0] or abs(off[2]) > reach[2]:
             self._refused, self._denied = "jumped", self._pose + off
@@ -219,7 +221,7 @@ class VehiclePoseFilter:
             gain = self._covariance @ np.linalg.inv(self._covariance + noise)
             off, self._covariance = gain @ off, gain @ noise
         self._pose = self._pose + off
-        self._trail = deque(((t, p + off) for t, p in self._trail), maxlen=REMEMBERED)
+        self._trail = deque(((t, p + off) for t, p in self._trail), maxlen=KEPT_UPDATES)
         self._taken, self._refused, self._denied = time, "", None
 
     def _learn_scatter(self, found: Array, time: float) -> None:
@@ -251,4 +253,4 @@ class VehiclePoseFilter:
             self._equal += 1
         else:
             self._last, self._equal, self._way = tuple(found), 0, 0.0
-        return self._equal >= SAME_POSES and self._way > SIGMAS * self._sigma[0]
+        return self._equal >= SAME_POSES and self._way > OUTLIER_SIGMAS * self._sigma[0]

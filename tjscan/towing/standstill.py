@@ -1,46 +1,144 @@
-"""Notice a vehicle that stands although it is told to drive."""
+"""Vehicles that do not drive though they should, and why and how long the welder waits."""
 
 from __future__ import annotations
 
+import re
 from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import hypot, log
 from typing import Final
 
 import numpy as np
 
+from tjscan.core.errors import TowHalted, VehicleFault, VehicleLinkLost
 from tjscan.core.frames import Array
+from tjscan.towing.following import velocity_from_twist
+from tjscan.towing.shape.cable import Cable, TowingTeam
+from tjscan.towing.shape.plan import TowingPlan
+from tjscan.towing.team_poses import TeamEstimate
+from tjscan.vehicle.vehicle import Twist, VehicleState
 
-WINDOW: Final = 3.0
-"""Seconds that are looked at, at least: what a vehicle lags behind its orders is little of them."""
+LEAST_WINDOW: Final = 3.0
+"""Seconds of motion that are judged, at least: the lag of a vehicle is short against them."""
 
-LONGEST: Final = 30.0
-"""The same at most, where much of it is needed to tell standing from noise."""
+LONGEST_WINDOW: Final = 30.0
+"""The same at most, when much of it is needed to tell a standstill from noise."""
 
-ASKED: Final = 0.02
-"""Metres that a vehicle must have been told to go before its standing says anything."""
+LEAST_WAY: Final = 0.02
+"""Metres that a vehicle must have been commanded to go before its standstill means anything."""
 
-SHARE: Final = 0.6
-"""Share of what was asked that a vehicle goes at least, if it drives: its wheels slip."""
+DRIVEN_SHARE: Final = 0.6
+"""Share of the commanded way that a vehicle goes at least, if it drives: its wheels slip."""
 
 ERROR_RATE: Final = 1e-6
-"""With which a look takes a vehicle that drives for one that stands, at most."""
+"""Probability at most with which a check takes a driving vehicle for one at a standstill."""
 
-CERTAIN: Final = log(1 / ERROR_RATE)
+DECIDING_EVIDENCE: Final = log(1 / ERROR_RATE)
 
-EXPECTED: Final = 2.0
+EXPECTED_RATIO: Final = 2.0
 """Evidence to be expected in a window, over what is needed: it is found in spite of noise."""
 
-RETRY: Final = 10.0
-"""Seconds after which a vehicle that stood is told to drive again; twice as long after each
+FIRST_RETRY: Final = 10.0
+"""Seconds after which a stopped vehicle is commanded to drive again; twice as long after each
 time that it did not."""
+
+TAUT_SHARE: Final = 0.98
+"""Chord of a piece of cable beside a stopped vehicle, as share of its length, at which the
+welder waits."""
+
+SLACK_SHARE: Final = 0.95
+"""The same from which on it goes slower, and below which it goes on after it waited: what noise of
+the poses changes is less than the way between the two."""
+
+BENT_SHARE: Final = 0.9
+"""Share of the joints' limit to which the cable beside a stopped vehicle may be planned to bend
+before the welder waits: pulled from its other end, it bends more than planned at the vehicle."""
+
+EASED_SHARE: Final = 0.85
+"""The same below which the welder goes on after it waited."""
+
+LEAST_PACE: Final = 0.1
+"""Share of its speed with which it goes on until it waits: ever slower, it would never arrive."""
+
+FIGURE_WITH_UNIT: Final = re.compile(r"\d+(\.\d+)?(?= (mm|s|m/min)\b|°)")
+"""A figure with its unit: where only such differ, nothing new is to be said."""
+
+
+@dataclass(frozen=True, slots=True)
+class Waiting:
+    """Why the welder waits.
+
+    Parameters
+    ----------
+    why : str
+        In a sentence without its full stop.
+    device : bool
+        Whether a vehicle or the link to it is to blame.
+    """
+
+    why: str
+    device: bool = False
+
+
+class Patience:
+    """Reports that the welder waits, and that it goes on; gives up when it has waited for too long.
+
+    Parameters
+    ----------
+    seconds : float
+        For which it may wait.
+    report : callable
+        Receives events: a name and a sentence.
+    """
+
+    def __init__(self, seconds: float, report: Callable[[str, str], None]) -> None:
+        self._seconds, self._report = seconds, report
+        self._said: set[str] = set()
+        self._since = 0.0
+
+    def update(self, now: float, waiting: Waiting | None, along: float) -> None:
+        """Take in whether the welder waits.
+
+        Parameters
+        ----------
+        now : float
+            Seconds.
+        waiting : Waiting or None
+            Why it waits, if it does.
+        along : float
+            Where along its seam, metres.
+
+        Raises
+        ------
+        TowHalted
+            If it waited for too long.
+        VehicleFault
+            The same, where a vehicle or the link to it is to blame.
+        """
+        if waiting is None:
+            if self._said:
+                self._report("goes on", f"after {now - self._since:.1f} s")
+            self._said.clear()
+            return
+        if not self._said:
+            self._since = now
+        if (words := FIGURE_WITH_UNIT.sub("", waiting.why)) not in self._said:
+            self._report("waits", waiting.why)
+            self._said.add(words)
+        if now - self._since > self._seconds:
+            sentence = (
+                f"{waiting.why}. The weld is halted {1e3 * along:.0f} mm along the seam; "
+                "when the way is clear, go on with tjscan tow run --resume DIR"
+            )
+            raise VehicleFault(sentence) if waiting.device else TowHalted(sentence)
 
 
 class StandstillCheck:
-    """Whether one vehicle stands for good; without a fault of its own it is tried again.
+    """Whether one vehicle is at a standstill; without a fault of its own it is tried again.
 
-    Two hypotheses are held against each other: it goes `SHARE` of the way that it is told to go,
-    and it goes none. What is seen of its way is off by the noise of the two poses at its ends. The
+    Two hypotheses are compared: it goes `DRIVEN_SHARE` of the way that it is commanded to go, and
+    it goes none. Its measured way is off by the noise of the two poses at its ends. The
     logarithm of the likelihoods' ratio decides once it passes log(1 / `ERROR_RATE`): the other
     hypothesis then gives such a ratio no oftener than that (Wald, Sequential analysis, 1947, 3.2).
     The window is as long as it takes until either is to be expected to pass it by far.
@@ -49,7 +147,7 @@ class StandstillCheck:
     def __init__(self) -> None:
         self._way: deque[_Seen] = deque()
         self._since: float | None = None
-        self._retry = RETRY
+        self._retry = FIRST_RETRY
         self._doubted = self._faulty = False
 
     @property
@@ -90,15 +188,15 @@ class StandstillCheck:
             self._way.clear()
         total = asked + (self._way[-1].asked if self._way else 0.0)
         self._way.append(_Seen(time, pose[:2], total, sigma))
-        while self._is_enough_from(1) or time - self._way[0].time > LONGEST:
+        while self._is_enough_from(1) or time - self._way[0].time > LONGEST_WINDOW:
             self._way.popleft()
         if not self._is_enough_from(0):
             return False
         evidence = self._evidence()
-        if evidence > CERTAIN:
+        if evidence > DECIDING_EVIDENCE:
             self._doubted, self._since = True, time
-        elif evidence < -CERTAIN:
-            self._doubted, self._retry = False, RETRY
+        elif evidence < -DECIDING_EVIDENCE:
+            self._doubted, self._retry = False, FIRST_RETRY
         return self._since is not None
 
     def _is_enough_from(self, k: int) -> bool:
@@ -109,15 +207,15 @@ class StandstillCheck:
         asked = hypot(*(end.asked - begin.asked))
         noise = hypot(begin.sigma, end.sigma)
         return (
-            end.time - begin.time >= WINDOW
-            and asked > ASKED
-            and (SHARE * asked / noise) ** 2 / 2 >= EXPECTED * CERTAIN
+            end.time - begin.time >= LEAST_WINDOW
+            and asked > LEAST_WAY
+            and (DRIVEN_SHARE * asked / noise) ** 2 / 2 >= EXPECTED_RATIO * DECIDING_EVIDENCE
         )
 
     def _evidence(self) -> float:
         """Logarithm of the likelihoods' ratio, standing over driving."""
         begin, end = self._way[0], self._way[-1]
-        driven, moved = SHARE * (end.asked - begin.asked), end.place - begin.place
+        driven, moved = DRIVEN_SHARE * (end.asked - begin.asked), end.place - begin.place
         off, still = np.sum((moved - driven) ** 2), np.sum(moved**2)
         return float((off - still) / (2 * (begin.sigma**2 + end.sigma**2)))
 
@@ -130,3 +228,115 @@ class _Seen:
     place: Array
     asked: Array
     sigma: float
+
+
+class StandingVehicles:
+    """Notices vehicles that stand, and what that means for the weld.
+
+    Parameters
+    ----------
+    cable : Cable
+    team : TowingTeam
+    report : callable
+        Receives events: a name and a sentence.
+
+    Attributes
+    ----------
+    stopped : tuple of int
+        Those that stand for good.
+    """
+
+    def __init__(self, cable: Cable, team: TowingTeam, report: Callable[[str, str], None]) -> None:
+        self._cable, self._team, self._report = cable, team, report
+        self._checks = [StandstillCheck() for _ in team.held_links]
+        self._states: Sequence[VehicleState | VehicleFault] = ()
+        self._doubted: tuple[int, ...] = ()  # those that stand, and those not seen to drive since
+        self._taut = self._bent = False
+        self.stopped: tuple[int, ...] = ()
+
+    def update(
+        self,
+        now: float,
+        period: float,
+        states: Sequence[VehicleState | VehicleFault],
+        asked: Sequence[Twist],
+        estimate: TeamEstimate,
+    ) -> None:
+        """Take in what the vehicles did in a period with the twists that they were asked for."""
+        stopped, doubted = [], []
+        for v, (state, check) in enumerate(zip(states, self._checks, strict=True)):
+            fault = isinstance(state, VehicleFault) or bool(state.fault)
+            pose = estimate.poses[v]
+            way = period * velocity_from_twist(asked[v], pose[2])[:2]
+            if check.update(now, pose, way, sigma=estimate.sigmas[v, 0], fault=fault):
+                stopped.append(v)
+                if v not in self._doubted and not isinstance(state, VehicleLinkLost):
+                    why = _fault_of(state) or "it is told to drive, and does not move"
+                    self._report("stands", f"vehicle {v + 1}: {why}")
+            if check.doubted:
+                doubted.append(v)
+        for v in sorted(set(self._doubted) - set(doubted)):
+            self._report("drives again", f"vehicle {v + 1}")
+        self._states, self.stopped, self._doubted = states, tuple(stopped), tuple(doubted)
+
+    def reason_to_wait(self, poses: Array, last: TowingPlan | None) -> Waiting | None:
+        """Why the welder must wait for those that stand.
+
+        Parameters
+        ----------
+        poses : ndarray, shape (vehicles, 3)
+            Estimated.
+        last : TowingPlan or None
+            That was sent last.
+        """
+        welder = self._team.welder
+        if welder in self.stopped:
+            why = _fault_of(self._states[welder]) or "it does not move"
+            return Waiting(f"the welder stands: {why}", device=True)
+        share, standing = self._tautest(poses)
+        self._taut = share >= (SLACK_SHARE if self._taut else TAUT_SHARE)
+        if self._taut:
+            return Waiting(
+                f"vehicle {standing + 1} stands, and the cable beside it is taut", device=True
+            )
+        share, standing = (0.0, 0) if last is None else self._most_bent(last)
+        self._bent = share >= (EASED_SHARE if self._bent else BENT_SHARE)
+        if self._bent:
+            return Waiting(
+                f"vehicle {standing + 1} stands, and the cable beside it nears its limit of bend",
+                device=True,
+            )
+        return None
+
+    def pace(self, poses: Array) -> float:
+        """Share of the welding speed that the pieces of cable beside them allow."""
+        share, _ = self._tautest(poses)
+        return float(np.clip((TAUT_SHARE - share) / (TAUT_SHARE - SLACK_SHARE), LEAST_PACE, 1.0))
+
+    def _tautest(self, poses: Array) -> tuple[float, int]:
+        """Largest chord of a piece beside a standing vehicle, over its length, and which one."""
+        held = np.array(self._team.held_links)
+        lengths = self._cable.link_length * np.diff(held, prepend=-1)
+        steps = np.diff(np.vstack((self._cable.root[:2], poses[:, :2])), axis=0)
+        shares = np.hypot(steps[:, 0], steps[:, 1]) / lengths
+        beside = [(float(shares[k]), v) for v in self._doubted for k in (v, v + 1) if k < len(held)]
+        return max(beside, default=(0.0, 0))
+
+    def _most_bent(self, last: TowingPlan) -> tuple[float, int]:
+        """Largest joint angle beside a standing vehicle, over its limit, and which one.
+
+        As planned or as estimated, whichever is larger.
+        """
+        ends = (0, *(link + 1 for link in self._team.held_links))
+        angles = np.maximum(np.abs(last.angles), np.abs(last.estimate)) / self._cable.joint_limit
+        return max(
+            (
+                (float(angles[ends[v] : ends[min(v + 2, len(ends) - 1)]].max()), v)
+                for v in self._doubted
+            ),
+            default=(0.0, 0),
+        )
+
+
+def _fault_of(state: VehicleState | VehicleFault) -> str:
+    return state.fault if isinstance(state, VehicleState) else str(state)

@@ -9,9 +9,8 @@ from math import hypot
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.towing.pose_filter import SIGMAS, PoseEstimate, VehiclePoseFilter
-from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.team import TowingTeam
+from tjscan.towing.pose_filter import OUTLIER_SIGMAS, PoseEstimate, VehiclePoseFilter
+from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.tables import LocalisationSettings
 from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.vehicle import Twist
@@ -127,7 +126,7 @@ class TeamPoses:
 
     def _can_be(self, poses: Array) -> bool:
         """Whether the cable reaches from each vehicle to the next, and no bodies overlap."""
-        doubt = SIGMAS * self._settings.position_sigma
+        doubt = OUTLIER_SIGMAS * self._settings.position_sigma
         places = np.vstack((self._cable.root[:2], poses[:, :2]))
         lengths = self._cable.link_length * np.diff(self._team.held_links, prepend=-1)
         steps = np.diff(places, axis=0)

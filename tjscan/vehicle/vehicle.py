@@ -9,6 +9,7 @@ from statistics import fmean
 from types import TracebackType
 from typing import Final, Protocol, Self
 
+from tjscan.core.array_fields import FloatOrNan
 from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.errors import VehicleFault
 
@@ -66,7 +67,7 @@ class VehicleState:
     time: float
     odometry: Twist
     torques: tuple[float, ...] = ()
-    proximity: tuple[float, ...] = ()
+    proximity: tuple[FloatOrNan, ...] = ()
     fault: str = ""
 
 

@@ -16,7 +16,7 @@ STEP_MM: Final = 0.005
 X_OFFSET_MM: Final = -STEP_MM * 32_768
 """x of raw number 0; z of raw number 0 is 0, which stands for a missing point."""
 
-INVALID: Final = 0
+INVALID_RAW: Final = 0
 
 RAW_X: Final = (0.0, 65_535.0)
 RAW_Z: Final = (1.0, 65_535.0)
@@ -37,7 +37,7 @@ def encode_profile(profile: Profile, layout: CoordinateFormat) -> bytes:
     rounded = np.round(table) if layout.dtype == "<u2" else table
     with np.errstate(invalid="ignore"):
         good = np.all((rounded >= 0) & (rounded <= limit) & np.isfinite(table), axis=1)
-    return np.where(np.asarray(good)[:, None], rounded, INVALID).astype(layout.dtype).tobytes()
+    return np.where(np.asarray(good)[:, None], rounded, INVALID_RAW).astype(layout.dtype).tobytes()
 
 
 def _at_even_spacing(x: Array, z: Array) -> Array:

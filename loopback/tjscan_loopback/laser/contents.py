@@ -10,7 +10,7 @@ from tjscan.core.version import PROGRAM_VERSION
 from tjscan.laser.scan3d import COORDINATE_FORMATS, CoordinateFormat
 from tjscan_loopback.laser import description as features
 from tjscan_loopback.laser.coding import (
-    INVALID,
+    INVALID_RAW,
     RAW_X,
     RAW_Z,
     STEP_MM,
@@ -21,12 +21,12 @@ from tjscan_loopback.laser.coding import (
 from tjscan_loopback.laser.faults import LaserFaultOrder
 from tjscan_loopback.laser.memory import Memory
 
-VENDOR: Final = "tjscan"
-MODEL: Final = "laser-loopback"
+VENDOR_NAME: Final = "tjscan"
+MODEL_NAME: Final = "laser-loopback"
 
 MOST_ROWS: Final = 64
 
-_FORMATS: Final = {form.code: form for form in COORDINATE_FORMATS.values()}
+_FORMATS_BY_CODE: Final = {form.code: form for form in COORDINATE_FORMATS.values()}
 
 
 def initial_memory(
@@ -45,8 +45,8 @@ def initial_memory(
     """
     memory = Memory(
         host,
-        vendor=VENDOR,
-        model=MODEL,
+        vendor=VENDOR_NAME,
+        model=MODEL_NAME,
         version=PROGRAM_VERSION,
         serial=serial,
         description=features.description(
@@ -67,14 +67,16 @@ def initial_memory(
     for address, number in ((features.EXPOSURE, 1000.0), (features.RATE, 100.0)):
         memory.put(address, pack(">d", number))
     unit = "Pixel" if LaserFaultOrder.UNIT_PIXEL in faults else "Millimeter"
-    memory.set(features.UNIT, features.UNITS[unit])
+    memory.set(features.UNIT, features.DISTANCE_UNITS[unit])
     state_scales(memory)
     return memory
 
 
 def format_of(memory: Memory) -> CoordinateFormat:
     """The pixel format that is set."""
-    return _FORMATS.get(memory.get(features.PIXEL_FORMAT), COORDINATE_FORMATS["Coord3D_AC16"])
+    return _FORMATS_BY_CODE.get(
+        memory.get(features.PIXEL_FORMAT), COORDINATE_FORMATS["Coord3D_AC16"]
+    )
 
 
 def rows_of(memory: Memory) -> int:
@@ -95,4 +97,4 @@ def state_scales(memory: Memory) -> None:
         places = (features.SCALE, features.OFFSET, features.LOW, features.HIGH)
         for address, number in zip(places, numbers, strict=True):
             memory.put(address + 8 * i, pack(">d", number))
-        memory.put(features.INVALID + 8 * i, pack(">d", float(INVALID)))
+        memory.put(features.INVALID + 8 * i, pack(">d", float(INVALID_RAW)))

@@ -12,23 +12,25 @@ from typing import Final
 from tjscan.core.version import PROGRAM_VERSION
 from tjscan.laser.scan3d import COORDINATE_FORMATS
 from tjscan_loopback.laser.gvsp import IMAGE_CHUNK
-from tjscan_loopback.laser.memory import OWN, TIME_CONTROL, TIME_HIGH
+from tjscan_loopback.laser.memory import OWN_REGISTERS, TIME_CONTROL, TIME_HIGH
 
-START, STOP, MODE = OWN, OWN + 0x04, OWN + 0x08
-TRIGGER_SELECTOR, TRIGGER_MODE, TRIGGER_SOURCE = OWN + 0x0C, OWN + 0x10, OWN + 0x14
-TRIGGER, PIXEL_FORMAT, WIDTH, HEIGHT = OWN + 0x18, OWN + 0x1C, OWN + 0x20, OWN + 0x24
-EXPOSURE, RATE = OWN + 0x28, OWN + 0x30
-SCAN_TYPE, PAYLOAD_SIZE = OWN + 0x38, OWN + 0x3C
-CHUNK_MODE, CHUNK_SELECTOR, CHUNK_ENABLE = OWN + 0x40, OWN + 0x44, OWN + 0x48
-COORDINATE, UNIT, OUTPUT_MODE, INVALID_FLAG = OWN + 0x50, OWN + 0x54, OWN + 0x58, OWN + 0x5C
-SCALE, OFFSET, INVALID, LOW, HIGH = (OWN + 0x100 + 0x20 * i for i in range(5))
+START, STOP, MODE = (OWN_REGISTERS + at for at in (0x00, 0x04, 0x08))
+TRIGGER_SELECTOR, TRIGGER_MODE, TRIGGER_SOURCE = (OWN_REGISTERS + at for at in (0x0C, 0x10, 0x14))
+TRIGGER, PIXEL_FORMAT, WIDTH, HEIGHT = (OWN_REGISTERS + at for at in (0x18, 0x1C, 0x20, 0x24))
+EXPOSURE, RATE = OWN_REGISTERS + 0x28, OWN_REGISTERS + 0x30
+SCAN_TYPE, PAYLOAD_SIZE = OWN_REGISTERS + 0x38, OWN_REGISTERS + 0x3C
+CHUNK_MODE, CHUNK_SELECTOR, CHUNK_ENABLE = (OWN_REGISTERS + at for at in (0x40, 0x44, 0x48))
+COORDINATE, UNIT, OUTPUT_MODE, INVALID_FLAG = (
+    OWN_REGISTERS + at for at in (0x50, 0x54, 0x58, 0x5C)
+)
+SCALE, OFFSET, INVALID, LOW, HIGH = (OWN_REGISTERS + 0x100 + 0x20 * i for i in range(5))
 """Eight bytes for each of A, B and C."""
 
-UNITS: Final = {"Millimeter": 0, "Pixel": 2}
+DISTANCE_UNITS: Final = {"Millimeter": 0, "Pixel": 2}
 OUTPUT_MODES: Final = {"UncalibratedC": 0, "RectifiedC_Linescan": 7, "CalibratedAC_Linescan": 3}
 TRIGGER_SOURCES: Final = {"Software": 0, "Line0": 1}
 
-CHUNKS: Final = {"Image": IMAGE_CHUNK, "FrameID": 2, "Timestamp": 3, "EncoderValue": 4}
+CHUNK_NUMBERS: Final = {"Image": IMAGE_CHUNK, "FrameID": 2, "Timestamp": 3, "EncoderValue": 4}
 """Numbers of the chunks behind a block, in their order."""
 
 
@@ -75,16 +77,16 @@ def description(*, columns: int, most_rows: int, with_scan3d: bool = True) -> by
         ],
         "ChunkDataControl": [
             _boolean("ChunkModeActive", CHUNK_MODE),
-            _enumeration("ChunkSelector", CHUNK_SELECTOR, CHUNKS),
+            _enumeration("ChunkSelector", CHUNK_SELECTOR, CHUNK_NUMBERS),
             _boolean("ChunkEnable", CHUNK_ENABLE),
-            *(_chunk(f"Chunk{name}") for name in CHUNKS if name != "Image"),
+            *(_chunk(f"Chunk{name}") for name in CHUNK_NUMBERS if name != "Image"),
         ],
     }
     if with_scan3d:
         selected = {"CoordinateA": 0, "CoordinateB": 1, "CoordinateC": 2}
         groups["Scan3dControl"] = [
             _enumeration("Scan3dCoordinateSelector", COORDINATE, selected),
-            _enumeration("Scan3dDistanceUnit", UNIT, UNITS, access="RO"),
+            _enumeration("Scan3dDistanceUnit", UNIT, DISTANCE_UNITS, access="RO"),
             _enumeration("Scan3dOutputMode", OUTPUT_MODE, OUTPUT_MODES),
             _boolean("Scan3dInvalidDataFlag", INVALID_FLAG),
             _selected("Scan3dCoordinateScale", SCALE),
@@ -121,7 +123,7 @@ def _document(groups: Mapping[str, list[Feature]]) -> str:
         + '\n<Port Name="Device"/>\n'
         + "".join(
             f'<Port Name="Chunk{name}Port"><ChunkID>{number}</ChunkID></Port>\n'
-            for name, number in CHUNKS.items()
+            for name, number in CHUNK_NUMBERS.items()
             if name != "Image"
         )
         + "</RegisterDescription>\n"
@@ -136,12 +138,12 @@ def _register(address: int, size: int, access: str, more: str = "", port: str = 
 
 
 _BIG_ENDIAN: Final = "<Endianess>BigEndian</Endianess>"
-_UNSIGNED: Final = f"<Sign>Unsigned</Sign>{_BIG_ENDIAN}"
+_UNSIGNED_TAG: Final = f"<Sign>Unsigned</Sign>{_BIG_ENDIAN}"
 
 
 def _value_register(name: str, address: int, access: str, size: int = 4) -> str:
     register = _register(address, size, access)
-    return f'<IntReg Name="{name}Register">{register}{_UNSIGNED}</IntReg>'
+    return f'<IntReg Name="{name}Register">{register}{_UNSIGNED_TAG}</IntReg>'
 
 
 def _standard(kind: str, name: str, inner: str) -> str:
@@ -205,5 +207,5 @@ def _selected(name: str, address: int) -> Feature:
 
 def _chunk(name: str) -> Feature:
     register = _register(0, 8, "RO", port=f"{name}Port")
-    inner = f'<IntReg Name="{name}Register">{register}{_UNSIGNED}</IntReg>'
+    inner = f'<IntReg Name="{name}Register">{register}{_UNSIGNED_TAG}</IntReg>'
     return name, _standard("Integer", name, f"<pValue>{name}Register</pValue>") + inner

@@ -12,12 +12,12 @@ from enum import IntEnum
 from struct import Struct
 from typing import Final
 
-PORT: Final = 3956
+GVCP_PORT: Final = 3956
 
-HEADER: Final = Struct(">BBHHH")
-ACKNOWLEDGEMENT: Final = Struct(">HHHH")
+COMMAND_HEADER: Final = Struct(">BBHHH")
+REPLY_HEADER: Final = Struct(">HHHH")
 
-KEY: Final = 0x42
+COMMAND_KEY: Final = 0x42
 ASK_ACKNOWLEDGEMENT: Final = 0x01
 
 MOST_MEMORY: Final = 536
@@ -71,11 +71,11 @@ class GvcpCommand:
 
 def parse_command(datagram: bytes) -> GvcpCommand | None:
     """Parse a datagram; None where it is no command."""
-    if len(datagram) < HEADER.size:
+    if len(datagram) < COMMAND_HEADER.size:
         return None
-    key, flags, kind, length, number = HEADER.unpack_from(datagram)
-    payload = datagram[HEADER.size :]
-    if key != KEY or length != len(payload):
+    key, flags, kind, length, number = COMMAND_HEADER.unpack_from(datagram)
+    payload = datagram[COMMAND_HEADER.size :]
+    if key != COMMAND_KEY or length != len(payload):
         return None
     return GvcpCommand(kind, number, payload, bool(flags & ASK_ACKNOWLEDGEMENT))
 
@@ -84,5 +84,5 @@ def acknowledge(
     command: GvcpCommand, payload: bytes = b"", status: Status = Status.SUCCESS
 ) -> bytes:
     """Bytes of the acknowledgement of a command."""
-    header = ACKNOWLEDGEMENT.pack(status, command.kind + 1, len(payload), command.number)
+    header = REPLY_HEADER.pack(status, command.kind + 1, len(payload), command.number)
     return header + payload

@@ -12,22 +12,22 @@ from typing import Final
 
 from tjscan_loopback.laser.gvcp import Status
 
-PACKET: Final = Struct(">HHI")
+PACKET_HEADER: Final = Struct(">HHI")
 """Status, number of the block, and in one number the kind of packet and its number."""
 
-LEADER: Final = Struct(">HHQIIIIIHH")
-TRAILER: Final = Struct(">HHI")
-CHUNK: Final = Struct(">II")
+LEADER_FIELDS: Final = Struct(">HHQIIIIIHH")
+TRAILER_FIELDS: Final = Struct(">HHI")
+CHUNK_FIELDS: Final = Struct(">II")
 
 LEADER_PACKET, TRAILER_PACKET, DATA_PACKET = 1, 2, 3
 
 IMAGE_CHUNK: Final = 1
 """Number of the chunk that holds the points."""
 
-IMAGE: Final = 0x0001
+IMAGE_PAYLOAD: Final = 0x0001
 IMAGE_WITH_CHUNKS: Final = 0x4001
 
-OVERHEAD: Final = 20 + 8 + PACKET.size
+HEADER_BYTES: Final = 20 + 8 + PACKET_HEADER.size
 """Bytes of a packet's size that are headers: IP, UDP and the packet's own."""
 
 
@@ -69,8 +69,8 @@ def pack_block(block: StreamBlock, packet_size: int) -> list[bytes]:
     packet_size : int
         Largest IP packet in bytes, headers included.
     """
-    payload_type = IMAGE_WITH_CHUNKS if block.chunks else IMAGE
-    leader = LEADER.pack(
+    payload_type = IMAGE_WITH_CHUNKS if block.chunks else IMAGE_PAYLOAD
+    leader = LEADER_FIELDS.pack(
         0,
         payload_type,
         block.time,
@@ -84,23 +84,23 @@ def pack_block(block: StreamBlock, packet_size: int) -> list[bytes]:
     if block.chunks:
         # Read from the end: behind its content stand the number and length of each chunk.
         for number, content in ((IMAGE_CHUNK, b""), *block.chunks):
-            data += content + CHUNK.pack(number, len(content or block.data))
-    room = max(packet_size - OVERHEAD, 1)
+            data += content + CHUNK_FIELDS.pack(number, len(content or block.data))
+    room = max(packet_size - HEADER_BYTES, 1)
     pieces = [data[i : i + room] for i in range(0, len(data), room)]
-    trailer = TRAILER.pack(0, payload_type, block.height)
+    trailer = TRAILER_FIELDS.pack(0, payload_type, block.height)
     kinds = [LEADER_PACKET, *[DATA_PACKET] * len(pieces), TRAILER_PACKET]
     contents = [leader, *pieces, trailer]
     return [
-        PACKET.pack(Status.SUCCESS, block.number, kind << 24 | i) + content
+        PACKET_HEADER.pack(Status.SUCCESS, block.number, kind << 24 | i) + content
         for i, (kind, content) in enumerate(zip(kinds, contents, strict=True))
     ]
 
 
 def unavailable_packet(block: int, packet: int) -> bytes:
     """Packet in the place of one that is asked for again, and no longer there."""
-    return PACKET.pack(Status.PACKET_UNAVAILABLE, block, DATA_PACKET << 24 | packet)
+    return PACKET_HEADER.pack(Status.PACKET_UNAVAILABLE, block, DATA_PACKET << 24 | packet)
 
 
 def kind_of_packet(packet: bytes) -> int:
     """Whether it is a leader, a trailer or data; 0 where it is none of these."""
-    return packet[4] if len(packet) >= PACKET.size else 0
+    return packet[4] if len(packet) >= PACKET_HEADER.size else 0

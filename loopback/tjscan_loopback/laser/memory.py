@@ -8,7 +8,7 @@ from __future__ import annotations
 from ipaddress import IPv4Address
 from typing import Final
 
-SIZE: Final = 0xA400
+REGISTER_BYTES: Final = 0xA400
 """Bytes of registers; the description lies elsewhere."""
 
 DESCRIPTION_ADDRESS: Final = 0xC0000
@@ -24,7 +24,7 @@ INTERFACES, STREAMS = 0x0600, 0x0904
 CAPABILITIES, HEARTBEAT = 0x0934, 0x0938
 TICKS_HIGH, TICKS_LOW = 0x093C, 0x0940
 TIME_CONTROL, TIME_HIGH = 0x0944, 0x0948
-PRIVILEGE = 0x0A00
+CONTROL_PRIVILEGE = 0x0A00
 STREAM_PORT, STREAM_PACKET_SIZE = 0x0D00, 0x0D04
 STREAM_PACKET_DELAY, STREAM_DESTINATION = 0x0D08, 0x0D18
 
@@ -33,12 +33,12 @@ LATCH, CONTROL, TEST_PACKET = 1 << 1, 0b11, 1 << 7
 
 WRITABLE_BOOTSTRAP: Final = frozenset(
     (
-        *(HEARTBEAT, TIME_CONTROL, PRIVILEGE),
+        *(HEARTBEAT, TIME_CONTROL, CONTROL_PRIVILEGE),
         *(STREAM_PORT, STREAM_PACKET_SIZE, STREAM_PACKET_DELAY, STREAM_DESTINATION),
     )
 )
 
-OWN: Final = 0xA000
+OWN_REGISTERS: Final = 0xA000
 """Where the sensor's own registers begin."""
 
 DISCOVERY_SIZE: Final = 0xF8
@@ -47,7 +47,7 @@ DISCOVERY_SIZE: Final = 0xF8
 TICKS_PER_SECOND: Final = 1_000_000_000
 
 _WRITE_MEMORY, _PACKET_RESEND, _LONG_SERIAL = 1 << 1, 1 << 2, 1 << 30
-_SUBNET: Final = IPv4Address("255.0.0.0")
+_SUBNET_MASK: Final = IPv4Address("255.0.0.0")
 
 
 class Memory:
@@ -66,7 +66,7 @@ class Memory:
     def __init__(
         self, host: str, *, vendor: str, model: str, version: str, serial: str, description: bytes
     ) -> None:
-        self._registers = bytearray(SIZE)
+        self._registers = bytearray(REGISTER_BYTES)
         self._description = description
         self.set(VERSION, 0x0001_0002)
         self.set(DEVICE_MODE, 0x8000_0001)  # big-endian, UTF-8
@@ -76,7 +76,7 @@ class Memory:
         self.set(SUPPORTED_IP, 0x7)
         self.set(CURRENT_IP_MODE, 0x5)
         self.set(ADDRESS, int(address))
-        self.set(MASK, int(_SUBNET))
+        self.set(MASK, int(_SUBNET_MASK))
         for where, text, room in (
             (VENDOR, vendor, 32),
             (MODEL, model, 32),
@@ -107,7 +107,7 @@ class Memory:
 
     def read(self, address: int, count: int) -> bytes | None:
         """Bytes at an address; None where there are not as many."""
-        if 0 <= address <= SIZE - count:
+        if 0 <= address <= REGISTER_BYTES - count:
             return bytes(self._registers[address : address + count])
         start = address - DESCRIPTION_ADDRESS
         padded = self._description + bytes(-len(self._description) % 4)
@@ -117,5 +117,5 @@ class Memory:
 
     def may_write(self, address: int, count: int) -> bool:
         """Whether a client may write these bytes."""
-        own = address >= OWN and address + count <= SIZE
+        own = address >= OWN_REGISTERS and address + count <= REGISTER_BYTES
         return own or (count == 4 and address in WRITABLE_BOOTSTRAP)

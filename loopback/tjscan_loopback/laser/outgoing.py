@@ -21,7 +21,7 @@ KEPT_BLOCKS: Final = 8
 MOST_AGAIN: Final = 1024
 """Packets that one request brings again at most."""
 
-LATE: Final = 0.5
+LATE_DELAY: Final = 0.5
 """Seconds by which a late block comes late."""
 
 _LOST_BY: Final = {
@@ -65,7 +65,7 @@ class OutgoingPackets:
             packets = [packets[0], *self._dice.sample(packets[1:], len(packets) - 1)]
         if LaserFaultOrder.DUPLICATE in self._faults:
             packets = [packet for packet in packets for _ in range(2)]
-        due = now + (LATE if LaserFaultOrder.LATE in self._faults else 0.0)
+        due = now + (LATE_DELAY if LaserFaultOrder.LATE in self._faults else 0.0)
         for packet in packets:
             self.queue_packet(packet, due)
 

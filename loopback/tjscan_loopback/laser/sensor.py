@@ -29,24 +29,24 @@ from tjscan_loopback.laser.outgoing import OutgoingPackets
 
 Address = tuple[str, int]
 
-STALE: Final = 1.0
+STALE_AGE: Final = 1.0
 """Seconds between the exposure of a stale profile and its trigger."""
 
-REBOOT: Final = 0.5
+REBOOT_DURATION: Final = 0.5
 """Seconds for which a sensor that restarts answers nobody."""
 
-_ANOTHER: Final = ("127.255.255.254", 1)
+_OTHER_CONTROLLER: Final = ("127.255.255.254", 1)
 """Stands for another program that controls the sensor."""
 
-_DESCRIBED: Final = (
+_DESCRIPTION_FAULTS: Final = (
     LaserFaultOrder.UNIT_PIXEL,
     LaserFaultOrder.MISSING_FEATURES,
     LaserFaultOrder.CLEAR,
 )
 """Faults that change what the memory says."""
 
-_REGISTER: Final = Struct(">I")
-_MONO8: Final = 0x01080001
+_REGISTER_FORMAT: Final = Struct(">I")
+_MONO8_CODE: Final = 0x01080001
 
 
 @dataclass
@@ -94,13 +94,13 @@ class LoopbackSensor:
             self._release()
         elif order.fault is LaserFaultOrder.REBOOT:
             self.serial += "1"
-            self._off_until = now + REBOOT
+            self._off_until = now + REBOOT_DURATION
             self._release()
         else:
             self.faults[order.fault] = order
         if order.fault is LaserFaultOrder.TAKEN:
-            self._controller, self._acquiring = _ANOTHER, False
-        if order.fault in (*_DESCRIBED, LaserFaultOrder.REBOOT):
+            self._controller, self._acquiring = _OTHER_CONTROLLER, False
+        if order.fault in (*_DESCRIPTION_FAULTS, LaserFaultOrder.REBOOT):
             self._memory = initial_memory(self.host, self.serial, self.columns, self.faults)
 
     def answer(self, datagram: bytes, client: Address, now: float) -> bytes | None:
@@ -118,7 +118,7 @@ class LoopbackSensor:
 
     def packets_due(self, now: float) -> tuple[Address, list[bytes]]:
         """Where the stream goes, and the packets to send there now."""
-        if self._controller not in (None, _ANOTHER):
+        if self._controller not in (None, _OTHER_CONTROLLER):
             patience = 1e-3 * self._memory.get(registers.HEARTBEAT)
             if now - self._heard > patience:
                 self.tell("control lost: no heartbeat")
@@ -129,7 +129,9 @@ class LoopbackSensor:
             self._expose(now)
         due = self._packets.take_due(now)
         port = self._memory.get(registers.STREAM_PORT) & 0xFFFF
-        host = ".".join(map(str, _REGISTER.pack(self._memory.get(registers.STREAM_DESTINATION))))
+        host = ".".join(
+            map(str, _REGISTER_FORMAT.pack(self._memory.get(registers.STREAM_DESTINATION)))
+        )
         return (host, port), [] if self._is_dead(now) or not port else due
 
     def seconds_to_next(self, now: float) -> float | None:
@@ -154,7 +156,9 @@ class LoopbackSensor:
                 found = self._memory.read(0, registers.DISCOVERY_SIZE)
                 return acknowledge(command, found or b"")
             case Command.READREG:
-                values = [self._memory.read(at, 4) for (at,) in _REGISTER.iter_unpack(payload)]
+                values = [
+                    self._memory.read(at, 4) for (at,) in _REGISTER_FORMAT.iter_unpack(payload)
+                ]
                 known = [value for value in values if value is not None]
                 if not known or len(known) != len(values):
                     return acknowledge(command, status=Status.INVALID_ADDRESS)
@@ -189,7 +193,7 @@ class LoopbackSensor:
             return Status.WRITE_PROTECTED if known else Status.INVALID_ADDRESS
         if self._controller not in (None, client):
             return Status.ACCESS_DENIED
-        if address == registers.PRIVILEGE:
+        if address == registers.CONTROL_PRIVILEGE:
             self._change_control(data, client, now)
             return Status.SUCCESS
         if self._controller is None:
@@ -199,6 +203,10 @@ class LoopbackSensor:
                 self._memory.put(registers.TIME_HIGH, pack(">Q", _ticks(now)))
             return Status.SUCCESS
         self._memory.put(address, data)
+        self._act_on_feature(address, data, now)
+        return Status.SUCCESS
+
+    def _act_on_feature(self, address: int, data: bytes, now: float) -> None:
         if address == registers.STREAM_PACKET_SIZE and data[0] & registers.TEST_PACKET:
             self._packets.queue_packet(bytes(max(self._packet_size - 28, 8)), now)
         elif address == features.START:
@@ -214,14 +222,13 @@ class LoopbackSensor:
                 self._expose(now)
         elif address in (features.PIXEL_FORMAT, features.HEIGHT):
             state_scales(self._memory)
-        return Status.SUCCESS
 
     def _change_control(self, data: bytes, client: Address, now: float) -> None:
         wanted = bool(data[-1] & registers.CONTROL)
         if wanted and self._controller is None:
             self.tell(f"control taken by {client[0]}:{client[1]}")
             self._controller, self._heard = client, now
-            self._memory.put(registers.PRIVILEGE, data)
+            self._memory.put(registers.CONTROL_PRIVILEGE, data)
         elif not wanted:
             self._release()
 
@@ -230,7 +237,7 @@ class LoopbackSensor:
             self.tell("control given back")
         self._controller, self._acquiring = None, False
         self._packets.clear()
-        self._memory.set(registers.PRIVILEGE, 0)
+        self._memory.set(registers.CONTROL_PRIVILEGE, 0)
         self._memory.set(registers.STREAM_PORT, 0)
 
     @property
@@ -249,7 +256,7 @@ class LoopbackSensor:
             profile = Profile(nothing, nothing)
         before, exposed = self._before, (_ticks(now), rows * encode_profile(profile, layout))
         if LaserFaultOrder.STALE in self.faults:
-            before = before or (_ticks(now - STALE), exposed[1])
+            before = before or (_ticks(now - STALE_AGE), exposed[1])
             self._send(*before, now)
         else:
             if LaserFaultOrder.BUFFERED in self.faults and before is not None:
@@ -262,7 +269,7 @@ class LoopbackSensor:
         layout, rows = format_of(self._memory), rows_of(self._memory)
         wrong = LaserFaultOrder.WRONG_FORMAT in self.faults
         self._block = self._block % 0xFFFF + 1
-        numbers, chunks = features.CHUNKS, []
+        numbers, chunks = features.CHUNK_NUMBERS, []
         if self._memory.get(features.CHUNK_MODE):
             chunks = [
                 (numbers["FrameID"], pack(">Q", self._block)),
@@ -270,7 +277,13 @@ class LoopbackSensor:
                 (numbers["EncoderValue"], pack(">Q", self._block)),
             ]
         block = StreamBlock(
-            self._block, time, _MONO8 if wrong else layout.code, self.columns, rows, data, chunks
+            self._block,
+            time,
+            _MONO8_CODE if wrong else layout.code,
+            self.columns,
+            rows,
+            data,
+            chunks,
         )
         self._packets.queue_block(block.number, pack_block(block, self._packet_size), now)
 

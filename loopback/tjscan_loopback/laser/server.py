@@ -15,14 +15,14 @@ from typing import Final
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.signals import read_no_terminal_in_background
 from tjscan_loopback.laser.faults import parse_laser_fault
-from tjscan_loopback.laser.gvcp import PORT
+from tjscan_loopback.laser.gvcp import GVCP_PORT
 from tjscan_loopback.laser.sensor import LoopbackSensor
 from tjscan_loopback.process import check_is_loopback_address
 
 LOOK_PERIOD: Final = 0.02
 """Seconds between looks at stdin."""
 
-BROADCAST: Final = "255.255.255.255"
+BROADCAST_ADDRESS: Final = "255.255.255.255"
 LONGEST_DATAGRAM: Final = 65_536
 
 
@@ -110,12 +110,12 @@ def _listen(lines: SimpleQueue[str | None]) -> None:
 def _control_socket(host: str) -> socket.socket:
     control = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
-        control.bind((host, PORT))
+        control.bind((host, GVCP_PORT))
     except OSError as error:
         control.close()
         raise ConfigurationError(
-            f"port {PORT} of {host} can't be had: {error.strerror}. Each laser needs an address of "
-            "its own, for instance 127.0.0.4.",
+            f"port {GVCP_PORT} of {host} can't be had: {error.strerror}. Each laser needs an "
+            "address of its own, for instance 127.0.0.4.",
             key="host",
         ) from None
     return control
@@ -126,7 +126,7 @@ def _discovery_socket() -> socket.socket | None:
     heard = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         heard.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        heard.bind((BROADCAST, PORT))
+        heard.bind((BROADCAST_ADDRESS, GVCP_PORT))
     except OSError:
         heard.close()
         return None

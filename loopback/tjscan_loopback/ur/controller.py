@@ -19,7 +19,7 @@ from tjscan_loopback.ur.programs import ControllerPrograms
 from tjscan_loopback.ur.states import ProgramState, RobotPower, SafetyState
 from tjscan_loopback.ur.urscript.host import SpeedDrive
 from tjscan_loopback.ur.urscript.tokens import ScriptError
-from tjscan_loopback.ur.wire import REGISTERS, Value
+from tjscan_loopback.ur.wire import REGISTER_COUNT, Value
 
 FAST_TIME_FACTOR: Final = 25
 """A tick of a fast controller is worth as many ticks of motion."""
@@ -33,17 +33,28 @@ UNLOCK_DELAY: Final = 5.0
 LET_GO: Final = 10.0
 """rad/s² with which an arm comes to rest that nobody commands any more."""
 
-INSTANT: Final = 1e-6
+END_INTERVAL: Final = 1e-6
 """Seconds at the end of a motion, from which the speed there is taken."""
 
-PASSING: Final = 5e-5
+PASSING_SPEED: Final = 5e-5
 """rad/s of a joint at the end of a motion that does not end at rest."""
 
-REMEMBERED: Final = 1000
+REMEMBERED_TICKS: Final = 1000
 """Ticks for which joint angles are remembered."""
 
 OUTPUT_GROUPS: Final = {"standard": (0, 8), "configurable": (8, 8), "tool": (16, 2)}
 """First digital output of a group, and how many it has."""
+
+FAULT_FLAGS: Final = {
+    InjectedFault.DROP_LINK: ("dropping",),
+    InjectedFault.DROP_DASHBOARD: ("dropping_dashboard",),
+    InjectedFault.CLOSE_DASHBOARD: ("dropping_dashboard", "dashboard_closed"),
+    InjectedFault.FREEZE: ("frozen",),
+    InjectedFault.REFUSE_TARGETS: ("refusing",),
+    InjectedFault.MISS_TARGET: ("_missing",),
+    InjectedFault.REFUSE_STOP: ("deaf",),
+}
+"""Faults that a controller has until they are cleared, and its attributes that are true then."""
 
 
 class LoopbackController:
@@ -81,8 +92,8 @@ class LoopbackController:
         self.remote = True
         self.refusing = self.deaf = self.frozen = self.dropping = False
         self.dropping_dashboard = self.dashboard_closed = False
-        self.input_int, self.output_int = [0] * REGISTERS, [0] * REGISTERS
-        self.input_double, self.output_double = [0.0] * REGISTERS, [0.0] * REGISTERS
+        self.input_int, self.output_int = [0] * REGISTER_COUNT, [0] * REGISTER_COUNT
+        self.input_double, self.output_double = [0.0] * REGISTER_COUNT, [0.0] * REGISTER_COUNT
         self.q, self.speed = np.array(q, dtype=float), np.zeros(6)
         self._home = self.q.copy()
         self.tcp = np.zeros(6)
@@ -91,7 +102,7 @@ class LoopbackController:
         self.digital_outputs, self.analog_outputs = 0, [0.0] * 2
         self.speed_fraction = 1.0
         self._masks: dict[str, int] = {}
-        self.history: deque[Array] = deque([self.q], maxlen=REMEMBERED)
+        self.history: deque[Array] = deque([self.q], maxlen=REMEMBERED_TICKS)
         self.time = 0.0
         self.patience = inf
         self._wall = self._heard = 0.0
@@ -266,8 +277,8 @@ class LoopbackController:
 
     def _end(self, motion: Motion, left: float) -> None:
         """End a motion: at rest, or on into the next one, which has the seconds that are left."""
-        speed = (self.q - motion.joint_angles_at(motion.duration - INSTANT)) / INSTANT
-        if motion.duration > INSTANT and np.abs(speed).max() > PASSING:
+        speed = (self.q - motion.joint_angles_at(motion.duration - END_INTERVAL)) / END_INTERVAL
+        if motion.duration > END_INTERVAL and np.abs(speed).max() > PASSING_SPEED:
             self._take_over(None, None)
             self.speed, self._left, self._is_let_go = speed, left, True
             return
@@ -284,7 +295,10 @@ class LoopbackController:
             self.q, self.speed = turned, speeds
 
     def _bring(self, fault: InjectedFault) -> None:
-        if fault is InjectedFault.PROTECTIVE_STOP:
+        if fault in FAULT_FLAGS:
+            for flag in FAULT_FLAGS[fault]:
+                setattr(self, flag, True)
+        elif fault is InjectedFault.PROTECTIVE_STOP:
             self.protective_stop()
         elif fault is InjectedFault.EMERGENCY_STOP:
             self.safety = SafetyState.ROBOT_EMERGENCY_STOP
@@ -296,20 +310,6 @@ class LoopbackController:
             self.stop_program()
         elif fault is InjectedFault.STOP_PROGRAM:
             self.stop_program()
-        elif fault is InjectedFault.DROP_LINK:
-            self.dropping = True
-        elif fault is InjectedFault.DROP_DASHBOARD:
-            self.dropping_dashboard = True
-        elif fault is InjectedFault.CLOSE_DASHBOARD:
-            self.dropping_dashboard = self.dashboard_closed = True
-        elif fault is InjectedFault.FREEZE:
-            self.frozen = True
-        elif fault is InjectedFault.REFUSE_TARGETS:
-            self.refusing = True
-        elif fault is InjectedFault.MISS_TARGET:
-            self._missing = True
-        elif fault is InjectedFault.REFUSE_STOP:
-            self.deaf = True
         elif fault is InjectedFault.HOME:
             self.stop_instantly()
             self.q = self._home.copy()

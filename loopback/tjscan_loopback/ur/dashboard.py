@@ -8,8 +8,8 @@ from typing import Final
 from tjscan_loopback.ur.controller import LoopbackController
 from tjscan_loopback.ur.states import ProgramState, RobotPower
 
-GREETING: Final = "Connected: Universal Robots Dashboard Server"
-SERIAL: Final = "00000000000"
+DASHBOARD_GREETING: Final = "Connected: Universal Robots Dashboard Server"
+SERIAL_NUMBER: Final = "00000000000"
 """No real arm has this serial number."""
 
 
@@ -37,7 +37,7 @@ class DashboardServer:
             "safetymode": lambda: f"Safetymode: {controller.safety.name}",
             "safetystatus": lambda: f"Safetystatus: {controller.safety.name}",
             "polyscopeversion": lambda: software,
-            "get serial number": lambda: SERIAL,
+            "get serial number": lambda: SERIAL_NUMBER,
             "get robot model": lambda: model.upper().removesuffix("E"),
             "is in remote control": lambda: str(controller.remote).lower(),
             "running": lambda: (

@@ -16,13 +16,13 @@ from tjscan.robot.motion import MotionLimits, fastest_joint_path
 from tjscan.robot.path import FEWEST_PIECES, JOINT_SPACING, LARGEST_TURN
 from tjscan_loopback.ur.tool_path import ToolPath
 
-UNBOUNDED: Final = 1e3
+UNBOUNDED_SPEED: Final = 1e3
 """m/s or m/s²: the controller bounds only what the program asks it to."""
 
 FASTEST_JOINTS: Final = 40.0
 """rad/s²: what the joints can do at most, an assumption."""
 
-STILL: Final = 1e-9
+STILL_SPEED: Final = 1e-9
 """rad/s: slower than this is rest."""
 
 NO_PATH: Final = 1e-9
@@ -136,7 +136,7 @@ def joint_motion(
     pieces = max(FEWEST_PIECES, ceil(float(np.abs(goal - q).max()) / JOINT_SPACING))
     waypoints = np.linspace(q, goal, pieces + 1)
     points_b = np.array([kinematics.forward(w)[:3, 3] for w in waypoints])
-    limits = MotionLimits(UNBOUNDED, UNBOUNDED, 1.0, acceleration)
+    limits = MotionLimits(UNBOUNDED_SPEED, UNBOUNDED_SPEED, 1.0, acceleration)
     return fastest_joint_path(waypoints, points_b, np.full(len(q), speed), limits)
 
 
@@ -183,8 +183,8 @@ def path_motion(
         )
     spline = CubicSpline(path.lengths, np.array(waypoints))
     rates = np.abs(spline(np.linspace(0, path.length, 4 * len(waypoints)), 1)).max(axis=0)
-    fastest = float((kinematics.velocity / np.maximum(rates, STILL)).min())
-    a = min(acceleration, FASTEST_JOINTS / max(float(rates.max()), STILL))
+    fastest = float((kinematics.velocity / np.maximum(rates, STILL_SPEED)).min())
+    a = min(acceleration, FASTEST_JOINTS / max(float(rates.max()), STILL_SPEED))
     first, way, last = (min(v, fastest) for v in speeds)
     # A short path is left before the speed is reached, or before the end's is.
     way = max(min(way, sqrt(a * path.length + (first**2 + last**2) / 2)), first, last)

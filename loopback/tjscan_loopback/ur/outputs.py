@@ -17,12 +17,12 @@ def read_output(controller: LoopbackController, name: str) -> Value:
         return controller.output_int[int(number)]
     if kind == "output_double_register":
         return controller.output_double[int(number)]
-    if name in _OUTPUTS:
-        return _OUTPUTS[name](controller)
+    if name in _OUTPUT_READERS:
+        return _OUTPUT_READERS[name](controller)
     return zero_output(name)
 
 
-_OUTPUTS: Final[dict[str, Callable[[LoopbackController], Value]]] = {
+_OUTPUT_READERS: Final[dict[str, Callable[[LoopbackController], Value]]] = {
     "timestamp": lambda c: c.time,
     "actual_q": lambda c: c.q.tolist(),
     "target_q": lambda c: c.q.tolist(),

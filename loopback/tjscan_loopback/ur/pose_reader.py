@@ -13,13 +13,13 @@ from tjscan.core.errors import ArmNotConnected
 from tjscan.core.frames import Array
 from tjscan.core.pose_vector import pose_from_vector
 from tjscan_loopback.ur.server import RTDE_PORT
-from tjscan_loopback.ur.wire import DATA, HEADER, OUTPUTS, START, VERSION, RtdeRecipe
+from tjscan_loopback.ur.wire import DATA, OUTPUTS, PACKAGE_HEADER, START, VERSION, RtdeRecipe
 
-LIMIT: Final = 2.0
+READ_LIMIT: Final = 2.0
 """Seconds that a reading may take."""
 
-HZ: Final = 125.0
-POSE: Final = RtdeRecipe(("actual_TCP_pose",), ("VECTOR6D",))
+PUBLISH_HZ: Final = 125.0
+POSE_RECIPE: Final = RtdeRecipe(("actual_TCP_pose",), ("VECTOR6D",))
 
 
 def read_flange_pose(host: str) -> Array:
@@ -38,14 +38,14 @@ def read_flange_pose(host: str) -> Array:
         If it does not answer.
     """
     try:
-        with socket.create_connection((host, RTDE_PORT), timeout=LIMIT) as link:
+        with socket.create_connection((host, RTDE_PORT), timeout=READ_LIMIT) as link:
             _ask(link, VERSION, pack(">H", 2))
-            _ask(link, OUTPUTS, pack(">d", HZ) + ",".join(POSE.names).encode())
+            _ask(link, OUTPUTS, pack(">d", PUBLISH_HZ) + ",".join(POSE_RECIPE.names).encode())
             _ask(link, START, b"")
             while True:
                 kind, payload = _read_package(link)
                 if kind == DATA:
-                    ((_, values),) = POSE.unpack(payload[1:])
+                    ((_, values),) = POSE_RECIPE.unpack(payload[1:])
                     if not isinstance(values, Sequence):
                         raise ValueError("its pose is one number")
                     return pose_from_vector(np.array(values, dtype=float))
@@ -54,14 +54,14 @@ def read_flange_pose(host: str) -> Array:
 
 
 def _ask(link: socket.socket, kind: int, payload: bytes) -> None:
-    link.sendall(HEADER.pack(HEADER.size + len(payload), kind) + payload)
+    link.sendall(PACKAGE_HEADER.pack(PACKAGE_HEADER.size + len(payload), kind) + payload)
     while _read_package(link)[0] != kind:
         pass
 
 
 def _read_package(link: socket.socket) -> tuple[int, bytes]:
-    size, kind = HEADER.unpack(_read_exactly(link, HEADER.size))
-    return kind, _read_exactly(link, size - HEADER.size)
+    size, kind = PACKAGE_HEADER.unpack(_read_exactly(link, PACKAGE_HEADER.size))
+    return kind, _read_exactly(link, size - PACKAGE_HEADER.size)
 
 
 def _read_exactly(link: socket.socket, count: int) -> bytes:

@@ -18,7 +18,7 @@ LENGTH_SIGMA: Final = 3e-4
 ANGLE_SIGMA: Final = 3e-4
 """Metres and radians by which the parameters of arms differ: assumptions."""
 
-CALIBRATED: Final = 1
+CALIBRATED_STATUS: Final = 1
 """Calibration status: made by the maker, with a checksum that holds."""
 
 UR_TWISTS: Final = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
@@ -79,6 +79,6 @@ def kinematics_message(dh: DhParameters) -> bytes:
     numbers = np.concatenate((dh.theta, dh.a, dh.d, dh.alpha))
     columns = np.stack((dh.theta, dh.a, dh.d, dh.alpha), axis=1)
     checksums = [crc32(row.tobytes()) for row in columns]
-    content = struct.pack(">6I24dI", *checksums, *numbers, CALIBRATED)
+    content = struct.pack(">6I24dI", *checksums, *numbers, CALIBRATED_STATUS)
     package = struct.pack(">iB", 5 + len(content), 5) + content
     return struct.pack(">iB", 5 + len(package), 16) + package

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tjscan_loopback.ur.urscript.compile import compile_program
 from tjscan_loopback.ur.urscript.controller_words import ControllerWords
-from tjscan_loopback.ur.urscript.geometry import CALCULATIONS
+from tjscan_loopback.ur.urscript.geometry import CALCULATION_WORDS
 from tjscan_loopback.ur.urscript.host import ScriptHost
 from tjscan_loopback.ur.urscript.machine import ScriptMachine
 from tjscan_loopback.ur.urscript.motion_words import MotionWords
@@ -31,7 +31,7 @@ class RunningProgram:
         moves = MotionWords(host, lambda: self._machine.current)
         self.runs_beside = program.beside
         """Whether it runs beside another program, and may not move the arm."""
-        words = CALCULATIONS | ControllerWords(host).words()
+        words = CALCULATION_WORDS | ControllerWords(host).words()
         self._machine = ScriptMachine(
             program, words if self.runs_beside else words | moves.words(), moves.thread_ended
         )

@@ -16,13 +16,13 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.robot.dh import DhParameters
 from tjscan_loopback.process import check_is_loopback_address
 from tjscan_loopback.ur.controller import LoopbackController
-from tjscan_loopback.ur.dashboard import GREETING, DashboardServer
+from tjscan_loopback.ur.dashboard import DASHBOARD_GREETING, DashboardServer
 from tjscan_loopback.ur.faults import parse_scheduled_fault
 from tjscan_loopback.ur.outputs import read_output
 from tjscan_loopback.ur.primary import kinematics_message
 from tjscan_loopback.ur.urscript.incoming import IncomingScripts
 from tjscan_loopback.ur.urscript.tokens import ScriptError
-from tjscan_loopback.ur.wire import HEADER, InputOwners, RtdeSession
+from tjscan_loopback.ur.wire import PACKAGE_HEADER, InputOwners, RtdeSession
 
 RTDE_PORT: Final = 30004
 SCRIPT_PORTS: Final = (30001, 30002, 30003)
@@ -30,13 +30,13 @@ STATE_PORTS: Final = (30001, 30002)
 """Those that send robot states, too."""
 DASHBOARD_PORT: Final = 29999
 
-VERSION: Final = (5, 23, 0, 1101319)
+CONTROLLER_VERSION: Final = (5, 23, 0, 1101319)
 """Of the controller it pretends to be: an e-Series arm that has remote control."""
 
-BEHIND: Final = 0.1
+LARGEST_DELAY: Final = 0.1
 """Seconds by which the clock may be late before it lets the lost ticks go."""
 
-BACKLOG: Final = 1 << 16
+MOST_WAITING: Final = 1 << 16
 """Bytes that wait for a client that does not read; more are not sent."""
 
 
@@ -72,7 +72,7 @@ class LoopbackServer:
         self._registry = InputOwners()
         self._sessions: dict[RtdeSession, asyncio.StreamWriter] = {}
         self._dashboards: set[asyncio.StreamWriter] = set()
-        self._dashboard = DashboardServer(self.controller, self.model, VERSION)
+        self._dashboard = DashboardServer(self.controller, self.model, CONTROLLER_VERSION)
         self._thawed = asyncio.Event()
 
     async def run(self, *, attached: bool) -> None:
@@ -109,7 +109,7 @@ class LoopbackServer:
         loop = asyncio.get_running_loop()
         due = loop.time()
         while True:
-            due = max(due + 1 / self.hz, loop.time() - BEHIND)
+            due = max(due + 1 / self.hz, loop.time() - LARGEST_DELAY)
             await asyncio.sleep(max(due - loop.time(), 0))
             if self.controller.frozen:
                 continue
@@ -124,7 +124,7 @@ class LoopbackServer:
                 for writer in self._dashboards:
                     writer.transport.abort()
             for session, writer in list(self._sessions.items()):
-                if writer.transport.get_write_buffer_size() < BACKLOG:
+                if writer.transport.get_write_buffer_size() < MOST_WAITING:
                     session.send_outputs(partial(read_output, self.controller))
 
     async def _orders(self) -> None:
@@ -153,7 +153,7 @@ class LoopbackServer:
 
     async def _rtde(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         session = RtdeSession(
-            writer.write, VERSION, self.hz, self._registry, self.controller.write_input
+            writer.write, CONTROLLER_VERSION, self.hz, self._registry, self.controller.write_input
         )
         self._sessions[session] = writer
         try:
@@ -164,10 +164,10 @@ class LoopbackServer:
 
     async def _packages(self, reader: asyncio.StreamReader, session: RtdeSession) -> None:
         while True:
-            size, kind = HEADER.unpack(await reader.readexactly(HEADER.size))
-            if size < HEADER.size:
+            size, kind = PACKAGE_HEADER.unpack(await reader.readexactly(PACKAGE_HEADER.size))
+            if size < PACKAGE_HEADER.size:
                 raise ValueError(f"a package of {size} bytes")
-            payload = await reader.readexactly(size - HEADER.size)
+            payload = await reader.readexactly(size - PACKAGE_HEADER.size)
             await self._awake()
             session.answer_package(kind, payload)
 
@@ -193,7 +193,7 @@ class LoopbackServer:
         if self.controller.dashboard_closed:
             writer.transport.abort()
             return
-        writer.write(f"{GREETING}\n".encode())
+        writer.write(f"{DASHBOARD_GREETING}\n".encode())
         self._dashboards.add(writer)
         try:
             await self._serve(self._lines(reader, writer), writer)

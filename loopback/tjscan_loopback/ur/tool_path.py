@@ -12,19 +12,19 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from tjscan.core.frames import Array, pose, rotation_angle_between
 
-SPACING: Final = 5e-3
+POSE_SPACING: Final = 5e-3
 """Metres between the poses of a path."""
 
 TURN_SPACING: Final = radians(2)
 """Radians that the tool turns between them."""
 
-FEWEST: Final = 4
+FEWEST_PIECES: Final = 4
 """Pieces of the shortest path, so that its spline has a cubic to it."""
 
-SHORTEST: Final = 1e-9
+SAME_POINT: Final = 1e-9
 """Metres: two points closer than this are one."""
 
-COLLINEAR: Final = 1e-6
+COLLINEAR_SINE: Final = 1e-6
 """Sine of the angle below which three points lie on a line."""
 
 
@@ -60,7 +60,7 @@ def arc_path(T_start: Array, via: Array, T_end: Array) -> ToolPath:
     a, b, c = T_start[:3, 3], np.asarray(via, dtype=float), T_end[:3, 3]
     normal = np.cross(b - a, c - a)
     scale = float(np.linalg.norm(b - a) * np.linalg.norm(c - a))
-    if np.linalg.norm(normal) <= COLLINEAR * scale:
+    if np.linalg.norm(normal) <= COLLINEAR_SINE * scale:
         return line_path(T_start, T_end)
     n = normal / np.linalg.norm(normal)
     # The centre is where the perpendicular bisectors of both chords meet.
@@ -94,7 +94,7 @@ def blended_path(T_start: Array, corner: Array, T_end: Array, radius: float) -> 
     """
     a, way = T_start[:3, 3], T_end[:3, 3] - corner
     rest = float(np.linalg.norm(way))
-    if rest < SHORTEST or np.linalg.norm(corner - a) < SHORTEST:
+    if rest < SAME_POINT or np.linalg.norm(corner - a) < SAME_POINT:
         return line_path(T_start, T_end)
     share = min(radius / rest, 1.0)
     out = corner + share * way
@@ -110,7 +110,7 @@ def blended_path(T_start: Array, corner: Array, T_end: Array, radius: float) -> 
 
 def join_paths(paths: Sequence[ToolPath]) -> ToolPath:
     """One path after the other."""
-    paths = [path for path in paths if path.length > SHORTEST] or paths[:1]
+    paths = [path for path in paths if path.length > SAME_POINT] or paths[:1]
     poses, lengths = [paths[0].poses], [paths[0].lengths]
     for path in paths[1:]:
         poses.append(path.poses[1:])
@@ -121,7 +121,7 @@ def join_paths(paths: Sequence[ToolPath]) -> ToolPath:
 def shortened_line(T_start: Array, T_end: Array, radius: float) -> Array:
     """Pose on the line to a target at a distance before it, or its beginning, shape (4, 4)."""
     rest = float(np.linalg.norm(T_end[:3, 3] - T_start[:3, 3]))
-    if rest < SHORTEST:
+    if rest < SAME_POINT:
         return T_end
     share = max(1 - radius / rest, 0.0)
     return pose(
@@ -140,7 +140,7 @@ def _sampled(points: Callable[[Array], Array], T_start: Array, T_end: Array) -> 
     fine = np.linspace(0, 1, 201)
     length = float(np.linalg.norm(np.diff(points(fine), axis=0), axis=1).sum())
     angle = rotation_angle_between(T_start, T_end)
-    pieces = max(FEWEST, ceil(length / SPACING), ceil(angle / TURN_SPACING))
+    pieces = max(FEWEST_PIECES, ceil(length / POSE_SPACING), ceil(angle / TURN_SPACING))
     u = np.linspace(0, 1, pieces + 1)
     poses = np.tile(np.eye(4), (len(u), 1, 1))
     poses[:, :3, 3], poses[:, :3, :3] = points(u), _turn(T_start, T_end)(u)

@@ -12,7 +12,7 @@ from math import isfinite
 from struct import Struct, unpack
 from typing import Final
 
-HEADER: Final = Struct(">HB")
+PACKAGE_HEADER: Final = Struct(">HB")
 
 VERSION, CONTROLLER, OUTPUTS, INPUTS, START, PAUSE, DATA = 86, 118, 79, 73, 83, 80, 85
 """Kinds of package: V, v, O, I, S, P, U in ASCII."""
@@ -20,7 +20,7 @@ VERSION, CONTROLLER, OUTPUTS, INPUTS, START, PAUSE, DATA = 86, 118, 79, 73, 83, 
 Value = float | int | Sequence[float] | Sequence[int]
 """What a variable holds."""
 
-FORMATS: Final = {
+VALUE_FORMATS: Final = {
     "BOOL": "?",
     "UINT8": "B",
     "UINT32": "I",
@@ -32,7 +32,7 @@ FORMATS: Final = {
     "VECTOR6INT32": "6i",
 }
 
-REGISTERS: Final = 48
+REGISTER_COUNT: Final = 48
 """Of each kind."""
 
 MOST_RECIPES: Final = 255
@@ -59,8 +59,8 @@ OUTPUT_TYPES: Final = {
         UINT32="runtime_state robot_status_bits safety_status_bits",
         UINT64="actual_digital_input_bits actual_digital_output_bits",
     ),
-    **{f"output_int_register_{i}": "INT32" for i in range(REGISTERS)},
-    **{f"output_double_register_{i}": "DOUBLE" for i in range(REGISTERS)},
+    **{f"output_int_register_{i}": "INT32" for i in range(REGISTER_COUNT)},
+    **{f"output_double_register_{i}": "DOUBLE" for i in range(REGISTER_COUNT)},
 }
 INPUT_TYPES: Final = {
     **_variables(
@@ -72,8 +72,8 @@ INPUT_TYPES: Final = {
         DOUBLE="speed_slider_fraction standard_analog_output_0 standard_analog_output_1",
         VECTOR6D="external_force_torque",
     ),
-    **{f"input_int_register_{i}": "INT32" for i in range(REGISTERS)},
-    **{f"input_double_register_{i}": "DOUBLE" for i in range(REGISTERS)},
+    **{f"input_int_register_{i}": "INT32" for i in range(REGISTER_COUNT)},
+    **{f"input_double_register_{i}": "DOUBLE" for i in range(REGISTER_COUNT)},
 }
 
 
@@ -95,13 +95,13 @@ class RtdeRecipe:
         flat: list[float | int] = []
         for value in values:
             flat.extend(value) if isinstance(value, Sequence) else flat.append(value)
-        return Struct(">" + "".join(FORMATS[kind] for kind in self.kinds)).pack(*flat)
+        return Struct(">" + "".join(VALUE_FORMATS[kind] for kind in self.kinds)).pack(*flat)
 
     def unpack(self, data: bytes) -> list[tuple[str, Value]]:
         """Unpack the values from bytes, which may be fewer than the client announced."""
         found: list[tuple[str, Value]] = []
         for name, kind in zip(self.names, self.kinds, strict=True):
-            layout = Struct(">" + FORMATS[kind])
+            layout = Struct(">" + VALUE_FORMATS[kind])
             if len(data) < layout.size:
                 break
             values = layout.unpack(data[: layout.size])
@@ -217,7 +217,7 @@ class RtdeSession:
         self._reply(INPUTS, bytes([number]) + ",".join(kinds).encode())
 
     def _reply(self, kind: int, payload: bytes) -> None:
-        self._send(HEADER.pack(HEADER.size + len(payload), kind) + payload)
+        self._send(PACKAGE_HEADER.pack(PACKAGE_HEADER.size + len(payload), kind) + payload)
 
 
 def _names(payload: bytes) -> tuple[str, ...]:

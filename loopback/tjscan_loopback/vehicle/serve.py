@@ -34,7 +34,7 @@ CONNECT_LIMIT: Final = 5.0
 LONGEST_PERIOD: Final = 0.1
 """Seconds of motion in one step; where the process slept longer, the rest of its sleep is lost."""
 
-BESIDE: Final = 1.5
+VEHICLE_SPACING: Final = 1.5
 """Metres from one vehicle to the next, along y of frame w."""
 
 MOST_VEHICLES: Final = 50
@@ -199,7 +199,7 @@ def _crawlers(vehicles: int, settings: Path | None, seed: int) -> Iterator[Crawl
     tracks, simulation = _read_settings(settings)
     x, y = simulation.start
     for number in range(vehicles):
-        own = replace(simulation, start=(x, y + BESIDE * number))
+        own = replace(simulation, start=(x, y + VEHICLE_SPACING * number))
         yield CrawlerBody(SimulatedBody(tracks, own, seed=seed + number))
 
 

@@ -16,7 +16,7 @@ from tjscan.vehicle.mqtt.torch_wire import (
 from tjscan.vehicle.mqtt.wire import BadMessage, MessageGate, PresenceMessage
 from tjscan.vehicle.vehicle import DEAD_MAN
 
-SPEED: Final = 0.1
+AXIS_SPEED: Final = 0.1
 """Of the torch's axes, m/s."""
 
 
@@ -69,7 +69,7 @@ class LoopbackTorch:
         order = self._order
         self.arc = order is not None and order.arc
         if order is not None:
-            step = SPEED * period
+            step = AXIS_SPEED * period
             self._y += min(max(order.y - self._y, -step), step)
             self._z = order.z
         self._sent += 1

@@ -30,13 +30,13 @@ from tjscan_loopback.vehicle.faults import VehicleFaultOrder
 if TYPE_CHECKING:
     from tjscan.vehicle.cable.world import TowingWorld
 
-PUSH: Final = 0.2
+PUSH_DISTANCE: Final = 0.2
 """Metres."""
 
 CLOCK_ERROR: Final = 3600.0
 """Seconds by which a clock goes wrong."""
 
-LOOK: Final = 0.1
+LOOK_PERIOD: Final = 0.1
 """Seconds between two looks at the truth."""
 
 TRACKER_TOPIC: Final = "tracker"
@@ -94,7 +94,7 @@ class TowingBody:
     def push(self) -> None:
         """Be carried to its right. See `LoopbackBody.push`."""
         heading = self._world.plant.poses[self._which, 2]
-        self._world.push(self._which, -PUSH * sin(heading), PUSH * cos(heading))
+        self._world.push(self._which, -PUSH_DISTANCE * sin(heading), PUSH_DISTANCE * cos(heading))
 
     def advance(self, twist: Twist | None, period: float) -> VehicleState:
         """Order a twist; the world goes on when all have: `TowingBodies.advance`."""
@@ -155,7 +155,7 @@ class TowingBodies:
 
     def look_at_truth(self) -> list[str]:
         """Take note of what happened, ten times a second; what touched for the first time."""
-        if self._world.time - self._looked < LOOK:
+        if self._world.time - self._looked < LOOK_PERIOD:
             return []
         self._looked = self._world.time
         truth, extremes = self._world.truth(), self.extremes

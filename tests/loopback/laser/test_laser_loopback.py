@@ -18,8 +18,8 @@ from tjscan_loopback.laser import description as features
 from tjscan_loopback.laser import memory as registers
 from tjscan_loopback.laser.coding import STEP_MM, X_OFFSET_MM, encode_profile
 from tjscan_loopback.laser.faults import LaserFaultOrder, parse_laser_fault
-from tjscan_loopback.laser.gvcp import ACKNOWLEDGEMENT, HEADER, KEY, Command, Status
-from tjscan_loopback.laser.gvsp import LEADER, PACKET
+from tjscan_loopback.laser.gvcp import COMMAND_HEADER, COMMAND_KEY, REPLY_HEADER, Command, Status
+from tjscan_loopback.laser.gvsp import LEADER_FIELDS, PACKET_HEADER
 from tjscan_loopback.laser.sensor import LoopbackSensor
 
 COLUMNS = 400
@@ -45,10 +45,10 @@ class Client:
     def ask(self, kind: int, payload: bytes = b"") -> tuple[int, bytes]:
         """Status and content of the acknowledgement."""
         self.number += 1
-        datagram = HEADER.pack(KEY, 1, kind, len(payload), self.number) + payload
+        datagram = COMMAND_HEADER.pack(COMMAND_KEY, 1, kind, len(payload), self.number) + payload
         reply = self.sensor.answer(datagram, self.address, self.now)
         assert reply is not None
-        status, answered, length, number = ACKNOWLEDGEMENT.unpack_from(reply)
+        status, answered, length, number = REPLY_HEADER.unpack_from(reply)
         assert (answered, length, number) == (kind + 1, len(reply) - 8, self.number)
         return status, reply[8:]
 
@@ -63,7 +63,7 @@ class Client:
     def start(self) -> None:
         """Take control and begin an acquisition by software trigger."""
         for address, value in (
-            (registers.PRIVILEGE, 2),
+            (registers.CONTROL_PRIVILEGE, 2),
             (registers.STREAM_PORT, STREAM),
             (registers.STREAM_DESTINATION, 0x7F000001),
             (features.TRIGGER_MODE, 1),
@@ -83,11 +83,11 @@ class Client:
 
 def kinds(packets: list[bytes]) -> list[tuple[int, int]]:
     """Kind and number of each packet."""
-    return [(word >> 24, word & 0xFFFFFF) for _, _, word in map(PACKET.unpack_from, packets)]
+    return [(word >> 24, word & 0xFFFFFF) for _, _, word in map(PACKET_HEADER.unpack_from, packets)]
 
 
 def points_in(packets: list[bytes]) -> bytes:
-    return b"".join(packet[PACKET.size :] for packet in packets if packet[4] == 3)
+    return b"".join(packet[PACKET_HEADER.size :] for packet in packets if packet[4] == 3)
 
 
 @pytest.fixture
@@ -112,10 +112,10 @@ def test_only_the_program_in_control_may_write_and_anybody_may_read(client: Clie
     assert client.write(features.HEIGHT, 2) == Status.ACCESS_DENIED
     client.start()
     assert other.write(features.HEIGHT, 2) == Status.ACCESS_DENIED
-    assert other.write(registers.PRIVILEGE, 2) == Status.ACCESS_DENIED
+    assert other.write(registers.CONTROL_PRIVILEGE, 2) == Status.ACCESS_DENIED
     assert other.read(features.HEIGHT) == 1
-    assert client.write(registers.PRIVILEGE, 0) == Status.SUCCESS
-    assert other.write(registers.PRIVILEGE, 2) == Status.SUCCESS
+    assert client.write(registers.CONTROL_PRIVILEGE, 0) == Status.SUCCESS
+    assert other.write(registers.CONTROL_PRIVILEGE, 2) == Status.SUCCESS
 
 
 def test_control_ends_when_its_program_falls_silent(client: Client) -> None:
@@ -124,10 +124,10 @@ def test_control_ends_when_its_program_falls_silent(client: Client) -> None:
     client.read(features.HEIGHT)
     client.now += 2.9
     client.packets()
-    assert client.read(registers.PRIVILEGE) == 2
+    assert client.read(registers.CONTROL_PRIVILEGE) == 2
     client.now += 3.1
     client.packets()
-    assert client.read(registers.PRIVILEGE) == 0
+    assert client.read(registers.CONTROL_PRIVILEGE) == 0
 
 
 def test_the_description_is_read_back_in_blocks_and_names_every_register(client: Client) -> None:
@@ -155,7 +155,7 @@ def test_a_trigger_brings_a_leader_the_points_and_a_trailer(client: Client) -> N
     packets = client.trigger()
     size = 4 * COLUMNS
     assert kinds(packets) == [(1, 0), (3, 1), (3, 2), (2, 3)]
-    leader = LEADER.unpack_from(packets[0], PACKET.size)
+    leader = LEADER_FIELDS.unpack_from(packets[0], PACKET_HEADER.size)
     assert leader[2:6] == (10_000_000_000, COORDINATE_FORMATS["Coord3D_AC16"].code, COLUMNS, 1)
     assert len(points_in(packets)) == size
     assert max(map(len, packets)) + 28 <= 1500
@@ -234,23 +234,25 @@ def test_loss_takes_packets_and_the_network_faults_do_as_they_say(client: Client
 
 def test_a_stale_profile_bears_the_time_of_its_exposure(client: Client) -> None:
     client.start()
-    first = LEADER.unpack_from(client.trigger()[0], PACKET.size)[2]
+    first = LEADER_FIELDS.unpack_from(client.trigger()[0], PACKET_HEADER.size)[2]
     bring(client, "stale")
     client.now += 1.0
     client.read(features.HEIGHT)
-    assert LEADER.unpack_from(client.trigger()[0], PACKET.size)[2] == first
+    assert LEADER_FIELDS.unpack_from(client.trigger()[0], PACKET_HEADER.size)[2] == first
 
 
 def test_a_full_buffer_gives_the_profile_before_once_more_and_then_its_own(
     client: Client,
 ) -> None:
     client.start()
-    first = LEADER.unpack_from(client.trigger()[0], PACKET.size)[2]
+    first = LEADER_FIELDS.unpack_from(client.trigger()[0], PACKET_HEADER.size)[2]
     bring(client, "buffered")
     client.now += 1.0
     client.read(features.HEIGHT)
     packets = client.trigger()
-    times = [LEADER.unpack_from(one, PACKET.size)[2] for one in packets if one[4] == 1]
+    times = [
+        LEADER_FIELDS.unpack_from(one, PACKET_HEADER.size)[2] for one in packets if one[4] == 1
+    ]
     assert times == [first, 11_000_000_000]
 
 
@@ -273,7 +275,7 @@ def fail() -> Profile:
 def test_a_restart_takes_a_moment_and_brings_another_serial_number(client: Client) -> None:
     client.start()
     bring(client, "reboot")
-    silent = HEADER.pack(KEY, 1, Command.DISCOVERY, 0, 1)
+    silent = COMMAND_HEADER.pack(COMMAND_KEY, 1, Command.DISCOVERY, 0, 1)
     assert client.sensor.answer(silent, CLIENT, client.now) is None
     client.now += 1.0
     found = client.ask(Command.DISCOVERY)[1]
@@ -286,7 +288,7 @@ def test_no_datagram_takes_it_down(content: bytes, kind: int, bare: bool) -> Non
     sensor = LoopbackSensor("127.0.0.4", "7", COLUMNS, profile, lambda: None, lambda _: None)
     client = Client(sensor)
     client.start()
-    whole = HEADER.pack(KEY, 1, kind, len(content), 1) + content
+    whole = COMMAND_HEADER.pack(COMMAND_KEY, 1, kind, len(content), 1) + content
     sensor.answer(content if bare else whole, CLIENT, 10.0)
     sensor.packets_due(10.0)
 

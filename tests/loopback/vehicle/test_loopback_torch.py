@@ -11,7 +11,7 @@ from tjscan.vehicle.mqtt.torch_wire import (
 )
 from tjscan.vehicle.mqtt.wire import BadMessage, PresenceMessage
 from tjscan.vehicle.vehicle import DEAD_MAN
-from tjscan_loopback.vehicle.torch import SPEED, LoopbackTorch
+from tjscan_loopback.vehicle.torch import AXIS_SPEED, LoopbackTorch
 
 
 def send(
@@ -37,7 +37,7 @@ def state_at(torch: LoopbackTorch, time: float, period: float = 0.01) -> TorchSt
 def test_it_goes_where_it_is_sent_at_its_speed() -> None:
     torch = LoopbackTorch("torch")
     send(torch, 1.0, y=0.010)
-    assert state_at(torch, 1.01, 0.05).y == pytest.approx(0.05 * SPEED)
+    assert state_at(torch, 1.01, 0.05).y == pytest.approx(0.05 * AXIS_SPEED)
     assert state_at(torch, 1.02, 1.0).y == pytest.approx(0.010)
 
 

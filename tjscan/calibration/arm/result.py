@@ -15,11 +15,7 @@ from tjscan.calibration.arm.estimate import (
     without_each_profile,
 )
 from tjscan.calibration.arm.model import ArmModel
-from tjscan.calibration.arm.undetermined import (
-    UndeterminedDeviation,
-    list_undetermined,
-    undetermined_deviations,
-)
+from tjscan.calibration.arm.undetermined import undetermined_deviations
 from tjscan.calibration.entries import ArmKinematicsEntry
 from tjscan.calibration.result import HandEyeCalibration, SampleResidual
 from tjscan.calibration.solve.refine import Mask, estimate_by_laser
@@ -73,8 +69,8 @@ class ArmCalibration:
         Deviations, sensor and targets.
     tolerance : PlacementTolerance
         Of the deviations, as known before.
-    undetermined : tuple of UndeterminedDeviation
-        Deviations that are known no better than before.
+    undetermined : tuple of str
+        Sentences on deviations that are known no better than before.
     cross_check : CrossCheck
         With the profiles that took no part.
     held_out : ndarray of bool, shape (n,)
@@ -83,7 +79,7 @@ class ArmCalibration:
 
     estimate: ArmEstimate
     tolerance: PlacementTolerance
-    undetermined: tuple[UndeterminedDeviation, ...]
+    undetermined: tuple[str, ...]
     cross_check: CrossCheck
     held_out: Mask
 
@@ -110,7 +106,7 @@ class ArmCalibration:
         return [
             f"{check.count} {checks} that took no part: the {target} {1e3 * check.before:.3f} mm "
             f"off (RMS) as the arm's model has it, {1e3 * check.after:.3f} mm with what was found",
-            *list_undetermined(self.undetermined),
+            *self.undetermined,
         ]
 
     @property
@@ -208,7 +204,7 @@ def as_hand_eye_calibration(
         arm_model,
         found.deviations,
         found.covariance,
-        tuple(list_undetermined(found.undetermined)),
+        found.undetermined,
         (check.count, check.before, check.after),
     )
     return HandEyeCalibration(

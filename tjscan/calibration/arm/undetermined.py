@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -18,27 +16,8 @@ DEVIATION_KINDS: Final = ("length x", "length y", "length z", "twist x", "twist 
 """Of a joint's deviations, in their order."""
 
 
-@dataclass(frozen=True, slots=True)
-class UndeterminedDeviation:
-    """A deviation that stays as the maker states it.
-
-    Parameters
-    ----------
-    joint : int
-        Number of the joint, from 1.
-    kind : str
-        One of `DEVIATION_KINDS`.
-    like : str
-        Cause of the same effect on the profiles.
-    """
-
-    joint: int
-    kind: str
-    like: str
-
-
-def undetermined_deviations(J: Array, joints: int) -> tuple[UndeterminedDeviation, ...]:
-    """Name the deviations that profiles leave as the prior has them.
+def undetermined_deviations(J: Array, joints: int) -> tuple[str, ...]:
+    """Sentences on deviations that profiles leave as the prior has them, by joint and cause.
 
     Parameters
     ----------
@@ -59,9 +38,12 @@ def undetermined_deviations(J: Array, joints: int) -> tuple[UndeterminedDeviatio
     _, singular, rows = np.linalg.svd(own - Q @ (Q.T @ own), full_matrices=True)
     blind = rows[np.concatenate((singular < 1, np.ones(len(rows) - len(singular), dtype=bool)))]
     share = (blind**2).sum(axis=0)
+    groups: dict[tuple[int, str], list[str]] = {}
+    for k in map(int, np.flatnonzero(share >= MIN_UNDETERMINED_SHARE)):
+        groups.setdefault((k // 6 + 1, _like(J, k, joints)), []).append(DEVIATION_KINDS[k % 6])
     return tuple(
-        UndeterminedDeviation(k // 6 + 1, DEVIATION_KINDS[k % 6], _like(J, k, joints))
-        for k in map(int, np.flatnonzero(share >= MIN_UNDETERMINED_SHARE))
+        f"joint {joint}: {', '.join(kinds)} can't be told from {like}: left as the maker states"
+        for (joint, like), kinds in groups.items()
     )
 
 
@@ -85,14 +67,3 @@ def _like(J: Array, k: int, joints: int) -> str:
         at = 6 + np.flatnonzero(joint == j)
         effect[f"those of joint {j + 1}"] = float(np.linalg.norm(scaled[:, at] @ x[at]))
     return max(effect, key=lambda name: effect[name])
-
-
-def list_undetermined(undetermined: Sequence[UndeterminedDeviation]) -> list[str]:
-    """Sentences on deviations that stay as the maker states them, one for each joint and cause."""
-    groups: dict[tuple[int, str], list[str]] = {}
-    for one in undetermined:
-        groups.setdefault((one.joint, one.like), []).append(one.kind)
-    return [
-        f"joint {joint}: {', '.join(kinds)} can't be told from {like}: left as the maker states"
-        for (joint, like), kinds in groups.items()
-    ]

@@ -111,7 +111,7 @@ class ArmWizard:
             except PoseUnreachable:
                 profile = NO_PROFILE
         shot = PosedProfile(f"posture {number + 1}", state.T_b_f, profile)
-        self.logbook.record_entry(ArmPoseTaken(number, state.q, shot))
+        self.logbook.record(ArmPoseTaken(number, state.q, shot))
 
     def _go(self, view: PlannedView) -> None:
         """Go there in joint space, straight or by way of home."""

@@ -87,7 +87,7 @@ class LeaveOneOutChanges:
     chi2 : ndarray, shape (n,)
         By how much the weighted sum of squares would fall; for an unused profile, by how much
         it misses what the others predict. Chi-square with as many degrees of freedom as the
-        profile has residuals, if it is as good as stated; zero where the others can't check it.
+        profile has residuals, if it is as good as stated; zero if the others can't check it.
     step : ndarray, shape (n, 6)
         How T_f_s would move: translation and rotation in the axes of f; zero for unused ones.
     """
@@ -248,7 +248,7 @@ def whitened(
 
 
 def settle_targets(model: CombinedModel, estimate: RefinedEstimate) -> RefinedEstimate:
-    """Move the targets to where the used profiles show them, the sensor left where it is.
+    """Move the targets to their places by the used profiles, the sensor being kept.
 
     An error of the arm that is alike at all poses has the same effect as a target at another
     place. A target that is used or looked at with the same arm belongs where that arm sees it.

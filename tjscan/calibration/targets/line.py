@@ -100,12 +100,16 @@ class LineBundle:
         Positions of the flange, in metres.
     points_s, directions_s : ndarray, shape (n, 3)
         A point and the unit direction of each line in frame s, y = 0.
+    sigma_offset, sigma_angle : ndarray, shape (n,)
+        Range errors of each line, in metres and radians.
     """
 
     R_b_f: Array
     p_b_f: Array
     points_s: Array
     directions_s: Array
+    sigma_offset: Array
+    sigma_angle: Array
 
     @property
     def plucker_lines_s(self) -> PluckerLine:
@@ -120,6 +124,8 @@ def stack_lines(T_b_f: Array, fits: Sequence[LineFit]) -> LineBundle:
         T_b_f[:, :3, 3],
         np.stack([fit.point_s for fit in fits]),
         np.stack([fit.direction_s for fit in fits]),
+        np.array([fit.sigma_offset for fit in fits]),
+        np.array([fit.sigma_angle for fit in fits]),
     )
 
 

@@ -115,8 +115,6 @@ class PlaneModel:
     ----------
     lines : LineBundle
         Poses and lines.
-    sigma_offset, sigma_angle : ndarray, shape (n,)
-        Range errors of each line, in metres and radians.
     target : PlaneTarget
         The board.
     noise : NoiseModel
@@ -128,47 +126,10 @@ class PlaneModel:
     """
 
     lines: LineBundle
-    sigma_offset: Array
-    sigma_angle: Array
     target: PlaneTarget
     noise: NoiseModel
     by_laser: Array | None = None
     by_arm: Array | None = None
-
-    @classmethod
-    def from_line_fits(
-        cls,
-        T_b_f: Array,
-        fits: Sequence[LineFit],
-        target: PlaneTarget,
-        noise: NoiseModel,
-        by_laser: Array | None = None,
-        by_arm: Array | None = None,
-    ) -> Self:
-        """Model of the lines that were seen from n poses.
-
-        Parameters
-        ----------
-        T_b_f : ndarray, shape (n, 4, 4)
-            Flange poses, as the arm read them.
-        fits : sequence of LineFit
-            The line seen from each.
-        target : PlaneTarget
-            The board, and how well it is known.
-        noise : NoiseModel
-            For the arm's errors.
-        by_laser, by_arm : ndarray or None
-            As of the class.
-        """
-        return cls(
-            stack_lines(T_b_f, fits),
-            np.array([fit.sigma_offset for fit in fits]),
-            np.array([fit.sigma_angle for fit in fits]),
-            target,
-            noise,
-            by_laser,
-            by_arm,
-        )
 
     def seen_from(self, T_b_f: Array) -> Self:
         """Return the same lines, taken from other flange poses, shape (n, 4, 4)."""
@@ -234,8 +195,8 @@ class PlaneModel:
         # A line's errors are in the laser plane; this much of them points at the board.
         share = np.einsum("ni,ni->n", across_f, u_f)
         own = np.zeros((len(a), 2, 2))
-        own[:, 0, 0] = (share * self.sigma_offset) ** 2
-        own[:, 1, 1] = (share * self.sigma_angle) ** 2
+        own[:, 0, 0] = (share * self.lines.sigma_offset) ** 2
+        own[:, 1, 1] = (share * self.lines.sigma_angle) ** 2
         by_laser = None if self.by_laser is None else share[:, None, None] * self.by_laser
         by_geometry = None if self.by_arm is None else by_arm @ self.by_arm
         if by_geometry is not None and self.target.by_arm is not None:
@@ -284,7 +245,7 @@ class SeenBoard(SeenTarget[LineFit]):
         T_b_f, fits = self.T_b_f, self.fits
         target = self.target or plane_through_lines(T_b_f, fits, T_f_s)
         by_arm = stack_if_all([sample.by_arm for sample in self.samples])
-        model = PlaneModel.from_line_fits(T_b_f, fits, target, self.noise, self.by_laser, by_arm)
+        model = PlaneModel(stack_lines(T_b_f, fits), target, self.noise, self.by_laser, by_arm)
         return TargetStart(model, np.zeros(3))
 
 

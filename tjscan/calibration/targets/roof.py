@@ -277,8 +277,11 @@ class SeenRoof(SeenTarget[RoofFit]):
         T_b_f, by_laser = self.T_b_f, self.by_laser
         halves = (None, None) if by_laser is None else np.split(by_laser, 2, axis=1)
         left, right = (
-            PlaneModel.from_line_fits(
-                T_b_f, flank, plane_through_lines(T_b_f, flank, T_f_s), self.noise, half
+            PlaneModel(
+                stack_lines(T_b_f, flank),
+                plane_through_lines(T_b_f, flank, T_f_s),
+                self.noise,
+                half,
             )
             for flank, half in zip(self.flanks, halves, strict=True)
         )

@@ -10,6 +10,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 import numpy as np
 
 from tjscan.calibration.noise import NoiseModel
+from tjscan.core.array_fields import PoseMatrix
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, frozen_arrays
 from tjscan.laser.deviation import LaserDeviation
@@ -34,7 +35,7 @@ class PosedProfile:
     """
 
     name: str
-    T_b_f: Array
+    T_b_f: PoseMatrix
     profile: Profile
     q: Array | None = None
 

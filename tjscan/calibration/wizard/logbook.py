@@ -8,14 +8,12 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from tjscan.calibration.targets.target import PosedProfile
 from tjscan.calibration.wizard.topics import (
-    ALL_TOPICS,
     CALIBRATION_RECORDING,
-    TRANSFORMS_TOPIC,
+    CALIBRATION_TOPICS,
     ArmPoseTaken,
     BoardTouch,
     CalibrationEntry,
@@ -26,7 +24,7 @@ from tjscan.calibration.wizard.topics import (
     read_calibration_entries,
 )
 from tjscan.core.frames import Array
-from tjscan.recording.foxglove import frame_transforms_message
+from tjscan.recording.foxglove import TRANSFORMS_TOPIC, frame_transforms_message
 from tjscan.recording.parts import next_recording_file
 from tjscan.recording.writer import RecordingWriter
 
@@ -46,7 +44,7 @@ class MeasurementsSoFar:
     skipped_poses : tuple of SkippedPose
         Poses that are not worth another try.
     skipped_in_a_row : int
-        Poses passed over since the last line, or since somebody went on.
+        Poses skipped since the last line, or since it was resumed.
     verification_profile : PosedProfile or None
         The line that verifies.
     arm_poses : dict of int to ArmPoseTaken
@@ -82,13 +80,13 @@ class MeasurementsSoFar:
                 )
 
 
-class Logbook:
+class Logbook(RecordingWriter):
     """Writes the recording of a calibration, entry by entry; a context manager.
 
     Parameters
     ----------
     directory : Path
-        Where it is. What it holds already is where one goes on, in a part of its own; an entry
+        Where it is. A calibration that it holds already is resumed, in a part of its own; an entry
         that was cut off in the middle is dropped.
     T_f_s : ndarray, shape (4, 4)
         About where the laser sits on the flange, as assumed while measuring. It shows a viewer
@@ -108,6 +106,8 @@ class Logbook:
         T_f_s: Array,
         listen: Callable[[CalibrationEntry], object] = lambda _: None,
     ) -> None:
+        file = next_recording_file(directory, CALIBRATION_RECORDING)
+        super().__init__(file, CALIBRATION_TOPICS)
         self._directory, self._T_f_s, self._listen = directory, T_f_s, listen
 
     def __enter__(self) -> Self:
@@ -118,30 +118,20 @@ class Logbook:
         for entry in entries:
             self.measured = self.measured.with_entry(entry)
             self._listen(entry)
+        super().__enter__()
         with ExitStack() as stack:
-            recording = RecordingWriter(
-                next_recording_file(self._directory, CALIBRATION_RECORDING), ALL_TOPICS
-            )
-            self._recording = stack.enter_context(recording)
+            stack.push(super().__exit__)
             now = time.time_ns()
             mount = frame_transforms_message(now, {("f", "s"): self._T_f_s})
-            self._recording.write(now, (TRANSFORMS_TOPIC, mount))
-            self.record_entry(begun)
-            self._stack = stack.pop_all()
+            self.write(now, (TRANSFORMS_TOPIC, mount))
+            self.record(begun)
+            stack.pop_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._stack.__exit__(kind, error, trace)
-
-    def record_entry(self, entry: CalibrationEntry) -> None:
+    def record(self, entry: CalibrationEntry) -> None:
         """Write an entry to the disk; only then does it count as measured."""
         now = time.time_ns()
-        self._recording.write(now, *messages_of_entry(now, entry))
-        self._recording.sync_to_disk()
+        self.write(now, *messages_of_entry(now, entry))
+        self.sync_to_disk()
         self.measured = self.measured.with_entry(entry)
         self._listen(entry)

@@ -15,7 +15,6 @@ from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
-from tjscan.calibration.solve.design import ReachabilityCheck, predict_uncertainty
 from tjscan.calibration.targets.line import LineFit, fit_line
 from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
@@ -23,8 +22,10 @@ from tjscan.calibration.targets.touched import fit_plane
 from tjscan.calibration.wizard.advice import (
     BoardRectangle,
     CandidatePoseGrid,
+    ReachabilityCheck,
     SuggestedPose,
     candidate_poses,
+    predict_uncertainty,
     suggest_pose,
 )
 from tjscan.calibration.wizard.logbook import MeasurementsSoFar

@@ -182,7 +182,7 @@ class CalibrationWizard:
         lines = line_samples(self.task, self.measurements.line_profiles)
         found = verify_with_fresh_line(SeenBoard(lines, target, self.task.noise), result, fresh)
         finding = (
-            f"a fresh line lies {1e3 * found.offset:+.3f} mm and {np.degrees(found.tilt):+.3f}° "
+            f"a fresh line is {1e3 * found.offset:+.3f} mm and {np.degrees(found.tilt):+.3f}° "
             f"off the board; {found.misfit:.1f} standard deviations, {found.limit:.1f} may be"
         )
         self.operator.report(finding)
@@ -220,7 +220,7 @@ class CalibrationWizard:
                 touched = BoardTouch(k, state.T_b_f, state.q)
             except PoseUnreachable as error:
                 self.operator.report(f"place {k + 1} is passed over: {error}")
-        self.logbook.record_entry(touched)
+        self.logbook.record(touched)
 
     def _wants_more(self, progress: CalibrationProgress) -> bool:
         count, wanted = len(progress.samples), progress.wanted
@@ -246,8 +246,8 @@ class CalibrationWizard:
             raise CalibrationRefused(
                 "no line to be had",
                 f"{MAX_SKIPPED_IN_A_ROW} poses in a row were passed over, the last because of: "
-                f"{self.measurements.skipped_poses[-1].reason}. Check where the job says that the "
-                "board is, and how the laser sits on the flange",
+                f"{self.measurements.skipped_poses[-1].reason}. Check the place of the "
+                "board in the job, and how the laser sits on the flange",
             )
         ready = self._get_ready()
         reachable = partial(self._reaches, ready)
@@ -260,17 +260,17 @@ class CalibrationWizard:
         hope = "" if fresh else f"; certain to {1e3 * there.after.position:.3g} mm after it"
         question = f"Take {what}: move {way:.0f} mm, turn {turn:.0f}°{hope}?"
         if not self.operator.confirm(self._move(question, there.T_b_f)):
-            self.logbook.record_entry(SkippedPose(there.T_b_f, "declined"))
+            self.logbook.record(SkippedPose(there.T_b_f, "declined"))
             return
         reached = self.arm.move_linear(there.T_b_f)
         shot = PosedProfile(what, reached.T_b_f, self.laser.capture(), reached.q)
         samples, refused = fit_profiles([shot], fit_line, self.task.noise)
         if samples:
-            self.logbook.record_entry(LaserLineTaken(shot, fresh))
+            self.logbook.record(LaserLineTaken(shot, fresh))
         else:
             reason = refused[what].evidence
             self.operator.report(f"no line there: {reason}")
-            self.logbook.record_entry(SkippedPose(there.T_b_f, reason))
+            self.logbook.record(SkippedPose(there.T_b_f, reason))
         self.arm.move_linear(ready)
 
     def _get_ready(self) -> Array:
@@ -282,7 +282,7 @@ class CalibrationWizard:
         ready = start_poses_over_board(self.task, state)
         if _same(state, ready[0]):
             return state
-        question = "Move to where the sensor stands square over the board?"
+        question = "Move the sensor square over the board?"
         if not self.operator.confirm(replace(self._move(question, ready[0]), no="Finish")):
             raise CalibrationRefused(
                 "the arm may not move", "every line begins square over the board; go on later"

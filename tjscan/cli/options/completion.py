@@ -49,7 +49,7 @@ def job_keys_as_options(app: App) -> Iterator[None]:
 def options_of_job(kind: str) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Yield the option of each key of a kind of job, and the words that it may have, if only those.
 
-    Keys of arrays of tables, such as stations, are left out: names stand in them.
+    Keys of arrays of tables, such as stations, are left out: they contain names.
     """
     from tjscan.job.kinds import FILE_KINDS
 

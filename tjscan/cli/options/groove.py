@@ -16,22 +16,22 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProfileFileOptions:
-    """Options that say how the numbers of a profile file are to be understood.
+    """How the numbers of a profile file are read.
 
     Parameters
     ----------
     units
-        Unit of length, where the names of the columns do not state it.
+        Unit of length, if the names of the columns do not state it.
     pitch
         Distance of the columns of a matrix, or of points without an x, in that unit.
     invalid
-        A value that stands for no point, beside NaN, an empty cell, and 0 where it lies far from
-        all other heights.
+        A value that means no point, beside NaN, an empty cell, and 0 if it is far from all other
+        heights.
     z_scale
         What one of the heights' numbers is in that unit; 1. Negative where heights grow towards
         the sensor.
     z_offset
-        Distance from the sensor, in that unit, where the file's height is 0. Where left out,
+        Distance from the sensor, in that unit, where the file's height is 0. If left out,
         heights of either sign count from a mid-range 240 mm from the sensor.
     """
 

@@ -11,11 +11,10 @@ from pathlib import Path
 from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.cli.options.page import LiveCrawlOptions
 from tjscan.cli.output.console import print_fields, print_json, print_message
-from tjscan.crawler.journal import CombinedCrawlJournal, CrawlCycle
 from tjscan.crawler.sizing import SizeFigure
 from tjscan.crawler.slip_calibration import SlipCalibration
 from tjscan.job.crawl.job import CrawlJob
-from tjscan.laser.profile import Profile
+from tjscan.recording.journal import CombinedJournal, RunEvent
 from tjscan.report.write import write_run_report
 from tjscan.runs.crawl.results import PASSES_FILE, read_passes
 from tjscan.runs.crawl.run import ConfirmsEveryWeld, CrawlContext
@@ -24,12 +23,10 @@ from tjscan.runs.crawl.run import ConfirmsEveryWeld, CrawlContext
 class EventPrinter:
     """A crawl's journal that prints its events."""
 
-    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
-        """Print nothing: there are a hundred a second."""
-
-    def record_event(self, name: str, detail: str) -> None:
-        """Print an event."""
-        print_message(f"{name}: {detail}")
+    def record(self, message: object) -> None:
+        """Print an event; there are a hundred cycles a second."""
+        if isinstance(message, RunEvent):
+            print_message(f"{message.name}: {message.detail}")
 
 
 class TerminalWeldOperator:
@@ -66,7 +63,7 @@ def watch_crawl(
 
     hand, stop = PageHandDrive.of_job(job) if page.wait else None, ctrl_c_presser()
     with show_crawl(job, file.stem, page.where, print_message, stop, hand) as shown:
-        both = CombinedCrawlJournal((context.journal, shown))
+        both = CombinedJournal(context.journal, shown)
         yield replace(context, journal=both, hand=hand)
 
 

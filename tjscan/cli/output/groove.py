@@ -25,7 +25,7 @@ LISTED_BAD_ROWS: Final = 5
 """Unreadable rows that are listed one by one."""
 
 TRIED_TURNED: Final = 10
-"""Profiles that are read with heights turned round, where none shows a groove."""
+"""Profiles that are read with heights turned round if none shows a groove."""
 
 
 def print_bad_rows(file: Path, bad: Sequence[str]) -> None:
@@ -48,7 +48,7 @@ def print_readings(
     bad : sequence of str
         Rows of the file that could not be read.
     corners : bool
-        A table of the corners, x and z in frame s, in place of that of the measures.
+        A table of the corners, x and z in frame s, in place of the measures.
     json : bool
         JSON in place of a table.
     """

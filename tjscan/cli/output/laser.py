@@ -15,13 +15,15 @@ from tjscan.cli.output.console import print_message
 from tjscan.laser.line_laser import DescribedLaser, LineLaser
 from tjscan.result.readings import ProfileReading, measures_with_sigmas, reading_to_dict
 
-ROWS: Final = 18
-WIDEST: Final = 110
-POINT, CORNERS = "·", "12345678"
+DRAWING_ROWS: Final = 18
+WIDEST_DRAWING: Final = 110
+"""Characters of the drawing of a profile."""
+
+POINT_MARK, CORNER_MARKS = "·", "12345678"
 
 
 def print_description(laser: LineLaser) -> None:
-    """Print on stderr who a laser is and what it sends, as far as it says."""
+    """Print on stderr the identity of a laser and the data that it sends, as far as known."""
     if laser.identity:
         print_message(str(laser.identity))
     if isinstance(laser, DescribedLaser):
@@ -49,9 +51,9 @@ def draw_profile(reading: ProfileReading, columns: int, rows: int) -> list[str]:
     (left, right), (top, bottom) = _span(x), _span(z)
     across, down = (columns - 1) / (right - left), (rows - 1) / (bottom - top)
     canvas[np.round((z - top) * down).astype(int), np.round((x - left) * across).astype(int)] = (
-        POINT
+        POINT_MARK
     )
-    for mark, (corner_x, _, corner_z) in zip(CORNERS, 1e3 * reading.points_s, strict=False):
+    for mark, (corner_x, _, corner_z) in zip(CORNER_MARKS, 1e3 * reading.points_s, strict=False):
         column, row = round((corner_x - left) * across), round((corner_z - top) * down)
         if 0 <= column < columns and 0 <= row < rows:
             canvas[row, column] = mark
@@ -103,8 +105,8 @@ class LiveProfiles:
         elif self._live is None:
             print(describe_reading(reading), flush=True)
         else:
-            columns = min(self._console.width, WIDEST)
-            lines = [*draw_profile(reading, columns, ROWS), describe_reading(reading)]
+            columns = min(self._console.width, WIDEST_DRAWING)
+            lines = [*draw_profile(reading, columns, DRAWING_ROWS), describe_reading(reading)]
             with suppress(BlockingIOError):  # a terminal that is slower than the laser
                 self._live.update(Text("\n".join(lines)), refresh=True)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from rich.progress import Progress
 
 from tjscan.cli.output.console import print_fields, print_message, progress_bars
+from tjscan.recording.journal import RunEvent
 from tjscan.result.summary import ScanSummary, summary_in_words, summary_to_json
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.plan import ScanPlan
@@ -32,20 +33,21 @@ class ProgressJournal:
         self._progress = progress
         self._task = progress.add_task(title, total=total, visible=False)
 
-    def record_view(self, view: ProfileView) -> None:
-        """Show the bar: a profile is not yet a section."""
-        self._progress.update(self._task, visible=True)
+    def record(self, message: object) -> None:
+        """Move the bar on to a finished section, whether or not those before were scanned earlier.
 
-    def record_section(self, scan: ScannedSection) -> None:
-        """Move the bar on to this section, whether or not those before were scanned earlier."""
-        self._progress.update(self._task, completed=scan.view.index + 1)
-
-    def record_event(self, name: str, detail: str) -> None:
-        """Print what happened above the bar; the reason for the end follows with the summary."""
-        if name in (ScanEvent.STOP, ScanEvent.COMPLETE):
-            self._progress.console.print("writing the results and the report …")
-        if name not in (ScanEvent.STOP, ScanEvent.FAILED, ScanEvent.INTERRUPTED):
-            self._progress.console.print(f"{name}: {detail}", markup=False)
+        What happened is printed above the bar; the reason for the end follows with the summary.
+        """
+        match message:
+            case ProfileView():  # not yet a section
+                self._progress.update(self._task, visible=True)
+            case ScannedSection():
+                self._progress.update(self._task, completed=message.view.index + 1)
+            case RunEvent(name, detail):
+                if name in (ScanEvent.STOP, ScanEvent.COMPLETE):
+                    self._progress.console.print("writing the results and the report …")
+                if name not in (ScanEvent.STOP, ScanEvent.FAILED, ScanEvent.INTERRUPTED):
+                    self._progress.console.print(f"{name}: {detail}", markup=False)
 
 
 @contextmanager

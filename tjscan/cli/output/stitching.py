@@ -32,7 +32,7 @@ def _lines(summary: ScanSummary, report: StitchingReport) -> Iterator[tuple[str,
         off = (
             ""
             if one is first
-            else f"; seen from {first.name}, its base stands {one.nominal_off_mm:.0f} mm and "
+            else f"; seen from {first.name}, its base is {one.nominal_off_mm:.0f} mm and "
             f"{one.nominal_off_deg:.1f}° from where it was meant to"
         )
         yield (

@@ -16,11 +16,12 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.job.tow.cell import make_planner
 from tjscan.job.tow.job import TowJob
 from tjscan.job.tow.sweep import sweep_seam
+from tjscan.recording.journal import CombinedJournal, RunEvent
 from tjscan.report.write import write_run_report
 from tjscan.runs.tow.figures import FIGURE_UNITS
 from tjscan.runs.tow.results import FIGURES_FILE, read_tow_figures
 from tjscan.runs.tow.run import TowContext
-from tjscan.towing.journal import CombinedTowJournal, TowCycle
+from tjscan.towing.journal import TowCycle
 from tjscan.towing.seam import Seam
 
 
@@ -39,16 +40,15 @@ class TowProgress:
         self._progress, self._task = progress, task
         self._first: float | None = None
 
-    def record_cycle(self, cycle: TowCycle) -> None:
-        """Show how far it is."""
-        if self._first is None:
-            self._first = cycle.time
-        done = 1e3 * cycle.along or cycle.time - self._first
-        self._progress.update(self._task, completed=done)
-
-    def record_event(self, name: str, detail: str) -> None:
-        """Print an event."""
-        print_message(f"{name}: {detail}")
+    def record(self, message: object) -> None:
+        """Show how far it is, or print an event."""
+        match message:
+            case TowCycle(time=time, along=along):
+                if self._first is None:
+                    self._first = time
+                self._progress.update(self._task, completed=1e3 * along or time - self._first)
+            case RunEvent(name, detail):
+                print_message(f"{name}: {detail}")
 
 
 @contextmanager
@@ -80,8 +80,8 @@ def watch_tow(job: TowJob, file: Path, page: LiveOptions) -> Iterator[TowContext
         from tjscan.runs.live.tow import show_tow
 
         with show_tow(job, file.stem, page.where, print_message, ctrl_c_presser()) as shown:
-            both = CombinedTowJournal((context.journal, shown))
-            yield replace(context, journal=both, show_truth=shown.show_truth)
+            both = CombinedJournal(context.journal, shown)
+            yield replace(context, journal=both, show_truth=shown.record)
 
 
 def print_sweep(job: TowJob, file: Path, *, json: bool) -> None:

@@ -19,14 +19,14 @@ from tjscan.crawler.plan import (
     AlignmentSettings,
     CourseSettings,
     GuardSettings,
+    PassSettings,
     WeldSettings,
 )
 from tjscan.crawler.proximity import ProximitySettings
 from tjscan.crawler.sizing import SizeSettings
+from tjscan.crawler.slip_aware import SteeringSettings
 from tjscan.crawler.slip_estimator import SlipUncertainty
 from tjscan.crawler.slip_model import CrawlerGeometry
-from tjscan.crawler.steering import SteeringSettings
-from tjscan.crawler.torch_path import PassSettings
 from tjscan.job.devices import DeviceSettings
 from tjscan.job.reading import read_job
 from tjscan.job.torch_drivers import TORCH_DRIVERS

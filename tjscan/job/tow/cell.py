@@ -14,8 +14,8 @@ from tjscan.core.frames import Array
 from tjscan.job.devices import DeviceGroup
 from tjscan.job.tow.job import TOWING_EXTRA, TowJob
 from tjscan.job.tow.simulation import FaultyTeam, towing_world_of_job
-from tjscan.towing.devices import Team
 from tjscan.towing.journal import TowTruth
+from tjscan.towing.loop import Team
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.plan import ShapePlanner
 from tjscan.vehicle.localisation import Localisation
@@ -39,9 +39,9 @@ def make_planner(job: TowJob) -> ShapePlanner:
     """
     known = job.localisation
     try:
-        from tjscan.towing.shape.estimate import PoseTrust
         from tjscan.towing.shape.paper_planner import PaperPlanner
-        from tjscan.towing.shape.planner import PlannerSettings, TowingPlanner
+        from tjscan.towing.shape.planner import TowingPlanner
+        from tjscan.towing.shape.settings import PlannerSettings, PoseTrust
     except ModuleNotFoundError as error:
         raise package_missing(error, "towing", TOWING_EXTRA, "method") from error
     settings = PlannerSettings(

@@ -12,9 +12,8 @@ from tjscan.core.registry import Registry
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, SECONDS, SettingsTable
 from tjscan.job.devices import DeviceSettings
 from tjscan.towing.shape.area import Area
-from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.team import TowingLimits, TowingTeam, equal_links
-from tjscan.towing.shape.weights import EffortTargets, TowingWeights
+from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
+from tjscan.towing.shape.settings import EffortTargets, TowingLimits, TowingWeights
 from tjscan.towing.tables import (
     NEWTON,
     AreaSettings,

@@ -4,25 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array
-from tjscan.job.tow.cell import fixed_obstacles, make_planner
-from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.cell import fixed_obstacles
 from tjscan.job.tow.job import TowJob
-from tjscan.job.tow.simulation import towing_world_of_job
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
 
 if TYPE_CHECKING:
-    from tjscan.vehicle.cable.model import TowingWorldModel
-    from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
+    pass
 
 SWEEP_STEP: Final = 0.01
 """Metres of seam from one plan to the next."""
@@ -146,32 +140,3 @@ def _refuse_beyond_reach(seam: Seam, length: float, root: tuple[float, float]) -
             "beyond the cable's length",
             key="seam.points_mm",
         )
-
-
-def read_towing_world(
-    file: Path,
-) -> tuple[TowingWorldModel, Array, LocalisationSimulationSettings]:
-    """Read the world that a tow job simulates, with the first shape of the cable.
-
-    Parameters
-    ----------
-    file : Path
-        The job.
-
-    Returns
-    -------
-    model : TowingWorldModel
-    angles : ndarray, shape (N,)
-        Of the cable's joints, radians.
-    localisation : LocalisationSimulationSettings
-
-    Raises
-    ------
-    ConfigurationError
-        If the job is wrong, or the cable can't follow along the seam.
-    """
-    job = read_tow_job(file)
-    with add_file_to_errors(file):
-        sweep = sweep_seam(job, make_planner(job))
-        sweep.refuse_if_blocked()
-    return towing_world_of_job(job), sweep.start.angles, job.simulation.localisation

@@ -21,7 +21,7 @@ from tjscan.laser.files.heights import (
 )
 
 OFF_PLANE_TOLERANCE: Final = 1e-6
-"""Metres that a point of a profile may lie off the laser plane."""
+"""Metres that a point of a profile may be off the laser plane."""
 
 
 def read_npy(file: Path, form: ProfileFormat) -> FileProfiles:
@@ -60,7 +60,7 @@ def read_ply(file: Path, form: ProfileFormat) -> FileProfiles:
     Raises
     ------
     ConfigurationError
-        If it is no PLY with points, or they lie off that plane.
+        If it is no PLY with points, or they are off that plane.
     """
     scale = metres_per_number(file, form.unit, "a PLY")
     try:

@@ -21,17 +21,17 @@ class ProfileFormat:
     Parameters
     ----------
     unit : str, optional
-        One of `METRES_PER_UNIT`, where the names of the columns don't state it.
+        One of `METRES_PER_UNIT`, if the names of the columns don't state it.
     pitch : float, optional
         Distance of neighbouring columns of a matrix, or of points without an x, in that unit.
     invalid : tuple of float
-        Values that stand for no point, beside NaN and nothing. Zero does, too, where it lies far
+        Codes of no point, beside NaN and nothing. Zero is one, too, if it is far
         from all other heights.
     z_scale : float
         What one of the file's numbers is in that unit; negative where heights grow towards the
         sensor.
     z_offset : float, optional
-        Distance from the sensor, in that unit, where the file's height is zero. Without it
+        Distance from the sensor, in that unit, of a height of zero. Without it
         heights of either sign count from `ASSUMED_MID_RANGE`.
     """
 

@@ -16,7 +16,7 @@ from tjscan.core.frames import Array
 from tjscan.laser.files.text import TextTable
 
 PROFILE_SECTIONS = {"profile": False, "rawprofile": True}
-"""Sections that hold profiles, and whether their X values stand in rows."""
+"""Sections that hold profiles, and whether their X values are in rows."""
 
 METRES_PER_MM = 1e-3
 

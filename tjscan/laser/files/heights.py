@@ -22,8 +22,7 @@ ENOUGH_HEIGHTS: Final = 20
 """Heights that show what is usual among them."""
 
 CODE_DISTANCE: Final = 10.0
-"""A number that stands for no point lies this many times as far from all heights as these do from
-each other."""
+"""A code of no point is this many times as far from all heights as these are from each other."""
 
 SMALLEST_SPAN, LARGEST_SPAN = 2e-4, 10.0
 """Metres that a profile spans: less or more is a mistaken unit."""
@@ -65,7 +64,7 @@ def heights_from_sensor(
     if np.nanmin(z, initial=np.inf) > 0:
         return z
     table.notes.append(MIDDLE_TAKEN)
-    # Nothing lies behind the sensor, however long its range.
+    # Nothing is behind the sensor, however long its range.
     return np.asarray(z + max(ASSUMED_MID_RANGE, -1.2 * float(np.nanmin(z))))
 
 
@@ -81,7 +80,7 @@ def without_codes(values: Array, invalid: Sequence[float]) -> Array:
 
 
 def metres_per_number(file: Path, unit: str | None, what: str) -> float:
-    """Metres that one of a file's numbers stands for.
+    """Metres of one of a file's numbers.
 
     Raises
     ------

@@ -31,7 +31,7 @@ def read_profiles(file: Path, form: ProfileFormat) -> FileProfiles:
     Parameters
     ----------
     file : Path
-        Text whose first line names columns x and z (and profile, where there are many); text
+        Text whose first line names columns x and z (and profile, if there are many); text
         with a profile per row, with or without a line of column numbers; NPY with either; PLY
         with points in the x-z plane; or a Gocator's exported recording. Text is separated by
         commas, semicolons, tabs or blanks.

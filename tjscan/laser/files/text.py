@@ -81,7 +81,7 @@ def read_text_table(file: Path) -> TextTable:
 
 
 def _separator(lines: list[str]) -> str | None:
-    """What stands between cells; None for blanks."""
+    """What separates cells; None for blanks."""
     for mark in (";", "\t"):
         if any(mark in line for line in lines):
             return mark

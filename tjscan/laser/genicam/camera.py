@@ -38,7 +38,7 @@ IN_USE_PATIENCE: Final = 3.2
 """Seconds for which a laser stays with a program that was killed: GigE Vision's usual heartbeat."""
 
 CLOCK_READINGS: Final = 10
-"""Readings of a laser's clock, of which two have to differ; together they take milliseconds."""
+"""Readings of a laser's clock; two must differ. Together they take milliseconds."""
 
 TRIGGER_SELECTORS: Final = ("FrameStart", "LineStart", "FrameBurstStart")
 """What a trigger may start, the first that there is."""
@@ -277,7 +277,7 @@ class GenicamClient:
             ) from error
 
     def _read(self, name: str, read: Callable[[str], Any]) -> Any:
-        """A feature's value; None where the laser lacks it."""
+        """A feature's value; None if the laser lacks it."""
         with suppress(GenicamError):
             return read(name)
         return None
@@ -308,7 +308,7 @@ class GenicamClient:
         return len(readings) > 1
 
     def _latch(self) -> tuple[int, HostInterval]:
-        """Read the laser's clock now, and when that was; without a clock, begin to stream anew.
+        """Read the laser's clock now, and when that was; without a clock, restart the stream.
 
         What an acquisition that has just begun brings was exposed after that.
         """

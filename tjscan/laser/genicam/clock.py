@@ -1,8 +1,8 @@
 """From a laser's clock to the host's, and from there to the cell's, with what is not known.
 
-The laser's clock is read at the beginning of each capture, between two readings of the host's: that
-is where it stood then. No model of the clocks is kept, so nothing has to be learned, and a laser
-that was restarted is right at once.
+The laser's clock is read at the beginning of each capture, between two readings of the host's. No
+model of the clocks is kept, so nothing has to be learned, and a laser that was restarted is right
+at once.
 """
 
 from __future__ import annotations

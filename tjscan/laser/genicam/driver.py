@@ -81,7 +81,7 @@ class GenicamSettings(GigeSettings):
     exposure : float, optional
         Seconds of exposure; what the laser has set where left out.
     rows : int
-        Rows of a block, of which the first is the profile; for lasers that send no fewer.
+        Rows of a block, the first one the profile; for lasers that send no fewer.
     scale, offset : tuple of float, optional
         Of x and z, in metres per count and metres, instead of what the laser states.
     invalid : float, optional
@@ -89,7 +89,7 @@ class GenicamSettings(GigeSettings):
     axis_limits : bool
         Whether points outside the laser's Scan3dAxisMin and Scan3dAxisMax are missing.
     flip_x, flip_z : bool
-        Whether the laser's axes point against those of frame s.
+        Whether the laser's axes point against the axes of frame s.
     """
 
     trigger: Trigger = "software"

@@ -34,7 +34,7 @@ TAKEN_AGAIN: Final = "profile taken again"
 
 
 class GigeLaser(ABC):
-    """Base of `LineLaser`s behind GigE Vision; what their payload means is for the others to say.
+    """Base of `LineLaser`s behind GigE Vision; subclasses define what their payload means.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class GigeLaser(ABC):
         LaserNotConnected, LaserInUse, LaserNotResponding
             If it can't be had.
         WrongLaser
-            If another laser answers than the job says, or than answered before.
+            If another laser answers than the job states, or than answered before.
         ProfileFormatRefused
             If its numbers can't be turned into millimetres.
         """
@@ -163,12 +163,12 @@ class GigeLaser(ABC):
         """The profile in a block, of this time on the cell's clock."""
 
     def _link(self, size: int) -> str:
-        """Its link in words, where a profile takes so many bytes."""
+        """Its link in words, for profiles of so many bytes."""
         laser = self.connected
         clock = (
             "its clock can be read"
             if laser.latches
-            else "its clock can't be read, so that it starts anew for each profile"
+            else "its clock can't be read, so that its stream restarts for each profile"
         )
         count = -(-size // max(laser.packet_size, 1))
         return (

@@ -35,7 +35,7 @@ def scales_of_laser(laser: ConnectedLaser, settings: GenicamSettings) -> Scan3dS
     Raises
     ------
     ProfileFormatRefused
-        If neither says what the numbers mean, or the laser says that they are no millimetres.
+        If neither states what the numbers mean, or the laser states that they are no millimetres.
     """
     layout = COORDINATE_FORMATS.get(laser.pixel_format)
     if layout is None:
@@ -67,10 +67,9 @@ def _check_states_millimetres(laser: ConnectedLaser) -> None:
             "a calibrated or rectified one, with laser.genicam.features.Scan3dOutputMode"
         )
     if laser.unit != MILLIMETER_UNIT:
-        what = "does not say" if laser.unit is None else f"says {laser.unit}"
+        what = "does not state it" if laser.unit is None else f"states {laser.unit}"
         raise ProfileFormatRefused(
-            f"the laser {what}, where its Scan3dDistanceUnit should say {MILLIMETER_UNIT}. "
-            f"{STATE_THEM}"
+            f"the laser {what}: its Scan3dDistanceUnit should be {MILLIMETER_UNIT}. {STATE_THEM}"
         )
 
 
@@ -97,7 +96,7 @@ class GenicamLaser(GigeLaser):
     Parameters
     ----------
     settings : GenicamSettings
-        How to reach it, and what its numbers mean where it does not say.
+        How to reach it, and what its numbers mean if it does not state that.
     time : callable
         Gives the seconds on the clock of the cell.
     """

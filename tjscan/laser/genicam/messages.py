@@ -43,7 +43,7 @@ class StreamSetup:
 
 @dataclass(frozen=True, slots=True)
 class StatedAxis:
-    """What a laser states about one coordinate; none where it lacks the feature.
+    """What a laser states about one coordinate; none if it lacks the feature.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class StatedAxis:
     low, high : float or None
         Least and greatest number that it transmits.
     invalid : float or None
-        Number of a missing point, where it marks them by one.
+        Number of a missing point, if it marks them by one.
     """
 
     scale: float | None = None
@@ -73,9 +73,9 @@ class ConnectedLaser:
     address : str
         Its IP address.
     pixel_format : str
-        What it sends; empty where that says nothing about its payload.
+        What it sends; empty if that does not describe its payload.
     columns, rows : int
-        Points of a row, and rows of a block; 0 where it does not say.
+        Points of a row, and rows of a block; 0 if not stated.
     packet_size : int
         Bytes of a packet of the stream, headers included.
     unit, output_mode : str or None

@@ -2,7 +2,7 @@
 
 The client library ur-rtde runs in a process of its own (`client`); this one asks it, never
 longer than a time limit, and keeps the dashboard at hand to stop the arm without it. Every
-move is begun and then followed, so that it can be stopped; what the arm says of itself is
+move is begun and then followed, so that it can be stopped; the state that the arm reports is
 watched with it. After a fault the arm takes no more commands: nothing resumes by itself.
 """
 
@@ -37,8 +37,8 @@ class UrArm(DeviceBase):
     Parameters
     ----------
     kinematics : Kinematics
-        The arm as its maker draws it; where it differs by its calibration, the controller's
-        word holds.
+        The arm as its maker draws it; if it differs by its calibration, the controller's
+        poses hold.
     settings : UrSettings
         Where it is.
     limits : MotionLimits, optional

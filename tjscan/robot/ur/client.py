@@ -1,8 +1,8 @@
 """The client library in a process of its own: ``python -m tjscan.robot.ur.client SOCKET``.
 
 Its constructors hold the interpreter's lock, some of its calls wait for minutes, and when it
-loses the controller it reconnects for ever and then takes its process down. Here it harms
-nobody: the main process asks over a socket, waits as long as it likes, and ends this process.
+loses the controller it reconnects for ever and then takes its process down. Here it does no
+harm: the main process asks over a socket, waits as long as it likes, and ends this process.
 When the main process is gone, this one stops the arm and ends; when it leaves a move unfollowed,
 this one stops the arm and does nothing more.
 """
@@ -44,7 +44,7 @@ FEED_INTERVAL: Final = 0.1
 """Seconds between signs of life, when nothing else is asked."""
 
 STOP_DECELERATION: Final = 2.0
-"""rad/s² with which the arm is stopped when nobody watches over it."""
+"""rad/s² with which an unsupervised arm is stopped."""
 
 UNFOLLOWED_LIMIT: Final = WATCHDOG_PERIOD
 """Seconds for which a move may go unfollowed: as long as the controller waits for this process."""
@@ -158,7 +158,7 @@ class RtdeClient:
         return bool(self._control.isPoseWithinSafetyLimits(list(tcp)))
 
     def inverse(self, tcp: SixNumbers, near: SixNumbers) -> list[float]:
-        """Ask the controller for the inverse kinematics of a pose; nothing where it has none."""
+        """Ask the controller for the inverse kinematics of a pose; nothing if it has none."""
         if not self._control.getInverseKinematicsHasSolution(list(tcp), list(near)):
             return []
         return list(self._control.getInverseKinematics(list(tcp), list(near)))
@@ -212,11 +212,11 @@ class RtdeClient:
             return False
         status = self._control.getAsyncOperationProgressEx()
         if not status.isAsyncOperationRunning() and status.operationId() != self._before:
-            self._before = None  # it has ended meanwhile, where it was to end
+            self._before = None  # it has ended meanwhile
         return self._before is not None
 
     def stop_arm_and_script(self) -> None:
-        """Stop the arm and end the control script, as nobody supervises the arm."""
+        """Stop the arm and end the control script: the arm is not supervised."""
         self._watched = False  # whatever hangs below, the controller's watchdog stops the arm
         if self._control is not None:
             self._control.stopJ(STOP_DECELERATION)

@@ -33,7 +33,7 @@ from tjscan.robot.ur.session import (
 )
 
 Pause = Callable[[], object]
-"""Waits a moment, or until somebody stops the arm."""
+"""Waits a moment, or until the arm is stopped."""
 
 SETTING_LIMIT: Final = 2.0
 """Seconds within which a program starts or ends, and a value that was set is shown."""
@@ -60,7 +60,7 @@ def connect_to_controller(
     kinematics : Kinematics
         Which arm it should be.
     pause : callable
-        Waits a moment, or until somebody stops the arm.
+        Waits a moment, or until the arm is stopped.
     note : callable
         Receives the events of the session.
 
@@ -169,14 +169,14 @@ def _check_model(session: ControllerSession, kinematics: Kinematics) -> None:
     if apart > OTHER_ARM:
         raise ConfigurationError(
             f"the controller has its flange {1e3 * apart:.0f} mm from where a "
-            f"{kinematics.name} with these joint angles has it: name the arm that "
-            "stands there, or see what its installation says of its mounting",
+            f"{kinematics.name} with these joint angles has it: name the "
+            "right arm, or check the mounting in its installation",
             key="arm.model",
         )
 
 
 def _disobeyed(what: str, wanted: str, found: object) -> ArmFault:
     return ArmFault(
-        f"the controller was asked to set its {what} to {wanted} and says {found}. See that "
-        "nobody else works with it, then start again."
+        f"the controller was asked to set its {what} to {wanted} and reports {found}. See "
+        "that no other program works with it, then start again."
     )

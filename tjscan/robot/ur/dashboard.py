@@ -32,10 +32,10 @@ class DashboardClient:
 
     Raises
     ------
-    ArmNotReached
-        If there is nobody at that address.
+    ArmNotConnected
+        If there is no controller at that address.
     ArmNotResponding
-        If there is somebody who does not answer.
+        If it does not answer.
     """
 
     def __init__(self, host: str) -> None:
@@ -70,7 +70,7 @@ class DashboardClient:
             return True
 
     def connect_again(self, limit: float) -> None:
-        """Make the connection anew; raises as the constructor does.
+        """Connect again; raises as the constructor does.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class DashboardClient:
         Raises
         ------
         ArmNotResponding
-            If there is none, or there was none before: nobody waits twice.
+            If there is none, or there was none before: no call waits twice.
         """
         if self._silence is not None:
             raise self._silence
@@ -185,5 +185,5 @@ def read_ur_identity(
 
 
 def _told(answer: str) -> str:
-    """An answer, or nothing where the dashboard does not know the question."""
+    """An answer, or nothing if the dashboard does not know the question."""
     return "" if "understand" in answer.lower() or "not supported" in answer.lower() else answer

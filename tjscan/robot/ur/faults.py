@@ -1,4 +1,4 @@
-"""From what a controller says of itself to the error that says what happened and what to do."""
+"""From the state of a controller to the error that states what happened and what to do."""
 
 from __future__ import annotations
 
@@ -42,33 +42,33 @@ _REMOTE_MESSAGE: Final = (
 )
 _PROGRAM_MESSAGE: Final = (
     "the program on the arm's controller was stopped or paused, and neither by this program nor by "
-    "a silence between the two: by somebody on its pendant or over the network, or by the "
-    "controller itself, whose log says why then. See that nobody works at the arm, then start "
-    "again."
+    "a silence between the two: by a person at its pendant or over the network, or by the "
+    "controller itself, whose log then states why. Make sure that no one works at the arm, then "
+    "start again."
 )
 _HELD_UP_MESSAGE: Final = (
     "this computer was held up, and sent the arm's controller nothing for {:.1f} s: most likely "
-    "that is why the controller stopped the arm and ended its program, as it does where it hears "
+    "that is why the controller stopped the arm and ended its program, as it does when it hears "
     "nothing for {:g} s. See that the way is clear and that nothing else keeps this computer busy, "
     "then start again."
 )
 _CUT_OFF_MESSAGE: Final = (
     "nothing came from the arm's controller for {:.1f} s, and its program has ended: most likely "
-    "the network between the two was interrupted, or the controller hung. See that the arm stands "
-    "still and its network cable sits, then start again."
+    "the network between the two was interrupted, or the controller hung. See that the arm is "
+    "at rest and its network cable sits, then start again."
 )
 _REGISTERS_MESSAGE: Final = (
     "another client writes the RTDE inputs of the arm's controller. Switch off EtherNet/IP, "
     "PROFINET and MODBUS on its pendant and end other programs that use it, then start again."
 )
 _LINK_MESSAGE: Final = (
-    "the connection to the arm's controller broke. See that the arm stands still and its network "
+    "the connection to the arm's controller broke. See that the arm is at rest and its network "
     "cable sits, then start again."
 )
 
 
 def safety_fault(mode: str) -> ArmFault | None:
-    """Fault that a safety mode means, None where it means none; by the dashboard's name."""
+    """Fault that a safety mode means, None if it means none; by the dashboard's name."""
     if "EMERGENCY" in mode:
         return EmergencyStop(_EMERGENCY_MESSAGE)
     if mode == "PROTECTIVE_STOP":
@@ -83,21 +83,21 @@ def safety_fault(mode: str) -> ArmFault | None:
 
 
 def power_fault(mode: str) -> ArmFault | None:
-    """Fault that a robot mode means, None where it means none; by the dashboard's name."""
+    """Fault that a robot mode means, None if it means none; by the dashboard's name."""
     if mode == RobotMode.RUNNING.name:
         return None
     return ArmNotPowered(f"the arm is not ready to move (its mode is {mode}). {_POWER_ADVICE}")
 
 
 def remote_fault(answer: str) -> ArmFault | None:
-    """Fault if the dashboard says that the arm is not in remote control."""
+    """Fault if the dashboard reports that the arm is not in remote control."""
     return ArmNotInRemoteMode(_REMOTE_MESSAGE) if answer.lower() == "false" else None
 
 
 def program_fault(now: ControllerState) -> ArmFault:
-    """Fault of a program that does not run any more, by who fell silent before, if anybody did.
+    """Fault of a program that does not run any more, by which side fell silent before, if one did.
 
-    A computer that stood still saw nothing either: that nothing was sent is told first.
+    A computer that was held up saw nothing either: that nothing was sent is reported first.
     """
     if now.unheard >= TOO_SILENT:
         return MoveSupervisionLost(_HELD_UP_MESSAGE.format(now.unheard, WATCHDOG_PERIOD))

@@ -63,7 +63,7 @@ class ControllerKinematics:
 
 
 def read_controller_kinematics(host: str, limit: float = READ_LIMIT) -> ControllerKinematics | None:
-    """Read what a controller states of its kinematics; None where it states nothing in time.
+    """Read what a controller states of its kinematics; None if it states nothing in time.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ class SafetyMode(IntEnum):
     FAULT = 9
 
 
-HOST_GONE: Final = "nobody followed the move"
+HOST_GONE: Final = "the move was not supervised"
 """The client's answer to every request after it had to stop an unsupervised move."""
 
 WATCHDOG_PERIOD: Final = 1.0
@@ -50,7 +50,7 @@ class ControllerState:
     Parameters
     ----------
     connected : bool
-        Whether both RTDE links stand.
+        Whether both RTDE links are up.
     time : float
         Seconds on the controller's clock.
     q, speed : tuple of float
@@ -68,7 +68,7 @@ class ControllerState:
     unseen : float
         Longest time lately for which nothing new came from the controller, seconds.
     payload, centre_of_gravity : float, tuple of float
-        The active payload in kilograms and metres; None where the controller does not report it.
+        The active payload in kilograms and metres; None if the controller does not report it.
     """
 
     connected: bool

@@ -29,13 +29,13 @@ START_LIMIT: Final = 2.0
 """Seconds within which a move that was accepted begins."""
 
 STALL_LIMIT: Final = 10.0
-"""Seconds that a move may stand still: the speed slider may be at zero for a moment."""
+"""Seconds for which a move may not go on: the speed slider may be at zero for a moment."""
 
 SETTLE_LIMIT: Final = 1.0
 """Seconds the arm may take to come to rest where it was sent."""
 
 REST_SPEED: Final = 5e-3
-"""rad/s: what encoders show of a joint that stands, an assumption."""
+"""rad/s: what encoders show of a joint at rest, an assumption."""
 
 LEAST_TURN: Final = 1e-5
 """Radians a joint turns at least between two looks at an arm that moves."""
@@ -44,8 +44,8 @@ LEAST_TURN: Final = 1e-5
 def check_target_is_safe(session: ControllerSession, T_b_f: Array) -> None:
     """Check with the controller that a pose is within its safety limits; else TargetRefused.
 
-    The client library answers no as well where the controller does not answer: so the controller
-    is asked again, and believed once it has answered a question with a known answer in between.
+    The client library also answers no if the controller does not answer. So the controller is
+    asked again, after it has answered a question with a known answer.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def _follow(session: ControllerSession, latch: MotionLock, before: ControllerSta
         if stopping:
             raise ArmFault(
                 "the arm was stopped on its way. See that the way is clear, then move again "
-                "from where it stands."
+                "from where it is."
             )
         session.keep_dashboard_connected()
         if now.operation == before.operation:
@@ -122,7 +122,7 @@ def _follow(session: ControllerSession, latch: MotionLock, before: ControllerSta
         if moment > moved + STALL_LIMIT:
             raise session.end_for_fault(
                 ArmNotResponding(
-                    f"the arm stands still for {STALL_LIMIT:g} s in the middle of a move. See "
+                    f"the arm does not move for {STALL_LIMIT:g} s in the middle of a move. See "
                     "that the speed slider on its pendant is not at zero, then start again."
                 )
             )
@@ -136,7 +136,7 @@ def await_arrival(
     Raises
     ------
     PoseNotReached
-        If it is not where it was sent go. The session has ended then: what holds an arm off
+        If it is not where it was sent. The session has ended then: what holds an arm off
         its place, or moves it, would do so again, and what was planned from there is not so.
     """
     limit, first = time.monotonic() + SETTLE_LIMIT, session.read_state().time
@@ -153,7 +153,7 @@ def await_arrival(
         if newer and time.monotonic() > limit:
             raise session.end_for_fault(
                 PoseNotReached(
-                    f"it stands {1e3 * distance:.2f} mm and {np.degrees(angle):.2f} deg from "
+                    f"it is {1e3 * distance:.2f} mm and {np.degrees(angle):.2f} deg from "
                     "there. See that the payload is right and nothing holds the arm, then start "
                     "again.",
                     T_b_f,

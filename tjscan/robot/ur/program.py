@@ -38,7 +38,7 @@ WATCHDOG_STATEMENT: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UrProgram:
-    """A program in URScript, and where it leads.
+    """A program in URScript, and the pose that it leads to.
 
     Parameters
     ----------
@@ -148,8 +148,8 @@ def _check_end(session: ControllerSession, settings: UrSettings, T_b_tcp: Array)
     if distance > settings.position_tolerance or angle > settings.rotation_tolerance:
         raise PoseNotReached(
             f"the program ended {1e3 * distance:.1f} mm and {np.degrees(angle):.1f} deg from where "
-            "it leads: somebody stopped it on its way, or the controller did, whose log says why "
-            "then.",
+            "it leads: it was stopped on its way, by a person or by the controller, whose log then "
+            "states why.",
             T_b_tcp,
             there,
         )

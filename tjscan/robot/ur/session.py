@@ -1,4 +1,4 @@
-"""What the driver says to one controller while it is connected, and how that ends."""
+"""Commands to one controller and its replies while it is connected, and how that ends."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ STOP_DECELERATION: Final = 2.0
 """rad/s² of the leading axis when a move is stopped."""
 
 NEXT_READING: Final = 0.02
-"""Seconds after which the controller has reported anew."""
+"""Seconds after which the controller has reported again."""
 
 ANSWER_SLACK: Final = 1.0
 """Seconds that the client's process may take for itself on a busy machine."""
@@ -93,8 +93,8 @@ class UrClientProcess(ClientProcess):
             raise ArmConnectionLost("the client's process has ended. Connect again.") from None
         except ClientDied as died:
             raise ArmConnectionLost(
-                f"the connection to the arm's controller broke.{died} See that the arm stands "
-                "still and its network cable sits, then start again."
+                f"the connection to the arm's controller broke.{died} See that the arm is "
+                "at rest and its network cable sits, then start again."
             ) from None
         except ClientSilent:
             raise ArmNotResponding(
@@ -144,13 +144,13 @@ class ControllerClockWatch:
         self._seen = moment
         if moment - self._since > self._limit:
             raise ArmNotResponding(
-                f"the controller's clock stands at {now.time:.3f} s for {self._limit:g} s: it is "
-                "silent. Look at its pendant and cable, then start again."
+                f"the controller's clock remains at {now.time:.3f} s for {self._limit:g} s: it "
+                "is silent. Look at its pendant and cable, then start again."
             )
 
 
 class ControllerSession:
-    """Session with a controller: reads and commands, none of which it passes on after a fault.
+    """Session with a controller: reads and commands; none is passed on after a fault.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ class ControllerSession:
     link : UrClientProcess
         The client.
     silence_limit : float
-        Seconds for which the controller's clock may stand.
+        Seconds for which the controller's clock may not advance.
     note : callable
         Receives events.
     """
@@ -189,7 +189,7 @@ class ControllerSession:
         return self._look("read_state")
 
     def read_state_supervising_move(self) -> ControllerState:
-        """Read the state during a move; the client stops the arm if nobody does for long."""
+        """Read the state during a move; the client stops the arm if that is not done for long."""
         return self._look("read_state_supervising_move")
 
     def read_state_beside_program(self) -> ControllerState:
@@ -344,7 +344,7 @@ class ControllerSession:
             fault = fault_from_state(
                 replace(now, runtime_state=PROGRAM_PLAYING) if beside_program else now
             )
-            if isinstance(fault, ProgramStopped):  # blames people: a second look must say so too
+            if isinstance(fault, ProgramStopped):  # blames people: confirm it first
                 time.sleep(NEXT_READING)
                 now = link.call_client_method(ControllerState, name, limit=self._limit)
                 fault = fault_from_state(now)
@@ -357,7 +357,7 @@ class ControllerSession:
         return now
 
     def _cause(self, fault: ArmFault) -> ArmFault:
-        """Why the program stopped or nobody answers, where the dashboard knows."""
+        """Why the program stopped or the controller is silent, if the dashboard knows."""
         if isinstance(fault, (ProgramStopped, ArmNotResponding)):
             with suppress(ArmFault):
                 found = not_ready_fault(self.dashboard)

@@ -10,10 +10,9 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.result import HandEyeUncertainty
-from tjscan.calibration.solve.design import predict_uncertainty
 from tjscan.calibration.targets.target import PosedProfile
 from tjscan.calibration.targets.touched import fit_plane
-from tjscan.calibration.wizard.advice import BoardRectangle
+from tjscan.calibration.wizard.advice import BoardRectangle, predict_uncertainty
 from tjscan.calibration.wizard.logbook import MeasurementsSoFar
 from tjscan.calibration.wizard.session import (
     CalibrationPlan,

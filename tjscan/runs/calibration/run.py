@@ -11,7 +11,7 @@ import numpy as np
 import trimesh
 
 from tjscan.calibration.arm.design import BallPlan, plan_views
-from tjscan.calibration.arm.geometry import ArmGeometry
+from tjscan.calibration.arm.model import ArmGeometry
 from tjscan.calibration.arm.result import as_hand_eye_calibration
 from tjscan.calibration.arm.wizard import ArmWizard
 from tjscan.calibration.entries import BasisEntry, ShrinkingEntry, views_of_poses
@@ -202,9 +202,6 @@ def basis_of_postures(
     )
 
 
-EARLY_MEASUREMENTS: Final = "measured.jsonl"
-"""What version 0.1.0 wrote in place of a recording."""
-
 BOARD_THICKNESS: Final = 5e-3
 """Metres, of the simulated board."""
 
@@ -236,10 +233,7 @@ def start_calibration(
         If the job is wrong, a device fails or the result can't be trusted; what was measured
         until then is kept.
     """
-    if any(
-        (directory / name).exists()
-        for name in (f"{CALIBRATION_RECORDING}.mcap", EARLY_MEASUREMENTS)
-    ):
+    if (directory / f"{CALIBRATION_RECORDING}.mcap").exists():
         raise ConfigurationError(
             f"holds a calibration already; go on with it: --resume {directory}", file=directory
         )
@@ -260,12 +254,6 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
     file = directory / CALIBRATION_FILE
     if file.exists():
         raise ConfigurationError("is finished already; there is nothing to resume", file=directory)
-    if (directory / EARLY_MEASUREMENTS).exists():
-        raise ConfigurationError(
-            "was measured by tjscan 0.1.0, and only that version goes on with it: install it to "
-            "finish this calibration, or start a new one",
-            file=directory / EARLY_MEASUREMENTS,
-        )
     if not operator.present and {job.arm.driver_kind, job.laser.driver_kind} != {
         DriverKind.SIMULATED
     }:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,14 +13,21 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.files import lock_and_clean_directory
 from tjscan.crawler.control_cycle import LONGEST_PERIOD
-from tjscan.crawler.journal import SET_DOWN, CrawlCycle, is_by_hand
+from tjscan.crawler.journal import SET_DOWN_EVENT, CrawlCycle, is_by_hand
 from tjscan.crawler.method import FollowingMethod
-from tjscan.crawler.topics import CRAWL_RECORDING, CYCLE, CYCLES_TOGETHER, LOG, REPLAY, SLIP, TOPICS
+from tjscan.crawler.topics import (
+    CRAWL_RECORDING,
+    CRAWL_TOPICS,
+    CYCLES_TOGETHER,
+    REPLAY_EVENT,
+    cycle_messages,
+    read_crawl_messages,
+)
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.recording.foxglove import event_log_message
 from tjscan.recording.header import JobSnapshot
+from tjscan.recording.journal import LOG_TOPIC
 from tjscan.recording.parts import recording_files
-from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic
 from tjscan.recording.writer import RecordingWriter
 from tjscan.result.directory import JOB_FILE
@@ -78,7 +86,7 @@ def replay_crawl(
             if number:
                 known = slip_after_set_down if set_down[number] else slip_after_stop
                 method = context.make_method(known(read_recorded_crawl(out), context.job))
-            with RecordingWriter(out / part.name, TOPICS, origin) as recording:
+            with RecordingWriter(out / part.name, CRAWL_TOPICS, origin) as recording:
                 for messages in _in_chunks(_replayed(part, method, f"{directory}")):
                     recording.write_timed(messages)
         write_passes(out)
@@ -86,36 +94,28 @@ def replay_crawl(
 
 
 def _was_set_down(part: Path) -> bool:
-    """Read a part of a recording to its end: whether it begins at its operator's place."""
-    events = [entry.message for entry in read_messages(part, TOPICS) if entry.topic is LOG]
-    return any(
-        event.name == SET_DOWN
-        or (event.name == "place" and event.message.endswith("as the operator says"))  # once so
-        for event in events
-    )
+    """Read a part of a recording to its end: whether it begins where its operator set it down."""
+    events = [entry.message for entry in read_crawl_messages(part) if entry.topic is LOG_TOPIC]
+    return any(event.name == SET_DOWN_EVENT for event in events)
 
 
 def _replayed(part: Path, method: FollowingMethod, source: str) -> Iterator[TimedMessage]:
     """Messages of a part of a recording, its estimates made by a method.
 
-    Its estimate of slip follows each one in the part, or every `CYCLES_TOGETHER` cycles if the
-    part holds none.
+    Its estimate of slip is in the cycles in which the part has one, and in every
+    `CYCLES_TOGETHER`th of a part that has none.
     """
     time: float | None = None
-    without_slip, is_due = 0, False
-    for entry in read_messages(part, TOPICS):
-        if entry.topic is SLIP:
-            is_due = True
+    without_slip = 0
+    for entry in read_crawl_messages(part):
+        cycle = entry.message
+        if not isinstance(cycle, CrawlCycle):
+            yield entry.time, entry.topic, cycle
             continue
-        if entry.topic is not CYCLE:
-            yield entry.time, entry.topic, entry.message
-            continue
-        cycle: CrawlCycle = entry.message
         if time is None:
-            event = event_log_message(
-                entry.time, Log.Level.INFO, REPLAY, f"estimated anew from {source}; nothing moved"
-            )
-            yield entry.time, LOG, event
+            detail = f"estimated anew from {source}; nothing moved"
+            event = event_log_message(entry.time, Log.Level.INFO, REPLAY_EVENT, detail)
+            yield entry.time, LOG_TOPIC, event
         period = 0.0 if time is None else cycle.state.time - time
         time = cycle.state.time
         if is_by_hand(cycle.phase, cycle.commanded):
@@ -124,20 +124,13 @@ def _replayed(part: Path, method: FollowingMethod, source: str) -> Iterator[Time
             method.move(cycle.state.odometry, period, cycle.commanded)
         if cycle.was_read:
             method.read(cycle.d, cycle.d_sigma)
-        if method.slip is not None and (is_due or without_slip >= CYCLES_TOGETHER):
-            yield entry.time, SLIP, method.slip
-            without_slip, is_due = 0, False
-        yield entry.time, CYCLE, replace(cycle, torch=method.torch)
-        without_slip += 1
+        is_due = cycle.slip is not None or without_slip >= CYCLES_TOGETHER
+        slip = method.slip if is_due else None
+        without_slip = 1 if slip is not None else without_slip + 1
+        yield from cycle_messages(entry.time, replace(cycle, torch=method.torch, slip=slip))
 
 
 def _in_chunks(messages: Iterator[TimedMessage]) -> Iterator[list[TimedMessage]]:
     """Messages, as many together as a crawl writes at once."""
-    chunk: list[TimedMessage] = []
-    for message in messages:
-        chunk.append(message)
-        if len(chunk) >= CYCLES_TOGETHER:
-            yield chunk
-            chunk = []
-    if chunk:
+    while chunk := list(islice(messages, CYCLES_TOGETHER)):
         yield chunk

@@ -12,7 +12,7 @@ from tjscan.core.manifest import check_as_written
 from tjscan.crawler.joint_history import PLACES_ACROSS, section_histories
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_model import SlipState
-from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY, WARNING
+from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY_EVENT, WARNING_EVENT
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
@@ -77,10 +77,10 @@ def _findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
             f"Its recording ends in the phase {phases[-1]!r}, before the crawl did: the program "
             "was killed, or the file cut."
         )
-    replays = [event.detail for event in found.events if event.name == REPLAY]
+    replays = [event.detail for event in found.events if event.name == REPLAY_EVENT]
     if replays:
         yield f"A replay, {replays[0]}: what the {job.method} method would have estimated."
-    for warning in dict.fromkeys(e.detail for e in found.events if e.name == WARNING):
+    for warning in dict.fromkeys(e.detail for e in found.events if e.name == WARNING_EVENT):
         yield f"{warning[:1].upper()}{warning[1:]}."
     for event in found.events:
         if event.name == Phase.STOP:

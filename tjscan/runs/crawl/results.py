@@ -15,10 +15,10 @@ from tjscan.core.files import write_files_atomically
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
 from tjscan.crawler.pass_record import PassRecord, pass_records
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.topics import CRAWL_RECORDING, CrawlProfile, read_crawl
+from tjscan.crawler.topics import CRAWL_RECORDING, read_crawl
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
-from tjscan.recording.event import RecordedEvent
+from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import job_label_of_run
 from tjscan.runs.run import read_result_file, table_to_csv
@@ -54,8 +54,7 @@ class RecordedCrawl:
     ----------
     cycles : tuple of CrawlCycle
     passes : tuple of PassRecord
-    events : tuple of RecordedEvent
-    profiles : tuple of (CrawlCycle, Profile)
+    events : tuple of RunEvent
     places : tuple of (CrawlCycle, SimulatedPlace)
         Where a simulated vehicle truly was; empty for a real one.
     was_stopped : bool
@@ -65,35 +64,34 @@ class RecordedCrawl:
 
     cycles: tuple[CrawlCycle, ...]
     passes: tuple[PassRecord, ...]
-    events: tuple[RecordedEvent, ...]
-    profiles: tuple[tuple[CrawlCycle, Profile], ...]
+    events: tuple[RunEvent, ...]
     places: tuple[tuple[CrawlCycle, SimulatedPlace], ...]
     was_stopped: bool
+
+    @property
+    def profiles(self) -> list[tuple[CrawlCycle, Profile]]:
+        """The recorded profiles, each with its cycle."""
+        return [(cycle, cycle.profile) for cycle in self.cycles if cycle.profile is not None]
 
 
 def read_recorded_crawl(directory: Path) -> RecordedCrawl:
     """Read what a crawl recorded, over all its parts; raises as `read_crawl` does."""
     cycles: list[CrawlCycle] = []
     places: list[tuple[CrawlCycle, SimulatedPlace]] = []
-    events: list[RecordedEvent] = []
-    profiles: list[tuple[CrawlCycle, Profile]] = []
+    events: list[RunEvent] = []
     was_stopped = False
     for entry in read_crawl(directory):
         if isinstance(entry, CrawlCycle):
             cycles.append(entry)
             was_stopped &= entry.phase is Phase.MANUAL
-        elif isinstance(entry, CrawlProfile):
-            profiles.append((entry.cycle, entry.profile))
-        elif isinstance(entry, RecordedEvent):
+        elif isinstance(entry, RunEvent):
             events.append(entry)
             if entry.name == Phase.STOP and cycles:
                 was_stopped |= cycles[-1].phase is not Phase.MANUAL
         elif cycles:
             places.append((cycles[-1], entry))
     passes = pass_records(cycles, places)
-    return RecordedCrawl(
-        tuple(cycles), passes, tuple(events), tuple(profiles), tuple(places), was_stopped
-    )
+    return RecordedCrawl(tuple(cycles), passes, tuple(events), tuple(places), was_stopped)
 
 
 def write_crawl_results(directory: Path, job: CrawlJob) -> None:
@@ -142,7 +140,7 @@ def _parse_passes(text: str) -> tuple[dict[str, str], ...]:
 
 
 def weld_log(
-    directory: Path, job: CrawlJob, passes: Sequence[PassRecord], events: Sequence[RecordedEvent]
+    directory: Path, job: CrawlJob, passes: Sequence[PassRecord], events: Sequence[RunEvent]
 ) -> dict[str, Any]:
     """The log of a weld as files of ISO 3834 ask for it: who, how, when, how fast, how far off."""
     weld = job.weld

@@ -14,17 +14,16 @@ import numpy as np
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, GrooveNotFound
-from tjscan.crawler.control_cycle import CrawlDevices
+from tjscan.crawler.control_cycle import CrawlDevices, HandDrive
 from tjscan.crawler.crawler import Crawler, CrawlPlan, CrawlStart, WeldOperator
 from tjscan.crawler.guards import Guards
-from tjscan.crawler.hand_drive import HandDrive
 from tjscan.crawler.joint_sensor import JointReader
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
-from tjscan.crawler.journal import CombinedCrawlJournal, CrawlCycle, CrawlJournal
-from tjscan.crawler.last_view import GOES_ON, LastView
+from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.last_view import COASTING_TIME, LastView
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.paper_method import PaperMethod
-from tjscan.crawler.pass_record import END
+from tjscan.crawler.pass_record import PASS_END
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.proximity import CornerPlaces, ProximityFilter
 from tjscan.crawler.sizing import broken_rules
@@ -36,10 +35,11 @@ from tjscan.crawler.slip_calibration import (
 )
 from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.crawler.slip_model import SlipState
-from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY, WARNING, record_crawl
+from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY_EVENT, WARNING_EVENT, CrawlRecording
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
+from tjscan.recording.journal import CombinedJournal, Journal, RunEvent
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl, write_crawl_results
 from tjscan.runs.run import (
@@ -87,7 +87,7 @@ class CrawlContext:
     job : CrawlJob
     job_file : Path
         Where it was read from; a calibration is sought from there.
-    journal : CrawlJournal
+    journal : Journal
         Receives everything, once it is on disk.
     operator : WeldOperator
         Confirms each pass.
@@ -99,7 +99,7 @@ class CrawlContext:
 
     job: CrawlJob
     job_file: Path
-    journal: CrawlJournal = field(default_factory=CombinedCrawlJournal)
+    journal: Journal = field(default_factory=CombinedJournal)
     operator: WeldOperator = field(default_factory=ConfirmsEveryWeld)
     finished: Callable[[Path], object] = do_nothing_when_finished
     hand: HandDrive | None = None
@@ -140,7 +140,7 @@ def make_crawler(
     context: CrawlContext,
     cell: CrawlCell,
     method: FollowingMethod,
-    journal: CrawlJournal,
+    journal: Journal,
     reader: JointReader | None = None,
 ) -> Crawler:
     """Make the crawler of a job in a cell whose devices are connected.
@@ -150,7 +150,7 @@ def make_crawler(
     context : CrawlContext
     cell : CrawlCell
     method : FollowingMethod
-    journal : CrawlJournal
+    journal : Journal
     reader : JointReader, optional
         Which remembers the joint already; one that has seen nothing where left out.
     """
@@ -260,16 +260,16 @@ def crawl_into(
         record_vehicle_run(
             directory,
             CRAWL_RECORDING,
-            lambda file, job: record_crawl(file, job, cell.simulated_place),
+            lambda file, job: CrawlRecording(file, job, cell.simulated_place),
             partial(write_crawl_results, job=context.job),
             context.finished,
         ) as recording,
         cell,
     ):
-        journal = CombinedCrawlJournal((recording, context.journal))
-        accept_edited_copies(directory, journal.record_event)
+        journal = CombinedJournal(recording, context.journal)
+        accept_edited_copies(directory, journal)
         if short := short_way(context.job, method.slip):
-            journal.record_event(WARNING, short)
+            journal.record(RunEvent(WARNING_EVENT, short))
         make_crawler(context, cell, method, journal, reader).run(start)
 
 
@@ -298,7 +298,7 @@ def resume_crawl(
     """
     directory = context.job_file.parent
     found = read_recorded_crawl(directory)
-    if any(event.name == REPLAY for event in found.events):
+    if any(event.name == REPLAY_EVENT for event in found.events):
         raise ConfigurationError(
             "is a replay: nothing was welded there. Resume the crawl itself", file=directory
         )
@@ -307,7 +307,7 @@ def resume_crawl(
     # One that waits to go on, and is refused, may be at the place that it was moved to.
     crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
     if place is None:
-        view = LastView.of_recording(crawled, found.profiles, stopped=found.was_stopped)
+        view = LastView.of_recording(crawled, stopped=found.was_stopped)
         if view is None:
             raise ConfigurationError(
                 "no recorded profile shows the joint with enough hull beside it, so it can't be "
@@ -342,7 +342,7 @@ def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
     if not crawled or (slip := crawled[-1].slip) is None:
         return None
     last = crawled[-1]
-    way = abs(last.state.odometry.speed) * (DEAD_MAN if found.was_stopped else GOES_ON)
+    way = abs(last.state.odometry.speed) * (DEAD_MAN if found.was_stopped else COASTING_TIME)
     since = takewhile(lambda cycle: cycle.slip is slip, reversed(crawled))
     way += sum(abs(after.travel - cycle.travel) for after, cycle in pairwise(since))
     return slip.after_unseen_way(way, job.steering.least_radius)
@@ -405,7 +405,7 @@ def start_after_stop(
         )
     cut = burned[-1]
     end = job.weld.length
-    whole = cut.travel >= end - abs(cut.state.odometry.speed) * END
+    whole = cut.travel >= end - abs(cut.state.odometry.speed) * PASS_END
     done = cut.number if whole else cut.number - 1
     if done >= len(job.passes):
         raise ConfigurationError("every pass is welded: nothing is left to do", file=directory)
@@ -448,11 +448,11 @@ def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
         record_vehicle_run(
             directory,
             CRAWL_RECORDING,
-            lambda file, job: record_crawl(file, job, cell.simulated_place),
+            lambda file, job: CrawlRecording(file, job, cell.simulated_place),
         ) as recording,
         cell,
     ):
-        journal = CombinedCrawlJournal((recording, context.journal))
+        journal = CombinedJournal(recording, context.journal)
         make_crawler(context, cell, method, journal).shuttle(SHUTTLE_LENGTH, SHUTTLE_TIMES)
     if method.slip is None:
         raise ConfigurationError("this method learns no slip", key="method")

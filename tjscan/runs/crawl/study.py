@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +18,6 @@ from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
 from tjscan.crawler.pass_record import PassRecord, pass_records, root_mean_square
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
-from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
 from tjscan.study.backend import (
     ReportedQuantity,
@@ -83,14 +82,13 @@ class CrawlKeeper:
         self._cycles: list[CrawlCycle] = []
         self._places: list[tuple[CrawlCycle, SimulatedPlace]] = []
 
-    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
-        """Keep a cycle, and where the torch truly is while its arc burns."""
-        self._cycles.append(cycle)
-        if cycle.arc:
-            self._places.append((cycle, self._truth()))
-
-    def record_event(self, name: str, detail: str) -> None:
-        """Keep nothing of events."""
+    def record(self, message: object) -> None:
+        """Keep a cycle without its profile, and where the torch truly is while its arc burns."""
+        if isinstance(message, CrawlCycle):
+            cycle = replace(message, profile=None)
+            self._cycles.append(cycle)
+            if cycle.arc:
+                self._places.append((cycle, self._truth()))
 
     @property
     def passes(self) -> tuple[PassRecord, ...]:

@@ -14,9 +14,9 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import pose, rot_z
-from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
+from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import PHASE_TRANSITIONS, Event, Phase
-from tjscan.crawler.topics import CRAWL_RECORDING, CrawlProfile, read_crawl
+from tjscan.crawler.topics import CRAWL_RECORDING, read_crawl
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.live.buttons import Button, HoldButton, PageButton, stop_button
@@ -28,7 +28,6 @@ from tjscan.live.step import (
     PRESS_FACT,
     STATE_FACT,
     Measure,
-    NotedEvent,
     PlaneCurve,
     RecordedShow,
     Sample,
@@ -36,7 +35,7 @@ from tjscan.live.step import (
     StateDiagram,
     Step,
 )
-from tjscan.recording.event import RecordedEvent
+from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.solids import Box, Cylinder, Solid
@@ -58,7 +57,7 @@ WELD_WIDTH: Final = 0.01
 SECONDS_BETWEEN_STEPS: Final = 0.25
 """Seconds of the vehicle's clock between two steps of a recording."""
 
-CrawlEntry = CrawlCycle | CrawlProfile | NotedEvent
+CrawlEntry = CrawlCycle | Profile | RunEvent
 
 SECONDS_BETWEEN_PAGE_CYCLES: Final = 0.05
 """Of the vehicle's clock, between two cycles that are handed to the page."""
@@ -92,13 +91,13 @@ class CrawlShow:
         match entry:
             case CrawlCycle():
                 return self._cycle_step(entry)
-            case CrawlProfile():
-                points = 1e3 * entry.profile.points_s
+            case Profile():
+                points = 1e3 * entry.points_s
                 return Step(profile=PlaneCurve(points[:, 0], points[:, 2]))
-            case NotedEvent():
+            case RunEvent():
                 return self._event_step(entry)
 
-    def _event_step(self, event: NotedEvent) -> Step:
+    def _event_step(self, event: RunEvent) -> Step:
         """Events that a phase begins with bear its name: no cycle follows a stop."""
         news = ((event.name, event.detail),)
         if event.name not in set(Phase):
@@ -220,16 +219,15 @@ def _entries(directory: Path) -> Iterator[CrawlEntry]:
     due, with_profile = -np.inf, False
     for entry in read_crawl(directory):
         match entry:
-            case CrawlCycle() if entry.state.time >= due:
-                due, with_profile = entry.state.time + SECONDS_BETWEEN_STEPS, True
+            case CrawlCycle(state=state, profile=profile):
+                if state.time >= due:
+                    due, with_profile = state.time + SECONDS_BETWEEN_STEPS, True
+                    yield entry
+                if profile is not None and with_profile:
+                    with_profile = False
+                    yield profile
+            case RunEvent():
                 yield entry
-            case CrawlProfile() if with_profile:
-                with_profile = False
-                yield entry
-            case RecordedEvent():
-                yield NotedEvent(entry.name, entry.detail)
-            case CrawlCycle() | CrawlProfile() | SimulatedPlace():
-                pass
 
 
 class PageHandDrive:
@@ -308,18 +306,16 @@ class CrawlPageJournal:
     def __init__(self, run: RunOnPage[CrawlEntry]) -> None:
         self._run, self._due = run, float("-inf")
 
-    def record_cycle(self, cycle: CrawlCycle, profile: Profile | None) -> None:
-        """Show a cycle, if the last one is a while ago."""
-        if cycle.state.time < self._due:
-            return
-        self._due = cycle.state.time + SECONDS_BETWEEN_PAGE_CYCLES
-        self._run.post(cycle)
-        if profile is not None:
-            self._run.post(CrawlProfile(cycle, profile))
-
-    def record_event(self, name: str, detail: str) -> None:
-        """Show an event."""
-        self._run.post(NotedEvent(name, detail))
+    def record(self, message: object) -> None:
+        """Show an event, or a cycle if the last one is a while ago."""
+        match message:
+            case CrawlCycle(state=state, profile=profile) if state.time >= self._due:
+                self._due = state.time + SECONDS_BETWEEN_PAGE_CYCLES
+                self._run.post(message)
+                if profile is not None:
+                    self._run.post(profile)
+            case RunEvent():
+                self._run.post(message)
 
 
 @contextmanager

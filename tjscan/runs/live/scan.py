@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Final
@@ -23,15 +24,14 @@ from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Posture, Surface
 from tjscan.live.listening import RunOnPage, show_run
 from tjscan.live.page import PageAddress
-from tjscan.live.step import Measure, NotedEvent, PlaneCurve, RecordedShow, Sample, Setting, Step
-from tjscan.recording.event import RecordedEvent
+from tjscan.live.step import Measure, PlaneCurve, RecordedShow, Sample, Setting, Step
+from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE, RECORDING_FILE
 from tjscan.result.section import absent_corners
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
 from tjscan.scanning.reader import read_recording_entries
-from tjscan.scanning.recorded import RecordedSection
 from tjscan.scanning.scanned_surface import grid_triangles
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.sections_before import read_section
@@ -51,7 +51,20 @@ FAN_POINTS: Final = 32
 """Of the laser's drawn fan."""
 
 
-ScanEntry = ProfileView | ScannedSection | RecordedSection | NotedEvent
+@dataclass(frozen=True, slots=True)
+class UnreadSection:
+    """A recorded section whose profile is not read with the settings of now.
+
+    Parameters
+    ----------
+    section : ScannedSection
+        As it was read during the scan.
+    """
+
+    section: ScannedSection
+
+
+ScanEntry = ProfileView | ScannedSection | UnreadSection | RunEvent
 
 
 class ScanShow:
@@ -105,10 +118,10 @@ class ScanShow:
                 return self._view_step(entry)
             case ScannedSection():
                 return self._section_step(entry)
-            case RecordedSection():  # whose profile is not read with these settings
-                label = f"section {entry.view.index}"
-                return Step(label, self._piece(entry.view, entry.points_b, {}))
-            case NotedEvent():
+            case UnreadSection(section):
+                label = f"section {section.view.index}"
+                return Step(label, self._piece(section.view, section.points_b, {}))
+            case RunEvent():
                 state = (
                     {"state": f"{entry.name}: {entry.detail}"}
                     if entry.name in STANDING_EVENTS
@@ -283,15 +296,13 @@ def recorded_entries(directory: Path, context: RunContext) -> Iterator[ScanEntry
     for file in recording_files(directory):
         for _, entry in read_recording_entries(file, lambda _: None):
             match entry:
-                case RecordedSection():
+                case ScannedSection():
                     try:
                         found.append(read_section(read, entry.view, entry.T_s_t, found))
                         yield found[-1]
                     except GrooveNotFound:
-                        yield entry
-                case RecordedEvent():
-                    yield NotedEvent(entry.name, entry.detail)
-                case ProfileView():
+                        yield UnreadSection(entry)
+                case ProfileView() | RunEvent():
                     yield entry
 
 
@@ -303,7 +314,7 @@ class PageJournal:
     run : RunOnPage
         The scan on the page.
     total : int or None
-        Sections to scan, where that is known.
+        Sections to scan, if that is known.
     clock : callable
         Gives seconds.
     """
@@ -317,22 +328,18 @@ class PageJournal:
         self.run, self._total, self._clock = run, total, clock
         self._first: tuple[int, float] | None = None
 
-    def record_view(self, view: ProfileView) -> None:
-        """Show the arm's pose and what the laser saw."""
-        self.run.post(view)
+    def record(self, message: object) -> None:
+        """Show a message; of a section also how long the rest takes at the pace until now."""
+        if isinstance(message, ProfileView | ScannedSection | RunEvent):
+            self.run.post(message)
+        if isinstance(message, ScannedSection):
+            self._show_time_left(message.view.index, self._clock())
 
-    def record_section(self, section: ScannedSection) -> None:
-        """Show a finished section, and how long the rest takes at the pace until now."""
-        self.run.post(section)
-        number, now = section.view.index, self._clock()
+    def _show_time_left(self, number: int, now: float) -> None:
         first, began = self._first = self._first or (number, now)
         if self._total is not None and number > first:
             left = (now - began) / (number - first) * max(self._total - 1 - number, 0)
             self.run.post(Step(facts={"time left": f"{left // 60:.0f} min {left % 60:02.0f} s"}))
-
-    def record_event(self, name: str, detail: str) -> None:
-        """Show an event; for the parameters see `Journal.record_event`."""
-        self.run.post(NotedEvent(name, detail))
 
 
 @contextmanager

@@ -23,8 +23,8 @@ from tjscan.live.colours import (
 from tjscan.live.drawables import Drawable, Lines, Placement
 from tjscan.live.listening import RunOnPage, show_run
 from tjscan.live.page import PageAddress
-from tjscan.live.step import STATE_FACT, Measure, NotedEvent, RecordedShow, Sample, Setting, Step
-from tjscan.recording.event import RecordedEvent
+from tjscan.live.step import STATE_FACT, Measure, RecordedShow, Sample, Setting, Step
+from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.solids import Cylinder, Solid
@@ -48,7 +48,7 @@ CIRCLE_SIDES: Final = 40
 CYCLES_BETWEEN_STEPS: Final = 2
 """Cycles of a recording between two steps."""
 
-TowEntry = TowCycle | TowTruth | NotedEvent
+TowEntry = TowCycle | TowTruth | RunEvent
 
 
 class TowShow:
@@ -73,7 +73,7 @@ class TowShow:
                 return self._cycle_step(entry)
             case TowTruth():
                 return self._truth_step(entry)
-            case NotedEvent():
+            case RunEvent():
                 stopped = {STATE_FACT: f"stop: {entry.detail}"} if entry.name == "stop" else {}
                 return Step(entry.name, facts=stopped, events=((entry.name, entry.detail),))
 
@@ -225,8 +225,8 @@ def _entries(directory: Path) -> Iterator[TowEntry]:
                 truths += 1
                 if truths % CYCLES_BETWEEN_STEPS == 1:
                     yield entry
-            case RecordedEvent():
-                yield NotedEvent(entry.name, entry.detail)
+            case RunEvent():
+                yield entry
 
 
 class TowPageJournal:
@@ -240,17 +240,10 @@ class TowPageJournal:
     def __init__(self, run: RunOnPage[TowEntry]) -> None:
         self._run = run
 
-    def record_cycle(self, cycle: TowCycle) -> None:
-        """Show a cycle."""
-        self._run.post(cycle)
-
-    def show_truth(self, truth: TowTruth) -> None:
-        """Show the true cable, and its forces."""
-        self._run.post(truth)
-
-    def record_event(self, name: str, detail: str) -> None:
-        """Show an event."""
-        self._run.post(NotedEvent(name, detail))
+    def record(self, message: object) -> None:
+        """Show a cycle or an event; or what a simulation knows: the cable, and its forces."""
+        if isinstance(message, TowCycle | TowTruth | RunEvent):
+            self._run.post(message)
 
 
 @contextmanager

@@ -13,7 +13,6 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError, GrooveNotFound
-from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import MM, MM_S
@@ -31,11 +30,9 @@ from tjscan.result.directory import JOB_FILE, job_label_of_run
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.plan.run import (
     CRAWL_PASSES_FILE,
-    EARLIER_FILES,
-    PLAN_FILE,
     WrittenPlan,
     add_file_of_key,
-    write_plan_files,
+    write_plan,
 )
 
 STATION_LENGTH: Final = 20e-3
@@ -104,17 +101,14 @@ def plan_crawl_run(
         label,
         without_stations=f"a crawl job takes {CRAWL_PASSES_FILE}",
     )
+    begin, end = 1e3 * start, 1e3 * (start + edges.length)
+    text = (
+        provenance.comment_lines("#")
+        + f"# planned from what was seen of the weld from {begin:.0f} to {end:.0f} mm\n"
+        + passes_to_toml(passes, wps.name)
+    )
     folder = out or directory
-    with write_files_atomically(folder, last=PLAN_FILE, instead_of=EARLIER_FILES) as draft:
-        begin, end = 1e3 * start, 1e3 * (start + edges.length)
-        text = (
-            provenance.comment_lines("#")
-            + f"# planned from what was seen of the weld from {begin:.0f} to {end:.0f} mm\n"
-            + passes_to_toml(passes, wps.name)
-        )
-        (draft / CRAWL_PASSES_FILE).write_text(text, encoding="utf-8")
-        write_plan_files(draft, plan, document, provenance)
-        files = tuple(sorted(file.name for file in draft.iterdir()))
+    files = write_plan(folder, plan, document, provenance, {CRAWL_PASSES_FILE: text})
     return WrittenPlan(plan, document, folder, files)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from hashlib import sha256
@@ -61,32 +61,47 @@ EARLIER_FILES: Final = (
 """Not every plan has them: files of an earlier one do not stay beside a new one."""
 
 
-def write_plan_files(
-    draft: Path, plan: WeldPlan, document: PlanDocument, provenance: Provenance
-) -> None:
-    """Write picture, table and document of a plan, and the weldx file where weldx is installed.
+def write_plan(
+    folder: Path,
+    plan: WeldPlan,
+    document: PlanDocument,
+    provenance: Provenance,
+    texts: Mapping[str, str],
+) -> tuple[str, ...]:
+    """Write document, picture and table of a plan, and the weldx file if weldx is installed.
 
     Parameters
     ----------
-    draft : Path
-        Directory that becomes the plan's.
+    folder : Path
+        Where to.
     plan : WeldPlan
         The plan.
     document : PlanDocument
         As in ``plan.json``.
     provenance : Provenance
         Of all of them.
+    texts : mapping
+        Name and text of each further file.
+
+    Returns
+    -------
+    tuple of str
+        Names of all files, in alphabetical order.
     """
     from tjscan.planning.picture import draw_plan
     from tjscan.result.picture import write_png
 
-    write_png(draft / PLAN_PICTURE, draw_plan(plan), provenance)
-    table = beads_to_csv(plan, provenance)
-    (draft / BEADS_FILE).write_text(table, encoding="utf-8", newline="")
-    if weldx_is_installed():
-        root = WELDX_ROOTS.get(provenance.frame, provenance.frame)
-        write_plan_as_weldx(draft / WELDX_FILE, plan, document, root)
-    (draft / PLAN_FILE).write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
+    with write_files_atomically(folder, last=PLAN_FILE, instead_of=EARLIER_FILES) as draft:
+        for name, text in texts.items():
+            (draft / name).write_text(text, encoding="utf-8")
+        write_png(draft / PLAN_PICTURE, draw_plan(plan), provenance)
+        table = beads_to_csv(plan, provenance)
+        (draft / BEADS_FILE).write_text(table, encoding="utf-8", newline="")
+        if weldx_is_installed():
+            root = WELDX_ROOTS.get(provenance.frame, provenance.frame)
+            write_plan_as_weldx(draft / WELDX_FILE, plan, document, root)
+        (draft / PLAN_FILE).write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        return tuple(sorted(file.name for file in draft.iterdir()))
 
 
 @contextmanager
@@ -359,14 +374,13 @@ def plan_run(
     document = plan_document(
         plan, provenance, directory.resolve().name, label, details, divided.stations, without
     )
+    head = "".join(provenance.comment_lines("#").splitlines(keepends=True)[:3])  # no frame, units
+    programs = {
+        name: head + path_to_urscript(path, wps.torch, switch.output, arc=switch.on)
+        for name, path in divided.paths.items()
+    }
     folder = out or directory
-    with write_files_atomically(folder, last=PLAN_FILE, instead_of=EARLIER_FILES) as draft:
-        lines = provenance.comment_lines("#").splitlines(keepends=True)[:3]  # no frame, no units
-        for name, path in divided.paths.items():
-            script = path_to_urscript(path, wps.torch, switch.output, arc=switch.on)
-            (draft / name).write_text("".join((*lines, script)), encoding="utf-8")
-        write_plan_files(draft, plan, document, provenance)
-        files = tuple(sorted(file.name for file in draft.iterdir()))
+    files = write_plan(folder, plan, document, provenance, programs)
     return WrittenPlan(plan, document, folder, files, divided.paths)
 
 

@@ -20,16 +20,16 @@ from tjscan.job.cell import Cell, make_scan_cell
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.recording.header import JobSnapshot
+from tjscan.recording.journal import CombinedJournal, Journal
 from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import URDF_FILE
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.run import do_nothing_when_finished, make_run_directory, take_job_snapshot
-from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.section import ProfileView
 from tjscan.scanning.sections_before import GrooveReader
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.topics import record_scan
+from tjscan.scanning.topics import ScanRecording
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +123,7 @@ class RunContext:
         """Record into a run directory while the block runs; gives the journal that writes it."""
         arm, T_b_j = Kinematics.load(self.job.arm.model), result_frame_of_job(self.job).T_b_j
         root = {arm.link_names[0]: arm.link_poses(np.zeros(len(arm.joint_names)))[0]}
-        with record_scan(
+        with ScanRecording(
             next_recording_file(directory),
             self.job_snapshot(directory),
             joint_names=arm.joint_names,

@@ -19,7 +19,7 @@ from tjscan.result.summary import check_recording_complete, read_summary
 from tjscan.runs.run import COPIED_FILES
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.reader import read_recorded_scan
-from tjscan.scanning.recorded import RecordedSection
+from tjscan.scanning.section import ScannedSection
 
 ORDINARY_EVENTS: Final = (ScanEvent.STOP, ScanEvent.RESUMED, ScanEvent.PAUSED, "arm")
 """Events that are no warning."""
@@ -84,7 +84,7 @@ def _findings(job: ScanJob, events: Sequence[ReportEvent]) -> Iterator[str]:
         yield "Simulated: no real arm and laser saw this groove."
 
 
-def _charts(sections: Sequence[RecordedSection], job: ScanJob) -> Iterator[ReportChart]:
+def _charts(sections: Sequence[ScannedSection], job: ScanJob) -> Iterator[ReportChart]:
     """Length of every step, and when each section was finished."""
     index = np.array([section.view.index for section in sections], dtype=float)
     origins = np.array([section.T_b_g[:3, 3] for section in sections]).reshape(-1, 3)

@@ -34,7 +34,7 @@ from tjscan.runs.scan.run import write_job_results
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.progress import ScanResult, StopReason
 from tjscan.scanning.reader import read_recorded_scan
-from tjscan.scanning.recorded import RecordedScan, RecordedSection
+from tjscan.scanning.recorded import RecordedScan
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.sections_before import read_section
 
@@ -234,7 +234,7 @@ def _sections(
             yield replace(found[-1], view=_seen(one.view, T_f_s))
 
 
-def _check_place(section: ScannedSection, before: RecordedSection, far: float) -> None:
+def _check_place(section: ScannedSection, before: ScannedSection, far: float) -> None:
     moved = float(np.linalg.norm(section.T_b_g[:3, 3] - before.T_b_g[:3, 3]))
     if moved > far:
         raise GrooveNotFound(

@@ -16,6 +16,7 @@ from tjscan.job import ScanJob
 from tjscan.job.cell import Cell
 from tjscan.recording.damage import RecordingDamage
 from tjscan.recording.header import JobSnapshot
+from tjscan.recording.journal import CombinedJournal, Journal, RunEvent, event_recorder
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.summary import ScanSummary
@@ -31,7 +32,6 @@ from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_fr
 from tjscan.runs.scan.results import write_scan_results
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.journal import CombinedJournal, Journal
 from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.progress import ScanResult, plan_is_fulfilled
 from tjscan.scanning.reader import read_recorded_scan
@@ -105,20 +105,19 @@ def scan_in_cell(
             return scanner.run(first.T, second.T)
         except TjscanError as error:
             if stop.must_stop_now:
-                journal.record_event(
-                    ScanEvent.INTERRUPTED, f"by the operator: {message_with_notes(error)}"
-                )
+                reason = f"by the operator: {message_with_notes(error)}"
+                journal.record(RunEvent(ScanEvent.INTERRUPTED, reason))
                 raise ScanInterrupted from error
-            journal.record_event(ScanEvent.FAILED, message_with_notes(error))
+            journal.record(RunEvent(ScanEvent.FAILED, message_with_notes(error)))
             raise
 
 
 def _note_devices(cell: Cell, journal: Journal) -> None:
     """Let a journal know which devices these are, and of everything that they report."""
     for name, device in (("arm", cell.arm), ("laser", cell.laser)):
-        device.report_events_to(journal.record_event)
+        device.report_events_to(event_recorder(journal))
         if device.identity:
-            journal.record_event(name, str(device.identity))
+            journal.record(RunEvent(name, str(device.identity)))
 
 
 def run_scan(context: RunContext, directory: Path) -> ScanSummary:
@@ -177,12 +176,10 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
             done = read_recorded_scan(directory, damages.append)
             check_can_go_on_from(directory, damages)
             changed = changes_since_recording(directory, done, context.job_snapshot(directory))
-        accept_edited_copies(directory, context.journal.record_event)
+        accept_edited_copies(directory, context.journal)
         if done is not None and not changed and plan_is_fulfilled(done.stop, context.job.scan):
-            context.journal.record_event(
-                ScanEvent.COMPLETE,
-                "nothing is left to scan; the results are written from the recording",
-            )
+            nothing_left = "nothing is left to scan; the results are written from the recording"
+            context.journal.record(RunEvent(ScanEvent.COMPLETE, nothing_left))
             sections = done.reread_sections(groove_reader_of_job(context.job))
             result = ScanResult(
                 sections, done.views, done.stop, done.stop_reason, done.retry_counts
@@ -194,9 +191,9 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
         cell = context.make_cell(left=left)
         with context.open_recording(directory) as journal:
             for damage in damages:
-                journal.record_event(ScanEvent.DAMAGED, str(damage))
+                journal.record(RunEvent(ScanEvent.DAMAGED, str(damage)))
             for key, what in changed:
-                journal.record_event("changed", f"{key} {what}")
+                journal.record(RunEvent("changed", f"{key} {what}"))
             result = scan_in_cell(cell, context.job, journal, done, context.stop)
         return write_job_results(context, directory, result)
 

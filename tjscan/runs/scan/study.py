@@ -25,6 +25,7 @@ from tjscan.job.cell import make_scan_cell
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.joint.file import JointFile
+from tjscan.recording.journal import CombinedJournal
 from tjscan.result.section import absent_corners
 from tjscan.runs.scan.results import summarise_scan
 from tjscan.runs.scan.run import scan_in_cell
@@ -33,7 +34,6 @@ from tjscan.runs.scan.study_rules import (
     joint_with_derived_dimensions,
     teach_start_poses,
 )
-from tjscan.scanning.journal import CombinedJournal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.progress import ScanResult
 from tjscan.scanning.section import Substep

@@ -16,6 +16,7 @@ from tjscan.core.errors import ConfigurationError, RecordingError, StitchingRefu
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.recording.damage import RecordingDamage
+from tjscan.recording.journal import Journal
 from tjscan.result.directory import JOB_FILE, SUMMARY_FILE
 from tjscan.result.summary import ScanSummary, read_summary
 from tjscan.runs.run import (
@@ -27,7 +28,6 @@ from tjscan.runs.run import (
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import check_keys_replaceable, resume_scan, run_scan
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
-from tjscan.scanning.journal import Journal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.reader import read_recorded_scan
 
@@ -151,7 +151,7 @@ def resume_stations(
                 _saying_how_to_go_on(directory, name),
                 watch(name, job.job_at_station(name).scan) as journal,
             ):
-                accept_edited_copies(directory, journal.record_event)
+                accept_edited_copies(directory, journal)
                 _scan(
                     replace(context, job=job.job_at_station(name), journal=journal),
                     found,

@@ -16,18 +16,18 @@ from tjscan.core.files import lock_and_clean_directory
 from tjscan.core.frames import Array
 from tjscan.job.tow.cell import fixed_obstacles, make_planner
 from tjscan.job.tow.checks import read_tow_job
-from tjscan.recording.event import RecordedEvent
 from tjscan.recording.header import JobSnapshot
+from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.run import check_replay, do_nothing_when_finished, make_vehicle_run_directory
 from tjscan.runs.tow.results import write_tow_results
 from tjscan.runs.tow.run import TowContext
-from tjscan.towing.journal import WELDED, TowCycle, TowTruth
-from tjscan.towing.loop import PERIOD
+from tjscan.towing.journal import WELDED_EVENT, TowCycle, TowTruth
+from tjscan.towing.loop import PLAN_PERIOD
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
-from tjscan.towing.topics import REPLAY, TOW_RECORDING, read_tow, record_tow
+from tjscan.towing.topics import REPLAY_EVENT, TOW_RECORDING, TowRecording, read_tow
 
 REPLAYABLE_KEYS: Final = ("method", "weights.", "targets.", "limits.")
 """Keys of what a planner makes of poses, not of how the tow was done."""
@@ -77,17 +77,17 @@ def replay_tow(
     began = next((entry.poses for entry in entries if isinstance(entry, TowCycle)), None)
     last = starts[0] if began is None else min(starts, key=partial(_apart, began))
     with lock_and_clean_directory(out):
-        with record_tow(out / f"{TOW_RECORDING}.mcap", origin, truth) as journal:
-            journal.record_event(REPLAY, f"planned anew from {directory}; nothing moved")
+        with TowRecording(out / f"{TOW_RECORDING}.mcap", origin, truth) as journal:
+            journal.record(RunEvent(REPLAY_EVENT, f"planned anew from {directory}; nothing moved"))
             halted = False
             for entry in entries:
                 if isinstance(entry, TowCycle):
                     cycle = _planned_anew(entry, planner, seam, last)
                     halted |= bool(cycle.plan.halt)
                     last = last if cycle.plan.halt else cycle.plan
-                    journal.record_cycle(cycle)
-                elif isinstance(entry, RecordedEvent) and not (halted and entry.name == WELDED):
-                    journal.record_event(entry.name, entry.detail)
+                    journal.record(cycle)
+                elif isinstance(entry, RunEvent) and not (halted and entry.name == WELDED_EVENT):
+                    journal.record(entry)
         write_tow_results(out, context.job)
     finished(out)
 
@@ -103,7 +103,7 @@ def _planned_anew(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: Towi
     plan = planner.plan(
         cycle.poses,
         seam.pose_at(cycle.along),
-        dt=PERIOD,
+        dt=PLAN_PERIOD,
         last=last,
         obstacles=obstacles,
         stopped=cycle.stopped,
@@ -114,4 +114,4 @@ def _planned_anew(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: Towi
         return replace(cycle, plan=plan, seconds=seconds, asked=still, pace=0.0, wait=plan.halt)
     ways = plan.held_poses - last.held_poses
     steps = np.column_stack((np.hypot(*ways[:, :2].T), ways[:, 2], np.zeros(len(ways))))
-    return replace(cycle, plan=plan, seconds=seconds, asked=steps / PERIOD)
+    return replace(cycle, plan=plan, seconds=seconds, asked=steps / PLAN_PERIOD)

@@ -25,7 +25,7 @@ from tjscan.result.directory import JOB_FILE
 from tjscan.runs.tow.figures import FIGURE_UNITS, TowFigures
 from tjscan.runs.tow.results import RecordedTow, read_recorded_tow
 from tjscan.towing.seam import Seam
-from tjscan.towing.topics import REPLAY, TOW_RECORDING
+from tjscan.towing.topics import REPLAY_EVENT, TOW_RECORDING
 
 MOST_POINTS: Final = 2000
 """Of a line in a chart."""
@@ -80,7 +80,7 @@ def _findings(job: TowJob, found: RecordedTow, figures: TowFigures) -> Iterator[
     if job.vehicles.driver == "simulated":
         yield "Simulated: no real vehicle towed this cable."
     for event in found.events:
-        if event.name == REPLAY:
+        if event.name == REPLAY_EVENT:
             yield f"A replay, {event.detail}: what the method {job.method} would have planned."
         elif event.name == "stop":
             yield f"It was stopped: {event.detail}"

@@ -12,11 +12,11 @@ import numpy as np
 
 from tjscan.core.files import write_files_atomically
 from tjscan.job.tow.job import TowJob
-from tjscan.recording.event import RecordedEvent
+from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import job_label_of_run
 from tjscan.runs.run import read_result_file, table_to_csv
 from tjscan.runs.tow.figures import TowFigures, figures_of_tow
-from tjscan.towing.journal import WELDED, TowCycle, TowTruth
+from tjscan.towing.journal import WELDED_EVENT, TowCycle, TowTruth
 from tjscan.towing.topics import read_tow
 
 PLANS_FILE: Final = "tow.csv"
@@ -57,17 +57,17 @@ class RecordedTow:
     cycles : tuple of TowCycle
     truths : tuple of TowTruth
         One for each cycle, or none.
-    events : tuple of RecordedEvent
+    events : tuple of RunEvent
     """
 
     cycles: tuple[TowCycle, ...]
     truths: tuple[TowTruth, ...]
-    events: tuple[RecordedEvent, ...]
+    events: tuple[RunEvent, ...]
 
     @property
     def complete(self) -> bool:
         """Whether the whole seam was welded."""
-        return any(event.name == WELDED for event in self.events)
+        return any(event.name == WELDED_EVENT for event in self.events)
 
     def figures(self, job: TowJob) -> TowFigures | None:
         """Figures of the tow; None where not even one cycle was recorded."""
@@ -80,7 +80,7 @@ def read_recorded_tow(directory: Path) -> RecordedTow:
     """Read what a tow recorded, over all its parts; raises as `read_tow` does."""
     cycles: list[TowCycle] = []
     truths: list[TowTruth] = []
-    events: list[RecordedEvent] = []
+    events: list[RunEvent] = []
     for entry in read_tow(directory):
         if isinstance(entry, TowCycle):
             cycles.append(entry)

@@ -14,6 +14,7 @@ from tjscan.job.tow.cell import TowCell, make_planner, make_tow_cell
 from tjscan.job.tow.job import TowJob
 from tjscan.job.tow.sweep import sweep_seam
 from tjscan.recording.header import JobSnapshot
+from tjscan.recording.journal import CombinedJournal, Journal, event_recorder
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.run import (
@@ -24,11 +25,11 @@ from tjscan.runs.run import (
     record_vehicle_run,
 )
 from tjscan.runs.tow.results import read_recorded_tow, write_tow_results
-from tjscan.towing.journal import CombinedTowJournal, TowJournal, TowTruth
-from tjscan.towing.loop import PERIOD, CableTow, TowSetting
+from tjscan.towing.journal import TowTruth
+from tjscan.towing.loop import PLAN_PERIOD, CableTow, TowSetting
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
-from tjscan.towing.topics import REPLAY, TOW_RECORDING, record_tow
+from tjscan.towing.topics import REPLAY_EVENT, TOW_RECORDING, TowRecording
 
 RESUMABLE_KEYS: Final = (
     "method",
@@ -57,7 +58,7 @@ class TowContext:
     job : TowJob
     job_file : Path
         Where it was read from.
-    journal : TowJournal
+    journal : Journal
         Receives everything, once it is on disk.
     finished : callable
         Is called with the directory once its results are written.
@@ -67,7 +68,7 @@ class TowContext:
 
     job: TowJob
     job_file: Path
-    journal: TowJournal = field(default_factory=CombinedTowJournal)
+    journal: Journal = field(default_factory=CombinedJournal)
     finished: Callable[[Path], object] = do_nothing_when_finished
     show_truth: Callable[[TowTruth], object] | None = None
 
@@ -85,7 +86,7 @@ class TowContext:
         return shown_truth
 
 
-def make_tow(job: TowJob, cell: TowCell, planner: ShapePlanner, journal: TowJournal) -> CableTow:
+def make_tow(job: TowJob, cell: TowCell, planner: ShapePlanner, journal: Journal) -> CableTow:
     """Make the loop of a job for a cell whose devices are connected."""
     setting = TowSetting(
         job.chain, job.team, Seam(job.seam), job.localisation, job.following, cell.obstacles
@@ -123,7 +124,7 @@ def resume_tow(context: TowContext) -> None:
     """
     directory = context.job_file.parent
     recorded = read_recorded_tow(directory)
-    if any(event.name == REPLAY for event in recorded.events):
+    if any(event.name == REPLAY_EVENT for event in recorded.events):
         raise ConfigurationError(
             "is a replay: nothing was towed there. Resume the tow itself", file=directory
         )
@@ -141,7 +142,7 @@ def resume_tow(context: TowContext) -> None:
         if edited:
             sweep_seam(context.job, planner, last.along, last.plan).refuse_if_blocked()
         cell = make_tow_cell(context.job, last.plan.angles, left)
-    hauled = PERIOD * sum(cycle.pace > 0 for cycle in recorded.cycles)
+    hauled = PLAN_PERIOD * sum(cycle.pace > 0 for cycle in recorded.cycles)
     _tow(context, directory, cell, planner, last.along, last.plan, hauled)
 
 
@@ -177,12 +178,12 @@ def _tow(
     with record_vehicle_run(
         directory,
         TOW_RECORDING,
-        lambda file, job: record_tow(file, job, context.truth_of(cell)),
+        lambda file, job: TowRecording(file, job, context.truth_of(cell)),
         partial(write_tow_results, job=context.job),
         context.finished,
     ) as recording:
-        journal = CombinedTowJournal((recording, context.journal))
-        accept_edited_copies(directory, journal.record_event)
-        cell.report_events_to(journal.record_event)
+        journal = CombinedJournal(recording, context.journal)
+        accept_edited_copies(directory, journal)
+        cell.report_events_to(event_recorder(journal))
         with cell:
             make_tow(context.job, cell, planner, journal).run(along, last, hauled)

@@ -14,6 +14,7 @@ from tjscan.job.tow.cell import make_planner, make_tow_cell
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.job.tow.job import TowJob
 from tjscan.job.tow.sweep import sweep_seam
+from tjscan.recording.journal import RunEvent
 from tjscan.runs.tow.figures import figures_of_tow
 from tjscan.runs.tow.run import make_tow
 from tjscan.study.backend import (
@@ -78,14 +79,14 @@ class TowKeeper:
         self.truths: list[TowTruth] = []
         self.events: list[tuple[str, str]] = []
 
-    def record_cycle(self, cycle: TowCycle) -> None:
-        """Keep a cycle, and the truth then."""
-        self.cycles.append(cycle)
-        self.truths.append(self._truth())
-
-    def record_event(self, name: str, detail: str) -> None:
-        """Keep an event."""
-        self.events.append((name, detail))
+    def record(self, message: object) -> None:
+        """Keep an event, or a cycle and the truth then."""
+        match message:
+            case TowCycle():
+                self.cycles.append(message)
+                self.truths.append(self._truth())
+            case RunEvent():
+                self.events.append((message.name, message.detail))
 
 
 def run_study_tow(job: TowJob) -> TowOutcome:

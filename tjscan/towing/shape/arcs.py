@@ -14,31 +14,31 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 
-SIDES: Final = ((1, 1), (1, -1), (-1, 1), (-1, -1))
+TURN_SIDES: Final = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 """To which the two arcs turn: 1 is left."""
 
-WAYS: Final = 12
+LEAD_DIRECTIONS: Final = 12
 """Directions in which a bend is led away, and its headings there."""
 
-SHARES: Final = (0.25, 0.5, 0.75)
+BASE_SHARES: Final = (0.25, 0.5, 0.75)
 """Of the line between the ends, from where a single bend is led away."""
 
-RADII: Final = 4
+RADIUS_STEPS: Final = 4
 """Of arcs, each twice the one before."""
 
-LANES: Final = (2.2, 4.4)
+LANE_WIDTHS: Final = (2.2, 4.4)
 """Radii from one lane of a meander to the next: two would make half circles of its bends."""
 
-ROOMY: Final = 1.05
+LEAST_RADII: Final = 1.05
 """Times the least radius is the smallest: links are chords, and are yet to be fitted."""
 
-STEPS: Final = 48
+LENGTH_STEPS: Final = 48
 """Places along a direction between which a length may be met."""
 
-HALVINGS: Final = 24
+LENGTH_HALVINGS: Final = 24
 """Of the way between two of them."""
 
-NEAR: Final = 1e-3
+LENGTH_TOLERANCE: Final = 1e-3
 """Share of the length within which it is met: nearer is a matter for the chain's own solver."""
 
 
@@ -60,10 +60,10 @@ def bent_once(start: Array, end: Array, length: float, least_radius: float) -> A
         Of each path its corners: how far along, metres, and the heading there, radians, not
         wrapped. In between it changes evenly.
     """
-    turns = 2 * np.pi * np.arange(WAYS) / WAYS
+    turns = 2 * np.pi * np.arange(LEAD_DIRECTIONS) / LEAD_DIRECTIONS
     share, way, heading, radius = (
         each.reshape(-1, 1)
-        for each in np.meshgrid(SHARES, turns, turns, _radii(least_radius), indexing="ij")
+        for each in np.meshgrid(BASE_SHARES, turns, turns, _radii(least_radius), indexing="ij")
     )
     bases = start[:2] + share[..., None] * (end - start)[:2]
     off = np.stack((np.cos(way), np.sin(way)), axis=-1)
@@ -89,11 +89,16 @@ def meanders(
     ndarray, shape (M, 3 + 3 bends + 1, 2)
         See `bent_once`.
     """
-    turns = 2 * np.pi * np.arange(WAYS) / WAYS
+    turns = 2 * np.pi * np.arange(LEAD_DIRECTIONS) / LEAD_DIRECTIONS
     which, axis, first, radius, lane = (
         each.reshape(-1, 1)
         for each in np.meshgrid(
-            np.arange(len(centres)), turns, (-1, 1), _radii(least_radius), LANES, indexing="ij"
+            np.arange(len(centres)),
+            turns,
+            (-1, 1),
+            _radii(least_radius),
+            LANE_WIDTHS,
+            indexing="ij",
         )
     )
     along = np.stack((np.cos(axis), np.sin(axis)), axis=-1)
@@ -106,7 +111,7 @@ def meanders(
 
 
 def _radii(least: float) -> Array:
-    return np.asarray(ROOMY * least * 2.0 ** np.arange(RADII))
+    return np.asarray(LEAST_RADII * least * 2.0 ** np.arange(RADIUS_STEPS))
 
 
 def _of_length(
@@ -129,19 +134,19 @@ def _of_length(
         return _through(start, between, end, radius[which])
 
     everyone = np.arange(len(bases))
-    fars = np.linspace(0.0, 0.5 * length, STEPS)
+    fars = np.linspace(0.0, 0.5 * length, LENGTH_STEPS)
     longer = np.stack(
         [paths(everyone, np.full(len(bases), far))[:, -1, 0] > length for far in fars]
     )
     step, which = np.nonzero(longer[1:] != longer[:-1])
     low, high, rises = fars[step], fars[step + 1], longer[step + 1, which]
-    for _ in range(HALVINGS):
+    for _ in range(LENGTH_HALVINGS):
         middle = 0.5 * (low + high)
         above = (paths(which, middle)[:, -1, 0] > length) == rises
         low, high = np.where(above, low, middle), np.where(above, middle, high)
     made = paths(which, low)
     # Where shortest paths change sides their length jumps: past it, nothing was met.
-    return made[np.abs(made[:, -1, 0] - length) < NEAR * length]
+    return made[np.abs(made[:, -1, 0] - length) < LENGTH_TOLERANCE * length]
 
 
 def _through(start: Array, between: Array, end: Array, radius: Array) -> Array:
@@ -160,7 +165,7 @@ def _shortest(start: Array, end: Array, radius: Array) -> Array:
     """Corners of shortest paths of arc, straight piece, arc, shape (M, 4, 2)."""
     begin = start[:, 2]
     best = np.full((len(radius), 4, 2), np.inf)
-    for first, last in SIDES:
+    for first, last in TURN_SIDES:
         a = _centre(start, first * radius)
         b = _centre(end, last * radius)
         dx, dy = (b - a).T

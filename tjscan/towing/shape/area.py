@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # its parts are loaded at first use
@@ -67,9 +68,8 @@ class DiscObstacle:
             raise ValueError(f"an obstacle must be where numbers say: {self}")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Obstacles:
-    """What stands in the way, packed for `distance`: each is convex, or a polygon of its own.
+class Obstacles(NamedTuple):
+    """Obstacles as `distance` takes them: each is convex, or a polygon of its own.
 
     The outside of an outline is the half planes beyond its convex hull's edges, and a polygon for
     every pocket between hull and outline.
@@ -106,14 +106,7 @@ class Obstacles:
             (d.x, d.y, d.x + ahead * d.velocity[0], d.y + ahead * d.velocity[1], d.radius)
             for d in discs
         ]
-        return Obstacles(
-            self.walls, self.corners, self.starts, np.array(swept, dtype=float).reshape(-1, 5)
-        )
-
-    @property
-    def arrays(self) -> tuple[Array, Array, NDArray[np.int64], Array]:
-        """All four, as `distance` takes them."""
-        return self.walls, self.corners, self.starts, self.discs
+        return self._replace(discs=np.array(swept, dtype=float).reshape(-1, 5))
 
     @property
     def polygons(self) -> list[Array]:

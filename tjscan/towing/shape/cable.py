@@ -1,4 +1,4 @@
-"""The cable as a plane chain of rigid links, its joints' angles and where its links lie.
+"""The cable as a plane chain of rigid links, and the vehicles along it.
 
 Suzuki et al. (2022), IV-B. Angles are counter-clockwise; a link's pose is that of its far end, seen
 from the root, with the direction in which the link points.
@@ -7,6 +7,7 @@ from the root, with the direction in which the link points.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from math import asin, isfinite
 
 import numpy as np
@@ -109,3 +110,54 @@ class Cable:
     def angles(self, headings: Array) -> Array:
         """Angles of the joints for headings of the links, both of shape (N,)."""
         return np.diff(headings, prepend=self.root[2])
+
+
+def equal_links(links: int, vehicles: int, last: int | None = None) -> tuple[int, ...]:
+    """Links that vehicles hold at equal spacing; the last is the welder's, at the tip.
+
+    Parameters
+    ----------
+    links : int
+        Of the cable.
+    vehicles : int
+        The welder among them.
+    last : int, optional
+        Links between the last towing vehicle and the welder; as many as others where left out.
+    """
+    if last is not None:
+        return (*equal_links(links - last, vehicles - 1), links - 1)
+    return tuple(round((m + 1) * links / vehicles) - 1 for m in range(vehicles))
+
+
+@dataclass(frozen=True, slots=True)
+class TowingTeam:
+    """Vehicles along the cable. The last is the welder: it holds the last link.
+
+    Parameters
+    ----------
+    held_links : tuple of int
+        Link that each vehicle holds, counted from 0 at the root, rising.
+    body_radius : float
+        Of a vehicle seen from above, metres.
+    top_speed : float
+        Of a towing vehicle, m/s.
+
+    Raises
+    ------
+    ValueError
+        Links that do not rise.
+    """
+
+    held_links: tuple[int, ...] = equal_links(60, 6)
+    body_radius: float = 0.15
+    top_speed: float = 0.1
+
+    def __post_init__(self) -> None:
+        held = self.held_links
+        if not held or held[0] < 0 or any(b <= a for a, b in pairwise(held)):
+            raise ValueError(f"held links must rise from 0 or more: {held}")
+
+    @property
+    def welder(self) -> int:
+        """Number of the welder in the team."""
+        return len(self.held_links) - 1

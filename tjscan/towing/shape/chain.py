@@ -8,6 +8,9 @@ gradient and Hessian need.
 from __future__ import annotations
 
 from math import cos, floor, pi, sin
+from typing import NamedTuple
+
+import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.compiled import Indices, compiled
@@ -25,11 +28,34 @@ def place_links(angles: Array, root: Array, length: float, links: Array) -> None
         links[i, 0], links[i, 1], links[i, 2], links[i, 3], links[i, 4] = x, y, phi, c, s
 
 
+class ChainParts(NamedTuple):
+    """What single joints and links contribute to derivatives of a function of the chain.
+
+    Parameters
+    ----------
+    joint : ndarray, shape (N, 2)
+        First and second derivative by each joint's angle.
+    point : ndarray, shape (N, 5)
+        Gradient (x, y) and Hessian (xx, xy, yy) by the position of each link's far end.
+    turn : ndarray, shape (N, 2)
+        First and second derivative by each link's heading.
+    """
+
+    joint: Array
+    point: Array
+    turn: Array
+
+
 @compiled
-def chain_gradient(
-    joint: Array, point: Array, turn: Array, links: Array, length: float, gradient: Array
-) -> None:
-    """Gradient by the angles, of parts by angle, position and heading (`turn`, first column)."""
+def make_parts(n: int) -> ChainParts:
+    """Parts of a chain of n links; those by heading are 0."""
+    return ChainParts(np.empty((n, 2)), np.empty((n, 5)), np.zeros((n, 2)))
+
+
+@compiled
+def chain_gradient(parts: ChainParts, links: Array, length: float, gradient: Array) -> None:
+    """Gradient by the angles, shape (N,), filled."""
+    joint, point, turn = parts
     sx, sy, by_heading = 0.0, 0.0, 0.0
     for i in range(len(gradient) - 1, -1, -1):
         sx += point[i, 0]
@@ -39,15 +65,14 @@ def chain_gradient(
 
 
 @compiled
-def chain_hessian(
-    joint: Array, point: Array, turn: Array, links: Array, length: float, hessian: Array
-) -> None:
-    """Hessian by the angles; its lower triangle and its upper are filled alike.
+def chain_hessian(parts: ChainParts, links: Array, length: float, hessian: Array) -> None:
+    """Hessian by the angles, shape (N, N); both triangles are filled.
 
     With n_j = (-sin φ_j, cos φ_j) and u_j = (cos φ_j, sin φ_j), headings j ≤ k give
     l² n_j' T_k n_k, and j = k loses l u_j' S_j too, S and T being sums over the links from k on of
     gradients and Hessians by position. Sums over rows and columns turn headings into angles.
     """
+    joint, point, turn = parts
     n = len(joint)
     sx, sy, txx, txy, tyy = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n - 1, -1, -1):

@@ -40,7 +40,8 @@ def _cache_directory() -> str:
     """Directory for this state of the sources, or the one Numba is set to if it can't be made."""
     room = Path(__file__).parent
     sources = (file.read_bytes() for file in sorted(room.glob("*.py")))
-    digest = sha256(b"".join(source for source in sources if b"@compiled" in source))
+    marks = (b"@compiled", b"(NamedTuple)")
+    digest = sha256(b"".join(s for s in sources if any(mark in s for mark in marks)))
     directory = room / "__pycache__" / f"numba-{digest.hexdigest()[:16]}"
     try:
         directory.mkdir(parents=True, exist_ok=True)

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from math import hypot
 
-import numpy as np
-
 from tjscan.core.frames import Array
-from tjscan.towing.shape.compiled import Indices, compiled
+from tjscan.towing.shape.area import Obstacles
+from tjscan.towing.shape.compiled import compiled
 
 
 @compiled
@@ -83,10 +82,17 @@ def distance_to_swept_disc(
 
 
 @compiled
+def obstacle_count(obstacles: Obstacles) -> int:
+    """Number of walls, polygons and discs."""
+    return len(obstacles.walls) + len(obstacles.starts) - 1 + len(obstacles.discs)
+
+
+@compiled
 def distance_to_obstacle(
-    k: int, x: float, y: float, walls: Array, corners: Array, starts: Indices, discs: Array
+    k: int, x: float, y: float, obstacles: Obstacles
 ) -> tuple[float, float, float, float, float, float]:
     """Signed distance to the k-th of walls, polygons and discs; gradient, Hessian (xx, xy, yy)."""
+    walls, corners, starts, discs = obstacles
     if k < len(walls):
         nx, ny = walls[k, 0], walls[k, 1]
         return nx * x + ny * y - walls[k, 2], nx, ny, 0.0, 0.0, 0.0
@@ -94,21 +100,3 @@ def distance_to_obstacle(
     if k < len(starts) - 1:
         return distance_to_polygon(x, y, corners[starts[k] : starts[k + 1]])
     return distance_to_swept_disc(x, y, discs[k - len(starts) + 1])
-
-
-@compiled
-def obstacle_distances(
-    points: Array, walls: Array, corners: Array, starts: Indices, discs: Array
-) -> tuple[Array, Array, Array]:
-    """Signed distances (n, K), gradients (n, K, 2) and Hessians (n, K, 3) of points (n, 2)."""
-    count = len(walls) + len(starts) - 1 + len(discs)
-    d = np.empty((len(points), count))
-    gradient = np.empty((len(points), count, 2))
-    hessian = np.empty((len(points), count, 3))
-    for i in range(len(points)):
-        for k in range(count):
-            at = distance_to_obstacle(k, points[i, 0], points[i, 1], walls, corners, starts, discs)
-            d[i, k] = at[0]
-            gradient[i, k, 0], gradient[i, k, 1] = at[1], at[2]
-            hessian[i, k, 0], hessian[i, k, 1], hessian[i, k, 2] = at[3], at[4], at[5]
-    return d, gradient, hessian

@@ -10,56 +10,89 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import radians, sqrt
-from typing import Final
+from math import sqrt
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.chain import chain_gradient, chain_hessian, place_links, wrapped
+from tjscan.towing.shape.chain import (
+    ChainParts,
+    chain_gradient,
+    chain_hessian,
+    make_parts,
+    place_links,
+    wrapped,
+)
 from tjscan.towing.shape.compiled import Indices, compiled
 from tjscan.towing.shape.linear import back_substitute, factorise_convex
+from tjscan.towing.shape.settings import PoseTrust
 
-SLIDES = 1e-3
+SLIDING_DISTANCE = 1e-3
 """Metres by which a link gives way before it slides. As long as this is little beside the bends of
-a cable, it says nothing: from 0.2 to 2 mm estimates are the same."""
+a cable, it does not matter: from 0.2 to 2 mm estimates are the same."""
 
 LEAST_SHIFT = 0.1
-"""Share of a joint's stiffness that is added first where the energy is not convex. Poses are held
+"""Share of a joint's stiffness that is added first if the energy is not convex. Poses are held
 1e8 times as stiffly as joints: a share of that would freeze the shape, and end the search."""
 
+WARM_ITERATIONS: Final = 60
+"""Iterations at most of a search from the estimate before; fewer than ten are usual."""
 
-@compiled
-def estimate_terms(
-    angles: Array,
-    links: Array,
-    held: Indices,
-    poses: Array,
-    stiff: Array,
-    rest: Array,
-    slide: Array,
-    joint: Array,
-    point: Array,
-    turn: Array,
-) -> float:
-    """Energy of the cable over that of a joint's stiffness, and what each joint and link has in it.
+COLD_ITERATIONS: Final = 10 * WARM_ITERATIONS
+"""The same of a search that knows no shape before."""
+
+GUESSED_BULGES: Final = (-0.3, 0.0, 0.3)
+"""Sideways, in chords between vehicles, of the shapes where such a search begins."""
+
+
+class EstimateArrays(NamedTuple):
+    """The problem of least energy, as compiled functions take it.
 
     Parameters
     ----------
-    angles : ndarray, shape (N,)
-    links : ndarray, shape (N, 5)
+    root : ndarray, shape (3,)
+    length : float
+        Of a link, metres.
     held : ndarray of int, shape (M,)
         Links whose poses, shape (M, 3), are known.
-    stiff : ndarray, shape (M, 2)
-        One over the variance of each position, and of each heading.
+    poses : ndarray, shape (M, 3)
+    stiff : ndarray, shape (2,)
+        One over the variance of their positions, and of their headings.
     rest : ndarray, shape (N, 2)
         Towards which the floor holds the links' far ends: with a force that grows until they slide.
     slide : ndarray, shape (N,)
         Friction there over the stiffness of a joint, 1/m; 0 without.
-    joint, point, turn : ndarray, shapes (N, 2), (N, 5), (N, 2)
+    """
+
+    root: Array
+    length: float
+    held: Indices
+    poses: Array
+    stiff: Array
+    rest: Array
+    slide: Array
+
+
+@compiled
+def estimate_terms(
+    angles: Array, problem: EstimateArrays, links: Array, parts: ChainParts
+) -> float:
+    """Energy of the cable over the stiffness of a joint, and the parts of each joint and link.
+
+    Parameters
+    ----------
+    angles : ndarray, shape (N,)
+    problem : EstimateArrays
+    links : ndarray, shape (N, 5)
+        As `place_links` fills it.
+    parts : ChainParts
         Filled.
     """
+    joint, point, turn = parts
+    held, poses, rest, slide = problem.held, problem.poses, problem.rest, problem.slide
+    by_place, by_turn = problem.stiff[0], problem.stiff[1]
     energy = 0.0
     for i in range(len(angles)):
         energy += 0.5 * angles[i] * angles[i]
@@ -69,9 +102,11 @@ def estimate_terms(
         if slide[i] > 0.0:
             x, y = links[i, 0] - rest[i, 0], links[i, 1] - rest[i, 1]
             d = sqrt(x * x + y * y)
-            slides = d > (1.0 + 1e-9) * SLIDES  # one that slid is held there again
-            pull = slide[i] / max(d, SLIDES)
-            energy += slide[i] * (d - 0.5 * SLIDES if slides else 0.5 * d * d / SLIDES)
+            slides = d > (1.0 + 1e-9) * SLIDING_DISTANCE  # one that slid is held there again
+            pull = slide[i] / max(d, SLIDING_DISTANCE)
+            energy += slide[i] * (
+                d - 0.5 * SLIDING_DISTANCE if slides else 0.5 * d * d / SLIDING_DISTANCE
+            )
             point[i, 0], point[i, 1] = pull * x, pull * y
             point[i, 2], point[i, 4] = pull, pull
             if slides:
@@ -82,7 +117,6 @@ def estimate_terms(
         k = held[m]
         x, y = links[k, 0] - poses[m, 0], links[k, 1] - poses[m, 1]
         a = wrapped(links[k, 2] - poses[m, 2])
-        by_place, by_turn = stiff[m, 0], stiff[m, 1]
         energy += 0.5 * by_place * (x * x + y * y) + 0.5 * by_turn * a * a
         point[k, 0] += by_place * x
         point[k, 1] += by_place * y
@@ -93,30 +127,17 @@ def estimate_terms(
 
 
 @compiled
-def newton_estimate(
-    angles: Array,
-    root: Array,
-    length: float,
-    held: Indices,
-    poses: Array,
-    stiff: Array,
-    rest: Array,
-    slide: Array,
-    most: int,
-) -> tuple[int, float]:
-    """Shape of least energy near the vehicles' poses, in place; iterations and the energy."""
+def newton_estimate(angles: Array, problem: EstimateArrays, most: int) -> float:
+    """Shape of least energy near the vehicles' poses, in place; returns the energy."""
     n = len(angles)
-    links = np.empty((n, 5))
-    joint, point, turn = np.empty((n, 2)), np.empty((n, 5)), np.empty((n, 2))
+    links, parts = np.empty((n, 5)), make_parts(n)
     gradient, step, trial = np.empty(n), np.empty(n), np.empty(n)
     hessian, factor = np.empty((n, n)), np.zeros((n, n))
-    place_links(angles, root, length, links)
-    energy = estimate_terms(angles, links, held, poses, stiff, rest, slide, joint, point, turn)
-    shift, iteration = 0.0, 0
-    while iteration < most:
-        iteration += 1
-        chain_gradient(joint, point, turn, links, length, gradient)
-        chain_hessian(joint, point, turn, links, length, hessian)
+    place_links(angles, problem.root, problem.length, links)
+    energy, shift = estimate_terms(angles, problem, links, parts), 0.0
+    for _ in range(most):
+        chain_gradient(parts, links, problem.length, gradient)
+        chain_hessian(parts, links, problem.length, hessian)
         shift = factorise_convex(hessian, shift, factor, LEAST_SHIFT)
         step[:] = -gradient
         back_substitute(factor, step)
@@ -129,10 +150,8 @@ def newton_estimate(
         for _ in range(30):
             for i in range(n):
                 trial[i] = angles[i] + share * step[i]
-            place_links(trial, root, length, links)
-            after = estimate_terms(
-                trial, links, held, poses, stiff, rest, slide, joint, point, turn
-            )
+            place_links(trial, problem.root, problem.length, links)
+            after = estimate_terms(trial, problem, links, parts)
             if after <= energy + 1e-4 * share * slope + 1e-12 * abs(energy):
                 better = True
                 break
@@ -143,40 +162,12 @@ def newton_estimate(
         energy = after
         if -slope < 1e-8 * (1.0 + energy):
             break
-    return iteration, energy
-
-
-MOST: Final = 60
-"""Iterations; warm ones need fewer than ten."""
-
-BULGES: Final = (-0.3, 0.0, 0.3)
-"""Sideways, in chords between vehicles, where a search begins that knows no shape before."""
-
-
-@dataclass(frozen=True, slots=True)
-class PoseTrust:
-    """How well the vehicles' poses are known.
-
-    Parameters
-    ----------
-    position_sd : float
-        Of x and of y, metres.
-    heading_sd : float
-        Radians.
-    """
-
-    position_sd: float = 3e-3
-    heading_sd: float = radians(1.0)
-
-    @property
-    def stiffness(self) -> Array:
-        """One over the variances, as `estimate_terms` takes them."""
-        return np.array((self.position_sd**-2, self.heading_sd**-2))
+    return energy
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CableEstimate:
-    """How the cable lies.
+    """Estimated shape of the cable.
 
     Parameters
     ----------
@@ -203,11 +194,11 @@ def estimate_shape(
     last: CableEstimate | None = None,
     trust: PoseTrust | None = None,
 ) -> CableEstimate:
-    """How the cable lies between vehicles at these poses.
+    """Shape of the cable between vehicles at these poses.
 
     The links between were moved from where they lay by least work, of bends and friction: that is
-    Coulomb's, for a floor that gives way by `SLIDES` first. So its holding force lasts from one
-    estimate to the next, however little a link moves.
+    Coulomb's, for a floor that gives way by `SLIDING_DISTANCE` first. So its holding force lasts
+    from one estimate to the next, however little a link moves.
 
     Parameters
     ----------
@@ -220,45 +211,59 @@ def estimate_shape(
         The estimate before. Without, the floor is left out.
     trust : PoseTrust, optional
     """
-    known = np.isfinite(poses).all(axis=1)
-    held, at = np.array(held_links, dtype=np.int64)[known], np.array(poses[known], dtype=float)
-    root = np.array(cable.root, dtype=float)
-    stiff = np.tile((trust or PoseTrust()).stiffness, (len(held), 1))
+    problem = estimate_arrays(cable, held_links, poses, trust or PoseTrust(), last)
     if last is None:
-        starts, rest = _guesses(cable, held, at), np.zeros((cable.links, 2))
-        slide = np.zeros(cable.links)
+        starts, most = _guesses(cable, problem.held, problem.poses), COLD_ITERATIONS
     else:
-        starts, rest, slide = [last.angles], last.rest, friction_at_ends(cable, held_links)
+        starts, most = [last.angles], WARM_ITERATIONS
     best, least = np.zeros(cable.links), np.inf
     for start in starts:
         angles = np.array(start, dtype=float)
-        most = MOST if last is not None else 10 * MOST
-        _, energy = newton_estimate(
-            angles, root, cable.link_length, held, at, stiff, rest, slide, most
-        )
+        energy = newton_estimate(angles, problem, most)
         if energy < least:
             best, least = angles, energy
     if last is None:
         return CableEstimate.unpulled(cable, best)
-    lie = cable.poses(best)[:, :2]
-    off = lie - rest
+    places = cable.poses(best)[:, :2]
+    off = places - last.rest
     far = np.hypot(off[:, 0], off[:, 1])[:, None]
-    return CableEstimate(best, lie - off * np.minimum(1.0, SLIDES / np.maximum(far, 1e-300)))
+    held_back = off * np.minimum(1.0, SLIDING_DISTANCE / np.maximum(far, 1e-300))
+    return CableEstimate(best, places - held_back)
 
 
-def friction_at_ends(cable: Cable, held_links: Sequence[int]) -> Array:
-    """Friction at the links' far ends over a joint's stiffness, shape (N,), 1/m."""
-    # Half of the link on either side, where that lies on the floor.
-    lies = np.ones(cable.links + 1)
-    lies[list(held_links)] = lies[-1] = 0.0
-    return np.asarray((lies[:-1] + lies[1:]) / 2 * cable.friction / cable.bending_stiffness)
+def estimate_arrays(
+    cable: Cable,
+    held_links: Sequence[int],
+    poses: Array,
+    trust: PoseTrust,
+    last: CableEstimate | None,
+) -> EstimateArrays:
+    """The problem of vehicles at these poses; without an estimate before, the floor is left out."""
+    known = np.isfinite(poses).all(axis=1)
+    if last is None:
+        rest, slide = np.zeros((cable.links, 2)), np.zeros(cable.links)
+    else:
+        # Half of the link on either side carries weight, unless a vehicle holds the link.
+        on_floor = np.ones(cable.links + 1)
+        on_floor[list(held_links)] = on_floor[-1] = 0.0
+        halves = (on_floor[:-1] + on_floor[1:]) / 2
+        rest, slide = last.rest.copy(), halves * cable.friction / cable.bending_stiffness
+    return EstimateArrays(
+        np.array(cable.root, dtype=float),
+        cable.link_length,
+        np.array(held_links, dtype=np.int64)[known],
+        np.array(poses[known], dtype=float),
+        np.array((trust.position_sd**-2, trust.heading_sd**-2)),
+        rest,
+        slide,
+    )
 
 
 def _guesses(cable: Cable, held: Indices, poses: Array) -> list[Array]:
     """Shapes through the poses as cubic curves, with bulges to either side."""
     knots = np.vstack((np.array(cable.root), poses))
     guesses = []
-    for bulge in BULGES:
+    for bulge in GUESSED_BULGES:
         headings = np.empty(cable.links)
         first = 0
         for a, b, link in zip(knots, knots[1:], held, strict=False):

@@ -7,41 +7,49 @@ far the limits can't be kept: such a shape is never sent.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import proxsuite
 
 from tjscan.core.frames import Array
-from tjscan.towing.shape.chain import chain_gradient, chain_hessian, place_links, pose_constraints
-from tjscan.towing.shape.compiled import Indices, compiled
-from tjscan.towing.shape.limits import COLUMNS, SPARE, HardLimits, limit_gradients, limit_rows
-from tjscan.towing.shape.linear import (
-    add_squares,
-    constrained_step,
-    factorise_convex,
-    largest_diagonal,
-    least_squares_multipliers,
+from tjscan.towing.shape.chain import chain_gradient
+from tjscan.towing.shape.compiled import compiled
+from tjscan.towing.shape.limits import (
+    ROW_TYPE,
+    SPARE_MARGIN,
+    HardLimits,
+    LimitArrays,
+    LimitKind,
+    LimitRows,
+    limit_gradients,
+    limit_rows,
 )
-from tjscan.towing.shape.problem import ShapeProblem, shape_terms
-from tjscan.towing.shape.pull_rows import add_curvature, force_after, put_force
+from tjscan.towing.shape.linear import constrained_step, least_squares_multipliers
+from tjscan.towing.shape.optimise import add_multipliers, convex_hessian, pull_after
+from tjscan.towing.shape.problem import (
+    ShapeArrays,
+    ShapeProblem,
+    ShapeState,
+    evaluate_shape,
+    make_state,
+)
 
-BAND: Final = 0.05
-"""Metres of margin below which a limit stands in the program: some steps of a slow vehicle."""
+NEAR_BAND: Final = 0.05
+"""Metres of margin below which a limit is in the program: some steps of a slow vehicle."""
 
-LONGEST: Final = 0.2
+LONGEST_TURN: Final = 0.2
 """Radians that a joint turns at most in one step."""
 
-SLACK: Final = 1e3
-"""What a metre of slack costs; the objective is 100 at worst and changes by some tens a metre."""
+SLACK_COST: Final = 1e3
+"""Cost of a metre of slack; the objective is 100 at worst and changes by some tens a metre."""
 
-SOLVED: Final = proxsuite.proxqp.QPSolverOutput.PROXQP_SOLVED
+QP_SOLVED: Final = proxsuite.proxqp.QPSolverOutput.PROXQP_SOLVED
 
+OUTER_ITERATIONS: Final = 100
+"""Of ProxQP; 10 to 50 are usual. One without a solution would take it minutes."""
 
-OUTER: Final = 100
-"""Iterations of ProxQP; 10 to 50 are usual. One without a solution would take it minutes."""
-
-INNER: Final = 20
+INNER_ITERATIONS: Final = 20
 """Its steps in each of them; one or two are usual."""
 
 MOST_ACTIVE: Final = 20
@@ -50,7 +58,7 @@ MOST_ACTIVE: Final = 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LimitedShape:
-    """Where the search ended.
+    """Result of the search.
 
     Parameters
     ----------
@@ -58,131 +66,141 @@ class LimitedShape:
     iterations : int
     constraint : float
         Largest of what fixed links are off by.
-    pressed : ndarray, shape (R, 10)
-        Rows of limits that hold the shape where it is, see `limits.COLUMNS`.
+    pressed : ndarray of `limits.ROW_TYPE`, shape (R,)
+        Rows of limits that hold the shape where it is.
     """
 
     angles: Array
     iterations: int
     constraint: float
-    pressed: Array
+    pressed: LimitRows
 
 
-class _Look:
+class _Program(NamedTuple):
+    """A quadratic program in the step and the slack.
+
+    Parameters
+    ----------
+    gradient : ndarray, shape (N + 1,)
+    hessian : ndarray, shape (N + 1, N + 1)
+    factor : ndarray, shape (N, N)
+        Of the Hessian without the slack.
+    force : ndarray, shape (2,)
+        Of the pull at the welder, see `optimise.replace_pull`.
+    """
+
+    gradient: Array
+    hessian: Array
+    factor: Array
+    force: Array
+
+
+class _Iterate:
     """All that is known at a shape: objective, constraints, rows of limits that are near."""
 
-    def __init__(self, problem: ShapeProblem, limits: HardLimits) -> None:
-        n, m = problem.cable.links, 3 * len(problem.fixed)
-        self.of_problem, self.of_limits = problem.arguments, limits.arguments
-        self.angles, self.links, self.terms = np.empty(n), np.empty((n, 5)), np.empty(5)
-        self.joint, self.point = np.empty((n, 2)), np.empty((n, 5))
-        self.c, self.jacobian = np.zeros(m), np.zeros((m, n))
-        self.all_rows = np.empty((128, COLUMNS))
-        self.f, self.off, self.worst, self.used = 0.0, 0.0, 0.0, 0
+    def __init__(self, problem: ShapeArrays, limits: LimitArrays) -> None:
+        n = len(problem.estimate)
+        self._problem, self._limits = problem, limits
+        self.angles, self.state = np.empty(n), make_state(n, len(problem.fixed))
+        self._rows, self._used = np.empty(128, dtype=ROW_TYPE), 0
+        self.f, self.off, self.worst = 0.0, 0.0, 0.0
 
-    def at(self, angles: Array, band: float) -> None:
-        """Look at other angles."""
+    def move_to(self, angles: Array, band: float) -> None:
+        """Evaluate other angles."""
         self.angles[:] = angles
         while True:
-            self.f, self.off, self.worst, self.used = _assess(
-                self.angles, self.links, self.terms, self.joint, self.point, self.c,
-                self.jacobian, self.all_rows, band, self.of_problem, self.of_limits,
-            )  # fmt: skip
-            if self.used <= len(self.all_rows):
+            self.f, self.off, self.worst, self._used = _evaluate(
+                self.angles, self._problem, self._limits, self.state, self._rows, band
+            )
+            if self._used <= len(self._rows):
                 return
-            self.all_rows = np.empty((2 * self.used, COLUMNS))
+            self._rows = np.empty(2 * self._used, dtype=ROW_TYPE)
+
+    def merit(self, fix: float) -> float:
+        """Objective with exact penalties: `fix` for the constraints, `SLACK_COST` for limits."""
+        return self.f + fix * self.off + SLACK_COST * self.worst
 
     @property
-    def rows(self) -> Array:
-        """Rows of limits that are near, shape (R, 10)."""
-        return self.all_rows[: self.used]
+    def rows(self) -> LimitRows:
+        """Rows of limits that are near, shape (R,)."""
+        return self._rows[: self._used]
 
 
 @compiled
-def _assess(
-    angles: Array, links: Array, terms: Array, joint: Array, point: Array, c: Array,
-    jacobian: Array, rows: Array, band: float, of_problem: Any, of_limits: Any,
-) -> tuple[float, float, float, int]:  # fmt: skip
-    """Fill all that `_Look` holds; objective, constraints' sum, worst limit, number of rows."""
-    (
-        estimate, root, length, scale, targets, moved, costs,
-        walls, corners, starts, discs, fixed, poses,
-    ) = of_problem  # fmt: skip
-    place_links(angles, root, length, links)
-    f = shape_terms(
-        angles, estimate, links, scale, targets, moved, costs,
-        walls, corners, starts, discs, terms, joint, point,
-    )  # fmt: skip
-    pose_constraints(links, root, fixed, poses, c, jacobian)
-    used = limit_rows(angles, links, band, rows, *of_limits)
+def _evaluate(
+    angles: Array,
+    problem: ShapeArrays,
+    limits: LimitArrays,
+    state: ShapeState,
+    rows: LimitRows,
+    band: float,
+) -> tuple[float, float, float, int]:
+    """Fill state and rows; objective, constraints' sum, worst limit, number of rows."""
+    f = evaluate_shape(angles, problem, state)
+    used = limit_rows(angles, state.links, band, rows, limits)
     worst = 0.0
     for r in range(min(used, len(rows))):
-        worst = max(worst, -rows[r, 0])
-    return f, np.abs(c).sum(), worst, used
+        worst = max(worst, -rows[r].margin)
+    return f, np.abs(state.constraint).sum(), worst, used
 
 
 @compiled
 def _model(
-    links: Array, joint: Array, point: Array, jacobian: Array, rows: Array, fixed: Indices,
-    root: Array, length: float, moved: Indices, costs: Array, force: Array,
-    y: Array, z: Array, shift: float,
-    gradient: Array, hessian: Array, factor: Array, gradients: Array,
-) -> float:  # fmt: skip
-    """Gradient, convex Hessian of the Lagrangian, its factor and shift; derivatives of rows."""
-    n = len(joint)
-    turn = np.zeros((n, 2))
-    chain_gradient(joint, point, turn, links, length, gradient[:n])
+    problem: ShapeArrays,
+    state: ShapeState,
+    rows: LimitRows,
+    y: Array,
+    z: Array,
+    shift: float,
+    program: _Program,
+    gradients: Array,
+) -> float:
+    """Fill the program and the derivatives of its rows; returns the Hessian's shift."""
+    n, point = len(state.links), state.parts.point
+    chain_gradient(state.parts, state.links, problem.length, program.gradient[:n])
     if len(z) == 0:
-        least_squares_multipliers(jacobian, gradient[:n], y)
-    for e in range(len(fixed)):
-        point[fixed[e], 0] += y[3 * e]
-        point[fixed[e], 1] += y[3 * e + 1]
+        least_squares_multipliers(state.jacobian, program.gradient[:n], y)
+    add_multipliers(problem, y, point)
     if len(z) == len(rows):
         for r in range(len(rows)):
-            if z[r] != 0.0 and rows[r, 9] != 6.0:
-                i, j = int(rows[r, 3]), int(rows[r, 6])
-                if i >= 0:
-                    point[i, 0] += z[r] * rows[r, 1]
-                    point[i, 1] += z[r] * rows[r, 2]
-                if j >= 0:
-                    point[j, 0] -= z[r] * rows[r, 1]
-                    point[j, 1] -= z[r] * rows[r, 2]
-    put_force(moved, costs, links, force, point)
+            row = rows[r]
+            if z[r] != 0.0 and row.kind != LimitKind.JOINT:
+                if row.link >= 0:
+                    point[row.link, 0] += z[r] * row.grows_x
+                    point[row.link, 1] += z[r] * row.grows_y
+                if row.other >= 0:
+                    point[row.other, 0] -= z[r] * row.grows_x
+                    point[row.other, 1] -= z[r] * row.grows_y
     square = np.empty((n, n))
-    chain_hessian(joint, point, turn, links, length, square)
-    add_squares(jacobian, square)
-    least = 1e-4 * largest_diagonal(square)
-    add_curvature(moved, costs, links, root, square)
-    shift = factorise_convex(square, shift, factor, least)
+    shift, _ = convex_hessian(problem, state, program.force, shift, square, program.factor)
     for i in range(n):
         for j in range(i):
-            hessian[i, j] = square[i, j]
-            hessian[j, i] = square[i, j]
-        hessian[i, i] = square[i, i] + shift
-    limit_gradients(rows, root, links, gradients)
+            program.hessian[i, j] = square[i, j]
+            program.hessian[j, i] = square[i, j]
+        program.hessian[i, i] = square[i, i] + shift
+    limit_gradients(rows, problem.root, state.links, gradients)
     return shift
 
 
 @compiled
 def _guess_active(
-    factor: Array, jacobian: Array, c: Array, C: Array, rows: Array, gradient: Array,
-    step: Array, y: Array, z: Array,
-) -> bool:  # fmt: skip
+    program: _Program, state: ShapeState, C: Array, rows: LimitRows, step: Array, y: Array, z: Array
+) -> bool:
     """Solve a program by adding the worst row and dropping those that pull; True if that ends.
 
     What it then found meets all conditions of the program's solution, with no slack.
     """
-    n, m = len(step), len(c)
+    n, m = len(step), len(state.constraint)
     active = np.zeros(len(rows), np.bool_)
     for _ in range(MOST_ACTIVE):
         count = m + active.sum()
         A, b, multipliers = np.empty((count, n)), np.empty(count), np.empty(count)
-        A[:m], b[:m], k = jacobian, c, m
+        A[:m], b[:m], k = state.jacobian, state.constraint, m
         for r in range(len(rows)):
             if active[r]:
-                A[k], b[k] = C[r, :n], rows[r, 0]
+                A[k], b[k] = C[r, :n], rows[r].margin
                 k += 1
-        constrained_step(factor, A, gradient[:n], b, step, multipliers)
+        constrained_step(program.factor, A, program.gradient[:n], b, step, multipliers)
         worst, which, k, settled = -1e-9, -1, m, True
         for r in range(len(rows)):
             z[r] = 0.0
@@ -191,12 +209,12 @@ def _guess_active(
                 k += 1
                 if z[r] > 1e-9:
                     active[r], settled = False, False
-            margin = rows[r, 0] + (C[r, :n] * step).sum()
+            margin = rows[r].margin + (C[r, :n] * step).sum()
             if margin < worst:
                 worst, which = margin, r
         if settled and which < 0:
             y[:] = multipliers[:m]
-            return bool(np.abs(z).sum() < SLACK)
+            return bool(np.abs(z).sum() < SLACK_COST)
         if which >= 0:
             if active[which]:
                 return False
@@ -220,82 +238,74 @@ def optimise_limited(
 
     Notes
     -----
-    The search ends where a step promises less than 1e-7 of the objective, or where none gains.
+    The search ends when a step promises less than 1e-7 of the objective, or when none gains.
     """
-    n, bound = len(start), problem.cable.joint_limit - SPARE
-    now, after = _Look(problem, limits), _Look(problem, limits)
-    now.at(np.clip(start, -bound, bound), BAND)
-    y, z = np.zeros(len(now.c)), np.zeros(0)
-    fix, shift, band, iteration = 1.0, 0.0, BAND, 0
-    gradient, hessian = np.full(n + 1, SLACK), np.zeros((n + 1, n + 1))
-    hessian[n, n] = 1.0
-    factor, force = np.zeros((n, n)), np.zeros(2)
-    root, (moved, costs) = problem.root, problem.costs
+    n, bound, arrays = len(start), problem.cable.joint_limit - SPARE_MARGIN, problem.arrays
+    now, after = _Iterate(arrays, limits.arrays), _Iterate(arrays, limits.arrays)
+    now.move_to(np.clip(start, -bound, bound), NEAR_BAND)
+    y, z = np.zeros(len(now.state.constraint)), np.zeros(0)
+    fix, shift, band, iteration = 1.0, 0.0, NEAR_BAND, 0
+    program = _Program(
+        np.full(n + 1, SLACK_COST), np.zeros((n + 1, n + 1)), np.zeros((n, n)), np.zeros(2)
+    )
+    program.hessian[n, n] = 1.0
     while iteration < most:
         iteration += 1
         rows = now.rows
         C = np.ones((len(rows), n + 1))
-        shift = _model(
-            now.links, now.joint, now.point, now.jacobian, rows, problem.fixed,
-            root, problem.cable.link_length, moved, costs, force, y, z, shift,
-            gradient, hessian, factor, C,
-        )  # fmt: skip
+        shift = _model(arrays, now.state, rows, y, z, shift, program, C)
         step, z, left, reach = np.empty(n), np.empty(len(rows)), 0.0, 1.0
-        if not _guess_active(factor, now.jacobian, now.c, C, rows, gradient, step, y, z):
-            step, left, y, z, reach = _solve_program(gradient, hessian, now, C)
+        if not _guess_active(program, now.state, C, rows, step, y, z):
+            step, left, y, z, reach = _solve_program(program, now, C)
         if reach == 0.0:
             break
-        force_after(moved, costs, now.links, root, step, force)
+        pull_after(arrays, now.state.links, step, program.force)
         fix = max(fix, 2 * float(np.abs(y).max(initial=0.0)))
-        slope = float(gradient[:n] @ step) - fix * reach * now.off
-        slope -= SLACK * max(now.worst - left, 0.0)
-        merit = now.f + fix * now.off + SLACK * now.worst
-        share, better = min(1.0, LONGEST / max(float(np.abs(step).max()), 1e-300)), False
+        slope = float(program.gradient[:n] @ step) - fix * reach * now.off
+        slope -= SLACK_COST * max(now.worst - left, 0.0)
+        merit = now.merit(fix)
+        share = min(1.0, LONGEST_TURN / max(float(np.abs(step).max()), 1e-300))
         for _ in range(12):
-            after.at(now.angles + share * step, band)
-            reached = after.f + fix * after.off + SLACK * after.worst
-            if reached <= merit + 1e-4 * share * slope + 1e-10 * abs(merit):
-                better = True
+            after.move_to(now.angles + share * step, band)
+            if after.merit(fix) <= merit + 1e-4 * share * slope + 1e-10 * abs(merit):
                 break
             share *= 0.5
-        if not better:
-            if len(z) == 0 or band > BAND:
+        else:
+            if len(z) == 0 or band > NEAR_BAND:
                 break
-            band *= 3.0  # a limit out of the program may stand in the way
-            now.at(now.angles.copy(), band)
+            band *= 3.0  # a limit out of the program may be in the way
+            now.move_to(now.angles.copy(), band)
             z = np.zeros(0)
             continue
         now, after = after, now
-        if -slope < 1e-7 * max(1.0, abs(now.f)) and np.abs(now.c).max() < 1e-7:
+        if -slope < 1e-7 * max(1.0, abs(now.f)) and np.abs(now.state.constraint).max() < 1e-7:
             break
-    rows = now.rows
-    pressed = rows[(rows[:, 0] < 1e-5) & (np.abs(z) > 1e-6)] if len(z) == len(rows) else rows[:0]
-    return LimitedShape(now.angles, iteration, float(np.abs(now.c).max()), pressed)
+    rows, off = now.rows, float(np.abs(now.state.constraint).max())
+    holds = (rows["margin"] < 1e-5) & (np.abs(z) > 1e-6) if len(z) == len(rows) else slice(0)
+    return LimitedShape(now.angles, iteration, off, rows[holds])
 
 
 def _solve_program(
-    gradient: Array, hessian: Array, now: _Look, C: Array
+    program: _Program, now: _Iterate, C: Array
 ) -> tuple[Array, float, Array, Array, float]:
     """Step, slack left, multipliers of constraints and rows, and the share of c that is met.
 
     Joints at their limits may not let the whole of the constraints be met in one step.
     """
-    n, m = len(gradient) - 1, len(now.c)
-    A = np.zeros((m, n + 1))
-    A[:, :n] = now.jacobian
-    rows = np.zeros((len(C) + 1, n + 1))
-    rows[:-1] = C
-    rows[-1, n] = 1.0
-    low, high = np.append(-now.rows[:, 0], 0.0), np.full(len(rows), 1e20)
+    constraint, jacobian = now.state.constraint, now.state.jacobian
+    m, n = jacobian.shape
+    A, rows = np.zeros((m, n + 1)), np.zeros((len(C) + 1, n + 1))
+    A[:, :n], rows[:-1], rows[-1, n] = jacobian, C, 1.0
+    low, high = np.append(-now.rows["margin"], 0.0), np.full(len(rows), 1e20)
     reach = 1.0
     while reach > 1e-3:
         qp = proxsuite.proxqp.dense.QP(n + 1, m, len(rows))
         qp.settings.eps_abs = 1e-8
-        qp.init(hessian, gradient, A, -reach * now.c, rows, low, high)
-        qp.settings.max_iter, qp.settings.max_iter_in = OUTER, INNER
+        qp.init(program.hessian, program.gradient, A, -reach * constraint, rows, low, high)
+        qp.settings.max_iter, qp.settings.max_iter_in = OUTER_ITERATIONS, INNER_ITERATIONS
         qp.solve()
         found = qp.results
-        if found.info.status == SOLVED:
+        if found.info.status == QP_SOLVED:
             return found.x[:n], max(float(found.x[n]), 0.0), found.y, found.z[:-1], reach
         reach *= 0.25
     return np.zeros(n), now.worst, np.zeros(m), np.zeros(0), 0.0

@@ -1,26 +1,27 @@
 """Hard limits at a shape: how much of each is left, and its derivative by the angles.
 
-Every limit but the joints' own is a distance between a point of the cable and something that
-stands, or another point of the cable. Its derivative follows from where those points are on the
-chain.
+Every limit but the joints' own is a distance between a point of the cable and an obstacle, or
+another point of the cable. Its derivative follows from where those points are on the chain.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 from math import degrees, hypot, pi
-from typing import Any
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Obstacles
-from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.chain import place_links
 from tjscan.towing.shape.compiled import Indices, compiled
-from tjscan.towing.shape.distance import distance_to_obstacle
-from tjscan.towing.shape.team import TowingLimits, TowingTeam
+from tjscan.towing.shape.distance import distance_to_obstacle, obstacle_count
+from tjscan.towing.shape.settings import TowingLimits
 
 
 class LimitKind(IntEnum):
@@ -35,54 +36,197 @@ class LimitKind(IntEnum):
     JOINT = 6
 
 
-COLUMNS = 10
-"""Of a row: margin; direction x, y in which it grows; link and point (x, y) that feel it; the same
-of the point that feels the opposite, link -1 if none; kind."""
+LIMIT_NAMES: Final = {
+    LimitKind.LINK_TO_OBSTACLE: "link {link} to obstacle",
+    LimitKind.BODY_TO_OBSTACLE: "{holder} to obstacle",
+    LimitKind.BODY_TO_BODY: "{holder} to {other_holder}",
+    LimitKind.LINK_TO_BODY: "link {link} to {other_holder}",
+    LimitKind.LINK_TO_LINK: "link {link} to link {other}",
+    LimitKind.SPEED: "speed of {holder}",
+    LimitKind.JOINT: "bend of joint {link}",
+}
 
-SPARE = 1e-6
-"""Metres and radians added to every limit: what a solver may miss it by (`KEPT`)."""
+BROKEN_LIMITS: Final = {
+    LimitKind.LINK_TO_OBSTACLE: (
+        "link {link} would be {mm} mm too near: it must keep {link_clearance:.0f} mm from obstacles"
+    ),
+    LimitKind.BODY_TO_OBSTACLE: (
+        "{holder} would be {mm} mm too near: its body must keep {body_clearance:.0f} mm from "
+        "obstacles"
+    ),
+    LimitKind.BODY_TO_BODY: (
+        "{holder} and {other_holder} would be {mm} mm too near: {vehicle_gap:.0f} mm must stay "
+        "between their bodies"
+    ),
+    LimitKind.LINK_TO_BODY: (
+        "link {link} would be {mm} mm too near to {other_holder}: {body_clearance:.0f} mm must "
+        "stay between them"
+    ),
+    LimitKind.LINK_TO_LINK: (
+        "links {link} and {other} would be {mm} mm too near: the cable must keep "
+        "{cable_gap:.0f} mm from itself"
+    ),
+    LimitKind.SPEED: (
+        "{holder} would have to drive {mm} mm further than it can at {top_speed:.3g} m/min"
+    ),
+    LimitKind.JOINT: ("joint {link} would be bent {bend}° past its limit of {joint_limit:.1f}°"),
+}
 
-KEPT = -1e-6
+ROW_TYPE: Final = np.dtype(
+    [
+        ("margin", "f8"),
+        ("grows_x", "f8"),
+        ("grows_y", "f8"),
+        ("link", "i8"),
+        ("x", "f8"),
+        ("y", "f8"),
+        ("other", "i8"),
+        ("other_x", "f8"),
+        ("other_y", "f8"),
+        ("kind", "i8"),
+    ]
+)
+"""A row: margin; direction in which it grows; the link and its point (x, y) that feel it; the same
+of the point that feels the opposite, link -1 if none; kind. Of a joint: its number for the link,
+and the sign of its angle's growth for `grows_x`."""
+
+LimitRows = NDArray[np.void]
+"""Rows of `ROW_TYPE`, shape (R,)."""
+
+SPARE_MARGIN = 1e-6
+"""Metres and radians added to every limit: what a solver may miss it by (`KEPT_MARGIN`)."""
+
+KEPT_MARGIN = -1e-6
 """A margin above is a limit that is kept."""
 
 JOINT_BAND = 5.0
 """Radians of a joint's margin that count as a metre of distance: a step changes them so."""
 
 
+class LimitArrays(NamedTuple):
+    """All limits of a plan, as compiled functions take them; lengths in metres.
+
+    Parameters
+    ----------
+    root : ndarray, shape (3,)
+    length : float
+        Of a link.
+    held : ndarray of int, shape (M,)
+        Links that vehicles hold; the last is the welder's.
+    link_clearance : float
+        Of links to obstacles.
+    first_link, last_link : int
+        Those that it applies to, the last not included.
+    body_clearance : float
+        Of vehicles' centres to obstacles.
+    body_gap : float
+        Between vehicles' centres.
+    link_to_body : float
+        Of links to vehicles' centres.
+    cable_gap : float
+        Between links.
+    joint_limit : float
+        Radians.
+    paced : ndarray of int, shape (P,)
+        Links with a top speed, which began at `pace_from` and may go `pace`.
+    pace_from : ndarray, shape (P, 2)
+    pace : float
+    obstacles : Obstacles
+    """
+
+    root: Array
+    length: float
+    held: Indices
+    link_clearance: float
+    first_link: int
+    last_link: int
+    body_clearance: float
+    body_gap: float
+    link_to_body: float
+    cable_gap: float
+    joint_limit: float
+    paced: Indices
+    pace_from: Array
+    pace: float
+    obstacles: Obstacles
+
+
+class NearRows(NamedTuple):
+    """Room for the rows of limits that are near.
+
+    Parameters
+    ----------
+    rows : ndarray of `ROW_TYPE`, shape (R,)
+    used : ndarray of int, shape (1,)
+        Number of rows so far, even if not all have room.
+    band : float
+        Margin below which a limit is near.
+    """
+
+    rows: LimitRows
+    used: Indices
+    band: float
+
+
+class ChainPoint(NamedTuple):
+    """A point that moves with a link; link -1 and no matter where if nothing moves it."""
+
+    link: int
+    x: float
+    y: float
+
+
+NO_POINT = ChainPoint(-1, 0.0, 0.0)
+
+
 @compiled
-def nearest_on_link(i: int, x: float, y: float, root: Array, links: Array) -> tuple[float, float]:
+def link_end(i: int, links: Array, root: Array) -> ChainPoint:
+    """Far end of link i; of -1 the root."""
+    x, y = (root[0], root[1]) if i < 0 else (links[i, 0], links[i, 1])
+    return ChainPoint(i, x, y)
+
+
+@compiled
+def nearest_on_link(i: int, x: float, y: float, links: Array, root: Array) -> ChainPoint:
     """Point of link i nearest to (x, y)."""
-    ax, ay = (root[0], root[1]) if i == 0 else (links[i - 1, 0], links[i - 1, 1])
-    ex, ey = links[i, 0] - ax, links[i, 1] - ay
-    t = min(max(((x - ax) * ex + (y - ay) * ey) / (ex * ex + ey * ey), 0.0), 1.0)
-    return ax + t * ex, ay + t * ey
+    a = link_end(i - 1, links, root)
+    ex, ey = links[i, 0] - a.x, links[i, 1] - a.y
+    t = min(max(((x - a.x) * ex + (y - a.y) * ey) / (ex * ex + ey * ey), 0.0), 1.0)
+    return ChainPoint(i, a.x + t * ex, a.y + t * ey)
 
 
 @compiled
 def add_row(
-    rows: Array, used: int, margin: float, x: float, y: float, i: int, px: float, py: float,
-    j: int, qx: float, qy: float, kind: int,
-) -> int:  # fmt: skip
-    """Write a row if there is room; the number of rows that there would be is returned."""
-    if used < len(rows):
-        row = rows[used]
-        row[0], row[1], row[2], row[3], row[4], row[5] = margin, x, y, i, px, py
-        row[6], row[7], row[8], row[9] = j, qx, qy, kind
-    return used + 1
+    near: NearRows, kind: int, margin: float, x: float, y: float, at: ChainPoint, other: ChainPoint
+) -> None:
+    """Count a row whose margin grows along (x, y), and write it if there is room."""
+    if near.used[0] < len(near.rows):
+        row = near.rows[near.used[0]]
+        row.kind, row.margin, row.grows_x, row.grows_y = kind, margin, x, y
+        row.link, row.x, row.y = at.link, at.x, at.y
+        row.other, row.other_x, row.other_y = other.link, other.x, other.y
+    near.used[0] += 1
 
 
 @compiled
-def add_apart(
-    rows: Array, used: int, apart: float, band: float, i: int, px: float, py: float,
-    j: int, qx: float, qy: float, kind: int,
-) -> int:  # fmt: skip
-    """A row for two points that must be `apart`, if the margin is less than `band`."""
-    x, y = px - qx, py - qy
+def add_apart(near: NearRows, kind: int, apart: float, at: ChainPoint, other: ChainPoint) -> None:
+    """A row for two points that must be `apart`, if they are near that."""
+    x, y = at.x - other.x, at.y - other.y
     d = hypot(x, y)
-    if d - apart >= band:
-        return used
+    if d - apart >= near.band:
+        return
     d = max(d, 1e-9)
-    return add_row(rows, used, d - apart, x / d, y / d, i, px, py, j, qx, qy, kind)
+    add_row(near, kind, d - apart, x / d, y / d, at, other)
+
+
+@compiled
+def add_beside(
+    near: NearRows, apart: float, i: int, place: ChainPoint, links: Array, limits: LimitArrays
+) -> None:
+    """A row for an obstacle's place and link i, if that is nearest between its ends."""
+    at = nearest_on_link(i, place.x, place.y, links, limits.root)
+    if 0.0 < hypot(at.x - links[i, 0], at.y - links[i, 1]) < limits.length:
+        add_apart(near, LimitKind.LINK_TO_OBSTACLE, apart, at, place)
 
 
 @compiled
@@ -97,72 +241,136 @@ def do_cross(a: Array, b: Array, c: Array, d: Array) -> bool:
 
 
 @compiled
-def add_links_apart(
-    rows: Array, used: int, apart: float, band: float, i: int, j: int, root: Array, links: Array
-) -> int:
-    """Rows for two links: each end of one against the other; if they cross, the way back."""
-    before_i, before_j = root[:2] if i == 0 else links[i - 1, :2], links[j - 1, :2]
-    crossed = do_cross(before_i, links[i, :2], before_j, links[j, :2])
-    nearest, end, of, qx, qy = 1e300, 0, 0, 0.0, 0.0
-    for a, b in ((i, j), (j, i)):
-        for at in (a - 1, a):
-            x, y = (root[0], root[1]) if at < 0 else (links[at, 0], links[at, 1])
-            nx, ny = nearest_on_link(b, x, y, root, links)
-            if not crossed:
-                used = add_apart(rows, used, apart, band, at, x, y, b, nx, ny, 4)
-            elif hypot(x - nx, y - ny) < nearest:
-                nearest, end, of, qx, qy = hypot(x - nx, y - ny), at, b, nx, ny
-    if crossed:
-        x, y = (root[0], root[1]) if end < 0 else (links[end, 0], links[end, 1])
-        d = max(nearest, 1e-9)
-        used = add_row(
-            rows, used, -nearest - apart, (qx - x) / d, (qy - y) / d, end, x, y, of, qx, qy, 4
-        )
-    return used
-
-
-@compiled
 def add_crossed_edges(
-    rows: Array, used: int, apart: float, i: int, root: Array, links: Array, corners: Array
-) -> int:
+    near: NearRows, i: int, corners: Array, links: Array, limits: LimitArrays
+) -> None:
     """Rows for a link that crosses edges of a polygon thinner than the link is long."""
-    before = root[:2] if i == 0 else links[i - 1, :2]
+    before = limits.root[:2] if i == 0 else links[i - 1, :2]
     for k in range(len(corners)):
         a, b = corners[k - 1], corners[k]
         if do_cross(before, links[i, :2], a, b):
             nx, ny = b[1] - a[1], a[0] - b[0]
             length = hypot(nx, ny)
             nx, ny = nx / length, ny / length
-            here = nx * (links[i, 0] - a[0]) + ny * (links[i, 1] - a[1])
-            there = nx * (before[0] - a[0]) + ny * (before[1] - a[1])
-            if abs(here) < abs(there):
-                at, x, y, side, deep = i, links[i, 0], links[i, 1], here, abs(here)
-            else:
-                at, x, y, side, deep = i - 1, before[0], before[1], there, abs(there)
+            ahead = nx * (links[i, 0] - a[0]) + ny * (links[i, 1] - a[1])
+            behind = nx * (before[0] - a[0]) + ny * (before[1] - a[1])
+            is_ahead = abs(ahead) < abs(behind)
+            side = ahead if is_ahead else behind
+            end = link_end(i if is_ahead else i - 1, links, limits.root)
             sign = -1.0 if side > 0.0 else 1.0
-            used = add_row(
-                rows, used, -deep - apart, sign * nx, sign * ny, at, x, y, -1, 0.0, 0.0, 0
-            )
-    return used
+            margin = -abs(side) - limits.link_clearance
+            add_row(near, LimitKind.LINK_TO_OBSTACLE, margin, sign * nx, sign * ny, end, NO_POINT)
+
+
+@compiled
+def add_link_to_obstacles(near: NearRows, i: int, links: Array, limits: LimitArrays) -> None:
+    """Rows of link i: its end, its nearest points to corners and discs, edges that it crosses."""
+    end, apart, obstacles = link_end(i, links, limits.root), limits.link_clearance, limits.obstacles
+    for k in range(obstacle_count(obstacles)):
+        d, gx, gy, _, _, _ = distance_to_obstacle(k, end.x, end.y, obstacles)
+        if d - apart < near.band:
+            add_row(near, LimitKind.LINK_TO_OBSTACLE, d - apart, gx, gy, end, NO_POINT)
+    corners, starts, discs = obstacles.corners, obstacles.starts, obstacles.discs
+    reach = 3.0 * (limits.length + apart + near.band)
+    for k in range(len(corners)):
+        if abs(end.x - corners[k, 0]) + abs(end.y - corners[k, 1]) < reach:
+            place = ChainPoint(-1, corners[k, 0], corners[k, 1])
+            add_beside(near, apart, i, place, links, limits)
+    for k in range(len(starts) - 1):
+        add_crossed_edges(near, i, corners[starts[k] : starts[k + 1]], links, limits)
+    for k in range(len(discs)):
+        for at in (0, 2):
+            place = ChainPoint(-1, discs[k, at], discs[k, at + 1])
+            add_beside(near, apart + discs[k, 4], i, place, links, limits)
+
+
+@compiled
+def add_body_to_obstacles(near: NearRows, i: int, links: Array, limits: LimitArrays) -> None:
+    """Rows of the vehicle that holds link i."""
+    centre, obstacles = link_end(i, links, limits.root), limits.obstacles
+    for k in range(obstacle_count(obstacles)):
+        d, gx, gy, _, _, _ = distance_to_obstacle(k, centre.x, centre.y, obstacles)
+        if d - limits.body_clearance < near.band:
+            margin = d - limits.body_clearance
+            add_row(near, LimitKind.BODY_TO_OBSTACLE, margin, gx, gy, centre, NO_POINT)
+
+
+@compiled
+def add_links_to_body(near: NearRows, i: int, links: Array, limits: LimitArrays) -> None:
+    """Rows of all links but the next ones to the vehicle that holds link i."""
+    centre, length, apart = link_end(i, links, limits.root), limits.length, limits.link_to_body
+    next_to_body, reach = pi / 2 * apart, 3.0 * (length + apart + near.band)
+    for j in range(len(links)):
+        # Cable between may lie on a half circle of that width.
+        between = (i - j) * length if j <= i else (j - 1 - i) * length
+        if between < next_to_body:
+            continue
+        if abs(centre.x - links[j, 0]) + abs(centre.y - links[j, 1]) < reach:
+            at = nearest_on_link(j, centre.x, centre.y, links, limits.root)
+            add_apart(near, LimitKind.LINK_TO_BODY, apart, at, centre)
+
+
+@compiled
+def add_links_apart(near: NearRows, i: int, j: int, links: Array, limits: LimitArrays) -> None:
+    """Rows for two links: each end of one against the other; if they cross, the way back."""
+    kind, apart, root = LimitKind.LINK_TO_LINK, limits.cable_gap, limits.root
+    before_i, before_j = root[:2] if i == 0 else links[i - 1, :2], links[j - 1, :2]
+    crossed = do_cross(before_i, links[i, :2], before_j, links[j, :2])
+    least, nearest, nearest_end = 1e300, NO_POINT, NO_POINT
+    for a, b in ((i, j), (j, i)):
+        for end in (link_end(a - 1, links, root), link_end(a, links, root)):
+            at = nearest_on_link(b, end.x, end.y, links, root)
+            if not crossed:
+                add_apart(near, kind, apart, end, at)
+            elif hypot(end.x - at.x, end.y - at.y) < least:
+                least, nearest, nearest_end = hypot(end.x - at.x, end.y - at.y), at, end
+    if crossed:
+        d = max(least, 1e-9)
+        x, y = (nearest.x - nearest_end.x) / d, (nearest.y - nearest_end.y) / d
+        add_row(near, kind, -least - apart, x, y, nearest_end, nearest)
+
+
+@compiled
+def add_cable_to_itself(near: NearRows, links: Array, limits: LimitArrays) -> None:
+    """Rows of links that are near each other, but for the next ones."""
+    n, length, apart = len(links), limits.length, limits.cable_gap
+    skip = 1 + int(np.ceil(pi / 2 * apart / length))
+    reach = 2.0 * length + apart + near.band
+    for i in range(n):
+        j = i + skip + 1
+        while j < n:
+            d = hypot(links[i, 0] - links[j, 0], links[i, 1] - links[j, 1])
+            if d < reach:
+                add_links_apart(near, i, j, links, limits)
+            # Links further on can't be nearer than what the cable between allows.
+            j += max(1, int((d - reach) / length))
+
+
+@compiled
+def add_speeds(near: NearRows, links: Array, limits: LimitArrays) -> None:
+    """Rows of vehicles that are sent nearly as far as they can go."""
+    for p in range(len(limits.paced)):
+        at = link_end(limits.paced[p], links, limits.root)
+        x, y = at.x - limits.pace_from[p, 0], at.y - limits.pace_from[p, 1]
+        d = hypot(x, y)
+        if limits.pace - d < near.band:
+            d = max(d, 1e-9)
+            add_row(near, LimitKind.SPEED, limits.pace - d, -x / d, -y / d, at, NO_POINT)
+
+
+@compiled
+def add_joints(near: NearRows, angles: Array, limits: LimitArrays) -> None:
+    """Rows of joints that are bent nearly as far as the cable may be."""
+    for i in range(len(angles)):
+        margin = limits.joint_limit - abs(angles[i])
+        if margin < JOINT_BAND * near.band:
+            sign = -1.0 if angles[i] > 0 else 1.0
+            add_row(near, LimitKind.JOINT, margin, sign, 0.0, ChainPoint(i, 0.0, 0.0), NO_POINT)
 
 
 @compiled
 def limit_rows(
-    angles: Array,
-    links: Array,
-    band: float,
-    rows: Array,
-    root: Array,
-    length: float,
-    held: Indices,
-    sizes: Array,
-    paced: Indices,
-    pace_from: Array,
-    pace: float,
-    walls: Array,
-    corners: Array,
-    starts: Indices,
-    discs: Array,
+    angles: Array, links: Array, band: float, rows: LimitRows, limits: LimitArrays
 ) -> int:
     """Rows of all limits with a margin below `band`; returns how many, even if not all fit.
 
@@ -170,113 +378,47 @@ def limit_rows(
     ----------
     angles : ndarray, shape (N,)
     links : ndarray, shape (N, 5)
+        As `place_links` fills it.
     band : float
-    rows : ndarray, shape (R, 10)
-        Filled, see `COLUMNS`.
-    root : ndarray, shape (3,)
-    length : float
-        Of a link.
-    held : ndarray of int, shape (M,)
-        Links that vehicles hold; the last is the welder's.
-    sizes : ndarray, shape (8,)
-        Clearance of links; of vehicles' centres to obstacles; between vehicles' centres; of links
-        to vehicles' centres; between links; the lengths at root and welder free of the
-        first; and the joints' limit.
-    paced : ndarray of int, shape (P,)
-        Links with a top speed, which began at `pace_from` and may go `pace`.
-    walls, corners, starts, discs : ndarray
-        Obstacles.
+    rows : ndarray of `ROW_TYPE`, shape (R,)
+        Filled.
+    limits : LimitArrays
     """
-    n, used = len(links), 0
-    obstacles = len(walls) + len(starts) - 1 + len(discs)
-    first = int(np.ceil(sizes[5] / length - 1e-9))
-    last = n - int(np.ceil(sizes[6] / length - 1e-9))
-    for i in range(first, last):
-        x, y = links[i, 0], links[i, 1]
-        for k in range(obstacles):
-            d, gx, gy, _, _, _ = distance_to_obstacle(k, x, y, walls, corners, starts, discs)
-            if d - sizes[0] < band:
-                used = add_row(rows, used, d - sizes[0], gx, gy, i, x, y, -1, 0.0, 0.0, 0)
-        for k in range(len(corners)):
-            cx, cy = corners[k, 0], corners[k, 1]
-            if abs(x - cx) + abs(y - cy) < 3.0 * (length + sizes[0] + band):
-                qx, qy = nearest_on_link(i, cx, cy, root, links)
-                if 0.0 < hypot(qx - x, qy - y) < length:
-                    used = add_apart(rows, used, sizes[0], band, i, qx, qy, -1, cx, cy, 0)
-        for k in range(len(starts) - 1):
-            polygon = corners[starts[k] : starts[k + 1]]
-            used = add_crossed_edges(rows, used, sizes[0], i, root, links, polygon)
-        for k in range(len(discs)):
-            for at in (0, 2):
-                cx, cy = discs[k, at], discs[k, at + 1]
-                apart = sizes[0] + discs[k, 4]
-                qx, qy = nearest_on_link(i, cx, cy, root, links)
-                if 0.0 < hypot(qx - x, qy - y) < length:
-                    used = add_apart(rows, used, apart, band, i, qx, qy, -1, cx, cy, 0)
-    near_body = pi / 2 * sizes[3]
+    near, held = NearRows(rows, np.zeros(1, np.int64), band), limits.held
+    for i in range(limits.first_link, limits.last_link):
+        add_link_to_obstacles(near, i, links, limits)
     for m in range(len(held)):
         i = held[m]
-        x, y = links[i, 0], links[i, 1]
         if m < len(held) - 1:
-            for k in range(obstacles):
-                d, gx, gy, _, _, _ = distance_to_obstacle(k, x, y, walls, corners, starts, discs)
-                if d - sizes[1] < band:
-                    used = add_row(rows, used, d - sizes[1], gx, gy, i, x, y, -1, 0.0, 0.0, 1)
+            add_body_to_obstacles(near, i, links, limits)
         for o in range(m):
-            j = held[o]
-            used = add_apart(rows, used, sizes[2], band, i, x, y, j, links[j, 0], links[j, 1], 2)
-        for j in range(n):
-            # Cable between may lie on a half circle of that width.
-            between = (i - j) * length if j <= i else (j - 1 - i) * length
-            if between < near_body:
-                continue
-            if abs(x - links[j, 0]) + abs(y - links[j, 1]) < 3.0 * (length + sizes[3] + band):
-                qx, qy = nearest_on_link(j, x, y, root, links)
-                used = add_apart(rows, used, sizes[3], band, j, qx, qy, i, x, y, 3)
-    skip = 1 + int(np.ceil(pi / 2 * sizes[4] / length))
-    reach = 2.0 * length + sizes[4] + band
-    for i in range(n):
-        j = i + skip + 1
-        while j < n:
-            d = hypot(links[i, 0] - links[j, 0], links[i, 1] - links[j, 1])
-            if d < reach:
-                used = add_links_apart(rows, used, sizes[4], band, i, j, root, links)
-            # Links further on can't be nearer than what the cable between allows.
-            j += max(1, int((d - reach) / length))
-    for p in range(len(paced)):
-        i = paced[p]
-        x, y = links[i, 0] - pace_from[p, 0], links[i, 1] - pace_from[p, 1]
-        d = hypot(x, y)
-        if pace - d < band:
-            d = max(d, 1e-9)
-            used = add_row(
-                rows, used, pace - d, -x / d, -y / d, i, links[i, 0], links[i, 1], -1, 0.0, 0.0, 5
-            )
-    for i in range(n):
-        margin = sizes[7] - abs(angles[i])
-        if margin < JOINT_BAND * band:
-            sign = -1.0 if angles[i] > 0 else 1.0
-            used = add_row(rows, used, margin, sign, 0.0, i, 0.0, 0.0, -1, 0.0, 0.0, 6)
-    return used
+            at, other = link_end(i, links, limits.root), link_end(held[o], links, limits.root)
+            add_apart(near, LimitKind.BODY_TO_BODY, limits.body_gap, at, other)
+        add_links_to_body(near, i, links, limits)
+    add_cable_to_itself(near, links, limits)
+    add_speeds(near, links, limits)
+    add_joints(near, angles, limits)
+    return int(near.used[0])
 
 
 @compiled
-def limit_gradients(rows: Array, root: Array, links: Array, gradients: Array) -> None:
+def limit_gradients(rows: LimitRows, root: Array, links: Array, gradients: Array) -> None:
     """Derivatives by the angles, shape (R, N): a point turns about the joints before it."""
     for r in range(len(rows)):
-        i, j = int(rows[r, 3]), int(rows[r, 6])
-        gx, gy = rows[r, 1], rows[r, 2]
-        if rows[r, 9] == 6.0:
+        row = rows[r]
+        if row.kind == LimitKind.JOINT:
             gradients[r, :] = 0.0
-            gradients[r, i] = gx
+            gradients[r, row.link] = row.grows_x
             continue
         for k in range(len(links)):
-            x, y = (root[0], root[1]) if k == 0 else (links[k - 1, 0], links[k - 1, 1])
+            joint = link_end(k - 1, links, root)
             total = 0.0
-            if k <= i:
-                total += gy * (rows[r, 4] - x) - gx * (rows[r, 5] - y)
-            if k <= j:
-                total -= gy * (rows[r, 7] - x) - gx * (rows[r, 8] - y)
+            if k <= row.link:
+                total += row.grows_y * (row.x - joint.x) - row.grows_x * (row.y - joint.y)
+            if k <= row.other:
+                total -= row.grows_y * (row.other_x - joint.x) - row.grows_x * (
+                    row.other_y - joint.y
+                )
             gradients[r, k] = total
 
 
@@ -285,7 +427,7 @@ def rounded(figure: float) -> str:
     return f"{figure:.0f}" if figure >= 10 else f"{figure:.2g}"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class HardLimits:
     """All that a plan of one period must keep.
 
@@ -311,107 +453,79 @@ class HardLimits:
     pace_from: Array
     period: float
 
-    @property
-    def sizes(self) -> Array:
-        """As `limit_rows` takes them."""
-        limits, body = self.limits, self.team.body_radius
-        return np.array(
-            (
-                limits.link_clearance + SPARE,
-                body + limits.body_clearance + SPARE,
-                2 * body + limits.vehicle_gap + SPARE,
-                body + limits.body_clearance + SPARE,
-                limits.cable_gap + SPARE,
-                limits.free_at_root,
-                limits.free_at_welder,
-                self.cable.joint_limit - SPARE,
-            )
+    @cached_property
+    def arrays(self) -> LimitArrays:
+        """The same, as compiled functions take it."""
+        limits, body, length = self.limits, self.team.body_radius, self.cable.link_length
+        return LimitArrays(
+            root=np.array(self.cable.root, dtype=float),
+            length=length,
+            held=np.array(self.team.held_links),
+            link_clearance=limits.link_clearance + SPARE_MARGIN,
+            first_link=int(np.ceil(limits.free_at_root / length - 1e-9)),
+            last_link=self.cable.links - int(np.ceil(limits.free_at_welder / length - 1e-9)),
+            body_clearance=body + limits.body_clearance + SPARE_MARGIN,
+            body_gap=2 * body + limits.vehicle_gap + SPARE_MARGIN,
+            link_to_body=body + limits.body_clearance + SPARE_MARGIN,
+            cable_gap=limits.cable_gap + SPARE_MARGIN,
+            joint_limit=self.cable.joint_limit - SPARE_MARGIN,
+            paced=self.paced,
+            pace_from=self.pace_from,
+            pace=self.team.top_speed * self.period - SPARE_MARGIN,
+            obstacles=self.obstacles,
         )
 
-    @property
-    def arguments(self) -> Any:
-        """What `limit_rows` takes from the root on."""
-        return (
-            np.array(self.cable.root, dtype=float), self.cable.link_length,
-            np.array(self.team.held_links), self.sizes, self.paced, self.pace_from,
-            self.team.top_speed * self.period - SPARE, *self.obstacles.arrays,
-        )  # fmt: skip
-
-    def rows(self, angles: Array, band: float = 0.0) -> Array:
-        """Rows with a margin below `band`, shape (R, 10), see `COLUMNS`."""
-        links, arguments, room = np.empty((len(angles), 5)), self.arguments, 64
-        place_links(angles, arguments[0], arguments[1], links)
+    def rows(self, angles: Array, band: float = 0.0) -> LimitRows:
+        """Rows with a margin below `band`, shape (R,), of `ROW_TYPE`."""
+        links, room = self._links(angles), 64
         while True:
-            rows = np.empty((room, COLUMNS))
-            used = limit_rows(angles, links, band, rows, *arguments)
+            rows = np.empty(room, dtype=ROW_TYPE)
+            used = limit_rows(angles, links, band, rows, self.arrays)
             if used <= room:
                 return rows[:used]
             room = used
 
-    def name(self, row: Array) -> str:
-        """Which limit a row is, in words."""
-        kind, link, other = LimitKind(int(row[9])), int(row[3]), int(row[6])
-        match kind:
-            case LimitKind.LINK_TO_OBSTACLE:
-                return f"link {link} to obstacle"
-            case LimitKind.BODY_TO_OBSTACLE:
-                return f"{self._holder(link)} to obstacle"
-            case LimitKind.BODY_TO_BODY:
-                return f"{self._holder(link)} to {self._holder(other)}"
-            case LimitKind.LINK_TO_BODY:
-                return f"link {link} to {self._holder(other)}"
-            case LimitKind.LINK_TO_LINK:
-                return f"link {link} to link {other}"
-            case LimitKind.SPEED:
-                return f"speed of {self._holder(link)}"
-            case _:
-                return f"bend of joint {link}"
+    def _links(self, angles: Array) -> Array:
+        links = np.empty((len(angles), 5))
+        place_links(angles, self.arrays.root, self.arrays.length, links)
+        return links
 
-    def words(self, row: Array) -> str:
-        """What a row with a margin below zero says of the shape."""
-        kind, link, mm = LimitKind(int(row[9])), int(row[3]), rounded(-1e3 * row[0])
-        limits = self.limits
-        match kind:
-            case LimitKind.LINK_TO_OBSTACLE:
-                asked = f"{1e3 * limits.link_clearance:.0f} mm from what stands there"
-                return f"link {link} would be {mm} mm too near: it must keep {asked}"
-            case LimitKind.BODY_TO_OBSTACLE:
-                asked = f"{1e3 * limits.body_clearance:.0f} mm from what stands there"
-                return f"{self._holder(link)} would be {mm} mm too near: its body must keep {asked}"
-            case LimitKind.BODY_TO_BODY:
-                return (
-                    f"{self._holder(link)} and {self._holder(int(row[6]))} would be {mm} mm "
-                    f"too near: {1e3 * limits.vehicle_gap:.0f} mm must stay between their bodies"
-                )
-            case LimitKind.LINK_TO_BODY:
-                return (
-                    f"link {link} would be {mm} mm too near to {self._holder(int(row[6]))}: "
-                    f"{1e3 * limits.body_clearance:.0f} mm must stay between them"
-                )
-            case LimitKind.LINK_TO_LINK:
-                return (
-                    f"links {link} and {int(row[6])} would be {mm} mm too near: the cable "
-                    f"must keep {1e3 * limits.cable_gap:.0f} mm from itself"
-                )
-            case LimitKind.SPEED:
-                return (
-                    f"{self._holder(link)} would have to drive {mm} mm further than it can at "
-                    f"{60 * self.team.top_speed:.3g} m/min"
-                )
-            case _:
-                return (
-                    f"joint {link} would be bent {rounded(degrees(-row[0]))}° past its limit of "
-                    f"{degrees(self.cable.joint_limit):.1f}°"
-                )
+    def name(self, row: np.void) -> str:
+        """Which limit a row is, in words."""
+        return LIMIT_NAMES[LimitKind(row["kind"])].format(**self._parties(row))
+
+    def words(self, row: np.void) -> str:
+        """How a shape breaks the limit of a row with a margin below zero."""
+        return BROKEN_LIMITS[LimitKind(row["kind"])].format(
+            **self._parties(row),
+            mm=rounded(-1e3 * row["margin"]),
+            bend=rounded(degrees(-row["margin"])),
+            link_clearance=1e3 * self.limits.link_clearance,
+            body_clearance=1e3 * self.limits.body_clearance,
+            vehicle_gap=1e3 * self.limits.vehicle_gap,
+            cable_gap=1e3 * self.limits.cable_gap,
+            top_speed=60 * self.team.top_speed,
+            joint_limit=degrees(self.cable.joint_limit),
+        )
+
+    def _parties(self, row: np.void) -> dict[str, object]:
+        link, other = int(row["link"]), int(row["other"])
+        return {
+            "link": link,
+            "other": other,
+            "holder": self._holder(link),
+            "other_holder": self._holder(other),
+        }
 
     def _holder(self, link: int) -> str:
+        """The vehicle that holds a link, if one does."""
+        if link not in self.team.held_links:
+            return ""
         vehicle = self.team.held_links.index(link)
         return "the welder" if vehicle == self.team.welder else f"vehicle {vehicle + 1}"
 
-    def gradients(self, rows: Array, angles: Array) -> Array:
+    def gradients(self, rows: LimitRows, angles: Array) -> Array:
         """Derivatives of the margins by the angles, shape (R, N)."""
-        links, gradients = np.empty((len(angles), 5)), np.empty((len(rows), len(angles)))
-        root = np.array(self.cable.root, dtype=float)
-        place_links(angles, root, self.cable.link_length, links)
-        limit_gradients(rows, root, links, gradients)
+        gradients = np.empty((len(rows), len(angles)))
+        limit_gradients(rows, self.arrays.root, self._links(angles), gradients)
         return gradients

@@ -1,8 +1,8 @@
 """The paper's two problems as printed, solved as there by SLSQP, to be compared with.
 
 Suzuki et al. (2022), IV: exact poses (1)-(4), nearest obstacle and no sign of its distance (7), a
-kink in the change (8), no limit for bends, clearances or speeds. Where the paper leaves a point
-open it is closed as for the planner (`docs/towing.md`); the code shares nothing with that.
+kink in the change (8), no limit for bends, clearances or speeds. What the paper
+leaves open is closed as for the planner (`docs/towing.md`); the code shares nothing with that.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from typing import Final
 import numpy as np
 import scipy  # its parts are loaded at first use
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Area, DiscObstacle, Obstacles
-from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.effort import SHARES_AND_SLOPES
+from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import estimate_shape
 from tjscan.towing.shape.plan import PlanTerms, TowingPlan
-from tjscan.towing.shape.planner import PlannerSettings, TowingPlanner
-from tjscan.towing.shape.team import TowingTeam
+from tjscan.towing.shape.planner import TowingPlanner
+from tjscan.towing.shape.problem import SHARES_AND_SLOPES
+from tjscan.towing.shape.settings import PlannerSettings
 
-ITERATIONS: Final = 200
+SLSQP_ITERATIONS: Final = 200
 """Of SLSQP; the paper names none."""
 
 Scalar = Callable[[Array], tuple[float, Array]]
@@ -54,7 +54,7 @@ class PaperPlanner:
     def starts(
         self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()
     ) -> list[TowingPlan]:
-        """The planner's: the paper does not say how a tow begins."""
+        """The planner's: the paper does not state how a tow begins."""
         return self._planner.starts(welder_pose, obstacles)
 
     def plan(
@@ -69,7 +69,7 @@ class PaperPlanner:
     ) -> TowingPlan:
         """Estimate by (1), then optimise by (5). See `plan.ShapePlanner`.
 
-        The period and vehicles that stand are nothing to the paper.
+        The paper knows no period and no vehicle that stopped.
         """
         held = list(self.team.held_links)
         known = np.flatnonzero(np.isfinite(poses).all(axis=1))
@@ -88,19 +88,17 @@ class PaperPlanner:
             self._constraint(held[-1:], welder_pose[None]),
             estimate,
         )
-        link_poses = self.cable.poses(angles)
         off = self._constraint(held[-1:], welder_pose[None])(angles)[0]
-        return TowingPlan(
-            readonly_copy(estimate),
-            readonly_copy(angles),
-            readonly_copy(link_poses),
-            readonly_copy(link_poses[held]),
+        plan = TowingPlan.of_angles(
+            self.cable,
+            held,
+            estimate,
+            angles,
             self.objective(angles, estimate, floor)[0],
             float(np.abs(off).max()),
-            (),
-            count + more,
-            "" if np.abs(off).max() < 1e-3 else f"SLSQP found no shape: {failed_too or failed}",
         )
+        halt = "" if plan.constraint < 1e-3 else f"SLSQP found no shape: {failed_too or failed}"
+        return replace(plan, iterations=count + more, halt=halt)
 
     def objective(
         self, angles: Array, estimate: Array, floor: Obstacles
@@ -159,7 +157,7 @@ def minimise(f: Scalar, constraint: Vector, start: Array) -> tuple[Array, int, s
             "fun": lambda a: constraint(a)[0],
             "jac": lambda a: constraint(a)[1],
         },
-        options={"maxiter": ITERATIONS, "ftol": 1e-8},
+        options={"maxiter": SLSQP_ITERATIONS, "ftol": 1e-8},
     )
     return found.x, int(found.nit), "" if found.success else str(found.message)
 

@@ -6,8 +6,10 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from tjscan.core.frames import Array
+from tjscan.core.array_fields import PlanarPoints, PlanarPoses
+from tjscan.core.frames import Array, readonly_copy
 from tjscan.towing.shape.area import DiscObstacle
+from tjscan.towing.shape.cable import Cable
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,29 +63,50 @@ class TowingPlan:
         Planned, of the links that vehicles hold; the last is the welder's.
     terms : PlanTerms
     constraint : float
-        How far the planned tip is from the welder's pose, and stopped vehicles' links from theirs:
-        the largest of metres and radians.
+        Largest error, metres or radians, of the planned tip's pose from the welder's and of stopped
+        vehicles' links from theirs.
     limits : tuple of str
-        Limits that the shape lies against, in words.
+        Limits that are active at the shape, in words.
     iterations : int
         Of the optimisation.
     halt : str
-        Why nobody may drive on: empty if the plan may be sent. The angles are then the last shape
-        tried, to be shown, never to be sent.
+        Why no vehicle may drive on: empty if the plan may be sent. The angles of a halt are those
+        of the last shape tried, to be shown, never to be sent.
     rest : ndarray, shape (N, 2), or None
         Towards which the floor holds the links of the estimate, metres; None if it is not known.
     """
 
     estimate: Array
     angles: Array
-    link_poses: Array
-    held_poses: Array
+    link_poses: PlanarPoses
+    held_poses: PlanarPoses
     terms: PlanTerms
     constraint: float
     limits: tuple[str, ...] = ()
     iterations: int = 0
     halt: str = ""
-    rest: Array | None = None
+    rest: PlanarPoints | None = None
+
+    @classmethod
+    def of_angles(
+        cls,
+        cable: Cable,
+        held: Sequence[int],
+        estimate: Array,
+        angles: Array,
+        terms: PlanTerms,
+        constraint: float,
+    ) -> TowingPlan:
+        """A plan of these angles for vehicles that hold the links `held`."""
+        poses = cable.poses(angles)
+        return cls(
+            readonly_copy(estimate),
+            readonly_copy(angles),
+            readonly_copy(poses),
+            readonly_copy(poses[list(held)]),
+            terms,
+            constraint,
+        )
 
 
 class ShapePlanner(Protocol):
@@ -94,7 +117,7 @@ class ShapePlanner(Protocol):
     ) -> list[TowingPlan]:
         """Shapes to begin with, best first; there is none to stay near to.
 
-        If there is none within the limits, one plan that says so by its halt.
+        If no shape keeps the limits, one plan whose halt states that.
 
         Parameters
         ----------
@@ -118,17 +141,17 @@ class ShapePlanner(Protocol):
         Parameters
         ----------
         poses : ndarray, shape (vehicles, 3)
-            Where the vehicles are now: x, y, metres, and heading, radians, each that of the far end
-            of its link. A row of NaN is a vehicle of which nothing is known.
+            Of the vehicles now: x, y, metres, and heading, radians, each of its link's far end.
+            A row of NaN is a vehicle with an unknown pose.
         welder_pose : ndarray, shape (3,)
             Where the welder will be one period on.
         dt : float
             The period, seconds.
         last : TowingPlan or None
-            The plan before: its estimate is where the next one starts, and the vehicles' steps are
-            counted from what it sent them to. Without, from where they are.
+            The plan before: the next estimate starts from its estimate, and the vehicles' steps are
+            counted from the poses that it sent them to. Without, from where they are.
         obstacles : sequence of DiscObstacle
             As they are now.
         stopped : collection of int
-            Vehicles that stand for good: their links stay where they are.
+            Vehicles that no longer move: their links stay where they are.
         """

@@ -3,74 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.towing.shape.area import Area, DiscObstacle, Obstacles
-from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.compiled import Indices
-from tjscan.towing.shape.estimate import CableEstimate, PoseTrust, estimate_shape
+from tjscan.towing.shape.cable import Cable, TowingTeam
+from tjscan.towing.shape.estimate import CableEstimate, estimate_shape
 from tjscan.towing.shape.limited import optimise_limited
-from tjscan.towing.shape.limits import KEPT, HardLimits, LimitKind, rounded
+from tjscan.towing.shape.limits import KEPT_MARGIN, HardLimits, LimitKind, LimitRows, rounded
 from tjscan.towing.shape.optimise import newton_shape
-from tjscan.towing.shape.plan import TowingPlan
+from tjscan.towing.shape.plan import PlanTerms, TowingPlan
 from tjscan.towing.shape.problem import ShapeProblem
 from tjscan.towing.shape.pull import pull_on_welder
+from tjscan.towing.shape.settings import PlannerSettings
 from tjscan.towing.shape.start import start_shapes
-from tjscan.towing.shape.team import TowingLimits, TowingTeam
-from tjscan.towing.shape.weights import EffortTargets, TowingWeights
 
-MEETS: Final = 1e-6
+POSE_TOLERANCE: Final = 1e-6
 """Metres and radians within which fixed links must have their poses."""
 
-NEARLY: Final = 1e-3
+MISSED_POSE: Final = 1e-3
 """Metres of a missed pose below which a limit that is broken, too, says more of what is wrong."""
 
-BETWEEN: Final = 0.05
+LINK_STEP: Final = 0.05
 """Metres that a link moves at most from one shape looked at to the next, on its way to the plan."""
 
-LIES_NEAR: Final = 0.01
+LYING_NEAR: Final = 0.01
 """Metres by which the estimated cable may lie nearer to a body, or to itself, than a plan may bring
 it: between vehicles the floor holds it back from where it is planned."""
 
-ITERATIONS: Final = 60
+NEWTON_ITERATIONS: Final = 60
 """Of Newton's method; four or five are usual."""
 
 NO_HASTE: Final = 1e9
 """Seconds: a start has no step before it."""
 
-NOWHERE: Final = (
+NO_START: Final = (
     "no shape of the cable was found that reaches the welder, bends within its limit and keeps its "
     "clearances: move the root, the seam or the held links, or allow less clearance"
 )
 
-TOLERANCE: Final = 1e-4
+GRADIENT_TOLERANCE: Final = 1e-4
 """Largest entry of the Lagrangian's gradient at which it ends."""
-
-
-@dataclass(frozen=True, slots=True)
-class PlannerSettings:
-    """What the planner weighs and keeps.
-
-    Parameters
-    ----------
-    weights : TowingWeights
-    targets : EffortTargets
-    limits : TowingLimits
-    trust : PoseTrust
-        In the vehicles' poses.
-    look_ahead : float
-        Seconds of an obstacle's way that are kept free: delay and stopping time.
-    """
-
-    weights: TowingWeights = field(default_factory=TowingWeights)
-    targets: EffortTargets = field(default_factory=EffortTargets)
-    limits: TowingLimits = field(default_factory=TowingLimits)
-    trust: PoseTrust = field(default_factory=PoseTrust)
-    look_ahead: float = 1.0
 
 
 class TowingPlanner:
@@ -121,18 +97,12 @@ class TowingPlanner:
         """
         if not (np.isfinite(welder_pose).all() and np.isfinite(dt) and dt > 0):
             raise ValueError(f"no plan for a welder at {welder_pose} in {dt} s")
-        lies = estimate_shape(
-            self.cable,
-            self.team.held_links,
-            poses,
-            last=None if last is None else self._lay(last),
-            trust=self.settings.trust,
-        )
-        estimate = lies.angles
-        problem, limits = self.problem(estimate, welder_pose, dt, last, obstacles, stopped)
+        before = None if last is None else self._estimate_of(last)
+        held, trust = self.team.held_links, self.settings.trust
+        now = estimate_shape(self.cable, held, poses, last=before, trust=trust)
+        problem, limits = self.problem(now.angles, welder_pose, dt, last, obstacles, stopped)
         if last is not None and self.settings.weights.pull and self.team.welder - 1 not in stopped:
-            held, trust = self.team.held_links, self.settings.trust
-            pull = pull_on_welder(self.cable, held, lies, poses, trust)
+            pull = pull_on_welder(self.cable, held, now, poses, trust)
             if pull is not None:
                 problem = replace(problem, pull=pull.moved((welder_pose - poses[-1])[:2]))
         iterations, shape = 0, None
@@ -141,15 +111,15 @@ class TowingPlanner:
             angles, iterations = optimise_freely(problem)
             shape = CheckedShape(problem, limits, angles)
         if shape is None or not shape.keeps_all:
-            limited = optimise_limited(problem, limits, estimate)
+            limited = optimise_limited(problem, limits, now.angles)
             shape = CheckedShape(problem, limits, limited.angles)
             pressed = tuple(limits.name(row) for row in limited.pressed)
             iterations += limited.iterations
-        plan = shape.plan(self._held, iterations, pressed, shape.objection(estimate, pressed))
-        return replace(plan, rest=readonly_copy(lies.rest))
+        halt, rest = shape.objection(now.angles, pressed), readonly_copy(now.rest)
+        return replace(shape.plan(iterations, halt), limits=pressed, rest=rest)
 
-    def _lay(self, plan: TowingPlan) -> CableEstimate:
-        """How the cable lay when a plan was made."""
+    def _estimate_of(self, plan: TowingPlan) -> CableEstimate:
+        """The estimate that a plan was made from."""
         if plan.rest is None:
             return CableEstimate.unpulled(self.cable, plan.estimate)
         return CableEstimate(plan.estimate, plan.rest)
@@ -167,14 +137,14 @@ class TowingPlanner:
             begun = replace(problem, estimate=found.angles)
             shape = CheckedShape(begun, limits, found.angles)
             if shape.keeps_all:
-                plans.append(shape.plan(self._held, found.iterations))
-        # What is compiled is loaded before anything moves: no plan may have to wait for it.
+                plans.append(shape.plan(found.iterations))
+        # Compiled functions are loaded before anything moves: no plan may have to wait for them.
         optimise_limited(problem, limits, plans[0].angles if plans else resting, most=1)
         last = plans[0] if plans else None
         for _ in range(2 if last else 0):  # from the second plan on, friction is known
             last = self.plan(plans[0].held_poses, welder_pose, dt=1.0, last=last)
         nowhere = CheckedShape(problem, limits, resting)
-        return plans or [nowhere.plan(self._held, 0, (), NOWHERE)]
+        return plans or [nowhere.plan(0, NO_START)]
 
     def start(self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()) -> TowingPlan:
         """The best of `starts`."""
@@ -215,12 +185,11 @@ class TowingPlanner:
 def optimise_freely(problem: ShapeProblem) -> tuple[Array, int]:
     """Solution without limits, from the estimate on; angles and iterations."""
     angles = problem.estimate.copy()
-    iterations, _, _ = newton_shape(angles, ITERATIONS, TOLERANCE, *problem.arguments)
-    return angles, iterations
+    return angles, newton_shape(angles, NEWTON_ITERATIONS, GRADIENT_TOLERANCE, problem.arrays)
 
 
 class CheckedShape:
-    """A shape held against all that it must meet.
+    """A shape compared with all that it must meet.
 
     Parameters
     ----------
@@ -231,14 +200,15 @@ class CheckedShape:
 
     def __init__(self, problem: ShapeProblem, limits: HardLimits, angles: Array) -> None:
         self.problem, self.limits, self.angles = problem, limits, angles
-        self.off = float(np.abs(problem.constraint(angles)[0]).max())
+        self._state = problem.evaluated(angles)
+        self.off = float(np.abs(self._state.constraint).max())
         self.rows = limits.rows(angles)
-        self.margin = float(self.rows[:, 0].min(initial=0.0))
+        self.margin = _worst_margin(self.rows)
 
     @property
     def keeps_all(self) -> bool:
         """Whether it has the poses it must have and keeps every limit."""
-        return self.off < MEETS and self.margin > KEPT
+        return self.off < POSE_TOLERANCE and self.margin > KEPT_MARGIN
 
     def objection(self, estimate: Array, pressed: Sequence[str] = ()) -> str:
         """Why it may not be sent to vehicles whose cable lies as estimated, or nothing.
@@ -250,50 +220,43 @@ class CheckedShape:
             Limits that hold the shape where it is.
         """
         if not self.keeps_all:
-            if self.margin < KEPT and self.off < max(-self.margin, NEARLY):
-                return self.limits.words(self.rows[self.rows[:, 0].argmin()])
+            if self.margin < KEPT_MARGIN and self.off < max(-self.margin, MISSED_POSE):
+                return self._worst(self.rows)
             held = f"; what holds it: {', '.join(pressed[:3])}" if pressed else ""
             return (
                 "the cable does not reach within its limits: it ends "
-                f"{rounded(1e3 * self.off)} mm short of the welder or of a vehicle that stands"
-                f"{held}"
+                f"{rounded(1e3 * self.off)} mm short of the welder or of a vehicle that does not "
+                f"move{held}"
             )
         here = self.limits.rows(estimate)
-        near = here[np.isin(here[:, 9], (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK))]
-        if near[:, 0].min(initial=0.0) < -LIES_NEAR:
-            return "as the cable lies, " + self.limits.words(near[near[:, 0].argmin()])
+        near = here[np.isin(here["kind"], (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK))]
+        if _worst_margin(near) < -LYING_NEAR:
+            return f"as the cable lies, {self._worst(near)}"
         cable = self.problem.cable
         way = cable.poses(self.angles)[:, :2] - cable.poses(estimate)[:, :2]
-        steps = int(np.ceil(np.sqrt(np.square(way).sum(axis=1).max()) / BETWEEN))
+        steps = int(np.ceil(np.sqrt(np.square(way).sum(axis=1).max()) / LINK_STEP))
         for k in range(1, steps):
             between = self.limits.rows(estimate + k / steps * (self.angles - estimate))
-            if between[:, 0].min(initial=0.0) < -BETWEEN:
-                return "on the way there, " + self.limits.words(between[between[:, 0].argmin()])
+            if _worst_margin(between) < -LINK_STEP:
+                return f"on the way there, {self._worst(between)}"
         return ""
 
-    def plan(
-        self, held: Indices, iterations: int, pressed: tuple[str, ...] = (), halt: str = ""
-    ) -> TowingPlan:
-        """The plan that it is.
+    def _worst(self, rows: LimitRows) -> str:
+        return self.limits.words(rows[rows["margin"].argmin()])
 
-        Parameters
-        ----------
-        held : ndarray of int
-            Links of the vehicles.
-        iterations : int
-        pressed : tuple of str
-            Limits that it lies against.
-        halt : str
-        """
-        poses = self.problem.cable.poses(self.angles)
-        return TowingPlan(
-            readonly_copy(self.problem.estimate),
-            readonly_copy(self.angles),
-            readonly_copy(poses),
-            readonly_copy(poses[held]),
-            self.problem.terms(self.angles),
+    def plan(self, iterations: int, halt: str = "") -> TowingPlan:
+        """The plan of this shape, after so many iterations."""
+        plan = TowingPlan.of_angles(
+            self.problem.cable,
+            self.limits.team.held_links,
+            self.problem.estimate,
+            self.angles,
+            PlanTerms(*self._state.terms.tolist()),
             self.off,
-            pressed,
-            iterations,
-            halt,
         )
+        return replace(plan, iterations=iterations, halt=halt)
+
+
+def _worst_margin(rows: LimitRows) -> float:
+    """Of the limit that is broken worst; 0 if none is."""
+    return float(rows["margin"].min(initial=0.0))

@@ -1,49 +1,92 @@
-"""The objective (5) of Suzuki et al. (2022): terms and derivatives."""
+"""The objective (5) of Suzuki et al. (2022): terms and derivatives.
+
+Its saturating loss (9) is ρ(f) = Σ a_i (tanh(b_i (f - c_i)) + d_i), i = 1, 2. The paper gives its
+limits, 0 and 1, and its inflection, the effort target. Here both c_i are that target; the slopes b
+are 4 and 1 over it, so that one curve turns steeply at the target and a gentle one gives a slope
+everywhere; their shares are 0.8 and 0.2; d_i and the scale of a_i follow from the limits.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, sqrt
-from typing import Any
+from math import exp, sqrt, tanh
+from typing import NamedTuple
 
 import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Obstacles
 from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.chain import chain_gradient, chain_hessian, place_links, pose_constraints
+from tjscan.towing.shape.chain import (
+    ChainParts,
+    chain_gradient,
+    chain_hessian,
+    make_parts,
+    place_links,
+    pose_constraints,
+)
 from tjscan.towing.shape.compiled import Indices, compiled
-from tjscan.towing.shape.distance import distance_to_obstacle
-from tjscan.towing.shape.effort import free_share, rising_loss
+from tjscan.towing.shape.distance import distance_to_obstacle, obstacle_count
 from tjscan.towing.shape.plan import PlanTerms
 from tjscan.towing.shape.pull import CablePull
-from tjscan.towing.shape.weights import EffortTargets, TowingWeights
+from tjscan.towing.shape.settings import EffortTargets, TowingWeights
 
 SMOOTH_CHANGE = 0.02
-"""Radians within which |θ - θ_init| is rounded: it has a kink where the planner starts."""
+"""Radians within which |θ - θ_init| is rounded: it has a kink at the planner's start."""
 
 PACE_TERM = 3
-"""Which term the vehicles' steps are."""
+"""Index of the term of the vehicles' steps."""
 
-FAR = 10.0
-"""Times the target distance, beyond which an obstacle's loss is below 1e-7 and left out."""
+FAR_TARGETS = 10.0
+"""Target distances beyond which an obstacle's loss is below 1e-7 and left out."""
+
+SHARES_AND_SLOPES = ((0.8, 4.0), (0.2, 1.0))
+"""Of the two curves; slopes over the target."""
+
+RISING_CURVES = tuple((share / (1 + tanh(b)), b, tanh(b)) for share, b in SHARES_AND_SLOPES)
+"""a_i, b_i times the target, and d_i of a rising loss."""
+
+
+@compiled
+def rising_loss(f: float, target: float) -> tuple[float, float, float]:
+    """ρ of (9) and two derivatives: 0 at 0, 1 at infinity, inflection at the target."""
+    value, first, second = 0.0, 0.0, 0.0
+    for a, slope, d in RISING_CURVES:
+        b = slope / target
+        t = 1.0 - 2.0 / (1.0 + exp(min(2.0 * b * (f - target), 700.0)))  # tanh, in half its time
+        steep = a * b * (1.0 - t * t)
+        value += a * (t + d)
+        first += steep
+        second -= 2.0 * b * t * steep
+    return value, first, second
+
+
+@compiled
+def free_share(d: float, target: float) -> tuple[float, float, float]:
+    """1 - ρ_d of (9) and two derivatives: 0 deep inside, 1 far away.
+
+    ρ_d falls: a_i < 0 and d_i = -1, so that 1 - ρ_d is a sum of logistic curves.
+    """
+    value, first, second = 0.0, 0.0, 0.0
+    for share, slope in SHARES_AND_SLOPES:
+        b = 2.0 * slope / target
+        s = 1.0 / (1.0 + exp(min(-b * (d - target), 700.0)))
+        steep = share * b * s * (1.0 - s)
+        value += share * s
+        first += steep
+        second += b * (1.0 - 2.0 * s) * steep
+    return value, first, second
 
 
 @compiled
 def obstacle_loss(
-    x: float,
-    y: float,
-    target: float,
-    walls: Array,
-    corners: Array,
-    starts: Indices,
-    discs: Array,
+    x: float, y: float, target: float, obstacles: Obstacles
 ) -> tuple[float, float, float, float, float, float]:
     """1 - Π(1 - ρ_d(d_k)) over the obstacles at a point, its gradient and Hessian."""
     log_free, gx, gy, hxx, hxy, hyy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(len(walls) + len(starts) - 1 + len(discs)):
-        d, dx, dy, dxx, dxy, dyy = distance_to_obstacle(k, x, y, walls, corners, starts, discs)
-        if d > FAR * target:
+    for k in range(obstacle_count(obstacles)):
+        d, dx, dy, dxx, dxy, dyy = distance_to_obstacle(k, x, y, obstacles)
+        if d > FAR_TARGETS * target:
             continue
         q, first, second = free_share(d, target)
         q = max(q, 1e-300)
@@ -65,43 +108,95 @@ def obstacle_loss(
     )
 
 
-@compiled
-def shape_terms(
-    angles: Array,
-    estimate: Array,
-    links: Array,
-    scale: Array,
-    targets: Array,
-    moved: Indices,
-    costs: Array,
-    walls: Array,
-    corners: Array,
-    starts: Indices,
-    discs: Array,
-    terms: Array,
-    joint: Array,
-    point: Array,
-) -> float:
-    """The objective at a shape, its terms, and what each joint and each link contributes.
+class ShapeArrays(NamedTuple):
+    """The problem of a shape, as compiled functions take it.
 
     Parameters
     ----------
-    angles, estimate : ndarray, shape (N,)
-    links : ndarray, shape (N, 5)
-        As `place_links` fills it.
+    estimate : ndarray, shape (N,)
+    root : ndarray, shape (3,)
+    length : float
+        Of a link, metres.
     scale : ndarray, shape (3,)
         Weights of bend, obstacle and change, over N.
     targets : ndarray, shape (3,)
         Of bend (squared), distance and change.
     moved : ndarray of int, shape (Q,)
-        Links whose positions cost something by themselves, see `costs`, shape (Q, 9): the term
-        that it counts for, x and y of a place, the cost there, its gradient and its Hessian.
-    walls, corners, starts, discs : ndarray
-        Obstacles, see `area.Obstacles`.
-    terms, joint, point : ndarray, shapes (5,), (N, 2), (N, 5)
-        Filled: terms; first and second derivative by each angle; gradient and Hessian by each
-        position.
+        Links whose positions cost something by themselves, see `costs`.
+    costs : ndarray, shape (Q, 9)
+        Of each: the index of its term, x and y of a place, the cost there, its gradient and its
+        Hessian.
+    obstacles : Obstacles
+    fixed : ndarray of int, shape (E,)
+        Links that must have the poses `fixed_poses`, shape (E, 3).
+    fixed_poses : ndarray, shape (E, 3)
     """
+
+    estimate: Array
+    root: Array
+    length: float
+    scale: Array
+    targets: Array
+    moved: Indices
+    costs: Array
+    obstacles: Obstacles
+    fixed: Indices
+    fixed_poses: Array
+
+
+class ShapeState(NamedTuple):
+    """All that is known of one shape, filled by `evaluate_shape`.
+
+    Parameters
+    ----------
+    links : ndarray, shape (N, 5)
+        As `place_links` fills it.
+    parts : ChainParts
+        Of the objective.
+    terms : ndarray, shape (5,)
+        Of the objective.
+    constraint : ndarray, shape (3 E,)
+        What fixed links are off by.
+    jacobian : ndarray, shape (3 E, N)
+        Its derivative by the angles.
+    """
+
+    links: Array
+    parts: ChainParts
+    terms: Array
+    constraint: Array
+    jacobian: Array
+
+
+@compiled
+def make_state(n: int, fixed: int) -> ShapeState:
+    """Room for a chain of n links and a number of fixed ones."""
+    constraint, jacobian = np.zeros(3 * fixed), np.zeros((3 * fixed, n))
+    return ShapeState(np.empty((n, 5)), make_parts(n), np.empty(5), constraint, jacobian)
+
+
+@compiled
+def evaluate_shape(angles: Array, problem: ShapeArrays, state: ShapeState) -> float:
+    """The objective at a shape; fills the state."""
+    place_links(angles, problem.root, problem.length, state.links)
+    f = shape_terms(angles, problem, state)
+    pose_constraints(
+        state.links,
+        problem.root,
+        problem.fixed,
+        problem.fixed_poses,
+        state.constraint,
+        state.jacobian,
+    )
+    return f
+
+
+@compiled
+def shape_terms(angles: Array, problem: ShapeArrays, state: ShapeState) -> float:
+    """The objective at a shape whose links are placed; fills the state's terms and parts."""
+    estimate, scale, targets = problem.estimate, problem.scale, problem.targets
+    links, terms = state.links, state.terms
+    joint, point = state.parts.joint, state.parts.point
     terms[:] = 0.0
     for i in range(len(angles)):
         a = angles[i]
@@ -116,13 +211,14 @@ def shape_terms(
             terms[2] += scale[2] * value
             one += scale[2] * first * slope
             two += scale[2] * (second * slope * slope + first * (1.0 - slope * slope) / root)
-        loss = obstacle_loss(links[i, 0], links[i, 1], targets[1], walls, corners, starts, discs)
+        loss = obstacle_loss(links[i, 0], links[i, 1], targets[1], problem.obstacles)
         terms[1] += scale[1] * loss[0]
         joint[i, 0], joint[i, 1] = one, two
         for m in range(5):
             point[i, m] = scale[1] * loss[m + 1]
-    for m in range(len(moved)):
-        k = moved[m]
+    costs = problem.costs
+    for m in range(len(problem.moved)):
+        k = problem.moved[m]
         x, y = links[k, 0] - costs[m, 1], links[k, 1] - costs[m, 2]
         gx, gy, xx, xy, yy = costs[m, 4], costs[m, 5], costs[m, 6], costs[m, 7], costs[m, 8]
         terms[int(costs[m, 0])] += (
@@ -172,68 +268,43 @@ class ShapeProblem:
     pull: CablePull | None = None
 
     @property
-    def root(self) -> Array:
-        """Of the cable, x, y and heading."""
-        return np.array(self.cable.root, dtype=float)
+    def arrays(self) -> ShapeArrays:
+        """The same, as compiled functions take it."""
+        w, targets, links = self.weights, self.targets, self.cable.links
+        moved, costs = self.paced, np.zeros((len(self.paced), 9))
+        costs[:, 0], costs[:, 1:3] = PACE_TERM, self.pace_from
+        costs[:, 6] = costs[:, 8] = 2 * w.pace / (self.period * links)
+        if self.pull is not None:
+            pull = self.pull.cost(w.pull / links, targets.pull, self.period)
+            moved, costs = np.append(moved, self.pull.link), np.vstack((costs, pull))
+        return ShapeArrays(
+            self.estimate,
+            np.array(self.cable.root, dtype=float),
+            self.cable.link_length,
+            np.array((w.bend, w.obstacle, w.change)) / links,
+            np.array((targets.bend**2, targets.distance, targets.change)),
+            moved,
+            costs,
+            self.obstacles,
+            self.fixed,
+            self.fixed_poses,
+        )
 
-    @property
-    def scale(self) -> Array:
-        """Weights over the number of links, as `shape_terms` takes them."""
-        w = self.weights
-        return np.array((w.bend, w.obstacle, w.change)) / self.cable.links
-
-    @property
-    def costs(self) -> tuple[Indices, Array]:
-        """What the vehicles' steps and the pull at the welder cost, see `shape_terms`."""
-        w, links = self.weights, self.cable.links
-        steps = np.zeros((len(self.paced), 9))
-        steps[:, 0], steps[:, 1:3] = PACE_TERM, self.pace_from
-        steps[:, 6] = steps[:, 8] = 2 * w.pace / (self.period * links)
-        if self.pull is None:
-            return self.paced, steps
-        pull = self.pull.cost(w.pull / links, self.targets.pull, self.period)
-        return np.append(self.paced, self.pull.link), np.vstack((steps, pull))
-
-    @property
-    def inflections(self) -> Array:
-        """Effort targets, as `shape_terms` takes them."""
-        return np.array((self.targets.bend**2, self.targets.distance, self.targets.change))
-
-    @property
-    def arguments(self) -> Any:
-        """What `newton_shape` takes from the estimate on."""
-        return (
-            self.estimate, self.root, self.cable.link_length, self.scale, self.inflections,
-            *self.costs, *self.obstacles.arrays, self.fixed, self.fixed_poses,
-        )  # fmt: skip
-
-    def links(self, angles: Array) -> Array:
-        """As `place_links` fills them, shape (N, 5)."""
-        links = np.empty((len(angles), 5))
-        place_links(angles, self.root, self.cable.link_length, links)
-        return links
-
-    def contributions(self, angles: Array) -> tuple[PlanTerms, Array, Array]:
-        """Terms, and what joints and links contribute to derivatives, see `shape_terms`."""
-        terms, joint, point = np.empty(5), np.empty((len(angles), 2)), np.empty((len(angles), 5))
-        moved, costs = self.costs
-        shape_terms(
-            angles, self.estimate, self.links(angles), self.scale, self.inflections,
-            moved, costs, *self.obstacles.arrays, terms, joint, point,
-        )  # fmt: skip
-        return PlanTerms(*terms.tolist()), joint, point
+    def evaluated(self, angles: Array) -> ShapeState:
+        """All that is known of a shape."""
+        state = make_state(len(angles), len(self.fixed))
+        evaluate_shape(angles, self.arrays, state)
+        return state
 
     def terms(self, angles: Array) -> PlanTerms:
         """The objective's terms."""
-        return self.contributions(angles)[0]
+        return PlanTerms(*self.evaluated(angles).terms.tolist())
 
     def gradient(self, angles: Array) -> Array:
         """Of the objective, shape (N,)."""
-        _, joint, point = self.contributions(angles)
-        out = np.empty(len(angles))
-        turn = np.zeros((len(angles), 2))
-        chain_gradient(joint, point, turn, self.links(angles), self.cable.link_length, out)
-        return out
+        state, gradient = self.evaluated(angles), np.empty(len(angles))
+        chain_gradient(state.parts, state.links, self.cable.link_length, gradient)
+        return gradient
 
     def hessian(self, angles: Array, multipliers: Array | None = None) -> Array:
         """Of the objective, shape (N, N), or of the Lagrangian with the constraints' multipliers.
@@ -243,17 +314,14 @@ class ShapeProblem:
         angles : ndarray, shape (N,)
         multipliers : ndarray, shape (3 E,), optional
         """
-        _, joint, point = self.contributions(angles)
+        state, hessian = self.evaluated(angles), np.empty((len(angles), len(angles)))
         if multipliers is not None:
             for link, forces in zip(self.fixed, multipliers.reshape(-1, 3), strict=True):
-                point[link, :2] += forces[:2]
-        out = np.empty((len(angles), len(angles)))
-        turn = np.zeros((len(angles), 2))
-        chain_hessian(joint, point, turn, self.links(angles), self.cable.link_length, out)
-        return out
+                state.parts.point[link, :2] += forces[:2]
+        chain_hessian(state.parts, state.links, self.cable.link_length, hessian)
+        return hessian
 
     def constraint(self, angles: Array) -> tuple[Array, Array]:
         """What fixed links are off by, shape (3 E,), and its derivative, shape (3 E, N)."""
-        c, rows = np.zeros(3 * len(self.fixed)), np.zeros((3 * len(self.fixed), len(angles)))
-        pose_constraints(self.links(angles), self.root, self.fixed, self.fixed_poses, c, rows)
-        return c, rows
+        state = self.evaluated(angles)
+        return state.constraint, state.jacobian

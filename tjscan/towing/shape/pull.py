@@ -10,25 +10,26 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.chain import chain_hessian, place_links, turned_way
-from tjscan.towing.shape.compiled import Indices, compiled
+from tjscan.towing.shape.chain import chain_hessian, make_parts, place_links, turned_way
+from tjscan.towing.shape.compiled import compiled
 from tjscan.towing.shape.estimate import (
     LEAST_SHIFT,
     CableEstimate,
-    PoseTrust,
+    EstimateArrays,
+    estimate_arrays,
     estimate_terms,
-    friction_at_ends,
 )
 from tjscan.towing.shape.linear import back_substitute, factorise_convex
+from tjscan.towing.shape.settings import PoseTrust
 
-RELIEF: Final = 0.2
+RELIEF_TIME: Final = 0.2
 """Seconds over which the vehicle gives way to the whole of the force. Quicker, and it would go
 after the noise of its pose; slower, and friction builds the force up again."""
 
-GIVES_WAY: Final = 2e-3
+RELIEF_SPEED: Final = 2e-3
 """m/s with which it does so at most."""
 
-PLACED: Final = 1e-3
+PLACE_ERROR: Final = 1e-3
 """Metres within which vehicles are where they are sent: no force is relieved better than that."""
 
 PULL_TERM: Final = 4
@@ -84,18 +85,18 @@ class CablePull:
             A row of what `problem.shape_terms` takes.
         """
         force, stiffness = self.force, self.stiffness
-        doubt = max(self.doubt, PLACED)
+        doubt = max(self.doubt, PLACE_ERROR)
         counts = np.linalg.inv(target**2 * np.eye(2) + doubt**2 * stiffness @ stiffness.T)
         root = np.sqrt(1 + force @ counts @ force)
         by_force = 2 * weight / root * stiffness.T @ counts
         gradient = by_force @ force
-        hessian = max(1.0, RELIEF / period) * by_force @ stiffness
+        hessian = max(1.0, RELIEF_TIME / period) * by_force @ stiffness
         at = 2 * weight * (root - 1)
         # However soft the cable is there, the vehicle gives way slowly; also where the force goes
         # through zero, for nobody knows it better than an error of the poses leaves it.
         doubted = min(self.doubt * float(np.linalg.norm(stiffness, 2)), target)
         slope = np.hypot(np.hypot(*gradient), doubted * np.linalg.norm(by_force, 2))
-        hessian += slope / (GIVES_WAY * period) * np.eye(2)
+        hessian += slope / (RELIEF_SPEED * period) * np.eye(2)
         second = (hessian[0, 0], hessian[0, 1], hessian[1, 1])
         return np.array((PULL_TERM, *self.place, at, *gradient, *second))
 
@@ -103,25 +104,15 @@ class CablePull:
 def pull_on_welder(
     cable: Cable, held_links: Sequence[int], lies: CableEstimate, poses: Array, trust: PoseTrust
 ) -> CablePull | None:
-    """The cable's pull at the welder; None where its pose or that of the vehicle before is unknown.
+    """The cable's pull at the welder; None if its pose or that of the vehicle before is unknown.
 
     The force is what holds the last of the estimated links at its pose, so that of bends and
     friction together.
     """
     if len(held_links) < 2 or not np.isfinite(poses[-2:]).all():
         return None
-    known = np.isfinite(poses).all(axis=1)
-    held = np.array(held_links, dtype=np.int64)[known]
-    stiffness = cable.bending_stiffness * _yielding(
-        lies.angles,
-        np.array(cable.root, dtype=float),
-        cable.link_length,
-        held,
-        np.array(poses[known], dtype=float),
-        np.tile(trust.stiffness, (len(held), 1)),
-        lies.rest,
-        friction_at_ends(cable, held_links),
-    )
+    problem = estimate_arrays(cable, held_links, poses, trust, lies)
+    stiffness = cable.bending_stiffness * _force_by_place(lies.angles, problem)
     places = cable.poses(lies.angles)[:, :2]
     force = cable.bending_stiffness / trust.position_sd**2 * (places[-1] - poses[-1, :2])
     link = held_links[-2]
@@ -129,34 +120,24 @@ def pull_on_welder(
 
 
 @compiled
-def _yielding(
-    angles: Array,
-    root: Array,
-    length: float,
-    held: Indices,
-    poses: Array,
-    stiff: Array,
-    rest: Array,
-    slide: Array,
-) -> Array:
+def _force_by_place(angles: Array, problem: EstimateArrays) -> Array:
     """Derivative of the last held link's force by the place of the one before, (2, 2), over k."""
-    n, last = len(angles), len(held) - 1
-    links = np.empty((n, 5))
-    joint, point, turn = np.empty((n, 2)), np.empty((n, 5)), np.empty((n, 2))
+    n, last, root = len(angles), len(problem.held) - 1, problem.root
+    links, parts, by_place = np.empty((n, 5)), make_parts(n), problem.stiff[0]
     hessian, factor = np.empty((n, n)), np.zeros((n, n))
-    place_links(angles, root, length, links)
-    estimate_terms(angles, links, held, poses, stiff, rest, slide, joint, point, turn)
-    chain_hessian(joint, point, turn, links, length, hessian)
+    place_links(angles, root, problem.length, links)
+    estimate_terms(angles, problem, links, parts)
+    chain_hessian(parts, links, problem.length, hessian)
     factorise_convex(hessian, 0.0, factor, LEAST_SHIFT)
-    yields, change = np.zeros((2, 2)), np.empty(n)
-    before, tip = held[last - 1], held[last]
+    derivative, change = np.zeros((2, 2)), np.empty(n)
+    before, tip = problem.held[last - 1], problem.held[last]
     for axis in range(2):
         for i in range(n):
             way = turned_way(i, before, links, root)
-            change[i] = stiff[last - 1, 0] * way[axis]
+            change[i] = by_place * way[axis]
         back_substitute(factor, change)
         for i in range(n):
             way = turned_way(i, tip, links, root)
-            yields[0, axis] += stiff[last, 0] * way[0] * change[i]
-            yields[1, axis] += stiff[last, 0] * way[1] * change[i]
-    return yields
+            derivative[0, axis] += by_place * way[0] * change[i]
+            derivative[1, axis] += by_place * way[1] * change[i]
+    return derivative

@@ -13,28 +13,28 @@ from tjscan.core.frames import Array
 from tjscan.towing.shape.arcs import bent_once, meanders
 from tjscan.towing.shape.area import Area
 from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.limited import SLACK, optimise_limited
-from tjscan.towing.shape.limits import KEPT, HardLimits
+from tjscan.towing.shape.limited import SLACK_COST, optimise_limited
+from tjscan.towing.shape.limits import KEPT_MARGIN, HardLimits
 from tjscan.towing.shape.optimise import newton_shape
 from tjscan.towing.shape.problem import ShapeProblem
 
-SEARCHES: Final = 12
+MOST_SEARCHES: Final = 12
 """First shapes from which the best one is looked for, of the many that are made."""
 
-BENDS: Final = 4
+MOST_BENDS: Final = 4
 """Of a meander at most, tried where shapes with fewer end nowhere."""
 
-ALIKE: Final = 0.01
+SAME_SHAPE: Final = 0.01
 """Share of the cable's length that links of two shapes are apart in the mean, below which they are
 the same."""
 
 NEWTON_STEPS: Final = 150
 """Of a search, at most."""
 
-CLOSING: Final = 10
+CLOSING_STEPS: Final = 10
 """Steps that bring a shape to the welder's pose; three or four are usual."""
 
-PROGRAMS: Final = 60
+MOST_PROGRAMS: Final = 60
 """Of a search for a shape that a limit is in the way of, at most."""
 
 
@@ -83,7 +83,7 @@ def first_shapes(cable: Cable, area: Area, welder_pose: Array) -> Iterator[list[
     low, high = area.outline.min(axis=0), area.outline.max(axis=0)
     share = np.array((0.25, 0.5, 0.75))
     centres = np.stack(np.meshgrid(*(low + (high - low) * share[:, None]).T), -1).reshape(-1, 2)
-    for bends in range(1, 1 + BENDS):
+    for bends in range(1, 1 + MOST_BENDS):
         paths = bent_once(*given) if bends == 1 else meanders(*given, bends, centres)
         headings = (np.interp(middles, path[:, 0], path[:, 1]) for path in paths)
         yield [cable.angles(along) for along in headings]
@@ -94,21 +94,23 @@ def _search(
 ) -> list[StartShape]:
     """What searches from the most promising of some shapes end with."""
     cable = problem.cable
-    costs = [problem.terms(angles).total - SLACK * _margin(limits, angles) for angles in shapes]
+    costs = [
+        problem.terms(angles).total - SLACK_COST * _margin(limits, angles) for angles in shapes
+    ]
     ranked = [shapes[k] for k in np.argsort(costs, kind="stable")]
     centres = [
         *(pillar.mean(axis=0) for pillar in area.pillars),
         *(disc[:2] for disc in limits.obstacles.discs),
     ]
     found: list[StartShape] = []
-    for guess in _distinct(cable, ranked, centres)[:SEARCHES]:
+    for guess in _distinct(cable, ranked, centres)[:MOST_SEARCHES]:
         angles = guess.copy()
-        iterations, _, _ = newton_shape(angles, NEWTON_STEPS, 1e-4, *problem.arguments)
-        if not _close(problem, angles) or _margin(limits, angles) < KEPT:
-            shape = optimise_limited(problem, limits, guess, most=PROGRAMS)
+        iterations = newton_shape(angles, NEWTON_STEPS, 1e-4, problem.arrays)
+        if not _close(problem, angles) or _margin(limits, angles) < KEPT_MARGIN:
+            shape = optimise_limited(problem, limits, guess, most=MOST_PROGRAMS)
             angles = shape.angles.copy()
             iterations += shape.iterations
-            if not _close(problem, angles) or _margin(limits, angles) < KEPT:
+            if not _close(problem, angles) or _margin(limits, angles) < KEPT_MARGIN:
                 continue
         found.append(StartShape(angles, problem.terms(angles).total, iterations))
     found.sort(key=lambda shape: shape.f)
@@ -121,7 +123,7 @@ def _close(problem: ShapeProblem, angles: Array) -> bool:
 
     A search that ends at its last step is still a little off.
     """
-    for _ in range(CLOSING):
+    for _ in range(CLOSING_STEPS):
         off, rows = problem.constraint(angles)
         if np.abs(off).max() < 1e-9:
             return True
@@ -131,7 +133,7 @@ def _close(problem: ShapeProblem, angles: Array) -> bool:
 
 def _margin(limits: HardLimits, angles: Array) -> float:
     """Of the limit that is broken worst; 0 if none is."""
-    return float(limits.rows(angles)[:, 0].min(initial=0.0))
+    return float(limits.rows(angles)["margin"].min(initial=0.0))
 
 
 def _distinct(cable: Cable, shapes: list[Array], centres: list[Array]) -> list[Array]:
@@ -140,8 +142,8 @@ def _distinct(cable: Cable, shapes: list[Array], centres: list[Array]) -> list[A
     for angles in shapes:
         line = cable.line(angles)
         kept = sides.setdefault(tuple(_turns(line, centre) for centre in centres), [])
-        if len(kept) < SEARCHES and all(
-            np.hypot(*(line - other).T).mean() > ALIKE * cable.length for _, other in kept
+        if len(kept) < MOST_SEARCHES and all(
+            np.hypot(*(line - other).T).mean() > SAME_SHAPE * cable.length for _, other in kept
         ):
             kept.append((angles, line))
     return [angles for each in zip_longest(*sides.values()) for angles, _ in filter(None, each)]

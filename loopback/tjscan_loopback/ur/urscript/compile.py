@@ -16,17 +16,17 @@ from tjscan_loopback.ur.urscript.values import Pose
 Run = Generator[None, None, Any]
 """A function under way: it yields once a tick while it waits."""
 
-DEEPEST: Final = 40
+DEEPEST_NESTING: Final = 40
 """Blocks and brackets within each other."""
 
-LARGEST: Final = 1e300
+LARGEST_NUMBER: Final = 1e300
 
 POSE_VALUES: Final = 6
 """Numbers of a pose."""
 
-_COMPARISONS: Final = ("==", "!=", "<", ">", "<=", ">=")
+_COMPARISON_SIGNS: Final = ("==", "!=", "<", ">", "<=", ">=")
 _BLOCK_ENDS: Final = ("end", "elif", "else")
-_RESERVED: Final = (
+_RESERVED_WORDS: Final = (
     *_BLOCK_ENDS,
     *("def", "sec", "thread", "global", "local", "if", "while", "return", "break", "continue"),
     *("run", "kill", "join", "enter_critical", "exit_critical", "halt", "pass"),
@@ -128,7 +128,7 @@ class _Compiler:
     def _block(self) -> None:
         self._expect(":")
         self._depth += 1
-        if self._depth > DEEPEST:
+        if self._depth > DEEPEST_NESTING:
             raise ScriptError("the program is nested too deep", self._next.line)
         self._write("pass")
         while self._next.text not in _BLOCK_ENDS:
@@ -230,7 +230,7 @@ class _Compiler:
 
     def _expression(self) -> str:
         self._nested += 1
-        if self._nested > DEEPEST:
+        if self._nested > DEEPEST_NESTING:
             raise ScriptError("the program is nested too deep", self._next.line)
         left = self._conjunction()
         while self._next.text in ("or", "xor"):
@@ -253,7 +253,7 @@ class _Compiler:
         return self._operation(0)
 
     def _operation(self, level: int) -> str:
-        signs = (_COMPARISONS, ("+", "-"), ("*", "/", "%"))
+        signs = (_COMPARISON_SIGNS, ("+", "-"), ("*", "/", "%"))
         if level == len(signs):
             return self._signed()
         left = self._operation(level + 1)
@@ -301,7 +301,7 @@ class _Compiler:
             name = self._name()
             self._expect("(")
             return f"c.run({name!r}, [{', '.join(self._values(')'))}])"
-        if token.kind == "name" and token.text not in _RESERVED:
+        if token.kind == "name" and token.text not in _RESERVED_WORDS:
             return self._call(token.text) if self._next.text == "(" else f"s[{token.text!r}]"
         raise ScriptError(f"a value is wanted (found {token.text!r})", token.line)
 
@@ -352,7 +352,7 @@ class _Compiler:
 
     def _name(self) -> str:
         token = self._take()
-        if token.kind != "name" or token.text in _RESERVED:
+        if token.kind != "name" or token.text in _RESERVED_WORDS:
             raise ScriptError(f"a name is wanted (found {token.text!r})", token.line)
         return token.text
 
@@ -375,6 +375,6 @@ def _number(token: Token) -> int | float:
     if token.text[:2] == "0x":
         return int(token.text, 16)
     value = int(token.text) if token.text.isdigit() else float(token.text)
-    if abs(value) > LARGEST:
+    if abs(value) > LARGEST_NUMBER:
         raise ScriptError(f"{token.text} is too large", token.line)
     return value

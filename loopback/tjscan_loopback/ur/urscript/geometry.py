@@ -106,7 +106,7 @@ def _of_numbers(function: Callable[..., float]) -> Callable[..., float]:
     return lambda *values: function(*(number(value) for value in values))
 
 
-CALCULATIONS: Final[dict[str, Callable[..., Any]]] = {
+CALCULATION_WORDS: Final[dict[str, Callable[..., Any]]] = {
     **{
         name: _of_numbers(getattr(math, name))
         for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "pow")

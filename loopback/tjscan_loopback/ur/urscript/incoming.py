@@ -8,11 +8,11 @@ from typing import Final
 
 from tjscan_loopback.ur.urscript.tokens import ScriptError
 
-LONGEST: Final = 2_000_000
+LONGEST_PROGRAM: Final = 2_000_000
 """Characters of a program."""
 
-_BEGIN: Final = re.compile(r"\s*(def|sec)\b")
-_END: Final = re.compile(r"^end[ \t\r]*\n", re.MULTILINE)
+_PROGRAM_BEGIN: Final = re.compile(r"\s*(def|sec)\b")
+_PROGRAM_END: Final = re.compile(r"^end[ \t\r]*\n", re.MULTILINE)
 
 
 class IncomingScripts:
@@ -34,13 +34,13 @@ class IncomingScripts:
             script, self._text = self._text[:length], self._text[length:]
             if script.partition("#")[0].strip():
                 yield script
-        if len(self._text) > LONGEST:
-            raise ScriptError(f"a program is {LONGEST} characters long at most")
+        if len(self._text) > LONGEST_PROGRAM:
+            raise ScriptError(f"a program is {LONGEST_PROGRAM} characters long at most")
 
     def _whole(self) -> int | None:
         """Length of the program or line that is whole; None while more must come."""
-        if _BEGIN.match(self._text):
-            end = _END.search(self._text)
+        if _PROGRAM_BEGIN.match(self._text):
+            end = _PROGRAM_END.search(self._text)
             return None if end is None else end.end()
         line = self._text.find("\n")
         return None if line < 0 else line + 1

@@ -33,7 +33,7 @@ from tjscan_loopback.ur.urscript.values import Pose, finite, pose_matrix, six
 SLOWEST_STOP: Final = 10.0
 """Seconds that coming to rest may take, however softly it is asked for."""
 
-REACHED: Final = 1e-6
+SPEED_TOLERANCE: Final = 1e-6
 """m/s or rad/s between a speed that is asked for and one that is."""
 
 
@@ -251,7 +251,9 @@ class MotionWords:
             yield
             passed += self._host.tick
             is_over = time > 0 and passed >= time - 1e-9
-            if is_over or (time == 0 and away is not None and np.abs(away()).max() < REACHED):
+            if is_over or (
+                time == 0 and away is not None and np.abs(away()).max() < SPEED_TOLERANCE
+            ):
                 self._host.let_go()  # unless the next word takes over in this tick
                 return
 

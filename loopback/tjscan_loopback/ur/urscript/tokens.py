@@ -42,7 +42,7 @@ class Token:
     line: int
 
 
-_PATTERN: Final = re.compile(
+_TOKEN_PATTERN: Final = re.compile(
     r"""
     (?P<space>[ \t\r]+|\#[^\n]*)
   | (?P<newline>\n)
@@ -66,7 +66,7 @@ def split_into_tokens(script: str) -> list[Token]:
     """
     tokens, line, at = [], 1, 0
     while at < len(script):
-        found = _PATTERN.match(script, at)
+        found = _TOKEN_PATTERN.match(script, at)
         if found is None:
             raise ScriptError(f"{script[at]!r} is no URScript", line)
         kind = str(found.lastgroup)

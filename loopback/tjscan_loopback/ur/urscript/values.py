@@ -20,7 +20,7 @@ class Pose(tuple[float, ...]):
     __slots__ = ()
 
 
-_ARITHMETIC: Final[dict[str, Callable[[float, float], float]]] = {
+_ARITHMETIC_SIGNS: Final[dict[str, Callable[[float, float], float]]] = {
     "+": operator.add,
     "-": operator.sub,
     "*": operator.mul,
@@ -37,7 +37,7 @@ def calculate(sign: str, left: Any, right: Any) -> Any:
     """Result of an operation on two numbers, or of comparing two values for equality."""
     if sign in ("==", "!="):
         return (left == right) == (sign == "==")
-    return _ARITHMETIC[sign](number(left), number(right))
+    return _ARITHMETIC_SIGNS[sign](number(left), number(right))
 
 
 def number(value: Any) -> float:

@@ -1,4 +1,7 @@
-"""A recording of version 0.1.0 is read, replayed, gone on with and reprocessed."""
+"""A recording that is kept in the repository is read, replayed, resumed and reprocessed.
+
+It was made by an early reader, and its form is today's: a change of the form is noticed here.
+"""
 
 import csv
 import shutil
@@ -15,9 +18,9 @@ from tjscan.recording.header import FORMAT_VERSION
 from tjscan.recording.reader import read_header
 from tjscan.scanning.reader import read_recorded_scan
 
-OLD = Path(__file__).parents[1] / "data" / "run-0.1.0"
+KEPT = Path(__file__).parents[1] / "data" / "run-0.1.0"
 READERS = 1.5e-3
-"""Metres: the reader of 0.1.0 placed corners, and the ends of the sides most of all, elsewhere."""
+"""Metres: the early reader placed corners, and the ends of the sides most of all, elsewhere."""
 READERS_MM = 1e3 * READERS
 IN_FILE_MM = 2e-4
 """sections.csv has four decimals."""
@@ -27,7 +30,7 @@ INTERRUPTED = 0.55
 
 @pytest.fixture
 def old(tmp_path: Path) -> Path:
-    return Path(shutil.copytree(OLD, tmp_path / "old"))
+    return Path(shutil.copytree(KEPT, tmp_path / "old"))
 
 
 def corners(run: Path) -> np.ndarray:
@@ -39,7 +42,7 @@ def corners(run: Path) -> np.ndarray:
 def test_it_is_read(old: Path) -> None:
     head = read_header(old / "scan.mcap")
     assert head is not None
-    assert (head.version, head.format) == ("0.1.0", 1)
+    assert head.format == FORMAT_VERSION
     scan = read_recorded_scan(old)
     assert (len(scan.views), list(scan.sections)) == (6, [0, 1, 2, 3])
     assert scan.stop_reason.startswith("number of sections reached")
@@ -73,7 +76,7 @@ def test_it_is_replayed(old: Path, tmp_path: Path) -> None:
     assert head.format == FORMAT_VERSION
 
 
-def test_it_is_gone_on_with_in_a_part_of_today(old: Path) -> None:
+def test_it_is_gone_on_with_in_a_further_part(old: Path) -> None:
     data = (old / "scan.mcap").read_bytes()
     (old / "scan.mcap").write_bytes(data[: int(INTERRUPTED * len(data))])
     for name in ("sections.csv", "summary.json"):
@@ -83,4 +86,4 @@ def test_it_is_gone_on_with_in_a_part_of_today(old: Path) -> None:
     assert tjscan("scan", "--resume", old) == 0
     assert len(read_recorded_scan(old).sections) == 4
     formats = [read_header(old / name) for name in ("scan.mcap", "scan-2.mcap")]
-    assert [head.format for head in formats if head is not None] == [1, FORMAT_VERSION]
+    assert [head.format for head in formats if head is not None] == [FORMAT_VERSION, FORMAT_VERSION]
