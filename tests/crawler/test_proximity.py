@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tjscan.crawler.proximity import CornerPlaces, ProximityFilter, ProximitySettings
-from tjscan.vehicle.vehicle import CORNERS, Twist
+from tjscan.vehicle.vehicle import PROXIMITY_CORNERS, Twist
 
 STEEL = (0.03,) * 4
 BODY = CornerPlaces(0.8, 0.5)
@@ -21,8 +21,8 @@ def after(*samples: tuple[float, ...]) -> tuple[str, ...]:
 
 
 def test_nothing_counts_as_steel_before_it_was_seen() -> None:
-    assert after() == CORNERS
-    assert after(STEEL) == CORNERS
+    assert after() == PROXIMITY_CORNERS
+    assert after(STEEL) == PROXIMITY_CORNERS
     assert after(STEEL, STEEL) == ()
 
 
@@ -37,16 +37,16 @@ def test_an_edge_is_one_after_samples_in_a_row(edge: float) -> None:
 def test_between_the_limits_nothing_changes() -> None:
     between = (0.05,) * 4
     assert after(STEEL, STEEL, between, between, between) == ()
-    assert after(between, between, between) == CORNERS
+    assert after(between, between, between) == PROXIMITY_CORNERS
 
 
 def test_away_from_an_edge_is_allowed() -> None:
     assert BODY.moves_towards_edge(Twist(0.1, 0.0), ["front left"])
     assert not BODY.moves_towards_edge(Twist(-0.1, 0.0), ["front left"])
-    assert not BODY.moves_towards_edge(Twist(0.0, 0.0), CORNERS)
+    assert not BODY.moves_towards_edge(Twist(0.0, 0.0), PROXIMITY_CORNERS)
 
 
-corners = st.lists(st.sampled_from(CORNERS), unique=True)
+corners = st.lists(st.sampled_from(PROXIMITY_CORNERS), unique=True)
 twists = st.builds(Twist, st.floats(-0.1, 0.1), st.floats(-0.5, 0.5))
 
 

@@ -15,13 +15,13 @@ import pytest
 pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'tjscan[towing]'")
 
 from tjscan.core.frames import Array
-from tjscan.vehicle.cable.drives import GRAVITY
+from tjscan.vehicle.cable.drives import GRAVITY_M_S2
 from tjscan.vehicle.cable.model import CableModel, TowingVehicleModel, TowingWorldModel
 from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.vehicle import Twist
 
 CABLE = CableModel(links=20, held=(9, 19), root=None)
-WEIGHT = CABLE.friction * CABLE.link_mass * GRAVITY
+WEIGHT = CABLE.friction * CABLE.link_mass * GRAVITY_M_S2
 SMOOTH = np.geomspace(1e-3, 2e-6, 7)
 """Metres that a link may move almost freely, for |p| has no slope at 0; less and less of it."""
 

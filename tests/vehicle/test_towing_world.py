@@ -9,7 +9,7 @@ from scipy.integrate import cumulative_simpson, solve_bvp
 pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'tjscan[towing]'")
 
 from tjscan.core.frames import Array
-from tjscan.vehicle.cable.drives import GRAVITY
+from tjscan.vehicle.cable.drives import GRAVITY_M_S2
 from tjscan.vehicle.cable.model import (
     CableModel,
     PasserBy,
@@ -65,7 +65,7 @@ def test_a_cable_dragged_straight_pulls_with_its_weight_times_friction() -> None
     dragging.truth()
     dragging.advance(1.0)
     # The vehicle carries the link that it holds.
-    expected = cable.friction * cable.link_mass * GRAVITY * (cable.links - 1)
+    expected = cable.friction * cable.link_mass * GRAVITY_M_S2 * (cable.links - 1)
     fx, fy, moment = dragging.truth().forces[0]
     assert fx == pytest.approx(-expected, rel=0.03)
     assert (fy, moment) == pytest.approx((0, 0), abs=1e-3)

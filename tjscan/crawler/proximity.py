@@ -9,7 +9,7 @@ from typing import Annotated
 from annotated_types import Ge, Gt, Le
 
 from tjscan.core.units import MM, SettingsTable
-from tjscan.vehicle.vehicle import CORNERS, Twist
+from tjscan.vehicle.vehicle import PROXIMITY_CORNERS, Twist
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,14 +36,14 @@ class ProximitySettings(SettingsTable):
 
 @dataclass(slots=True)
 class ProximityFilter:
-    """Two limits and samples in a row for each of `CORNERS`; at first there is steel nowhere.
+    """Two limits and samples in a row for each of `PROXIMITY_CORNERS`; at first none has steel.
 
     A sample that is no number shows no steel: a sensor that is broken is as dangerous as an edge.
     """
 
     settings: ProximitySettings
-    _steel: list[bool] = field(default_factory=lambda: [False] * len(CORNERS))
-    _against: list[int] = field(default_factory=lambda: [0] * len(CORNERS))
+    _steel: list[bool] = field(default_factory=lambda: [False] * len(PROXIMITY_CORNERS))
+    _against: list[int] = field(default_factory=lambda: [0] * len(PROXIMITY_CORNERS))
 
     def add_sample(self, distances: Sequence[float]) -> None:
         """Take in a sample: the distance at each corner, metres; nothing if there is none."""
@@ -61,7 +61,9 @@ class ProximityFilter:
     @property
     def missing_corners(self) -> tuple[str, ...]:
         """Corners without steel."""
-        return tuple(name for name, steel in zip(CORNERS, self._steel, strict=True) if not steel)
+        return tuple(
+            name for name, steel in zip(PROXIMITY_CORNERS, self._steel, strict=True) if not steel
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +86,7 @@ class CornerPlaces:
         ----------
         twist : Twist
         missing_corners : sequence of str
-            Among `CORNERS`.
+            Among `PROXIMITY_CORNERS`.
         """
         for corner in missing_corners:
             end, side = corner.split()

@@ -18,7 +18,7 @@ from annotated_types import Ge, Gt, Le
 from tjscan.core.frames import Array
 from tjscan.core.units import FileUnit, SettingsTable
 from tjscan.crawler.plan import NEWTON_METRE_UNIT
-from tjscan.vehicle.pad_plant import GRAVITY, PadPlant, PadSettings
+from tjscan.vehicle.pad_plant import GRAVITY_M_S2, PadPlant, PadSettings
 from tjscan.vehicle.tracks import TrackGeometry
 
 METRES_PER_MINUTE: Final = FileUnit("m_min", 1 / 60)
@@ -124,7 +124,7 @@ def broken_rules(
 
 def _closed_forms(size: SizeSettings, tracks: TrackGeometry) -> tuple[SizeFigure, ...]:
     pads, radius = size.pads, tracks.sprocket_radius
-    weight = pads.mass * GRAVITY
+    weight = pads.mass * GRAVITY_M_S2
     share = pads.pads * pads.grip / pads.mass
     pull = size.torque / radius
     return (
@@ -174,7 +174,7 @@ def _closed_forms(size: SizeSettings, tracks: TrackGeometry) -> tuple[SizeFigure
             "peel of the top pad",
             peel_of_top_pad(pads),
             "N",
-            most=pads.grip * GRAVITY,
+            most=pads.grip * GRAVITY_M_S2,
             advice="bring the mass closer to the hull, or lengthen the tracks",
         ),
     )
@@ -240,7 +240,7 @@ def peel_of_top_pad(pads: PadSettings) -> float:
     W h x_max / sum of x².
     """
     places = _pad_places(pads)
-    lever = pads.mass * GRAVITY * pads.mass_height
+    lever = pads.mass * GRAVITY_M_S2 * pads.mass_height
     return float(lever * np.abs(places).max() / np.sum(places**2))
 
 

@@ -12,8 +12,8 @@ from annotated_types import Ge, Gt, Le
 from tjscan.core.frames import Array
 from tjscan.core.units import MM_S, MM_S2, SECONDS, SettingsTable
 
-STANDS: Final = 1e-7
-"""m/s: a track that is told to rest, and is slower than this, stands."""
+STANDSTILL_SPEED: Final = 1e-7
+"""m/s: a track that is told to rest, and is slower than this, is at rest."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +60,7 @@ class TrackDrives:
         share = 1.0 if s.lag == 0 else 1 - exp(-period / s.lag)
         most = s.acceleration * period
         self.speeds = self.speeds + np.clip(share * (wanted - self.speeds), -most, most)
-        self.speeds[(wanted == 0) & (np.abs(self.speeds) < STANDS)] = 0.0
+        self.speeds[(wanted == 0) & (np.abs(self.speeds) < STANDSTILL_SPEED)] = 0.0
 
     def brake(self, period: float) -> None:
         """Slow both tracks down for a period in seconds, until they stand."""

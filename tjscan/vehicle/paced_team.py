@@ -13,8 +13,8 @@ from tjscan.core.devices import EventListener
 from tjscan.core.errors import VehicleFault, VehicleLinkLost
 from tjscan.vehicle.vehicle import Vehicle, VehicleState
 
-RETRY: Final = 0.05
-"""Seconds after which a vehicle whose link is lost is asked again."""
+RETRY_PERIOD: Final = 0.05
+"""Seconds after which a vehicle whose link is lost is polled again."""
 
 
 class PacedTeam:
@@ -76,4 +76,4 @@ class PacedTeam:
                 self._newest[k] = self.vehicles[k].next_state()
             except VehicleFault as error:
                 self._newest[k] = error
-                self._closed.wait(RETRY)
+                self._closed.wait(RETRY_PERIOD)

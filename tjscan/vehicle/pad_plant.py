@@ -20,23 +20,23 @@ from tjscan.core.units import DEG, KG, MM, SettingsTable
 from tjscan.vehicle.plant import moved_pose
 from tjscan.vehicle.tracks import TrackGeometry
 
-GRAVITY: Final = 9.81
+GRAVITY_M_S2: Final = 9.81
 """m/s²."""
 
-UNBALANCED: Final = 1e-6
+EQUILIBRIUM_TOLERANCE: Final = 1e-6
 """N and N m: forces that add up to less are in equilibrium."""
 
 MOST_NEWTON_STEPS: Final = 40
 MOST_HALVINGS: Final = 20
 """Both are far more than any step needs that has an equilibrium."""
 
-RIDGE: Final = 1e-9
-"""Share of the stiffness that is left where every pad slides."""
+LEAST_STIFFNESS_SHARE: Final = 1e-9
+"""Share of the stiffness that is left if every pad slides."""
 
-ROUNDING: Final = 1e-15
+ROUNDING_ENERGY: Final = 1e-15
 """J: by so much a potential may seem to rise that falls."""
 
-TINY: Final = 1e-15
+LEAST_LENGTH: Final = 1e-15
 """Metres: keeps what is divided by a length of nothing finite."""
 
 FARTHEST_STEP: Final = 0.01
@@ -45,7 +45,7 @@ FARTHEST_STEP: Final = 0.01
 
 ComplexArray = NDArray[np.complex128]
 
-_DIAGONAL: Final = np.diag_indices(3)
+_DIAGONAL_INDICES: Final = np.diag_indices(3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,10 +139,10 @@ class PadPlant:
         self._at = s.contact_length * (0.5 - (now - whole)) + self._across
         self._lever = self._at.conj()
         self._lever_sq = self._lever**2
-        weight = s.mass * GRAVITY
+        weight = s.mass * GRAVITY_M_S2
         down = sin(s.inclination) * cmath.exp(1j * (s.down - float(self.pose_w[2])))
         self._load = weight * np.array((down.real, down.imag, 0.0))
-        pressed = s.grip * GRAVITY + weight * cos(s.inclination) / (2 * n)
+        pressed = s.grip * GRAVITY_M_S2 + weight * cos(s.inclination) / (2 * n)
         along = (self._lever * down).real
         along = along - along.mean()
         peel = weight * s.mass_height * abs(down) ** 2 * along
@@ -159,20 +159,22 @@ class PadPlant:
         step = self._step if run.any() else np.zeros(3)
         potential, force, hessian = self._equilibrium(start, step)
         for _ in range(MOST_NEWTON_STEPS):
-            if float(np.abs(force).max()) < UNBALANCED:
+            if float(np.abs(force).max()) < EQUILIBRIUM_TOLERANCE:
                 break
             newton = np.linalg.solve(hessian, force)
             newton *= min(1.0, FARTHEST_STEP / float(np.abs(newton).max()))
             for _ in range(MOST_HALVINGS):
                 trial = self._equilibrium(start, step + newton)
-                if trial[0] <= potential + ROUNDING:
+                if trial[0] <= potential + ROUNDING_ENERGY:
                     break
                 newton = newton / 2
             step = step + newton
             potential, force, hessian = trial
         self._step = np.clip(step, -FARTHEST_STEP, FARTHEST_STEP)
         sheared = self._sheared(start, self._step)
-        self._shear = sheared * np.minimum(1.0, self._settings.shear / (np.abs(sheared) + TINY))
+        self._shear = sheared * np.minimum(
+            1.0, self._settings.shear / (np.abs(sheared) + LEAST_LENGTH)
+        )
         return self._step
 
     def _sheared(self, start: ComplexArray, step: Array) -> ComplexArray:
@@ -184,7 +186,7 @@ class PadPlant:
         """Potential, force (along, across, moment) that is left on the body, and its Hessian."""
         most, k = self._settings.shear, self._stiffness
         sheared = self._sheared(start, step)
-        length = np.abs(sheared) + TINY
+        length = np.abs(sheared) + LEAST_LENGTH
         slides = length > most
         share = k * np.minimum(1.0, most / length)
         energy = np.where(slides, most * (length - most / 2), length**2 / 2)
@@ -206,5 +208,5 @@ class PadPlant:
                 (br.imag - ar.imag, ar.real - br.real, turn),
             )
         )
-        hessian[_DIAGONAL] += RIDGE * k.sum()
+        hessian[_DIAGONAL_INDICES] += LEAST_STIFFNESS_SHARE * k.sum()
         return float(k @ energy - self._load @ step), force, hessian

@@ -17,15 +17,15 @@ from tjscan.core.frames import Array
 from tjscan.core.units import DEG, MM, SECONDS, FileUnit, SettingsTable
 from tjscan.vehicle.localisation import VehiclePose
 
-PERCENT: Final = FileUnit("percent", 0.01)
+PERCENT_UNIT: Final = FileUnit("percent", 0.01)
 
-NOISE: Final = np.array((3e-3, 3e-3, radians(1.0)))
+FAULT_NOISE: Final = np.array((3e-3, 3e-3, radians(1.0)))
 """Standard deviation that the fault `PoseFault.NOISE` adds, metres and radians."""
 
-JUMP: Final = np.array((0.5, 0.0, 0.0))
+FAULT_JUMP: Final = np.array((0.5, 0.0, 0.0))
 """By how much the fault `PoseFault.JUMP` puts them off, metres and radians."""
 
-LATE: Final = 0.3
+FAULT_DELAY: Final = 0.3
 HELD_BACK: Final = 0.12
 """Seconds of the faults late and disorder."""
 
@@ -70,7 +70,7 @@ class LocalisationSimulationSettings(SettingsTable):
     period: Annotated[float, Gt(0), Le(1), SECONDS] = 0.05
     position_noise: Annotated[float, Ge(0), Le(1000), MM] = 0.5e-3
     heading_noise: Annotated[float, Ge(0), Le(180), DEG] = radians(0.1)
-    lost: Annotated[float, Ge(0), Le(100), PERCENT] = 0.0
+    lost: Annotated[float, Ge(0), Le(100), PERCENT_UNIT] = 0.0
     delay: Annotated[float, Ge(0), Le(2), SECONDS] = 0.0
 
 
@@ -107,9 +107,9 @@ class DisturbedPoses:
         for vehicle in range(len(poses)):
             at = poses[self._seen_as(vehicle, len(poses))] + scatter * noise[vehicle]
             if self._has(PoseFault.NOISE, vehicle):
-                at = at + NOISE * more[vehicle]
+                at = at + FAULT_NOISE * more[vehicle]
             if self._has(PoseFault.JUMP, vehicle):
-                at = at + JUMP
+                at = at + FAULT_JUMP
             if self._has(PoseFault.NAN, vehicle):
                 at = np.full(3, nan)
             x, y, heading = at.tolist()
@@ -129,7 +129,7 @@ class DisturbedPoses:
         number = next(self._sent)
         delay = self.settings.delay
         if self._has(PoseFault.LATE, vehicle):
-            delay += LATE
+            delay += FAULT_DELAY
         sample = round(pose.time / self.settings.period)
         if self._has(PoseFault.DISORDER, vehicle) and sample % 2:
             delay += HELD_BACK

@@ -17,7 +17,7 @@ from tjscan.vehicle.track_load import TrackLoad
 from tjscan.vehicle.tracks import TrackGeometry
 from tjscan.vehicle.vehicle import Twist, VehicleState
 
-PERIOD: Final = 0.01
+STATE_PERIOD: Final = 0.01
 """Seconds between states."""
 
 
@@ -81,7 +81,7 @@ class SimulatedBody:
         return not self._drives.speeds.any()
 
     def advance(
-        self, twist: Twist | None, *, period: float = PERIOD, grip: float = 1.0
+        self, twist: Twist | None, *, period: float = STATE_PERIOD, grip: float = 1.0
     ) -> VehicleState:
         """Go on by a period, and report the state then.
 
@@ -113,7 +113,7 @@ class SimulatedBody:
 
     def _read_proximity(self) -> tuple[float, ...]:
         due = self._sampled + self._settings.proximity.period
-        if self.time < due - PERIOD / 2:
+        if self.time < due - STATE_PERIOD / 2:
             return ()
         self._sampled = self.time
         return self._sensors.read(self.plant.pose_w, arc_burning=self.arc_burning)

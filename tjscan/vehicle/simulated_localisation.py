@@ -8,7 +8,7 @@ from typing import Final, Self
 from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.localisation import TrackedDisc, VehiclePose
-from tjscan.vehicle.mqtt.wire import REPORTED
+from tjscan.vehicle.mqtt.wire import REPORTED_COUNTS
 from tjscan.vehicle.pose_disturbance import DisturbedPoses, LocalisationSimulationSettings
 
 NOT_A_POSE: Final = "it holds NaN"
@@ -79,7 +79,7 @@ class SimulatedLocalisation:
 
     def _drop(self, vehicle: int, why: str) -> None:
         self.dropped += 1
-        if self.dropped in REPORTED:
+        if self.dropped in REPORTED_COUNTS:
             self._listener(
                 "message-dropped", f"pose of vehicle {vehicle + 1}, number {self.dropped}: {why}"
             )

@@ -7,7 +7,7 @@ from typing import Final, Self
 from tjscan.core.devices import DeviceBase, DeviceIdentity
 from tjscan.core.errors import DriveFault, VehicleFault, VehicleLinkLost, VehicleStopped
 from tjscan.vehicle.cable.world import TowingWorld
-from tjscan.vehicle.simulated_body import PERIOD
+from tjscan.vehicle.simulated_body import STATE_PERIOD
 from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState, check_twist, latest_state
 
 ON_TIME: Final = 1e-6
@@ -57,7 +57,7 @@ class SimulatedTeam:
         time : float
             Seconds on the team's clock.
         """
-        while self.world.time < time - PERIOD / 2:
+        while self.world.time < time - STATE_PERIOD / 2:
             self.advance()
         return tuple(vehicle.newest_state() for vehicle in self.vehicles)
 
@@ -65,7 +65,7 @@ class SimulatedTeam:
         """Let the world go on by one period."""
         for vehicle in self.vehicles:
             self.world.order(vehicle.which, vehicle.wanted())
-        self.world.advance(PERIOD)
+        self.world.advance(STATE_PERIOD)
         for vehicle in self.vehicles:
             vehicle.take_state()
 

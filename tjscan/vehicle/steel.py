@@ -12,7 +12,7 @@ from annotated_types import Ge, Le, Len
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, SECONDS, FileUnit, SettingsTable
 
-PERCENT: Final = FileUnit("percent", 0.01)
+PERCENT_UNIT: Final = FileUnit("percent", 0.01)
 
 Millimetres = Annotated[float, Ge(-1e6), Le(1e6)]
 
@@ -68,7 +68,7 @@ class ProximitySettings(SettingsTable):
     height: Annotated[float, Ge(1), Le(500), MM] = 0.03
     noise: Annotated[float, Ge(0), Le(50), MM] = 5e-4
     period: Annotated[float, Ge(0.001), Le(10), SECONDS] = 0.1
-    irregular: Annotated[float, Ge(0), Le(100), PERCENT] = 0.005
+    irregular: Annotated[float, Ge(0), Le(100), PERCENT_UNIT] = 0.005
 
 
 class ProximitySensors:

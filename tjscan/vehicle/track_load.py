@@ -5,10 +5,10 @@ from __future__ import annotations
 from math import cos, sin
 from typing import Final
 
-from tjscan.vehicle.pad_plant import GRAVITY, PadSettings
+from tjscan.vehicle.pad_plant import GRAVITY_M_S2, PadSettings
 from tjscan.vehicle.tracks import TrackGeometry
 
-TIGHTNESS: Final = (0.925, 0.15)
+TURN_TIGHTNESS: Final = (0.925, 0.15)
 """Of Merritt's formula, as Wong, Theory of Ground Vehicles, prints it."""
 
 
@@ -29,9 +29,9 @@ class TrackLoad:
 
     def __init__(self, pads: PadSettings, tracks: TrackGeometry) -> None:
         self._pads, self._tracks = pads, tracks
-        weight = pads.mass * GRAVITY
+        weight = pads.mass * GRAVITY_M_S2
         self._along = weight * sin(pads.inclination)
-        pressed = 2 * pads.pads * pads.grip * GRAVITY + weight * cos(pads.inclination)
+        pressed = 2 * pads.pads * pads.grip * GRAVITY_M_S2 + weight * cos(pads.inclination)
         self._most = pads.friction * pressed * pads.contact_length / 4
         self._moment = 0.0
 
@@ -41,7 +41,7 @@ class TrackLoad:
         if run == 0.0:
             return
         # R / b = |left + right| / 2 |turn|, multiplied out: straight on there is no R.
-        own, by_radius = TIGHTNESS
+        own, by_radius = TURN_TIGHTNESS
         wanted = self._most * turn / (own * abs(turn) + by_radius * abs(left + right) / 2)
         share = min(run / 2 / self._pads.contact_length, 1.0)
         self._moment += share * (wanted - self._moment)

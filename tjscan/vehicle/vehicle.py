@@ -16,7 +16,7 @@ from tjscan.core.errors import VehicleFault
 DEAD_MAN: Final = 0.5
 """Seconds after its last command at which a vehicle stops by itself."""
 
-CORNERS: Final = ("front left", "front right", "rear left", "rear right")
+PROXIMITY_CORNERS: Final = ("front left", "front right", "rear left", "rear right")
 """Where the proximity sensors are, in the order of `VehicleState.proximity`."""
 
 
@@ -58,8 +58,8 @@ class VehicleState:
     torques : tuple of float, optional
         Of the motors, at the sprocket, N m; empty where they are not known.
     proximity : tuple of float, optional
-        Distance to the surface in metres at each of `CORNERS`; inf or NaN where nothing is seen,
-        empty where this state brings no new sample.
+        Distance to the surface in metres at each of `PROXIMITY_CORNERS`; inf or NaN if nothing is
+        in reach, empty if this state brings no new sample.
     fault : str, optional
         Of the drives, in a sentence; empty where they are well.
     """

@@ -19,7 +19,7 @@ from tjscan.core.signals import read_no_terminal_in_background
 from tjscan.vehicle.mqtt.link import BrokerLink, ReceivedMessage
 from tjscan.vehicle.mqtt.torch_wire import TORCH_COMMANDER_TOPIC, TORCH_TOPIC
 from tjscan.vehicle.mqtt.wire import COMMAND_TOPIC, COMMANDER_TOPIC, PRESENCE_TOPIC, PresenceMessage
-from tjscan.vehicle.simulated_body import PERIOD, SimulatedBody
+from tjscan.vehicle.simulated_body import STATE_PERIOD, SimulatedBody
 from tjscan.vehicle.simulation import VehicleSimulationSettings
 from tjscan.vehicle.tracks import TrackGeometry
 from tjscan_loopback.process import TRUTH_COMMAND, check_is_loopback_address, print_line
@@ -130,7 +130,7 @@ def _run(
 ) -> None:
     before = due = time.monotonic()
     while True:
-        due = max(due + PERIOD, time.monotonic())  # a process that was held up does not hurry
+        due = max(due + STATE_PERIOD, time.monotonic())  # a process that was held up does not hurry
         time.sleep(due - min(time.monotonic(), due))
         while not orders.empty():
             line = orders.get()

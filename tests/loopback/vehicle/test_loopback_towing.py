@@ -20,7 +20,7 @@ from tjscan.vehicle.mqtt.wire import (
     StateMessage,
 )
 from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
-from tjscan.vehicle.simulated_body import PERIOD
+from tjscan.vehicle.simulated_body import STATE_PERIOD
 from tjscan.vehicle.vehicle import DEAD_MAN
 from tjscan_loopback.vehicle.bodies import AT_A_CABLE, ON_TRACKS, CrawlerBody
 from tjscan_loopback.vehicle.faults import VehicleFaultOrder
@@ -65,10 +65,10 @@ class Loopback:
 
     def run(self, seconds: float) -> list[StateMessage]:
         """The last state of each vehicle."""
-        for _ in range(round(seconds / PERIOD)):
-            self.now += PERIOD
-            sent = [dict(vehicle.advance(self.now, PERIOD)) for vehicle in self.vehicles]
-            self.towing.advance(PERIOD)
+        for _ in range(round(seconds / STATE_PERIOD)):
+            self.now += STATE_PERIOD
+            sent = [dict(vehicle.advance(self.now, STATE_PERIOD)) for vehicle in self.vehicles]
+            self.towing.advance(STATE_PERIOD)
             for topic, payload in self.towing.sightings(self.now):
                 place, _, name = topic.partition("/")
                 if name == "pose":
@@ -105,7 +105,7 @@ def test_it_stops_where_it_hears_nothing(loopback: Loopback) -> None:
     loopback.drive(2)
     loopback.run(0.3)
     assert not loopback.vehicles[2].body.stands
-    loopback.run(DEAD_MAN - 0.3 + 2 * PERIOD)
+    loopback.run(DEAD_MAN - 0.3 + 2 * STATE_PERIOD)
     assert loopback.vehicles[2].body.stands
 
 

@@ -12,7 +12,7 @@ from tjscan.vehicle.mqtt.wire import (
     PresenceMessage,
     StateMessage,
 )
-from tjscan.vehicle.simulated_body import PERIOD, SimulatedBody
+from tjscan.vehicle.simulated_body import STATE_PERIOD, SimulatedBody
 from tjscan.vehicle.simulation import VehicleSimulationSettings
 from tjscan.vehicle.tracks import TrackGeometry
 from tjscan.vehicle.vehicle import DEAD_MAN
@@ -61,8 +61,8 @@ def vehicle() -> LoopbackVehicle:
 
 def advance(vehicle: LoopbackVehicle, start: float, seconds: float) -> StateMessage:
     """Go on, with nothing heard; the last state."""
-    for tick in range(1, round(seconds / PERIOD) + 1):
-        sent = vehicle.advance(start + tick * PERIOD, PERIOD)
+    for tick in range(1, round(seconds / STATE_PERIOD) + 1):
+        sent = vehicle.advance(start + tick * STATE_PERIOD, STATE_PERIOD)
     return StateMessage.from_json(dict(sent)["state"])
 
 
@@ -87,7 +87,7 @@ def test_it_stands_when_the_dead_man_time_is_over(speed: float, start: float) ->
     program = Program(driven)
     program.announce(start)
     program.drive(1, start, speed)
-    advance(driven, start, DEAD_MAN + 2 * PERIOD)
+    advance(driven, start, DEAD_MAN + 2 * STATE_PERIOD)
     assert driven.body.stands
     # It is no latch: the next command drives again.
     program.drive(2, start + 1.0, 0.05)
@@ -108,7 +108,7 @@ def test_it_brakes_at_once_when(what: str) -> None:
         driven.link_stands = False
     else:
         driven.order_fault(VehicleFaultOrder.DRIVE_FAULT)
-    advance(driven, 0.3, driven.body.braking_time + PERIOD)
+    advance(driven, 0.3, driven.body.braking_time + STATE_PERIOD)
     assert driven.body.stands
 
 

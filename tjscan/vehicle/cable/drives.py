@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array
 from tjscan.vehicle.cable.model import TowingVehicleModel
 
-GRAVITY: Final = 9.81
+GRAVITY_M_S2: Final = 9.81
 """m/s²."""
 
 CONTROL_RATE: Final = 40.0
@@ -35,7 +35,7 @@ class OmnidirectionalDrives:
         self._model = model
         inertia = 0.5 * model.mass * model.body_radius**2
         self._mass = np.array((model.mass, model.mass, inertia))
-        self.grip_force = model.grip * model.mass * GRAVITY
+        self.grip_force = model.grip * model.mass * GRAVITY_M_S2
         """Most that the floor gives the wheels of a vehicle, newton."""
         self.most_force = min(model.force, self.grip_force)
         """Most that a vehicle pushes with, newton."""

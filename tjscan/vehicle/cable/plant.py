@@ -12,10 +12,10 @@ from tjscan.core.frames import Array
 from tjscan.vehicle.cable.model import TowingWorldModel
 from tjscan.vehicle.cable.scene import specify_scene
 
-STEP: Final = 0.005
+TIME_STEP: Final = 0.005
 """Seconds of one step; docs/vehicles.md has what others give."""
 
-DIVERGED: Final = tuple(
+DIVERGENCE_WARNINGS: Final = tuple(
     getattr(mujoco.mjtWarning, f"mjWARN_BAD{what}") for what in ("QPOS", "QVEL", "QACC")
 )
 
@@ -37,7 +37,7 @@ class CablePlant:
         Seconds.
     """
 
-    def __init__(self, world: TowingWorldModel, angles: Array, *, step: float = STEP) -> None:
+    def __init__(self, world: TowingWorldModel, angles: Array, *, step: float = TIME_STEP) -> None:
         self.cable, self.step = world.cable, step
         model: Any = specify_scene(world, step).compile()
         self._model, self._data = model, mujoco.MjData(model)
@@ -126,7 +126,7 @@ class CablePlant:
         """
         self._data.qfrc_applied[self._dof] = np.ravel(forces)
         mujoco.mj_step(self._model, self._data)
-        if any(self._data.warning[kind].number for kind in DIVERGED):
+        if any(self._data.warning[kind].number for kind in DIVERGENCE_WARNINGS):
             raise VehicleFault(
                 "the simulation of the cable diverged. Forces or speeds are beyond what it can "
                 "follow; take a smaller step."

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.vehicle.cable.drives import GRAVITY
+from tjscan.vehicle.cable.drives import GRAVITY_M_S2
 from tjscan.vehicle.cable.model import CableModel, TowingWorldModel
 
 SLIDING_STIFFNESS: Final = 1000.0
@@ -34,7 +34,7 @@ WELDED_SHARE: Final = 0.1
 light."""
 
 WALL_THICKNESS: Final = 0.02
-HEIGHT: Final = 0.3
+WALL_HEIGHT: Final = 0.3
 """Of walls and passers-by, metres."""
 
 FLOOR, WALL, PASSER_BY, LINK, VEHICLE = (1 << bit for bit in range(5))
@@ -62,7 +62,7 @@ def specify_scene(world: TowingWorldModel, step: float) -> Any:
     """
     spec: Any = mujoco.MjSpec()
     option = spec.option
-    option.timestep, option.gravity = step, (0.0, 0.0, -GRAVITY)
+    option.timestep, option.gravity = step, (0.0, 0.0, -GRAVITY_M_S2)
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, SLIDING_STIFFNESS
     spec.worldbody.add_geom(
@@ -74,8 +74,8 @@ def specify_scene(world: TowingWorldModel, step: float) -> Any:
         spec.worldbody.add_body(name=name, mocap=True).add_geom(
             name=name,
             type=Geom.mjGEOM_CYLINDER,
-            size=(passer_by.radius, HEIGHT / 2, 0),
-            pos=(0, 0, HEIGHT / 2),
+            size=(passer_by.radius, WALL_HEIGHT / 2, 0),
+            pos=(0, 0, WALL_HEIGHT / 2),
             contype=PASSER_BY,
             conaffinity=0,
         )
@@ -99,8 +99,8 @@ def _add_walls(ground: Any, walls: tuple[Array, ...]) -> None:
             ground.add_geom(
                 name=f"wall {edge}" if which == 0 else f"pillar {which}, side {edge}",
                 type=Geom.mjGEOM_BOX,
-                size=(length / 2, WALL_THICKNESS / 2, HEIGHT / 2),
-                pos=(x, y, HEIGHT / 2),
+                size=(length / 2, WALL_THICKNESS / 2, WALL_HEIGHT / 2),
+                pos=(x, y, WALL_HEIGHT / 2),
                 quat=(np.cos(turn), 0, 0, np.sin(turn)),
                 contype=WALL,
                 conaffinity=0,

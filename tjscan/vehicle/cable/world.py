@@ -11,16 +11,16 @@ import numpy as np
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.vehicle.cable.drives import OmnidirectionalDrives
 from tjscan.vehicle.cable.model import TowingWorldModel
-from tjscan.vehicle.cable.plant import STEP, CablePlant
+from tjscan.vehicle.cable.plant import TIME_STEP, CablePlant
 from tjscan.vehicle.vehicle import Twist, VehicleState
 
-REMEMBERED: Final = 5.0
+POSE_HISTORY: Final = 5.0
 """Seconds for which the world remembers where the vehicles were."""
 
 PUSH_TIME: Final = 0.5
 """Seconds that a push takes."""
 
-JAMMED: Final = "wheels: jammed"
+JAM_REPORT: Final = "wheels: jammed"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +91,7 @@ class TowingWorld:
         seed: int = 0,
         time: float = 0.0,
         settle: float = 1.0,
-        step: float = STEP,
+        step: float = TIME_STEP,
     ) -> None:
         self.model, self.plant = model, CablePlant(model, angles, step=step)
         self.vehicles: int = len(model.cable.held)
@@ -155,7 +155,7 @@ class TowingWorld:
         return VehicleState(
             self.time,
             Twist(speed, turn_rate, sideways),
-            fault=JAMMED if self._jammed[vehicle] else "",
+            fault=JAM_REPORT if self._jammed[vehicle] else "",
         )
 
     def stands(self, vehicle: int) -> bool:
@@ -259,5 +259,5 @@ class TowingWorld:
 
     def _remember(self) -> None:
         self.poses_before.append((self.time, readonly_copy(self.plant.poses)))
-        while self.poses_before[0][0] < self.time - REMEMBERED:
+        while self.poses_before[0][0] < self.time - POSE_HISTORY:
             self.poses_before.popleft()

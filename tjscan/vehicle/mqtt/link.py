@@ -24,7 +24,7 @@ three seconds after a client froze; long before that the vehicle has stopped by 
 RECONNECT_DELAY: Final = 1
 """Seconds between attempts to connect again."""
 
-FAREWELL: Final = 1.0
+FAREWELL_TIMEOUT: Final = 1.0
 """Seconds that the last message may take."""
 
 
@@ -145,7 +145,7 @@ class BrokerLink:
         """Say that this end goes, and disconnect."""
         if self.stands:
             with suppress(RuntimeError, ValueError):  # it broke this very moment
-                self._announce(alive=False).wait_for_publish(FAREWELL)
+                self._announce(alive=False).wait_for_publish(FAREWELL_TIMEOUT)
         self._client.disconnect()
         self._client.loop_stop()
 

@@ -16,7 +16,7 @@ from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings
 from tjscan.vehicle.mqtt.wire import (
     PASSER_BY_TOPIC,
     POSE_TOPIC,
-    REPORTED,
+    REPORTED_COUNTS,
     BadMessage,
     PasserByMessage,
     PoseMessage,
@@ -26,7 +26,7 @@ from tjscan.vehicle.mqtt.wire import (
 READER_TOPIC: Final = "reader"
 """Where whoever reads the poses announces itself."""
 
-LOOK: Final = 0.01
+LOOK_PERIOD: Final = 0.01
 """Seconds between two looks for the first poses."""
 
 
@@ -94,7 +94,7 @@ class MqttLocalisation:
                     f"no pose of vehicle {missing} came from the broker at {s.host}:{s.port} on "
                     f"{s.prefix}/N/{POSE_TOPIC}. See that the localisation runs and sees it."
                 )
-            time.sleep(LOOK)
+            time.sleep(LOOK_PERIOD)
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -149,7 +149,7 @@ class MqttLocalisation:
                 self._newest[int(first) - 1] = VehiclePose(measured, pose.x, pose.y, pose.heading)
         except BadMessage as error:
             self.dropped += 1
-            if self.dropped in REPORTED:
+            if self.dropped in REPORTED_COUNTS:
                 self._events.put(
                     ("message-dropped", f"on {received.topic}, number {self.dropped}: {error}")
                 )

@@ -26,7 +26,7 @@ from tjscan.vehicle.mqtt.wire import (
     COMMANDER_TOPIC,
     POSE_TOPIC,
     PRESENCE_TOPIC,
-    REPORTED,
+    REPORTED_COUNTS,
     STATE_TOPIC,
     BadMessage,
     CommandMessage,
@@ -37,7 +37,7 @@ from tjscan.vehicle.mqtt.wire import (
 )
 from tjscan.vehicle.vehicle import REST, Twist, VehicleState, check_twist, latest_state
 
-REPEAT: Final = 0.05
+REPEAT_PERIOD: Final = 0.05
 """Seconds after which the last order is sent again."""
 
 MOST_WAITING: Final = 20
@@ -201,7 +201,7 @@ class MqttVehicle:
         while self._connected:
             self._send(time.monotonic())
             try:
-                self._wake.get(timeout=REPEAT)
+                self._wake.get(timeout=REPEAT_PERIOD)
                 while not self._wake.empty():
                     self._wake.get()
             except Empty:
@@ -243,7 +243,7 @@ class MqttVehicle:
                 self._pose = message
         except BadMessage as error:
             self.dropped += 1
-            if self.dropped in REPORTED:
+            if self.dropped in REPORTED_COUNTS:
                 self._events.put(
                     ("message-dropped", f"on {received.topic}, number {self.dropped}: {error}")
                 )
@@ -268,7 +268,7 @@ class MqttVehicle:
         if self._states.qsize() >= MOST_WAITING:
             self._states.get()
             self.dropped += 1
-            if self.dropped in REPORTED:
+            if self.dropped in REPORTED_COUNTS:
                 self._events.put(("message-dropped", "a state that nobody read in time"))
         self._states.put(message.state)
 

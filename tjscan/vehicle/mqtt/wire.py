@@ -12,7 +12,7 @@ from annotated_types import Ge, Le, Len
 from pydantic import TypeAdapter, ValidationError
 
 from tjscan.core.version import PROGRAM_VERSION
-from tjscan.vehicle.vehicle import CORNERS, Twist, VehicleState
+from tjscan.vehicle.vehicle import PROXIMITY_CORNERS, Twist, VehicleState
 
 COMMAND_TOPIC: Final = "command"
 COMMANDER_TOPIC: Final = "commander"
@@ -30,10 +30,10 @@ MOST_DELAY: Final = 0.25
 CLOCK_DRIFT: Final = 1e-3
 """By how much two clocks may differ in rate."""
 
-REPORTED: Final = frozenset(10**n for n in range(10))
+REPORTED_COUNTS: Final = frozenset(10**n for n in range(10))
 """The first message that is dropped is reported, then the tenth, the hundredth, and so on."""
 
-_ADAPTERS: Final[dict[type, TypeAdapter[Any]]] = {}
+_MESSAGE_ADAPTERS: Final[dict[type, TypeAdapter[Any]]] = {}
 
 Session = Annotated[str, Len(4, 64)]
 Number = Annotated[int, Ge(0), Le(2**53)]
@@ -85,9 +85,9 @@ class WireMessage:
         """
         if len(payload) > MOST_BYTES:
             raise BadMessage(f"it is {len(payload)} bytes long")
-        adapter = _ADAPTERS.get(cls)
+        adapter = _MESSAGE_ADAPTERS.get(cls)
         if adapter is None:
-            adapter = _ADAPTERS[cls] = TypeAdapter(cls)
+            adapter = _MESSAGE_ADAPTERS[cls] = TypeAdapter(cls)
         try:
             message: Self = adapter.validate_json(payload)
         except ValidationError as error:
@@ -146,7 +146,7 @@ class StateMessage(WireMessage):
     torques : tuple of float
         Of the motors, N m; empty where not known.
     proximity : tuple of float or None
-        At each of `CORNERS`, metres; null where nothing is seen, empty without a new sample.
+        At each of `PROXIMITY_CORNERS`, metres; null if nothing is in reach, empty without a sample.
     fault : str
         Of the drives; empty where they are well.
     commander : str
@@ -158,13 +158,13 @@ class StateMessage(WireMessage):
     turn_rate: TurnRate
     sideways: Speed
     torques: Annotated[tuple[Torque, ...], Len(0, 16)] = ()
-    proximity: Annotated[tuple[Distance | None, ...], Len(0, len(CORNERS))] = ()
+    proximity: Annotated[tuple[Distance | None, ...], Len(0, len(PROXIMITY_CORNERS))] = ()
     fault: Annotated[str, Len(0, 500)] = ""
     commander: Annotated[str, Len(0, 64)] = ""
 
     def __post_init__(self) -> None:
-        if len(self.proximity) not in (0, len(CORNERS)):
-            raise ValueError(f"proximity holds {len(CORNERS)} distances or none")
+        if len(self.proximity) not in (0, len(PROXIMITY_CORNERS)):
+            raise ValueError(f"proximity holds {len(PROXIMITY_CORNERS)} distances or none")
 
     @classmethod
     def of_state(
