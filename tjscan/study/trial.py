@@ -26,7 +26,7 @@ class Trial:
     inputs : mapping
         What was varied, by dotted key, and what followed from that.
     task : str
-        Which algorithm runs; see `tjscan.core.registry.TASKS`.
+        Which algorithm runs; see `tjscan.runs.tasks.ALL_TASKS`.
     settings : str
         Everything that it needs, as canonical JSON.
     """
