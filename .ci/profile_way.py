@@ -27,7 +27,7 @@ PAPER_JOB: Final = Path(tjscan.__file__).parents[1] / "examples" / "paper.toml"
 TRACED_SECTION: Final = 3
 """Number of the section whose correction substep is traced, from 0."""
 
-FIRST_CALL, NEXT_CALL = "take_view", "record_section"
+FIRST_CALL, NEXT_CALL = "take_view", "_keep"
 """Names of the function that the way begins with, and of the one called once it has ended."""
 
 
@@ -67,15 +67,12 @@ class _TracingJournal:
     def __init__(self) -> None:
         self.calls: list[Call] = []
 
-    def record_view(self, view: ProfileView) -> None:
-        if view.index == TRACED_SECTION and view.substep is Substep.PREDICTION:
-            sys.setprofile(self._note_call)
-
-    def record_section(self, section: ScannedSection) -> None:
-        sys.setprofile(None)
-
-    def record_event(self, name: str, detail: str) -> None:
-        pass
+    def record(self, message: object) -> None:
+        match message:
+            case ProfileView(index=number, substep=Substep.PREDICTION) if number == TRACED_SECTION:
+                sys.setprofile(self._note_call)
+            case ScannedSection():
+                sys.setprofile(None)
 
     def _note_call(self, frame: FrameType, event: str, argument: object) -> None:
         code = frame.f_code

@@ -49,10 +49,11 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan
 from tjscan.runs.scan.study import ScanOutcome
+from tjscan.runs.tasks import study_backend_of_task
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.topics import ScanRecording
-from tjscan.study.file import read_study_file, trials_of_study
+from tjscan.study.file import plan_study, read_study_file
 from tjscan.study.store import PLAN_FILE, ROWS_FILE, make_study_directory, read_rows, read_trials
 from tjscan.study.trial import StudyRow
 
@@ -203,19 +204,27 @@ def _tables(run: Path) -> Iterator[Reader]:
 
 def _studies(folder: Path) -> Iterator[Reader]:
     studies = tuple((EXAMPLES / f"{name}-study.toml").read_bytes() for name in ("paper", "joints"))
-    yield Reader("study", "study.toml", studies, read_study_file, 2)
+    yield Reader(
+        "study", "study.toml", studies, lambda f: read_study_file(f, study_backend_of_task), 2
+    )
     file = folder / "study.toml"
     file.write_text(
         f'job = "{EXAMPLES / "paper.toml"}"\n[grid]\nscan.step_mm = [40.0, 50.0]\n',
         encoding="utf-8",
     )
-    trials = trials_of_study(read_study_file(file), file)
+    trials = plan_study(file, study_backend_of_task)
     make_study_directory(folder / "study", trials)
     plan = (folder / "study" / PLAN_FILE).read_bytes()
     yield Reader("plan", f"study/{PLAN_FILE}", (plan,), lambda f: read_trials(f.parent), 1)
     short = ScanOutcome(False, "cut", "short")
     rows = b"".join(StudyRow.from_trial(t, short).to_json_line().encode() + b"\n" for t in trials)
-    yield Reader("rows", f"study/{ROWS_FILE}", (rows,), lambda f: read_rows(f.parent, trials), 1)
+    yield Reader(
+        "rows",
+        f"study/{ROWS_FILE}",
+        (rows,),
+        lambda f: read_rows(f.parent, trials, study_backend_of_task),
+        1,
+    )
 
 
 def _shapes(folder: Path) -> Iterator[Reader]:

@@ -40,7 +40,7 @@ from tjscan.live.colours import ARM_COLOUR, viridis
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import Setting
 from tjscan.recording.journal import RunEvent
-from tjscan.runs.live.view import read_recorded_show
+from tjscan.runs.tasks import read_recorded_show
 from tjscan.scanning.reader import read_recorded_scan
 
 if TYPE_CHECKING:

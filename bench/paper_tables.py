@@ -30,6 +30,7 @@ from matplotlib.figure import Figure
 from tjscan.core.errors import ConfigurationError
 from tjscan.result.picture import write_png
 from tjscan.runs.scan.study import ScanOutcome
+from tjscan.runs.tasks import study_backend_of_task
 from tjscan.runs.tow.study import TOW_STUDY, TowOutcome
 from tjscan.study.backend import ReportedQuantity
 from tjscan.study.report import RowGroup, keys_to_show
@@ -187,7 +188,7 @@ def paper_lines(folder: Path) -> list[str]:
         If the folder holds no study that the papers print figures of.
     """
     trials = read_trials(folder)
-    by_key = read_rows(folder, trials)
+    by_key = read_rows(folder, trials, study_backend_of_task)
     rows: list[StudyRow[Any]] = [by_key[one.hash_key] for one in trials if one.hash_key in by_key]
     if rows and trials[0].task == "tow":
         return list(towing_table(rows))

@@ -27,6 +27,7 @@ from tjscan.job import (
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.runs.chain import read_chain
+from tjscan.runs.tasks import study_backend_of_task
 from tjscan.study.file import read_study_file
 
 RUN: Final = {
@@ -99,7 +100,7 @@ LOADERS: Final[dict[str, tuple[Callable[[Path, Any], object], str]]] = {
     "crawl replay": (read_crawl_job, "crawl"),
     "tow run": (read_tow_job, "tow-simulation"),
     "tow replay": (read_tow_job, "tow-simulation"),
-    "study": (lambda file, _: read_study_file(file), "paper-study"),
+    "study": (lambda file, _: read_study_file(file, study_backend_of_task), "paper-study"),
     "chain": (lambda file, _: read_chain(file), "paper-chain"),
 }
 """What reads the file of a command that is only parsed, and the example that stands for JOB."""

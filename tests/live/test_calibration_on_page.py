@@ -17,7 +17,7 @@ from tjscan.live.listening import RunOnPage
 from tjscan.live.step import Step
 from tjscan.runs.calibration.run import start_calibration
 from tjscan.runs.live.calibration import CalibrationShow, PageOperator
-from tjscan.runs.live.view import read_recorded_show
+from tjscan.runs.tasks import read_recorded_show
 
 JOB = EXAMPLES / "calibrate.toml"
 SHORT = {"board.touches": 4, "board.lines": 5}

@@ -13,7 +13,7 @@ from tjscan.live.drawables import MeasuredPiece
 from tjscan.live.page import PageAddress
 from tjscan.live.replay import Replay
 from tjscan.live.step import RecordedShow
-from tjscan.runs.live.view import read_recorded_show
+from tjscan.runs.tasks import read_recorded_show
 
 RUN = Path(__file__).parents[1] / "data" / "run-0.1.0"
 

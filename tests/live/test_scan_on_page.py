@@ -15,8 +15,8 @@ from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.page import Page, PageAddress
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.live.scan import show_scan
-from tjscan.runs.live.view import read_recorded_show
 from tjscan.runs.scan.context import RunContext
+from tjscan.runs.tasks import read_recorded_show
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.stopping import StopRequest
 

@@ -11,7 +11,8 @@ from cells import PAPER
 from command import tjscan
 
 from tjscan.runs.scan.study import ScanOutcome
-from tjscan.study.file import read_study_file, trials_of_study
+from tjscan.runs.tasks import study_backend_of_task
+from tjscan.study.file import plan_study
 from tjscan.study.run import run_study, run_trial
 from tjscan.study.schedule import CrashedTask, DaskScheduler, FinishedTask
 from tjscan.study.store import ROWS_FILE, make_study_directory, read_rows
@@ -44,13 +45,13 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def trials(study: Path) -> tuple[Trial, ...]:
-    return trials_of_study(read_study_file(study), study)
+    return plan_study(study, study_backend_of_task)
 
 
 @pytest.fixture(scope="module")
 def rows(trials: tuple[Trial, ...]) -> tuple[StudyRow[Any], ...]:
     """What every run of the study shall give: made here, one after the other."""
-    return tuple(run_trial(trial).without_wall_time for trial in trials)
+    return tuple(run_trial(trial, study_backend_of_task).without_wall_time for trial in trials)
 
 
 class Here:
@@ -94,17 +95,19 @@ def test_an_interrupted_study_goes_on_to_the_same_table(
 ) -> None:
     make_study_directory(tmp_path / "s", trials)
     with pytest.raises(KeyboardInterrupt):
-        run_study(tmp_path / "s", Here(stop_after=2), ignore)
+        run_study(tmp_path / "s", Here(stop_after=2), ignore, study_backend_of_task)
     assert len(pq.read_table(tmp_path / "s" / "study.parquet")) == 2
     # The machine lost power in the middle of a line.
     with (tmp_path / "s" / ROWS_FILE).open("a") as file:
         file.write(rows[3].to_json_line()[:50])
     rest = Here()
-    assert timeless(run_study(tmp_path / "s", rest, ignore)) == rows
+    assert timeless(run_study(tmp_path / "s", rest, ignore, study_backend_of_task)) == rows
     assert rest.made == len(rows) - 2
-    assert set(read_rows(tmp_path / "s", trials)) == {trial.hash_key for trial in trials}
+    assert set(read_rows(tmp_path / "s", trials, study_backend_of_task)) == {
+        trial.hash_key for trial in trials
+    }
     again = Here()
-    assert timeless(run_study(tmp_path / "s", again, ignore)) == rows
+    assert timeless(run_study(tmp_path / "s", again, ignore, study_backend_of_task)) == rows
     assert again.made == 0
 
 
@@ -113,7 +116,10 @@ def test_processes_change_nothing(
     workers: int, trials: tuple[Trial, ...], rows: tuple[StudyRow[Any], ...], tmp_path: Path
 ) -> None:
     make_study_directory(tmp_path / "s", trials)
-    assert timeless(run_study(tmp_path / "s", DaskScheduler(workers), ignore)) == rows
+    assert (
+        timeless(run_study(tmp_path / "s", DaskScheduler(workers), ignore, study_backend_of_task))
+        == rows
+    )
 
 
 def test_a_lost_task_is_a_row_that_says_so(trials: tuple[Trial, ...], tmp_path: Path) -> None:
@@ -122,7 +128,7 @@ def test_a_lost_task_is_a_row_that_says_so(trials: tuple[Trial, ...], tmp_path: 
         yield from (CrashedTask(trial, "its process died") for trial in trials)
 
     make_study_directory(tmp_path / "s", trials[:1])
-    (row,) = run_study(tmp_path / "s", losing, ignore)
+    (row,) = run_study(tmp_path / "s", losing, ignore, study_backend_of_task)
     assert not row.outcome.complete
     assert row.outcome.reason == LOST_WORKER
     assert "its process died" in (tmp_path / "s" / "report.md").read_text()

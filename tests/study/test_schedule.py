@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Any
 
 import pytest
@@ -16,6 +17,7 @@ from cells import PAPER
 from study_work import double_or_die, once, threads
 
 from tjscan.core.errors import ComputeClusterFault, ConfigurationError
+from tjscan.runs.tasks import study_backend_of_task
 from tjscan.study.file import StudyFile, trials_of_study
 from tjscan.study.run import run_trial
 from tjscan.study.schedule import CrashedTask, DaskScheduler, FinishedTask, check_study_packages
@@ -50,7 +52,7 @@ def address() -> Iterator[str]:
 def made(scheduler: DaskScheduler, trials: tuple[Trial, ...]) -> list[StudyRow[Any]]:
     rows = [
         e.result.without_wall_time
-        for e in scheduler(run_trial, trials)
+        for e in scheduler(partial(run_trial, backend_of=study_backend_of_task), trials)
         if isinstance(e, FinishedTask)
     ]
     return sorted(rows, key=lambda row: row.index)
@@ -60,7 +62,7 @@ def test_a_cluster_gives_the_same_rows_to_the_last_digit(address: str) -> None:
     study = StudyFile(
         job=PAPER.name, fixed={"scan.sections": 4}, grid={"scan.step_mm": [30.0, 40.0, 50.0]}
     )
-    trials = trials_of_study(study, PAPER)
+    trials = trials_of_study(study, PAPER, study_backend_of_task)
     rows = made(DaskScheduler(address=address), trials)
     assert len(rows) == 3
     assert rows == made(DaskScheduler(1), trials)
@@ -107,7 +109,7 @@ def test_a_cluster_without_workers_is_refused(monkeypatch: pytest.MonkeyPatch) -
 def test_workers_with_another_version_are_refused(
     address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tjscan.study.schedule.VERSION", "0.0.7")
+    monkeypatch.setattr("tjscan.study.schedule.PROGRAM_VERSION", "0.0.7")
     with pytest.raises(ComputeClusterFault, match=r"this machine 0\.0\.7"):
         list(DaskScheduler(address=address)(once, (0,)))
 

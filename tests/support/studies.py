@@ -10,6 +10,7 @@ import tomli_w
 from cells import PAPER
 
 from tjscan.runs.scan.study import StudyScanSettings
+from tjscan.runs.tasks import study_backend_of_task
 from tjscan.study.file import read_study_file, trials_of_study
 from tjscan.study.trial import Trial
 
@@ -23,7 +24,9 @@ def expand_in(folder: Path) -> Expand:
     def trials(**tables: Any) -> tuple[Trial, ...]:
         file = folder / "study.toml"
         file.write_text(tomli_w.dumps({"job": str(PAPER), **tables}), encoding="utf-8")
-        return trials_of_study(read_study_file(file), file)
+        return trials_of_study(
+            read_study_file(file, study_backend_of_task), file, study_backend_of_task
+        )
 
     return trials
 

@@ -22,6 +22,7 @@ def init(example: str | None = None, *, out: Path | None = None) -> None:
     from json import dumps
 
     from tjscan.cli.output.console import print_message, print_table
+    from tjscan.cli.schema import json_schema_of_kind
     from tjscan.core.errors import ConfigurationError
     from tjscan.core.files import write_files_atomically
     from tjscan.job.examples import examples, files_of_example
@@ -37,7 +38,7 @@ def init(example: str | None = None, *, out: Path | None = None) -> None:
         if kind is not None:
             schema = f"{kind.word}.schema.json"
             texts[name] = f"#:schema ./{schema}\n\n{texts[name]}"
-            texts[schema] = dumps(kind.json_schema(), indent=1)
+            texts[schema] = dumps(json_schema_of_kind(kind), indent=1)
     there = [name for name in texts if (folder / name).exists()]
     if there:
         raise ConfigurationError(

@@ -31,8 +31,7 @@ def reprocess(
 
     keys = parse_overrides(overrides)
     with show_phase("reading the profiles again"):
-        from tjscan.cli.output.scan import print_scan_summary
-        from tjscan.cli.output.stitching import print_stitched_groove
+        from tjscan.cli.output.scan import print_scan_summary, print_stitched_groove
         from tjscan.report.write import write_run_report
         from tjscan.runs.scan.reprocess import reprocess_run as read_again
 

@@ -13,8 +13,7 @@ from tjscan.cli.interrupt import INTERRUPT_EXIT_CODE, ctrl_c_presser, stop_reque
 from tjscan.cli.operators import TerminalOperator
 from tjscan.cli.options.page import LiveScanOptions
 from tjscan.cli.output.console import print_json, print_message
-from tjscan.cli.output.scan import print_scan_summary, scan_progress_bar
-from tjscan.cli.output.stitching import print_stitched_groove
+from tjscan.cli.output.scan import print_scan_summary, print_stitched_groove, scan_progress_bar
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.job import ScanJob

@@ -43,7 +43,7 @@ def stitch(
     from tjscan.core.errors import ConfigurationError
 
     with show_phase("loading what stitches"):
-        from tjscan.cli.output.stitching import print_stitched_groove
+        from tjscan.cli.output.scan import print_stitched_groove
         from tjscan.report.write import write_run_report
         from tjscan.runs.run import default_run_directory
         from tjscan.runs.stations.stitch import stitch_run_directories

@@ -40,7 +40,8 @@ def study(
     from tjscan.cli.output.study import print_study_outcome, study_progress_bar
     from tjscan.core.errors import ConfigurationError
     from tjscan.runs.run import default_run_directory
-    from tjscan.study.file import read_study_file, trials_of_study
+    from tjscan.runs.tasks import study_backend_of_task
+    from tjscan.study.file import plan_study
     from tjscan.study.run import run_study
     from tjscan.study.schedule import DaskScheduler, check_study_packages
     from tjscan.study.store import make_study_directory, read_trials
@@ -50,7 +51,7 @@ def study(
     if workers is not None and (workers < 1 or scheduler is not None):
         raise ConfigurationError("--workers is 1 or more, and not beside --scheduler")
     directory = study if resume else out or default_run_directory(study)
-    trials = read_trials(study) if resume else trials_of_study(read_study_file(study), study)
+    trials = read_trials(study) if resume else plan_study(study, study_backend_of_task)
     if dry_run:
         print_message(f"{study}: the study is sound; it makes {len(trials)} runs")
         return
@@ -63,5 +64,5 @@ def study(
         )
     where = DaskScheduler(workers or os.cpu_count() or 1, scheduler)
     with study_progress_bar(len(trials)) as watch:
-        rows = run_study(directory, where, watch)
+        rows = run_study(directory, where, watch, study_backend_of_task)
     print_study_outcome(rows, directory, json=json)

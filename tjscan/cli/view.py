@@ -25,7 +25,7 @@ def view(*runs: Path, page: PageOptions | None = None) -> None:
     where = (page or PageOptions()).where
     with show_phase("reading the recordings"):
         from tjscan.live.replay import Replay
-        from tjscan.runs.live.view import read_recorded_show
+        from tjscan.runs.tasks import read_recorded_show
 
         shows = [read_recorded_show(run) for run in runs]
     with Replay(shows, where).page as shown:

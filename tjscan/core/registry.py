@@ -1,4 +1,4 @@
-"""Named things that are loaded when they are asked for: drivers of devices, algorithms."""
+"""Named things that are loaded when they are asked for: drivers of devices."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Final, Generic, Literal, TypeVar
+from typing import Any, Generic, TypeVar
 
 from tjscan.core.errors import ConfigurationError, nearest_word
 
@@ -117,68 +117,3 @@ class Registry(Generic[T]):
             f"pip install {what}",
             key=self.key,
         )
-
-
-@dataclass(frozen=True, slots=True)
-class TaskPlugin:
-    """What a task, such as scan or calibration, adds to reports and studies.
-
-    A part is named by where it is, ``module:attribute``, and imported when it is asked for; an
-    algorithm that brings nothing of a kind leaves it empty. Each part's type belongs to whoever
-    asks for it.
-
-    Parameters
-    ----------
-    name : str
-        As in `TASKS`.
-    report : str
-        Its chapters of a report.
-    study : str
-        What a study varies, runs and measures: a `tjscan.study.backend.StudyBackend`.
-    recording : str
-        Name of its recording, if the chapter of a run that has one is a page of its own.
-    result : str
-        Name of a file by which a directory without job and recording is known to hold its result.
-    page : str
-        Its chapter on its own page, if that is another than in the reports of other tasks.
-    live : str
-        What the live page shows of its recording: a `tjscan.live.step.ShowReader`.
-    """
-
-    name: str
-    report: str = ""
-    study: str = ""
-    recording: str = ""
-    result: str = ""
-    page: str = ""
-    live: str = ""
-
-    def load_part(self, part: Literal["report", "study", "page", "live"]) -> Any:
-        """Import one part that the task adds: report chapter, study, own page, live show.
-
-        Parameters
-        ----------
-        part : str
-            Which one.
-
-        Raises
-        ------
-        ConfigurationError
-            If the algorithm brings none.
-        """
-        place: str = getattr(self, part)
-        if not place:
-            raise ConfigurationError(f"the task {self.name!r} brings no {part}")
-        return EntryPoint(part, place, "tjscan.task").load()
-
-
-TASKS: Final[Registry[TaskPlugin]] = Registry(
-    "task",
-    {
-        "scan": "tjscan.scanning.task:TASK",
-        "calibrate": "tjscan.calibration.task:TASK",
-        "crawl": "tjscan.crawler.task:TASK",
-        "tow": "tjscan.towing.task:TASK",
-    },
-)
-"""The algorithms. What each brings to results, reports and studies is stated there."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint
-from typing import Any, Final
+from typing import Final
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,8 +17,6 @@ class FileKind:
         Chooses it on the command line.
     name : str
         With its article.
-    model : str
-        Its model: ``module:class``.
     own_tables : frozenset of str
         Tables or keys that every such file has, and that no file of another kind has together.
     use : str
@@ -28,79 +25,62 @@ class FileKind:
 
     word: str
     name: str
-    model: str
     own_tables: frozenset[str]
     use: str
-
-    def json_schema(self) -> dict[str, Any]:
-        """The JSON schema of such files."""
-        from tjscan.core.json_schema import json_schema_of
-
-        model = EntryPoint(self.word, self.model, "tjscan.file").load()
-        return json_schema_of(model, self.name)
 
 
 FILE_KINDS: Final = (
     FileKind(
         "joint",
         "a joint",
-        "tjscan.joint.file:JointFile",
         frozenset({"leg", "brace"}),
         "a job names it under joint.file",
     ),
     FileKind(
         "chain",
         "a chain of a calibration and a scan",
-        "tjscan.runs.chain:ChainFile",
         frozenset({"calibrate", "scan"}),
         "run it with 'tjscan chain'",
     ),
     FileKind(
         "scan",
         "a job of a scan",
-        "tjscan.job.files:ScanJob",
         frozenset({"scan"}),
         "run it with 'tjscan scan'",
     ),
     FileKind(
         "crawl",
         "a job of a crawler",
-        "tjscan.job.crawl.job:CrawlJob",
         frozenset({"vehicle", "weld"}),
         "run it with 'tjscan crawl run'",
     ),
     FileKind(
         "tow",
         "a job of towing vehicles",
-        "tjscan.job.tow.job:TowJob",
         frozenset({"area", "seam"}),
         "run it with 'tjscan tow run'",
     ),
     FileKind(
         "recorded",
         "a job of a calibration from recorded profiles",
-        "tjscan.job.files:RecordedJob",
         frozenset({"recorded"}),
         "run it with 'tjscan calibrate'",
     ),
     FileKind(
         "calibrate",
         "a job of a calibration",
-        "tjscan.job.files:CalibrationJob",
         frozenset({"board"}),
         "run it with 'tjscan calibrate'",
     ),
     FileKind(
         "study",
         "a study",
-        "tjscan.study.file:StudyFile",
         frozenset({"job"}),
         "run it with 'tjscan study'",
     ),
     FileKind(
         "wps",
         "a welding procedure specification",
-        "tjscan.planning.wps:WeldingProcedure",
         frozenset({"arc", "bead"}),
         "plan with it: 'tjscan plan RUN --wps'",
     ),

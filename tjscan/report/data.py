@@ -15,7 +15,6 @@ from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.errors import ComparisonRefused, ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
-from tjscan.core.registry import TASKS
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.settings import GrooveSettings
 from tjscan.joint.definition import JointDefinition
@@ -28,6 +27,7 @@ from tjscan.result.shapes import read_run_shape, read_shape
 from tjscan.result.stitching import StitchingReport, read_stitching_report
 from tjscan.result.summary import ScanSummary, read_summary
 from tjscan.result.table import read_sections_csv
+from tjscan.runs.tasks import report_chapters
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -218,6 +218,5 @@ def _compared(
 
 
 def _place(name: str, directory: Path) -> StationRunData:
-    tasks = [TASKS.load(task) for task in TASKS.names]
-    chapters = tuple(task.load_part("report")(directory) for task in tasks if task.report)
+    chapters = tuple(write(directory) for write in report_chapters().values())
     return StationRunData(name, read_summary(directory / SUMMARY_FILE), chapters)

@@ -8,7 +8,6 @@ from typing import Final
 from tjscan.comparison.sidecar import StatedUnitAndFrame
 from tjscan.core.files import write_files_atomically
 from tjscan.core.provenance import Provenance
-from tjscan.core.registry import TASKS, TaskPlugin
 from tjscan.report.chapter_page import draw_sheet_picture, render_chapter_page
 from tjscan.report.charts import (
     deviation_table_rows,
@@ -38,9 +37,10 @@ from tjscan.report.tables import (
     uncertainty_rows,
 )
 from tjscan.report.view3d import view_data
-from tjscan.result.chapter import ChapterWriter, ReportSheet
-from tjscan.result.directory import JOB_FILE, job_label_of_run
+from tjscan.result.chapter import ReportSheet
+from tjscan.result.directory import job_label_of_run
 from tjscan.result.picture import write_png
+from tjscan.runs.tasks import page_of_task, task_with_own_page
 
 ALIGNED_BY: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest points"}
 """What brought what was measured onto its reference."""
@@ -130,8 +130,7 @@ def write_run_report(
     """
     sheet: ReportSheet | None = None
     if (task := task_with_own_page(directory)) is not None:
-        write_chapter: ChapterWriter = task.load_part("page" if task.page else "report")
-        chapter = write_chapter(directory)
+        chapter = page_of_task(task)(directory)
         sheet = chapter.sheet
         page = render_chapter_page(chapter, task.name.capitalize(), directory)
     else:
@@ -142,12 +141,3 @@ def write_run_report(
             head = Provenance.for_file_written_now(job_label_of_run(directory), sheet.frame)
             write_png(draft / sheet.picture, draw_sheet_picture(chapter), head)
     return directory / REPORT_FILE
-
-
-def task_with_own_page(directory: Path) -> TaskPlugin | None:
-    """The task that made a run and has a page of its own for it; None if it is a scan's."""
-    tasks = [TASKS.load(name) for name in TASKS.names]
-    left = [(task, task.recording) for task in tasks]
-    if not (directory / JOB_FILE).is_file():  # a run of a job keeps copies of what others found
-        left += [(task, task.result) for task in tasks]
-    return next((task for task, name in left if name and (directory / name).is_file()), None)

@@ -154,7 +154,10 @@ def with_tack_named(found: ScannedSection, before: Sequence[ScannedSection]) -> 
         The sections before it.
     """
     groove = found.groove
-    last = next((one for one in reversed(before) if _shows_root(one.groove)), None)
+    last = next(
+        (one for one in reversed(before) if not one.groove.absent and root_is_known(one.groove)),
+        None,
+    )
     if last is None or WELD_IN_ROOT not in groove.conditions:
         return found
     away = float(np.linalg.norm(found.T_b_g[:3, 3] - last.T_b_g[:3, 3]))
@@ -166,10 +169,6 @@ def with_tack_named(found: ScannedSection, before: Sequence[ScannedSection]) -> 
     ):
         return found
     return replace(found, groove=_buried(groove))
-
-
-def _shows_root(groove: GrooveSection) -> bool:
-    return not groove.absent and root_is_known(groove)
 
 
 def _buried(groove: GrooveSection) -> GrooveSection:
@@ -218,9 +217,10 @@ def check_section_one_step_ahead(found: ScannedSection, step: StepRequest) -> No
     gone = found.T_b_g[:3, 3] - step.groove_origin_b
     ahead = float(gone @ direction_b)
     aside = float(np.linalg.norm(gone - ahead * direction_b))
-    if not (
-        STEPS_AHEAD[0] * length < ahead < STEPS_AHEAD[1] * length and aside < _most_aside(length)
-    ):
+    # A circle leaves its tangent by step²/2R; straight on from the last chord it is twice that.
+    bend = length * length / TIGHTEST_BEND
+    most_aside = min(ASIDE_ANYWAY + bend, STEPS_ASIDE * length + ASIDE_ANYWAY)
+    if not (STEPS_AHEAD[0] * length < ahead < STEPS_AHEAD[1] * length and aside < most_aside):
         raise GrooveNotFound(
             "implausible",
             f"what was read lies {1e3 * ahead:.1f} mm ahead of the last section and "
@@ -358,8 +358,3 @@ def _measures(found: ScannedSection, step: StepRequest) -> tuple[Array, Array, A
         )
     )
     return before, after, np.asarray(allowed)
-
-
-def _most_aside(length: float) -> float:
-    """A circle leaves its tangent by step²/2R; straight on from the last chord it is twice that."""
-    return min(ASIDE_ANYWAY + length * length / TIGHTEST_BEND, STEPS_ASIDE * length + ASIDE_ANYWAY)

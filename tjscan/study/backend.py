@@ -7,10 +7,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, Generic, TypeVar
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.registry import TASKS
 from tjscan.study.trial import RunOutcome
 
 O = TypeVar("O", bound=RunOutcome)  # noqa: E741
@@ -117,12 +116,6 @@ def drop_file_from_study_key_errors(keys: Mapping[str, Any]) -> Iterator[None]:
         raise
 
 
-def study_backend_of_task(task: str) -> StudyBackend[Any]:
-    """Load the study backend of a task.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no such task, or it can't be studied.
-    """
-    return cast("StudyBackend[Any]", TASKS.load(task).load_part("study"))
+BackendOfTask = Callable[[str], StudyBackend[Any]]
+"""Gives the backend of a task by its name, and raises ConfigurationError if there is none. Workers
+of other processes get it pickled: it is a function of a module."""

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from tjscan.core.config import StrictFileModel, add_file_to_errors, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
-from tjscan.study.backend import study_backend_of_task
+from tjscan.study.backend import BackendOfTask
 from tjscan.study.trial import Trial, Value, canonical_json
 
 Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
@@ -47,10 +47,15 @@ class StudyFile(StrictFileModel):
         """Dotted keys and values that are the same in every run."""
         return flatten_to_dotted_keys(self.fixed)
 
-    def varied_axes(self) -> list[list[dict[str, Any]]]:
+    def varied_axes(self, backend_of: BackendOfTask) -> list[list[dict[str, Any]]]:
         """Lists of the settings that are varied; a study runs their product.
 
         Each list holds the settings of one axis, a setting being dotted keys and their values.
+
+        Parameters
+        ----------
+        backend_of : callable
+            Gives the backend of the study's task.
 
         Raises
         ------
@@ -64,7 +69,7 @@ class StudyFile(StrictFileModel):
         ]
         axes += [_together(flatten_to_dotted_keys(table)) for table in self.together]
         if self.seeds is not None:
-            key = study_backend_of_task(self.task).seed
+            key = backend_of(self.task).seed
             axes.append([{key: seed} for seed in range(1, self.seeds + 1)])
         keys = [key for axis in axes for key in axis[0]]
         for key in keys:
@@ -73,8 +78,8 @@ class StudyFile(StrictFileModel):
         return axes
 
 
-def read_study_file(file: Path) -> StudyFile:
-    """Read a study file.
+def read_study_file(file: Path, backend_of: BackendOfTask) -> StudyFile:
+    """Read a study file; for `backend_of` see `StudyFile.varied_axes`.
 
     Raises
     ------
@@ -83,7 +88,7 @@ def read_study_file(file: Path) -> StudyFile:
     """
     study = validate_table(StudyFile, read_toml(file), file)
     try:
-        study.varied_axes()
+        study.varied_axes(backend_of)
     except ConfigurationError as error:
         raise ConfigurationError(error.message, file=file, key=error.key) from None
     return study
@@ -126,7 +131,9 @@ MOST_TRIALS: Final = 1_000_000
 """A study of more is a mistake in its file."""
 
 
-def trials_of_study(study: StudyFile, study_file: Path) -> tuple[Trial, ...]:
+def trials_of_study(
+    study: StudyFile, study_file: Path, backend_of: BackendOfTask
+) -> tuple[Trial, ...]:
     """All trials (runs to make) of a study, in the order of its table.
 
     Parameters
@@ -135,13 +142,15 @@ def trials_of_study(study: StudyFile, study_file: Path) -> tuple[Trial, ...]:
         The study.
     study_file : Path
         Where it was read from; its jobs are sought from there.
+    backend_of : callable
+        Gives the backend of the study's task.
 
     Raises
     ------
     ConfigurationError
         For the first run that can't be, naming the key.
     """
-    kind, axes = study_backend_of_task(study.task), study.varied_axes()
+    kind, axes = backend_of(study.task), study.varied_axes(backend_of)
     names = (study.job,) if isinstance(study.job, str) else study.job
     jobs = [study_file.parent / name for name in names]
     count = len(jobs) * prod(map(len, axes))
@@ -160,6 +169,11 @@ def trials_of_study(study: StudyFile, study_file: Path) -> tuple[Trial, ...]:
         inputs = _cells(named | varied | dict(resolved.followed))
         trials.append(Trial(len(trials), inputs, study.task, resolved.settings))
     return tuple(trials)
+
+
+def plan_study(file: Path, backend_of: BackendOfTask) -> tuple[Trial, ...]:
+    """All trials of a study file; raises as `read_study_file` and `trials_of_study` do."""
+    return trials_of_study(read_study_file(file, backend_of), file, backend_of)
 
 
 def _cells(values: Mapping[str, Any]) -> dict[str, Value]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 from tjscan.core.errors import TjscanError
 from tjscan.core.files import lock_and_clean_directory, write_files_atomically
-from tjscan.study.backend import study_backend_of_task
+from tjscan.study.backend import BackendOfTask
 from tjscan.study.report import write_study_report
 from tjscan.study.schedule import CrashedTask, TaskScheduler
 from tjscan.study.store import open_row_writer, read_rows, read_trials, write_study_tables
@@ -18,7 +19,10 @@ from tjscan.study.trial import LOST_WORKER, StudyRow, Trial
 
 
 def run_study(
-    directory: Path, scheduler: TaskScheduler, watch: Callable[[StudyRow[Any]], None]
+    directory: Path,
+    scheduler: TaskScheduler,
+    watch: Callable[[StudyRow[Any]], None],
+    backend_of: BackendOfTask,
 ) -> tuple[StudyRow[Any], ...]:
     """Run what a study's directory still lacks, and write its tables.
 
@@ -32,6 +36,8 @@ def run_study(
         Where the trials run.
     watch : callable
         Receives every row, those on disk first, after it is on disk.
+    backend_of : callable
+        Gives the backend of the study's task, here and on the scheduler's workers.
 
     Returns
     -------
@@ -47,18 +53,18 @@ def run_study(
     """
     trials = read_trials(directory)
     with lock_and_clean_directory(directory):
-        rows = read_rows(directory, trials)
+        rows = read_rows(directory, trials, backend_of)
         for row in rows.values():
             watch(row)
         left = [trial for trial in trials if trial.hash_key not in rows]
         try:
             with (
                 open_row_writer(directory) as keep,
-                closing(scheduler(run_trial, left)) as all_ended,
+                closing(scheduler(partial(run_trial, backend_of=backend_of), left)) as all_ended,
             ):
                 for ended in all_ended:
                     if isinstance(ended, CrashedTask):
-                        lost = study_backend_of_task(ended.task.task).outcome
+                        lost = backend_of(ended.task.task).outcome
                         outcome = lost(False, LOST_WORKER, ended.cause)
                         row = StudyRow.from_trial(ended.task, outcome)
                     else:
@@ -69,16 +75,16 @@ def run_study(
         finally:
             done = tuple(rows[trial.hash_key] for trial in trials if trial.hash_key in rows)
             if done:
-                kind = study_backend_of_task(trials[0].task)
+                kind = backend_of(trials[0].task)
                 with write_files_atomically(directory) as draft:
                     write_study_tables(draft, done)
                     write_study_report(draft, kind, done, planned=len(trials))
     return done
 
 
-def run_trial(trial: Trial) -> StudyRow[Any]:
+def run_trial(trial: Trial, backend_of: BackendOfTask) -> StudyRow[Any]:
     """Execute one trial and return its row; a failure gives a row too."""
-    kind, start = study_backend_of_task(trial.task), perf_counter()
+    kind, start = backend_of(trial.task), perf_counter()
     try:
         outcome = kind.execute_run(trial.settings)
     except TjscanError as error:

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import bring_stream_to_disk, check_file_size, write_files_atomically
-from tjscan.study.backend import study_backend_of_task
+from tjscan.study.backend import BackendOfTask
 from tjscan.study.trial import StudyRow, Trial, Value
 
 PLAN_FILE: Final = "plan.jsonl"
@@ -69,7 +69,9 @@ def read_trials(directory: Path) -> tuple[Trial, ...]:
         raise ConfigurationError(f"is no plan of a study: {error}", file=file) from None
 
 
-def read_rows(directory: Path, trials: Sequence[Trial]) -> dict[str, StudyRow[Any]]:
+def read_rows(
+    directory: Path, trials: Sequence[Trial], backend_of: BackendOfTask
+) -> dict[str, StudyRow[Any]]:
     """Read the finished rows of a study that belong to one of the trials, by hash key.
 
     Parameters
@@ -78,6 +80,8 @@ def read_rows(directory: Path, trials: Sequence[Trial]) -> dict[str, StudyRow[An
         The study's.
     trials : sequence of Trial
         All that were planned.
+    backend_of : callable
+        Gives the backend of their task.
 
     Raises
     ------
@@ -95,7 +99,7 @@ def read_rows(directory: Path, trials: Sequence[Trial]) -> dict[str, StudyRow[An
         lines = file.read_text("utf-8", errors="replace").splitlines()
     except OSError as error:
         raise RecordingError(f"{file}: can't be read: {error.strerror}") from error
-    outcome = study_backend_of_task(trials[0].task).outcome
+    outcome = backend_of(trials[0].task).outcome
     for line in lines:
         try:
             row: StudyRow[Any] = StudyRow.from_json_line(line, outcome)

@@ -11,7 +11,7 @@ from tjscan.job.crawl.job import read_crawl_job
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.crawl.run import CrawlContext, run_crawl
 from tjscan.runs.crawl.study import CrawlOutcome
-from tjscan.study.backend import study_backend_of_task
+from tjscan.runs.tasks import study_backend_of_task
 from tjscan.study.file import read_study_file, trials_of_study
 from tjscan.study.report import write_study_report
 from tjscan.study.run import run_trial
@@ -44,7 +44,9 @@ def trials_in(folder: Path, **tables: object) -> tuple[Trial, ...]:
     (folder / "tiny.toml").write_text(JOB)
     file = folder / "study.toml"
     file.write_text(tomli_w.dumps({"task": "crawl", "job": "tiny.toml", **tables}))
-    return trials_of_study(read_study_file(file), file)
+    return trials_of_study(
+        read_study_file(file, study_backend_of_task), file, study_backend_of_task
+    )
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +66,7 @@ def rows(folder: Path) -> tuple[StudyRow[CrawlOutcome], ...]:
             }
         ],
     )
-    return tuple(run_trial(trial) for trial in trials)
+    return tuple(run_trial(trial, study_backend_of_task) for trial in trials)
 
 
 def test_a_study_keeps_what_a_recorded_crawl_says(
@@ -134,6 +136,8 @@ def test_what_can_not_be_is_refused_before_anything_runs(
 
 
 def test_the_example_is_sound() -> None:
-    trials = trials_of_study(read_study_file(EXAMPLE), EXAMPLE)
+    trials = trials_of_study(
+        read_study_file(EXAMPLE, study_backend_of_task), EXAMPLE, study_backend_of_task
+    )
     assert {trial.inputs["method"] for trial in trials} == {"paper", "slip-aware"}
     assert len({trial.hash_key for trial in trials}) == len(trials)
