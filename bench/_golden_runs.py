@@ -28,13 +28,15 @@ class GoldenRun:
         Folder of its frozen files.
     steps : tuple of Step
         What makes the run; ``{runs}`` in a command is the folder of all runs, ``{example}`` the
-        examples' folder, ``{sets}`` that of recorded calibration sets.
+        examples' folder, ``{jobs}`` that of the jobs made for this.
     files : tuple of str
         Result files, relative to the folder of all runs.
     needs : str, optional
         The run that has to be made before.
     printed : str, optional
         The file that receives what the commands print on stdout.
+    reads_recorded_sets : bool, optional
+        Whether it needs the recorded sets, which are no part of the project.
     """
 
     name: str
@@ -42,14 +44,12 @@ class GoldenRun:
     files: tuple[str, ...]
     needs: str = ""
     printed: str = ""
+    reads_recorded_sets: bool = False
 
     @property
     def is_possible(self) -> bool:
         """Whether the recorded data that it reads is there."""
-        reads = any(
-            "{sets}" in word for step in self.steps if isinstance(step, tuple) for word in step
-        )
-        return RECORDED_SETS.is_dir() or not reads
+        return RECORDED_SETS.is_dir() or not self.reads_recorded_sets
 
 
 def cut_recording(run: str, share: float, results: tuple[str, ...]) -> Callable[[Path], None]:
@@ -68,9 +68,22 @@ def cut_recording(run: str, share: float, results: tuple[str, ...]) -> Callable[
 
 SCAN_FILES: Final = ("sections.csv", "summary.json", "uncertainty.json", "groove.ply")
 SHORT_CALIBRATION: Final = ("--unattended", "--board.touches", "6", "--board.lines", "10")
-BALL_SET: Final = ("--lines", "{sets}/ball40_profiles.csv", "--poses", "{sets}/ball40_poses.csv")
-EDGE_SET: Final = ("--lines", "{sets}/edge_profiles.csv", "--poses", "{sets}/edge_poses.csv")
-NOISE_OF_SETS: Final = ("--units", "mm", "--position-mm", "0.06", "--rotation-deg", "0.02")
+NOISE_OF_SETS: Final = "[noise]\nposition_mm = 0.06\nrotation_deg = 0.02\n"
+
+
+def recorded_set(name: str, target: str) -> str:
+    """The table of a recorded set, for the job of a calibration."""
+    files = (f'{what} = "{RECORDED_SETS}/{name}_{what}.csv"\n' for what in ("profiles", "poses"))
+    return f'[[recorded]]\n{"".join(files)}units = "mm"\ntarget = {target}\n'
+
+
+def write_job(name: str, text: str) -> Callable[[Path], None]:
+    """Write the job of a calibration from recorded sets."""
+
+    def write(runs: Path) -> None:
+        (runs / name).write_text(text, encoding="utf-8")
+
+    return write
 
 
 def scan_of(example: str, run: str, *options: str) -> tuple[str, ...]:
@@ -164,22 +177,25 @@ GOLDEN_RUNS: Final = (
     GoldenRun(
         "calibrate-ball",
         (
-            (
-                *("calibrate", *BALL_SET, "--target", "ball", *NOISE_OF_SETS),
-                *("--out", "{runs}/ball"),
-            ),
+            write_job("ball.toml", recorded_set("ball40", '"ball"') + NOISE_OF_SETS),
+            ("calibrate", "{runs}/ball.toml", "--out", "{runs}/ball"),
         ),
         ("ball/calibration.toml",),
+        reads_recorded_sets=True,
     ),
     GoldenRun(
         "calibrate-roof",
         (
-            (
-                *("calibrate", *EDGE_SET, "--target", "roof", *BALL_SET, "--target", "ball=40"),
-                *(*NOISE_OF_SETS, "--out", "{runs}/roof"),
+            write_job(
+                "roof.toml",
+                recorded_set("edge", '"roof"')
+                + recorded_set("ball40", '"ball"\nradius_mm = 40.0')
+                + NOISE_OF_SETS,
             ),
+            ("calibrate", "{runs}/roof.toml", "--out", "{runs}/roof"),
         ),
         ("roof/calibration.toml",),
+        reads_recorded_sets=True,
     ),
     GoldenRun(
         "crawl",
@@ -247,7 +263,6 @@ def make_run(golden: GoldenRun, runs: Path) -> str:
         "example": str(ROOT / "examples"),
         "cad": str(ROOT / "cad"),
         "jobs": str(ROOT / "bench" / "goldens" / "jobs"),
-        "sets": str(RECORDED_SETS),
     }
     for step in golden.steps:
         if not isinstance(step, tuple):

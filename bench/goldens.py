@@ -166,19 +166,32 @@ def all_options() -> list[str]:
         command = commands.pop(0)
         text = tjscan_prints(*command, "--help")
         found += [
-            f"{' '.join(command)} {option}" for option in re.findall(r"[│ ](--[a-z][\w-]*)", text)
+            f"{' '.join(command)} {option}"
+            for option in re.findall(r"[│ ](--[a-z][\w-]*)(?![\w.-])", text)
         ]
         if "COMMAND" in text.splitlines()[0]:
             commands += [(*command, name) for name in re.findall(listed, text, re.MULTILINE)]
     return sorted(set(found))
 
 
+def mapped_names(table: str) -> set[str]:
+    """Old names in the first column of the table of changed ones: keys, ``COMMAND --option``."""
+    found = set()
+    for cell in re.findall(r"^\| (.*?) \|", table, re.MULTILINE):
+        command = re.match(r"`tjscan ([a-z -]+?)`", cell)
+        found |= set(re.findall(r"`([^`]+)`", cell))
+        if command:
+            found |= {f"{command[1]} {option}" for option in re.findall(r"--[a-z][\w-]*", cell)}
+    return found
+
+
 def missing(kind: str, now: list[str]) -> list[str]:
     """Frozen keys or options that are neither there nor in the table of changed ones."""
     frozen = (FROZEN / f"{kind}.txt").read_text(encoding="utf-8").splitlines()
-    table = CHANGED_KEYS.read_text(encoding="utf-8") if CHANGED_KEYS.is_file() else ""
-    mapped = set(re.findall(r"^\| `([^`]+)` \|", table, re.MULTILINE))
-    return sorted(set(frozen) - set(now) - mapped)
+    mapped = mapped_names(CHANGED_KEYS.read_text(encoding="utf-8"))
+    gone = set(frozen) - set(now) - mapped
+    # The twins that every option has, for its opposite and for an empty list.
+    return sorted(name for name in gone if re.sub(" --(no|empty)-", " --", name) not in mapped)
 
 
 def measure(only: frozenset[str], exact: bool, freeze: bool) -> Iterator[Row]:

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from tjscan.core.version import VERSION
+from tjscan.core.version import PROGRAM_VERSION
 
 if TYPE_CHECKING:
     from tjscan.api import Recording, Scan, calibrate, compare, read_groove, scan
 
-__version__ = VERSION
+__version__ = PROGRAM_VERSION
 
 __all__ = ["Recording", "Scan", "__version__", "calibrate", "compare", "read_groove", "scan"]
 

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from tjscan.comparison.alignment import (
     align_icp,
     nearest_point_finder_in_cloud,
-    nearest_point_finder_on_mesh,
 )
 from tjscan.comparison.compare import compare_shapes
 from tjscan.comparison.distance import DistanceStatistics
@@ -153,7 +152,7 @@ def test_icp_finds_a_known_small_pose_on_a_mesh(flyers: float) -> None:
     wild = np.random.default_rng(6).random(len(points)) < flyers
     points[wild] += 8e-3
     found = align_icp(
-        transform_points(inverse_pose(SMALL), points), nearest_point_finder_on_mesh(box())
+        transform_points(inverse_pose(SMALL), points), box().nearest_points_and_normals
     )
     # Standard deviation noise / sqrt(n) of a position, times ten.
     assert np.linalg.norm(found.T[:3, 3] - SMALL[:3, 3]) < 10 * noise / np.sqrt(3000)
@@ -189,13 +188,13 @@ def test_icp_takes_clouds_that_are_read_only() -> None:
 
 def test_icp_refuses_too_small_an_overlap() -> None:
     with pytest.raises(ComparisonRefused, match="overlap"):
-        align_icp(surface_cloud(0.0) + 0.2, nearest_point_finder_on_mesh(box()))
+        align_icp(surface_cloud(0.0) + 0.2, box().nearest_points_and_normals)
 
 
 def test_icp_refuses_points_that_can_slide() -> None:
     top = surface_cloud(0.0)[2::3]
     with pytest.raises(ComparisonRefused, match="slide"):
-        align_icp(top, nearest_point_finder_on_mesh(box()))
+        align_icp(top, box().nearest_points_and_normals)
 
 
 @pytest.mark.parametrize("factor", [1000.0, 1e-3])

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 import pytest
 
 from tjscan.core.provenance import LengthUnit, Provenance
-from tjscan.core.version import VERSION
+from tjscan.core.version import PROGRAM_VERSION
 
 
 @pytest.mark.parametrize("frame", ["j", "b", "w", "x"])
@@ -19,7 +19,7 @@ def test_lines_come_back(mark: str, length: LengthUnit, frame: str) -> None:
     lines = stated.comment_lines(mark)
     assert all(line.startswith(f"{mark} ") for line in lines.splitlines())
     assert Provenance.from_comment_lines(f"{lines}the rest: of the file", mark) == stated
-    assert stated.program == f"tjscan {VERSION}"
+    assert stated.program == f"tjscan {PROGRAM_VERSION}"
     assert before <= stated.written <= datetime.now(UTC)
 
 

@@ -109,7 +109,7 @@ def test_a_cluster_without_workers_is_refused(monkeypatch: pytest.MonkeyPatch) -
 def test_workers_with_another_version_are_refused(
     address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tjscan.study.schedule.VERSION", "0.0.7")
+    monkeypatch.setattr("tjscan.study.schedule.PROGRAM_VERSION", "0.0.7")
     with pytest.raises(ComputeClusterFault, match=r"this machine 0\.0\.7"):
         list(DaskScheduler(address=address)(once, (0,)))
 

@@ -21,7 +21,7 @@ from tjscan.core.errors import (
     VehicleFault,
     message_with_notes,
 )
-from tjscan.core.version import VERSION
+from tjscan.core.version import PROGRAM_VERSION
 
 
 class _TjscanApp(App):
@@ -38,7 +38,7 @@ class _TjscanApp(App):
 app = _TjscanApp(
     name="tjscan",
     help="Scan the weld groove of large tubular T-joints with a robot arm and a line laser.",
-    version=VERSION,
+    version=PROGRAM_VERSION,
     suppress_keyboard_interrupt=False,
 )
 crawl_app = App(name="crawl", help="Follow a hull's joint with a magnetic crawler, and weld it.")

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 from scipy.spatial import KDTree
 
-from tjscan.comparison.surface import MeshDistance
 from tjscan.core.errors import ComparisonRefused
 from tjscan.core.frames import Array, frozen_arrays, pose, rotation_angle_between, transform_points
 from tjscan.core.robust import TUKEY_CUTOFF, mad_sigma
@@ -81,11 +80,6 @@ class Alignment:
 
 
 NO_ALIGNMENT: Final = Alignment("none", np.eye(4))
-
-
-def nearest_point_finder_on_mesh(surface: MeshDistance) -> NearestOnReference:
-    """Function that finds nearest points and normals on a mesh."""
-    return surface.nearest_points_and_normals
 
 
 def nearest_point_finder_in_cloud(points: Array) -> NearestOnReference:

@@ -10,9 +10,9 @@ import numpy as np
 from tjscan.comparison.alignment import (
     NO_ALIGNMENT,
     Alignment,
+    NearestOnReference,
     align_icp,
     nearest_point_finder_in_cloud,
-    nearest_point_finder_on_mesh,
 )
 from tjscan.comparison.distance import (
     DeviationDistances,
@@ -25,7 +25,6 @@ from tjscan.comparison.result import Comparison
 from tjscan.comparison.shapes import Shape
 from tjscan.comparison.surface import MeshDistance
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array
 from tjscan.uncertainty.alignment import aligned_budget
 from tjscan.uncertainty.summary import BudgetSummary, summarise_budget
 
@@ -91,7 +90,7 @@ def compare_shapes(
     alignment = NO_ALIGNMENT
     if align == "icp":
         if surface is not None:
-            partner = nearest_point_finder_on_mesh(surface)
+            partner: NearestOnReference = surface.nearest_points_and_normals
         elif reference.points is not None:
             partner = nearest_point_finder_in_cloud(reference.points)
         else:
@@ -144,7 +143,7 @@ def check_plausible_sizes(measured: Shape, reference: Shape) -> None:
     """
     ours, theirs = measured.extent, reference.extent
     sizes = "; ".join(
-        f"{shape.name} is {_size(shape.extent)} across in {shape.stated.unit}, "
+        f"{shape.name} is {shape.extent:.3g} m across in {shape.stated.unit}, "
         f"as {shape.stated.unit_source} says"
         for shape in (measured, reference)
     )
@@ -160,52 +159,48 @@ def check_plausible_sizes(measured: Shape, reference: Shape) -> None:
 def _deviations(
     measured: Shape, reference: Shape, surface: MeshDistance | None, tolerance: float | None
 ) -> Iterator[DeviationDistances]:
-    def deviation(
-        kind: str, meaning: str, signed: bool, points: Array, d: Array
-    ) -> DeviationDistances:
-        return DeviationDistances(
-            kind, meaning, signed, points.reshape(-1, 3), d.ravel(), tolerance
-        )
-
     points, corners = measured.points, measured.corners
     if surface is not None and points is not None:
-        yield deviation(
+        yield DeviationDistances(
             "cloud to mesh",
             "from the nearest point of the surface, positive outside, negative inside",
             True,
             points,
             surface.signed_distances(points),
+            tolerance,
         )
     if reference.points is not None and points is not None:
-        yield deviation(
+        yield DeviationDistances(
             "cloud to cloud",
             "from the nearest point of the reference, unsigned; its spacing of "
             f"{1e3 * median_point_spacing(reference.points):.3f} mm and its noise are in it",
             False,
             points,
             distances_to_cloud(points, reference.points),
+            tolerance,
         )
     if corners is None:
         return
-    middle = corners[:, 1:4]
-    flat = middle.reshape(-1, 3)
-    absent = np.zeros((len(corners), 3), bool) if measured.absent is None else measured.absent
+    middle = corners[:, 1:4].reshape(-1, 3)
+    absent = np.zeros(len(middle), bool) if measured.absent is None else measured.absent.ravel()
     if reference.edges is not None:
-        yield deviation(
+        yield DeviationDistances(
             "corners to feature edges",
             "of p2, p3 and p4, each from its own edge, unsigned",
             False,
             middle,
-            corner_to_edge_distances(corners, reference.edges, measured.absent),
+            corner_to_edge_distances(corners, reference.edges, measured.absent).ravel(),
+            tolerance,
         )
     if reference.points is not None:
-        yield deviation(
+        yield DeviationDistances(
             "corners to reference cloud",
             "of p2, p3 and p4 from the nearest point of the reference, unsigned: the measure of "
             "Cibicik et al. (2022), section 4",
             False,
             middle,
-            np.where(absent, np.nan, distances_to_cloud(flat, reference.points).reshape(-1, 3)),
+            np.where(absent, np.nan, distances_to_cloud(middle, reference.points)),
+            tolerance,
         )
 
 
@@ -218,7 +213,3 @@ def _warnings(measured: Shape, reference: Shape, surface: MeshDistance | None) -
     for shape in (measured, reference):
         if shape.dropped:
             yield f"{shape.name}: {shape.dropped} points are no finite points, and were left out"
-
-
-def _size(metres: float) -> str:
-    return f"{metres:.3g} m"

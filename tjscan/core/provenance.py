@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Final, Literal, Self
 
-from tjscan.core.version import VERSION
+from tjscan.core.version import PROGRAM_VERSION
 
 FRAME_DESCRIPTIONS: Final = {
     "j": "the joint's own: z up the brace's axis, x along the leg, origin where the axes cross",
@@ -51,7 +51,7 @@ class Provenance:
     def for_file_written_now(cls, job: str, frame: str, length: LengthUnit = "mm") -> Self:
         """Provenance of a file that this program writes now."""
         now = datetime.now(UTC).replace(microsecond=0)
-        return cls(f"tjscan {VERSION}", now, job, frame, length)
+        return cls(f"tjscan {PROGRAM_VERSION}", now, job, frame, length)
 
     @property
     def header_entries(self) -> dict[str, str]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final, Self
 
 from tjscan.core.errors import RecordingError
-from tjscan.core.version import VERSION
+from tjscan.core.version import PROGRAM_VERSION
 
 PROGRAM_NAME: Final = "tjscan"
 """MCAP profile of every recording."""
@@ -41,7 +41,7 @@ class RecordingHeader:
         Messages in the earlier parts of the recording.
     """
 
-    version: str = VERSION
+    version: str = PROGRAM_VERSION
     format: int = FORMAT_VERSION
     messages_before: int = 0
 

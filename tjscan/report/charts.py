@@ -164,12 +164,10 @@ def draw_scan_charts(data: ReportData) -> ReportPicture | None:
 
 def draw_corner_errors(data: ReportData) -> ReportPicture | None:
     """Draw distances of the corners from designed edges; None if these are not known."""
-    found = [
-        d
-        for d in (() if data.comparison is None else data.comparison.deviations)
-        if d.kind == "corners to feature edges"
-    ]
-    if not found or data.comparison is None:
+    if data.comparison is None:
+        return None
+    found = [d for d in data.comparison.deviations if d.kind == "corners to feature edges"]
+    if not found:
         return None
     x, label = _along(data)
     order = np.argsort(x)

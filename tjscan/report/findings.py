@@ -49,7 +49,7 @@ def report_findings(data: ReportData) -> Iterator[str]:
             )
     yield from data.caveats
     if data.comparison is not None:
-        yield from _compared(data)
+        yield from _compared(data.comparison)
     yield from _gaps(data)
     if summary.half_steps:
         times = "once" if summary.half_steps == 1 else f"{summary.half_steps} times"
@@ -81,21 +81,14 @@ def describe_coverage(data: ReportData) -> str:
 
 def is_closed(data: ReportData) -> bool:
     """Whether the sections of a run go all the way round the brace."""
-    azimuths = (
-        np.sort(np.mod(data.unwrapped_azimuths, 360))
-        if data.unwrapped_azimuths is not None
-        else None
-    )
-    if azimuths is None or len(azimuths) < 3:
+    if data.unwrapped_azimuths is None or len(data.sections) < 3:
         return False
+    azimuths = np.sort(np.mod(data.unwrapped_azimuths, 360))
     steps = np.diff(azimuths, append=azimuths[0] + 360)
     return bool(steps.max() <= max(GAP_RATIO * np.median(steps), 5.0))
 
 
-def _compared(data: ReportData) -> Iterator[str]:
-    comparison = data.comparison
-    if comparison is None:
-        return
+def _compared(comparison: Comparison) -> Iterator[str]:
     if not comparison.passed and comparison.tolerance is not None:
         yield f"Outside the tolerance of {1e3 * comparison.tolerance:g} mm (95th percentile)."
     for deviation in comparison.deviations:

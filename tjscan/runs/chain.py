@@ -13,7 +13,7 @@ from pydantic import Field
 
 from tjscan.calibration.file import CalibrationFile
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Operator
-from tjscan.comparison.alignment import Alignment, align_icp, nearest_point_finder_on_mesh
+from tjscan.comparison.alignment import Alignment, align_icp
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.comparison.surface import MeshDistance
 from tjscan.core.config import StrictFileModel, read_toml, validate_table
@@ -257,7 +257,7 @@ def align_to_joint(stitched: StitchedGroove, joint: JointDefinition) -> Alignmen
         for one in stitched.stations
     ]
     surface = MeshDistance(mesh.vertices, mesh.triangles.astype(np.intp))
-    return align_icp(np.concatenate(points), nearest_point_finder_on_mesh(surface))
+    return align_icp(np.concatenate(points), surface.nearest_points_and_normals)
 
 
 def _held_out(found: CalibrationFile | None) -> tuple[float, float] | None:

@@ -12,7 +12,7 @@ from logging import CRITICAL
 from typing import Any, Final, Generic, TypeVar
 
 from tjscan.core.errors import ComputeClusterFault, ConfigurationError
-from tjscan.core.version import VERSION
+from tjscan.core.version import PROGRAM_VERSION
 from tjscan.study.trial import StudyRow, Trial
 
 T = TypeVar("T")
@@ -213,9 +213,9 @@ def _check_workers(client: Any) -> None:
             "`dask worker ADDRESS --nthreads 1`, and go on with --resume"
         ) from None
     for worker, found in client.run(installed, "tjscan", on_error="return").items():
-        if found != VERSION:
+        if found != PROGRAM_VERSION:
             other = found if isinstance(found, str) else "not at all"
             raise ComputeClusterFault(
-                f"the worker {worker} has tjscan {other}, this machine {VERSION}: the same "
+                f"the worker {worker} has tjscan {other}, this machine {PROGRAM_VERSION}: the same "
                 "version everywhere makes the same rows; then go on with --resume"
             )

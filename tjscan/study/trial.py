@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any, Generic, Self, TypeVar
 
-from tjscan.core.version import VERSION
+from tjscan.core.version import PROGRAM_VERSION
 
 Value = bool | int | float | str
 """What a cell of the table holds."""
@@ -39,7 +39,7 @@ class Trial:
     @cached_property
     def hash_key(self) -> str:
         """Hash of all that decides the run's result; it differs from every other run's."""
-        text = canonical_json([VERSION, dict(self.inputs), self.task, self.settings])
+        text = canonical_json([PROGRAM_VERSION, dict(self.inputs), self.task, self.settings])
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
     def to_json_line(self) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Container
 from struct import pack
 from typing import Final
 
-from tjscan.core.version import VERSION
+from tjscan.core.version import PROGRAM_VERSION
 from tjscan.laser.scan3d import COORDINATE_FORMATS, CoordinateFormat
 from tjscan_loopback.laser import description as features
 from tjscan_loopback.laser.coding import (
@@ -47,7 +47,7 @@ def initial_memory(
         host,
         vendor=VENDOR_NAME,
         model=MODEL_NAME,
-        version=VERSION,
+        version=PROGRAM_VERSION,
         serial=serial,
         description=features.description(
             columns=columns,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from tjscan.core.version import VERSION
+from tjscan.core.version import PROGRAM_VERSION
 from tjscan.laser.scan3d import COORDINATE_FORMATS
 from tjscan_loopback.laser.gvsp import IMAGE_CHUNK
 from tjscan_loopback.laser.memory import OWN_REGISTERS, TIME_CONTROL, TIME_HIGH
@@ -109,7 +109,7 @@ def _document(groups: Mapping[str, list[Feature]]) -> str:
         names = "".join(f"<pFeature>{name}</pFeature>" for name, _ in features)
         body.append(f'<Category Name="{group}" NameSpace="Standard">{names}</Category>')
         body += [nodes for _, nodes in features]
-    major, minor, sub = VERSION.split(".")[:3]
+    major, minor, sub = PROGRAM_VERSION.split(".")[:3]
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         '<RegisterDescription xmlns="http://www.genicam.org/GenApi/Version_1_1"\n'

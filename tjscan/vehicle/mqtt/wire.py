@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 from annotated_types import Ge, Le, Len
 from pydantic import TypeAdapter, ValidationError
 
-from tjscan.core.version import VERSION
+from tjscan.core.version import PROGRAM_VERSION
 from tjscan.vehicle.vehicle import PROXIMITY_CORNERS, Twist, VehicleState
 
 COMMAND_TOPIC: Final = "command"
@@ -224,7 +224,7 @@ class PresenceMessage(WireMessage):
             alive=True,
             model=model,
             serial=serial,
-            software=VERSION,
+            software=PROGRAM_VERSION,
         )
 
 
