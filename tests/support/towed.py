@@ -9,7 +9,7 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Area, DiscObstacle, Obstacles
 from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.distance import distance_to_obstacle, obstacle_count
+from tjscan.towing.shape.distance import distance_to_obstacle
 from tjscan.towing.shape.problem import ShapeProblem
 from tjscan.towing.shape.pull import CablePull
 from tjscan.towing.shape.settings import EffortTargets, TowingWeights
@@ -62,11 +62,9 @@ def shape_problem(rng: np.random.Generator, area: Area = NOTCHED, links: int = 6
 
 def obstacle_distances(points: Array, obstacles: Obstacles) -> tuple[Array, Array, Array]:
     """Signed distances (n, K), gradients (n, K, 2) and Hessians (n, K, 3) of points (n, 2)."""
+    count = len(obstacles.walls) + len(obstacles.starts) - 1 + len(obstacles.discs)
     found = np.array(
-        [
-            [distance_to_obstacle(k, x, y, obstacles) for k in range(obstacle_count(obstacles))]
-            for x, y in points
-        ]
+        [[distance_to_obstacle(k, x, y, *obstacles) for k in range(count)] for x, y in points]
     )
     return found[..., 0], found[..., 1:3], found[..., 3:]
 

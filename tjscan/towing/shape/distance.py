@@ -8,8 +8,7 @@ from __future__ import annotations
 from math import hypot
 
 from tjscan.core.frames import Array
-from tjscan.towing.shape.area import Obstacles
-from tjscan.towing.shape.compiled import compiled
+from tjscan.towing.shape.compiled import Indices, compiled
 
 
 @compiled
@@ -82,17 +81,13 @@ def distance_to_swept_disc(
 
 
 @compiled
-def obstacle_count(obstacles: Obstacles) -> int:
-    """Number of walls, polygons and discs."""
-    return len(obstacles.walls) + len(obstacles.starts) - 1 + len(obstacles.discs)
-
-
-@compiled
 def distance_to_obstacle(
-    k: int, x: float, y: float, obstacles: Obstacles
+    k: int, x: float, y: float, walls: Array, corners: Array, starts: Indices, discs: Array
 ) -> tuple[float, float, float, float, float, float]:
-    """Signed distance to the k-th of walls, polygons and discs; gradient, Hessian (xx, xy, yy)."""
-    walls, corners, starts, discs = obstacles
+    """Signed distance to the k-th of walls, polygons and discs; gradient, Hessian (xx, xy, yy).
+
+    It takes what `area.Obstacles` holds one by one: taking it apart here would cost a tenth.
+    """
     if k < len(walls):
         nx, ny = walls[k, 0], walls[k, 1]
         return nx * x + ny * y - walls[k, 2], nx, ny, 0.0, 0.0, 0.0

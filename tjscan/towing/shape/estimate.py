@@ -58,8 +58,8 @@ class EstimateArrays(NamedTuple):
     held : ndarray of int, shape (M,)
         Links whose poses, shape (M, 3), are known.
     poses : ndarray, shape (M, 3)
-    stiff : ndarray, shape (2,)
-        One over the variance of their positions, and of their headings.
+    stiff : ndarray, shape (M, 2)
+        One over the variance of each position, and of each heading.
     rest : ndarray, shape (N, 2)
         Towards which the floor holds the links' far ends: with a force that grows until they slide.
     slide : ndarray, shape (N,)
@@ -92,7 +92,6 @@ def estimate_terms(
     """
     joint, point, turn = parts
     held, poses, rest, slide = problem.held, problem.poses, problem.rest, problem.slide
-    by_place, by_turn = problem.stiff[0], problem.stiff[1]
     energy = 0.0
     for i in range(len(angles)):
         energy += 0.5 * angles[i] * angles[i]
@@ -117,6 +116,7 @@ def estimate_terms(
         k = held[m]
         x, y = links[k, 0] - poses[m, 0], links[k, 1] - poses[m, 1]
         a = wrapped(links[k, 2] - poses[m, 2])
+        by_place, by_turn = problem.stiff[m, 0], problem.stiff[m, 1]
         energy += 0.5 * by_place * (x * x + y * y) + 0.5 * by_turn * a * a
         point[k, 0] += by_place * x
         point[k, 1] += by_place * y
@@ -253,7 +253,7 @@ def estimate_arrays(
         cable.link_length,
         np.array(held_links, dtype=np.int64)[known],
         np.array(poses[known], dtype=float),
-        np.array((trust.position_sd**-2, trust.heading_sd**-2)),
+        np.tile((trust.position_sd**-2, trust.heading_sd**-2), (int(known.sum()), 1)),
         rest,
         slide,
     )

@@ -20,7 +20,7 @@ from tjscan.towing.shape.area import Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.chain import place_links
 from tjscan.towing.shape.compiled import Indices, compiled, plain_tuple
-from tjscan.towing.shape.distance import distance_to_obstacle, obstacle_count
+from tjscan.towing.shape.distance import distance_to_obstacle
 from tjscan.towing.shape.settings import TowingLimits
 
 
@@ -160,23 +160,6 @@ def name_limits(plain: Any) -> LimitArrays:
     )  # fmt: skip
 
 
-class NearRows(NamedTuple):
-    """Room for the rows of limits that are near.
-
-    Parameters
-    ----------
-    rows : ndarray of `ROW_TYPE`, shape (R,)
-    used : ndarray of int, shape (1,)
-        Number of rows so far, even if not all have room.
-    band : float
-        Margin below which a limit is near.
-    """
-
-    rows: LimitRows
-    used: Indices
-    band: float
-
-
 class ChainPoint(NamedTuple):
     """A point that moves with a link; link -1 and no matter where if nothing moves it."""
 
@@ -189,16 +172,16 @@ NO_POINT = ChainPoint(-1, 0.0, 0.0)
 
 
 @compiled
-def link_end(i: int, links: Array, root: Array) -> ChainPoint:
+def link_end(i: int, root: Array, links: Array) -> ChainPoint:
     """Far end of link i; of -1 the root."""
     x, y = (root[0], root[1]) if i < 0 else (links[i, 0], links[i, 1])
     return ChainPoint(i, x, y)
 
 
 @compiled
-def nearest_on_link(i: int, x: float, y: float, links: Array, root: Array) -> ChainPoint:
+def nearest_on_link(i: int, x: float, y: float, root: Array, links: Array) -> ChainPoint:
     """Point of link i nearest to (x, y)."""
-    a = link_end(i - 1, links, root)
+    a = link_end(i - 1, root, links)
     ex, ey = links[i, 0] - a.x, links[i, 1] - a.y
     t = min(max(((x - a.x) * ex + (y - a.y) * ey) / (ex * ex + ey * ey), 0.0), 1.0)
     return ChainPoint(i, a.x + t * ex, a.y + t * ey)
@@ -206,36 +189,41 @@ def nearest_on_link(i: int, x: float, y: float, links: Array, root: Array) -> Ch
 
 @compiled
 def add_row(
-    near: NearRows, kind: int, margin: float, x: float, y: float, at: ChainPoint, other: ChainPoint
-) -> None:
-    """Count a row whose margin grows along (x, y), and write it if there is room."""
-    if near.used[0] < len(near.rows):
-        row = near.rows[near.used[0]]
+    rows: LimitRows,
+    used: int,
+    kind: int,
+    margin: float,
+    x: float,
+    y: float,
+    at: ChainPoint,
+    other: ChainPoint,
+) -> int:
+    """Write a row whose margin grows along (x, y) if there is room; the count of rows with it."""
+    if used < len(rows):
+        row = rows[used]
         row.kind, row.margin, row.grows_x, row.grows_y = kind, margin, x, y
         row.link, row.x, row.y = at.link, at.x, at.y
         row.other, row.other_x, row.other_y = other.link, other.x, other.y
-    near.used[0] += 1
+    return used + 1
 
 
 @compiled
-def add_apart(near: NearRows, kind: int, apart: float, at: ChainPoint, other: ChainPoint) -> None:
-    """A row for two points that must be `apart`, if they are near that."""
+def add_apart(
+    rows: LimitRows,
+    used: int,
+    band: float,
+    kind: int,
+    apart: float,
+    at: ChainPoint,
+    other: ChainPoint,
+) -> int:
+    """A row for two points that must be `apart`, if the margin is less than `band`."""
     x, y = at.x - other.x, at.y - other.y
     d = hypot(x, y)
-    if d - apart >= near.band:
-        return
+    if d - apart >= band:
+        return used
     d = max(d, 1e-9)
-    add_row(near, kind, d - apart, x / d, y / d, at, other)
-
-
-@compiled
-def add_beside(
-    near: NearRows, apart: float, i: int, place: ChainPoint, links: Array, limits: LimitArrays
-) -> None:
-    """A row for an obstacle's place and link i, if that is nearest between its ends."""
-    at = nearest_on_link(i, place.x, place.y, links, limits.root)
-    if 0.0 < hypot(at.x - links[i, 0], at.y - links[i, 1]) < limits.length:
-        add_apart(near, LimitKind.LINK_TO_OBSTACLE, apart, at, place)
+    return add_row(rows, used, kind, d - apart, x / d, y / d, at, other)
 
 
 @compiled
@@ -251,10 +239,10 @@ def do_cross(a: Array, b: Array, c: Array, d: Array) -> bool:
 
 @compiled
 def add_crossed_edges(
-    near: NearRows, i: int, corners: Array, links: Array, limits: LimitArrays
-) -> None:
+    rows: LimitRows, used: int, apart: float, i: int, root: Array, links: Array, corners: Array
+) -> int:
     """Rows for a link that crosses edges of a polygon thinner than the link is long."""
-    before = limits.root[:2] if i == 0 else links[i - 1, :2]
+    kind, before = LimitKind.LINK_TO_OBSTACLE, root[:2] if i == 0 else links[i - 1, :2]
     for k in range(len(corners)):
         a, b = corners[k - 1], corners[k]
         if do_cross(before, links[i, :2], a, b):
@@ -265,119 +253,154 @@ def add_crossed_edges(
             behind = nx * (before[0] - a[0]) + ny * (before[1] - a[1])
             is_ahead = abs(ahead) < abs(behind)
             side = ahead if is_ahead else behind
-            end = link_end(i if is_ahead else i - 1, links, limits.root)
+            end = link_end(i if is_ahead else i - 1, root, links)
             sign = -1.0 if side > 0.0 else 1.0
-            margin = -abs(side) - limits.link_clearance
-            add_row(near, LimitKind.LINK_TO_OBSTACLE, margin, sign * nx, sign * ny, end, NO_POINT)
+            margin = -abs(side) - apart
+            used = add_row(rows, used, kind, margin, sign * nx, sign * ny, end, NO_POINT)
+    return used
 
 
 @compiled
-def add_links_to_obstacles(near: NearRows, links: Array, limits: LimitArrays) -> None:
+def add_links_to_obstacles(
+    rows: LimitRows, used: int, band: float, links: Array, limits: LimitArrays
+) -> int:
     """Rows of links: their ends, their nearest points to corners and discs, edges they cross."""
-    apart, obstacles, band = limits.link_clearance, limits.obstacles, near.band
-    corners, starts, discs = obstacles.corners, obstacles.starts, obstacles.discs
-    count, reach = obstacle_count(obstacles), 3.0 * (limits.length + apart + band)
+    kind, apart = LimitKind.LINK_TO_OBSTACLE, limits.link_clearance
+    root, length = limits.root, limits.length
+    walls, corners, starts, discs = limits.obstacles
+    count, reach = len(walls) + len(starts) - 1 + len(discs), 3.0 * (length + apart + band)
     for i in range(limits.first_link, limits.last_link):
-        x, y = links[i, 0], links[i, 1]
+        end = link_end(i, root, links)
         for k in range(count):
-            d, gx, gy, _, _, _ = distance_to_obstacle(k, x, y, obstacles)
+            d, gx, gy, _, _, _ = distance_to_obstacle(
+                k, end.x, end.y, walls, corners, starts, discs
+            )
             if d - apart < band:
-                end = ChainPoint(i, x, y)
-                add_row(near, LimitKind.LINK_TO_OBSTACLE, d - apart, gx, gy, end, NO_POINT)
+                used = add_row(rows, used, kind, d - apart, gx, gy, end, NO_POINT)
         for k in range(len(corners)):
-            if abs(x - corners[k, 0]) + abs(y - corners[k, 1]) < reach:
-                place = ChainPoint(-1, corners[k, 0], corners[k, 1])
-                add_beside(near, apart, i, place, links, limits)
+            place = ChainPoint(-1, corners[k, 0], corners[k, 1])
+            if abs(end.x - place.x) + abs(end.y - place.y) < reach:
+                at = nearest_on_link(i, place.x, place.y, root, links)
+                if 0.0 < hypot(at.x - end.x, at.y - end.y) < length:
+                    used = add_apart(rows, used, band, kind, apart, at, place)
         for k in range(len(starts) - 1):
-            add_crossed_edges(near, i, corners[starts[k] : starts[k + 1]], links, limits)
-        for k in range(len(discs)):
-            for at in (0, 2):
-                place = ChainPoint(-1, discs[k, at], discs[k, at + 1])
-                add_beside(near, apart + discs[k, 4], i, place, links, limits)
+            polygon = corners[starts[k] : starts[k + 1]]
+            used = add_crossed_edges(rows, used, apart, i, root, links, polygon)
+        for k in range(2 * len(discs)):
+            disc, column = discs[k // 2], 2 * (k % 2)
+            place = ChainPoint(-1, disc[column], disc[column + 1])
+            at = nearest_on_link(i, place.x, place.y, root, links)
+            if 0.0 < hypot(at.x - end.x, at.y - end.y) < length:
+                used = add_apart(rows, used, band, kind, apart + disc[4], at, place)
+    return used
 
 
 @compiled
-def add_body_to_obstacles(near: NearRows, i: int, links: Array, limits: LimitArrays) -> None:
+def add_body_to_obstacles(
+    rows: LimitRows, used: int, band: float, i: int, links: Array, limits: LimitArrays
+) -> int:
     """Rows of the vehicle that holds link i."""
-    centre, obstacles = link_end(i, links, limits.root), limits.obstacles
-    for k in range(obstacle_count(obstacles)):
-        d, gx, gy, _, _, _ = distance_to_obstacle(k, centre.x, centre.y, obstacles)
-        if d - limits.body_clearance < near.band:
-            margin = d - limits.body_clearance
-            add_row(near, LimitKind.BODY_TO_OBSTACLE, margin, gx, gy, centre, NO_POINT)
+    kind, apart = LimitKind.BODY_TO_OBSTACLE, limits.body_clearance
+    walls, corners, starts, discs = limits.obstacles
+    end = link_end(i, limits.root, links)
+    for k in range(len(walls) + len(starts) - 1 + len(discs)):
+        d, gx, gy, _, _, _ = distance_to_obstacle(k, end.x, end.y, walls, corners, starts, discs)
+        if d - apart < band:
+            used = add_row(rows, used, kind, d - apart, gx, gy, end, NO_POINT)
+    return used
 
 
 @compiled
-def add_links_to_body(near: NearRows, i: int, links: Array, limits: LimitArrays) -> None:
+def add_links_to_body(
+    rows: LimitRows, used: int, band: float, i: int, links: Array, limits: LimitArrays
+) -> int:
     """Rows of all links but the next ones to the vehicle that holds link i."""
-    centre, length, apart = link_end(i, links, limits.root), limits.length, limits.link_to_body
-    next_to_body, reach = pi / 2 * apart, 3.0 * (length + apart + near.band)
+    root, length, apart = limits.root, limits.length, limits.link_to_body
+    kind, centre = LimitKind.LINK_TO_BODY, link_end(i, root, links)
+    next_to_body, reach = pi / 2 * apart, 3.0 * (length + apart + band)
     for j in range(len(links)):
         # Cable between may lie on a half circle of that width.
         between = (i - j) * length if j <= i else (j - 1 - i) * length
         if between < next_to_body:
             continue
         if abs(centre.x - links[j, 0]) + abs(centre.y - links[j, 1]) < reach:
-            at = nearest_on_link(j, centre.x, centre.y, links, limits.root)
-            add_apart(near, LimitKind.LINK_TO_BODY, apart, at, centre)
+            at = nearest_on_link(j, centre.x, centre.y, root, links)
+            used = add_apart(rows, used, band, kind, apart, at, centre)
+    return used
 
 
 @compiled
-def add_links_apart(near: NearRows, i: int, j: int, links: Array, limits: LimitArrays) -> None:
+def add_links_apart(
+    rows: LimitRows,
+    used: int,
+    band: float,
+    apart: float,
+    i: int,
+    j: int,
+    root: Array,
+    links: Array,
+) -> int:
     """Rows for two links: each end of one against the other; if they cross, the way back."""
-    kind, apart, root = LimitKind.LINK_TO_LINK, limits.cable_gap, limits.root
+    kind = LimitKind.LINK_TO_LINK
     before_i, before_j = root[:2] if i == 0 else links[i - 1, :2], links[j - 1, :2]
     crossed = do_cross(before_i, links[i, :2], before_j, links[j, :2])
     least, nearest, nearest_end = 1e300, NO_POINT, NO_POINT
     for a, b in ((i, j), (j, i)):
-        for end in (link_end(a - 1, links, root), link_end(a, links, root)):
-            at = nearest_on_link(b, end.x, end.y, links, root)
+        for end in (link_end(a - 1, root, links), link_end(a, root, links)):
+            at = nearest_on_link(b, end.x, end.y, root, links)
             if not crossed:
-                add_apart(near, kind, apart, end, at)
+                used = add_apart(rows, used, band, kind, apart, end, at)
             elif hypot(end.x - at.x, end.y - at.y) < least:
                 least, nearest, nearest_end = hypot(end.x - at.x, end.y - at.y), at, end
     if crossed:
         d = max(least, 1e-9)
         x, y = (nearest.x - nearest_end.x) / d, (nearest.y - nearest_end.y) / d
-        add_row(near, kind, -least - apart, x, y, nearest_end, nearest)
+        used = add_row(rows, used, kind, -least - apart, x, y, nearest_end, nearest)
+    return used
 
 
 @compiled
-def add_cable_to_itself(near: NearRows, links: Array, limits: LimitArrays) -> None:
+def add_cable_to_itself(
+    rows: LimitRows, used: int, band: float, links: Array, limits: LimitArrays
+) -> int:
     """Rows of links that are near each other, but for the next ones."""
-    n, length, apart = len(links), limits.length, limits.cable_gap
+    n, root, length, apart = len(links), limits.root, limits.length, limits.cable_gap
     skip = 1 + int(np.ceil(pi / 2 * apart / length))
-    reach = 2.0 * length + apart + near.band
+    reach = 2.0 * length + apart + band
     for i in range(n):
         j = i + skip + 1
         while j < n:
             d = hypot(links[i, 0] - links[j, 0], links[i, 1] - links[j, 1])
             if d < reach:
-                add_links_apart(near, i, j, links, limits)
+                used = add_links_apart(rows, used, band, apart, i, j, root, links)
             # Links further on can't be nearer than what the cable between allows.
             j += max(1, int((d - reach) / length))
+    return used
 
 
 @compiled
-def add_speeds(near: NearRows, links: Array, limits: LimitArrays) -> None:
+def add_speeds(rows: LimitRows, used: int, band: float, links: Array, limits: LimitArrays) -> int:
     """Rows of vehicles that are sent nearly as far as they can go."""
-    for p in range(len(limits.paced)):
-        at = link_end(limits.paced[p], links, limits.root)
-        x, y = at.x - limits.pace_from[p, 0], at.y - limits.pace_from[p, 1]
+    kind, paced, begin, pace = LimitKind.SPEED, limits.paced, limits.pace_from, limits.pace
+    for p in range(len(paced)):
+        at = link_end(paced[p], limits.root, links)
+        x, y = at.x - begin[p, 0], at.y - begin[p, 1]
         d = hypot(x, y)
-        if limits.pace - d < near.band:
+        if pace - d < band:
             d = max(d, 1e-9)
-            add_row(near, LimitKind.SPEED, limits.pace - d, -x / d, -y / d, at, NO_POINT)
+            used = add_row(rows, used, kind, pace - d, -x / d, -y / d, at, NO_POINT)
+    return used
 
 
 @compiled
-def add_joints(near: NearRows, angles: Array, limits: LimitArrays) -> None:
-    """Rows of joints that are bent nearly as far as the cable may be."""
+def add_joints(rows: LimitRows, used: int, band: float, angles: Array, most: float) -> int:
+    """Rows of joints that are bent nearly as far as the cable may be, `most` radians."""
     for i in range(len(angles)):
-        margin = limits.joint_limit - abs(angles[i])
-        if margin < JOINT_BAND * near.band:
-            sign = -1.0 if angles[i] > 0 else 1.0
-            add_row(near, LimitKind.JOINT, margin, sign, 0.0, ChainPoint(i, 0.0, 0.0), NO_POINT)
+        margin = most - abs(angles[i])
+        if margin < JOINT_BAND * band:
+            sign, joint = -1.0 if angles[i] > 0 else 1.0, ChainPoint(i, 0.0, 0.0)
+            used = add_row(rows, used, LimitKind.JOINT, margin, sign, 0.0, joint, NO_POINT)
+    return used
 
 
 @compiled
@@ -396,20 +419,19 @@ def limit_rows(
         Filled.
     limits : LimitArrays
     """
-    near, held = NearRows(rows, np.zeros(1, np.int64), band), limits.held
-    add_links_to_obstacles(near, links, limits)
+    held, root, kind, apart = limits.held, limits.root, LimitKind.BODY_TO_BODY, limits.body_gap
+    used = add_links_to_obstacles(rows, 0, band, links, limits)
     for m in range(len(held)):
         i = held[m]
         if m < len(held) - 1:
-            add_body_to_obstacles(near, i, links, limits)
+            used = add_body_to_obstacles(rows, used, band, i, links, limits)
         for o in range(m):
-            at, other = link_end(i, links, limits.root), link_end(held[o], links, limits.root)
-            add_apart(near, LimitKind.BODY_TO_BODY, limits.body_gap, at, other)
-        add_links_to_body(near, i, links, limits)
-    add_cable_to_itself(near, links, limits)
-    add_speeds(near, links, limits)
-    add_joints(near, angles, limits)
-    return int(near.used[0])
+            at, other = link_end(i, root, links), link_end(held[o], root, links)
+            used = add_apart(rows, used, band, kind, apart, at, other)
+        used = add_links_to_body(rows, used, band, i, links, limits)
+    used = add_cable_to_itself(rows, used, band, links, limits)
+    used = add_speeds(rows, used, band, links, limits)
+    return add_joints(rows, used, band, angles, limits.joint_limit)
 
 
 @compiled
@@ -428,7 +450,7 @@ def limit_gradients(rows: LimitRows, root: Array, links: Array, gradients: Array
             gradients[r, row.link] = row.grows_x
             continue
         for k in range(len(links)):
-            joint = link_end(k - 1, links, root)
+            joint = link_end(k - 1, root, links)
             total = 0.0
             if k <= row.link:
                 total += row.grows_y * (row.x - joint.x) - row.grows_x * (row.y - joint.y)

@@ -31,18 +31,19 @@ LONGEST_TURN = 0.5
 @compiled
 def add_multipliers(problem: ShapeArrays, y: Array, point: Array) -> None:
     """Add the forces of the constraints' multipliers, shape (3 E,), to those of the links."""
-    for e in range(len(problem.fixed)):
-        point[problem.fixed[e], 0] += y[3 * e]
-        point[problem.fixed[e], 1] += y[3 * e + 1]
+    fixed = problem.fixed
+    for e in range(len(fixed)):
+        point[fixed[e], 0] += y[3 * e]
+        point[fixed[e], 1] += y[3 * e + 1]
 
 
 @compiled
 def replace_pull(problem: ShapeArrays, links: Array, force: Array, point: Array) -> None:
     """Put a force, shape (2,), for the pull's share in what the links contribute."""
-    costs = problem.costs
-    for m in range(len(problem.moved)):
+    moved, costs = problem.moved, problem.costs
+    for m in range(len(moved)):
         if costs[m, 0] == PULL_TERM:
-            k = problem.moved[m]
+            k = moved[m]
             x, y = links[k, 0] - costs[m, 1], links[k, 1] - costs[m, 2]
             point[k, 0] += force[0] - costs[m, 4] - costs[m, 6] * x - costs[m, 7] * y
             point[k, 1] += force[1] - costs[m, 5] - costs[m, 7] * x - costs[m, 8] * y
@@ -53,10 +54,10 @@ def replace_pull(problem: ShapeArrays, links: Array, force: Array, point: Array)
 @compiled
 def add_pull_curvature(problem: ShapeArrays, links: Array, matrix: Array) -> None:
     """Add the pull's curvature to a Hessian's lower triangle."""
-    costs, root = problem.costs, problem.root
-    for m in range(len(problem.moved)):
+    moved, costs, root = problem.moved, problem.costs, problem.root
+    for m in range(len(moved)):
         if costs[m, 0] == PULL_TERM:
-            k = problem.moved[m]
+            k = moved[m]
             for i in range(k + 1):
                 x, y = turned_way(i, k, links, root)
                 by_x = costs[m, 6] * x + costs[m, 7] * y
@@ -69,13 +70,13 @@ def add_pull_curvature(problem: ShapeArrays, links: Array, matrix: Array) -> Non
 @compiled
 def pull_after(problem: ShapeArrays, links: Array, step: Array, force: Array) -> None:
     """The pull's gradient by its link's place after a step of the angles, shape (2,), filled."""
-    costs = problem.costs
-    for m in range(len(problem.moved)):
+    moved, costs, root = problem.moved, problem.costs, problem.root
+    for m in range(len(moved)):
         if costs[m, 0] == PULL_TERM:
-            k = problem.moved[m]
+            k = moved[m]
             x, y = links[k, 0] - costs[m, 1], links[k, 1] - costs[m, 2]
             for i in range(k + 1):
-                way = turned_way(i, k, links, problem.root)
+                way = turned_way(i, k, links, root)
                 x += way[0] * step[i]
                 y += way[1] * step[i]
             force[0] = costs[m, 4] + costs[m, 6] * x + costs[m, 7] * y

@@ -26,7 +26,7 @@ from tjscan.towing.shape.chain import (
     pose_constraints,
 )
 from tjscan.towing.shape.compiled import Indices, compiled, plain_tuple
-from tjscan.towing.shape.distance import distance_to_obstacle, obstacle_count
+from tjscan.towing.shape.distance import distance_to_obstacle
 from tjscan.towing.shape.plan import PlanTerms
 from tjscan.towing.shape.pull import CablePull
 from tjscan.towing.shape.settings import EffortTargets, TowingWeights
@@ -80,12 +80,18 @@ def free_share(d: float, target: float) -> tuple[float, float, float]:
 
 @compiled
 def obstacle_loss(
-    x: float, y: float, target: float, obstacles: Obstacles
+    x: float,
+    y: float,
+    target: float,
+    walls: Array,
+    corners: Array,
+    starts: Indices,
+    discs: Array,
 ) -> tuple[float, float, float, float, float, float]:
     """1 - Π(1 - ρ_d(d_k)) over the obstacles at a point, its gradient and Hessian."""
     log_free, gx, gy, hxx, hxy, hyy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(obstacle_count(obstacles)):
-        d, dx, dy, dxx, dxy, dyy = distance_to_obstacle(k, x, y, obstacles)
+    for k in range(len(walls) + len(starts) - 1 + len(discs)):
+        d, dx, dy, dxx, dxy, dyy = distance_to_obstacle(k, x, y, walls, corners, starts, discs)
         if d > FAR_TARGETS * target:
             continue
         q, first, second = free_share(d, target)
@@ -225,6 +231,7 @@ def shape_terms(angles: Array, problem: ShapeArrays, state: ShapeState) -> float
     estimate, scale, targets = problem.estimate, problem.scale, problem.targets
     links, terms = state.links, state.terms
     joint, point = state.parts.joint, state.parts.point
+    walls, corners, starts, discs = problem.obstacles
     terms[:] = 0.0
     for i in range(len(angles)):
         a = angles[i]
@@ -239,14 +246,14 @@ def shape_terms(angles: Array, problem: ShapeArrays, state: ShapeState) -> float
             terms[2] += scale[2] * value
             one += scale[2] * first * slope
             two += scale[2] * (second * slope * slope + first * (1.0 - slope * slope) / root)
-        loss = obstacle_loss(links[i, 0], links[i, 1], targets[1], problem.obstacles)
+        loss = obstacle_loss(links[i, 0], links[i, 1], targets[1], walls, corners, starts, discs)
         terms[1] += scale[1] * loss[0]
         joint[i, 0], joint[i, 1] = one, two
         for m in range(5):
             point[i, m] = scale[1] * loss[m + 1]
-    costs = problem.costs
-    for m in range(len(problem.moved)):
-        k = problem.moved[m]
+    moved, costs = problem.moved, problem.costs
+    for m in range(len(moved)):
+        k = moved[m]
         x, y = links[k, 0] - costs[m, 1], links[k, 1] - costs[m, 2]
         gx, gy, xx, xy, yy = costs[m, 4], costs[m, 5], costs[m, 6], costs[m, 7], costs[m, 8]
         terms[int(costs[m, 0])] += (

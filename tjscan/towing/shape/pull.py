@@ -123,7 +123,7 @@ def pull_on_welder(
 def _force_by_place(angles: Array, problem: EstimateArrays) -> Array:
     """Derivative of the last held link's force by the place of the one before, (2, 2), over k."""
     n, last, root = len(angles), len(problem.held) - 1, problem.root
-    links, parts, by_place = np.empty((n, 5)), make_parts(n), problem.stiff[0]
+    links, parts, stiff = np.empty((n, 5)), make_parts(n), problem.stiff
     hessian, factor = np.empty((n, n)), np.zeros((n, n))
     place_links(angles, root, problem.length, links)
     estimate_terms(angles, problem, links, parts)
@@ -134,10 +134,10 @@ def _force_by_place(angles: Array, problem: EstimateArrays) -> Array:
     for axis in range(2):
         for i in range(n):
             way = turned_way(i, before, links, root)
-            change[i] = by_place * way[axis]
+            change[i] = stiff[last - 1, 0] * way[axis]
         back_substitute(factor, change)
         for i in range(n):
             way = turned_way(i, tip, links, root)
-            derivative[0, axis] += by_place * way[0] * change[i]
-            derivative[1, axis] += by_place * way[1] * change[i]
+            derivative[0, axis] += stiff[last, 0] * way[0] * change[i]
+            derivative[1, axis] += stiff[last, 0] * way[1] * change[i]
     return derivative
