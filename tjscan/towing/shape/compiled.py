@@ -18,7 +18,7 @@ F = TypeVar("F", bound=Callable[..., object])
 Indices = NDArray[np.int64]
 
 
-def compiled(function: F) -> F:
+def compiled(function: F, *, inline: bool = False) -> F:
     """Compile a function of numbers and arrays at its first call.
 
     Notes
@@ -29,10 +29,17 @@ def compiled(function: F) -> F:
     """
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _cache_directory()
     try:
-        compiler = numba.njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
+        compiler = numba.njit(
+            cache=True, forceinline=inline, fastmath={"reassoc", "contract", "nsz"}
+        )
         return cast(F, compiler(function))
     finally:
         numba.config.CACHE_DIR = before
+
+
+def inlined(function: F) -> F:
+    """The same for a part of a compiled function: tuples of arrays are slow to pass in a call."""
+    return compiled(function, inline=True)
 
 
 def plain_tuple(value: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -45,7 +52,7 @@ def _cache_directory() -> str:
     """Directory for this state of the sources, or the one Numba is set to if it can't be made."""
     room = Path(__file__).parent
     sources = (file.read_bytes() for file in sorted(room.glob("*.py")))
-    marks = (b"@compiled", b"(NamedTuple)")
+    marks = (b"@compiled", b"@inlined", b"(NamedTuple)")
     digest = sha256(b"".join(s for s in sources if any(mark in s for mark in marks)))
     directory = room / "__pycache__" / f"numba-{digest.hexdigest()[:16]}"
     try:

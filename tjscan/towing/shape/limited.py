@@ -190,12 +190,6 @@ def _model(
 
 
 @compiled
-def _pull_after(plain_problem: Any, links: Array, step: Array, force: Array) -> None:
-    """`optimise.pull_after` of a plain tuple."""
-    pull_after(name_problem(plain_problem), links, step, force)
-
-
-@compiled
 def _guess_active(
     plain_program: Any, plain_state: Any, C: Array, rows: LimitRows, step: Array, y: Array, z: Array
 ) -> bool:
@@ -274,7 +268,7 @@ def optimise_limited(
             step, left, y, z, reach = _solve_program(program, now, C)
         if reach == 0.0:
             break
-        _pull_after(plain, now.state.links, step, program.force)
+        pull_after(arrays.moved, arrays.costs, now.state.links, arrays.root, step, program.force)
         fix = max(fix, 2 * float(np.abs(y).max(initial=0.0)))
         slope = float(program.gradient[:n] @ step) - fix * reach * now.off
         slope -= SLACK_COST * max(now.worst - left, 0.0)

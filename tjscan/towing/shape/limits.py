@@ -19,7 +19,7 @@ from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.chain import place_links
-from tjscan.towing.shape.compiled import Indices, compiled, plain_tuple
+from tjscan.towing.shape.compiled import Indices, compiled, inlined, plain_tuple
 from tjscan.towing.shape.distance import distance_to_obstacle
 from tjscan.towing.shape.settings import TowingLimits
 
@@ -151,7 +151,7 @@ class LimitArrays(NamedTuple):
     obstacles: Obstacles
 
 
-@compiled
+@inlined
 def name_limits(plain: Any) -> LimitArrays:
     """The limits of a plain tuple."""
     return LimitArrays(
@@ -171,14 +171,14 @@ class ChainPoint(NamedTuple):
 NO_POINT = ChainPoint(-1, 0.0, 0.0)
 
 
-@compiled
+@inlined
 def link_end(i: int, root: Array, links: Array) -> ChainPoint:
     """Far end of link i; of -1 the root."""
     x, y = (root[0], root[1]) if i < 0 else (links[i, 0], links[i, 1])
     return ChainPoint(i, x, y)
 
 
-@compiled
+@inlined
 def nearest_on_link(i: int, x: float, y: float, root: Array, links: Array) -> ChainPoint:
     """Point of link i nearest to (x, y)."""
     a = link_end(i - 1, root, links)
@@ -187,7 +187,7 @@ def nearest_on_link(i: int, x: float, y: float, root: Array, links: Array) -> Ch
     return ChainPoint(i, a.x + t * ex, a.y + t * ey)
 
 
-@compiled
+@inlined
 def add_row(
     rows: LimitRows,
     used: int,
@@ -207,7 +207,7 @@ def add_row(
     return used + 1
 
 
-@compiled
+@inlined
 def add_apart(
     rows: LimitRows,
     used: int,
@@ -226,7 +226,7 @@ def add_apart(
     return add_row(rows, used, kind, d - apart, x / d, y / d, at, other)
 
 
-@compiled
+@inlined
 def do_cross(a: Array, b: Array, c: Array, d: Array) -> bool:
     """Whether the lines from a to b and from c to d cross, all of shape (2,)."""
     ux, uy, vx, vy = b[0] - a[0], b[1] - a[1], d[0] - c[0], d[1] - c[1]
@@ -237,7 +237,7 @@ def do_cross(a: Array, b: Array, c: Array, d: Array) -> bool:
     return bool(c_side * d_side < 0.0 and a_side * b_side < 0.0)
 
 
-@compiled
+@inlined
 def add_crossed_edges(
     rows: LimitRows, used: int, apart: float, i: int, root: Array, links: Array, corners: Array
 ) -> int:
@@ -260,7 +260,7 @@ def add_crossed_edges(
     return used
 
 
-@compiled
+@inlined
 def add_links_to_obstacles(
     rows: LimitRows, used: int, band: float, links: Array, limits: LimitArrays
 ) -> int:
@@ -295,7 +295,7 @@ def add_links_to_obstacles(
     return used
 
 
-@compiled
+@inlined
 def add_body_to_obstacles(
     rows: LimitRows, used: int, band: float, i: int, links: Array, limits: LimitArrays
 ) -> int:
@@ -310,7 +310,7 @@ def add_body_to_obstacles(
     return used
 
 
-@compiled
+@inlined
 def add_links_to_body(
     rows: LimitRows, used: int, band: float, i: int, links: Array, limits: LimitArrays
 ) -> int:
@@ -329,7 +329,7 @@ def add_links_to_body(
     return used
 
 
-@compiled
+@inlined
 def add_links_apart(
     rows: LimitRows,
     used: int,
@@ -359,7 +359,7 @@ def add_links_apart(
     return used
 
 
-@compiled
+@inlined
 def add_cable_to_itself(
     rows: LimitRows, used: int, band: float, links: Array, limits: LimitArrays
 ) -> int:
@@ -378,7 +378,7 @@ def add_cable_to_itself(
     return used
 
 
-@compiled
+@inlined
 def add_speeds(rows: LimitRows, used: int, band: float, links: Array, limits: LimitArrays) -> int:
     """Rows of vehicles that are sent nearly as far as they can go."""
     kind, paced, begin, pace = LimitKind.SPEED, limits.paced, limits.pace_from, limits.pace
@@ -392,7 +392,7 @@ def add_speeds(rows: LimitRows, used: int, band: float, links: Array, limits: Li
     return used
 
 
-@compiled
+@inlined
 def add_joints(rows: LimitRows, used: int, band: float, angles: Array, most: float) -> int:
     """Rows of joints that are bent nearly as far as the cable may be, `most` radians."""
     for i in range(len(angles)):
@@ -403,7 +403,7 @@ def add_joints(rows: LimitRows, used: int, band: float, angles: Array, most: flo
     return used
 
 
-@compiled
+@inlined
 def limit_rows(
     angles: Array, links: Array, band: float, rows: LimitRows, limits: LimitArrays
 ) -> int:

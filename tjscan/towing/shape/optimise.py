@@ -13,7 +13,7 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.chain import chain_gradient, chain_hessian, turned_way
-from tjscan.towing.shape.compiled import compiled
+from tjscan.towing.shape.compiled import Indices, compiled, inlined
 from tjscan.towing.shape.linear import (
     add_squares,
     constrained_step,
@@ -28,7 +28,7 @@ LONGEST_TURN = 0.5
 """Radians that a joint turns at most in one step."""
 
 
-@compiled
+@inlined
 def add_multipliers(problem: ShapeArrays, y: Array, point: Array) -> None:
     """Add the forces of the constraints' multipliers, shape (3 E,), to those of the links."""
     fixed = problem.fixed
@@ -38,9 +38,8 @@ def add_multipliers(problem: ShapeArrays, y: Array, point: Array) -> None:
 
 
 @compiled
-def replace_pull(problem: ShapeArrays, links: Array, force: Array, point: Array) -> None:
+def replace_pull(moved: Indices, costs: Array, links: Array, force: Array, point: Array) -> None:
     """Put a force, shape (2,), for the pull's share in what the links contribute."""
-    moved, costs = problem.moved, problem.costs
     for m in range(len(moved)):
         if costs[m, 0] == PULL_TERM:
             k = moved[m]
@@ -52,25 +51,26 @@ def replace_pull(problem: ShapeArrays, links: Array, force: Array, point: Array)
 
 
 @compiled
-def add_pull_curvature(problem: ShapeArrays, links: Array, matrix: Array) -> None:
+def add_pull_curvature(
+    moved: Indices, costs: Array, links: Array, root: Array, matrix: Array
+) -> None:
     """Add the pull's curvature to a Hessian's lower triangle."""
-    moved, costs, root = problem.moved, problem.costs, problem.root
     for m in range(len(moved)):
         if costs[m, 0] == PULL_TERM:
-            k = moved[m]
-            for i in range(k + 1):
-                x, y = turned_way(i, k, links, root)
+            for i in range(moved[m] + 1):
+                x, y = turned_way(i, moved[m], links, root)
                 by_x = costs[m, 6] * x + costs[m, 7] * y
                 by_y = costs[m, 7] * x + costs[m, 8] * y
                 for j in range(i + 1):
-                    x, y = turned_way(j, k, links, root)
+                    x, y = turned_way(j, moved[m], links, root)
                     matrix[i, j] += by_x * x + by_y * y
 
 
 @compiled
-def pull_after(problem: ShapeArrays, links: Array, step: Array, force: Array) -> None:
+def pull_after(
+    moved: Indices, costs: Array, links: Array, root: Array, step: Array, force: Array
+) -> None:
     """The pull's gradient by its link's place after a step of the angles, shape (2,), filled."""
-    moved, costs, root = problem.moved, problem.costs, problem.root
     for m in range(len(moved)):
         if costs[m, 0] == PULL_TERM:
             k = moved[m]
@@ -83,7 +83,7 @@ def pull_after(problem: ShapeArrays, links: Array, step: Array, force: Array) ->
             force[1] = costs[m, 5] + costs[m, 7] * x + costs[m, 8] * y
 
 
-@compiled
+@inlined
 def convex_hessian(
     problem: ShapeArrays,
     state: ShapeState,
@@ -106,11 +106,12 @@ def convex_hessian(
     hessian, factor : ndarray, shape (N, N)
         Filled: lower triangles.
     """
-    replace_pull(problem, state.links, force, state.parts.point)
-    chain_hessian(state.parts, state.links, problem.length, hessian)
+    links, moved, costs = state.links, problem.moved, problem.costs
+    replace_pull(moved, costs, links, force, state.parts.point)
+    chain_hessian(state.parts, links, problem.length, hessian)
     weight = add_squares(state.jacobian, hessian)
     least = 1e-4 * largest_diagonal(hessian)
-    add_pull_curvature(problem, state.links, hessian)
+    add_pull_curvature(moved, costs, links, problem.root, hessian)
     return factorise_convex(hessian, shift, factor, least), weight
 
 
@@ -154,7 +155,7 @@ def newton_shape(angles: Array, most: int, tolerance: float, problem: ShapeArray
         add_multipliers(problem, y, state.parts.point)
         shift, weight = convex_hessian(problem, state, force, shift, hessian, factor)
         constrained_step(factor, state.jacobian, gradient, state.constraint, step, y)
-        pull_after(problem, state.links, step, force)
+        pull_after(problem.moved, problem.costs, state.links, problem.root, step, force)
         off = np.abs(state.constraint).sum()
         if m > 0:
             penalty = max(penalty, 2.0 * np.abs(y - weight * state.constraint).max())

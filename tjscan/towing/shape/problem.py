@@ -25,7 +25,7 @@ from tjscan.towing.shape.chain import (
     place_links,
     pose_constraints,
 )
-from tjscan.towing.shape.compiled import Indices, compiled, plain_tuple
+from tjscan.towing.shape.compiled import Indices, compiled, inlined, plain_tuple
 from tjscan.towing.shape.distance import distance_to_obstacle
 from tjscan.towing.shape.plan import PlanTerms
 from tjscan.towing.shape.pull import CablePull
@@ -181,7 +181,7 @@ def new_state(n: int, fixed: int) -> ShapeState:
     return ShapeState(np.empty((n, 5)), parts, np.empty(5), constraint, jacobian)
 
 
-@compiled
+@inlined
 def name_problem(plain: Any) -> ShapeArrays:
     """The problem of a plain tuple."""
     estimate, root, length, scale, targets, moved, costs, obstacles, fixed, poses = plain
@@ -189,21 +189,21 @@ def name_problem(plain: Any) -> ShapeArrays:
     return ShapeArrays(estimate, root, length, scale, targets, moved, costs, named, fixed, poses)
 
 
-@compiled
+@inlined
 def name_state(plain: Any) -> ShapeState:
     """The state of a plain tuple."""
     links, parts, terms, constraint, jacobian = plain
     return ShapeState(links, ChainParts(*parts), terms, constraint, jacobian)
 
 
-@compiled
+@inlined
 def make_state(n: int, fixed: int) -> ShapeState:
     """Room for a chain of n links and a number of fixed ones."""
     constraint, jacobian = np.zeros(3 * fixed), np.zeros((3 * fixed, n))
     return ShapeState(np.empty((n, 5)), make_parts(n), np.empty(5), constraint, jacobian)
 
 
-@compiled
+@inlined
 def evaluate_shape(angles: Array, problem: ShapeArrays, state: ShapeState) -> float:
     """The objective at a shape; fills the state."""
     place_links(angles, problem.root, problem.length, state.links)
@@ -225,7 +225,7 @@ def _evaluate_plain(angles: Array, problem: Any, state: Any) -> float:
     return evaluate_shape(angles, name_problem(problem), name_state(state))
 
 
-@compiled
+@inlined
 def shape_terms(angles: Array, problem: ShapeArrays, state: ShapeState) -> float:
     """The objective at a shape whose links are placed; fills the state's terms and parts."""
     estimate, scale, targets = problem.estimate, problem.scale, problem.targets
