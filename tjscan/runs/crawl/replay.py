@@ -31,7 +31,7 @@ from tjscan.recording.parts import recording_files
 from tjscan.recording.topic import Topic
 from tjscan.recording.writer import RecordingWriter
 from tjscan.result.directory import JOB_FILE
-from tjscan.runs.crawl.results import read_recorded_crawl, write_passes
+from tjscan.runs.crawl.results import read_recorded_crawl, write_crawl_results
 from tjscan.runs.crawl.run import CrawlContext, slip_after_set_down, slip_after_stop
 from tjscan.runs.run import check_replay, do_nothing_when_finished, make_vehicle_run_directory
 
@@ -87,9 +87,10 @@ def replay_crawl(
                 known = slip_after_set_down if set_down[number] else slip_after_stop
                 method = context.make_method(known(read_recorded_crawl(out), context.job))
             with RecordingWriter(out / part.name, CRAWL_TOPICS, origin) as recording:
-                for messages in _in_chunks(_replayed(part, method, f"{directory}")):
+                replayed = _replayed(part, method, f"{directory}")
+                while messages := list(islice(replayed, CYCLES_TOGETHER)):
                     recording.write_timed(messages)
-        write_passes(out)
+        write_crawl_results(out)
     finished(out)
 
 
@@ -128,9 +129,3 @@ def _replayed(part: Path, method: FollowingMethod, source: str) -> Iterator[Time
         slip = method.slip if is_due else None
         without_slip = 1 if slip is not None else without_slip + 1
         yield from cycle_messages(entry.time, replace(cycle, torch=method.torch, slip=slip))
-
-
-def _in_chunks(messages: Iterator[TimedMessage]) -> Iterator[list[TimedMessage]]:
-    """Messages, as many together as a crawl writes at once."""
-    while chunk := list(islice(messages, CYCLES_TOGETHER)):
-        yield chunk

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -38,13 +38,12 @@ from tjscan.crawler.slip_model import SlipState
 from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY_EVENT, WARNING_EVENT, CrawlRecording
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob
-from tjscan.laser.profile import Profile
 from tjscan.recording.journal import CombinedJournal, Journal, RunEvent
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl, write_crawl_results
 from tjscan.runs.run import (
+    JobContext,
     accept_edited_copies,
-    do_nothing_when_finished,
     make_vehicle_run_directory,
     record_vehicle_run,
 )
@@ -79,29 +78,18 @@ class ConfirmsEveryWeld:
 
 
 @dataclass(frozen=True)
-class CrawlContext:
-    """A crawl job with its file, and where its run reports to.
+class CrawlContext(JobContext[CrawlJob]):
+    """A crawl job with its file, and where its run reports to; see `JobContext`.
 
     Parameters
     ----------
-    job : CrawlJob
-    job_file : Path
-        Where it was read from; a calibration is sought from there.
-    journal : Journal
-        Receives everything, once it is on disk.
     operator : WeldOperator
         Confirms each pass.
-    finished : callable
-        Is called with the directory once its results are written.
     hand : HandDrive, optional
         Drives by hand before the crawl begins; none by default.
     """
 
-    job: CrawlJob
-    job_file: Path
-    journal: Journal = field(default_factory=CombinedJournal)
     operator: WeldOperator = field(default_factory=ConfirmsEveryWeld)
-    finished: Callable[[Path], object] = do_nothing_when_finished
     hand: HandDrive | None = None
 
     @property
@@ -328,8 +316,11 @@ def resume_crawl(
     with add_file_to_errors(context.job_file):
         check_size(context.job)
         cell = make_crawl_cell(context.job, left)
-    method = context.make_method(slip)
-    crawl_into(context, directory, cell, method, start, reader_that_saw(found.profiles))
+    method, reader = context.make_method(slip), RememberingTracker()
+    for cycle, profile in found.profiles:
+        with suppress(GrooveNotFound):
+            reader.read(profile, cycle.travel)
+    crawl_into(context, directory, cell, method, start, reader)
 
 
 def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
@@ -369,15 +360,6 @@ def check_place(place: float, job: CrawlJob) -> None:
             f"--place is {1e3 * place:g} mm along the joint, from where the weld begins; it must "
             f"be between {1e3 * first:g} and {1e3 * last:g}"
         )
-
-
-def reader_that_saw(profiles: Iterable[tuple[CrawlCycle, Profile]]) -> RememberingTracker:
-    """Make the reader of a crawl that goes on: it remembers what the recorded profiles show."""
-    reader = RememberingTracker()
-    for cycle, profile in profiles:
-        with suppress(GrooveNotFound):
-            reader.read(profile, cycle.travel)
-    return reader
 
 
 def start_after_stop(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -25,7 +25,7 @@ from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import URDF_FILE
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.run import do_nothing_when_finished, make_run_directory, take_job_snapshot
+from tjscan.runs.run import JobContext, make_run_directory, take_job_snapshot
 from tjscan.scanning.section import ProfileView
 from tjscan.scanning.sections_before import GrooveReader
 from tjscan.scanning.stopping import StopRequest
@@ -33,28 +33,16 @@ from tjscan.scanning.topics import ScanRecording
 
 
 @dataclass(frozen=True, eq=False)
-class RunContext:
-    """A scan job with its file, and where its run reports progress, events and results.
+class RunContext(JobContext[ScanJob]):
+    """A scan job with what it names, and where its run reports to; see `JobContext`.
 
     Parameters
     ----------
-    job : ScanJob
-        The job.
-    job_file : Path
-        Where it was read from; the files that it names are sought from there.
-    journal : Journal
-        Receives every profile, section and event, once it is on disk.
     stop : StopRequest
         Asks for an end before the job is done.
-    finished : callable
-        Is called with every directory whose results are written, for instance `write_run_report`.
     """
 
-    job: ScanJob
-    job_file: Path
-    journal: Journal = field(default_factory=CombinedJournal)
     stop: StopRequest = field(default_factory=StopRequest)
-    finished: Callable[[Path], object] = do_nothing_when_finished
 
     @cached_property
     def joint_file(self) -> Path | None:

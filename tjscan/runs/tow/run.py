@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -18,9 +18,9 @@ from tjscan.recording.journal import CombinedJournal, Journal, event_recorder
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.run import (
+    JobContext,
     accept_edited_copies,
     changes_of_job,
-    do_nothing_when_finished,
     make_vehicle_run_directory,
     record_vehicle_run,
 )
@@ -50,26 +50,15 @@ RESUMABLE_KEYS: Final = (
 
 
 @dataclass(frozen=True)
-class TowContext:
-    """A tow job with its file, and where its run reports to.
+class TowContext(JobContext[TowJob]):
+    """A tow job with its file, and where its run reports to; see `JobContext`.
 
     Parameters
     ----------
-    job : TowJob
-    job_file : Path
-        Where it was read from.
-    journal : Journal
-        Receives everything, once it is on disk.
-    finished : callable
-        Is called with the directory once its results are written.
     show_truth : callable, optional
         Is given what a simulation knows, each time that it is recorded.
     """
 
-    job: TowJob
-    job_file: Path
-    journal: Journal = field(default_factory=CombinedJournal)
-    finished: Callable[[Path], object] = do_nothing_when_finished
     show_truth: Callable[[TowTruth], object] | None = None
 
     def truth_of(self, cell: TowCell) -> Callable[[], TowTruth] | None:
