@@ -16,7 +16,6 @@ from tjscan.calibration.arm.result import as_hand_eye_calibration
 from tjscan.calibration.arm.wizard import ArmWizard
 from tjscan.calibration.entries import BasisEntry, ShrinkingEntry, views_of_poses
 from tjscan.calibration.file import (
-    CalibrationFile,
     SavedCalibration,
     to_calibration_file,
     write_calibration,
@@ -48,6 +47,7 @@ from tjscan.job import (
 from tjscan.job.arm import kinematics_of_job, sensor_mount_of_job
 from tjscan.job.cell import Cell, make_cell
 from tjscan.job.laser import laser_model_of_job
+from tjscan.job.surroundings import BallSettings
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.drivers import SimulatedScene
 from tjscan.laser.optics import RaycastSurface
@@ -60,19 +60,21 @@ BALL_SUBDIVISIONS: Final = 6
 
 def calibrate_arm_in_cell(
     job: CalibrationJob,
+    ball: BallSettings,
     cell: Cell,
     operator: Operator,
     logbook: Logbook,
     T_f_s: Array,
-    window: MeasuringRange,
-    laser: LaserDeviation | None,
-) -> tuple[HandEyeCalibration, CalibrationFile]:
-    """Look at the ball of a job from many postures, and calibrate arm and sensor together.
+    task: CalibrationPlan,
+) -> tuple[HandEyeCalibration, BasisEntry]:
+    """Look at a ball from many postures, and calibrate arm and sensor together.
 
     Parameters
     ----------
     job : CalibrationJob
-        With a [ball].
+        The job.
+    ball : BallSettings
+        Its ball.
     cell : Cell
         Connected.
     operator : Operator
@@ -81,30 +83,25 @@ def calibrate_arm_in_cell(
         Gets every profile.
     T_f_s : ndarray, shape (4, 4)
         How the sensor sits, as lines on the board have it.
-    window : MeasuringRange
-        What the sensor sees.
-    laser : LaserDeviation or None
-        By what it may deviate.
+    task : CalibrationPlan
+        What the sensor sees, and by what it may deviate.
 
     Raises
     ------
     TjscanError
         As `ArmWizard.run` does.
     """
-    ball = job.ball
-    if ball is None:
-        raise ConfigurationError("--arm looks at a ball: the job needs a table [ball]", key="ball")
     kinematics = kinematics_of_job(job)
     plan = BallPlan(
         np.array(ball.position),
         ball.radius,
         T_f_s,
-        window,
+        task.window,
         ball.noise,
         ball.tolerance,
         ball.poses,
         ball.held_out,
-        laser,
+        task.laser,
     )
     views = plan_views(plan, kinematics)
     wizard = ArmWizard(
@@ -112,22 +109,7 @@ def calibrate_arm_in_cell(
     )
     found, arcs = wizard.run()
     result = as_hand_eye_calibration(found, [arc.name for arc in arcs], kinematics.name)
-    return result, to_calibration_file(
-        result,
-        ball.noise,
-        arm=job.arm.device_id,
-        laser=job.laser.device_id,
-        date=logbook.measured.started_at,
-        linearity=0.0 if laser is None else laser.largest,
-        basis=basis_of_postures(logbook.measured, result, 1e3 * ball.radius),
-    )
-
-
-def ball_mesh(centre_b: Array, radius: float) -> trimesh.Trimesh:
-    """A ball that a simulated laser can look at, frame b, metres."""
-    ball = trimesh.creation.icosphere(subdivisions=BALL_SUBDIVISIONS, radius=radius)
-    ball.apply_translation(centre_b)
-    return ball
+    return result, basis_of_postures(logbook.measured, result, 1e3 * ball.radius)
 
 
 def basis_of_lines(
@@ -268,35 +250,31 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
         task = calibration_plan_of_job(job, T_f_s)
         wizard = CalibrationWizard(task, cell.arm, cell.laser, probe, operator, logbook)
         if job.ball is None:
-            result, found = _of_sensor(job, wizard)
+            outcome = wizard.run()
+            result, verification, noise = outcome.result, outcome.verification, job.board.noise
+            basis = basis_of_lines(task, logbook.measured, result)
         else:
-            about = wizard.take_lines(*wizard.touch_board()).T_f_s
-            result, found = calibrate_arm_in_cell(
-                job, cell, operator, logbook, about, task.window, task.laser
+            about, verification = wizard.take_lines(*wizard.touch_board()).T_f_s, None
+            noise = job.ball.noise
+            result, basis = calibrate_arm_in_cell(
+                job, job.ball, cell, operator, logbook, about, task
             )
+        found = to_calibration_file(
+            result,
+            noise,
+            arm=job.arm.device_id,
+            laser=job.laser.device_id,
+            date=logbook.measured.started_at,
+            verification=verification,
+            linearity=0.0 if task.laser is None else task.laser.largest,
+            basis=basis,
+        )
     if not operator.confirm(Question(f"Save it as {file}?", True, yes="Finish", no="Skip")):
         raise CalibrationRefused("not saved", f"what was measured stays in {directory}")
     write_calibration(
         file, found, Provenance.for_file_written_now(job_label_of_run(directory), "f")
     )
     return SavedCalibration(file, found, result.caveats)
-
-
-def _of_sensor(
-    job: CalibrationJob, wizard: CalibrationWizard
-) -> tuple[HandEyeCalibration, CalibrationFile]:
-    """Calibrate the sensor's pose alone, on the board."""
-    outcome = wizard.run()
-    return outcome.result, to_calibration_file(
-        outcome.result,
-        job.board.noise,
-        arm=job.arm.device_id,
-        laser=job.laser.device_id,
-        date=wizard.logbook.measured.started_at,
-        verification=outcome.verification,
-        linearity=0.0 if wizard.task.laser is None else wizard.task.laser.largest,
-        basis=basis_of_lines(wizard.task, wizard.logbook.measured, outcome.result),
-    )
 
 
 def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, TouchProbe]:
@@ -358,7 +336,9 @@ def _targets_surface(job: CalibrationJob, T_b_board: Array) -> RaycastSurface:
     if job.ball is not None:
         truth = None if job.simulation is None else job.simulation.ball
         ball = truth or job.ball
-        bodies.append(ball_mesh(np.array(ball.position), ball.radius))
+        sphere = trimesh.creation.icosphere(subdivisions=BALL_SUBDIVISIONS, radius=ball.radius)
+        sphere.apply_translation(ball.position)
+        bodies.append(sphere)
     whole = trimesh.util.concatenate(bodies)
     return RaycastSurface(whole.vertices, whole.faces)
 
@@ -374,7 +354,9 @@ def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPla
         Rough pose of the laser.
     """
     board = job.board
-    window = measuring_range_of_job(job)
+    model = laser_model_of_job(job)
+    # That other lasers of this class open their fan as the simulated one is an assumption.
+    window = MeasuringRange(model.near, model.far, model.emitter_z, model.half_angle, model.columns)
     return CalibrationPlan(
         board.T,
         0.5 * np.array(board.size),
@@ -387,13 +369,6 @@ def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPla
         ArmGeometry(kinematics_of_job(job)).moves,
         laser_deviation_of_job(job, window),
     )
-
-
-def measuring_range_of_job(job: CalibrationJob) -> MeasuringRange:
-    """Measuring range of a job's laser."""
-    model = laser_model_of_job(job)
-    # That other lasers of this class open their fan as the simulated one is an assumption.
-    return MeasuringRange(model.near, model.far, model.emitter_z, model.half_angle, model.columns)
 
 
 def laser_deviation_of_job(job: CalibrationJob, window: MeasuringRange) -> LaserDeviation | None:

@@ -145,7 +145,7 @@ class ScanShow:
             groove, self._frame.T_r_b @ view.T_b_s, self._frame.letter, index=view.index
         )
         values, sigmas = self._measures(measured)
-        x = view.index if np.isnan(measured.azimuth) else clock_position(measured.azimuth)
+        x = view.index if np.isnan(measured.azimuth) else np.degrees(measured.azimuth) % 360 / 30
         profile, corners = 1e3 * view.profile.points_s, 1e3 * groove.points_s
         form = ", ".join((groove.model, *groove.conditions))
         done = view.index + 1
@@ -239,11 +239,6 @@ def planned_sections(job: ScanJob) -> int | None:
     return plan.sections
 
 
-def clock_position(azimuth: float) -> float:
-    """Hours from 0 to 12 of an azimuth in radians: 12 is at the crown."""
-    return float(np.degrees(azimuth) % 360.0 / 30.0)
-
-
 def laser_fan(view: ProfileView) -> dict[str, Drawable]:
     """The laser's plane, from the sensor to what it saw; and the profile."""
     points = view.profile.points_s
@@ -332,10 +327,9 @@ class PageJournal:
         """Show a message; of a section also how long the rest takes at the pace until now."""
         if isinstance(message, ProfileView | ScannedSection | RunEvent):
             self.run.post(message)
-        if isinstance(message, ScannedSection):
-            self._show_time_left(message.view.index, self._clock())
-
-    def _show_time_left(self, number: int, now: float) -> None:
+        if not isinstance(message, ScannedSection):
+            return
+        number, now = message.view.index, self._clock()
         first, began = self._first = self._first or (number, now)
         if self._total is not None and number > first:
             left = (now - began) / (number - first) * max(self._total - 1 - number, 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -214,19 +215,11 @@ def read_tow_show(directory: Path) -> RecordedShow | None:
 
 def _entries(directory: Path) -> Iterator[TowEntry]:
     """Events, and of cycles and truths every second one."""
-    cycles = truths = 0
+    seen = Counter[type[TowEntry]]()
     for entry in read_tow(directory):
-        match entry:
-            case TowCycle():
-                cycles += 1
-                if cycles % CYCLES_BETWEEN_STEPS == 1:
-                    yield entry
-            case TowTruth():
-                truths += 1
-                if truths % CYCLES_BETWEEN_STEPS == 1:
-                    yield entry
-            case RunEvent():
-                yield entry
+        seen[type(entry)] += 1
+        if isinstance(entry, RunEvent) or seen[type(entry)] % CYCLES_BETWEEN_STEPS == 1:
+            yield entry
 
 
 class TowPageJournal:

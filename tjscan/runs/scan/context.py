@@ -19,7 +19,6 @@ from tjscan.job.arm import SensorMount, sensor_mount_of_job
 from tjscan.job.cell import Cell, make_scan_cell
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
-from tjscan.recording.header import JobSnapshot
 from tjscan.recording.journal import CombinedJournal, Journal
 from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import URDF_FILE
@@ -102,10 +101,6 @@ class RunContext(JobContext[ScanJob]):
                 calibration=self.sensor_mount.file,
             )
 
-    def job_snapshot(self, directory: Path) -> JobSnapshot:
-        """Snapshot of the job and its files, for the recording in a run directory."""
-        return take_job_snapshot(directory, self.job)
-
     @contextmanager
     def open_recording(self, directory: Path) -> Iterator[Journal]:
         """Record into a run directory while the block runs; gives the journal that writes it."""
@@ -113,7 +108,7 @@ class RunContext(JobContext[ScanJob]):
         root = {arm.link_names[0]: arm.link_poses(np.zeros(len(arm.joint_names)))[0]}
         with ScanRecording(
             next_recording_file(directory),
-            self.job_snapshot(directory),
+            take_job_snapshot(directory, self.job),
             joint_names=arm.joint_names,
             fixed=root if T_b_j is None else {**root, "j": T_b_j},
             attachments={URDF_FILE: arm.urdf.read_bytes()},
