@@ -1,9 +1,10 @@
-"""Run a calibration's wizard in the cell that a job describes."""
+"""Run a calibration: its wizard in the cell that a job describes, or from recorded profiles."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, NoReturn
 
@@ -22,6 +23,7 @@ from tjscan.calibration.file import (
 )
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.plucker import plane_through_point
+from tjscan.calibration.recorded import calibrate_recorded_sets
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.calibration.wizard.logbook import Logbook, MeasurementsSoFar
@@ -41,6 +43,7 @@ from tjscan.core.units import pose_to_rows_mm
 from tjscan.job import (
     CalibrationJob,
     CalibrationSettings,
+    RecordedJob,
     SimulatedBoardSettings,
     read_calibration_job,
 )
@@ -52,6 +55,7 @@ from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.drivers import SimulatedScene
 from tjscan.laser.optics import RaycastSurface
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
+from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.run import make_run_directory
 
 BALL_SUBDIVISIONS: Final = 6
@@ -383,3 +387,54 @@ def laser_deviation_of_job(job: CalibrationJob, window: MeasuringRange) -> Laser
         apex_z=window.apex_z,
         half_angle=window.half_angle,
     )
+
+
+UNNAMED_DEVICE: Final = "unnamed"
+"""Name in the file of an arm or a laser without an id; no scan takes the file."""
+
+
+def calibrate_recorded_job(
+    job: RecordedJob, job_file: Path, directory: Path, report: Callable[[str], None]
+) -> SavedCalibration:
+    """Calibrate from the recorded profiles of a job, and write ``calibration.toml``.
+
+    Parameters
+    ----------
+    job : RecordedJob
+        The job.
+    job_file : Path
+        Its file, from whose folder the paths of recorded files start.
+    directory : Path
+        To make, once there is a result.
+    report : callable
+        Receives messages about files, left-out profiles and results.
+
+    Raises
+    ------
+    ConfigurationError
+        If a file is missing or wrong, or the directory holds a calibration already.
+    CalibrationRefused
+        If the result could not be trusted.
+    """
+    file = directory / CALIBRATION_FILE
+    if file.exists():
+        raise ConfigurationError("is there already; choose another --out", file=file)
+    result, basis = calibrate_recorded_sets(
+        job.recorded,
+        job.noise,
+        job_file.parent,
+        report,
+        sensor_is_fixed=job.solve.fixed_sensor,
+        kinematics=Kinematics.load(job.arm.model) if job.solve.calibrate_arm else None,
+    )
+    found = to_calibration_file(
+        result,
+        job.noise,
+        arm=job.arm.id or UNNAMED_DEVICE,
+        laser=job.laser.id or UNNAMED_DEVICE,
+        date=datetime.now(UTC).replace(microsecond=0),
+        basis=basis,
+    )
+    frame = "b" if job.solve.fixed_sensor else "f"
+    write_calibration(file, found, Provenance.for_file_written_now(job_file.name, frame))
+    return SavedCalibration(file, found, result.caveats)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
@@ -13,7 +13,7 @@ import numpy as np
 from tjscan.core.frames import Array, pose, rot_z
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.job.tow.job import TowJob
-from tjscan.live.buttons import Button, stop_button
+from tjscan.live.buttons import stop_button
 from tjscan.live.colours import (
     FITTED_COLOUR,
     LASER_COLOUR,
@@ -248,10 +248,7 @@ def show_tow(
     interrupt: Callable[[], object],
 ) -> Iterator[TowPageJournal]:
     """Show a tow while the block runs; for the parameters see `show_crawl`."""
-
-    def buttons(_: RunOnPage[TowEntry]) -> Sequence[Button]:
-        return stop_button(interrupt, "all vehicles")
-
-    with show_run(TowShow(job, title), where, report, buttons) as run:
+    stop = stop_button(interrupt, "all vehicles")
+    with show_run(TowShow(job, title), where, report, lambda _: stop) as run:
         run.show_state("plans the whole seam before anything moves")
         yield TowPageJournal(run)

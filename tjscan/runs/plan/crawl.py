@@ -168,7 +168,9 @@ def butt_joint_edges(
     """
     readings = _read_joint(seen, length)
     places = np.array([at for at, _ in readings])
-    higher = _above_usual(places, np.array([reading.depth_left for _, reading in readings]))
+    depths = np.array([reading.depth_left for _, reading in readings])
+    usual = [np.median(depths[np.abs(places - at) <= USUAL_DEPTH_RADIUS]) for at in places]
+    higher = np.array(usual) - depths
     station = (places / STATION_LENGTH).astype(int)
     tacks = {
         int(k): bool(np.mean(higher[station == k] > BURIED_HEIGHT) > 0.5)
@@ -221,12 +223,6 @@ def _read_joint(
             if np.isfinite(reading.edges).all() and reading.depth_left > 0:
                 found.append((at, reading))
     return found
-
-
-def _above_usual(places: Array, depths: Array) -> Array:
-    """How much higher the root is at each place than usual near it, metres."""
-    usual = [np.median(depths[np.abs(places - at) <= USUAL_DEPTH_RADIUS]) for at in places]
-    return np.array(usual) - depths
 
 
 def _trapezoid(reading: ButtJointReading) -> Array:

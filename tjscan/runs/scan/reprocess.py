@@ -226,20 +226,15 @@ def _sections(
     for one in recorded.sections.values():
         try:
             section = read_section(read, one.view, one.T_s_t, found)
-            _check_place(section, one, far)
+            moved = float(np.linalg.norm(section.T_b_g[:3, 3] - one.T_b_g[:3, 3]))
+            if moved > far:
+                was_read = f"what is read now is {1e3 * moved:.1f} mm from what was read then"
+                raise GrooveNotFound("implausible", was_read)
         except GrooveNotFound as error:
             lost[one.view.index] = error
         else:
             found.append(section)
             yield replace(section, view=replace(one.view, T_b_s=one.view.T_b_f @ T_f_s))
-
-
-def _check_place(section: ScannedSection, before: ScannedSection, far: float) -> None:
-    moved = float(np.linalg.norm(section.T_b_g[:3, 3] - before.T_b_g[:3, 3]))
-    if moved > far:
-        raise GrooveNotFound(
-            "implausible", f"what is read now is {1e3 * moved:.1f} mm from what was read then"
-        )
 
 
 def _end(recorded: RecordedScan, found: int, damages: int) -> tuple[StopReason, str]:

@@ -105,23 +105,11 @@ def joint_with_derived_dimensions(joint: JointFile, rules: DerivedKeySettings) -
 def _with_room(joint: JointFile, room_mm: float) -> JointFile:
     """The joint with as much leg and brace as leaves room beyond the groove."""
     longest = {"length_mm": LONGEST_MM}
-    endless = joint.model_copy(
-        update={
-            "leg": joint.leg.model_copy(update=longest),
-            "brace": joint.brace.model_copy(update=longest),
-        }
-    )
-    up, along = _extent(endless.definition("joint"))
-    return joint.model_copy(
-        update={
-            "leg": joint.leg.model_copy(
-                update={"length_mm": float(np.ceil(2 * (1e3 * along + room_mm)))}
-            ),
-            "brace": joint.brace.model_copy(
-                update={"length_mm": float(np.ceil(1e3 * up + room_mm))}
-            ),
-        }
-    )
+    leg, brace = joint.leg.model_copy(update=longest), joint.brace.model_copy(update=longest)
+    up, along = _extent(joint.model_copy(update={"leg": leg, "brace": brace}).definition("joint"))
+    leg = leg.model_copy(update={"length_mm": float(np.ceil(2 * (1e3 * along + room_mm)))})
+    brace = brace.model_copy(update={"length_mm": float(np.ceil(1e3 * up + room_mm))})
+    return joint.model_copy(update={"leg": leg, "brace": brace})
 
 
 def _extent(d: JointDefinition) -> tuple[float, float]:
