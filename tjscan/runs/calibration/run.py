@@ -16,11 +16,7 @@ from tjscan.calibration.arm.model import ArmGeometry
 from tjscan.calibration.arm.result import as_hand_eye_calibration
 from tjscan.calibration.arm.wizard import ArmWizard
 from tjscan.calibration.entries import BasisEntry, ShrinkingEntry, views_of_poses
-from tjscan.calibration.file import (
-    SavedCalibration,
-    to_calibration_file,
-    write_calibration,
-)
+from tjscan.calibration.file import SavedCalibration, to_calibration_file, write_calibration
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.plucker import plane_through_point
 from tjscan.calibration.recorded import calibrate_recorded_sets
