@@ -193,7 +193,7 @@ class HandEyeCalibration:
         found.extend(self.notes)
         if self.geometry > 0:
             found.append(
-                f"residuals of poses that are alike are alike, as if an arm's geometry were "
+                f"residuals of poses that are alike are alike, as where an arm's geometry is "
                 f"{1e3 * self.geometry:.2f} mm off; the uncertainty allows for that"
             )
         measured = self.measured_radius
