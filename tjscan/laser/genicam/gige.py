@@ -17,8 +17,8 @@ from tjscan.core.errors import (
 )
 from tjscan.core.process import ClientClosed, ClientDied, ClientProcess, ClientSilent
 from tjscan.laser.genicam.clock import HostInterval, cell_time_of_exposure
-from tjscan.laser.genicam.driver import GigeSettings
 from tjscan.laser.genicam.messages import ConnectedLaser, ReceivedBlock, StreamSetup
+from tjscan.laser.genicam.settings import GigeSettings
 from tjscan.laser.profile import Profile
 
 T = TypeVar("T")

@@ -7,9 +7,9 @@ from math import inf
 from typing import Final
 
 from tjscan.core.errors import LaserFault, ProfileFormatRefused
-from tjscan.laser.genicam.driver import GenicamSettings
 from tjscan.laser.genicam.gige import GigeLaser
 from tjscan.laser.genicam.messages import ConnectedLaser, ReceivedBlock, StatedAxis, StreamSetup
+from tjscan.laser.genicam.settings import GenicamSettings
 from tjscan.laser.line_laser import LaserDescription
 from tjscan.laser.profile import Profile
 from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, points

@@ -24,11 +24,11 @@ from tjscan.robot.path import PathPlanner
 from tjscan.robot.ur.commands import MoveCommand, joint_command, linear_command
 from tjscan.robot.ur.connecting import connect_to_controller
 from tjscan.robot.ur.dashboard import UrIdentity, read_ur_identity
-from tjscan.robot.ur.driver import UrSettings
 from tjscan.robot.ur.kinematics_info import read_controller_kinematics
 from tjscan.robot.ur.moving import POLL_PERIOD, await_arrival, check_target_is_safe, execute_move
 from tjscan.robot.ur.program import UrProgram, run_program
 from tjscan.robot.ur.session import ControllerSession
+from tjscan.robot.ur.settings import UrSettings
 
 
 class UrArm(DeviceBase):
