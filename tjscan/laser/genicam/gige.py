@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from types import TracebackType
 from typing import Final, Self, TypeVar
 
 from tjscan.core.devices import DeviceIdentity, EventListener
@@ -79,16 +78,11 @@ class GigeLaser(ABC):
             self._check_identity(self._laser.identity)
             self._understand(self._laser)
         except BaseException:
-            self.__exit__(None, None, None)
+            self.__exit__()
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Give the laser back, and end the client's process whatever it is doing."""
         process, self._process = self._process, None
         if process is not None:
