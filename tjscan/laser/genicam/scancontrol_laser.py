@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from tjscan.laser.genicam.driver import ScanControlSettings
 from tjscan.laser.genicam.gige import GigeLaser
 from tjscan.laser.genicam.messages import ConnectedLaser, ReceivedBlock, StreamSetup
@@ -19,7 +17,7 @@ from tjscan.laser.scancontrol import (
 )
 
 
-class ScanControlLaser(GigeLaser):
+class ScanControlLaser(GigeLaser[ScanControlSettings]):
     """A `LineLaser` with the transport of GigE Vision and a payload of its own.
 
     It runs free, and what its stream stamps earlier than the call, and the margin after it, is
@@ -32,10 +30,6 @@ class ScanControlLaser(GigeLaser):
     time : callable
         Gives the seconds on the clock of the cell.
     """
-
-    def __init__(self, settings: ScanControlSettings, time: Callable[[], float]) -> None:
-        super().__init__(settings, time)
-        self.settings = settings
 
     @property
     def scale(self) -> ScanControlScale:
