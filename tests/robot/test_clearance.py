@@ -29,8 +29,8 @@ from tjscan.robot.solids import Box, Capsule, Cylinder, Solid
 from tjscan.robot.urdf import ARM_MODELS
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import check_scan_job, scan_in_cell
+from tjscan.scanning.journal import ScannedSurfaceObstacle, grid_triangles
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.scanned_surface import ScannedSurfaceObstacle, grid_triangles
 
 HOME = np.radians([0, -80, 110, -120, -90, 0])
 """Before the arm, the flange looking down."""

@@ -93,7 +93,7 @@ def _scan_from_one_place(request: ScanRequest) -> None:
         scan_progress_bar(request.job_there.scan) as journal,
         stop_request_on_ctrl_c() as stop,
         _on_page(
-            RunContext(request.job_there, request.file, journal, stop, write_run_report),
+            RunContext(request.job_there, request.file, journal, write_run_report, stop),
             request.page,
             directory if request.resume else None,
         ) as context,

@@ -144,7 +144,7 @@ def make_cell(
         job.laser.driver,
         LaserDriverInputs(
             laser_model_of_job(job),
-            LaserFlange(true_flange, lambda: device.state().T_b_f, lambda: device.state().time),
+            LaserFlange.of_arm(true_flange, device.state),
             T_f_s if rows is None else pose_from_rows_mm(rows),
             scene,
             seed=None if simulation is None else simulation.seed,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
 from tjscan.core.errors import ConfigurationError
@@ -20,6 +20,20 @@ if TYPE_CHECKING:
 
 RANDOM_STREAM: Final = 1
 """Keeps the random numbers of the laser apart from the arm's, which has the bare seed."""
+
+
+class ReportedState(Protocol):
+    """What a flange needs of the state that an arm reports: its pose and the arm's clock."""
+
+    @property
+    def T_b_f(self) -> Array:
+        """Pose of the flange, shape (4, 4)."""
+        ...
+
+    @property
+    def time(self) -> float:
+        """Seconds on the arm's clock."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +53,11 @@ class LaserFlange:
     truth: Callable[[], Array]
     T_b_f: Callable[[], Array]
     time: Callable[[], float]
+
+    @classmethod
+    def of_arm(cls, truth: Callable[[], Array], state: Callable[[], ReportedState]) -> LaserFlange:
+        """Flange of an arm that reports its pose and its clock together."""
+        return cls(truth, lambda: state().T_b_f, lambda: state().time)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

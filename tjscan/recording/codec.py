@@ -7,6 +7,7 @@ measured, a pose is one, an array has its shape, an enum knows its value, no fie
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from datetime import datetime
@@ -48,6 +49,10 @@ class ValueCodec:
     schema: Mapping[str, Any]
     encode: Callable[[Any], Any]
     decode: Callable[[Any], Any]
+
+    def json_bytes(self, value: Any) -> bytes:
+        """The JSON of a value; raises ValueError if a number in it is not finite."""
+        return json.dumps(self.encode(value), allow_nan=False).encode()
 
 
 def value_codec(kind: Any, decimals: int | None = None) -> ValueCodec:

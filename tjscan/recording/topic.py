@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import methodcaller
 from typing import Any, Generic, Literal, TypeVar, cast
 
 from google.protobuf.message import DecodeError, Message
@@ -76,14 +77,8 @@ class Topic(Generic[T]):
                 raise ValueError(f"no fields of {schema}")
             return cast("T", codec.decode(content))
 
-        return cls(
-            name,
-            schema,
-            "json",
-            json.dumps(codec.schema).encode(),
-            lambda message: json.dumps(codec.encode(message), allow_nan=False).encode(),
-            decode,
-        )
+        definition = json.dumps(codec.schema).encode()
+        return cls(name, schema, "json", definition, codec.json_bytes, decode)
 
 
 def _protobuf_topic(name: str, kind: type[Message]) -> Topic[Any]:
@@ -99,6 +94,6 @@ def _protobuf_topic(name: str, kind: type[Message]) -> Topic[Any]:
         kind.DESCRIPTOR.full_name,
         "protobuf",
         definition,
-        lambda message: message.SerializeToString(),
+        methodcaller("SerializeToString"),
         decode,
     )

@@ -31,7 +31,7 @@ from tjscan.recording.journal import LOG_TOPIC, RecordingJournal, RunEvent
 from tjscan.recording.topic import Topic
 from tjscan.recording.writer import NO_ATTACHMENTS
 from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.scanned_surface import grid_triangles
+from tjscan.scanning.journal import grid_triangles
 from tjscan.scanning.section import ProfileView, ScannedSection
 
 VIEW_TOPIC: Final = Topic.of("/view", ProfileView)

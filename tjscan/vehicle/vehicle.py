@@ -39,8 +39,8 @@ class Twist:
     sideways: float = 0.0
 
 
-REST: Final = Twist(0.0, 0.0)
-"""The twist of a vehicle that stands."""
+AT_REST: Final = Twist(0.0, 0.0)
+"""The twist of a vehicle that does not move."""
 
 
 @dataclass(frozen=True, slots=True)

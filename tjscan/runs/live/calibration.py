@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Final
@@ -243,17 +244,17 @@ class PageOperator:
 
     def buttons(self, interrupt: Callable[[], object]) -> list[Button]:
         """Buttons of the page: the answers, and Stop, which does what Ctrl-C does."""
-
-        def pressing(word: Answer) -> Callable[[], object]:
-            return lambda: self._pressed.put(word)
-
-        answers = [Button(word, pressing(word), tone, hint) for word, tone, hint in ANSWER_BUTTONS]
+        answers = [
+            Button(word, partial(self._pressed.put, word), tone, hint)
+            for word, tone, hint in ANSWER_BUTTONS
+        ]
         stop = Button("Stop", interrupt, "red", "As Ctrl-C; what was measured stays")
         return [*answers, stop]
 
     def confirm(self, question: Question) -> bool:
         """Show a question and the target of its move; wait for one of its two buttons."""
-        self._forget_presses()
+        while not self._pressed.empty():  # an earlier press answers none: the arm might move
+            self._pressed.get()
         words = f"{question.yes} or {question.no}"
         self._run.post(Step(facts={STATE_FACT: question.text, PRESS_FACT: words}))
         self._run.post(self._show.next_pose(question.T_b_f))
@@ -280,11 +281,6 @@ class PageOperator:
     def _enable(self, *words: Answer) -> None:
         if self._run.page is not None:
             self._run.page.enable({word: word in words for word, _, _ in ANSWER_BUTTONS})
-
-    def _forget_presses(self) -> None:
-        """A press that came before its question answers none: the arm might move."""
-        while not self._pressed.empty():
-            self._pressed.get()
 
     def _next_press(self, question: Question) -> Answer:
         """Next button that is pressed; until then a real laser's profiles are shown."""

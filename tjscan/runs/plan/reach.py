@@ -36,7 +36,7 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import LARGEST_TURN, linear_waypoints
 from tjscan.robot.tool_reach import NEAR_SINGULARITY, Hindrance, ToolHolds, find_tool_holds
 from tjscan.runs.scan.context import RunContext
-from tjscan.scanning.scanned_surface import grid_triangles
+from tjscan.scanning.journal import grid_triangles
 
 ARM_STATION: Final = "arm"
 """Name of the station of a job without stations."""

@@ -61,49 +61,6 @@ EARLIER_FILES: Final = (
 """Not every plan has them: files of an earlier one do not stay beside a new one."""
 
 
-def write_plan(
-    folder: Path,
-    plan: WeldPlan,
-    document: PlanDocument,
-    provenance: Provenance,
-    texts: Mapping[str, str],
-) -> tuple[str, ...]:
-    """Write document, picture and table of a plan, and the weldx file if weldx is installed.
-
-    Parameters
-    ----------
-    folder : Path
-        Where to.
-    plan : WeldPlan
-        The plan.
-    document : PlanDocument
-        As in ``plan.json``.
-    provenance : Provenance
-        Of all of them.
-    texts : mapping
-        Name and text of each further file.
-
-    Returns
-    -------
-    tuple of str
-        Names of all files, in alphabetical order.
-    """
-    from tjscan.planning.picture import draw_plan
-    from tjscan.result.picture import write_png
-
-    with write_files_atomically(folder, last=PLAN_FILE, instead_of=EARLIER_FILES) as draft:
-        for name, text in texts.items():
-            (draft / name).write_text(text, encoding="utf-8")
-        write_png(draft / PLAN_PICTURE, draw_plan(plan), provenance)
-        table = beads_to_csv(plan, provenance)
-        (draft / BEADS_FILE).write_text(table, encoding="utf-8", newline="")
-        if weldx_is_installed():
-            root = WELDX_ROOTS.get(provenance.frame, provenance.frame)
-            write_plan_as_weldx(draft / WELDX_FILE, plan, document, root)
-        (draft / PLAN_FILE).write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
-        return tuple(sorted(file.name for file in draft.iterdir()))
-
-
 @contextmanager
 def add_file_of_key(wps_file: Path, sections: Path) -> Iterator[None]:
     """Add to errors of the block the file that holds their key: the WPS, or the sections.
@@ -230,18 +187,13 @@ def divide_plan(
     for reach in reaches:
         name, problem, file = reach.station.name, "", ""
         if any(bead.station == name for bead in divided.beads):
-            file = program_name(name)
+            file = "plan.urscript" if name == ARM_STATION else f"plan-{name}.urscript"
             try:
                 paths[file] = reach.lead_torch(divided)
             except PoseUnreachable as error:
                 file, problem = "", error.reason
         entries.append(_entry(reach, file, problem))
     return DividedPlan(divided, tuple(entries), paths)
-
-
-def program_name(station: str) -> str:
-    """Name of the file that holds a station's program."""
-    return "plan.urscript" if station == ARM_STATION else f"plan-{station}.urscript"
 
 
 def _entry(reach: StationReach, file: str, problem: str) -> StationEntry:
@@ -310,6 +262,60 @@ class WrittenPlan:
         return spans if self.document.stations else ()
 
 
+def write_plan(
+    directory: Path,
+    out: Path | None,
+    wps_file: Path,
+    divided: DividedPlan,
+    provenance: Provenance,
+    texts: Mapping[str, str],
+    details: Sequence[DetailStretch] = (),
+    without_stations: str = "",
+) -> WrittenPlan:
+    """Write document, picture and table of a plan, and the weldx file if weldx is installed.
+
+    Parameters
+    ----------
+    directory : Path
+        Of the run.
+    out : Path or None
+        Where to; the run directory if it is None.
+    wps_file : Path
+        The welding procedure specification.
+    divided : DividedPlan
+        The plan.
+    provenance : Provenance
+        Of all files.
+    texts : mapping
+        Name and text of each further file.
+    details : sequence of DetailStretch, optional
+        How the groove compares with the WPS's table.
+    without_stations : str, optional
+        Why there are no stations.
+    """
+    from tjscan.planning.picture import draw_plan
+    from tjscan.result.picture import write_png
+
+    plan, folder = divided.plan, out or directory
+    label = f"{plan.wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
+    name = directory.resolve().name
+    document = plan_document(
+        plan, provenance, name, label, details, divided.stations, without_stations
+    )
+    with write_files_atomically(folder, last=PLAN_FILE, instead_of=EARLIER_FILES) as draft:
+        for file, text in texts.items():
+            (draft / file).write_text(text, encoding="utf-8")
+        write_png(draft / PLAN_PICTURE, draw_plan(plan), provenance)
+        table = beads_to_csv(plan, provenance)
+        (draft / BEADS_FILE).write_text(table, encoding="utf-8", newline="")
+        if weldx_is_installed():
+            root = WELDX_ROOTS.get(provenance.frame, provenance.frame)
+            write_plan_as_weldx(draft / WELDX_FILE, plan, document, root)
+        (draft / PLAN_FILE).write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        files = tuple(sorted(one.name for one in draft.iterdir()))
+    return WrittenPlan(plan, document, folder, files, divided.paths)
+
+
 def plan_run(
     directory: Path,
     wps_file: Path,
@@ -370,18 +376,12 @@ def plan_run(
             )
             plan = divided.plan
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), summary.frame, "mm")
-    label = f"{wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
-    document = plan_document(
-        plan, provenance, directory.resolve().name, label, details, divided.stations, without
-    )
     head = "".join(provenance.comment_lines("#").splitlines(keepends=True)[:3])  # no frame, units
     programs = {
         name: head + path_to_urscript(path, wps.torch, switch.output, arc=switch.on)
         for name, path in divided.paths.items()
     }
-    folder = out or directory
-    files = write_plan(folder, plan, document, provenance, programs)
-    return WrittenPlan(plan, document, folder, files, divided.paths)
+    return write_plan(directory, out, wps_file, divided, provenance, programs, details, without)
 
 
 def _shared_area_sigma(summary: ScanSummary) -> float:
