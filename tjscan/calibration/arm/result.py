@@ -231,17 +231,9 @@ def _residuals(found: ArmCalibration, names: Sequence[str]) -> tuple[SampleResid
             continue
         own = stacked.profile == i
         lengths = stacked.residuals[own & stacked.is_length]
-        residuals.append(
-            SampleResidual(
-                name,
-                bool(estimate.used[i]),
-                float(np.linalg.norm(lengths)),
-                None,
-                float(np.sqrt(falls[i] / own.sum())),
-                float(np.linalg.norm(steps[i, :3])),
-                float(np.linalg.norm(steps[i, 3:])),
-            )
-        )
+        off, misfit = float(np.linalg.norm(lengths)), np.sqrt(falls[i] / own.sum())
+        used = estimate.used[i]
+        residuals.append(SampleResidual.from_changes(name, used, (off, None), misfit, steps[i]))
     return tuple(residuals)
 
 

@@ -67,18 +67,9 @@ def sample_residuals(
     found = []
     for i, name in enumerate(names):
         r = settled.stacked.residuals[settled.stacked.profile == i]
-        offset, tilt = _offset_and_tilt(r)
-        found.append(
-            SampleResidual(
-                name,
-                bool(estimate.used[i]),
-                offset,
-                tilt,
-                float(np.sqrt(deletion.chi2[i] / len(r))),
-                float(np.linalg.norm(deletion.step[i, :3])),
-                float(np.linalg.norm(deletion.step[i, 3:])),
-            )
-        )
+        off, misfit = _offset_and_tilt(r), np.sqrt(deletion.chi2[i] / len(r))
+        used, step = estimate.used[i], deletion.step[i]
+        found.append(SampleResidual.from_changes(name, used, off, misfit, step))
     return tuple(found)
 
 

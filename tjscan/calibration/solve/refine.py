@@ -131,8 +131,8 @@ def refine_by_least_squares(
     T_f_s: Array,
     target: Array,
     used: Mask,
-    rounds: int = MAX_REWEIGHTINGS,
-    evaluations: int = MAX_EVALUATIONS,
+    *,
+    rough: bool = False,
 ) -> RefinedEstimate:
     """Refine a nearby start: minimise the weighted sum of squares over the used profiles.
 
@@ -149,12 +149,11 @@ def refine_by_least_squares(
         Start for the targets' parameters.
     used : ndarray of bool, shape (n,)
         Which profiles count.
-    rounds : int
-        How often to find weights at most.
-    evaluations : int
-        Of the residuals in each round, at most.
+    rough : bool
+        Find weights only once, with few evaluations of the residuals: to compare, not to keep.
     """
     prior = _root(model.prior_information)
+    rounds, evaluations = (1, ROUGH_EVALUATIONS) if rough else (MAX_REWEIGHTINGS, MAX_EVALUATIONS)
     solver = {**SOLVER_TOLERANCES, "max_nfev": evaluations}
     T_f_s, target = solve_reweighted(
         model, T_f_s, target, used, prior, rounds, settled=CONVERGENCE_SIGMAS, **solver

@@ -13,7 +13,6 @@ from scipy.special import chdtri
 from tjscan.calibration.solve.combined import CombinedModel
 from tjscan.calibration.solve.refine import (
     FALSE_ALARM_PROBABILITY,
-    ROUGH_EVALUATIONS,
     Mask,
     RefinedEstimate,
     leave_one_out_changes,
@@ -67,14 +66,7 @@ def reject_outlying_profiles(
     if not (estimate.is_plausible and (leave_one_out_changes(estimate).chi2 <= prices).all()):
         for size in range(1, _most(estimate) + 1):
             left_out = _worst_set(estimate, last, size)
-            last = refine_by_least_squares(
-                model,
-                last.T_f_s,
-                last.target,
-                ~left_out,
-                rounds=1,
-                evaluations=ROUGH_EVALUATIONS,
-            )
+            last = refine_by_least_squares(model, last.T_f_s, last.target, ~left_out, rough=True)
             found, its_cost = most_likely_geometry(last, stated)
             its_cost += float(prices[left_out].sum())
             if its_cost < cost:
