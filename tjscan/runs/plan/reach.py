@@ -291,7 +291,7 @@ class StationReach:
             path = leader.bead(T, bead, where)
             leave = leader.way(np.array([T[-1] @ back]), where)
             found.append(BeadPath(bead, way, path, leave))
-            # Points about half of it apart: the way back needs no more.
+            # Points half a retraction apart: the way back needs no more.
             apart = bead.length / (len(bead.s) - 1)
             before = (T @ back)[:: -max(1, int(0.5 * torch.retract / apart))]
         return StationPath(self.station.name, start, tuple(found))

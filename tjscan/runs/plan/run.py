@@ -355,7 +355,7 @@ def plan_run(
     summary = read_finished_summary(directory)
     sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
     with add_file_of_key(wps_file, directory / SECTIONS_FILE):
-        # By what the areas of all sections err alike; nothing if that is not known.
+        # By what the areas of all sections err alike, m²; 0 if that is not known.
         parts = () if summary.uncertainty is None else summary.uncertainty.components
         areas = [part.area_mm2 for part in parts if part.shared]
         shared = MM2.factor * float(np.linalg.norm(areas))
