@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -280,7 +281,7 @@ def test_a_controller_that_does_not_end_the_program_is_told_of(loopback: UrLoopb
 def test_nothing_to_stop_is_stopped(loopback: UrLoopbackProcess) -> None:
     for order in ("clear", "refuse-stop"):
         loopback.schedule_fault(order)
-        with DashboardClient(loopback.host) as dashboard:
+        with closing(DashboardClient(loopback.host)) as dashboard:
             dashboard.stop_program()
 
 

@@ -140,7 +140,7 @@ def swapped_pairs(
         swapped = T.copy()
         swapped[[i, j]] = T[[j, i]]
         changed = with_poses(targets, swapped)
-        cost = _cost(fit_targets(changed, noise, begin, sensor_is_fixed, 1)[2])
+        cost = _cost(fit_targets(changed, noise, begin, sensor_is_fixed, 1)[1])
         if _cost(solution.whole) - cost > _limit(len(pairs)):
             notes.append(
                 f"{names[i]} and {names[j]} fit with each other's poses: they were swapped"
@@ -154,7 +154,7 @@ def _fit_with(
     """The fit to other poses, from the nearest of the starts that these give."""
     other = with_poses(targets, T_b_f)
     begin = [T for one in other for T in one.starts()]
-    return fit_targets(other, noise, begin, sensor_is_fixed, MAX_REFINED_STARTS)[2]
+    return fit_targets(other, noise, begin, sensor_is_fixed, MAX_REFINED_STARTS)[1]
 
 
 def _best_cost(solution: Solution) -> float:
