@@ -154,7 +154,7 @@ def calibrate_on_targets(
         sensor_is_fixed=sensor_is_fixed,
         closed_form=closed_form,
         notes=notes,
-        by_laser=estimate_by_laser(estimate.covariance, estimate.stacked, estimate.rows_used),
+        by_laser=estimate_by_laser(estimate),
         **_estimated_targets(solution),
     )
 
@@ -172,8 +172,8 @@ def _check_radius(targets: Targets, solution: Solution) -> MeasuredRadius:
     stated = sphere.radius
     estimate, at = solution.estimate, solution.model.part(k)
     radius = float(estimate.target[at][3])
-    excess = max(1.0, estimate.chi2 / max(estimate.dof, 1))
-    variance = excess * estimate.covariance[6:, 6:][at, at][3, 3] + (SENSOR_LINEARITY * radius) ** 2
+    variance = estimate.variance_scale * estimate.covariance[6:, 6:][at, at][3, 3]
+    variance += (SENSOR_LINEARITY * radius) ** 2
     measured = MeasuredRadius(radius, float(np.sqrt(variance)), stated)
     limit = float(-ndtri(RADIUS_FALSE_ALARM_PROBABILITY / 2)) * measured.sigma
     if stated is not None and abs(radius - stated) > limit:

@@ -12,7 +12,6 @@ from tjscan.calibration.arm_error import geometry_correlation
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.solve.combined import CombinedModel
 from tjscan.calibration.solve.refine import (
-    ROUGH_EVALUATIONS,
     RefinedEstimate,
     refine_by_least_squares,
     settle_targets,
@@ -148,12 +147,7 @@ def fit_targets(
     found: list[tuple[bool, float, _Start, RefinedEstimate]] = []
     for start in starts[:most]:
         estimate = refine_by_least_squares(
-            start.model,
-            start.T_f_s,
-            start.target,
-            every,
-            rounds=1,
-            evaluations=ROUGH_EVALUATIONS,
+            start.model, start.T_f_s, start.target, every, rough=True
         )
         behind = not sensor_is_fixed and any(
             model.is_behind(estimate.T_f_s, estimate.target[start.model.part(k)])

@@ -108,7 +108,10 @@ class CalibrationShow:
         return Step(drawn={"next": Lines.through(fan, way, *axes, colour=FITTED_COLOUR, width=3.0)})
 
     def _setting(self) -> Setting:
-        job, board = self._job, self._plan.T_b_board
+        job, board, (x, y) = self._job, self._plan.T_b_board, self._plan.half_sizes
+        corners = [(-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)]
+        triangles = np.array([(0, 1, 2), (0, 2, 3)])
+        face = Surface(transform_points(board, corners), triangles, NOMINAL_COLOUR, 0.6)
         at = 0.6 * board[:3, 3] + (0.0, 0.0, 0.2)
         out = 3.2 * max(float(np.linalg.norm(at[:2])), 0.4)
         towards = at[:2] / max(float(np.linalg.norm(at[:2])), 1e-6)
@@ -121,16 +124,10 @@ class CalibrationShow:
             kinematics_of_job(job),
             solids_in_base(job),
             tuple(one.solid for one in job.clearance.tool),
-            ghost=(self._board(),),
+            ghost=(face,),
             look_at=at,
             look_from=at + out * aside + (0.0, 0.0, 0.6 * out),
         )
-
-    def _board(self) -> Surface:
-        x, y = self._plan.half_sizes
-        corners = [(-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)]
-        face = transform_points(self._plan.T_b_board, corners)
-        return Surface(face, np.array([(0, 1, 2), (0, 2, 3)]), NOMINAL_COLOUR, 0.6)
 
     def _touch_step(self, touch: BoardTouch) -> Step:
         label, drawn = f"place {touch.place_number + 1}", dict[str, Drawable]()

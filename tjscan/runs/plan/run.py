@@ -33,7 +33,6 @@ from tjscan.planning.wps import WeldingProcedure, read_wps
 from tjscan.result.directory import CLOUD_FILE, SECTIONS_FILE, job_label_of_run
 from tjscan.result.export import WELDX_ROOTS, sort_sections_by_azimuth
 from tjscan.result.shapes import read_finished_summary, read_run_shape
-from tjscan.result.summary import ScanSummary
 from tjscan.result.table import read_sections_csv
 from tjscan.runs.plan.reach import (
     ARM_STATION,
@@ -356,7 +355,10 @@ def plan_run(
     summary = read_finished_summary(directory)
     sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
     with add_file_of_key(wps_file, directory / SECTIONS_FILE):
-        shared = _shared_area_sigma(summary)
+        # By what the areas of all sections err alike, m²; 0 if that is not known.
+        parts = () if summary.uncertainty is None else summary.uncertainty.components
+        areas = [part.area_mm2 for part in parts if part.shared]
+        shared = MM2.factor * float(np.linalg.norm(areas))
         edges = fit_groove_edges(sections, wps.sequence.longest_step, shared)
         # In frame j, z is the brace's axis; in an arm's base frame nothing is known of the tubes.
         marks = crowns_and_saddles(edges, np.eye(4)) if summary.frame == "j" else np.empty(0)
@@ -382,9 +384,3 @@ def plan_run(
         for name, path in divided.paths.items()
     }
     return write_plan(directory, out, wps_file, divided, provenance, programs, details, without)
-
-
-def _shared_area_sigma(summary: ScanSummary) -> float:
-    """Standard deviation by which the areas of all sections err alike, m²; 0 where not known."""
-    parts = () if summary.uncertainty is None else summary.uncertainty.components
-    return MM2.factor * float(np.linalg.norm([part.area_mm2 for part in parts if part.shared]))

@@ -24,7 +24,7 @@ from tjscan.core.frames import (
 )
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
-from tjscan.job import ScanJob, read_scan_job
+from tjscan.job import read_scan_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.recording.parts import recording_files
@@ -310,7 +310,13 @@ def read_station_run(directory: Path) -> StationRun:
     check_as_written(*(directory / name for name in COPIED_FILES))
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file)
-        name = _name(job, job_file)
+        if len(job.station) != 1:
+            raise ConfigurationError(
+                f"is of {len(job.station) or 'no'} station{'s' if job.station else ''}: stitching "
+                "takes runs of one [[station]] each, whose pose in frame w it begins from",
+                file=job_file,
+                key="station",
+            )
         read = groove_reader_of_job(job)
         done = read_recorded_scan(directory)
         sections = done.reread_sections(read)
@@ -322,7 +328,7 @@ def read_station_run(directory: Path) -> StationRun:
         )
     summary = read_summary(directory / SUMMARY_FILE)
     check_recording_complete(directory, summary, len(sections))
-    station = station_from_recording(name, job.T_w_b, sections, done.views, read)
+    station = station_from_recording(job.station[0].name, job.T_w_b, sections, done.views, read)
     with add_file_to_errors(job_file):
         causes = causes_of_job(job, context.sensor_mount, station.all_sections)
     return StationRun(
@@ -333,17 +339,6 @@ def read_station_run(directory: Path) -> StationRun:
         causes.left_out,
         (job.arm.device_id, job.laser.device_id, str(context.sensor_mount.T_f_s.tolist())),
     )
-
-
-def _name(job: ScanJob, job_file: Path) -> str:
-    if len(job.station) != 1:
-        raise ConfigurationError(
-            f"is of {len(job.station) or 'no'} station{'s' if job.station else ''}: stitching "
-            "takes runs of one [[station]] each, whose pose in frame w it begins from",
-            file=job_file,
-            key="station",
-        )
-    return job.station[0].name
 
 
 def _gather(directory: Path, read: Sequence[StationRun], joint: JointDefinition | None) -> None:
