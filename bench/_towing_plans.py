@@ -22,7 +22,8 @@ from tjscan.towing.shape.limits import HardLimits
 from tjscan.towing.shape.plan import TowingPlan
 from tjscan.towing.shape.planner import TowingPlanner, optimise_freely
 from tjscan.towing.shape.problem import ShapeProblem
-from tjscan.towing.shape.settings import EffortTargets, PlannerSettings, TowingLimits, TowingWeights
+from tjscan.towing.shape.settings import PlannerSettings, TowingLimits
+from tjscan.towing.tables import TargetSettings, WeightSettings
 
 OPTIMA: Final = Path(__file__).with_name("towing-optima.json")
 """Best shapes of 30 problems, by `_towing_optima.py`."""
@@ -145,9 +146,10 @@ def made(given: dict[str, list[float]]) -> tuple[ShapeProblem, HardLimits]:
     yard = Obstacles.of_area(Area([(x, y), (far_x, y), (far_x, far_y), (x, far_y)]))
     floor = yard._replace(discs=np.array([(cx, cy, cx, cy, radius)]))
     bend, obstacle, change = given["weights"]
+    weights = WeightSettings(bending=bend, distance=obstacle, change=change, pace=0.0)
     none, nowhere = np.zeros(0, dtype=np.int64), np.zeros((0, 2))
     problem = ShapeProblem(
-        cable, floor, TowingWeights(bend, obstacle, change, 0.0), EffortTargets(),
+        cable, floor, weights, TargetSettings(),
         np.array(given["estimate"]), np.array([59]), np.array([given["pose"]]), none, nowhere, DT,
     )  # fmt: skip
     off = TowingLimits(-100.0, -100.0, -100.0, -100.0)

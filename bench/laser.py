@@ -33,9 +33,10 @@ from _table import Row, main
 from tjscan.core.errors import (
     LaserFault,
 )
+from tjscan.laser.genicam.settings import ScanControlSettings
 from tjscan.laser.profile import Profile
 from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, points
-from tjscan.laser.scancontrol import MODEL_SCALES, ScanControlLayout, parse_scancontrol
+from tjscan.laser.scancontrol import MODEL_SCALES, parse_scancontrol, row_bytes
 from tjscan_loopback.laser.coding import encode_profile
 from tjscan_loopback.process import LaserLoopbackProcess
 
@@ -168,7 +169,9 @@ def fuzzed(rounds: int) -> Row:
     profile = Profile(x, 0.24 + 0.02 * np.sin(60 * x))
     scales = Scan3dScales(AxisScale(5e-6, -0.16), AxisScale(5e-6), 0.0)
     layouts = [
-        ScanControlLayout(kind, number, time_stamp=stamped)
+        ScanControlSettings(
+            serial="1", model="2600-100", layout=kind, points=number, time_stamp=stamped
+        )
         for kind in ("full", "container")
         for number in (80, 640)
         for stamped in (True, False)
@@ -179,7 +182,7 @@ def fuzzed(rounds: int) -> Row:
             layouts[k % len(layouts)],
         )
         right = (
-            encode_profile(profile, COORDINATE_FORMATS[name]) if k % 2 else bytes(layout.row_bytes)
+            encode_profile(profile, COORDINATE_FORMATS[name]) if k % 2 else bytes(row_bytes(layout))
         )
         raw = bytearray(right)
         for at in random.integers(0, len(raw), int(random.integers(1, 40))):

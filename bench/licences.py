@@ -16,8 +16,8 @@ from _table import Row, main
 
 OWN: Final = ("tjscan", "tjscan-loopback")
 
-NOT_STATED: Final = {"cmeel-qhull": "Qhull"}
-"""Packages that state none, and the licence in the sources that they wrap."""
+NOT_STATED: Final = {"asdf_standard": "BSD-3-Clause", "cmeel-qhull": "Qhull"}
+"""Packages whose metadata states none, and the licence in their sources."""
 
 NO_STRONGER: Final = re.compile(
     r"MIT|\d?-?BSD|0BSD|Apache|ISC|HPND|PSF|Python Software Foundation|Zlib|BSL-1|Boost|CC0|"

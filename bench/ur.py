@@ -31,7 +31,7 @@ from tjscan.job import read_scan_job
 from tjscan.recording.journal import CombinedJournal
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.arm import UrArm
-from tjscan.robot.ur.driver import UrSettings
+from tjscan.robot.ur.settings import UrSettings
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan, scan_in_cell
 from tjscan.scanning.progress import ScanResult

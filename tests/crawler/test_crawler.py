@@ -18,7 +18,7 @@ from tjscan.job.crawl.job import read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
-from tjscan.vehicle.vehicle import REST, Twist, VehicleState
+from tjscan.vehicle.vehicle import AT_REST, Twist, VehicleState
 
 
 class Notes:
@@ -163,7 +163,7 @@ def test_a_torch_that_fails_on_a_stop_hides_no_stop(tmp_path: Path) -> None:
         with pytest.raises(VehicleLinkLost):
             make_crawler(found, broken, found.make_method(), notes).run()
         with pytest.raises(VehicleStopped):
-            cell.vehicle.command(REST)
+            cell.vehicle.command(AT_REST)
     assert notes.events[-1] == "stop"
 
 
@@ -176,7 +176,7 @@ def test_an_operator_is_asked_while_the_vehicle_stands(tmp_path: Path) -> None:
 
         def confirm_weld(self, number: int) -> bool:
             last = notes.cycles[-1]
-            assert last.commanded == REST
+            assert last.commanded == AT_REST
             assert abs(last.state.odometry.speed) < 1e-3
             for _ in range(1000):
                 cell.vehicle.next_state()

@@ -8,15 +8,15 @@ from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.laser.profile import Profile
-from tjscan.vehicle.vehicle import REST, VehicleState
+from tjscan.vehicle.vehicle import AT_REST, VehicleState
 
 X: Array = np.linspace(-0.04, 0.04, 290)
 
 
 def seen(phase: Phase, number: int, travel: float, d: float, depth: float) -> CrawlCycle:
-    state = VehicleState(0.0, REST)
+    state = VehicleState(0.0, AT_REST)
     torch = TorchEstimate(0.0, 1e-3, 0.0)
-    return CrawlCycle(phase, number, travel, state, REST, torch, 0.0, 0.0, False, d, 1e-5)
+    return CrawlCycle(phase, number, travel, state, AT_REST, torch, 0.0, 0.0, False, d, 1e-5)
 
 
 def profile(d: float, depth: float) -> Profile:

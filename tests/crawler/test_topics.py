@@ -14,7 +14,7 @@ from tjscan.crawler.slip_model import STATE_COUNT
 from tjscan.crawler.topics import CrawlRecording, read_crawl
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.topic import Topic
-from tjscan.vehicle.vehicle import REST, VehicleState
+from tjscan.vehicle.vehicle import AT_REST, VehicleState
 
 SLIP_TOPIC = Topic.of("/slip", SlipEstimate)
 
@@ -45,8 +45,8 @@ def test_a_killed_program_leaves_what_was_done_but_for_half_a_second(
     with CrawlRecording(tmp_path / "crawl.mcap") as journal:
         for k in range(10):
             arc = struck_at is not None and k >= struck_at
-            state, torch = VehicleState(period * k, REST), TorchEstimate(0.0, 1e-3, 0.0)
-            cycle = CrawlCycle(Phase.WELDING, 1, 0.01 * k, state, REST, torch, 0.0, 0.0, arc)
+            state, torch = VehicleState(period * k, AT_REST), TorchEstimate(0.0, 1e-3, 0.0)
+            cycle = CrawlCycle(Phase.WELDING, 1, 0.01 * k, state, AT_REST, torch, 0.0, 0.0, arc)
             journal.record(cycle)
         assert len(list(read_crawl(tmp_path))) == known  # as it stands while the program runs
     assert len(list(read_crawl(tmp_path))) == 10
@@ -59,8 +59,8 @@ def test_the_last_cycle_of_what_is_left_has_the_slip_that_was_believed_there(
     with CrawlRecording(tmp_path / "crawl.mcap") as journal:
         for k in range(9):
             slip = SlipEstimate(np.full(STATE_COUNT, 0.1 * k), np.eye(STATE_COUNT))
-            state, torch = VehicleState(period * k, REST), TorchEstimate(0.0, 1e-3, 0.0)
-            cycle = CrawlCycle(Phase.WELDING, 1, 0.01 * k, state, REST, torch, 0.0, 0.0, False)
+            state, torch = VehicleState(period * k, AT_REST), TorchEstimate(0.0, 1e-3, 0.0)
+            cycle = CrawlCycle(Phase.WELDING, 1, 0.01 * k, state, AT_REST, torch, 0.0, 0.0, False)
             journal.record(replace(cycle, slip=slip))
         if stops:
             journal.record(RunEvent(Phase.STOP, "a drive fails"))

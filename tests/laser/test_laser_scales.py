@@ -11,9 +11,9 @@ import pytest
 from tjscan.core.config import validate_table
 from tjscan.core.devices import DeviceIdentity
 from tjscan.core.errors import ProfileFormatRefused
-from tjscan.laser.genicam.driver import GenicamSettings
 from tjscan.laser.genicam.laser import scales_of_laser
 from tjscan.laser.genicam.messages import ConnectedLaser, StatedAxis
+from tjscan.laser.genicam.settings import GenicamSettings
 
 LASER = ConnectedLaser(
     DeviceIdentity("maker model", "1"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from struct import pack
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,17 +12,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tjscan.core.errors import LaserFault, ProfileFormatRefused
+from tjscan.laser.genicam.settings import ScanControlSettings
 from tjscan.laser.profile import Profile
 from tjscan.laser.scancontrol import (
     FIELD_WORDS,
     MODEL_SCALES,
     POINT_COUNTS,
-    ScanControlLayout,
     parse_scancontrol,
+    row_bytes,
 )
 
 SCALE = MODEL_SCALES["2600-100"]
 OFFSET_SECONDS = 1 / (8000 * 3072)
+
+
+def settings(**stated: Any) -> ScanControlSettings:
+    return ScanControlSettings(serial="1", model="2600-100", **stated)
 
 
 def clock_word(seconds: float) -> int:
@@ -73,15 +79,15 @@ def test_a_full_profile_is_read_as_the_specification_has_it(points: int) -> None
     pairs = raw_numbers(points)
     raw = full_profile(pairs, time_stamp(77, 12.5, 12.501))
     assert len(raw) == 64 * points
-    profile = parse_scancontrol(raw, ScanControlLayout(points=points), SCALE, 3.5, 0.1)
+    profile = parse_scancontrol(raw, settings(points=points), SCALE, 3.5, 0.1)
     assert_is(profile, pairs)
     assert (profile.time, profile.time_uncertainty) == (3.5, 0.1)
 
 
 def test_the_time_stamp_takes_the_place_of_the_last_reflection_of_the_last_point_alone() -> None:
     raw = full_profile(raw_numbers(80), time_stamp(1, 1.0, 1.1))
-    first = parse_scancontrol(raw, ScanControlLayout(points=80), SCALE)
-    fourth = parse_scancontrol(raw, ScanControlLayout(points=80, reflection=3), SCALE)
+    first = parse_scancontrol(raw, settings(points=80), SCALE)
+    fourth = parse_scancontrol(raw, settings(points=80, reflection=4), SCALE)
     assert first.valid[-1]
     assert not fourth.valid.any()
 
@@ -96,7 +102,7 @@ def test_a_container_is_read_field_by_field(little: bool, fields: tuple[str, ...
         for name in fields
     )
     stamped = row + bytes(2 * 160 - 16) + time_stamp(5, 127.9999, 0.0004, edges=8)
-    layout = ScanControlLayout("container", 160, fields=fields, little_endian=little)
+    layout = settings(layout="container", points=160, fields=fields, little_endian=little)
     for raw in (stamped, 3 * stamped):
         assert_is(parse_scancontrol(raw, layout, SCALE), pairs)
     assert_is(parse_scancontrol(row, replace(layout, time_stamp=False), SCALE), pairs)
@@ -105,7 +111,7 @@ def test_a_container_is_read_field_by_field(little: bool, fields: tuple[str, ...
 def test_a_turned_axis_counts_from_the_other_end_and_zero_is_still_no_point() -> None:
     pairs = raw_numbers(80)
     raw = full_profile(pairs, time_stamp(1, 1.0, 1.1))
-    turned = ScanControlLayout(points=80, flip_x=True, flip_z=True)
+    turned = settings(points=80, flip_x=True, flip_z=True)
     profile = parse_scancontrol(raw, turned, SCALE)
     assert_is(profile, [(65535 - x, 65535 - z if z else 0) for x, z in pairs])
 
@@ -117,28 +123,28 @@ def test_a_time_stamp_that_counts_further_than_the_clock_is_refused(place: int, 
     stamp[place : place + 4] = word.to_bytes(4, "big")
     raw = full_profile(raw_numbers(80), bytes(stamp))
     with pytest.raises(ProfileFormatRefused, match="another layout"):
-        parse_scancontrol(raw, ScanControlLayout(points=80), SCALE)
+        parse_scancontrol(raw, settings(points=80), SCALE)
 
 
 def test_payloads_of_another_size_are_refused() -> None:
     raw = full_profile(raw_numbers(80), time_stamp(1, 1.0, 1.1))
     with pytest.raises(ProfileFormatRefused, match="160 points"):
-        parse_scancontrol(raw[:-1], ScanControlLayout(points=160), SCALE)
+        parse_scancontrol(raw[:-1], settings(points=160), SCALE)
     with pytest.raises(ProfileFormatRefused):
-        parse_scancontrol(b"", ScanControlLayout(), SCALE)
+        parse_scancontrol(b"", settings(), SCALE)
 
 
 @given(st.data())
 def test_whatever_comes_is_a_profile_or_a_fault_of_the_laser(data: st.DataObject) -> None:
-    layout = ScanControlLayout(
-        data.draw(st.sampled_from(["full", "container"])),
-        data.draw(st.sampled_from(POINT_COUNTS[:2])),
-        data.draw(st.integers(0, 3)),
+    layout = settings(
+        layout=data.draw(st.sampled_from(["full", "container"])),
+        points=data.draw(st.sampled_from(POINT_COUNTS[:2])),
+        reflection=data.draw(st.integers(1, 4)),
         time_stamp=data.draw(st.booleans()),
         little_endian=data.draw(st.booleans()),
     )
     rest = data.draw(st.binary(max_size=80))
-    raw = bytes(data.draw(st.integers(0, 1)) * layout.row_bytes)
+    raw = bytes(data.draw(st.integers(0, 1)) * row_bytes(layout))
     at = data.draw(st.integers(0, max(len(raw), 1)))
     raw = data.draw(st.sampled_from([raw + rest, raw[:at] + rest + raw[at + len(rest) :]]))
     try:

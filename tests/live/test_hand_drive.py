@@ -20,7 +20,7 @@ from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import Setting
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
 from tjscan.runs.live.crawl import HOLD_LIFETIME, SHORTEST_CYCLE, PageHandDrive
-from tjscan.vehicle.vehicle import DEAD_MAN, REST, Twist
+from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN, Twist
 
 SPEED, CURVATURE = 0.02, 0.125
 FORWARD = "Hold: forward"
@@ -52,13 +52,13 @@ def hand(clock: Clock) -> PageHandDrive:
 
 
 def test_it_drives_while_it_hears_that_a_button_is_held(hand: PageHandDrive, clock: Clock) -> None:
-    assert hand.order() == REST
+    assert hand.order() == AT_REST
     driven = []
     for word in hand.words:
         hand.hear(word)
         driven.append(hand.order())
         clock.wait(HOLD_LIFETIME)
-        assert hand.order() == REST
+        assert hand.order() == AT_REST
     turn = SPEED * CURVATURE
     assert driven == [Twist(SPEED, 0), Twist(SPEED, -turn), Twist(SPEED, turn), Twist(-SPEED, 0)]
 
@@ -66,7 +66,7 @@ def test_it_drives_while_it_hears_that_a_button_is_held(hand: PageHandDrive, clo
 def test_two_that_contradict_each_other_stop_it(hand: PageHandDrive) -> None:
     for word in hand.words[:2]:
         hand.hear(word)
-    assert hand.order() == REST
+    assert hand.order() == AT_REST
 
 
 def test_once_begun_nothing_held_is_heard(hand: PageHandDrive) -> None:
@@ -131,7 +131,7 @@ def test_a_browser_that_is_lost_stops_it_in_half_a_second(tmp_path: Path) -> Non
         with pytest.raises(KeyboardInterrupt):
             make_crawler(context, cell, context.make_method(), notes).run()
         browser.join()
-    driven = [cycle for cycle in notes.cycles if cycle.commanded != REST]
+    driven = [cycle for cycle in notes.cycles if cycle.commanded != AT_REST]
     assert {cycle.phase for cycle in driven[:-1]} == {Phase.MANUAL}
     assert {cycle.travel for cycle in driven[:-1]} == {driven[0].travel}  # no way along the joint
     after = [cycle for cycle in notes.cycles if cycle.state.time > notes.heard_at]

@@ -27,7 +27,7 @@ from tjscan.crawler.topics import read_crawl
 from tjscan.live.colours import ARM_COLOUR, TOOL_COLOUR, viridis
 from tjscan.recording.journal import RunEvent
 from tjscan.scanning.reader import read_recorded_scan
-from tjscan.vehicle.vehicle import DEAD_MAN, REST
+from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -141,7 +141,7 @@ def test_a_crawler_is_driven_by_a_held_button_and_stopped_by_a_click(
     entries = list(read_crawl(run))
     cycles = [one for one in entries if isinstance(one, CrawlCycle)]
     by_hand = [one for one in cycles if one.phase is Phase.MANUAL]
-    held = [one.state.time for one in by_hand if one.commanded != REST]
+    held = [one.state.time for one in by_hand if one.commanded != AT_REST]
     rolling = [one.state.time for one in by_hand if abs(one.state.odometry.speed) > 1e-3]
     assert held[0] < held[-1] < rolling[-1] < held[-1] + DEAD_MAN / 2
     assert [one.name for one in entries if isinstance(one, RunEvent)][-1] == Phase.STOP

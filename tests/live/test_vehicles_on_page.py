@@ -32,7 +32,7 @@ from tjscan.runs.live.tow import CABLE_CLEARANCE, TowShow, clearance, vehicles_a
 from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.shape.plan import PlanTerms, TowingPlan
-from tjscan.vehicle.vehicle import REST, VehicleState
+from tjscan.vehicle.vehicle import AT_REST, VehicleState
 
 CRAWL, TOW = EXAMPLES / "crawl.toml", EXAMPLES / "tow-yard.toml"
 
@@ -40,8 +40,8 @@ CRAWL, TOW = EXAMPLES / "crawl.toml", EXAMPLES / "tow-yard.toml"
 def crawl_cycle(travel: float, *, time: float = 0.0, right: float = 0.002) -> CrawlCycle:
     """A cycle of the first pass, welding, its torch so far to the right of its path."""
     torch = TorchEstimate(right, 0.0005, 0.01)
-    state = VehicleState(time, REST, (12.0, -30.0), (0.2, 0.3, nan, 0.4))
-    return CrawlCycle(Phase.WELDING, 1, travel, state, REST, torch, 0.0, 0.0, True, 0.01, 0.001)
+    state = VehicleState(time, AT_REST, (12.0, -30.0), (0.2, 0.3, nan, 0.4))
+    return CrawlCycle(Phase.WELDING, 1, travel, state, AT_REST, torch, 0.0, 0.0, True, 0.01, 0.001)
 
 
 def test_a_crawl_shows_where_the_vehicle_is_and_what_is_welded() -> None:

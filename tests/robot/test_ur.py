@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -47,9 +48,9 @@ from tjscan.core.frames import pose, rot_y, rot_z, rotation_angle_between
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.dashboard import DashboardClient
-from tjscan.robot.ur.driver import UrSettings
 from tjscan.robot.ur.faults import fault_from_state
 from tjscan.robot.ur.messages import PROGRAM_PLAYING, ControllerState, RobotMode, SafetyMode
+from tjscan.robot.ur.settings import UrSettings
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan_loopback.process import UrLoopbackProcess
 from tjscan_loopback.ur.server import RTDE_PORT
@@ -280,7 +281,7 @@ def test_a_controller_that_does_not_end_the_program_is_told_of(loopback: UrLoopb
 def test_nothing_to_stop_is_stopped(loopback: UrLoopbackProcess) -> None:
     for order in ("clear", "refuse-stop"):
         loopback.schedule_fault(order)
-        with DashboardClient(loopback.host) as dashboard:
+        with closing(DashboardClient(loopback.host)) as dashboard:
             dashboard.stop_program()
 
 
@@ -290,7 +291,7 @@ sys.path.insert(0, sys.argv[2])
 from tjscan.core.errors import MoveSupervisionLost
 from tjscan.robot.motion import MotionLimits
 from tjscan.robot.ur.arm import UrArm
-from tjscan.robot.ur.driver import UrSettings
+from tjscan.robot.ur.settings import UrSettings
 from ur_cell import KINEMATICS, beside_home
 with UrArm(KINEMATICS, UrSettings(sys.argv[1]), MotionLimits(tcp_speed=0.05)) as arm:
     for _ in range(2):

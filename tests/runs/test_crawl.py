@@ -37,7 +37,7 @@ from tjscan.runs.crawl.run import (
     slip_after_stop,
     start_after_stop,
 )
-from tjscan.vehicle.vehicle import DEAD_MAN, REST, Twist, VehicleState
+from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN, Twist, VehicleState
 
 
 class InterruptedInWeld:
@@ -196,7 +196,7 @@ def test_a_vehicle_that_was_moved_since_does_not_go_on(
         assert stopped.value.guard == "moved"
         moved_by_hand(monkeypatch, 0.0, 0.0, 0.0)
     found = read_recorded_crawl(cut_short)
-    assert all(cycle.commanded == REST for cycle in found.cycles[len(before.cycles) :])
+    assert all(cycle.commanded == AT_REST for cycle in found.cycles[len(before.cycles) :])
 
 
 def test_a_vehicle_that_was_moved_goes_on_from_where_its_operator_says(
@@ -365,7 +365,7 @@ def write_parts(directory: Path, *names: str) -> None:
                 slip = SlipEstimate(np.zeros(STATE_COUNT), np.eye(STATE_COUNT))
                 journal.record(
                     CrawlCycle(
-                        phase, 1, 0.01 * k, state, REST, torch, 0.0, 0.0, not waits, slip=slip
+                        phase, 1, 0.01 * k, state, AT_REST, torch, 0.0, 0.0, not waits, slip=slip
                     )
                 )
             if name.endswith("stop"):

@@ -11,9 +11,8 @@ from command import tjscan
 from tjscan.core.errors import ConfigurationError
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.job.crawl.job import read_crawl_job
-from tjscan.runs.crawl.replay import replay_crawl
 from tjscan.runs.crawl.results import RecordedCrawl, read_passes, read_recorded_crawl
-from tjscan.runs.crawl.run import CrawlContext, resume_crawl, run_crawl
+from tjscan.runs.crawl.run import CrawlContext, replay_crawl, resume_crawl, run_crawl
 
 JOB = """
 [alignment]

@@ -130,7 +130,7 @@ def test_a_station_is_named_for_an_arm_alone(
 ) -> None:
     options = ("--gravity", 0, 0, -1, "--station", "left")
     assert tjscan("plan", planned, "--wps", WPS, *options) == 2
-    assert "--station: says where" in capsys.readouterr().err
+    assert "--station: names the station" in capsys.readouterr().err
 
 
 def test_without_asking_for_the_reach_there_is_no_program(tmp_path: Path) -> None:

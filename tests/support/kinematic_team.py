@@ -15,13 +15,13 @@ from tjscan.towing.following import velocity_from_twist
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.plan import PlanTerms, TowingPlan
 from tjscan.vehicle.localisation import TrackedDisc, VehiclePose
-from tjscan.vehicle.vehicle import REST, Twist, VehicleState
+from tjscan.vehicle.vehicle import AT_REST, Twist, VehicleState
 
 
 class KinematicVehicle:
     def __init__(self, pose: Sequence[float]) -> None:
         self.pose: Array = np.array(pose, dtype=float)
-        self.twist, self.stopped, self.jammed, self.fault = REST, False, False, ""
+        self.twist, self.stopped, self.jammed, self.fault = AT_REST, False, False, ""
 
     def command(self, twist: Twist) -> None:
         if self.fault:
@@ -29,13 +29,13 @@ class KinematicVehicle:
         self.twist = twist
 
     def stop(self) -> None:
-        self.twist, self.stopped = REST, True
+        self.twist, self.stopped = AT_REST, True
 
     def advance(self, period: float) -> VehicleState | VehicleFault:
-        twist = REST if self.jammed or self.fault else self.twist
+        twist = AT_REST if self.jammed or self.fault else self.twist
         middle = self.pose[2] + twist.turn_rate * period / 2
         self.pose = self.pose + period * velocity_from_twist(twist, middle)
-        return VehicleState(0.0, REST if self.fault else self.twist, fault=self.fault)
+        return VehicleState(0.0, AT_REST if self.fault else self.twist, fault=self.fault)
 
 
 class KinematicTeam:

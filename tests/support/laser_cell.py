@@ -12,8 +12,8 @@ import pytest
 from ur_cell import address
 
 from tjscan.core.config import validate_table
-from tjscan.laser.genicam.driver import GenicamSettings
 from tjscan.laser.genicam.laser import GenicamLaser
+from tjscan.laser.genicam.settings import GenicamSettings
 from tjscan_loopback.process import LaserLoopbackProcess
 
 PROFILES = 20

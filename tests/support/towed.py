@@ -12,7 +12,7 @@ from tjscan.towing.shape.cable import Cable
 from tjscan.towing.shape.distance import distance_to_obstacle
 from tjscan.towing.shape.problem import ShapeProblem
 from tjscan.towing.shape.pull import CablePull
-from tjscan.towing.shape.settings import EffortTargets, TowingWeights
+from tjscan.towing.tables import TargetSettings, WeightSettings
 
 YARD = Area([(0, -5), (2.6, -5), (2.6, 5), (0, 5)])
 """The paper's V-C."""
@@ -48,8 +48,8 @@ def shape_problem(rng: np.random.Generator, area: Area = NOTCHED, links: int = 6
     return ShapeProblem(
         cable,
         Obstacles.of_area(area).with_discs([PASSER_BY], 1.0),
-        TowingWeights(pull=1.0),
-        EffortTargets(),
+        WeightSettings(pull=1.0),
+        TargetSettings(),
         estimate,
         np.array([links - 1]),
         poses[-1:] + np.array((0.01, 0.0, 0.0)),

@@ -10,7 +10,7 @@ from tjscan.core.frames import Array, pose
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits
 from tjscan.robot.ur.arm import UrArm
-from tjscan.robot.ur.driver import UrSettings
+from tjscan.robot.ur.settings import UrSettings
 
 HOME = np.radians([-110, -95, 160, 105, -110, 0])
 """Where the loopback controller starts."""

@@ -16,7 +16,8 @@ from tjscan.towing.shape.limited import optimise_limited
 from tjscan.towing.shape.paper_planner import PaperPlanner
 from tjscan.towing.shape.plan import TowingPlan
 from tjscan.towing.shape.planner import CheckedShape, TowingPlanner, optimise_freely
-from tjscan.towing.shape.settings import PlannerSettings, TowingLimits, TowingWeights
+from tjscan.towing.shape.settings import PlannerSettings, TowingLimits
+from tjscan.towing.tables import WeightSettings
 
 CABLE, TEAM = Cable(), TowingTeam()
 HELD = list(TEAM.held_links)
@@ -34,7 +35,7 @@ def begun() -> TowingPlan:
     start = estimate_shape(CABLE, [19, 59], np.array([(1.3, -1.0, -pi / 2), WELDER])).angles
     ours = planner()
     problem, _ = ours.problem(start, WELDER, 1.0)
-    problem = replace(problem, weights=TowingWeights(change=0, pace=0))
+    problem = replace(problem, weights=WeightSettings(change=0, pace=0))
     angles, _ = optimise_freely(problem)
     plan = CheckedShape(problem, ours.problem(start, WELDER, 1.0)[1], angles).plan(0)
     for _ in range(20):

@@ -6,7 +6,7 @@ from typing import Self
 from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.errors import VehicleFault, VehicleLinkLost
 from tjscan.vehicle.paced_team import PacedTeam
-from tjscan.vehicle.vehicle import REST, Twist, VehicleState
+from tjscan.vehicle.vehicle import AT_REST, Twist, VehicleState
 
 
 class ScriptedVehicle:
@@ -35,7 +35,7 @@ class ScriptedVehicle:
         self.read.set()
         if self.lost:
             raise VehicleLinkLost("the link to the broker broke")
-        return VehicleState(1.0, REST)
+        return VehicleState(1.0, AT_REST)
 
     def stop(self) -> None:
         self.stopped.set()
@@ -53,7 +53,7 @@ def test_each_vehicle_gives_its_newest_state_or_what_is_wrong_with_it() -> None:
         assert vehicles[2].read.wait(10)
         states = team.advance_to(team.time + 0.05)
         assert team.time > 0
-    assert states[0] == VehicleState(1.0, REST)
+    assert states[0] == VehicleState(1.0, AT_REST)
     assert isinstance(states[1], VehicleFault)
     assert "broker" in str(states[2])
     assert ("hello", "vehicle 2: it is on") in events

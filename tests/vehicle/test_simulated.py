@@ -24,7 +24,7 @@ from tjscan.vehicle.simulation import VehicleSimulationSettings
 from tjscan.vehicle.slip_plant import SlipSettings
 from tjscan.vehicle.steel import ProximitySettings
 from tjscan.vehicle.tracks import TrackGeometry
-from tjscan.vehicle.vehicle import REST, Twist, Vehicle, VehicleState, latest_state
+from tjscan.vehicle.vehicle import AT_REST, Twist, Vehicle, VehicleState, latest_state
 
 
 def vehicle(seed: int = 0, **settings: object) -> SimulatedVehicle:
@@ -110,7 +110,7 @@ def test_a_stop_holds_until_it_is_taken_back() -> None:
     with pytest.raises(VehicleLinkLost):
         simulated.next_state()
     with simulated:
-        simulated.command(REST)  # connecting again takes the stop back
+        simulated.command(AT_REST)  # connecting again takes the stop back
 
 
 @pytest.mark.parametrize("wrong", [nan, inf, -inf])
@@ -170,7 +170,7 @@ def test_settings_are_read_as_they_are_written() -> None:
 
 def test_drivers_make_their_vehicle() -> None:
     def no_recording() -> tuple[VehicleState, ...]:
-        return (VehicleState(0.0, REST),)
+        return (VehicleState(0.0, AT_REST),)
 
     left = np.array((1.0, 2.0, 0.0)), 5.0
     inputs = VehicleDriverInputs(
@@ -185,7 +185,7 @@ def test_drivers_make_their_vehicle() -> None:
     assert driver.make(inputs, driver.table()).dead_man == 0.5
     driver = VEHICLE_DRIVERS.load("replay")
     with driver.make(inputs, None) as replayed:
-        assert replayed.next_state() == VehicleState(0.0, REST)
+        assert replayed.next_state() == VehicleState(0.0, AT_REST)
         with pytest.raises(ConfigurationError):
             driver.truth(replayed)
 
@@ -198,7 +198,7 @@ def test_a_recording_is_replayed_in_its_order_whatever_is_commanded() -> None:
             replayed.next_state()
         replayed.stop()
         with pytest.raises(VehicleStopped):
-            replayed.command(REST)
+            replayed.command(AT_REST)
     with pytest.raises(VehicleFault), ReplayedVehicle([]):
         pass
 

@@ -154,7 +154,7 @@ def calibrate_on_targets(
         sensor_is_fixed=sensor_is_fixed,
         closed_form=closed_form,
         notes=notes,
-        by_laser=estimate_by_laser(estimate.covariance, estimate.stacked, estimate.rows_used),
+        by_laser=estimate_by_laser(estimate),
         **_estimated_targets(solution),
     )
 
@@ -170,10 +170,10 @@ def _check_radius(targets: Targets, solution: Solution) -> MeasuredRadius:
     balls = ((k, one.sphere) for k, one in enumerate(targets) if isinstance(one, SeenBall))
     k, sphere = next(balls)
     stated = sphere.radius
-    estimate, at = solution.estimate, solution.part(k)
+    estimate, at = solution.estimate, solution.model.part(k)
     radius = float(estimate.target[at][3])
-    excess = max(1.0, estimate.chi2 / max(estimate.dof, 1))
-    variance = excess * estimate.covariance[6:, 6:][at, at][3, 3] + (SENSOR_LINEARITY * radius) ** 2
+    variance = estimate.variance_scale * estimate.covariance[6:, 6:][at, at][3, 3]
+    variance += (SENSOR_LINEARITY * radius) ** 2
     measured = MeasuredRadius(radius, float(np.sqrt(variance)), stated)
     limit = float(-ndtri(RADIUS_FALSE_ALARM_PROBABILITY / 2)) * measured.sigma
     if stated is not None and abs(radius - stated) > limit:
@@ -189,8 +189,9 @@ def _check_radius(targets: Targets, solution: Solution) -> MeasuredRadius:
 
 def _check_geometry(T_b_f: Array, solution: Solution, R_guess: Array | None) -> float:
     """Condition number; refuses profiles that leave the sensor's pose open."""
-    estimate, first = solution.estimate, solution.models[0]
-    if len(solution.models) > 1 or not isinstance(first, PlaneModel):
+    estimate, models = solution.estimate, solution.model.models
+    first = models[0]
+    if len(models) > 1 or not isinstance(first, PlaneModel):
         return check_scaled_condition(estimate)
     plane = first.target.boxplus(estimate.target)
     u_f = plane.u @ T_b_f[estimate.used, :3, :3]
@@ -204,7 +205,7 @@ def _check_geometry(T_b_f: Array, solution: Solution, R_guess: Array | None) -> 
 def _estimated_targets(solution: Solution) -> dict[str, Any]:
     """Fields of the result that hold the targets; of several of a kind, the first."""
     found: dict[str, Any] = {}
-    for k, model in reversed(list(enumerate(solution.models))):
-        at, settled = solution.part(k), solution.settled
+    for k, model in reversed(list(enumerate(solution.model.models))):
+        at, settled = solution.model.part(k), solution.settled
         found |= model.describe(settled.target[at], settled.covariance[6:, 6:][at, at])
     return found

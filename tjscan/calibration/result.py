@@ -96,6 +96,14 @@ class SampleResidual:
     shift: float
     turn: float
 
+    @classmethod
+    def from_changes(
+        cls, name: str, used: bool, off: tuple[float, float | None], misfit: float, step: Array
+    ) -> SampleResidual:
+        """Make it from offset and tilt, and how T_f_s would move without it, shape (6,)."""
+        shift, turn = (float(np.linalg.norm(half)) for half in (step[:3], step[3:]))
+        return cls(name, bool(used), *off, float(misfit), shift, turn)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 @frozen_arrays

@@ -155,7 +155,7 @@ def _calibrate_recorded(job: RecordedJob, file: Path, out: Path | None, *, json:
     """Calibrate from the recorded profiles of a job."""
     from tjscan.cli.output.calibration import finish_calibration
     from tjscan.cli.output.console import print_message
-    from tjscan.runs.calibration.recorded import calibrate_recorded_job
+    from tjscan.runs.calibration.run import calibrate_recorded_job
     from tjscan.runs.run import default_run_directory
 
     done = calibrate_recorded_job(job, file, out or default_run_directory(file), print_message)

@@ -167,7 +167,7 @@ def replay(
     """
     from tjscan.cli.output.crawl import print_passes
     from tjscan.report.write import write_run_report
-    from tjscan.runs.crawl.replay import replay_crawl
+    from tjscan.runs.crawl.run import replay_crawl
     from tjscan.runs.scan.reprocess import dated_sibling_directory
 
     directory = out or dated_sibling_directory(run)

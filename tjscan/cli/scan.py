@@ -70,6 +70,7 @@ def scan(
 
     with show_phase("loading arm and laser"):
         from tjscan.cli.scan_run import ScanRequest, check_job_only, run_scan_request
+        from tjscan.runs.run import default_run_directory
 
     if resume and (out is not None or dry_run):
         raise ConfigurationError("--resume goes on in the run directory: no --out, no --dry-run")
@@ -82,7 +83,7 @@ def scan(
             file=file,
             keys=keys,
             station=station,
-            out=out,
+            directory=file.parent if resume else out or default_run_directory(file, station),
             resume=resume,
             page=page,
             json=json,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,13 +17,11 @@ from tjscan.cli.output.scan import print_scan_summary, print_stitched_groove, sc
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.job import ScanJob
-from tjscan.recording.journal import CombinedJournal, Journal
+from tjscan.recording.journal import CombinedJournal
 from tjscan.report.write import write_run_report
-from tjscan.runs.run import default_run_directory
 from tjscan.runs.scan import run as scan
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.stations import run as stations
-from tjscan.scanning.plan import ScanPlan
 
 
 def check_job_only(job: ScanJob, file: Path, station: str | None) -> None:
@@ -45,8 +43,8 @@ class ScanRequest:
         Keys of the job that the command line replaced.
     station : str, optional
         The one station to scan from.
-    out : Path, optional
-        The directory to make.
+    directory : Path
+        Of the run: to make, or to go on in.
     resume : bool
         Whether to go on with an interrupted scan.
     page : LiveScanOptions
@@ -59,17 +57,10 @@ class ScanRequest:
     file: Path
     keys: dict[str, Any]
     station: str | None
-    out: Path | None
+    directory: Path
     resume: bool
     page: LiveScanOptions
     json: bool
-
-    @property
-    def directory(self) -> Path:
-        """The run directory."""
-        if self.resume:
-            return self.file.parent
-        return self.out or default_run_directory(self.file, self.station)
 
     @property
     def job_there(self) -> ScanJob:
@@ -90,10 +81,10 @@ def run_scan_request(request: ScanRequest) -> None:
 def _scan_from_one_place(request: ScanRequest) -> None:
     directory = request.directory
     with (
-        scan_progress_bar(request.job_there.scan) as journal,
+        scan_progress_bar("sections", request.job_there.scan) as journal,
         stop_request_on_ctrl_c() as stop,
         _on_page(
-            RunContext(request.job_there, request.file, journal, stop, write_run_report),
+            RunContext(request.job_there, request.file, journal, write_run_report, stop),
             request.page,
             directory if request.resume else None,
         ) as context,
@@ -112,15 +103,18 @@ def _scan_from_stations(request: ScanRequest, job: ScanJob) -> None:
     """Scan from all stations, or the one chosen, and stitch what they scanned once all have."""
     if request.page.live:
         raise ConfigurationError("--live shows one station at a time: choose it with --station")
-    directory, operator = request.directory, _station_operator(job)
+    directory = request.directory
+    operator: stations.StationOperator = DefaultAnswerOperator()
+    if job.arm.driver != "simulated":
+        operator = TerminalOperator("scan one station at a time, with --station")
     with stop_request_on_ctrl_c() as stop:
         context = RunContext(job, request.file, stop=stop, finished=write_run_report)
         if request.resume:
             scans = stations.resume_stations(
-                context, request.keys, operator, _show, request.station
+                context, request.keys, operator, scan_progress_bar, request.station
             )
         else:
-            scans = stations.run_stations(context, directory, operator, _show)
+            scans = stations.run_stations(context, directory, operator, scan_progress_bar)
     if all(one.summary is not None for one in scans):
         stitched = stations.stitch_station_runs(directory, write_run_report)
         print_stitched_groove(stitched, directory, json=request.json)
@@ -155,17 +149,6 @@ def _on_page(
         if page.wait:
             on_page.run.wait_for_start()
         yield replace(context, journal=CombinedJournal(context.journal, on_page))
-
-
-def _show(name: str, plan: ScanPlan) -> AbstractContextManager[Journal]:
-    return scan_progress_bar(plan, name)
-
-
-def _station_operator(job: ScanJob) -> stations.StationOperator:
-    """Operator who confirms that the arm is at its station: a simulated one is there at once."""
-    if job.arm.driver == "simulated":
-        return DefaultAnswerOperator()
-    return TerminalOperator("scan one station at a time, with --station")
 
 
 def _print_some(scans: Sequence[stations.StationScan], *, json: bool) -> None:

@@ -94,7 +94,7 @@ def replay(
     from tjscan.cli.output.tow import print_figures
     from tjscan.report.write import write_run_report
     from tjscan.runs.scan.reprocess import dated_sibling_directory
-    from tjscan.runs.tow.replay import replay_tow
+    from tjscan.runs.tow.run import replay_tow
 
     directory = out or dated_sibling_directory(run)
     replay_tow(run, parse_overrides(overrides, method=method), directory, write_run_report)

@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from importlib.util import find_spec
-from typing import Any, ClassVar, Generic, Self, TypeVar
+from types import TracebackType
+from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 from tjscan.core.errors import TjscanError
 from tjscan.core.registry import Registry
@@ -39,6 +40,29 @@ class DeviceIdentity:
     def __str__(self) -> str:
         parts = (("serial number", self.serial), ("software", self.software))
         return ", ".join((self.model or "unnamed", *(f"{k} {v}" for k, v in parts if v)))
+
+
+class Device(Protocol):
+    """What every device has. It is a context manager: entering connects it, leaving disconnects."""
+
+    def __enter__(self) -> Self:
+        """Connect."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+        /,
+    ) -> None:
+        """Bring it to rest and disconnect."""
+
+    @property
+    def identity(self) -> DeviceIdentity:
+        """Which device it is; known while connected."""
+
+    def report_events_to(self, listener: EventListener) -> None:
+        """Report events to a listener from now on."""
 
 
 class DeviceBase:

@@ -17,7 +17,7 @@ from tjscan.crawler.torch_axes import TorchAxes
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import Journal, RunEvent
-from tjscan.vehicle.vehicle import REST, Twist, Vehicle
+from tjscan.vehicle.vehicle import AT_REST, Twist, Vehicle
 
 CYCLES_AT_REST: Final = 30
 """Cycles for which it rests before it turns back."""
@@ -98,7 +98,7 @@ class ControlCycle:
     def come_to_rest(self, path: float = 0.0, height: float = 0.0) -> None:
         """Rest before the way is turned: what pads and drives do meanwhile, no model knows."""
         for _ in range(CYCLES_AT_REST):
-            self.run(REST, path, height)
+            self.run(AT_REST, path, height)
 
     def set_arc(self, *, burning: bool) -> None:
         """Strike the arc, or end it."""
@@ -220,7 +220,7 @@ class HandDrive(Protocol):
     def order(self) -> Twist | None:
         """Return the twist asked for at this moment; None once the crawl may begin.
 
-        It is asked for in every cycle, and is `tjscan.vehicle.vehicle.REST` where nobody has
+        It is asked for in every cycle, and is `tjscan.vehicle.vehicle.AT_REST` where nobody has
         asked for any lately: who drives by hand must go on saying so.
         """
         ...
@@ -248,11 +248,11 @@ def drive_by_hand(hand: HandDrive, vehicle: Vehicle, cycle: ControlCycle, guards
     vehicle.stop()
     stopped = True
     while (twist := hand.order()) is not None:
-        stays = twist == REST or guards.leads_off_steel(twist)
+        stays = twist == AT_REST or guards.leads_off_steel(twist)
         if stays and not stopped:
             vehicle.stop()
         elif stopped and not stays:
             vehicle.accept_commands_again()
         stopped = stays
-        cycle.run(REST if stays else twist, stopped=stopped)
+        cycle.run(AT_REST if stays else twist, stopped=stopped)
     vehicle.accept_commands_again()

@@ -17,7 +17,7 @@ from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase
 from tjscan.crawler.plan import AlignmentSettings, PassSettings, WeldSettings
 from tjscan.recording.journal import Journal, RunEvent
-from tjscan.vehicle.vehicle import REST, Twist
+from tjscan.vehicle.vehicle import AT_REST, Twist
 
 TURN_BACK: Final = 0.5
 """Metres before a reversal from which the vehicle makes room for it."""
@@ -160,7 +160,7 @@ class Crawler:
                 self._cycle.come_to_rest()
                 while self._cycle.travel > 0:
                     self._drive_in_waves(-self._plan.alignment.return_speed)
-            self._cycle.run(REST)
+            self._cycle.run(AT_REST)
 
     @contextmanager
     def _stopped_by_errors(self) -> Iterator[None]:
@@ -226,7 +226,7 @@ class Crawler:
         """Wait at rest until the joint was seen for long enough and there is steel all round."""
         seen, limit, waited = 0.0, self._plan.alignment.in_view, 0.0
         while seen < limit or not self._guards.stands_on_steel:
-            period, found = self._cycle.run(REST)
+            period, found = self._cycle.run(AT_REST)
             seen = seen + period if found else 0.0
             if waited <= LONGEST_WAIT < waited + period:
                 missing = "steel below every corner" if seen >= limit else "the joint in view"
@@ -280,7 +280,7 @@ class Crawler:
         for left in reversed(range(RUN_UPS)):
             self._cycle.come_to_rest()  # an operator takes his time, and no guard looks meanwhile
             while not self._operator.confirm_weld(self._cycle.number):
-                self._cycle.run(REST)
+                self._cycle.run(AT_REST)
             self._cycle.come_to_rest(one.offset, one.height)
             self._cycle.enter(
                 Event.WELD_CONFIRMED, f"pass {self._cycle.number} at {1e3 * one.speed:g} mm/s"

@@ -11,7 +11,7 @@ from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.laser.profile import Profile
-from tjscan.vehicle.vehicle import REST, Twist, VehicleState
+from tjscan.vehicle.vehicle import AT_REST, Twist, VehicleState
 
 SET_DOWN_EVENT: Final = "set-down"
 """Name of the event that states where a vehicle was set down again, by its operator."""
@@ -76,7 +76,7 @@ class CrawlCycle:
 
 def is_by_hand(phase: Phase, commanded: Twist) -> bool:
     """Whether a vehicle is driven by hand: nothing else moves it before a crawl begins."""
-    return phase is Phase.MANUAL and commanded != REST
+    return phase is Phase.MANUAL and commanded != AT_REST
 
 
 @dataclass(frozen=True, slots=True)

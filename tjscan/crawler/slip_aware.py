@@ -19,7 +19,7 @@ from tjscan.crawler.slip_model import (
     TrackOdometry,
     laser_offset,
 )
-from tjscan.vehicle.vehicle import REST, Twist
+from tjscan.vehicle.vehicle import AT_REST, Twist
 
 AVERAGING_TIME: Final = 0.5
 """Seconds over which encoders are averaged about what was asked."""
@@ -125,7 +125,7 @@ class OdometryFilter:
         self._speed = self._turn_rate = 0.0
         self._way, self._recent_turn = 0.0, 0.0
 
-    def smooth(self, measured: Twist, period: float, commanded: Twist = REST) -> TrackOdometry:
+    def smooth(self, measured: Twist, period: float, commanded: Twist = AT_REST) -> TrackOdometry:
         """Motion over the period that has just passed.
 
         Parameters

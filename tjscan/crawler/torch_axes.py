@@ -2,30 +2,16 @@
 
 from __future__ import annotations
 
-from types import TracebackType
+from contextlib import AbstractContextManager
 from typing import Protocol, Self
 
 
-class TorchAxes(Protocol):
-    """Torch on its axes, with its arc. It is a context manager: entering connects it."""
-
-    def __enter__(self) -> Self:
-        """Connect, with the arc out."""
-        ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Put the arc out, and disconnect."""
-        ...
+class TorchAxes(AbstractContextManager["TorchAxes"], Protocol):
+    """Torch on its axes, with its arc: the arc is out when it connects, and when it disconnects."""
 
     @property
     def arc(self) -> bool:
         """Whether the arc burns."""
-        ...
 
     def move(self, y: float, z: float, period: float) -> float:
         """Go towards a place, for a period; returns where the torch is across the joint now.
@@ -44,11 +30,9 @@ class TorchAxes(Protocol):
         VehicleFault
             If it reports a fault, or nothing any more.
         """
-        ...
 
     def set_arc(self, *, burning: bool) -> None:
         """Strike the arc, or end it."""
-        ...
 
 
 class FixedTorch:

@@ -3,37 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Protocol, Self, runtime_checkable
+from typing import Protocol, runtime_checkable
 
-from tjscan.core.devices import DeviceIdentity, EventListener
+from tjscan.core.devices import Device
 from tjscan.laser.profile import Profile
 
 
-class LineLaser(Protocol):
-    """A line laser on the arm's hand. It is a context manager: entering connects it."""
-
-    def __enter__(self) -> Self:
-        """Connect."""
-        ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Disconnect."""
-        ...
-
-    @property
-    def identity(self) -> DeviceIdentity:
-        """Which laser it is; known while connected."""
-        ...
-
-    def report_events_to(self, listener: EventListener) -> None:
-        """Report events to a listener from now on."""
-        ...
+class LineLaser(Device, Protocol):
+    """A line laser on the arm's hand."""
 
     def capture(self) -> Profile:
         """Take one profile with the arm at rest, now: one that waits in a buffer is late.
@@ -43,7 +20,6 @@ class LineLaser(Protocol):
         LaserFault
             If no profile came.
         """
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,4 +51,3 @@ class DescribedLaser(Protocol):
 
     def describe(self) -> LaserDescription:
         """Describe the laser; it has to be connected."""
-        ...

@@ -8,17 +8,20 @@ Supplement B" to the scanCONTROL 2600, revision 1.57 (2014). Numbers are big-end
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from struct import unpack
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
 from tjscan.core.errors import ProfileFormatRefused
 from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
+
+if TYPE_CHECKING:
+    from tjscan.laser.genicam.settings import ScanControlSettings
 
 POINT_COUNTS: Final = (80, 160, 320, 640)
 """How many points a profile may have."""
@@ -84,49 +87,17 @@ def _check_time_stamp(raw: bytes) -> None:
             )
 
 
-@dataclass(frozen=True, slots=True)
-class ScanControlLayout:
-    """How a payload is laid out, as the sensor is set up.
-
-    Parameters
-    ----------
-    kind : str
-        ``full`` or ``container``.
-    points : int
-        Points of a profile, one of `POINT_COUNTS`.
-    reflection : int
-        Which of the four reflections of the full profile, from 0.
-    fields : sequence of str
-        Of the container, among `FIELD_WORDS`, in their order; z and x at least.
-    time_stamp : bool
-        Whether rows of the container end in a field with the time stamp; full profiles always do.
-    little_endian : bool
-        Whether the container was set to that.
-    flip_x, flip_z : bool
-        Whether the axes are turned round: raw number 65535 - n instead of n.
-    """
-
-    kind: Literal["full", "container"] = "full"
-    points: int = 640
-    reflection: int = 0
-    fields: Sequence[str] = ("z", "x")
-    time_stamp: bool = True
-    little_endian: bool = False
-    flip_x: bool = False
-    flip_z: bool = False
-
-    @property
-    def row_bytes(self) -> int:
-        """Bytes of one profile."""
-        if self.kind == "full":
-            return self.points * REFLECTION_COUNT * BYTES_OF_REFLECTION
-        words = sum(FIELD_WORDS[name] for name in self.fields)
-        return 2 * self.points * (words + self.time_stamp)
+def row_bytes(settings: ScanControlSettings) -> int:
+    """Bytes of one profile."""
+    if settings.layout == "full":
+        return settings.points * REFLECTION_COUNT * BYTES_OF_REFLECTION
+    words = sum(FIELD_WORDS[name] for name in settings.fields)
+    return 2 * settings.points * (words + settings.time_stamp)
 
 
 def parse_scancontrol(
     raw: bytes,
-    layout: ScanControlLayout,
+    settings: ScanControlSettings,
     scale: ScanControlScale,
     time: float = 0.0,
     time_uncertainty: float = 0.0,
@@ -137,7 +108,7 @@ def parse_scancontrol(
     ----------
     raw : bytes
         The payload.
-    layout : ScanControlLayout
+    settings : ScanControlSettings
         How it is laid out.
     scale : ScanControlScale
         Of the model.
@@ -154,39 +125,40 @@ def parse_scancontrol(
     ProfileFormatRefused
         If the payload is not of that layout, or its time stamp counts further than the clock.
     """
-    size = layout.row_bytes
+    size = row_bytes(settings)
     if not raw or len(raw) % size:
         raise ProfileFormatRefused(
-            f"{len(raw)} bytes are no {layout.kind} profile of {layout.points} points ({size} "
-            "bytes): set laser.scancontrol as the sensor is set up"
+            f"{len(raw)} bytes are no {settings.layout} profile of {settings.points} points "
+            f"({size} bytes): set laser.scancontrol as the sensor is set up"
         )
     row = raw[:size]
-    if layout.kind == "full" or layout.time_stamp:
+    if settings.layout == "full" or settings.time_stamp:
         _check_time_stamp(row[-TIME_STAMP_BYTES:])
-    raw_x, raw_z = _full_profile(row, layout) if layout.kind == "full" else _container(row, layout)
+    read = _full_profile if settings.layout == "full" else _container
+    raw_x, raw_z = read(row, settings)
     missing = raw_z == 0  # also if the axis is turned round
-    if layout.kind == "full" and layout.reflection == REFLECTION_COUNT - 1:
+    if settings.layout == "full" and settings.reflection == REFLECTION_COUNT:
         missing[-1] = True  # the time stamp is there
     x, z = (
         scale.scale * ((GREATEST_RAW - values if flip else values) - RAW_ZERO)
-        for values, flip in ((raw_x, layout.flip_x), (raw_z, layout.flip_z))
+        for values, flip in ((raw_x, settings.flip_x), (raw_z, settings.flip_z))
     )
     x[missing] = z[missing] = np.nan
     return Profile(x, z + scale.offset, time=time, time_uncertainty=time_uncertainty)
 
 
-def _full_profile(row: bytes, layout: ScanControlLayout) -> tuple[Array, Array]:
+def _full_profile(row: bytes, settings: ScanControlSettings) -> tuple[Array, Array]:
     """Raw x and z: the second word of a reflection, its position and its distance."""
-    words = np.frombuffer(row, dtype=">u2").reshape(layout.points, REFLECTION_COUNT, -1)
-    chosen = words[:, layout.reflection].astype(np.float64)
+    words = np.frombuffer(row, dtype=">u2").reshape(settings.points, REFLECTION_COUNT, -1)
+    chosen = words[:, settings.reflection - 1].astype(np.float64)
     return chosen[:, 2], chosen[:, 3]
 
 
-def _container(row: bytes, layout: ScanControlLayout) -> tuple[Array, Array]:
+def _container(row: bytes, settings: ScanControlSettings) -> tuple[Array, Array]:
     """Raw x and z: fields of the row, one behind the other."""
-    words = np.frombuffer(row, dtype="<u2" if layout.little_endian else ">u2").astype(np.float64)
+    words = np.frombuffer(row, dtype="<u2" if settings.little_endian else ">u2").astype(np.float64)
     found, begin = {}, 0
-    for name in layout.fields:
-        found[name] = words[begin : begin + layout.points]
-        begin += FIELD_WORDS[name] * layout.points
+    for name in settings.fields:
+        found[name] = words[begin : begin + settings.points]
+        begin += FIELD_WORDS[name] * settings.points
     return found["x"], found["z"]

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol
 
-from tjscan.core.devices import DeviceIdentity, EventListener
+from tjscan.core.devices import Device
 from tjscan.core.frames import Array, frozen_arrays
 
 
@@ -31,34 +30,14 @@ class ArmState:
     time: float
 
 
-class Arm(Protocol):
-    """A robot arm that moves its flange to poses. It is a context manager: entering connects it."""
+class Arm(Device, Protocol):
+    """A robot arm that moves its flange to poses; disconnecting stops it.
 
-    def __enter__(self) -> Self:
-        """Connect and make ready to move."""
-        ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Stop and disconnect."""
-        ...
-
-    @property
-    def identity(self) -> DeviceIdentity:
-        """Which arm it is; known while connected."""
-        ...
-
-    def report_events_to(self, listener: EventListener) -> None:
-        """Report events, such as a detour, to a listener from now on, each before it begins."""
-        ...
+    Each event, such as a detour, is reported before it begins.
+    """
 
     def state(self) -> ArmState:
         """Joint angles, flange pose and time, as the arm reads them now."""
-        ...
 
     def check_moves(self, *T_b_f: Array) -> None:
         """Check a move in joint space to the first pose and straight lines on to the others.
@@ -70,7 +49,6 @@ class Arm(Protocol):
         PoseUnreachable
             If the path leaves the joint limits or the reach.
         """
-        ...
 
     def move_linear(self, T_b_f: Array) -> ArmState:
         """Move the flange on a straight line to a pose, and return the state reached.
@@ -82,7 +60,6 @@ class Arm(Protocol):
         ArmFault
             If the arm stopped on the way.
         """
-        ...
 
     def move_joint_to_pose(
         self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
@@ -100,7 +77,6 @@ class Arm(Protocol):
         ArmFault
             If the arm stopped on the way.
         """
-        ...
 
     def stop(self) -> None:
         """Bring the arm to rest now, from any thread, and let it begin no move any more.
@@ -108,11 +84,9 @@ class Arm(Protocol):
         The move under way raises ArmFault in its own thread; so does every later one, until the
         stop is taken back by `accept_moves_again`, or by connecting again.
         """
-        ...
 
     def accept_moves_again(self) -> None:
         """Take commands again after a stop, once the move that was stopped has ended.
 
         Not from within a move's own thread while it moves: this waits for it.
         """
-        ...

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, product
-from types import TracebackType
-from typing import Final, Self
+from typing import Any, Final, Self
 
 import numpy as np
 
@@ -131,15 +130,10 @@ class CollisionCheckedArm:
         self._arm.__enter__()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: Any) -> None:
         """Stop and disconnect the arm."""
         self._latch.stop()
-        self._arm.__exit__(kind, error, trace)
+        self._arm.__exit__(*error)
 
     def state(self) -> ArmState:
         """State of the arm. See `Arm.state`."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.frames import Array, inverse_pose
@@ -35,14 +34,9 @@ class CorrectedArm:
         self._arm.__enter__()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: Any) -> None:
         """Stop and disconnect the arm."""
-        self._arm.__exit__(kind, error, trace)
+        self._arm.__exit__(*error)
 
     @property
     def identity(self) -> DeviceIdentity:

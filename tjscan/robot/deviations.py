@@ -37,7 +37,8 @@ def with_deviations(kinematics: Kinematics, deviations: Array) -> Kinematics:
         Translation (metres) and rotation vector of each joint's frame, in axes of its own whose
         z is the joint's axis; see `axis_bases`.
     """
-    in_joint = _in_joint_axes(kinematics, np.asarray(deviations, dtype=float))
+    own = np.asarray(deviations, dtype=float).reshape(-1, 2, 3)
+    in_joint = np.einsum("nij,nkj->nki", axis_bases(kinematics), own).reshape(-1, 6)
     moves = np.array([pose_from_vector(step) for step in in_joint])
     return kinematics.with_joint_placements(kinematics.joint_placements @ moves)
 
@@ -61,8 +62,3 @@ def length_growth(kinematics: Kinematics) -> Array:
     own = np.einsum("nji,nj->ni", placements[:, :3, :3], placements[:, :3, 3])
     along = np.einsum("nji,nj->ni", axis_bases(kinematics), own)
     return np.hstack((along, np.zeros_like(along)))
-
-
-def _in_joint_axes(kinematics: Kinematics, deviations: Array) -> Array:
-    turned = np.einsum("nij,nkj->nki", axis_bases(kinematics), deviations.reshape(-1, 2, 3))
-    return np.asarray(turned.reshape(-1, 6))

@@ -248,6 +248,10 @@ class Kinematics:
         """
         return float(np.linalg.svd(self.jacobian(q), compute_uv=False)[-1])
 
+    def excess(self, q: Array) -> Array:
+        """How far each joint is beyond its limits, in radians; negative within."""
+        return np.maximum(self.lower - q, q - self.upper)
+
     def inverse(self, T_b_f: Array, near: Array) -> Array:
         """Joint angles that put the flange at a pose.
 
@@ -278,7 +282,7 @@ class Kinematics:
         if (
             warm.solved
             and np.abs(warm.q - near).max() < SEED_DISTANCE
-            and self._excess(warm.q).max() <= 0
+            and self.excess(warm.q).max() <= 0
         ):
             return warm.q
         return self.all_inverse_solutions(T_b_f, near)[0]
@@ -301,7 +305,7 @@ class Kinematics:
         solved = [self._turned(fit.q, near) for fit in fits if fit.solved]
         if not solved:
             raise PoseUnreachable(self._out_of_reach(fits), T_b_f)
-        allowed = [q for q in solved if self._excess(q).max() <= LIMIT_ROUNDING]
+        allowed = [q for q in solved if self.excess(q).max() <= LIMIT_ROUNDING]
         if not allowed:
             raise PoseUnreachable(self._out_of_limits(solved), T_b_f)
         found: list[Array] = []
@@ -391,15 +395,11 @@ class Kinematics:
         seeds = near + spread * random.standard_normal((SEED_COUNT, near.size))
         return np.clip(seeds, self.lower, self.upper)
 
-    def _excess(self, q: Array) -> Array:
-        """How far each joint is beyond its limits, in radians; negative within."""
-        return np.maximum(self.lower - q, q - self.upper)
-
     def _turned(self, q: Array, near: Array) -> Array:
         """`q` with each joint in the turn nearest to `near` that its limits allow."""
         turn = 2 * np.pi
         turns = q + turn * (np.round((near - q) / turn) + np.arange(-2, 3)[:, None])
-        beyond = np.maximum(np.maximum(self.lower - turns, turns - self.upper), 0.0)
+        beyond = np.maximum(self.excess(turns), 0.0)
         beyond[beyond <= LIMIT_ROUNDING] = 0.0
         order = np.lexsort((np.abs(turns - near), beyond), axis=0)
         return np.asarray(np.take_along_axis(turns, order[:1], axis=0)[0])
@@ -415,11 +415,11 @@ class Kinematics:
         )
 
     def _out_of_limits(self, solved: list[Array]) -> str:
-        q = min(solved, key=lambda q: float(self._excess(q).max()))
-        i = int(self._excess(q).argmax())
+        q = min(solved, key=lambda q: float(self.excess(q).max()))
+        i = int(self.excess(q).argmax())
         limit = self.upper[i] if q[i] > self.upper[i] else self.lower[i]
         return (
             f"{self.joint_names[i]} would have to be at {np.degrees(q[i]):.1f} deg, "
-            f"{np.degrees(self._excess(q)[i]):.1f} deg beyond its limit of "
+            f"{np.degrees(self.excess(q)[i]):.1f} deg beyond its limit of "
             f"{np.degrees(limit):.1f} deg. Choose another configuration or move the base."
         )

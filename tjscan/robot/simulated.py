@@ -179,7 +179,7 @@ def _check_start(kinematics: Kinematics, q: Array) -> None:
         raise ConfigurationError(
             f"{kinematics.name} has {kinematics.lower.size} joints, not {q.size}", key="q"
         )
-    beyond = np.maximum(kinematics.lower - q, q - kinematics.upper)
+    beyond = kinematics.excess(q)
     if not beyond.max() <= 0:
         i = int(np.nan_to_num(beyond, nan=np.inf).argmax())
         raise ConfigurationError(

@@ -169,7 +169,8 @@ def find_tool_holds(
         T = poses[i][:, None] @ spun @ T_tool_f
         q = kinematics.inverse_branches(T.reshape(-1, 4, 4)).reshape(n, SPIN_COUNT, 8, 6)
         first.append(q[0])
-        within = np.isfinite(q) & (_nearest_turn(kinematics, q) <= 0)
+        beyond = [kinematics.excess(q + 2 * np.pi * turn) for turn in (-1, 0, 1)]
+        within = np.isfinite(q) & (np.min(beyond, axis=0) <= 0)
         reasons: Counter[str] = Counter()
         for spin, branch in np.argwhere(within.all(axis=(0, 3))):
             held = q[:, spin, branch]
@@ -202,10 +203,3 @@ def _turns(can: NDArray[np.bool_], q: Array) -> Array:
                 )
             found.append(np.where(goes, np.sum(turn**2, axis=2), np.inf))
     return np.array(found).reshape(len(can), len(_SPIN_CHANGES), SPIN_COUNT, 8)
-
-
-def _nearest_turn(kinematics: Kinematics, q: Array) -> Array:
-    """How far angles are beyond the limits in the turn that is best, radians."""
-    turns = [q + 2 * np.pi * k for k in (-1, 0, 1)]
-    beyond = [np.maximum(kinematics.lower - t, t - kinematics.upper) for t in turns]
-    return np.asarray(np.min(beyond, axis=0))

@@ -18,7 +18,7 @@ from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.comparison.surface import MeshDistance
 from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.errors import CalibrationRefused, ConfigurationError, StitchingRefused
-from tjscan.core.frames import Array, JointOrBaseFrame, inverse_pose, transform_points
+from tjscan.core.frames import Array, transform_points
 from tjscan.core.pose_vector import boxminus
 from tjscan.core.units import DEG, MM, SettingsTable, pose_from_rows_mm
 from tjscan.job import ScanJob, read_calibration_job, read_scan_job
@@ -30,9 +30,9 @@ from tjscan.recording.journal import CombinedJournal
 from tjscan.result.section import absent_corners
 from tjscan.runs.calibration.run import start_calibration
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job
-from tjscan.runs.scan.results import all_profile_points
 from tjscan.runs.scan.run import scan_in_cell
 from tjscan.runs.scan.uncertainty import causes_of_job
+from tjscan.runs.stations.stitch import stitched_profile_points
 from tjscan.stitching.stations import Station, StitchSettings, station_from_recording
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
 from tjscan.study.file import flatten_to_dotted_keys
@@ -234,10 +234,12 @@ def run_chain(
                 key="simulation.T_f_s_mm",
             )
         error = boxminus(found.T_f_s, pose_from_rows_mm(truth))
-    joint = RunContext(read_scan_job(chain.scan, keys), chain.scan).joint
+    whole = read_scan_job(chain.scan, keys)
+    joint = RunContext(whole, chain.scan).joint
     if joint is None:
         raise ConfigurationError("a chain compares with the joint", file=chain.scan, key="joint")
-    stitched = _stitched(chain, keys)
+    stations = [_station(whole, name, chain.scan) for name in whole.station_names]
+    stitched = stitch_stations(stations, StitchSettings(repeatability=chain.repeatability))
     aligned = align_to_joint(stitched, joint)
     return ChainOutcome(
         stitched,
@@ -252,12 +254,8 @@ def run_chain(
 def align_to_joint(stitched: StitchedGroove, joint: JointDefinition) -> Alignment:
     """Align all points that were seen to the joint as designed, by iterated closest points."""
     mesh = build_joint_mesh(joint)
-    points = [
-        all_profile_points(one.station.sections, JointOrBaseFrame(inverse_pose(one.T_j_b)))
-        for one in stitched.stations
-    ]
     surface = MeshDistance(mesh.vertices, mesh.triangles.astype(np.intp))
-    return align_icp(np.concatenate(points), surface.nearest_points_and_normals)
+    return align_icp(stitched_profile_points(stitched), surface.nearest_points_and_normals)
 
 
 def _held_out(found: CalibrationFile | None) -> tuple[float, float] | None:
@@ -265,12 +263,6 @@ def _held_out(found: CalibrationFile | None) -> tuple[float, float] | None:
         return None
     arm = found.kinematics
     return 1e-3 * arm.held_out_before_mm, 1e-3 * arm.held_out_after_mm
-
-
-def _stitched(chain: Chain, keys: dict[str, Any]) -> StitchedGroove:
-    whole = read_scan_job(chain.scan, keys)
-    stations = [_station(whole, name, chain.scan) for name in whole.station_names]
-    return stitch_stations(stations, StitchSettings(repeatability=chain.repeatability))
 
 
 def _station(whole: ScanJob, name: str, file: Path) -> Station:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
@@ -117,9 +118,7 @@ def read_live_profiles(laser: LineLaser, settings: GrooveSettings) -> Iterator[P
     settings : GrooveSettings
         How grooves are read.
     """
-    number = 0
-    while True:
-        number += 1
+    for number in count(1):
         yield next(measure_grooves({f"profile {number}": laser.capture()}, settings))
 
 

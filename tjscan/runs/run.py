@@ -10,10 +10,10 @@ import io
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final, Generic, TypeVar
 
 import tomli_w
 
@@ -33,7 +33,7 @@ from tjscan.job import CalibrationSettings, CellJob
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.job.tow.job import TowJob
 from tjscan.recording.header import JobSnapshot, file_sha256, job_snapshot_changes
-from tjscan.recording.journal import Journal, RunEvent
+from tjscan.recording.journal import CombinedJournal, Journal, RunEvent
 from tjscan.recording.parts import next_recording_file, recording_files
 from tjscan.result.directory import (
     CALIBRATION_FILE,
@@ -60,6 +60,28 @@ T = TypeVar("T")
 
 def do_nothing_when_finished(directory: Path) -> None:
     """Do nothing when the results of a run directory are written."""
+
+
+@dataclass(frozen=True, eq=False)
+class JobContext(Generic[T]):
+    """A job with its file, and where its run reports progress, events and results.
+
+    Parameters
+    ----------
+    job : CellJob, CrawlJob or TowJob
+        The job.
+    job_file : Path
+        Where it was read from; the files that it names are sought from there.
+    journal : Journal
+        Receives everything, once it is on disk.
+    finished : callable
+        Is called with every directory whose results are written, for instance `write_run_report`.
+    """
+
+    job: T
+    job_file: Path
+    journal: Journal = field(default_factory=CombinedJournal)
+    finished: Callable[[Path], object] = do_nothing_when_finished
 
 
 def default_run_directory(job_file: Path, station: str | None = None) -> Path:

@@ -151,15 +151,10 @@ def write_start_pose(
         draft = folder / file.name
         draft.write_text(tomlkit.dumps(document), encoding="utf-8")
         shutil.copymode(file, draft)
-        _check(draft, job_file)
-
-
-def _check(draft: Path, job_file: Path) -> None:
-    """Refuse to write a file that would not be read again."""
-    try:
-        read_scan_job(draft)
-    except ConfigurationError as error:
-        raise ConfigurationError(error.message, file=job_file, key=error.key) from None
+        try:
+            read_scan_job(draft)  # a file that would not be read again is not written
+        except ConfigurationError as error:
+            raise ConfigurationError(error.message, file=job_file, key=error.key) from None
 
 
 def _table(parent: Any, name: str, job_file: Path) -> Any:

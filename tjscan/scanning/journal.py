@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.recording.journal import Journal, RunEvent
-from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.scanning.events import RetryCounts
 from tjscan.scanning.recorded import RecordedScan
 from tjscan.scanning.section import ProfileView, ScannedSection
+
+if TYPE_CHECKING:
+    from tjscan.robot.clearance import ClearPathPlanner
 
 
 class ScanResultsJournal:

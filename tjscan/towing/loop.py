@@ -25,7 +25,7 @@ from tjscan.towing.standstill import Patience, StandingVehicles, Waiting
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings
 from tjscan.towing.team_poses import TeamEstimate, TeamPoses
 from tjscan.vehicle.localisation import Localisation, VehiclePose
-from tjscan.vehicle.vehicle import REST, Twist, Vehicle, VehicleState
+from tjscan.vehicle.vehicle import AT_REST, Twist, Vehicle, VehicleState
 
 PLAN_PERIOD: Final = 0.1
 """Seconds between plans."""
@@ -123,7 +123,7 @@ class CableTow:
         self._along = self._stood = self._due = self._began = 0.0
         self._last: TowingPlan | None = None
         self._targets: Array | None = None
-        self._asked: list[Twist] = [REST] * count
+        self._asked: list[Twist] = [AT_REST] * count
         self._states: Sequence[VehicleState | VehicleFault] = ()
         self._measured: Sequence[VehiclePose | None] = ()
         self._shapeless = False
@@ -213,7 +213,7 @@ class CableTow:
             self._states = self._team.advance_to(begun + look * PLAN_PERIOD / LOOKS_PER_PLAN)
             measured, now = self._localisation.read(), self._team.time
             odometry = [
-                state.odometry if isinstance(state, VehicleState) else REST
+                state.odometry if isinstance(state, VehicleState) else AT_REST
                 for state in self._states
             ]
             estimate = self._poses.update(now, now - before, odometry, measured)
@@ -318,7 +318,7 @@ class CableTow:
         for v, follower in enumerate(self._followers):
             if v in lost or (v in self._standing.stopped and v < len(self._followers) - 1):
                 follower.reset()
-                targets[v], self._asked[v] = estimate.poses[v], REST
+                targets[v], self._asked[v] = estimate.poses[v], AT_REST
             else:
                 self._asked[v] = follower.follow(
                     estimate.poses[v], before[v], targets[v], PLAN_PERIOD

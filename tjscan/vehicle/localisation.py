@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol
 
-from tjscan.core.devices import DeviceIdentity, EventListener
+from tjscan.core.devices import Device
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,42 +50,19 @@ class TrackedDisc:
     vy: float
 
 
-class Localisation(Protocol):
-    """Something that sees a team. It is a context manager: entering connects it.
+class Localisation(Device, Protocol):
+    """Something that sees a team; connecting waits until every vehicle was seen.
 
     What it gives may be noisy, old, frozen, or another vehicle's: whoever reads it judges that.
-    What can't be a pose, and what came after a later one, it drops itself, and reports so.
+    What can't be a pose, and what came after a later one, it drops itself, and reports so, as it
+    reports lost links, in the thread that reads.
     """
-
-    def __enter__(self) -> Self:
-        """Connect, and wait until every vehicle was seen."""
-        ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Disconnect."""
-        ...
-
-    @property
-    def identity(self) -> DeviceIdentity:
-        """Which device it is."""
-        ...
-
-    def report_events_to(self, listener: EventListener) -> None:
-        """Report dropped poses and lost links to a listener, in the thread that reads."""
-        ...
 
     def read(self) -> tuple[VehiclePose | None, ...]:
         """Give the newest pose of each vehicle that came since the last reading, or none.
 
         It does not wait, and a lost link is no error: no poses come.
         """
-        ...
 
     def read_passers_by(self) -> tuple[TrackedDisc, ...]:
         """Give the newest sight of everything that moves through the area, however old."""
-        ...

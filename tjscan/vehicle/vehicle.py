@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from statistics import fmean
-from types import TracebackType
-from typing import Final, Protocol, Self
+from typing import Final, Protocol
 
 from tjscan.core.array_fields import FloatOrNan
-from tjscan.core.devices import DeviceIdentity, EventListener
+from tjscan.core.devices import Device
 from tjscan.core.errors import VehicleFault
 
 DEAD_MAN: Final = 0.5
@@ -39,8 +38,8 @@ class Twist:
     sideways: float = 0.0
 
 
-REST: Final = Twist(0.0, 0.0)
-"""The twist of a vehicle that stands."""
+AT_REST: Final = Twist(0.0, 0.0)
+"""The twist of a vehicle that does not move."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,35 +98,12 @@ def check_twist(twist: Twist) -> None:
         raise VehicleFault(f"a vehicle can't drive {twist}")
 
 
-class Vehicle(Protocol):
-    """A vehicle that drives as told. It is a context manager: entering connects it, at rest."""
-
-    def __enter__(self) -> Self:
-        """Connect, and take commands."""
-        ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Stop and disconnect."""
-        ...
-
-    @property
-    def identity(self) -> DeviceIdentity:
-        """Which vehicle it is; known while connected."""
-        ...
+class Vehicle(Device, Protocol):
+    """A vehicle that drives as told; connecting and disconnecting leave it at rest."""
 
     @property
     def dead_man(self) -> float:
         """Seconds after the last command at which the vehicle stops by itself."""
-        ...
-
-    def report_events_to(self, listener: EventListener) -> None:
-        """Report events, such as a message that was dropped, to a listener from now on."""
-        ...
 
     def command(self, twist: Twist) -> None:
         """Hold a twist until the next command, at most for the dead-man time.
@@ -141,7 +117,6 @@ class Vehicle(Protocol):
         VehicleLinkLost
             If it is not connected, or not any more.
         """
-        ...
 
     def next_state(self) -> VehicleState:
         """Wait for the next state, and return it; some 100 come each second.
@@ -156,7 +131,6 @@ class Vehicle(Protocol):
         VehicleLinkLost
             If none comes within a time limit, or the vehicle is not connected.
         """
-        ...
 
     def stop(self) -> None:
         """Bring the vehicle to rest now, from any thread, and let it take no command any more.
@@ -164,8 +138,6 @@ class Vehicle(Protocol):
         Every later command raises VehicleStopped, until the stop is taken back by
         `accept_commands_again`, or by connecting again. States go on coming.
         """
-        ...
 
     def accept_commands_again(self) -> None:
         """Take commands again after a stop; the vehicle stands until the next one."""
-        ...

@@ -5,7 +5,7 @@ from __future__ import annotations
 import resource
 import socket
 import struct
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from random import Random
 
@@ -44,7 +44,7 @@ def test_nonsense_on_every_port_leaves_it_at_work(
                 with socket.create_connection((loopback.host, port), 10) as wire, suppress(OSError):
                     for _ in range(random.randrange(1, 4)):
                         wire.sendall(nonsense(random))
-        with DashboardClient(loopback.host) as dashboard:
+        with closing(DashboardClient(loopback.host)) as dashboard:
             assert dashboard.ask_value("robotmode") == "RUNNING"
     assert "Traceback" not in capfd.readouterr().err
 

@@ -11,6 +11,8 @@ from scipy.special import chdtri
 from tjscan.calibration.arm.model import ArmModel
 from tjscan.calibration.solve.combined import StackedResiduals
 from tjscan.calibration.solve.refine import (
+    FALSE_ALARM_PROBABILITY,
+    LeastSquaresEstimate,
     Mask,
     covariance_from_information,
     lower_root,
@@ -20,9 +22,6 @@ from tjscan.calibration.solve.refine import (
 )
 from tjscan.core.frames import Array, frozen_arrays
 
-FALSE_ALARM_PROBABILITY: Final = 1e-3
-"""Probability to blame any profile although all are as good as stated."""
-
 MAX_REJECTED_SHARE: Final = 0.1
 """Of the profiles; with more, it is not single ones that are bad."""
 
@@ -30,45 +29,26 @@ WEIGHTING_ROUNDS: Final = 2
 """Weights depend on the geometry only weakly."""
 
 
+MIN_UNDETERMINED_SHARE: Final = 0.8
+"""A deviation counts as undetermined if so much of it is in directions that the profiles show less
+well than the prior does."""
+
+DEVIATION_KINDS: Final = ("length x", "length y", "length z", "twist x", "twist y", "offset")
+"""Of a joint's deviations, in their order."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 @frozen_arrays
-class ArmEstimate:
+class ArmEstimate(LeastSquaresEstimate):
     """Deviations, sensor and targets that fit best, with their covariance.
 
     Parameters
     ----------
-    T_f_s : ndarray, shape (4, 4)
-        The sensor on the flange.
     deviations : ndarray, shape (joints, 6)
         Of the joints; metres and radians.
-    target : ndarray, shape (m,)
-        The targets' parameters.
-    covariance : ndarray, shape (6 + 6 joints + m, 6 + 6 joints + m)
-        Of all of them: T_f_s by translation and small rotation in the axes of f. By the stated
-        errors; not widened.
-    chi2, dof : float, int
-        Weighted sum of squared residuals, the prior's included, and its expectation.
-    stacked : StackedResiduals
-        Of all profiles, the unused ones too.
-    used : ndarray of bool, shape (n,)
-        Which profiles it rests on.
     """
 
-    T_f_s: Array
     deviations: Array
-    target: Array
-    covariance: Array
-    chi2: float
-    dof: int
-    stacked: StackedResiduals
-    used: Mask
-
-    @property
-    def sigma_scale(self) -> float:
-        """By how much residuals are larger than stated, if that is significant; else one."""
-        if self.chi2 <= chdtri(self.dof, FALSE_ALARM_PROBABILITY):
-            return 1.0
-        return float(np.sqrt(self.chi2 / self.dof))
 
 
 def estimate_deviations(
@@ -94,9 +74,9 @@ def estimate_deviations(
     while used.sum() > (1 - MAX_REJECTED_SHARE) * offered:
         falls, _ = without_each_profile(estimate)
         worst = int(falls.argmax())
-        count = int((estimate.stacked.profile == worst).sum())
-        widened = max(1.0, estimate.chi2 / estimate.dof)
-        if falls[worst] <= widened * chdtri(count, FALSE_ALARM_PROBABILITY / offered):
+        count = int(estimate.residuals_per_profile[worst])
+        limit = chdtri(count, FALSE_ALARM_PROBABILITY / offered)
+        if falls[worst] <= estimate.variance_scale * limit:
             return estimate
         used = used.copy()
         used[worst] = False
@@ -109,7 +89,7 @@ def whitened_jacobian(estimate: ArmEstimate, sigmas: Array) -> Array:
 
     By steps of T_f_s, by deviations over their `sigmas`, shape (joints, 6), and by targets.
     """
-    rows = estimate.used[estimate.stacked.profile]
+    rows = estimate.rows_used
     L = lower_root(estimate.stacked.covariance[np.ix_(rows, rows)])
     scale = _scale(sigmas, len(estimate.target))
     return whiten(L, estimate.stacked.jacobian[rows] * scale)
@@ -147,13 +127,13 @@ def _solve(model: ArmModel, sigmas: Array, T_f_s: Array, target: Array, used: Ma
     deviations, target = scaled.unscaled(parameters)
     return ArmEstimate(
         T_f_s,
-        deviations,
         target,
         covariance_from_information(J.T @ J) * np.outer(scale, scale),
         float(r @ r),
         len(r) - J.shape[1],
         model.linearise(T_f_s, deviations, target),
         used,
+        deviations,
     )
 
 
@@ -168,7 +148,7 @@ def without_each_profile(estimate: ArmEstimate) -> tuple[Array, Array]:
     steps : ndarray, shape (n, 6)
         Translation (metres) and rotation (radians) in the axes of f.
     """
-    stacked, rows = estimate.stacked, estimate.used[estimate.stacked.profile]
+    stacked, rows = estimate.stacked, estimate.rows_used
     L = lower_root(stacked.covariance[np.ix_(rows, rows)])
     J = whiten(L, stacked.jacobian[rows])
     gain = estimate.covariance @ J.T
@@ -184,3 +164,56 @@ def without_each_profile(estimate: ArmEstimate) -> tuple[Array, Array]:
 
 def _scale(sigmas: Array, targets: int) -> Array:
     return np.concatenate((np.ones(6), sigmas.ravel(), np.ones(targets)))
+
+
+def undetermined_deviations(J: Array, joints: int) -> tuple[str, ...]:
+    """Sentences on deviations that profiles leave as the prior has them, by joint and cause.
+
+    Parameters
+    ----------
+    J : ndarray, shape (N, 6 + 6 joints + m)
+        As `whitened_jacobian` gives it: in units in which the prior of each deviation is one.
+    joints : int
+        Number of joints.
+
+    Notes
+    -----
+    Effects that T_f_s and targets can take over are projected out. Singular values of the rest
+    below one belong to combinations of deviations that the profiles show less well than the prior.
+    """
+    n = 6 * joints
+    free = np.hstack((J[:, :6], J[:, 6 + n :]))
+    Q, _ = np.linalg.qr(free / np.linalg.norm(free, axis=0))
+    own = J[:, 6 : 6 + n]
+    _, singular, rows = np.linalg.svd(own - Q @ (Q.T @ own), full_matrices=True)
+    blind = rows[np.concatenate((singular < 1, np.ones(len(rows) - len(singular), dtype=bool)))]
+    share = (blind**2).sum(axis=0)
+    groups: dict[tuple[int, str], list[str]] = {}
+    for k in map(int, np.flatnonzero(share >= MIN_UNDETERMINED_SHARE)):
+        groups.setdefault((k // 6 + 1, _like(J, k, joints)), []).append(DEVIATION_KINDS[k % 6])
+    return tuple(
+        f"joint {joint}: {', '.join(kinds)} can't be told from {like}: left as the maker states"
+        for (joint, like), kinds in groups.items()
+    )
+
+
+def _like(J: Array, k: int, joints: int) -> str:
+    """Cause with most of the effect of deviation k."""
+    n = 6 * joints
+    others = np.delete(J, 6 + k, axis=1)
+    # As few and small others as possible: the prior's weight, and next to none without a prior.
+    weight = np.concatenate((np.full(6, 1e-6), np.ones(n - 1), np.full(J.shape[1] - 6 - n, 1e-6)))
+    scaled = others / np.maximum(
+        np.linalg.norm(others, axis=0) * (weight < 1) + (weight == 1), 1e-300
+    )
+    A = np.concatenate((scaled, np.diag(weight)))
+    x = np.linalg.lstsq(A, np.concatenate((J[:, 6 + k], np.zeros(len(weight)))), rcond=None)[0]
+    joint = np.delete(np.arange(n), k) // 6
+    effect = {
+        "how the sensor sits": float(np.linalg.norm(scaled[:, :6] @ x[:6])),
+        "where the target is": float(np.linalg.norm(scaled[:, 5 + n :] @ x[5 + n :])),
+    }
+    for j in range(joints):
+        at = 6 + np.flatnonzero(joint == j)
+        effect[f"those of joint {j + 1}"] = float(np.linalg.norm(scaled[:, at] @ x[at]))
+    return max(effect, key=lambda name: effect[name])

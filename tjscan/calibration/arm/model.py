@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from tjscan.calibration.solve.combined import StackedResiduals, stack_residuals
-from tjscan.calibration.targets.target import SeenTargetModel
+from tjscan.calibration.targets.target import TargetModel
 from tjscan.core.frames import Array, frozen_arrays, inverse_pose, skew_matrix
 from tjscan.robot.deviations import deviation_jacobian, with_deviations
 from tjscan.robot.kinematics import Kinematics
@@ -27,7 +27,7 @@ class TargetInPostures:
 
     Parameters
     ----------
-    model : SeenTargetModel
+    model : TargetModel
         Of n profiles.
     q : ndarray, shape (n, joints)
         Joint angles at each, radians.
@@ -37,7 +37,7 @@ class TargetInPostures:
         Approximate parameters of the target.
     """
 
-    model: SeenTargetModel
+    model: TargetModel
     q: Array
     T_b_f: Array
     start: Array

@@ -11,11 +11,11 @@ import numpy as np
 from tjscan.calibration.arm.estimate import (
     ArmEstimate,
     estimate_deviations,
+    undetermined_deviations,
     whitened_jacobian,
     without_each_profile,
 )
 from tjscan.calibration.arm.model import ArmModel
-from tjscan.calibration.arm.undetermined import undetermined_deviations
 from tjscan.calibration.entries import ArmKinematicsEntry
 from tjscan.calibration.result import HandEyeCalibration, SampleResidual
 from tjscan.calibration.solve.refine import Mask, estimate_by_laser
@@ -96,8 +96,7 @@ class ArmCalibration:
         Shape (6 + 6 joints, m); None if no deviation is stated.
         """
         estimate = self.estimate
-        rows = estimate.used[estimate.stacked.profile]
-        found = estimate_by_laser(estimate.covariance, estimate.stacked, rows)
+        found = estimate_by_laser(estimate)
         return None if found is None else readonly_copy(found[: 6 + estimate.deviations.size])
 
     def lines(self, checks: str, target: str) -> list[str]:
@@ -232,17 +231,9 @@ def _residuals(found: ArmCalibration, names: Sequence[str]) -> tuple[SampleResid
             continue
         own = stacked.profile == i
         lengths = stacked.residuals[own & stacked.is_length]
-        residuals.append(
-            SampleResidual(
-                name,
-                bool(estimate.used[i]),
-                float(np.linalg.norm(lengths)),
-                None,
-                float(np.sqrt(falls[i] / own.sum())),
-                float(np.linalg.norm(steps[i, :3])),
-                float(np.linalg.norm(steps[i, 3:])),
-            )
-        )
+        off, misfit = float(np.linalg.norm(lengths)), np.sqrt(falls[i] / own.sum())
+        used = estimate.used[i]
+        residuals.append(SampleResidual.from_changes(name, used, (off, None), misfit, steps[i]))
     return tuple(residuals)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
@@ -105,11 +106,9 @@ class ArmWizard:
         question = f"Take {what}: joints turn by up to {turn:.0f}°?"
         profile, state = NO_PROFILE, self.arm.state()
         if self.operator.confirm(Question(question, True, moves=True)):
-            try:
+            with suppress(PoseUnreachable):
                 self._go(view)
                 profile, state = self.laser.capture(), self.arm.state()
-            except PoseUnreachable:
-                profile = NO_PROFILE
         shot = PosedProfile(f"posture {number + 1}", state.T_b_f, profile)
         self.logbook.record(ArmPoseTaken(number, state.q, shot))
 

@@ -9,7 +9,6 @@ import numpy as np
 from tjscan.calibration.checks.motion import MAX_CONDITION
 from tjscan.calibration.result import HandEyeUncertainty, SampleResidual
 from tjscan.calibration.solve.refine import RefinedEstimate, leave_one_out_changes
-from tjscan.calibration.solve.snooping import chi2_is_plausible
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array
 
@@ -68,18 +67,9 @@ def sample_residuals(
     found = []
     for i, name in enumerate(names):
         r = settled.stacked.residuals[settled.stacked.profile == i]
-        offset, tilt = _offset_and_tilt(r)
-        found.append(
-            SampleResidual(
-                name,
-                bool(estimate.used[i]),
-                offset,
-                tilt,
-                float(np.sqrt(deletion.chi2[i] / len(r))),
-                float(np.linalg.norm(deletion.step[i, :3])),
-                float(np.linalg.norm(deletion.step[i, 3:])),
-            )
-        )
+        off, misfit = _offset_and_tilt(r), np.sqrt(deletion.chi2[i] / len(r))
+        used, step = estimate.used[i], deletion.step[i]
+        found.append(SampleResidual.from_changes(name, used, off, misfit, step))
     return tuple(found)
 
 
@@ -106,9 +96,7 @@ def residual_excess(estimate: RefinedEstimate, residuals: tuple[SampleResidual, 
     CalibrationRefused
         If they are larger than any noise model within reason allows.
     """
-    if chi2_is_plausible(estimate):
-        return 1.0
-    sigma_scale = float(np.sqrt(estimate.chi2 / estimate.dof))
+    sigma_scale = estimate.sigma_scale
     if sigma_scale <= (MAX_SIGMA_SCALE if estimate.used.all() else MAX_SIGMA_SCALE_AFTER_REJECTION):
         return sigma_scale
     worst = sorted(residuals, key=lambda one: -one.misfit)[:3]

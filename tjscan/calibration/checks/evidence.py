@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.solve.refine import RefinedEstimate
-from tjscan.calibration.solve.snooping import blame_prices, chi2_is_plausible
+from tjscan.calibration.solve.snooping import blame_prices
 from tjscan.calibration.solve.solution import (
     Solution,
     Targets,
@@ -60,7 +60,7 @@ def check_pose_convention(
     CalibrationRefused
         With how they fit better.
     """
-    if chi2_is_plausible(solution.whole):
+    if solution.whole.is_plausible:
         return
     T = stack_poses(targets)
     readings = other_readings(inverse_poses(T) if sensor_is_fixed else T)
@@ -69,7 +69,7 @@ def check_pose_convention(
     name = min(fits, key=lambda one: _cost(fits[one]))
     gain = _best_cost(solution) - _cost(fits[name])
     # If neither fits, the cause is another one.
-    if gain > _limit(len(fits)) and _widened(fits[name]) < MAX_WIDENED:
+    if gain > _limit(len(fits)) and fits[name].variance_scale < MAX_WIDENED:
         raise CalibrationRefused(
             "poses that were read in another way than they were meant",
             f"the profiles fit e^{gain / 2:.0f} times better to the same poses {name}; check which "
@@ -98,10 +98,11 @@ def check_pairing(
     CalibrationRefused
         If some other pairing is as good.
     """
-    if chi2_is_plausible(solution.whole) and solution.estimate.used.all():
+    if solution.whole.is_plausible and solution.estimate.used.all():
         return
-    costs = {}
-    for shift in _shifts(min(len(one.names) for one in targets)):
+    costs, count = {}, min(len(one.names) for one in targets)
+    shifts = {int(k) for k in np.linspace(1, count - 1, SHIFTS_TRIED)} - {0} if count > 2 else set()
+    for shift in sorted(shifts):
         moved = np.concatenate([np.roll(one.T_b_f, shift, axis=0) for one in targets])
         costs[shift] = _cost(_fit_with(targets, noise, moved, sensor_is_fixed))
     if not costs:
@@ -140,7 +141,7 @@ def swapped_pairs(
         swapped = T.copy()
         swapped[[i, j]] = T[[j, i]]
         changed = with_poses(targets, swapped)
-        cost = _cost(fit_targets(changed, noise, begin, sensor_is_fixed, 1)[2])
+        cost = _cost(fit_targets(changed, noise, begin, sensor_is_fixed, 1)[1])
         if _cost(solution.whole) - cost > _limit(len(pairs)):
             notes.append(
                 f"{names[i]} and {names[j]} fit with each other's poses: they were swapped"
@@ -154,7 +155,7 @@ def _fit_with(
     """The fit to other poses, from the nearest of the starts that these give."""
     other = with_poses(targets, T_b_f)
     begin = [T for one in other for T in one.starts()]
-    return fit_targets(other, noise, begin, sensor_is_fixed, MAX_REFINED_STARTS)[2]
+    return fit_targets(other, noise, begin, sensor_is_fixed, MAX_REFINED_STARTS)[1]
 
 
 def _best_cost(solution: Solution) -> float:
@@ -166,24 +167,13 @@ def _best_cost(solution: Solution) -> float:
 
 def _cost(estimate: RefinedEstimate) -> float:
     """Minus twice the log-likelihood, all errors being as much larger than stated as fits best."""
-    widened = _widened(estimate)
+    widened = estimate.variance_scale
     return float(estimate.chi2 / widened + estimate.dof * np.log(widened))
-
-
-def _widened(estimate: RefinedEstimate) -> float:
-    """By how much the variances are larger than stated."""
-    return max(1.0, estimate.chi2 / max(estimate.dof, 1))
 
 
 def _limit(count: int) -> float:
     """Limit of twice the logarithm of likelihoods for the best of so many."""
     return float(2 * np.log(count / FALSE_ALARM_PROBABILITY))
-
-
-def _shifts(count: int) -> list[int]:
-    return (
-        sorted({int(k) for k in np.linspace(1, count - 1, SHIFTS_TRIED)} - {0}) if count > 2 else []
-    )
 
 
 def other_readings(T_b_f: Array) -> dict[str, Array]:

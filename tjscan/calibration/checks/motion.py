@@ -66,9 +66,9 @@ def _refuse_one_axis(axis_f: Array, u_f: Array | None, R_f_s: Array | None) -> N
     if u_f is None:
         advice = f"turn about an axis square to it by {ADVISED_TILT_DEG}° or more, both ways"
     elif abs(axis_f @ u_f) > 0.9:
-        advice = "that is about the board's normal, which shows nothing new; " + advise_tilts(
-            [np.asarray(a) for a in _across(u_f, R_f_s)], R_f_s
-        )
+        across = np.linalg.svd(u_f[None])[2][1:] if R_f_s is None else R_f_s[:, :2].T
+        tilts = advise_tilts(list(across), R_f_s)
+        advice = f"that is about the board's normal, which shows nothing new; {tilts}"
     else:
         advice = advise_tilts([np.cross(u_f, axis_f)], R_f_s)
     raise CalibrationRefused(
@@ -217,10 +217,3 @@ def describe_axis(axis_f: Array, R_f_s: Array | None) -> str:
         return f"the {whose}'s {'xyz'[k]} axis"
     x, y, z = axis * np.sign(axis[k])
     return f"the {whose}'s direction ({x:.2f}, {y:.2f}, {z:.2f})"
-
-
-def _across(u_f: Array, R_f_s: Array | None) -> Array:
-    """Two axes along the board: the sensor's x and y if they are known."""
-    if R_f_s is not None:
-        return R_f_s[:, :2].T
-    return np.asarray(np.linalg.svd(u_f[None])[2][1:])

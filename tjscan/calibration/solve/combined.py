@@ -63,6 +63,9 @@ class CombinedModel:
         Of the arm's geometry error between the poses of all profiles.
     geometry : float
         Standard deviation of that error, position in each axis, metres.
+    by_true_pose : tuple of ndarray, shape (n, 6, 6) each, or None
+        Of a sensor that is fixed in the room, for each target: from an error of each flange pose
+        to that of the inverse pose, see `inverse_pose_errors`.
 
     Notes
     -----
@@ -72,6 +75,7 @@ class CombinedModel:
     models: tuple[TargetModel, ...]
     correlation: Array
     geometry: float = 0.0
+    by_true_pose: tuple[Array, ...] | None = None
 
     @classmethod
     def of(cls, models: Sequence[TargetModel], T_b_f: Array, geometry: float = 0.0) -> Self:
@@ -98,6 +102,11 @@ class CombinedModel:
         each = [model.prior_information for model in self.models]
         return each[0] if len(each) == 1 else np.asarray(block_diag(*each))
 
+    def part(self, k: int) -> slice:
+        """Slice of the parameters of target k among those of all targets."""
+        ends = np.cumsum([0] + [len(model.prior_information) for model in self.models])
+        return slice(int(ends[k]), int(ends[k + 1]))
+
     def linearise_each(self, T_f_s: Array, target: Array) -> list[LinearisedModel]:
         """Linearise each target at a guess of the sensor and all targets' parameters.
 
@@ -108,10 +117,14 @@ class CombinedModel:
         target : ndarray, shape (m,)
             Parameters of the targets, one after the other.
         """
-        ends = np.cumsum([len(model.prior_information) for model in self.models])
+        found = [
+            model.linearise(T_f_s, target[self.part(k)]) for k, model in enumerate(self.models)
+        ]
+        if self.by_true_pose is None:
+            return found
         return [
-            model.linearise(T_f_s, part)
-            for model, part in zip(self.models, np.split(target, ends[:-1]), strict=True)
+            replace(one, by_arm=one.by_arm @ errors)
+            for one, errors in zip(found, self.by_true_pose, strict=True)
         ]
 
     def misfit(self, T_f_s: Array, target: Array) -> float:

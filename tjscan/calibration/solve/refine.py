@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
+from scipy.special import chdtri
 
 from tjscan.calibration.solve.combined import CombinedModel, StackedResiduals
 from tjscan.core.frames import Array, frozen_arrays
@@ -24,6 +25,8 @@ SOLVER_TOLERANCES: Final = {"xtol": 1e-12, "ftol": 1e-14}
 """Relative; the same profiles give the same result to the last digit that counts."""
 CONVERGENCE_SIGMAS: Final = 1e-3
 """A round that moves nothing by more than so many standard deviations is the last."""
+FALSE_ALARM_PROBABILITY: Final = 1e-3
+"""Probability to blame any profile, the noise model or the geometry, although all are as stated."""
 MIN_REDUNDANCY: Final = 1e-6
 """A profile that leaves itself less than this share of dof can't be checked by the others."""
 
@@ -32,8 +35,8 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 @frozen_arrays
-class RefinedEstimate:
-    """Least-squares estimate of sensor and targets, with its fit and information.
+class LeastSquaresEstimate:
+    """Least-squares estimate of sensor and targets, with its fit.
 
     Parameters
     ----------
@@ -41,20 +44,17 @@ class RefinedEstimate:
         The sensor on the flange.
     target : ndarray, shape (m,)
         The targets' parameters.
-    covariance : ndarray, shape (6 + m, 6 + m)
-        Of translation (metres), small rotation (radians), both in the axes of f, and targets.
+    covariance : ndarray, shape (p, p)
+        Of translation (metres), small rotation (radians), both in the axes of f, of the joints'
+        deviations if these are estimated, and of targets; by the stated errors, not widened.
     chi2 : float
-        Weighted sum of squared residuals, the targets' prior included.
+        Weighted sum of squared residuals, the prior's included.
     dof : int
         Its expectation if the noise model is right.
     stacked : StackedResiduals
         Of all profiles, the unused ones too, at this estimate.
     used : ndarray of bool, shape (n,)
         Which profiles it rests on.
-    geometry : float
-        Standard deviation of the arm's geometry error that it allows for, metres.
-    prior_information : ndarray, shape (m, m)
-        Of the targets' parameters.
     """
 
     T_f_s: Array
@@ -64,8 +64,6 @@ class RefinedEstimate:
     dof: int
     stacked: StackedResiduals
     used: Mask
-    geometry: float
-    prior_information: Array
 
     @property
     def rows_used(self) -> Mask:
@@ -76,6 +74,38 @@ class RefinedEstimate:
     def residuals_per_profile(self) -> NDArray[np.intp]:
         """How many residuals each profile has, shape (n,)."""
         return np.bincount(self.stacked.profile)
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether residuals are as small as the stated errors explain, by their chi-squared."""
+        return self.dof <= 0 or bool(self.chi2 <= chdtri(self.dof, FALSE_ALARM_PROBABILITY))
+
+    @property
+    def sigma_scale(self) -> float:
+        """By how much residuals are larger than stated, if that is significant; else one."""
+        return 1.0 if self.is_plausible else float(np.sqrt(self.chi2 / self.dof))
+
+    @property
+    def variance_scale(self) -> float:
+        """By how much the variances are larger than stated, significant or not."""
+        return max(1.0, self.chi2 / max(self.dof, 1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
+class RefinedEstimate(LeastSquaresEstimate):
+    """Estimate of sensor and targets, with the arm's geometry error and the targets' prior.
+
+    Parameters
+    ----------
+    geometry : float
+        Standard deviation of the arm's geometry error that it allows for, metres.
+    prior_information : ndarray, shape (m, m)
+        Of the targets' parameters.
+    """
+
+    geometry: float
+    prior_information: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,8 +131,8 @@ def refine_by_least_squares(
     T_f_s: Array,
     target: Array,
     used: Mask,
-    rounds: int = MAX_REWEIGHTINGS,
-    evaluations: int = MAX_EVALUATIONS,
+    *,
+    rough: bool = False,
 ) -> RefinedEstimate:
     """Refine a nearby start: minimise the weighted sum of squares over the used profiles.
 
@@ -119,12 +149,11 @@ def refine_by_least_squares(
         Start for the targets' parameters.
     used : ndarray of bool, shape (n,)
         Which profiles count.
-    rounds : int
-        How often to find weights at most.
-    evaluations : int
-        Of the residuals in each round, at most.
+    rough : bool
+        Find weights only once, with few evaluations of the residuals: to compare, not to keep.
     """
     prior = _root(model.prior_information)
+    rounds, evaluations = (1, ROUGH_EVALUATIONS) if rough else (MAX_REWEIGHTINGS, MAX_EVALUATIONS)
     solver = {**SOLVER_TOLERANCES, "max_nfev": evaluations}
     T_f_s, target = solve_reweighted(
         model, T_f_s, target, used, prior, rounds, settled=CONVERGENCE_SIGMAS, **solver
@@ -271,27 +300,24 @@ def settle_targets(model: CombinedModel, estimate: RefinedEstimate) -> RefinedEs
     return replace(estimate, target=target, stacked=model.linearise(estimate.T_f_s, target))
 
 
-def estimate_by_laser(covariance: Array, stacked: StackedResiduals, rows: Mask) -> Array | None:
-    """By how much least-squares estimates are off with draws of the laser's deviation.
+def estimate_by_laser(estimate: LeastSquaresEstimate) -> Array | None:
+    """By how much an estimate is off with draws of the laser's deviation.
 
     Parameters
     ----------
-    covariance : ndarray, shape (p, p)
-        Of the estimates.
-    stacked : StackedResiduals
-        Of all profiles.
-    rows : ndarray of bool, shape (N,)
-        Residuals that the estimates rest on.
+    estimate : LeastSquaresEstimate
+        Of p parameters.
 
     Returns
     -------
     ndarray, shape (p, m), or None
         None if no deviation is stated.
     """
+    stacked, rows = estimate.stacked, estimate.rows_used
     if stacked.by_laser is None:
         return None
     weighted = np.linalg.solve(stacked.covariance[np.ix_(rows, rows)], stacked.by_laser[rows])
-    return np.asarray(-covariance @ stacked.jacobian[rows].T @ weighted)
+    return np.asarray(-estimate.covariance @ stacked.jacobian[rows].T @ weighted)
 
 
 def residual_information(estimate: RefinedEstimate) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from scipy.special import chdtri
 
 from tjscan.calibration.solve.combined import CombinedModel
 from tjscan.calibration.solve.refine import (
-    ROUGH_EVALUATIONS,
+    FALSE_ALARM_PROBABILITY,
     Mask,
     RefinedEstimate,
     leave_one_out_changes,
@@ -21,8 +21,6 @@ from tjscan.calibration.solve.refine import (
 )
 from tjscan.core.frames import Array
 
-FALSE_ALARM_PROBABILITY: Final = 1e-3
-"""Probability to blame any profile, the noise model or the geometry, although all are as stated."""
 MIN_PROFILES_KEPT: Final = 5
 """Profiles that are never left out."""
 MAX_REJECTED_SHARE: Final = 1 / 3
@@ -65,17 +63,10 @@ def reject_outlying_profiles(
     prices = blame_prices(estimate)
     geometry, cost = most_likely_geometry(estimate, stated)
     best, last = estimate, estimate
-    if not (chi2_is_plausible(estimate) and (leave_one_out_changes(estimate).chi2 <= prices).all()):
+    if not (estimate.is_plausible and (leave_one_out_changes(estimate).chi2 <= prices).all()):
         for size in range(1, _most(estimate) + 1):
             left_out = _worst_set(estimate, last, size)
-            last = refine_by_least_squares(
-                model,
-                last.T_f_s,
-                last.target,
-                ~left_out,
-                rounds=1,
-                evaluations=ROUGH_EVALUATIONS,
-            )
+            last = refine_by_least_squares(model, last.T_f_s, last.target, ~left_out, rough=True)
             found, its_cost = most_likely_geometry(last, stated)
             its_cost += float(prices[left_out].sum())
             if its_cost < cost:
@@ -91,11 +82,6 @@ def blame_prices(estimate: RefinedEstimate) -> Array:
     """By how much each profile must stand out to be blamed alone, shape (n,): a chi-squared."""
     sizes = estimate.residuals_per_profile
     return np.asarray(chdtri(sizes, FALSE_ALARM_PROBABILITY / len(sizes)))
-
-
-def chi2_is_plausible(estimate: RefinedEstimate) -> bool:
-    """Whether the residuals are as small as the stated errors explain, by their chi-squared."""
-    return estimate.dof <= 0 or bool(estimate.chi2 <= chdtri(estimate.dof, FALSE_ALARM_PROBABILITY))
 
 
 def _most(estimate: RefinedEstimate) -> int:

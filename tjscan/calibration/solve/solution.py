@@ -12,18 +12,13 @@ from tjscan.calibration.arm_error import geometry_correlation
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.solve.combined import CombinedModel
 from tjscan.calibration.solve.refine import (
-    ROUGH_EVALUATIONS,
     RefinedEstimate,
     refine_by_least_squares,
     settle_targets,
 )
 from tjscan.calibration.solve.snooping import reject_outlying_profiles
-from tjscan.calibration.targets.fixed_sensor import (
-    FixedSensorModel,
-    inverse_pose_errors,
-    inverse_poses,
-)
-from tjscan.calibration.targets.target import SeenTarget, SeenTargetModel, TargetModel
+from tjscan.calibration.targets.fixed_sensor import inverse_pose_errors, inverse_poses
+from tjscan.calibration.targets.target import SeenTarget
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array
 
@@ -49,23 +44,14 @@ class Solution:
         Without the profiles that contradict the others.
     settled : RefinedEstimate
         The same, the targets where the arm sees them; see `settle_targets`.
-    models : tuple of SeenTargetModel
-        Of each target.
+    model : CombinedModel
+        Of all targets.
     """
 
     whole: RefinedEstimate
     estimate: RefinedEstimate
     settled: RefinedEstimate
-    models: tuple[SeenTargetModel, ...]
-
-    def part(self, k: int) -> slice:
-        """Slice of the parameters of target k behind the six of the sensor."""
-        return _part_of(self.models, k)
-
-
-def _part_of(models: Sequence[TargetModel], k: int) -> slice:
-    ends = np.cumsum([0] + [len(model.prior_information) for model in models])
-    return slice(int(ends[k]), int(ends[k + 1]))
+    model: CombinedModel
 
 
 def stack_poses(targets: Targets) -> Array:
@@ -124,18 +110,17 @@ def solve_targets(
     sensor_is_fixed : bool
         Whether it is fixed in the room.
     """
-    combined, models, whole = fit_targets(targets, noise, begin, sensor_is_fixed)
-    final = reject_outlying_profiles(combined, whole, noise.geometry)
-    return Solution(whole, final, settle_targets(combined, final), models)
+    model, whole = fit_targets(targets, noise, begin, sensor_is_fixed)
+    final = reject_outlying_profiles(model, whole, noise.geometry)
+    return Solution(whole, final, settle_targets(model, final), model)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Start:
-    """Pose of the sensor, the targets' models and parameters to begin with, and their misfit."""
+    """Pose of the sensor, the targets' model and parameters to begin with, and their misfit."""
 
     T_f_s: Array
-    models: tuple[SeenTargetModel, ...]
-    combined: CombinedModel
+    model: CombinedModel
     target: Array
     misfit: float
 
@@ -146,7 +131,7 @@ def fit_targets(
     begin: Sequence[Array],
     sensor_is_fixed: bool,
     most: int | None = None,
-) -> tuple[CombinedModel, tuple[SeenTargetModel, ...], RefinedEstimate]:
+) -> tuple[CombinedModel, RefinedEstimate]:
     """The best fit with all profiles in use.
 
     Parameters
@@ -162,16 +147,11 @@ def fit_targets(
     found: list[tuple[bool, float, _Start, RefinedEstimate]] = []
     for start in starts[:most]:
         estimate = refine_by_least_squares(
-            start.combined,
-            start.T_f_s,
-            start.target,
-            every,
-            rounds=1,
-            evaluations=ROUGH_EVALUATIONS,
+            start.model, start.T_f_s, start.target, every, rough=True
         )
         behind = not sensor_is_fixed and any(
-            model.is_behind(estimate.T_f_s, estimate.target[_part_of(start.models, k)])
-            for k, model in enumerate(start.models)
+            model.is_behind(estimate.T_f_s, estimate.target[start.model.part(k)])
+            for k, model in enumerate(start.model.models)
         )
         found.append((behind, estimate.chi2, start, estimate))
         least_behind, least_chi2 = min(one[:2] for one in found)
@@ -180,8 +160,8 @@ def fit_targets(
             break
     _, _, start, estimate = min(found, key=lambda one: one[:2])
     if most is None:
-        estimate = refine_by_least_squares(start.combined, estimate.T_f_s, estimate.target, every)
-    return start.combined, start.models, estimate
+        estimate = refine_by_least_squares(start.model, estimate.T_f_s, estimate.target, every)
+    return start.model, estimate
 
 
 def _starts(
@@ -189,16 +169,14 @@ def _starts(
 ) -> list[_Start]:
     """Starts by their misfit, the nearest first; a fixed sensor has `true_poses` of the flange."""
     correlation = geometry_correlation(stack_poses(targets) if true_poses is None else true_poses)
-    starts = []
+    starts, by_true_pose = [], None
+    if true_poses is not None:
+        ends = np.cumsum([len(one.names) for one in targets])[:-1]
+        by_true_pose = tuple(np.split(inverse_pose_errors(true_poses), ends))
     for T_f_s in begin:
         begun = [one.start_at(T_f_s) for one in targets]
-        seen = tuple(start.model for start in begun)
-        models: tuple[TargetModel, ...] = seen
-        if true_poses is not None:
-            ends = np.cumsum([len(one.names) for one in targets])[:-1]
-            errors = np.split(inverse_pose_errors(true_poses), ends)
-            models = tuple(map(FixedSensorModel, seen, errors))
-        combined = CombinedModel(models, correlation, noise.geometry)
+        models = tuple(start.model for start in begun)
+        model = CombinedModel(models, correlation, noise.geometry, by_true_pose)
         target = np.concatenate([start.target for start in begun])
-        starts.append(_Start(T_f_s, seen, combined, target, combined.misfit(T_f_s, target)))
+        starts.append(_Start(T_f_s, model, target, model.misfit(T_f_s, target)))
     return sorted(starts, key=lambda start: start.misfit)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Final, Self
 
 import numpy as np
@@ -197,10 +198,7 @@ def _describe(profile: Profile, inlier: InlierMask, noise: NoiseModel, largest: 
         away = circle[:2] - kept
         return np.column_stack((away / np.hypot(*away.T)[:, None], -np.ones(len(kept))))
 
-    def residuals(circle: Array) -> Array:
-        return _distances(kept, circle)
-
-    found = least_squares(residuals, _algebraic(kept), jacobian, method="lm")
+    found = least_squares(partial(_distances, kept), _algebraic(kept), jacobian, method="lm")
     circle = found.x
     # The angle is zero on the sensor's side.
     angle = np.arctan2(kept[:, 0] - circle[0], (kept - circle[:2]) @ -np.array((0.0, 1.0)))

@@ -1,44 +1,15 @@
-"""A sensor that is fixed in the room while the arm carries the target: poses are inverted."""
+"""A sensor that is fixed in the room while the arm carries the target: poses are inverted.
+
+Seen from the flange the sensor moves, on the base as if that were its flange. T_b_f of a target's
+model is then the base in the flange's frame, T_f_s is the sensor in the base's, and the target's
+parameters count in the flange's.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 
-from tjscan.calibration.targets.target import LinearisedModel, TargetModel
 from tjscan.core.frames import Array, inverse_pose, skew_matrix
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FixedSensorModel:
-    """A target's model with the roles of base and flange swapped.
-
-    Seen from the flange the sensor moves, on the base as if that were its flange. T_b_f of the
-    inner model is the base in the flange's frame, T_f_s is the sensor in the base's, and the
-    target's parameters count in the flange's.
-
-    Parameters
-    ----------
-    model : TargetModel
-        Made with inverse poses.
-    by_true_pose : ndarray, shape (n, 6, 6)
-        From an error of each flange pose, about the flange's origin in the axes of b, to that of
-        the inverse pose; see `inverse_pose_errors`.
-    """
-
-    model: TargetModel
-    by_true_pose: Array
-
-    @property
-    def prior_information(self) -> Array:
-        """Prior of the inner model."""
-        return self.model.prior_information
-
-    def linearise(self, T_f_s: Array, target: Array) -> LinearisedModel:
-        """As the inner model does, its errors being those of the true poses."""
-        found = self.model.linearise(T_f_s, target)
-        return replace(found, by_arm=found.by_arm @ self.by_true_pose)
 
 
 def inverse_poses(T: Array) -> Array:

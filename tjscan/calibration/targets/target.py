@@ -9,6 +9,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
+from tjscan.calibration.arm_error import FlangeMoves
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.array_fields import PoseMatrix
 from tjscan.core.errors import CalibrationRefused
@@ -84,6 +85,7 @@ def fit_profiles(
     fit: Callable[[Profile, NoiseModel], Fit],
     noise: NoiseModel,
     laser: LaserDeviation | None = None,
+    flange_moves: FlangeMoves | None = None,
 ) -> tuple[list[PosedFit[Fit]], dict[str, CalibrationRefused]]:
     """Fit a target's curve to every profile, and keep the flange pose with it.
 
@@ -97,6 +99,8 @@ def fit_profiles(
         Range noise of a point.
     laser : LaserDeviation, optional
         Possible deviation of the laser.
+    flange_moves : callable, optional
+        How the arm's geometry error moves its flange, if its model is known.
 
     Returns
     -------
@@ -113,7 +117,8 @@ def fit_profiles(
             refused[shot.name] = refusal
             continue
         by_laser = None if laser is None else found.by_laser(shot.profile, laser)
-        samples.append(PosedFit(shot.name, shot.T_b_f, found, by_laser))
+        by_arm = None if flange_moves is None or shot.q is None else flange_moves(shot.q)
+        samples.append(PosedFit(shot.name, shot.T_b_f, found, by_laser, by_arm))
     return samples, refused
 
 
@@ -161,7 +166,7 @@ class LinearisedModel:
 
 
 class TargetModel(Protocol):
-    """Model of the residuals that profiles of a calibration target leave."""
+    """Model of the residuals that profiles of a calibration target leave, at their flange poses."""
 
     @property
     def prior_information(self) -> Array:
@@ -179,10 +184,6 @@ class TargetModel(Protocol):
             The target's parameters.
         """
         ...
-
-
-class SeenTargetModel(TargetModel, Protocol):
-    """Model of a target's profiles as an arm's flange poses have them."""
 
     def seen_from(self, T_b_f: Array) -> Self:
         """Return the same profiles, taken from other flange poses, shape (n, 4, 4)."""
@@ -211,13 +212,13 @@ class TargetStart:
 
     Parameters
     ----------
-    model : SeenTargetModel
+    model : TargetModel
         Of the profiles.
     target : ndarray, shape (m,)
         The target's parameters.
     """
 
-    model: SeenTargetModel
+    model: TargetModel
     target: Array
 
 

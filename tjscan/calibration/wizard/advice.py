@@ -132,11 +132,8 @@ def information_of_lines(
     T_b_f: Array, T_f_s: Array, target: PlaneTarget, window: MeasuringRange, noise: NoiseModel
 ) -> Array:
     """Information from lines and before them, shape (9, 9); see `predict_uncertainty`."""
-    information = prior_information(target)
-    if len(T_b_f):
-        seen = predict_lines(T_b_f, T_f_s, target, window, noise)
-        information = information + seen.information.sum(0)
-    return information
+    seen = predict_lines(T_b_f, T_f_s, target, window, noise)
+    return np.asarray(prior_information(target) + seen.information.sum(0))
 
 
 def uncertainty_of(information: Array) -> HandEyeUncertainty:

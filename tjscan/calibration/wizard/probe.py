@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from tjscan.core.frames import Array
 from tjscan.robot.arm import Arm, ArmState
@@ -43,12 +43,11 @@ class JoggedProbe:
         The arm that carries the tip.
     """
 
-    arm: Arm
+    touch_question: ClassVar[str] = (
+        "Jog the probe tip until it just touches the board, then say yes"
+    )
 
-    @property
-    def touch_question(self) -> str:
-        """Question that asks the operator to jog the tip onto the board and say yes."""
-        return "Jog the probe tip until it just touches the board, then say yes"
+    arm: Arm
 
     def touch(self, place_b: Array) -> ArmState:
         """Read the arm where the operator has jogged the tip onto the board."""

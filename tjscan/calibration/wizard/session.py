@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -261,12 +261,7 @@ def line_samples(
     profiles : sequence of PosedProfile
         Of the board.
     """
-    samples, _ = fit_profiles(profiles, fit_line, task.noise, task.laser)
-    if task.flange_moves is None:
-        return samples
-    q = {shot.name: shot.q for shot in profiles}
-    moves = {name: None if at is None else task.flange_moves(at) for name, at in q.items()}
-    return [replace(sample, by_arm=moves[sample.name]) for sample in samples]
+    return fit_profiles(profiles, fit_line, task.noise, task.laser, task.flange_moves)[0]
 
 
 def current_progress(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -38,6 +39,8 @@ class SimulatedTouchProbe:
         Gives the true flange pose, shape (4, 4), from which the tip touches.
     """
 
+    touch_question: ClassVar[str] = "Move the probe tip down onto the board"
+
     arm: Arm
     tip_f: Array
     T_b_board: Array
@@ -46,11 +49,6 @@ class SimulatedTouchProbe:
     approach: float
     rng: np.random.Generator
     true_flange: Callable[[], Array]
-
-    @property
-    def touch_question(self) -> str:
-        """Question to the operator before the arm itself moves to touch."""
-        return "Move the probe tip down onto the board"
 
     def touch(self, place_b: Array) -> ArmState:
         """Come from above, touch the board, and go back up; raises as `TouchProbe.touch` does."""

@@ -55,7 +55,7 @@ def watch_crawl(
         Whether it is shown in a browser too, and driven by hand there before it begins.
     """
     operator = TerminalWeldOperator() if job.simulation is None else ConfirmsEveryWeld()
-    context = CrawlContext(job, file, EventPrinter(), operator, write_run_report)
+    context = CrawlContext(job, file, EventPrinter(), write_run_report, operator)
     if page is None or not page.live:
         yield context
         return

@@ -57,7 +57,7 @@ class ProgressJournal:
 
 
 @contextmanager
-def scan_progress_bar(plan: ScanPlan, title: str = "sections") -> Iterator[ProgressJournal]:
+def scan_progress_bar(title: str, plan: ScanPlan) -> Iterator[ProgressJournal]:
     """Show a scan's progress bar while the block runs; gives the journal that moves it on."""
     total = plan.sections
     if total is None and plan.length is not None:

@@ -183,7 +183,13 @@ def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> Craw
         ),
         job.vehicle.driver_settings,
     )
-    torch = _make_torch(job)
+    torch: TorchAxes = TORCH_DRIVERS.make(
+        job.torch.driver,
+        TorchDriverInputs(
+            reach=job.torch.reach, speed=job.torch.speed, vehicle=job.vehicle.driver_settings
+        ),
+        job.torch.driver_settings,
+    )
     if world is None:
         return CrawlCell(vehicle, make_laser_without_arm(job.laser), torch)
 
@@ -217,17 +223,6 @@ def _clock_of(vehicle: Vehicle) -> Callable[[], float]:
         body = vehicle.body
         return lambda: body.time
     return monotonic
-
-
-def _make_torch(job: CrawlJob) -> TorchAxes:
-    torch: TorchAxes = TORCH_DRIVERS.make(
-        job.torch.driver,
-        TorchDriverInputs(
-            reach=job.torch.reach, speed=job.torch.speed, vehicle=job.vehicle.driver_settings
-        ),
-        job.torch.driver_settings,
-    )
-    return torch
 
 
 def _no_recording() -> tuple[VehicleState, ...]:

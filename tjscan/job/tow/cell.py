@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final, Protocol, Self
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
@@ -45,8 +46,8 @@ def make_planner(job: TowJob) -> ShapePlanner:
     except ModuleNotFoundError as error:
         raise package_missing(error, "towing", TOWING_EXTRA, "method") from error
     settings = PlannerSettings(
-        job.objective_weights,
-        job.effort_targets,
+        job.weights,
+        job.targets,
         job.hard_limits,
         PoseTrust(known.position_sigma, known.heading_sigma),
     )
@@ -54,16 +55,8 @@ def make_planner(job: TowJob) -> ShapePlanner:
     return kind(job.planned_chain, job.team, job.floor, settings)
 
 
-class ConnectedTeam(Team, Protocol):
-    """A team that is a context manager."""
-
-    def __enter__(self) -> Self:
-        """Connect all vehicles."""
-        ...
-
-    def __exit__(self, *error: object) -> None:
-        """Stop and disconnect them."""
-        ...
+class ConnectedTeam(Team, AbstractContextManager["ConnectedTeam"], Protocol):
+    """A team that is a context manager: entering connects all vehicles."""
 
 
 class TowCell(DeviceGroup):
@@ -143,7 +136,9 @@ def make_tow_cell(job: TowJob, angles: Array, left: TowTruth | None = None) -> T
             raise package_missing(error, "towing", TOWING_EXTRA, "vehicles.driver") from error
         begin = 0.0
         if left is not None:
-            angles, begin = _angles_of(left.line, job.root.heading), left.time
+            steps, begin = np.diff(left.line, axis=0), left.time
+            headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+            angles = np.diff(headings, prepend=job.root.heading)
         world = TowingWorld(towing_world_of_job(job), angles, seed=settings.seed, time=begin)
         team = SimulatedTeam(world)
     localisation = _localisation(job, world)
@@ -201,13 +196,6 @@ def _truth_of(world: TowingWorld) -> TowTruth:
         truth.passers_by[:, :3],
         truth.touches,
     )
-
-
-def _angles_of(line: Array, root_heading: float) -> Array:
-    """Angles of the joints of a line, shape (N,), radians."""
-    steps = np.diff(line, axis=0)
-    headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-    return np.diff(headings, prepend=root_heading)
 
 
 def fixed_obstacles(job: TowJob) -> list[DiscObstacle]:

@@ -13,7 +13,7 @@ from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, SECONDS, SettingsT
 from tjscan.job.devices import DeviceSettings
 from tjscan.towing.shape.area import Area
 from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
-from tjscan.towing.shape.settings import EffortTargets, TowingLimits, TowingWeights
+from tjscan.towing.shape.settings import TowingLimits
 from tjscan.towing.tables import (
     NEWTON,
     AreaSettings,
@@ -234,17 +234,3 @@ class TowJob(StrictFileModel):
     def floor(self) -> Area:
         """The area, as the planner knows it."""
         return Area(self.area.outline, self.area.holes)
-
-    @property
-    def objective_weights(self) -> TowingWeights:
-        """Weights of the objective."""
-        weights = self.weights
-        return TowingWeights(
-            weights.bending, weights.distance, weights.change, weights.pace, weights.pull
-        )
-
-    @property
-    def effort_targets(self) -> EffortTargets:
-        """Where the loss functions turn from square to linear."""
-        targets = self.targets
-        return EffortTargets(targets.bending, targets.distance, targets.change, targets.pull)

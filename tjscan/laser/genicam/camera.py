@@ -20,13 +20,13 @@ from tjscan.core.errors import (
     ProfileStale,
 )
 from tjscan.laser.genicam.clock import HostInterval, host_time_of_exposure
-from tjscan.laser.genicam.driver import FeatureValue
 from tjscan.laser.genicam.messages import (
     ConnectedLaser,
     ReceivedBlock,
     StatedAxis,
     StreamSetup,
 )
+from tjscan.laser.genicam.settings import FeatureValue
 
 DISCOVERY_MS: Final = (100, 300, 900)
 """Milliseconds to wait for lasers to answer each broadcast, until one that does not is given up.

@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from types import TracebackType
-from typing import Final, Self, TypeVar
+from typing import Final, Generic, Self, TypeVar
 
 from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.errors import (
@@ -17,10 +16,11 @@ from tjscan.core.errors import (
 )
 from tjscan.core.process import ClientClosed, ClientDied, ClientProcess, ClientSilent
 from tjscan.laser.genicam.clock import HostInterval, cell_time_of_exposure
-from tjscan.laser.genicam.driver import GigeSettings
 from tjscan.laser.genicam.messages import ConnectedLaser, ReceivedBlock, StreamSetup
+from tjscan.laser.genicam.settings import GigeSettings
 from tjscan.laser.profile import Profile
 
+S = TypeVar("S", bound=GigeSettings)
 T = TypeVar("T")
 
 ANSWER_SLACK: Final = 2.0
@@ -33,19 +33,19 @@ TAKEN_AGAIN: Final = "profile taken again"
 """Event of a profile that took more than one trigger."""
 
 
-class GigeLaser(ABC):
+class GigeLaser(ABC, Generic[S]):
     """Base of `LineLaser`s behind GigE Vision; subclasses define what their payload means.
 
     Parameters
     ----------
-    gige : GigeSettings
+    settings : GigeSettings
         How to reach it.
     time : callable
         Gives the seconds on the clock of the cell.
     """
 
-    def __init__(self, gige: GigeSettings, time: Callable[[], float]) -> None:
-        self._gige, self._time = gige, time
+    def __init__(self, settings: S, time: Callable[[], float]) -> None:
+        self.settings, self._time = settings, time
         self._process: ClientProcess | None = None
         self._listener: EventListener = lambda name, detail: None
         self._known: DeviceIdentity | None = None
@@ -63,7 +63,7 @@ class GigeLaser(ABC):
         ProfileFormatRefused
             If its numbers can't be turned into millimetres.
         """
-        table = self._gige
+        table = self.settings
         self._process = ClientProcess("tjscan.laser.genicam.client")
         try:
             self._laser = self._call(
@@ -79,16 +79,11 @@ class GigeLaser(ABC):
             self._check_identity(self._laser.identity)
             self._understand(self._laser)
         except BaseException:
-            self.__exit__(None, None, None)
+            self.__exit__()
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Give the laser back, and end the client's process whatever it is doing."""
         process, self._process = self._process, None
         if process is not None:
@@ -129,7 +124,7 @@ class GigeLaser(ABC):
         ProfileNotReceived, ProfileStale, ProfileFormatRefused
             If it sends no whole profile, none from after the call, or something else.
         """
-        table, laser = self._gige, self.connected
+        table, laser = self.settings, self.connected
         before = time.monotonic()
         cell = self._time()
         read = HostInterval(before, time.monotonic())
@@ -178,7 +173,7 @@ class GigeLaser(ABC):
 
     def _advice(self) -> str:
         """What the job should state."""
-        if self._gige.serial is not None:
+        if self.settings.serial is not None:
             return ""
         return (
             f'state serial = "{self.identity.serial}" in the job, so that its calibration holds '
@@ -221,10 +216,10 @@ class GigeLaser(ABC):
         return answer.value
 
     def _check_identity(self, found: DeviceIdentity) -> None:
-        if self._gige.serial is not None and found.serial != self._gige.serial:
+        if self.settings.serial is not None and found.serial != self.settings.serial:
             raise WrongLaser(
                 f"the laser that answers is {found}, and the job is for serial number "
-                f"{self._gige.serial}. A calibration holds for one laser alone: put that one "
+                f"{self.settings.serial}. A calibration holds for one laser alone: put that one "
                 "back, or calibrate this one and state its serial in the job."
             )
         if self._known is not None and found != self._known:

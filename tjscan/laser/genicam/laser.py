@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import inf
 from typing import Final
 
-from tjscan.core.errors import LaserFault, ProfileFormatRefused
-from tjscan.laser.genicam.driver import GenicamSettings
+from tjscan.core.errors import ProfileFormatRefused
 from tjscan.laser.genicam.gige import GigeLaser
 from tjscan.laser.genicam.messages import ConnectedLaser, ReceivedBlock, StatedAxis, StreamSetup
+from tjscan.laser.genicam.settings import GenicamSettings
 from tjscan.laser.line_laser import LaserDescription
 from tjscan.laser.profile import Profile
 from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, points
@@ -90,7 +89,7 @@ def _limits(axis: StatedAxis) -> tuple[float, float]:
     return axis.low, axis.high
 
 
-class GenicamLaser(GigeLaser):
+class GenicamLaser(GigeLaser[GenicamSettings]):
     """A `LineLaser` that speaks GigE Vision with GenICam's Scan3d features.
 
     Parameters
@@ -101,18 +100,10 @@ class GenicamLaser(GigeLaser):
         Gives the seconds on the clock of the cell.
     """
 
-    def __init__(self, settings: GenicamSettings, time: Callable[[], float]) -> None:
-        super().__init__(settings, time)
-        self.settings = settings
-        self._scales: Scan3dScales | None = None
-
     @property
     def scales(self) -> Scan3dScales:
         """How its numbers become metres; raises as `connected` does."""
-        self.connected  # noqa: B018 - refuses
-        if self._scales is None:
-            raise LaserFault("the laser has not been connected yet")
-        return self._scales
+        return scales_of_laser(self.connected, self.settings)
 
     def describe(self) -> LaserDescription:
         """Describe the laser and its link; raises as `connected` does."""
@@ -144,7 +135,7 @@ class GenicamLaser(GigeLaser):
         )
 
     def _understand(self, laser: ConnectedLaser) -> None:
-        self._scales = scales_of_laser(laser, self.settings)
+        scales_of_laser(laser, self.settings)  # refuses what it can't read
 
     def _profile(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
         row = COORDINATE_FORMATS[block.pixel_format].point_size * block.columns

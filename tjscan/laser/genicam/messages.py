@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from tjscan.core.devices import DeviceIdentity
-from tjscan.laser.genicam.driver import Trigger
+from tjscan.laser.genicam.settings import Trigger
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-from tjscan.laser.genicam.driver import ScanControlSettings
 from tjscan.laser.genicam.gige import GigeLaser
 from tjscan.laser.genicam.messages import ConnectedLaser, ReceivedBlock, StreamSetup
+from tjscan.laser.genicam.settings import ScanControlSettings
 from tjscan.laser.line_laser import LaserDescription
 from tjscan.laser.profile import Profile
 from tjscan.laser.scancontrol import (
     GREATEST_RAW,
     MODEL_SCALES,
     RAW_ZERO,
-    ScanControlLayout,
     ScanControlScale,
     parse_scancontrol,
+    row_bytes,
 )
 
 
-class ScanControlLaser(GigeLaser):
+class ScanControlLaser(GigeLaser[ScanControlSettings]):
     """A `LineLaser` with the transport of GigE Vision and a payload of its own.
 
     It runs free, and what its stream stamps earlier than the call, and the margin after it, is
@@ -32,20 +30,6 @@ class ScanControlLaser(GigeLaser):
     time : callable
         Gives the seconds on the clock of the cell.
     """
-
-    def __init__(self, settings: ScanControlSettings, time: Callable[[], float]) -> None:
-        super().__init__(settings, time)
-        self.settings = settings
-        self._layout = ScanControlLayout(
-            kind=settings.layout,
-            points=settings.points,
-            reflection=settings.reflection - 1,
-            fields=settings.fields,
-            time_stamp=settings.time_stamp,
-            little_endian=settings.little_endian,
-            flip_x=settings.flip_x,
-            flip_z=settings.flip_z,
-        )
 
     @property
     def scale(self) -> ScanControlScale:
@@ -61,7 +45,7 @@ class ScanControlLaser(GigeLaser):
         raw = (GREATEST_RAW - 1, 0) if table.flip_z else (1, GREATEST_RAW)  # 0 as sent is no point
         near, far = (scale.scale * (end - RAW_ZERO) + scale.offset for end in sorted(raw))
         return LaserDescription(
-            link=self._link(self._layout.row_bytes),
+            link=self._link(row_bytes(table)),
             format=f"{table.layout} profiles, {table.points} points, {1e3 * scale.scale:g} mm a "
             f"count about x 0 and z {1e3 * scale.offset:g} mm, as the job states",
             near=near,
@@ -77,4 +61,4 @@ class ScanControlLaser(GigeLaser):
         """Nothing is asked: the job states how it is set up."""
 
     def _profile(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
-        return parse_scancontrol(block.data, self._layout, self.scale, time, uncertainty)
+        return parse_scancontrol(block.data, self.settings, self.scale, time, uncertainty)

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from tjscan.core.devices import DeviceBase, EventListener
 from tjscan.core.errors import ArmFault
@@ -24,11 +23,11 @@ from tjscan.robot.path import PathPlanner
 from tjscan.robot.ur.commands import MoveCommand, joint_command, linear_command
 from tjscan.robot.ur.connecting import connect_to_controller
 from tjscan.robot.ur.dashboard import UrIdentity, read_ur_identity
-from tjscan.robot.ur.driver import UrSettings
 from tjscan.robot.ur.kinematics_info import read_controller_kinematics
 from tjscan.robot.ur.moving import POLL_PERIOD, await_arrival, check_target_is_safe, execute_move
 from tjscan.robot.ur.program import UrProgram, run_program
 from tjscan.robot.ur.session import ControllerSession
+from tjscan.robot.ur.settings import UrSettings
 
 
 class UrArm(DeviceBase):
@@ -85,17 +84,12 @@ class UrArm(DeviceBase):
         self._session = session
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: Any) -> None:
         """Stop, end the program on the controller, and disconnect."""
         self.stop()
         session, self._session, self._identity = self._session, None, None
         if session is not None:
-            session.end_program_and_disconnect(error)
+            session.end_program_and_disconnect(error[1])
 
     @property
     def identity(self) -> UrIdentity:
@@ -126,7 +120,8 @@ class UrArm(DeviceBase):
         PoseNotReached
             If the arm came to rest somewhere else. It takes no more commands then.
         """
-        return self._move(T_b_f, self._planner.linear_path, self._linear_command)
+        order = partial(linear_command, self.kinematics)
+        return self._move(T_b_f, self._planner.linear_path, order)
 
     def move_joint_to_pose(
         self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
@@ -170,11 +165,6 @@ class UrArm(DeviceBase):
         if self._session is None:
             raise ArmFault("the arm is not connected: use it inside a 'with' block")
         return self._session
-
-    def _linear_command(
-        self, session: ControllerSession, path: JointTrajectory, T_b_f: Array
-    ) -> MoveCommand:
-        return linear_command(session, self.kinematics, path, T_b_f)
 
     def _move(
         self,

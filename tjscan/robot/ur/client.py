@@ -251,19 +251,14 @@ def serve_main_process(connection: Connection, client: RtdeClient) -> None:
         client.feed_watchdog()
     with suppress(Exception):  # the library raises what it likes
         client.stop_arm_and_script()
-    refuse_requests(connection)
+    with suppress(EOFError, OSError):  # the main process learns the reason until it is gone
+        while True:
+            request = connection.recv()
+            connection.send(ClientAnswer(request.number, failure=HOST_GONE))
 
 
 def _in_words(error: Exception) -> str:
     return str(error) or type(error).__name__
-
-
-def refuse_requests(connection: Connection) -> None:
-    """Refuse all further requests, with the reason, until the main process is gone."""
-    with suppress(EOFError, OSError):
-        while True:
-            request: ClientRequest = connection.recv()
-            connection.send(ClientAnswer(request.number, failure=HOST_GONE))
 
 
 def main() -> None:

@@ -50,7 +50,7 @@ class MoveCommand:
 
 
 def linear_command(
-    session: ControllerSession, kinematics: Kinematics, path: JointTrajectory, T_b_f: Array
+    kinematics: Kinematics, session: ControllerSession, path: JointTrajectory, T_b_f: Array
 ) -> MoveCommand:
     """Command that moves the flange on a straight line along a path that ends at a pose.
 
@@ -62,7 +62,7 @@ def linear_command(
     way = kinematics.forward(path.q[-1])[:3, 3] - kinematics.forward(path.q[0])[:3, 3]
     length = float(np.linalg.norm(way))
     if length < NO_LENGTH:
-        return _turn_command(session, kinematics, path, T_b_f)
+        return _turn_command(kinematics, session, path, T_b_f)
     return MoveCommand("move_linear", session.active_tcp_pose(T_b_f), *_bounds(path, length))
 
 
@@ -95,7 +95,7 @@ def joint_command(session: ControllerSession, path: JointTrajectory, T_b_f: Arra
 
 
 def _turn_command(
-    session: ControllerSession, kinematics: Kinematics, path: JointTrajectory, T_b_f: Array
+    kinematics: Kinematics, session: ControllerSession, path: JointTrajectory, T_b_f: Array
 ) -> MoveCommand:
     """A line without length: a speed of the flange bounds no turn, speeds of joints do."""
     straight = path.q[0] + np.linspace(0, 1, 9)[:, None] * (path.q[-1] - path.q[0])

@@ -22,7 +22,6 @@ from tjscan.core.errors import (
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.dashboard import DashboardClient
-from tjscan.robot.ur.driver import UrSettings
 from tjscan.robot.ur.faults import connection_start_fault, fault_from_state
 from tjscan.robot.ur.messages import ControllerState
 from tjscan.robot.ur.session import (
@@ -31,6 +30,7 @@ from tjscan.robot.ur.session import (
     UrClientProcess,
     not_ready_fault,
 )
+from tjscan.robot.ur.settings import UrSettings
 
 Pause = Callable[[], object]
 """Waits a moment, or until the arm is stopped."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import select
 import socket
 from dataclasses import dataclass
-from typing import Final, Self
+from typing import Final
 
 from tjscan.core.devices import DeviceIdentity
 from tjscan.core.errors import ArmFault, ArmNotConnected, ArmNotResponding
@@ -79,12 +79,6 @@ class DashboardClient:
         """
         self.close()
         self._connect(limit)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
 
     def ask(self, line: str) -> str:
         """Send a line to the dashboard and return its answer.

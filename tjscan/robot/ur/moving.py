@@ -18,9 +18,9 @@ from tjscan.core.frames import Array, rotation_angle_between
 from tjscan.robot.arm import ArmState
 from tjscan.robot.motion_lock import MotionLock
 from tjscan.robot.ur.commands import MoveCommand
-from tjscan.robot.ur.driver import UrSettings
 from tjscan.robot.ur.messages import ControllerState
 from tjscan.robot.ur.session import ControllerSession
+from tjscan.robot.ur.settings import UrSettings
 
 POLL_PERIOD: Final = 0.004
 """Seconds between two looks at a move."""

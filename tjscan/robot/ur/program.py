@@ -19,10 +19,10 @@ from tjscan.core import pose_vector
 from tjscan.core.errors import ArmFault, ArmNotConnected, PoseNotReached, ProgramStopped
 from tjscan.core.frames import Array, rotation_angle_between
 from tjscan.robot.motion_lock import MotionLock
-from tjscan.robot.ur.driver import UrSettings
 from tjscan.robot.ur.messages import PROGRAM_PLAYING, WATCHDOG_PERIOD, ControllerState
 from tjscan.robot.ur.moving import START_LIMIT
 from tjscan.robot.ur.session import ControllerSession
+from tjscan.robot.ur.settings import UrSettings
 
 PROGRAM_PORT: Final = 30002
 """Of the secondary interface, which takes programs."""

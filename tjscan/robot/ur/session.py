@@ -114,41 +114,6 @@ class UrClientProcess(ClientProcess):
         return answer.value
 
 
-class ControllerClockWatch:
-    """Watches the controller's clock: stale readings still return, but their clock is the same.
-
-    Parameters
-    ----------
-    limit : float
-        Seconds.
-    """
-
-    def __init__(self, limit: float) -> None:
-        self._limit = limit
-        self._time: float | None = None
-        self._since = 0.0
-        self._seen = 0.0
-
-    def check_clock_advances(self, now: ControllerState) -> None:
-        """Check that the controller's clock has advanced since it was last seen.
-
-        Raises
-        ------
-        ArmNotResponding
-            If it has not for the limit.
-        """
-        moment = time.monotonic()
-        # Between two readings nothing is known: a pause between them counts for nothing.
-        if now.time != self._time or moment - self._seen > self._limit / 4:
-            self._time, self._since = now.time, moment
-        self._seen = moment
-        if moment - self._since > self._limit:
-            raise ArmNotResponding(
-                f"the controller's clock remains at {now.time:.3f} s for {self._limit:g} s: it "
-                "is silent. Look at its pendant and cable, then start again."
-            )
-
-
 class ControllerSession:
     """Session with a controller: reads and commands; none is passed on after a fault.
 
@@ -175,8 +140,9 @@ class ControllerSession:
         self.fault: ArmFault | None = None
         self.T_tcp_f = np.eye(4)
         """The flange in the active TCP, shape (4, 4)."""
-        self._watch, self._limit = ControllerClockWatch(silence_limit), silence_limit + ANSWER_SLACK
-        self._reconnects = RECONNECT_SHARE * silence_limit
+        self._silence_limit = silence_limit
+        self._clock: float | None = None
+        self._advanced = self._seen = 0.0
 
     def read_state(self) -> ControllerState:
         """Read the controller's state; raises the arm's fault if there is one.
@@ -255,7 +221,7 @@ class ControllerSession:
 
     def _reconnect_dashboard(self, lost: ArmFault) -> None:
         try:
-            self.dashboard.connect_again(self._reconnects)
+            self.dashboard.connect_again(RECONNECT_SHARE * self._silence_limit)
         except ArmFault:
             self.stop_move()
             raise self.end_for_fault(
@@ -337,16 +303,16 @@ class ControllerSession:
         return self.link
 
     def _look(self, name: str, *, beside_program: bool = False) -> ControllerState:
-        link = self._working
+        link, limit = self._working, self._silence_limit + ANSWER_SLACK
         try:
-            now = link.call_client_method(ControllerState, name, limit=self._limit)
-            self._watch.check_clock_advances(now)
+            now = link.call_client_method(ControllerState, name, limit=limit)
+            self._check_clock_advances(now)
             fault = fault_from_state(
                 replace(now, runtime_state=PROGRAM_PLAYING) if beside_program else now
             )
             if isinstance(fault, ProgramStopped):  # blames people: confirm it first
                 time.sleep(NEXT_READING)
-                now = link.call_client_method(ControllerState, name, limit=self._limit)
+                now = link.call_client_method(ControllerState, name, limit=limit)
                 fault = fault_from_state(now)
         except ArmFault as found:
             fault = found
@@ -355,6 +321,19 @@ class ControllerSession:
         if fault is not None:
             raise self.end_for_fault(fault)
         return now
+
+    def _check_clock_advances(self, now: ControllerState) -> None:
+        """Check that the controller's clock advances: stale readings still return."""
+        moment, limit = time.monotonic(), self._silence_limit
+        # Between two readings nothing is known: a pause between them counts for nothing.
+        if now.time != self._clock or moment - self._seen > limit / 4:
+            self._clock, self._advanced = now.time, moment
+        self._seen = moment
+        if moment - self._advanced > limit:
+            raise ArmNotResponding(
+                f"the controller's clock remains at {now.time:.3f} s for {limit:g} s: it "
+                "is silent. Look at its pendant and cable, then start again."
+            )
 
     def _cause(self, fault: ArmFault) -> ArmFault:
         """Why the program stopped or the controller is silent, if the dashboard knows."""

@@ -1,9 +1,10 @@
-"""Run a calibration's wizard in the cell that a job describes."""
+"""Run a calibration: its wizard in the cell that a job describes, or from recorded profiles."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, NoReturn
 
@@ -15,14 +16,10 @@ from tjscan.calibration.arm.model import ArmGeometry
 from tjscan.calibration.arm.result import as_hand_eye_calibration
 from tjscan.calibration.arm.wizard import ArmWizard
 from tjscan.calibration.entries import BasisEntry, ShrinkingEntry, views_of_poses
-from tjscan.calibration.file import (
-    CalibrationFile,
-    SavedCalibration,
-    to_calibration_file,
-    write_calibration,
-)
+from tjscan.calibration.file import SavedCalibration, to_calibration_file, write_calibration
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.plucker import plane_through_point
+from tjscan.calibration.recorded import calibrate_recorded_sets
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.calibration.wizard.logbook import Logbook, MeasurementsSoFar
@@ -42,16 +39,19 @@ from tjscan.core.units import pose_to_rows_mm
 from tjscan.job import (
     CalibrationJob,
     CalibrationSettings,
+    RecordedJob,
     SimulatedBoardSettings,
     read_calibration_job,
 )
 from tjscan.job.arm import kinematics_of_job, sensor_mount_of_job
 from tjscan.job.cell import Cell, make_cell
 from tjscan.job.laser import laser_model_of_job
+from tjscan.job.surroundings import BallSettings
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.drivers import SimulatedScene
 from tjscan.laser.optics import RaycastSurface
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
+from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.run import make_run_directory
 
 BALL_SUBDIVISIONS: Final = 6
@@ -60,19 +60,21 @@ BALL_SUBDIVISIONS: Final = 6
 
 def calibrate_arm_in_cell(
     job: CalibrationJob,
+    ball: BallSettings,
     cell: Cell,
     operator: Operator,
     logbook: Logbook,
     T_f_s: Array,
-    window: MeasuringRange,
-    laser: LaserDeviation | None,
-) -> tuple[HandEyeCalibration, CalibrationFile]:
-    """Look at the ball of a job from many postures, and calibrate arm and sensor together.
+    task: CalibrationPlan,
+) -> tuple[HandEyeCalibration, BasisEntry]:
+    """Look at a ball from many postures, and calibrate arm and sensor together.
 
     Parameters
     ----------
     job : CalibrationJob
-        With a [ball].
+        The job.
+    ball : BallSettings
+        Its ball.
     cell : Cell
         Connected.
     operator : Operator
@@ -81,30 +83,25 @@ def calibrate_arm_in_cell(
         Gets every profile.
     T_f_s : ndarray, shape (4, 4)
         How the sensor sits, as lines on the board have it.
-    window : MeasuringRange
-        What the sensor sees.
-    laser : LaserDeviation or None
-        By what it may deviate.
+    task : CalibrationPlan
+        What the sensor sees, and by what it may deviate.
 
     Raises
     ------
     TjscanError
         As `ArmWizard.run` does.
     """
-    ball = job.ball
-    if ball is None:
-        raise ConfigurationError("--arm looks at a ball: the job needs a table [ball]", key="ball")
     kinematics = kinematics_of_job(job)
     plan = BallPlan(
         np.array(ball.position),
         ball.radius,
         T_f_s,
-        window,
+        task.window,
         ball.noise,
         ball.tolerance,
         ball.poses,
         ball.held_out,
-        laser,
+        task.laser,
     )
     views = plan_views(plan, kinematics)
     wizard = ArmWizard(
@@ -112,22 +109,7 @@ def calibrate_arm_in_cell(
     )
     found, arcs = wizard.run()
     result = as_hand_eye_calibration(found, [arc.name for arc in arcs], kinematics.name)
-    return result, to_calibration_file(
-        result,
-        ball.noise,
-        arm=job.arm.device_id,
-        laser=job.laser.device_id,
-        date=logbook.measured.started_at,
-        linearity=0.0 if laser is None else laser.largest,
-        basis=basis_of_postures(logbook.measured, result, 1e3 * ball.radius),
-    )
-
-
-def ball_mesh(centre_b: Array, radius: float) -> trimesh.Trimesh:
-    """A ball that a simulated laser can look at, frame b, metres."""
-    ball = trimesh.creation.icosphere(subdivisions=BALL_SUBDIVISIONS, radius=radius)
-    ball.apply_translation(centre_b)
-    return ball
+    return result, basis_of_postures(logbook.measured, result, 1e3 * ball.radius)
 
 
 def basis_of_lines(
@@ -268,35 +250,31 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
         task = calibration_plan_of_job(job, T_f_s)
         wizard = CalibrationWizard(task, cell.arm, cell.laser, probe, operator, logbook)
         if job.ball is None:
-            result, found = _of_sensor(job, wizard)
+            outcome = wizard.run()
+            result, verification, noise = outcome.result, outcome.verification, job.board.noise
+            basis = basis_of_lines(task, logbook.measured, result)
         else:
-            about = wizard.take_lines(*wizard.touch_board()).T_f_s
-            result, found = calibrate_arm_in_cell(
-                job, cell, operator, logbook, about, task.window, task.laser
+            about, verification = wizard.take_lines(*wizard.touch_board()).T_f_s, None
+            noise = job.ball.noise
+            result, basis = calibrate_arm_in_cell(
+                job, job.ball, cell, operator, logbook, about, task
             )
+        found = to_calibration_file(
+            result,
+            noise,
+            arm=job.arm.device_id,
+            laser=job.laser.device_id,
+            date=logbook.measured.started_at,
+            verification=verification,
+            linearity=0.0 if task.laser is None else task.laser.largest,
+            basis=basis,
+        )
     if not operator.confirm(Question(f"Save it as {file}?", True, yes="Finish", no="Skip")):
         raise CalibrationRefused("not saved", f"what was measured stays in {directory}")
     write_calibration(
         file, found, Provenance.for_file_written_now(job_label_of_run(directory), "f")
     )
     return SavedCalibration(file, found, result.caveats)
-
-
-def _of_sensor(
-    job: CalibrationJob, wizard: CalibrationWizard
-) -> tuple[HandEyeCalibration, CalibrationFile]:
-    """Calibrate the sensor's pose alone, on the board."""
-    outcome = wizard.run()
-    return outcome.result, to_calibration_file(
-        outcome.result,
-        job.board.noise,
-        arm=job.arm.device_id,
-        laser=job.laser.device_id,
-        date=wizard.logbook.measured.started_at,
-        verification=outcome.verification,
-        linearity=0.0 if wizard.task.laser is None else wizard.task.laser.largest,
-        basis=basis_of_lines(wizard.task, wizard.logbook.measured, outcome.result),
-    )
 
 
 def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, TouchProbe]:
@@ -358,7 +336,9 @@ def _targets_surface(job: CalibrationJob, T_b_board: Array) -> RaycastSurface:
     if job.ball is not None:
         truth = None if job.simulation is None else job.simulation.ball
         ball = truth or job.ball
-        bodies.append(ball_mesh(np.array(ball.position), ball.radius))
+        sphere = trimesh.creation.icosphere(subdivisions=BALL_SUBDIVISIONS, radius=ball.radius)
+        sphere.apply_translation(ball.position)
+        bodies.append(sphere)
     whole = trimesh.util.concatenate(bodies)
     return RaycastSurface(whole.vertices, whole.faces)
 
@@ -374,7 +354,9 @@ def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPla
         Rough pose of the laser.
     """
     board = job.board
-    window = measuring_range_of_job(job)
+    model = laser_model_of_job(job)
+    # That other lasers of this class open their fan as the simulated one is an assumption.
+    window = MeasuringRange(model.near, model.far, model.emitter_z, model.half_angle, model.columns)
     return CalibrationPlan(
         board.T,
         0.5 * np.array(board.size),
@@ -389,13 +371,6 @@ def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPla
     )
 
 
-def measuring_range_of_job(job: CalibrationJob) -> MeasuringRange:
-    """Measuring range of a job's laser."""
-    model = laser_model_of_job(job)
-    # That other lasers of this class open their fan as the simulated one is an assumption.
-    return MeasuringRange(model.near, model.far, model.emitter_z, model.half_angle, model.columns)
-
-
 def laser_deviation_of_job(job: CalibrationJob, window: MeasuringRange) -> LaserDeviation | None:
     """By what a job's laser may deviate in its window; none if it is stated to be exact."""
     largest, _ = job.laser.uncertainty.linear
@@ -408,3 +383,54 @@ def laser_deviation_of_job(job: CalibrationJob, window: MeasuringRange) -> Laser
         apex_z=window.apex_z,
         half_angle=window.half_angle,
     )
+
+
+UNNAMED_DEVICE: Final = "unnamed"
+"""Name in the file of an arm or a laser without an id; no scan takes the file."""
+
+
+def calibrate_recorded_job(
+    job: RecordedJob, job_file: Path, directory: Path, report: Callable[[str], None]
+) -> SavedCalibration:
+    """Calibrate from the recorded profiles of a job, and write ``calibration.toml``.
+
+    Parameters
+    ----------
+    job : RecordedJob
+        The job.
+    job_file : Path
+        Its file, from whose folder the paths of recorded files start.
+    directory : Path
+        To make, once there is a result.
+    report : callable
+        Receives messages about files, left-out profiles and results.
+
+    Raises
+    ------
+    ConfigurationError
+        If a file is missing or wrong, or the directory holds a calibration already.
+    CalibrationRefused
+        If the result could not be trusted.
+    """
+    file = directory / CALIBRATION_FILE
+    if file.exists():
+        raise ConfigurationError("is there already; choose another --out", file=file)
+    result, basis = calibrate_recorded_sets(
+        job.recorded,
+        job.noise,
+        job_file.parent,
+        report,
+        sensor_is_fixed=job.solve.fixed_sensor,
+        kinematics=Kinematics.load(job.arm.model) if job.solve.calibrate_arm else None,
+    )
+    found = to_calibration_file(
+        result,
+        job.noise,
+        arm=job.arm.id or UNNAMED_DEVICE,
+        laser=job.laser.id or UNNAMED_DEVICE,
+        date=datetime.now(UTC).replace(microsecond=0),
+        basis=basis,
+    )
+    frame = "b" if job.solve.fixed_sensor else "f"
+    write_calibration(file, found, Provenance.for_file_written_now(job_file.name, frame))
+    return SavedCalibration(file, found, result.caveats)

@@ -114,7 +114,8 @@ def _charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
             1e3 * height,
             line=f"after pass {number}" if number else "before welding",
         )
-    slips = [(cycle.state.time, cycle.slip) for cycle in found.cycles[:: _every(found)]]
+    every = max(len(found.cycles) // MOST_POINTS, 1)
+    slips = [(cycle.state.time, cycle.slip) for cycle in found.cycles[::every]]
     known = [(time, slip) for time, slip in slips if slip is not None]
     for which, title, label, scale in SLIP_CHARTS if known else ():
         times = np.array([time for time, _ in known])
@@ -129,7 +130,3 @@ def _charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
                 scale * (values + off * sigmas),
                 line=line,
             )
-
-
-def _every(found: RecordedCrawl) -> int:
-    return max(len(found.cycles) // MOST_POINTS, 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from hashlib import sha256
 from math import isnan
@@ -94,8 +94,15 @@ def read_recorded_crawl(directory: Path) -> RecordedCrawl:
     return RecordedCrawl(tuple(cycles), passes, tuple(events), tuple(places), was_stopped)
 
 
-def write_crawl_results(directory: Path, job: CrawlJob) -> None:
+def write_crawl_results(directory: Path, job: CrawlJob | None = None) -> None:
     """Write the results of a crawl from its recording, whole or cut off.
+
+    Parameters
+    ----------
+    directory : Path
+        Of the run.
+    job : CrawlJob, optional
+        Of the weld; without it nothing was welded, and there is no log.
 
     Raises
     ------
@@ -103,25 +110,12 @@ def write_crawl_results(directory: Path, job: CrawlJob) -> None:
         If a file can't be written, or the recording is damaged.
     """
     recorded = read_recorded_crawl(directory)
-    log = weld_log(directory, job, recorded.passes, recorded.events)
     with write_files_atomically(directory) as draft:
         table = table_to_csv(directory, PASS_COLUMNS, recorded.passes)
         (draft / PASSES_FILE).write_text(table, encoding="utf-8", newline="")
-        (draft / WELD_LOG_FILE).write_text(json.dumps(log, indent=2) + "\n", encoding="utf-8")
-
-
-def write_passes(directory: Path) -> None:
-    """Write ``passes.csv`` alone: of what was not welded there is no log.
-
-    Raises
-    ------
-    RecordingError
-        As `write_crawl_results` does.
-    """
-    recorded = read_recorded_crawl(directory)
-    with write_files_atomically(directory) as draft:
-        table = table_to_csv(directory, PASS_COLUMNS, recorded.passes)
-        (draft / PASSES_FILE).write_text(table, encoding="utf-8", newline="")
+        if job is not None:
+            log = json.dumps(weld_log(directory, job, recorded), indent=2)
+            (draft / WELD_LOG_FILE).write_text(log + "\n", encoding="utf-8")
 
 
 def read_passes(directory: Path) -> tuple[dict[str, str], ...]:
@@ -132,16 +126,14 @@ def read_passes(directory: Path) -> tuple[dict[str, str], ...]:
     ConfigurationError
         If there is none.
     """
-    return read_result_file(directory / PASSES_FILE, "the passes of a crawl", _parse_passes)
+    return read_result_file(
+        directory / PASSES_FILE,
+        "the passes of a crawl",
+        lambda text: tuple(csv.DictReader(x for x in text.splitlines() if x[:1] != "#")),
+    )
 
 
-def _parse_passes(text: str) -> tuple[dict[str, str], ...]:
-    return tuple(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
-
-
-def weld_log(
-    directory: Path, job: CrawlJob, passes: Sequence[PassRecord], events: Sequence[RunEvent]
-) -> dict[str, Any]:
+def weld_log(directory: Path, job: CrawlJob, recorded: RecordedCrawl) -> dict[str, Any]:
     """The log of a weld as files of ISO 3834 ask for it: who, how, when, how fast, how far off."""
     weld = job.weld
     return {
@@ -165,11 +157,11 @@ def weld_log(
                 "deviation_sigma_mm": round(1e3 * one.sigma_rms, 3),
                 "stops": one.stops,
             }
-            for one in passes
+            for one in recorded.passes
         ],
         "stops": [
             {"time": event.time.isoformat(timespec="milliseconds"), "reason": event.detail}
-            for event in events
+            for event in recorded.events
             if event.name == Phase.STOP
         ],
     }

@@ -1,25 +1,27 @@
-"""Run a crawl, go on with it after a stop, or calibrate a vehicle's slip by one."""
+"""Run a crawl, go on with it after a stop, replay it, or calibrate a vehicle's slip by one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import pairwise, takewhile
+from itertools import islice, pairwise, takewhile
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, GrooveNotFound
-from tjscan.crawler.control_cycle import CrawlDevices, HandDrive
+from tjscan.core.files import lock_and_clean_directory
+from tjscan.crawler.control_cycle import LONGEST_PERIOD, CrawlDevices, HandDrive
 from tjscan.crawler.crawler import Crawler, CrawlPlan, CrawlStart, WeldOperator
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.joint_sensor import JointReader
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
-from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.journal import SET_DOWN_EVENT, CrawlCycle, is_by_hand
 from tjscan.crawler.last_view import COASTING_TIME, LastView
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.paper_method import PaperMethod
@@ -35,15 +37,30 @@ from tjscan.crawler.slip_calibration import (
 )
 from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.crawler.slip_model import SlipState
-from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY_EVENT, WARNING_EVENT, CrawlRecording
+from tjscan.crawler.topics import (
+    CRAWL_RECORDING,
+    CRAWL_TOPICS,
+    CYCLES_TOGETHER,
+    REPLAY_EVENT,
+    WARNING_EVENT,
+    CrawlRecording,
+    cycle_messages,
+    read_crawl_messages,
+)
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
-from tjscan.job.crawl.job import CrawlJob
-from tjscan.laser.profile import Profile
-from tjscan.recording.journal import CombinedJournal, Journal, RunEvent
+from tjscan.job.crawl.job import CrawlJob, read_crawl_job
+from tjscan.recording.foxglove import event_log_message
+from tjscan.recording.header import JobSnapshot
+from tjscan.recording.journal import LOG_TOPIC, CombinedJournal, Journal, RunEvent
+from tjscan.recording.parts import recording_files
+from tjscan.recording.topic import Topic
+from tjscan.recording.writer import RecordingWriter
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl, write_crawl_results
 from tjscan.runs.run import (
+    JobContext,
     accept_edited_copies,
+    check_replay,
     do_nothing_when_finished,
     make_vehicle_run_directory,
     record_vehicle_run,
@@ -79,29 +96,18 @@ class ConfirmsEveryWeld:
 
 
 @dataclass(frozen=True)
-class CrawlContext:
-    """A crawl job with its file, and where its run reports to.
+class CrawlContext(JobContext[CrawlJob]):
+    """A crawl job with its file, and where its run reports to; see `JobContext`.
 
     Parameters
     ----------
-    job : CrawlJob
-    job_file : Path
-        Where it was read from; a calibration is sought from there.
-    journal : Journal
-        Receives everything, once it is on disk.
     operator : WeldOperator
         Confirms each pass.
-    finished : callable
-        Is called with the directory once its results are written.
     hand : HandDrive, optional
         Drives by hand before the crawl begins; none by default.
     """
 
-    job: CrawlJob
-    job_file: Path
-    journal: Journal = field(default_factory=CombinedJournal)
     operator: WeldOperator = field(default_factory=ConfirmsEveryWeld)
-    finished: Callable[[Path], object] = do_nothing_when_finished
     hand: HandDrive | None = None
 
     @property
@@ -316,7 +322,13 @@ def resume_crawl(
             )
         start, slip = replace(start, last_view=view), slip_after_stop(found, context.job)
     else:
-        check_place(place, context.job)
+        weld = context.job.weld
+        first, end = -weld.run_up - LONGEST_OFF_WAY, weld.length + LONGEST_OFF_WAY
+        if not first <= place <= end:
+            raise ConfigurationError(
+                f"--place is {1e3 * place:g} mm along the joint, from where the weld begins; it "
+                f"must be between {1e3 * first:g} and {1e3 * end:g}"
+            )
         start = replace(start, travel=place, was_set_down=True)
         slip = slip_after_set_down(found, context.job)
     if found.places:
@@ -328,8 +340,11 @@ def resume_crawl(
     with add_file_to_errors(context.job_file):
         check_size(context.job)
         cell = make_crawl_cell(context.job, left)
-    method = context.make_method(slip)
-    crawl_into(context, directory, cell, method, start, reader_that_saw(found.profiles))
+    method, reader = context.make_method(slip), RememberingTracker()
+    for cycle, profile in found.profiles:
+        with suppress(GrooveNotFound):
+            reader.read(profile, cycle.travel)
+    crawl_into(context, directory, cell, method, start, reader)
 
 
 def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
@@ -353,31 +368,6 @@ def slip_after_set_down(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | N
     crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
     slip = crawled[-1].slip if crawled else None
     return None if slip is None else slip.at_new_start(job.slip)
-
-
-def check_place(place: float, job: CrawlJob) -> None:
-    """Refuse a place from which a crawl can't go on: more than a metre off its way.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is one.
-    """
-    first, last = -job.weld.run_up - LONGEST_OFF_WAY, job.weld.length + LONGEST_OFF_WAY
-    if not first <= place <= last:
-        raise ConfigurationError(
-            f"--place is {1e3 * place:g} mm along the joint, from where the weld begins; it must "
-            f"be between {1e3 * first:g} and {1e3 * last:g}"
-        )
-
-
-def reader_that_saw(profiles: Iterable[tuple[CrawlCycle, Profile]]) -> RememberingTracker:
-    """Make the reader of a crawl that goes on: it remembers what the recorded profiles show."""
-    reader = RememberingTracker()
-    for cycle, profile in profiles:
-        with suppress(GrooveNotFound):
-            reader.read(profile, cycle.travel)
-    return reader
 
 
 def start_after_stop(
@@ -459,3 +449,99 @@ def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
     found = SlipCalibration.from_estimate(method.slip, context.job.vehicle.device_id)
     write_slip_calibration(directory / CALIBRATION_FILE, found, job_label_of_run(directory))
     return found
+
+
+REPLAYABLE_KEYS: Final = ("method", "slip.", "course.")
+"""Keys of what an estimator makes of a crawl, not of how it was done."""
+
+TimedMessage = tuple[int, Topic[Any], Any]
+
+
+def replay_crawl(
+    directory: Path,
+    overrides: dict[str, Any],
+    out: Path,
+    finished: Callable[[Path], object] = do_nothing_when_finished,
+) -> None:
+    """Feed what a crawl measured through another estimator, and write a run directory of it.
+
+    The estimator gets the recorded odometry, commands and readings. The vehicle and the torch
+    moved as they did, and a simulation's truth is the crawl's: deviations are what this
+    estimator makes of the recorded motion.
+
+    Parameters
+    ----------
+    directory : Path
+        Of the crawl, whole, cut short or resumed; it stays as it is.
+    overrides : dict
+        Dotted keys and values, from `REPLAYABLE_KEYS` only.
+    out : Path
+        The directory to make.
+    finished : callable
+        Is called with it once its results are written.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no crawl, or a key is about how it was done.
+    RecordingError
+        If its recording is damaged, or the new directory can't be written.
+    """
+    job_file = directory / JOB_FILE
+    check_replay(directory, out, overrides, REPLAYABLE_KEYS, "crawl")
+    context = CrawlContext(read_crawl_job(job_file, overrides), job_file, finished=finished)
+    parts = recording_files(directory, CRAWL_RECORDING)
+    with add_file_to_errors(job_file):
+        method = context.make_method()
+    # Read to their ends before anything is made: what is no crawl, or damaged, is refused.
+    set_down = [_was_set_down(part) for part in parts]
+    make_vehicle_run_directory(out, context.job, job_file, context.calibration_file)
+    origin = JobSnapshot((out / JOB_FILE).read_text(encoding="utf-8"))
+    with lock_and_clean_directory(out):
+        for number, part in enumerate(parts):
+            if number:
+                known = slip_after_set_down if set_down[number] else slip_after_stop
+                method = context.make_method(known(read_recorded_crawl(out), context.job))
+            with RecordingWriter(out / part.name, CRAWL_TOPICS, origin) as recording:
+                replayed = _replayed(part, method, f"{directory}")
+                while messages := list(islice(replayed, CYCLES_TOGETHER)):
+                    recording.write_timed(messages)
+        write_crawl_results(out)
+    finished(out)
+
+
+def _was_set_down(part: Path) -> bool:
+    """Read a part of a recording to its end: whether it begins where its operator set it down."""
+    events = [entry.message for entry in read_crawl_messages(part) if entry.topic is LOG_TOPIC]
+    return any(event.name == SET_DOWN_EVENT for event in events)
+
+
+def _replayed(part: Path, method: FollowingMethod, source: str) -> Iterator[TimedMessage]:
+    """Messages of a part of a recording, its estimates made by a method.
+
+    Its estimate of slip is in the cycles in which the part has one, and in every
+    `CYCLES_TOGETHER`th of a part that has none.
+    """
+    time: float | None = None
+    without_slip = 0
+    for entry in read_crawl_messages(part):
+        cycle = entry.message
+        if not isinstance(cycle, CrawlCycle):
+            yield entry.time, entry.topic, cycle
+            continue
+        if time is None:
+            detail = f"estimated anew from {source}; nothing moved"
+            event = event_log_message(entry.time, Log.Level.INFO, REPLAY_EVENT, detail)
+            yield entry.time, LOG_TOPIC, event
+        period = 0.0 if time is None else cycle.state.time - time
+        time = cycle.state.time
+        if is_by_hand(cycle.phase, cycle.commanded):
+            method.set_down_anew()
+        elif 0 < period <= LONGEST_PERIOD:  # in longer ones it did not move
+            method.move(cycle.state.odometry, period, cycle.commanded)
+        if cycle.was_read:
+            method.read(cycle.d, cycle.d_sigma)
+        is_due = cycle.slip is not None or without_slip >= CYCLES_TOGETHER
+        slip = method.slip if is_due else None
+        without_slip = 1 if slip is not None else without_slip + 1
+        yield from cycle_messages(entry.time, replace(cycle, torch=method.torch, slip=slip))

@@ -65,9 +65,6 @@ class CrawlOutcome(RunOutcome):
     read_percent: float | None = None
 
 
-COMPLETE_CRAWL: Final = "Complete"
-
-
 class CrawlKeeper:
     """A crawl's journal that keeps in memory what its passes are judged by.
 
@@ -113,27 +110,19 @@ def run_study_crawl(job: CrawlJob) -> CrawlOutcome:
     if cell.simulated_place is None:
         raise ConfigurationError("a study simulates", key="vehicle.driver")
     keeper = CrawlKeeper(cell.simulated_place)
+    ended = True, "Complete", "every pass is welded"
     try:
         with cell:
             make_crawler(context, cell, context.make_method(), keeper).run()
     except (VehicleFault, LaserFault) as error:
         reason = error.guard if isinstance(error, CrawlStopped) else type(error).__name__
-        return _outcome(keeper.passes, complete=False, reason=reason, detail=str(error))
-    return _outcome(
-        keeper.passes, complete=True, reason=COMPLETE_CRAWL, detail="every pass is welded"
-    )
-
-
-def _outcome(
-    passes: tuple[PassRecord, ...], *, complete: bool, reason: str, detail: str
-) -> CrawlOutcome:
+        ended = False, reason, str(error)
+    passes = keeper.passes
     if not passes:
-        return CrawlOutcome(complete, reason, detail)
+        return CrawlOutcome(*ended)
     last = passes[-1]
     return CrawlOutcome(
-        complete,
-        reason,
-        detail,
+        *ended,
         passes=len(passes),
         vehicle_rms_mm=1e3 * root_mean_square(last.true_offset),
         vehicle_p95_mm=1e3 * _p95(last.true_offset),

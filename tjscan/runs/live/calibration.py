@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Final
@@ -107,7 +108,10 @@ class CalibrationShow:
         return Step(drawn={"next": Lines.through(fan, way, *axes, colour=FITTED_COLOUR, width=3.0)})
 
     def _setting(self) -> Setting:
-        job, board = self._job, self._plan.T_b_board
+        job, board, (x, y) = self._job, self._plan.T_b_board, self._plan.half_sizes
+        corners = [(-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)]
+        triangles = np.array([(0, 1, 2), (0, 2, 3)])
+        face = Surface(transform_points(board, corners), triangles, NOMINAL_COLOUR, 0.6)
         at = 0.6 * board[:3, 3] + (0.0, 0.0, 0.2)
         out = 3.2 * max(float(np.linalg.norm(at[:2])), 0.4)
         towards = at[:2] / max(float(np.linalg.norm(at[:2])), 1e-6)
@@ -120,16 +124,10 @@ class CalibrationShow:
             kinematics_of_job(job),
             solids_in_base(job),
             tuple(one.solid for one in job.clearance.tool),
-            ghost=(self._board(),),
+            ghost=(face,),
             look_at=at,
             look_from=at + out * aside + (0.0, 0.0, 0.6 * out),
         )
-
-    def _board(self) -> Surface:
-        x, y = self._plan.half_sizes
-        corners = [(-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)]
-        face = transform_points(self._plan.T_b_board, corners)
-        return Surface(face, np.array([(0, 1, 2), (0, 2, 3)]), NOMINAL_COLOUR, 0.6)
 
     def _touch_step(self, touch: BoardTouch) -> Step:
         label, drawn = f"place {touch.place_number + 1}", dict[str, Drawable]()
@@ -243,17 +241,17 @@ class PageOperator:
 
     def buttons(self, interrupt: Callable[[], object]) -> list[Button]:
         """Buttons of the page: the answers, and Stop, which does what Ctrl-C does."""
-
-        def pressing(word: Answer) -> Callable[[], object]:
-            return lambda: self._pressed.put(word)
-
-        answers = [Button(word, pressing(word), tone, hint) for word, tone, hint in ANSWER_BUTTONS]
+        answers = [
+            Button(word, partial(self._pressed.put, word), tone, hint)
+            for word, tone, hint in ANSWER_BUTTONS
+        ]
         stop = Button("Stop", interrupt, "red", "As Ctrl-C; what was measured stays")
         return [*answers, stop]
 
     def confirm(self, question: Question) -> bool:
         """Show a question and the target of its move; wait for one of its two buttons."""
-        self._forget_presses()
+        while not self._pressed.empty():  # an earlier press answers none: the arm might move
+            self._pressed.get()
         words = f"{question.yes} or {question.no}"
         self._run.post(Step(facts={STATE_FACT: question.text, PRESS_FACT: words}))
         self._run.post(self._show.next_pose(question.T_b_f))
@@ -280,11 +278,6 @@ class PageOperator:
     def _enable(self, *words: Answer) -> None:
         if self._run.page is not None:
             self._run.page.enable({word: word in words for word, _, _ in ANSWER_BUTTONS})
-
-    def _forget_presses(self) -> None:
-        """A press that came before its question answers none: the arm might move."""
-        while not self._pressed.empty():
-            self._pressed.get()
 
     def _next_press(self, question: Question) -> Answer:
         """Next button that is pressed; until then a real laser's profiles are shown."""

@@ -39,7 +39,7 @@ from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.solids import Box, Cylinder, Solid
-from tjscan.vehicle.vehicle import REST, Twist
+from tjscan.vehicle.vehicle import AT_REST, Twist
 
 TORCH_DEVIATION: Final = Measure("torch beside its path", "mm")
 VEHICLE_OFFSET: Final = Measure("vehicle beside the joint", "mm")
@@ -292,7 +292,7 @@ class PageHandDrive:
         if self._begun.is_set():
             return None
         held = [word for word, heard in self._heard.items() if now - heard < HOLD_LIFETIME]
-        return self._twists[held[0]] if len(held) == 1 else REST
+        return self._twists[held[0]] if len(held) == 1 else AT_REST
 
 
 class CrawlPageJournal:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Final
 
@@ -16,7 +16,7 @@ from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, transform_points
 from tjscan.groove.measured import MeasuredSection, section_to_result_frame
-from tjscan.job import ScanJob, read_scan_job
+from tjscan.job import read_scan_job
 from tjscan.job.arm import kinematics_of_job, solids_in_base
 from tjscan.joint.edges import feature_edges
 from tjscan.live.buttons import Button
@@ -89,7 +89,10 @@ class ScanShow:
         self._last_b: Array | None = None
         self._joint = context.joint if self._frame.T_b_j is not None else None
         self._edges = None if self._joint is None else feature_edges(self._joint)
-        self.total = planned_sections(context.job)
+        plan = context.job.scan
+        self.total = plan.sections
+        if plan.sections is None and plan.length is not None:
+            self.total = 2 + round(plan.length / plan.step)
 
     @cached_property
     def setting(self) -> Setting:
@@ -145,7 +148,7 @@ class ScanShow:
             groove, self._frame.T_r_b @ view.T_b_s, self._frame.letter, index=view.index
         )
         values, sigmas = self._measures(measured)
-        x = view.index if np.isnan(measured.azimuth) else clock_position(measured.azimuth)
+        x = view.index if np.isnan(measured.azimuth) else np.degrees(measured.azimuth) % 360 / 30
         profile, corners = 1e3 * view.profile.points_s, 1e3 * groove.points_s
         form = ", ".join((groove.model, *groove.conditions))
         done = view.index + 1
@@ -229,19 +232,6 @@ class ScanShow:
         out *= 1.25 * size / max(float(np.linalg.norm(out)), 1e-6)
         at = at * (0.8, 0.8, 1.0)  # towards the arm's base, which is in the picture too
         return at, at + out + (0.0, 0.0, 1.1 * size)
-
-
-def planned_sections(job: ScanJob) -> int | None:
-    """Sections that a job asks for; None if it goes as far as the arm reaches."""
-    plan = job.scan
-    if plan.sections is None and plan.length is not None:
-        return 2 + round(plan.length / plan.step)
-    return plan.sections
-
-
-def clock_position(azimuth: float) -> float:
-    """Hours from 0 to 12 of an azimuth in radians: 12 is at the crown."""
-    return float(np.degrees(azimuth) % 360.0 / 30.0)
 
 
 def laser_fan(view: ProfileView) -> dict[str, Drawable]:
@@ -332,10 +322,9 @@ class PageJournal:
         """Show a message; of a section also how long the rest takes at the pace until now."""
         if isinstance(message, ProfileView | ScannedSection | RunEvent):
             self.run.post(message)
-        if isinstance(message, ScannedSection):
-            self._show_time_left(message.view.index, self._clock())
-
-    def _show_time_left(self, number: int, now: float) -> None:
+        if not isinstance(message, ScannedSection):
+            return
+        number, now = message.view.index, self._clock()
         first, began = self._first = self._first or (number, now)
         if self._total is not None and number > first:
             left = (now - began) / (number - first) * max(self._total - 1 - number, 0)
@@ -365,9 +354,6 @@ def show_scan(
         Directory of the run that is gone on with: what was scanned before is shown too.
     """
 
-    def buttons(run: RunOnPage[ScanEntry]) -> Sequence[Button]:
-        return scan_buttons(run, context.stop, interrupt)
-
     def before() -> Iterator[Step]:
         simulation = context.job.simulation
         if simulation is not None and simulation.arm is not None:
@@ -376,6 +362,7 @@ def show_scan(
             yield from map(show.step, recorded_entries(resumed, context))
 
     show = ScanShow(context, context.job_file.stem)
+    buttons = partial(scan_buttons, stop=context.stop, interrupt=interrupt)
     with show_run(show, where, report, buttons, before) as run:
         yield PageJournal(run, show.total)
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
@@ -12,7 +13,7 @@ import numpy as np
 from tjscan.core.frames import Array, pose, rot_z
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.job.tow.job import TowJob
-from tjscan.live.buttons import Button, stop_button
+from tjscan.live.buttons import stop_button
 from tjscan.live.colours import (
     FITTED_COLOUR,
     LASER_COLOUR,
@@ -214,19 +215,11 @@ def read_tow_show(directory: Path) -> RecordedShow | None:
 
 def _entries(directory: Path) -> Iterator[TowEntry]:
     """Events, and of cycles and truths every second one."""
-    cycles = truths = 0
+    seen = Counter[type[TowEntry]]()
     for entry in read_tow(directory):
-        match entry:
-            case TowCycle():
-                cycles += 1
-                if cycles % CYCLES_BETWEEN_STEPS == 1:
-                    yield entry
-            case TowTruth():
-                truths += 1
-                if truths % CYCLES_BETWEEN_STEPS == 1:
-                    yield entry
-            case RunEvent():
-                yield entry
+        seen[type(entry)] += 1
+        if isinstance(entry, RunEvent) or seen[type(entry)] % CYCLES_BETWEEN_STEPS == 1:
+            yield entry
 
 
 class TowPageJournal:
@@ -255,10 +248,7 @@ def show_tow(
     interrupt: Callable[[], object],
 ) -> Iterator[TowPageJournal]:
     """Show a tow while the block runs; for the parameters see `show_crawl`."""
-
-    def buttons(_: RunOnPage[TowEntry]) -> Sequence[Button]:
-        return stop_button(interrupt, "all vehicles")
-
-    with show_run(TowShow(job, title), where, report, buttons) as run:
+    stop = stop_button(interrupt, "all vehicles")
+    with show_run(TowShow(job, title), where, report, lambda _: stop) as run:
         run.show_state("plans the whole seam before anything moves")
         yield TowPageJournal(run)

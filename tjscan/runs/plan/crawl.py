@@ -6,7 +6,6 @@ import json
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from hashlib import sha256
 from pathlib import Path
 from typing import Final
 
@@ -22,7 +21,6 @@ from tjscan.crawler.topics import CRAWL_RECORDING
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.planning.crawl_passes import CrawlPass, passes_of_plan
-from tjscan.planning.document import plan_document
 from tjscan.planning.edges import GrooveEdges, fit_edges_to_corners
 from tjscan.planning.plan import plan_weld
 from tjscan.planning.wps import M_MIN, read_wps
@@ -30,6 +28,7 @@ from tjscan.result.directory import JOB_FILE, job_label_of_run
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.plan.run import (
     CRAWL_PASSES_FILE,
+    DividedPlan,
     WrittenPlan,
     add_file_of_key,
     write_plan,
@@ -93,23 +92,21 @@ def plan_crawl_run(
         plan = plan_weld(edges, wps, gravity, after_pass=after_pass)
         passes = passes_of_plan(plan)
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), PLAN_FRAME, "mm")
-    label = f"{wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
-    document = plan_document(
-        plan,
-        provenance,
-        directory.resolve().name,
-        label,
-        without_stations=f"a crawl job takes {CRAWL_PASSES_FILE}",
-    )
     begin, end = 1e3 * start, 1e3 * (start + edges.length)
     text = (
         provenance.comment_lines("#")
         + f"# planned from what was seen of the weld from {begin:.0f} to {end:.0f} mm\n"
         + passes_to_toml(passes, wps.name)
     )
-    folder = out or directory
-    files = write_plan(folder, plan, document, provenance, {CRAWL_PASSES_FILE: text})
-    return WrittenPlan(plan, document, folder, files)
+    return write_plan(
+        directory,
+        out,
+        wps_file,
+        DividedPlan(plan, (), {}),
+        provenance,
+        {CRAWL_PASSES_FILE: text},
+        without_stations=f"a crawl job takes {CRAWL_PASSES_FILE}",
+    )
 
 
 def passes_to_toml(passes: Sequence[CrawlPass], procedure: str) -> str:
@@ -171,7 +168,9 @@ def butt_joint_edges(
     """
     readings = _read_joint(seen, length)
     places = np.array([at for at, _ in readings])
-    higher = _above_usual(places, np.array([reading.depth_left for _, reading in readings]))
+    depths = np.array([reading.depth_left for _, reading in readings])
+    usual = [np.median(depths[np.abs(places - at) <= USUAL_DEPTH_RADIUS]) for at in places]
+    higher = np.array(usual) - depths
     station = (places / STATION_LENGTH).astype(int)
     tacks = {
         int(k): bool(np.mean(higher[station == k] > BURIED_HEIGHT) > 0.5)
@@ -224,12 +223,6 @@ def _read_joint(
             if np.isfinite(reading.edges).all() and reading.depth_left > 0:
                 found.append((at, reading))
     return found
-
-
-def _above_usual(places: Array, depths: Array) -> Array:
-    """How much higher the root is at each place than usual near it, metres."""
-    usual = [np.median(depths[np.abs(places - at) <= USUAL_DEPTH_RADIUS]) for at in places]
-    return np.array(usual) - depths
 
 
 def _trapezoid(reading: ButtJointReading) -> Array:

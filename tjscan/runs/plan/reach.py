@@ -291,7 +291,9 @@ class StationReach:
             path = leader.bead(T, bead, where)
             leave = leader.way(np.array([T[-1] @ back]), where)
             found.append(BeadPath(bead, way, path, leave))
-            before = (T @ back)[::-1][_every(bead, torch.retract)]
+            # Points half a retraction apart: the way back needs no more.
+            apart = bead.length / (len(bead.s) - 1)
+            before = (T @ back)[:: -max(1, int(0.5 * torch.retract / apart))]
         return StationPath(self.station.name, start, tuple(found))
 
     def _at(self, i: NDArray[np.int64]) -> Array:
@@ -443,12 +445,6 @@ def _nearest(bead: PlannedBead, s: float, edges: GrooveEdges) -> tuple[int, floa
         away = np.abs((bead.s - s + 0.5 * edges.length) % edges.length - 0.5 * edges.length)
     i = int(np.argmin(away))
     return i, float(away[i])
-
-
-def _every(bead: PlannedBead, distance: float) -> slice:
-    """Points of a bead about half a distance apart: the way back needs no more."""
-    mean = bead.length / (len(bead.s) - 1)
-    return slice(None, None, max(1, int(0.5 * distance / mean)))
 
 
 def _within_limits(q: Array, station: WeldingStation) -> Array:

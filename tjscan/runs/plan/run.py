@@ -33,7 +33,6 @@ from tjscan.planning.wps import WeldingProcedure, read_wps
 from tjscan.result.directory import CLOUD_FILE, SECTIONS_FILE, job_label_of_run
 from tjscan.result.export import WELDX_ROOTS, sort_sections_by_azimuth
 from tjscan.result.shapes import read_finished_summary, read_run_shape
-from tjscan.result.summary import ScanSummary
 from tjscan.result.table import read_sections_csv
 from tjscan.runs.plan.reach import (
     ARM_STATION,
@@ -59,49 +58,6 @@ EARLIER_FILES: Final = (
     "plan.html",
 )
 """Not every plan has them: files of an earlier one do not stay beside a new one."""
-
-
-def write_plan(
-    folder: Path,
-    plan: WeldPlan,
-    document: PlanDocument,
-    provenance: Provenance,
-    texts: Mapping[str, str],
-) -> tuple[str, ...]:
-    """Write document, picture and table of a plan, and the weldx file if weldx is installed.
-
-    Parameters
-    ----------
-    folder : Path
-        Where to.
-    plan : WeldPlan
-        The plan.
-    document : PlanDocument
-        As in ``plan.json``.
-    provenance : Provenance
-        Of all of them.
-    texts : mapping
-        Name and text of each further file.
-
-    Returns
-    -------
-    tuple of str
-        Names of all files, in alphabetical order.
-    """
-    from tjscan.planning.picture import draw_plan
-    from tjscan.result.picture import write_png
-
-    with write_files_atomically(folder, last=PLAN_FILE, instead_of=EARLIER_FILES) as draft:
-        for name, text in texts.items():
-            (draft / name).write_text(text, encoding="utf-8")
-        write_png(draft / PLAN_PICTURE, draw_plan(plan), provenance)
-        table = beads_to_csv(plan, provenance)
-        (draft / BEADS_FILE).write_text(table, encoding="utf-8", newline="")
-        if weldx_is_installed():
-            root = WELDX_ROOTS.get(provenance.frame, provenance.frame)
-            write_plan_as_weldx(draft / WELDX_FILE, plan, document, root)
-        (draft / PLAN_FILE).write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
-        return tuple(sorted(file.name for file in draft.iterdir()))
 
 
 @contextmanager
@@ -230,18 +186,13 @@ def divide_plan(
     for reach in reaches:
         name, problem, file = reach.station.name, "", ""
         if any(bead.station == name for bead in divided.beads):
-            file = program_name(name)
+            file = "plan.urscript" if name == ARM_STATION else f"plan-{name}.urscript"
             try:
                 paths[file] = reach.lead_torch(divided)
             except PoseUnreachable as error:
                 file, problem = "", error.reason
         entries.append(_entry(reach, file, problem))
     return DividedPlan(divided, tuple(entries), paths)
-
-
-def program_name(station: str) -> str:
-    """Name of the file that holds a station's program."""
-    return "plan.urscript" if station == ARM_STATION else f"plan-{station}.urscript"
 
 
 def _entry(reach: StationReach, file: str, problem: str) -> StationEntry:
@@ -310,6 +261,60 @@ class WrittenPlan:
         return spans if self.document.stations else ()
 
 
+def write_plan(
+    directory: Path,
+    out: Path | None,
+    wps_file: Path,
+    divided: DividedPlan,
+    provenance: Provenance,
+    texts: Mapping[str, str],
+    details: Sequence[DetailStretch] = (),
+    without_stations: str = "",
+) -> WrittenPlan:
+    """Write document, picture and table of a plan, and the weldx file if weldx is installed.
+
+    Parameters
+    ----------
+    directory : Path
+        Of the run.
+    out : Path or None
+        Where to; the run directory if it is None.
+    wps_file : Path
+        The welding procedure specification.
+    divided : DividedPlan
+        The plan.
+    provenance : Provenance
+        Of all files.
+    texts : mapping
+        Name and text of each further file.
+    details : sequence of DetailStretch, optional
+        How the groove compares with the WPS's table.
+    without_stations : str, optional
+        Why there are no stations.
+    """
+    from tjscan.planning.picture import draw_plan
+    from tjscan.result.picture import write_png
+
+    plan, folder = divided.plan, out or directory
+    label = f"{plan.wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
+    name = directory.resolve().name
+    document = plan_document(
+        plan, provenance, name, label, details, divided.stations, without_stations
+    )
+    with write_files_atomically(folder, last=PLAN_FILE, instead_of=EARLIER_FILES) as draft:
+        for file, text in texts.items():
+            (draft / file).write_text(text, encoding="utf-8")
+        write_png(draft / PLAN_PICTURE, draw_plan(plan), provenance)
+        table = beads_to_csv(plan, provenance)
+        (draft / BEADS_FILE).write_text(table, encoding="utf-8", newline="")
+        if weldx_is_installed():
+            root = WELDX_ROOTS.get(provenance.frame, provenance.frame)
+            write_plan_as_weldx(draft / WELDX_FILE, plan, document, root)
+        (draft / PLAN_FILE).write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        files = tuple(sorted(one.name for one in draft.iterdir()))
+    return WrittenPlan(plan, document, folder, files, divided.paths)
+
+
 def plan_run(
     directory: Path,
     wps_file: Path,
@@ -350,7 +355,10 @@ def plan_run(
     summary = read_finished_summary(directory)
     sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
     with add_file_of_key(wps_file, directory / SECTIONS_FILE):
-        shared = _shared_area_sigma(summary)
+        # By what the areas of all sections err alike, m²; 0 if that is not known.
+        parts = () if summary.uncertainty is None else summary.uncertainty.components
+        areas = [part.area_mm2 for part in parts if part.shared]
+        shared = MM2.factor * float(np.linalg.norm(areas))
         edges = fit_groove_edges(sections, wps.sequence.longest_step, shared)
         # In frame j, z is the brace's axis; in an arm's base frame nothing is known of the tubes.
         marks = crowns_and_saddles(edges, np.eye(4)) if summary.frame == "j" else np.empty(0)
@@ -370,21 +378,9 @@ def plan_run(
             )
             plan = divided.plan
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), summary.frame, "mm")
-    label = f"{wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
-    document = plan_document(
-        plan, provenance, directory.resolve().name, label, details, divided.stations, without
-    )
     head = "".join(provenance.comment_lines("#").splitlines(keepends=True)[:3])  # no frame, units
     programs = {
         name: head + path_to_urscript(path, wps.torch, switch.output, arc=switch.on)
         for name, path in divided.paths.items()
     }
-    folder = out or directory
-    files = write_plan(folder, plan, document, provenance, programs)
-    return WrittenPlan(plan, document, folder, files, divided.paths)
-
-
-def _shared_area_sigma(summary: ScanSummary) -> float:
-    """Standard deviation by which the areas of all sections err alike, m²; 0 where not known."""
-    parts = () if summary.uncertainty is None else summary.uncertainty.components
-    return MM2.factor * float(np.linalg.norm([part.area_mm2 for part in parts if part.shared]))
+    return write_plan(directory, out, wps_file, divided, provenance, programs, details, without)

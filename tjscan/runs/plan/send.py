@@ -22,8 +22,8 @@ from tjscan.robot.collision import CollisionModel
 from tjscan.robot.collision_checked import CollisionCheckedArm
 from tjscan.robot.motion import MotionLimits
 from tjscan.robot.ur.arm import UrArm
-from tjscan.robot.ur.driver import UrSettings
 from tjscan.robot.ur.program import UrProgram
+from tjscan.robot.ur.settings import UrSettings
 from tjscan.runs.scan.context import RunContext
 
 UR_DRIVER: Final = "ur"

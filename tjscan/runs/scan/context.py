@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -19,13 +19,12 @@ from tjscan.job.arm import SensorMount, sensor_mount_of_job
 from tjscan.job.cell import Cell, make_scan_cell
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
-from tjscan.recording.header import JobSnapshot
 from tjscan.recording.journal import CombinedJournal, Journal
 from tjscan.recording.parts import next_recording_file
 from tjscan.result.directory import URDF_FILE
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.run import do_nothing_when_finished, make_run_directory, take_job_snapshot
+from tjscan.runs.run import JobContext, make_run_directory, take_job_snapshot
 from tjscan.scanning.section import ProfileView
 from tjscan.scanning.sections_before import GrooveReader
 from tjscan.scanning.stopping import StopRequest
@@ -33,28 +32,16 @@ from tjscan.scanning.topics import ScanRecording
 
 
 @dataclass(frozen=True, eq=False)
-class RunContext:
-    """A scan job with its file, and where its run reports progress, events and results.
+class RunContext(JobContext[ScanJob]):
+    """A scan job with what it names, and where its run reports to; see `JobContext`.
 
     Parameters
     ----------
-    job : ScanJob
-        The job.
-    job_file : Path
-        Where it was read from; the files that it names are sought from there.
-    journal : Journal
-        Receives every profile, section and event, once it is on disk.
     stop : StopRequest
         Asks for an end before the job is done.
-    finished : callable
-        Is called with every directory whose results are written, for instance `write_run_report`.
     """
 
-    job: ScanJob
-    job_file: Path
-    journal: Journal = field(default_factory=CombinedJournal)
     stop: StopRequest = field(default_factory=StopRequest)
-    finished: Callable[[Path], object] = do_nothing_when_finished
 
     @cached_property
     def joint_file(self) -> Path | None:
@@ -114,10 +101,6 @@ class RunContext:
                 calibration=self.sensor_mount.file,
             )
 
-    def job_snapshot(self, directory: Path) -> JobSnapshot:
-        """Snapshot of the job and its files, for the recording in a run directory."""
-        return take_job_snapshot(directory, self.job)
-
     @contextmanager
     def open_recording(self, directory: Path) -> Iterator[Journal]:
         """Record into a run directory while the block runs; gives the journal that writes it."""
@@ -125,7 +108,7 @@ class RunContext:
         root = {arm.link_names[0]: arm.link_poses(np.zeros(len(arm.joint_names)))[0]}
         with ScanRecording(
             next_recording_file(directory),
-            self.job_snapshot(directory),
+            take_job_snapshot(directory, self.job),
             joint_names=arm.joint_names,
             fixed=root if T_b_j is None else {**root, "j": T_b_j},
             attachments={URDF_FILE: arm.urdf.read_bytes()},

@@ -35,7 +35,7 @@ from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.progress import ScanResult, StopReason
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.scanning.recorded import RecordedScan
-from tjscan.scanning.section import ProfileView, ScannedSection
+from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.sections_before import read_section
 
 REPROCESSABLE_KEYS: Final = (
@@ -187,7 +187,7 @@ def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
     with write_files_atomically(out) as draft:
         for file in recording_files(directory):
             shutil.copyfile(file, draft / file.name)
-    views = tuple(_seen(view, T_f_s) for view in recorded.views)
+    views = tuple(replace(view, T_b_s=view.T_b_f @ T_f_s) for view in recorded.views)
     stop, detail = _end(recorded, len(sections), len(damages))
     result = ScanResult(sections, views, stop, detail, recorded.retry_counts)
     summary = write_job_results(context, out, result)
@@ -226,25 +226,15 @@ def _sections(
     for one in recorded.sections.values():
         try:
             section = read_section(read, one.view, one.T_s_t, found)
-            _check_place(section, one, far)
+            moved = float(np.linalg.norm(section.T_b_g[:3, 3] - one.T_b_g[:3, 3]))
+            if moved > far:
+                was_read = f"what is read now is {1e3 * moved:.1f} mm from what was read then"
+                raise GrooveNotFound("implausible", was_read)
         except GrooveNotFound as error:
             lost[one.view.index] = error
         else:
             found.append(section)
-            yield replace(found[-1], view=_seen(one.view, T_f_s))
-
-
-def _check_place(section: ScannedSection, before: ScannedSection, far: float) -> None:
-    moved = float(np.linalg.norm(section.T_b_g[:3, 3] - before.T_b_g[:3, 3]))
-    if moved > far:
-        raise GrooveNotFound(
-            "implausible", f"what is read now is {1e3 * moved:.1f} mm from what was read then"
-        )
-
-
-def _seen(view: ProfileView, T_f_s: Array) -> ProfileView:
-    """A view by the calibration that holds now."""
-    return replace(view, T_b_s=view.T_b_f @ T_f_s)
+            yield replace(section, view=replace(one.view, T_b_s=one.view.T_b_f @ T_f_s))
 
 
 def _end(recorded: RecordedScan, found: int, damages: int) -> tuple[StopReason, str]:

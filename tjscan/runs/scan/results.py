@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from tjscan.result.write import write_run_results
 from tjscan.runs.scan.uncertainty import StatedCauses
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.progress import ScanResult, groove_length, plan_is_fulfilled, step_lengths
-from tjscan.scanning.section import ScannedSection, Substep
+from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.uncertainty.causes import budget_of_causes
 from tjscan.uncertainty.summary import BudgetSummary, summarise_budget
 
@@ -70,6 +70,13 @@ def all_profile_points(sections: Sequence[ScannedSection], frame: JointOrBaseFra
     )
 
 
+def flange_way(hops: Iterable[tuple[ProfileView, ProfileView]]) -> tuple[float, float]:
+    """Millimetres and degrees that the flange moved from view to view."""
+    poses = [(a.T_b_f, b.T_b_f) for a, b in hops]
+    travel = sum(float(np.linalg.norm(b[:3, 3] - a[:3, 3])) for a, b in poses)
+    return 1e3 * travel, float(np.degrees(sum(rotation_angle_between(a, b) for a, b in poses)))
+
+
 def summarise_scan(
     result: ScanResult,
     plan: ScanPlan,
@@ -93,7 +100,7 @@ def summarise_scan(
     """
     steps = 1e3 * np.array(step_lengths(result.sections))
     views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
-    hops = list(pairwise(views))
+    travel, rotation = flange_way(pairwise(views))
     taken = [view for view in result.views if view.substep is not Substep.TAUGHT]
     found = sum(s.view.substep is not Substep.TAUGHT for s in result.sections)
     return ScanSummary(
@@ -106,11 +113,8 @@ def summarise_scan(
         groove_length_mm=1e3 * groove_length(result.sections),
         half_steps=result.counts.half_steps,
         step_mm=StepStatistics.from_steps(1e3 * plan.step, steps),
-        flange_travel_mm=1e3
-        * sum(float(np.linalg.norm(b.T_b_f[:3, 3] - a.T_b_f[:3, 3])) for a, b in hops),
-        flange_rotation_deg=float(
-            np.degrees(sum(rotation_angle_between(a.T_b_f, b.T_b_f) for a, b in hops))
-        ),
+        flange_travel_mm=travel,
+        flange_rotation_deg=rotation,
         motion_time_s=views[-1].time - views[0].time,
         corner_error_mm=None
         if corner_error is None

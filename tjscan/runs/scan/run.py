@@ -27,6 +27,7 @@ from tjscan.runs.run import (
     changes_of_job,
     nothing_recorded_yet,
     refuse_other_keys,
+    take_job_snapshot,
 )
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
 from tjscan.runs.scan.results import write_scan_results
@@ -95,7 +96,10 @@ def scan_in_cell(
     seen = ScannedSurfaceObstacle(cell.clearance, sections)
     journal = CombinedJournal(journal, seen)
     with cell, stop.halt_arm_on_stop_now(cell.arm.stop):
-        _note_devices(cell, journal)
+        for name, device in (("arm", cell.arm), ("laser", cell.laser)):
+            device.report_events_to(event_recorder(journal))
+            if device.identity:
+                journal.record(RunEvent(name, str(device.identity)))
         setup = ScanSetup(cell.arm, cell.laser, cell.T_f_s, read)
         scanner = Scanner(setup, job.scan, journal, stop=stop)
         try:
@@ -110,14 +114,6 @@ def scan_in_cell(
                 raise ScanInterrupted from error
             journal.record(RunEvent(ScanEvent.FAILED, message_with_notes(error)))
             raise
-
-
-def _note_devices(cell: Cell, journal: Journal) -> None:
-    """Let a journal know which devices these are, and of everything that they report."""
-    for name, device in (("arm", cell.arm), ("laser", cell.laser)):
-        device.report_events_to(event_recorder(journal))
-        if device.identity:
-            journal.record(RunEvent(name, str(device.identity)))
 
 
 def run_scan(context: RunContext, directory: Path) -> ScanSummary:
@@ -175,7 +171,8 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
         if not nothing_recorded_yet(directory):  # else it ended before it began to record
             done = read_recorded_scan(directory, damages.append)
             check_can_go_on_from(directory, damages)
-            changed = changes_since_recording(directory, done, context.job_snapshot(directory))
+            now = take_job_snapshot(directory, context.job)
+            changed = changes_since_recording(directory, done, now)
         accept_edited_copies(directory, context.journal)
         if done is not None and not changed and plan_is_fulfilled(done.stop, context.job.scan):
             nothing_left = "nothing is left to scan; the results are written from the recording"

@@ -17,17 +17,17 @@ from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.config import read_toml, table_to_dict, validate_table
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, nearest_word
-from tjscan.core.frames import Array, JointOrBaseFrame, rotation_angle_between, transform_points
+from tjscan.core.frames import Array, JointOrBaseFrame, transform_points
 from tjscan.core.units import pose_from_rows_mm, pose_to_rows_mm
 from tjscan.job import JointSettings, ScanJob, read_scan_job
 from tjscan.job.arm import sensor_mount_of_job
 from tjscan.job.cell import make_scan_cell
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.edges import FeatureEdges, feature_edges
+from tjscan.joint.edges import feature_edges
 from tjscan.joint.file import JointFile
 from tjscan.recording.journal import CombinedJournal
 from tjscan.result.section import absent_corners
-from tjscan.runs.scan.results import summarise_scan
+from tjscan.runs.scan.results import flange_way, summarise_scan
 from tjscan.runs.scan.run import scan_in_cell
 from tjscan.runs.scan.study_rules import (
     DerivedKeySettings,
@@ -166,7 +166,8 @@ def _outcome(
     summary = summarise_scan(result, plan, frame, errors)
     step, error, own = summary.step_mm, summary.corner_error_mm, summary.sections - 2
     predicted, corrected = (
-        _moved(result, substep) for substep in (Substep.PREDICTION, Substep.CORRECTION)
+        flange_way((a, b) for a, b in pairwise(result.views) if b.substep is substep)
+        for substep in (Substep.PREDICTION, Substep.CORRECTION)
     )
     return ScanOutcome(
         complete=summary.complete,
@@ -194,15 +195,6 @@ def _outcome(
     )
 
 
-def _moved(result: ScanResult, substep: Substep) -> tuple[float, float]:
-    """Millimetres and degrees that the flange moved into views of one kind."""
-    hops = [(a, b) for a, b in pairwise(result.views) if b.substep is substep]
-    travel = sum(float(np.linalg.norm(b.T_b_f[:3, 3] - a.T_b_f[:3, 3])) for a, b in hops)
-    return 1e3 * travel, float(
-        np.degrees(sum(rotation_angle_between(a.T_b_f, b.T_b_f) for a, b in hops))
-    )
-
-
 def _path(result: ScanResult, frame: JointOrBaseFrame) -> tuple[tuple[float, float, float], ...]:
     """The flange's path in cylinder coordinates of frame j, degrees and mm, rounded for a plot."""
     flange = transform_points(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])
@@ -212,9 +204,7 @@ def _path(result: ScanResult, frame: JointOrBaseFrame) -> tuple[tuple[float, flo
     return tuple((float(a), float(r), float(z)) for a, r, z in points)
 
 
-@lru_cache(maxsize=EDGES_KEPT)
-def _edges(joint: JointDefinition) -> FeatureEdges:
-    return feature_edges(joint)
+_edges = lru_cache(maxsize=EDGES_KEPT)(feature_edges)
 
 
 STEP_KEY: Final = "scan.step_mm"

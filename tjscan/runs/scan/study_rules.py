@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -105,23 +105,11 @@ def joint_with_derived_dimensions(joint: JointFile, rules: DerivedKeySettings) -
 def _with_room(joint: JointFile, room_mm: float) -> JointFile:
     """The joint with as much leg and brace as leaves room beyond the groove."""
     longest = {"length_mm": LONGEST_MM}
-    endless = joint.model_copy(
-        update={
-            "leg": joint.leg.model_copy(update=longest),
-            "brace": joint.brace.model_copy(update=longest),
-        }
-    )
-    up, along = _extent(endless.definition("joint"))
-    return joint.model_copy(
-        update={
-            "leg": joint.leg.model_copy(
-                update={"length_mm": float(np.ceil(2 * (1e3 * along + room_mm)))}
-            ),
-            "brace": joint.brace.model_copy(
-                update={"length_mm": float(np.ceil(1e3 * up + room_mm))}
-            ),
-        }
-    )
+    leg, brace = joint.leg.model_copy(update=longest), joint.brace.model_copy(update=longest)
+    up, along = _extent(joint.model_copy(update={"leg": leg, "brace": brace}).definition("joint"))
+    leg = leg.model_copy(update={"length_mm": float(np.ceil(2 * (1e3 * along + room_mm)))})
+    brace = brace.model_copy(update={"length_mm": float(np.ceil(1e3 * up + room_mm))})
+    return joint.model_copy(update={"leg": leg, "brace": brace})
 
 
 def _extent(d: JointDefinition) -> tuple[float, float]:
@@ -139,9 +127,8 @@ TABULATED_AZIMUTHS: Final = np.linspace(-2 * np.pi, 4 * np.pi, 4321)
 """Where the groove's length is tabulated: a turn, and one more either way."""
 
 
-@dataclass(frozen=True, slots=True)
-class TeachingInaccuracy:
-    """Largest error of a taught pose along and about each axis of frame t.
+def random_pose_error(shift: float, turn: float, rng: np.random.Generator) -> Array:
+    """Draw by what frame t of a taught pose is off, as a pose in itself, shape (4, 4), metres.
 
     The operator watches the laser line on the steel: shift and turn are of frame t, which
     is in the groove, and not of the sensor an arm's length above it.
@@ -149,30 +136,11 @@ class TeachingInaccuracy:
     Parameters
     ----------
     shift, turn : float
-        Metres and radians.
+        Largest along and about each axis, metres and radians.
+    rng : Generator
     """
-
-    shift: float
-    turn: float
-
-    def draw_random_pose_error(self, rng: np.random.Generator) -> Array:
-        """Draw a random error of frame t, as a pose in itself, shape (4, 4), metres."""
-        turn = Rotation.from_rotvec(rng.uniform(-self.turn, self.turn, 3))
-        return pose(turn.as_matrix(), rng.uniform(-self.shift, self.shift, 3))
-
-
-def teaching_random_generator(seed: int, joint: str) -> np.random.Generator:
-    """Random generator for teaching errors: another for every joint, the same each time.
-
-    Parameters
-    ----------
-    seed : int
-        Of the job.
-    joint : str
-        The joint, as text.
-    """
-    digest = hashlib.sha256(joint.encode()).digest()
-    return np.random.default_rng([seed, TEACHING_STREAM, int.from_bytes(digest[:8])])
+    around = Rotation.from_rotvec(rng.uniform(-turn, turn, 3))
+    return pose(around.as_matrix(), rng.uniform(-shift, shift, 3))
 
 
 def ideal_sensor_pose(
@@ -252,41 +220,6 @@ def azimuth_further_along(
     )
 
 
-def taught_sensor_poses(
-    joint: JointDefinition,
-    azimuth: float,
-    plan: ScanPlan,
-    error: TeachingInaccuracy,
-    rng: np.random.Generator,
-) -> tuple[Array, Array]:
-    """Simulate both start poses of the sensor as an operator teaches them, a step apart.
-
-    Parameters
-    ----------
-    joint : JointDefinition
-        The joint.
-    azimuth : float
-        Of the first pose in frame j, radians.
-    plan : ScanPlan
-        Step, direction, angles and stand-off.
-    error : TeachingInaccuracy
-        How far off they are.
-    rng : Generator
-        Draws the errors.
-
-    Returns
-    -------
-    first, second : ndarray, shape (4, 4)
-        T_j_s, metres.
-    """
-    second = azimuth_further_along(joint, azimuth, plan.step, plan.direction)
-    first_view, second_view = (
-        ideal_sensor_pose(joint, phi, plan, error.draw_random_pose_error(rng))
-        for phi in (azimuth, second)
-    )
-    return first_view, second_view
-
-
 def azimuths_at_plan_shares(
     joint: JointDefinition, azimuth: float, plan: ScanPlan, shares: Iterable[float]
 ) -> list[float]:
@@ -308,27 +241,6 @@ def azimuths_at_plan_shares(
     return [
         azimuth_further_along(joint, azimuth, share * whole, plan.direction) for share in shares
     ]
-
-
-def joint_pose_for_carried_base(
-    joint: JointDefinition, azimuth: float, plan: ScanPlan, T_b_s_home: Array
-) -> Array:
-    """Pose of the joint in the base frame when the base is carried, as on a gantry, to it.
-
-    Parameters
-    ----------
-    joint, azimuth, plan
-        The joint, where its scan starts (radians), and what is scanned.
-    T_b_s_home : ndarray, shape (4, 4)
-        The sensor's pose in the arm's home configuration.
-
-    Returns
-    -------
-    ndarray, shape (4, 4)
-        T_b_j: at home the arm looks at the middle of the arc.
-    """
-    (middle,) = azimuths_at_plan_shares(joint, azimuth, plan, [0.5])
-    return T_b_s_home @ inverse_pose(ideal_sensor_pose(joint, middle, plan))
 
 
 def plan_with_centred_groove(
@@ -403,7 +315,8 @@ def teach_start_poses(
         raise ConfigurationError("a taught start needs [joint] and [simulation]")
     definition, plan = joint.definition("joint"), job.scan
     which = canonical_json([joint.model_dump(mode="json"), plan.direction])
-    random = teaching_random_generator(job.simulation.seed, which)
+    digest = int.from_bytes(hashlib.sha256(which.encode()).digest()[:8])  # other for every joint
+    random = np.random.default_rng([job.simulation.seed, TEACHING_STREAM, digest])
     azimuth_deg = round(float(random.uniform(-180, 180)), 3)  # drawn in any case: the rest stays
     if rules.start_azimuth_deg is not None and rules.start_azimuth_deg != "any":
         azimuth_deg = rules.start_azimuth_deg
@@ -420,14 +333,20 @@ def teach_start_poses(
         }
     if job.simulation.T_f_s_mm is not None:  # an operator teaches with the laser that is there
         T_f_s = pose_from_rows_mm(job.simulation.T_f_s_mm)
-    error = TeachingInaccuracy(1e-3 * rules.hand_mm, float(np.radians(rules.hand_deg)))
-    T_j_s = taught_sensor_poses(definition, azimuth, plan, error, random)
+    off = 1e-3 * rules.hand_mm, float(np.radians(rules.hand_deg))
+    further = azimuth_further_along(definition, azimuth, plan.step, plan.direction)
+    T_j_s = [
+        ideal_sensor_pose(definition, phi, plan, random_pose_error(*off, random))
+        for phi in (azimuth, further)
+    ]
     T_b_j = job.joint.T_w_j  # a study's jobs have no stations
     changed: dict[str, Any] = {}
     if rules.carry_base:
         q_home = np.array(job.simulation.arm.home)
         T_b_s_home = Kinematics.load(job.arm.model).forward(q_home) @ T_f_s
-        T_b_j = joint_pose_for_carried_base(definition, azimuth, plan, T_b_s_home)
+        # At home the arm looks at the middle of the arc.
+        (middle,) = azimuths_at_plan_shares(definition, azimuth, plan, [0.5])
+        T_b_j = T_b_s_home @ inverse_pose(ideal_sensor_pose(definition, middle, plan))
         changed["joint"] = {"file": job.joint.file} | _pose(T_b_j)
     first, second = (_pose(T_b_j @ T @ inverse_pose(T_f_s)) for T in T_j_s)
     return azimuth_deg, changed | {"scan": scan | {"first": first, "second": second}}

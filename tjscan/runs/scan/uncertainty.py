@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import isclose
-from typing import Self
 
 import numpy as np
 
@@ -81,17 +80,24 @@ def causes_of_job(
     linearity, of_linearity = laser.linear
     # The calibration answered to the same deviation of the same laser as the scan does.
     is_same = mount.by_laser is not None and isclose(linearity, mount.linearity)
-    arm = _ArmOfScan.of(job, mount, sections)
+    kinematics = kinematics_of_job(job)
+    if mount.deviations is not None:
+        kinematics = with_deviations(kinematics, mount.deviations)
+    moved = np.array([deviation_jacobian(kinematics, one.view.q) for one in sections])
     causes = [
         reading_cause(sections),
         repeatability_cause(sections, repeats, of_repeats),
-        *_causes_of_arm(arm, job.arm.uncertainty.absolute, without_laser=is_same),
+        *_causes_of_arm(
+            mount, sections, moved, job.arm.uncertainty.absolute, without_laser=is_same
+        ),
     ]
     left_out = [UNKNOWN_MOUNT] if mount.covariance is None else []
     if linearity > 0:
         cause = linearity_cause(sections, linearity, laser_model_of_job(job), of_linearity)
         if is_same and mount.by_laser is not None:
-            cause = cause.moved_too(sections, arm.twists(mount.by_laser))
+            calibrated = None if mount.deviations is None else moved
+            twists = calibration_twists(sections, mount.T_f_s, calibrated, mount.by_laser)
+            cause = cause.moved_too(sections, twists)
         causes.append(cause)
     bias, of_bias = laser.bias
     if bias > 0:
@@ -101,41 +107,26 @@ def causes_of_job(
     return StatedCauses(tuple(causes), tuple(left_out))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _ArmOfScan:
-    """The arm that took some sections, with the sensor on it."""
-
-    mount: SensorMount
-    sections: Sequence[ScannedSection]
-    by_deviations: Array
-    """How the flange moves in each view with deviations of the joints, shape (n, 6, k, 6)."""
-
-    @classmethod
-    def of(cls, job: CellJob, mount: SensorMount, sections: Sequence[ScannedSection]) -> Self:
-        kinematics = kinematics_of_job(job)
-        if mount.deviations is not None:
-            kinematics = with_deviations(kinematics, mount.deviations)
-        by_deviations = [deviation_jacobian(kinematics, s.view.q) for s in sections]
-        return cls(mount, sections, np.array(by_deviations))
-
-    def twists(self, by_draws: Array) -> Array:
-        """Motions of the views with what the calibration is off by; see `calibration_twists`."""
-        calibrated = None if self.mount.deviations is None else self.by_deviations
-        return calibration_twists(self.sections, self.mount.T_f_s, calibrated, by_draws)
-
-
 def _causes_of_arm(
-    arm: _ArmOfScan, absolute: float | None, *, without_laser: bool
+    mount: SensorMount,
+    sections: Sequence[ScannedSection],
+    moved: Array,
+    absolute: float | None,
+    *,
+    without_laser: bool,
 ) -> Iterator[ViewCause]:
-    """Where the laser sits on the hand, and how the arm's geometry may be off."""
-    mount, sections = arm.mount, arm.sections
+    """Where the laser sits on the hand, and how the arm's geometry may be off.
+
+    Parameters
+    ----------
+    moved : ndarray, shape (n, 6, k, 6)
+        How the flange moves in each view with deviations of the joints.
+    """
     covariance = mount.covariance
     if covariance is not None and without_laser and mount.by_laser is not None:
         covariance = covariance - mount.by_laser @ mount.by_laser.T
     if mount.deviations is not None and covariance is not None:
-        yield calibrated_arm_cause(
-            sections, mount.T_f_s, arm.by_deviations, covariance, CALIBRATED_EVIDENCE
-        )
+        yield calibrated_arm_cause(sections, mount.T_f_s, moved, covariance, CALIBRATED_EVIDENCE)
         return
     if covariance is not None:
         evidence = EVIDENCE_STATED if mount.file is None else CALIBRATED_EVIDENCE
@@ -143,4 +134,4 @@ def _causes_of_arm(
     if absolute != 0:
         evidence = EVIDENCE_ASSUMED if absolute is None else EVIDENCE_STATED
         sigmas = PlacementTolerance().sigmas
-        yield arm_geometry_cause(sections, arm.by_deviations, sigmas, evidence, absolute)
+        yield arm_geometry_cause(sections, moved, sigmas, evidence, absolute)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
@@ -147,16 +147,17 @@ def resume_stations(
                 continue
             if context.stop.ends_after_section or not _stands(job, found, operator):
                 break
-            with (
-                _saying_how_to_go_on(directory, name),
-                watch(name, job.job_at_station(name).scan) as journal,
-            ):
-                accept_edited_copies(directory, journal)
-                _scan(
-                    replace(context, job=job.job_at_station(name), journal=journal),
-                    found,
-                    overrides,
+            there = job.job_at_station(name)
+            try:
+                with watch(name, there.scan) as journal:
+                    accept_edited_copies(directory, journal)
+                    _scan(replace(context, job=there, journal=journal), found, overrides)
+            except TjscanError as error:
+                error.add_note(
+                    f"Station {name} is not finished; what other stations scanned is whole. When "
+                    f"this is put right: tjscan scan --resume {directory}"
                 )
+                raise
     return tuple(_found(directory, name) for name in job.station_names)
 
 
@@ -251,15 +252,3 @@ def _put_aside(directory: Path) -> None:
         directory.rename(next(folder for folder in aside if not folder.exists()))
     except OSError as error:
         raise RecordingError(f"{directory}: can't be renamed: {error.strerror}") from error
-
-
-@contextmanager
-def _saying_how_to_go_on(directory: Path, name: str) -> Iterator[None]:
-    try:
-        yield
-    except TjscanError as error:
-        error.add_note(
-            f"Station {name} is not finished; what other stations scanned is whole. When this is "
-            f"put right: tjscan scan --resume {directory}"
-        )
-        raise

@@ -15,6 +15,7 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import (
+    Array,
     JointOrBaseFrame,
     inverse_pose,
     pose_to_euler_zyx,
@@ -23,7 +24,7 @@ from tjscan.core.frames import (
 )
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
-from tjscan.job import ScanJob, read_scan_job
+from tjscan.job import read_scan_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.recording.parts import recording_files
@@ -256,8 +257,9 @@ def stitch_run_directories(
                 write_png(draft / STATIONS_PICTURE, draw_stitching(error.draft))
             error.add_note(f"{directory / STATIONS_PICTURE} shows it")
         raise
-    _gather(directory, read)
-    done = _write(directory, read, stitched)
+    joint = read[0].joint if all(one.joint == read[0].joint for one in read) else None
+    _gather(directory, read, joint)
+    done = _write(directory, read, stitched, joint)
     finished(directory)
     return done
 
@@ -308,7 +310,13 @@ def read_station_run(directory: Path) -> StationRun:
     check_as_written(*(directory / name for name in COPIED_FILES))
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file)
-        name = _name(job, job_file)
+        if len(job.station) != 1:
+            raise ConfigurationError(
+                f"is of {len(job.station) or 'no'} station{'s' if job.station else ''}: stitching "
+                "takes runs of one [[station]] each, whose pose in frame w it begins from",
+                file=job_file,
+                key="station",
+            )
         read = groove_reader_of_job(job)
         done = read_recorded_scan(directory)
         sections = done.reread_sections(read)
@@ -320,7 +328,7 @@ def read_station_run(directory: Path) -> StationRun:
         )
     summary = read_summary(directory / SUMMARY_FILE)
     check_recording_complete(directory, summary, len(sections))
-    station = station_from_recording(name, job.T_w_b, sections, done.views, read)
+    station = station_from_recording(job.station[0].name, job.T_w_b, sections, done.views, read)
     with add_file_to_errors(job_file):
         causes = causes_of_job(job, context.sensor_mount, station.all_sections)
     return StationRun(
@@ -333,25 +341,15 @@ def read_station_run(directory: Path) -> StationRun:
     )
 
 
-def _name(job: ScanJob, job_file: Path) -> str:
-    if len(job.station) != 1:
-        raise ConfigurationError(
-            f"is of {len(job.station) or 'no'} station{'s' if job.station else ''}: stitching "
-            "takes runs of one [[station]] each, whose pose in frame w it begins from",
-            file=job_file,
-            key="station",
-        )
-    return job.station[0].name
-
-
-def _gather(directory: Path, read: Sequence[StationRun]) -> None:
+def _gather(directory: Path, read: Sequence[StationRun], joint: JointDefinition | None) -> None:
     """Copy the runs from elsewhere, and the joint, into the directory of the result."""
     with write_files_atomically(directory, listed=True) as draft:
         for one in read:
             if not _lies_in(directory, one):
                 shutil.copytree(one.directory, draft / one.station.name)
-        if (joint := _common_joint(read)) is not None and not (directory / JOINT_FILE).exists():
-            shutil.copyfile(joint, draft / JOINT_FILE)
+        file = read[0].directory / JOINT_FILE
+        if joint is not None and file.is_file() and not (directory / JOINT_FILE).exists():
+            shutil.copyfile(file, draft / JOINT_FILE)
 
 
 def _lies_in(directory: Path, one: StationRun) -> bool:
@@ -363,16 +361,22 @@ def _folder(directory: Path, one: StationRun) -> str:
     return one.directory.resolve().name if _lies_in(directory, one) else one.station.name
 
 
-def _common_joint(read: Sequence[StationRun]) -> Path | None:
-    """The file of the joint that all runs name, if they do."""
-    files = [one.directory / JOINT_FILE for one in read]
-    same = all(one.joint == read[0].joint for one in read)
-    return files[0] if same and read[0].joint is not None and files[0].is_file() else None
+def stitched_profile_points(stitched: StitchedGroove) -> Array:
+    """All profile points of the stations, shape (n, 3), metres, in frame j."""
+    return np.concatenate(
+        [
+            all_profile_points(one.station.sections, JointOrBaseFrame(inverse_pose(one.T_j_b)))
+            for one in stitched.stations
+        ]
+    )
 
 
-def _write(directory: Path, read: Sequence[StationRun], stitched: StitchedGroove) -> StitchedRun:
-    joints = [one.joint for one in read]
-    joint = joints[0] if all(one == joints[0] for one in joints) else None
+def _write(
+    directory: Path,
+    read: Sequence[StationRun],
+    stitched: StitchedGroove,
+    joint: JointDefinition | None,
+) -> StitchedRun:
     corners = np.array([section.points for section in stitched.sections])
     summary = summarise_stations(
         {one.station.name: one.summary for one in sorted(read, key=lambda one: one.station.name)},
@@ -393,13 +397,7 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: StitchedGroove
     report = build_stitching_report(
         stitched, {one.station.name: _folder(directory, one) for one in read}
     )
-    frames = [JointOrBaseFrame(inverse_pose(one.T_j_b)) for one in stitched.stations]
-    points = np.concatenate(
-        [
-            all_profile_points(one.station.sections, frame)
-            for one, frame in zip(stitched.stations, frames, strict=True)
-        ]
-    )
+    points = stitched_profile_points(stitched)
     picture = draw_groove_overview(
         stitched.sections,
         points,
@@ -408,9 +406,7 @@ def _write(directory: Path, read: Sequence[StationRun], stitched: StitchedGroove
         f"{report.covered_deg:.0f}° covered",
         outline=() if joint is None else joint_wireframe(joint),
         paths=[
-            transform_points(
-                one.T_j_b, [view.T_b_f[:3, 3] for view in (s.view for s in one.station.sections)]
-            )
+            transform_points(one.T_j_b, [s.view.T_b_f[:3, 3] for s in one.station.sections])
             for one in stitched.stations
         ],
     )

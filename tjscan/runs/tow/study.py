@@ -14,7 +14,6 @@ from tjscan.job.tow.cell import make_planner, make_tow_cell
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.job.tow.job import TowJob
 from tjscan.job.tow.sweep import sweep_seam
-from tjscan.recording.journal import RunEvent
 from tjscan.runs.tow.figures import figures_of_tow
 from tjscan.runs.tow.run import make_tow
 from tjscan.study.backend import (
@@ -61,11 +60,8 @@ class TowOutcome(RunOutcome):
     touches: int | None = None
 
 
-COMPLETE_TOW: Final = "Complete"
-
-
 class TowKeeper:
-    """A tow's journal that keeps everything in memory.
+    """A tow's journal that keeps its cycles in memory.
 
     Parameters
     ----------
@@ -77,16 +73,12 @@ class TowKeeper:
         self._truth = truth
         self.cycles: list[TowCycle] = []
         self.truths: list[TowTruth] = []
-        self.events: list[tuple[str, str]] = []
 
     def record(self, message: object) -> None:
-        """Keep an event, or a cycle and the truth then."""
-        match message:
-            case TowCycle():
-                self.cycles.append(message)
-                self.truths.append(self._truth())
-            case RunEvent():
-                self.events.append((message.name, message.detail))
+        """Keep a cycle and the truth then."""
+        if isinstance(message, TowCycle):
+            self.cycles.append(message)
+            self.truths.append(self._truth())
 
 
 def run_study_tow(job: TowJob) -> TowOutcome:
@@ -108,23 +100,17 @@ def run_study_tow(job: TowJob) -> TowOutcome:
     cell = make_tow_cell(job, sweep.start.angles)
     assert cell.truth is not None
     keeper = TowKeeper(cell.truth)
-    reason, detail = COMPLETE_TOW, "the whole seam is welded"
+    ended = True, "Complete", "the whole seam is welded"
     try:
         with cell:
             make_tow(job, cell, planner, keeper).run(0.0, sweep.start)
     except (TowHalted, VehicleFault) as error:
-        reason, detail = type(error).__name__, str(error)
-    return outcome_of(job, keeper, reason, detail)
-
-
-def outcome_of(job: TowJob, keeper: TowKeeper, reason: str, detail: str) -> TowOutcome:
-    """Outcome of a tow that was kept in memory."""
-    complete = reason == COMPLETE_TOW
+        ended = False, type(error).__name__, str(error)
     if not keeper.cycles:
-        return TowOutcome(complete, reason, detail)
-    found = figures_of_tow(job, keeper.cycles, keeper.truths, complete=complete).as_numbers
+        return TowOutcome(*ended)
+    found = figures_of_tow(job, keeper.cycles, keeper.truths, complete=ended[0]).as_numbers
     wanted = {field.name for field in fields(TowOutcome)} - {"complete", "reason", "detail"}
-    return TowOutcome(complete, reason, detail, **{k: found[k] for k in wanted})  # type: ignore[arg-type]
+    return TowOutcome(*ended, **{k: found[k] for k in wanted})  # type: ignore[arg-type]
 
 
 class TowStudyBackend(StudyBackend[TowOutcome]):

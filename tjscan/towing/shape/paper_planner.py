@@ -105,17 +105,17 @@ class PaperPlanner:
     ) -> tuple[PlanTerms, float, Array]:
         """Terms of (5)-(8) over N, their sum, and its gradient, shape (N,)."""
         weights, targets, n = self.settings.weights, self.settings.targets, self.cable.links
-        bend, by_bend = _rising(angles**2, targets.bend**2)
+        bend, by_bend = _rising(angles**2, targets.bending**2)
         change, by_change = _rising(np.abs(angles - estimate)[1:], targets.change)
         near, by_near = _falling_at(self.cable.poses(angles)[:, :2], floor, targets.distance)
         terms = PlanTerms(
-            weights.bend / n * float(bend.sum()),
-            weights.obstacle / n * float(near.sum()),
+            weights.bending / n * float(bend.sum()),
+            weights.distance / n * float(near.sum()),
             weights.change / n * float(change.sum()),
         )
-        gradient = weights.bend * by_bend * 2 * angles
+        gradient = weights.bending * by_bend * 2 * angles
         gradient[1:] += weights.change * by_change * np.sign(angles - estimate)[1:]
-        gradient += weights.obstacle * self._by_angles(angles, by_near)
+        gradient += weights.distance * self._by_angles(angles, by_near)
         return terms, terms.total, gradient / n
 
     def _by_angles(self, angles: Array, forces: Array) -> Array:

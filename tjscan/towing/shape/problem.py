@@ -29,7 +29,7 @@ from tjscan.towing.shape.compiled import Indices, compiled, inlined, plain_tuple
 from tjscan.towing.shape.distance import distance_to_obstacle
 from tjscan.towing.shape.plan import PlanTerms
 from tjscan.towing.shape.pull import CablePull
-from tjscan.towing.shape.settings import EffortTargets, TowingWeights
+from tjscan.towing.tables import TargetSettings, WeightSettings
 
 SMOOTH_CHANGE = 0.02
 """Radians within which |θ - θ_init| is rounded: it has a kink at the planner's start."""
@@ -275,8 +275,8 @@ class ShapeProblem:
     ----------
     cable : Cable
     obstacles : Obstacles
-    weights : TowingWeights
-    targets : EffortTargets
+    weights : WeightSettings
+    targets : TargetSettings
     estimate : ndarray, shape (N,)
         θ_init, radians.
     fixed : ndarray of int, shape (E,)
@@ -292,8 +292,8 @@ class ShapeProblem:
 
     cable: Cable
     obstacles: Obstacles
-    weights: TowingWeights
-    targets: EffortTargets
+    weights: WeightSettings
+    targets: TargetSettings
     estimate: Array
     fixed: Indices
     fixed_poses: Array
@@ -316,8 +316,8 @@ class ShapeProblem:
             self.estimate,
             np.array(self.cable.root, dtype=float),
             self.cable.link_length,
-            np.array((w.bend, w.obstacle, w.change)) / links,
-            np.array((targets.bend**2, targets.distance, targets.change)),
+            np.array((w.bending, w.distance, w.change)) / links,
+            np.array((targets.bending**2, targets.distance, targets.change)),
             moved,
             costs,
             self.obstacles,

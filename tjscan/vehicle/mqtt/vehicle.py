@@ -35,7 +35,7 @@ from tjscan.vehicle.mqtt.wire import (
     PresenceMessage,
     StateMessage,
 )
-from tjscan.vehicle.vehicle import REST, Twist, VehicleState, check_twist, latest_state
+from tjscan.vehicle.vehicle import AT_REST, Twist, VehicleState, check_twist, latest_state
 
 REPEAT_PERIOD: Final = 0.05
 """Seconds after which the last order is sent again."""
@@ -212,7 +212,7 @@ class MqttVehicle:
         order, self._number = self._order, self._number + 1
         left = 0.0 if order is None else order[1] + self.dead_man - now
         if self._stopped or order is None or left <= 0:
-            twist, hold = REST, 0.0
+            twist, hold = AT_REST, 0.0
         else:
             twist, hold = order[0], left
         message = CommandMessage(
