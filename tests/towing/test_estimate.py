@@ -23,9 +23,8 @@ CABLE, HELD = Cable(links=20), (9, 19)
 def energy(angles: Array, held: Indices, poses: Array, rest: Array) -> tuple[float, Array, Array]:
     """Of the estimate's problem, with gradient and Hessian."""
     n = len(angles)
-    problem = EstimateArrays(
-        np.zeros(3), 0.1, held, poses, np.array((1e4, 1e3)), rest, np.full(n, 0.5)
-    )
+    stiff = np.tile((1e4, 1e3), (len(held), 1))
+    problem = EstimateArrays(np.zeros(3), 0.1, held, poses, stiff, rest, np.full(n, 0.5))
     links, parts = np.empty((n, 5)), make_parts(n)
     place_links(angles, problem.root, 0.1, links)
     value = estimate_terms(angles, problem, links, parts)
