@@ -28,6 +28,7 @@ check: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python .ci/weight.py
 
 # The documentation as pages in site/: no warning, no dead link, nothing that a page would fetch.
 docs: $(READY)

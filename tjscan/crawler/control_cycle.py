@@ -220,7 +220,7 @@ class HandDrive(Protocol):
     def order(self) -> Twist | None:
         """Return the twist asked for at this moment; None once the crawl may begin.
 
-        It is asked for in every cycle, and is `tjscan.vehicle.vehicle.AT_REST` where nobody has
+        It is asked for in every cycle, and is `tjscan.vehicle.vehicle.AT_REST` if no one has
         asked for any lately: who drives by hand must go on saying so.
         """
         ...

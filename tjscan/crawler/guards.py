@@ -63,7 +63,7 @@ class Guards:
             raise CrawlStopped(
                 "proximity",
                 f"the proximity sensors have been silent for {self._without_sample:.1f} s: "
-                "nobody would see an edge. Look at their cable",
+                "an edge would not be seen. Look at their cable",
             )
         if state.fault:
             raise CrawlStopped("drive fault", f"a drive reports: {state.fault}")

@@ -51,7 +51,7 @@ class VehicleDriverInputs:
 
 def _no_truth(vehicle: Any) -> Array:
     raise ConfigurationError(
-        "nobody knows where this vehicle truly stands; a simulated laser needs the simulated "
+        "the true place of this vehicle is not known; a simulated laser needs the simulated "
         "vehicle below it",
         key="vehicle.driver",
     )
@@ -65,7 +65,7 @@ class VehicleDriverFactory(DriverFactory[VehicleDriverInputs, Vehicle]):
     ----------
     truth : callable, optional
         Gives where a vehicle truly is on the unrolled surface, T_w_v, shape (4, 4). Of a real
-        one nobody knows: it raises ConfigurationError.
+        unknown: it raises ConfigurationError.
     """
 
     truth: Callable[[Any], Array] = field(default=_no_truth)

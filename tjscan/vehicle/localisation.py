@@ -53,7 +53,7 @@ class TrackedDisc:
 class Localisation(Device, Protocol):
     """Something that sees a team; connecting waits until every vehicle was seen.
 
-    What it gives may be noisy, old, frozen, or another vehicle's: whoever reads it judges that.
+    What it gives may be noisy, old, frozen, or another vehicle's: its reader judges that.
     What can't be a pose, and what came after a later one, it drops itself, and reports so, as it
     reports lost links, in the thread that reads.
     """

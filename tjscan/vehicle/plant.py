@@ -13,7 +13,7 @@ class VehiclePlant(Protocol):
 
     Its pose is that of frame v on the unrolled surface, frame w: x, y in metres and the heading
     in radians, from x towards y. z of both points into the surface, so the heading grows
-    clockwise for somebody who looks at the surface from outside.
+    clockwise as seen by one who looks at the surface from outside.
     """
 
     @property

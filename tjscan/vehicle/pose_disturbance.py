@@ -1,4 +1,4 @@
-"""What goes wrong with the poses of simulated vehicles on their way to whoever reads them."""
+"""What goes wrong with the poses of simulated vehicles on their way to their reader."""
 
 from __future__ import annotations
 

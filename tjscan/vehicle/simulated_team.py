@@ -19,7 +19,7 @@ class SimulatedTeam:
 
     `advance_to` lets the world go on for all of them. A vehicle's own `next_state` gives the newest
     state that it has not given yet; where there is none, it lets the world go on by one period. So
-    whoever reads all of them in turn moves the clock once a turn.
+    a reader of all of them in turn moves the clock once a turn.
 
     A context manager: entering connects all vehicles.
 

@@ -28,7 +28,7 @@ class Twist:
     speed : float
         Along x, m/s.
     turn_rate : float
-        About z, rad/s: clockwise for somebody who looks at the surface from outside.
+        About z, rad/s: clockwise as seen by one who looks at the surface from outside.
     sideways : float, optional
         Along y, m/s; nothing for a vehicle on tracks.
     """

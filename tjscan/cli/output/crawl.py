@@ -36,7 +36,7 @@ class TerminalWeldOperator:
         """Ask until it is confirmed; Ctrl-C stops the crawler instead."""
         import questionary
 
-        question = f"Gas, wire and current ready, and nobody in the way: weld pass {number}?"
+        question = f"Gas, wire and current ready, and the way clear of people: weld pass {number}?"
         return bool(questionary.confirm(question).unsafe_ask())
 
 

@@ -93,7 +93,7 @@ class CablePull:
         hessian = max(1.0, RELIEF_TIME / period) * by_force @ stiffness
         at = 2 * weight * (root - 1)
         # However soft the cable is there, the vehicle gives way slowly; also where the force goes
-        # through zero, for nobody knows it better than an error of the poses leaves it.
+        # through zero, as it is known no better than the errors of the poses allow.
         doubted = min(self.doubt * float(np.linalg.norm(stiffness, 2)), target)
         slope = np.hypot(np.hypot(*gradient), doubted * np.linalg.norm(by_force, 2))
         hessian += slope / (RELIEF_SPEED * period) * np.eye(2)

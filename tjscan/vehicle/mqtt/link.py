@@ -137,7 +137,7 @@ class BrokerLink:
         if isinstance(sock, socket.socket):
             with suppress(OSError):  # cut already
                 sock.shutdown(socket.SHUT_RDWR)
-        # It ends when it next looks whether to connect again, which nobody must wait for.
+        # It ends when it next looks whether to connect again, which must not be waited for.
         threading.Thread(target=client.loop_stop, daemon=True).start()
         self._changed(False)
 

@@ -24,7 +24,7 @@ from tjscan.vehicle.mqtt.wire import (
 )
 
 READER_TOPIC: Final = "reader"
-"""Where whoever reads the poses announces itself."""
+"""Topic on which a reader of the poses announces itself."""
 
 LOOK_PERIOD: Final = 0.01
 """Seconds between two looks for the first poses."""
@@ -79,7 +79,7 @@ class MqttLocalisation:
         Raises
         ------
         VehicleLinkLost
-            If there is no broker, or nobody sends the pose of a vehicle.
+            If there is no broker, or the pose of a vehicle is not sent.
         """
         self._begin()
         s = self.settings

@@ -48,8 +48,8 @@ class MqttVehicle:
     """A vehicle behind an MQTT broker, behind the `Vehicle` protocol.
 
     A thread sends each command as it comes, and again every 50 ms as long as it is not older
-    than the dead-man time; else it sends a stop. So the vehicle drives only while whoever
-    commands it is alive, and stops too where it hears nothing.
+    than the dead-man time; else it sends a stop. So the vehicle drives only while its
+    commander is alive, and stops too when it hears nothing.
 
     Parameters
     ----------
@@ -269,7 +269,7 @@ class MqttVehicle:
             self._states.get()
             self.dropped += 1
             if self.dropped in REPORTED_COUNTS:
-                self._events.put(("message-dropped", "a state that nobody read in time"))
+                self._events.put(("message-dropped", "a state that was not read in time"))
         self._states.put(message.state)
 
     def _link_changed(self, up: bool) -> None:

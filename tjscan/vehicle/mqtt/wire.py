@@ -56,7 +56,7 @@ class WireMessage:
     Parameters
     ----------
     session : str
-        Drawn anew by each sender when it starts.
+        Drawn by each sender when it starts.
     number : int
         Grows with every message of the session on one topic.
     time : float
@@ -278,7 +278,7 @@ class MessageGate:
         self._offset, self._heard = inf, 0.0
 
     def reset(self, session: str = "") -> None:
-        """Begin anew, with the messages of a session, or of the first that comes."""
+        """Begin again, with the messages of a session, or of the first that comes."""
         self.session, self._last, self._offset = session, None, inf
 
     def reason_to_drop(self, message: WireMessage, now: float) -> str:
