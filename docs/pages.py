@@ -13,6 +13,7 @@ from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 
 from tjscan.cli import app
+from tjscan.cli.schema import json_schema_of_kind
 from tjscan.job.kinds import FILE_KINDS, FileKind
 
 ROOT = Path(__file__).parents[1]
@@ -79,7 +80,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 
 def on_post_build(config: MkDocsConfig) -> None:
-    """Refuse a page that would fetch anything from elsewhere when somebody opens it."""
+    """Refuse a page that would fetch anything from elsewhere when it is opened."""
     outside = re.compile(r'<(?:script|link|img|iframe)\b[^>]*(?:src|href)="?(?:https?:)?//[^>]*')
     for page in sorted(Path(config.site_dir).rglob("*.html")):
         if found := outside.search(page.read_text(encoding="utf-8")):
@@ -100,7 +101,7 @@ def _page_of_commands() -> str:
 
 def _page_of_schema(kind: FileKind) -> Iterator[str]:
     """A page of all keys of a kind of file."""
-    schema = kind.json_schema()
+    schema = json_schema_of_kind(kind)
     name = kind.name.partition(" ")[2]
     yield f"# {name[0].upper()}{name[1:]}\n"
     yield f"{kind.use[0].upper()}{kind.use[1:]}.\n"
@@ -113,7 +114,7 @@ def _table(
 ) -> Iterator[str]:
     """The keys of a table, and after it the tables inside it."""
     inside = []
-    rows = ["| key | what it is | value | where left out |", "| --- | --- | --- | --- |"]
+    rows = ["| key | what it is | value | if left out |", "| --- | --- | --- | --- |"]
     for key, value in table["properties"].items():
         kinds = [_resolved(one, defined) for one in (value, *value.get("anyOf", ()))]
         rest = [one for one in kinds if one.get("type") != "null" and "anyOf" not in one]
