@@ -30,6 +30,8 @@ def test_the_line_to_type_is_named(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
+    # Another test may have imported the module that needs the package.
+    monkeypatch.delitem(sys.modules, "tjscan.job.tow.floor", raising=False)
     assert tjscan(*command) == 2
     assert f"pip install 'tjscan[{extra}]'" in " ".join(capsys.readouterr().err.split())
 

@@ -88,10 +88,10 @@ def test_of_a_damaged_recording_what_is_left_is_read_and_the_rest_named(
     spoilt, out = tmp_path / "spoilt", tmp_path / "again"
     shutil.copytree(run, spoilt)
     data = (spoilt / "scan.mcap").read_bytes()
-    (spoilt / "scan.mcap").write_bytes(data.replace(b"tjscan.View", b"tjscan.Viev", 2))
+    (spoilt / "scan.mcap").write_bytes(data.replace(b"tjscan.ProfileView", b"tjscan.ProfileVieu", 2))
     assert tjscan("reprocess", spoilt, "--out", out) == 1  # no message is known any more
     assert not out.exists()
-    place = data.index(b'{"index": 3, "T_s_t"')
+    place = data.index(b'{"view": {"index": 3')
     (spoilt / "scan.mcap").write_bytes(data[:place] + b"[" + data[place + 1 :])
     capsys.readouterr()
     assert tjscan("reprocess", spoilt, "--out", out) == 1
