@@ -88,7 +88,8 @@ def test_of_a_damaged_recording_what_is_left_is_read_and_the_rest_named(
     spoilt, out = tmp_path / "spoilt", tmp_path / "again"
     shutil.copytree(run, spoilt)
     data = (spoilt / "scan.mcap").read_bytes()
-    (spoilt / "scan.mcap").write_bytes(data.replace(b"tjscan.ProfileView", b"tjscan.ProfileVieu", 2))
+    renamed = data.replace(b"tjscan.ProfileView", b"tjscan.ProfileVieu", 2)
+    (spoilt / "scan.mcap").write_bytes(renamed)
     assert tjscan("reprocess", spoilt, "--out", out) == 1  # no message is known any more
     assert not out.exists()
     place = data.index(b'{"view": {"index": 3')
