@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from tjscan.core.errors import TubesNotFound
 from tjscan.core.frames import Array, frozen_arrays, readonly_copy, transform_points, unit_vector
@@ -171,6 +170,8 @@ def fit_cylinder(start: Cylinder, points: Array, scale: float) -> tuple[Cylinder
 
     def jacobian(step: Array) -> Array:
         return tube.boxplus(step).jacobian(points)
+
+    from scipy.optimize import least_squares  # heavy, and no job that is only read needs it
 
     found = least_squares(
         distance,
