@@ -14,7 +14,7 @@ from tjscan.runs.scan.study import ScanOutcome
 from tjscan.runs.tasks import study_backend_of_task
 from tjscan.study.file import plan_study
 from tjscan.study.run import run_study, run_trial
-from tjscan.study.schedule import CrashedTask, DaskScheduler, FinishedTask
+from tjscan.study.schedule import DaskScheduler, EndedTask
 from tjscan.study.store import ROWS_FILE, make_study_directory, read_rows
 from tjscan.study.trial import LOST_WORKER, StudyRow, Trial
 
@@ -60,16 +60,14 @@ class Here:
     def __init__(self, stop_after: int | None = None) -> None:
         self.stop_after, self.made = stop_after, 0
 
-    def __call__(
-        self, work: object, trials: object
-    ) -> Generator[FinishedTask[Trial, StudyRow[Any]]]:
+    def __call__(self, work: object, trials: object) -> Generator[EndedTask[Trial, StudyRow[Any]]]:
         assert callable(work)
         assert isinstance(trials, list)
         for trial in trials:
             if self.made == self.stop_after:
                 raise KeyboardInterrupt
             self.made += 1
-            yield FinishedTask(trial, work(trial))
+            yield EndedTask(trial, work(trial))
 
 
 def ignore(row: StudyRow[Any]) -> None:
@@ -123,9 +121,9 @@ def test_processes_change_nothing(
 
 
 def test_a_lost_task_is_a_row_that_says_so(trials: tuple[Trial, ...], tmp_path: Path) -> None:
-    def losing(work: object, trials: object) -> Generator[CrashedTask[Trial]]:
+    def losing(work: object, trials: object) -> Generator[EndedTask[Trial, StudyRow[Any]]]:
         assert isinstance(trials, list)
-        yield from (CrashedTask(trial, "its process died") for trial in trials)
+        yield from (EndedTask(trial, None, "its process died") for trial in trials)
 
     make_study_directory(tmp_path / "s", trials[:1])
     (row,) = run_study(tmp_path / "s", losing, ignore, study_backend_of_task)

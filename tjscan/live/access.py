@@ -7,14 +7,13 @@ is in the path of the URL, for the page and for its socket alike.
 
 from __future__ import annotations
 
-import http.client
-import secrets
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from hmac import compare_digest
 from http import HTTPStatus
+from http.client import HTTPConnection
 from typing import Any, Final
 
 import rich
@@ -38,11 +37,6 @@ class UnsharedServer(viser.ViserServer):
 
     def request_share_url(self, verbose: bool = True) -> None:
         """Ask no relay for anything: no request leaves the machine."""
-
-
-def new_token() -> str:
-    """Return a token that can't be guessed."""
-    return secrets.token_urlsafe(18)
 
 
 def open_server(address: str, port: int, token: str, label: str) -> viser.ViserServer:
@@ -97,8 +91,7 @@ def answer_without_token(address: str, port: int) -> int:
         If it does not answer.
     """
     try:
-        connection = http.client.HTTPConnection(address, port, timeout=ANSWER_TIMEOUT)
-        with closing(connection):
+        with closing(HTTPConnection(address, port, timeout=ANSWER_TIMEOUT)) as connection:
             connection.request("GET", "/")
             return connection.getresponse().status
     except OSError as error:
@@ -106,7 +99,7 @@ def answer_without_token(address: str, port: int) -> int:
 
 
 def _check_can_bind(address: str, port: int) -> None:
-    """Where a port is taken, viser would take the next one without a word."""
+    """If a port is taken, viser would take the next one without a word."""
     try:
         family = socket.AF_INET6 if ":" in address else socket.AF_INET
         with socket.socket(family, socket.SOCK_STREAM) as probe:
@@ -138,8 +131,7 @@ def _guarded(token: str) -> Iterator[None]:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """While the block runs, viser prints nothing: stdout is for results."""
-    print_rich = rich.print
-    rich.print = _print_nothing
+    print_rich, rich.print = rich.print, lambda *_, **__: None
     try:
         yield
     finally:
@@ -158,7 +150,3 @@ def _asking_for(token: str, answer: HttpAnswer) -> HttpAnswer:
         return answer(connection, replace(request, path=f"/{rest}"))
 
     return answer_with_token
-
-
-def _print_nothing(*_: object, **__: object) -> None:
-    """Print nothing."""

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from queue import Empty, Full, Queue
+from collections.abc import Callable
+from queue import Full, Queue
 from threading import Event, Thread
-from typing import Final, Generic, TypeVar
-
-Entry = TypeVar("Entry")
+from typing import Any, Final
 
 FEED_CAPACITY: Final = 512
 """Entries that wait for the page; what comes while it is full is not shown."""
@@ -17,28 +15,26 @@ CLOSING_TIMEOUT: Final = 2.0
 """Seconds that the end of a run leaves the page to show what is waiting."""
 
 
-class LiveFeed(Generic[Entry]):
+class LiveFeed:
     """Bounded queue between a run and its page, emptied by a thread of its own.
 
     Parameters
     ----------
     show : callable
-        Shows entries, all that came since the last time at once. Where it raises, the page is
+        Shows entries, all that came since the last time at once. If it raises, the page is
         dead: `report` hears of it once, and entries are dropped from then on.
     report : callable
         Receives messages, each a sentence.
     """
 
-    def __init__(
-        self, show: Callable[[Sequence[Entry]], None], report: Callable[[str], object]
-    ) -> None:
+    def __init__(self, show: Callable[[list[Any]], None], report: Callable[[str], object]) -> None:
         self._show, self._report = show, report
-        self._waiting: Queue[Entry] = Queue(FEED_CAPACITY)
+        self._waiting: Queue[object] = Queue(FEED_CAPACITY)
         self._over, self.dropped, self.is_dead = Event(), 0, False
-        self._thread = Thread(target=self._run, name="live page", daemon=True)
+        self._thread = Thread(target=self._show_entries, name="live page", daemon=True)
         self._thread.start()
 
-    def post(self, entry: Entry) -> None:
+    def post(self, entry: object) -> None:
         """Hand an entry over at once; drop it if the page is dead or does not keep up."""
         if self.is_dead:
             return
@@ -54,10 +50,10 @@ class LiveFeed(Generic[Entry]):
         if self.dropped:
             self._report(f"the page did not keep up: {self.dropped} entries are missing from it")
 
-    def _run(self) -> None:
+    def _show_entries(self) -> None:
         while True:
             over = self._over.wait(DRAW_INTERVAL)
-            entries = self._drain()
+            entries = [self._waiting.get_nowait() for _ in range(self._waiting.qsize())]
             try:
                 if entries:
                     self._show(entries)
@@ -67,11 +63,3 @@ class LiveFeed(Generic[Entry]):
                 return
             if over:
                 return
-
-    def _drain(self) -> list[Entry]:
-        found = []
-        try:
-            while True:
-                found.append(self._waiting.get_nowait())
-        except Empty:
-            return found

@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from threading import Event
-from typing import Generic, Protocol, TypeVar
+from typing import Protocol
 
 from tjscan.core.errors import PageUnavailable
-from tjscan.live.buttons import PageButton
+from tjscan.live.buttons import Button
 from tjscan.live.feed import LiveFeed
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import STATE_FACT, Setting, Step, merge_steps
 
-Entry = TypeVar("Entry")
-Shown = TypeVar("Shown", contravariant=True)
 
-
-class Show(Protocol[Shown]):
+class Show(Protocol):
     """Turns what a run's journal receives into steps of the page."""
 
     @property
@@ -25,13 +22,13 @@ class Show(Protocol[Shown]):
         """What does not change."""
         ...
 
-    def step(self, entry: Shown) -> Step:
-        """What an entry changes."""
+    def step(self, entry: object) -> Step:
+        """What an entry changes: nothing if it is of an unknown type."""
         ...
 
 
-class RunOnPage(Generic[Entry]):
-    """A run that is shown while it goes on; see `show_run`.
+class RunOnPage:
+    """A run that is shown while it goes on, a journal of it; see `show_run`.
 
     Parameters
     ----------
@@ -42,19 +39,19 @@ class RunOnPage(Generic[Entry]):
         Receives, in a sentence, what becomes of the page.
     """
 
-    def __init__(
-        self, page: Page | None, show: Show[Entry], report: Callable[[str], object]
-    ) -> None:
+    def __init__(self, page: Page | None, show: Show, report: Callable[[str], object]) -> None:
         self.page, self._show = page, show
         self._started = Event()
-        self._feed: LiveFeed[Entry | Step] | None = None
-        if page is not None:
-            self._feed = LiveFeed(self._draw, report)
+        self._feed = None if page is None else LiveFeed(self._draw, report)
 
-    def post(self, entry: Entry | Step) -> None:
+    def post(self, entry: object) -> None:
         """Hand an entry of the journal, or a step, to the page; never waits."""
         if self._feed is not None:
             self._feed.post(entry)
+
+    def record(self, message: object) -> None:
+        """Show a message of the run's journal."""
+        self.post(message)
 
     def show_state(self, state: str) -> None:
         """Show what the run is doing, in a few words."""
@@ -92,7 +89,7 @@ class RunOnPage(Generic[Entry]):
         if self._feed is not None:
             self._feed.close()
 
-    def _draw(self, entries: Sequence[Entry | Step]) -> None:
+    def _draw(self, entries: Sequence[object]) -> None:
         if self.page is not None:
             steps = [one if isinstance(one, Step) else self._show.step(one) for one in entries]
             self.page.show(merge_steps(steps))
@@ -100,12 +97,12 @@ class RunOnPage(Generic[Entry]):
 
 @contextmanager
 def show_run(
-    show: Show[Entry],
+    show: Show,
     where: PageAddress,
     report: Callable[[str], object],
-    buttons: Callable[[RunOnPage[Entry]], Sequence[PageButton]],
+    buttons: Callable[[RunOnPage], Sequence[Button]],
     before: Callable[[], Iterable[Step]] = tuple,
-) -> Iterator[RunOnPage[Entry]]:
+) -> Iterator[RunOnPage]:
     """Show a run on a page while the block runs; it goes on without if there is none.
 
     Parameters
@@ -131,16 +128,10 @@ def show_run(
         run = RunOnPage(page, show, report)
         try:
             page.add_buttons(buttons(run))
-            _show_before(run, before, report)
+            try:
+                run.post(merge_steps([Step(), *before()]))
+            except Exception as error:  # whatever it is, the run goes on
+                report(f"what was there before is not on the page: {error}")
             yield run
         finally:
             run.close()
-
-
-def _show_before(
-    run: RunOnPage[Entry], before: Callable[[], Iterable[Step]], report: Callable[[str], object]
-) -> None:
-    try:
-        run.post(merge_steps([Step(), *before()]))
-    except Exception as error:  # whatever it is, the run goes on
-        report(f"what was there before is not on the page: {error}")

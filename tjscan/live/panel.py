@@ -101,7 +101,7 @@ class Panel:
         measure : Measure or None
             Which one is plotted.
         scale : ColourScale or None
-            Of that measure; None where nothing in the picture is coloured by it.
+            Of that measure; None if nothing in the picture is coloured by it.
         """
         if step.facts:
             self._facts.update(step.facts)
@@ -228,13 +228,11 @@ def plot_range(y: Array, above: Array | None = None) -> tuple[float, float]:
 
 def profile_columns(curve: PlaneCurve) -> tuple[Array, ...]:
     """Columns of the newest profile's plot: x, its points, and the corners fitted to them."""
-    known = np.isfinite(curve.x) & np.isfinite(curve.z)
-    x, z = curve.x[known], curve.z[known]
-    thin = slice(None, None, max(1, len(x) // PROFILE_POINTS))
-    x, z = x[thin], z[thin]
-    k = len(curve.fitted)
-    xs = np.concatenate((x, curve.fitted[:, 0]))
-    points = np.concatenate((z, np.full(k, np.nan)))
-    fitted = np.concatenate((np.full(len(x), np.nan), curve.fitted[:, 1]))
+    known = np.flatnonzero(np.isfinite(curve.x) & np.isfinite(curve.z))
+    thin = known[:: max(1, len(known) // PROFILE_POINTS)]
+    corners = curve.fitted
+    xs = np.concatenate((curve.x[thin], corners[:, 0]))
+    points = np.concatenate((curve.z[thin], np.full(len(corners), np.nan)))
+    fitted = np.concatenate((np.full(len(thin), np.nan), corners[:, 1]))
     order = np.argsort(xs, kind="stable")
     return xs[order], points[order], fitted[order]

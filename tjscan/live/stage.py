@@ -43,7 +43,7 @@ class Stage:
         self._scene.add_frame(root, show_axes=False, position=shift)
         self._frames: dict[str, Any] = {}
         self._nodes: dict[str, list[Any]] = {}
-        self.pieces: dict[str, MeasuredPiece] = {}
+        self._pieces: dict[str, MeasuredPiece] = {}
         self._colour_by, self._scale = "", ColourScale(0.0, 1.0)
         self._draw_arm(setting)
         self._draw_solids("solid", setting.solids, SOLID_COLOUR, SOLID_OPACITY)
@@ -77,8 +77,13 @@ class Stage:
         if (measure, scale) == (self._colour_by, self._scale):
             return
         self._colour_by, self._scale = measure, scale
-        for name, piece in self.pieces.items():
-            self._colour_nodes(self._nodes[name], self._colour_of(piece))
+        for name, piece in self._pieces.items():
+            colour = self._colour_of(piece)
+            for node in self._nodes[name]:
+                if isinstance(node, viser.PointCloudHandle):
+                    node.colors = np.array(colour, dtype=np.uint8)
+                else:
+                    node.color = colour
 
     def _draw(self, name: str, thing: Drawable) -> None:
         path = f"{self._root}/{name}"
@@ -89,13 +94,11 @@ class Stage:
                 self._place(name, thing.T)
             case Lines():
                 self._nodes[name] = [self._lines(path, thing)]
-            case Surface():
-                self._nodes[name] = [
-                    self._mesh(path, thing.vertices, thing.triangles, thing.colour, thing.opacity)
-                ]
+            case Surface(vertices, triangles, colour, opacity):
+                self._nodes[name] = [self._mesh(path, vertices, triangles, colour, opacity)]
             case MeasuredPiece():
-                self.pieces[name] = thing
-                self._nodes[name] = self._piece(path, thing)
+                self._pieces[name] = thing
+                self._nodes[name] = self._draw_piece(path, thing)
 
     def _draw_arm(self, setting: Setting) -> None:
         """Links as meshes; the tool is a child of the flange."""
@@ -110,10 +113,9 @@ class Stage:
         self._draw_solids(f"arm/{flange}/tool", setting.tool, TOOL_COLOUR)
 
     def _pose_arm(self, q: Array) -> None:
-        if self._arm is None:
-            return
-        for name, T in zip(self._arm.link_names, self._arm.link_poses(q), strict=True):
-            self._place(f"arm/{name}", T)
+        if self._arm is not None:
+            for name, T in zip(self._arm.link_names, self._arm.link_poses(q), strict=True):
+                self._place(f"arm/{name}", T)
 
     def _place(self, name: str, T: Array) -> None:
         if name not in self._frames:
@@ -162,35 +164,25 @@ class Stage:
             receive_shadow=False,
         )
 
-    def _piece(self, path: str, piece: MeasuredPiece) -> list[Any]:
+    def _draw_piece(self, path: str, piece: MeasuredPiece) -> list[Any]:
         """Points about their own middle: half the bits are enough for a hundredth of a mm there."""
-        colour, nodes = self._colour_of(piece), []
+        colour, nodes = self._colour_of(piece), list[Any]()
         points = piece.points[np.isfinite(piece.points).all(axis=1)]
         if len(points):
             middle = points.mean(axis=0)
-            nodes.append(
-                self._scene.add_point_cloud(
-                    f"{path}/points",
-                    points - middle,
-                    colour,
-                    point_size=POINT_SIZE,
-                    point_shape="circle",
-                    point_shading="flat",
-                    position=middle,
-                )
+            cloud = self._scene.add_point_cloud(
+                f"{path}/points",
+                points - middle,
+                colour,
+                point_size=POINT_SIZE,
+                point_shape="circle",
+                point_shading="flat",
+                position=middle,
             )
+            nodes.append(cloud)
         if len(piece.vertices):
-            mesh = self._mesh(f"{path}/surface", piece.vertices, piece.triangles, colour)
-            nodes.append(mesh)
+            nodes.append(self._mesh(f"{path}/surface", piece.vertices, piece.triangles, colour))
         return nodes
 
     def _colour_of(self, piece: MeasuredPiece) -> Colour:
         return self._scale.colour_of(piece.values.get(self._colour_by, np.nan))
-
-    @staticmethod
-    def _colour_nodes(nodes: Iterable[Any], colour: Colour) -> None:
-        for node in nodes:
-            if isinstance(node, viser.PointCloudHandle):
-                node.colors = np.array(colour, dtype=np.uint8)
-            else:
-                node.color = colour

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import nan
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, Protocol
+from typing import Any, Final, Self
 
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.laser.profile import Profile
 from tjscan.live.drawables import Drawable, Lines, Surface
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.solids import Solid
@@ -85,6 +86,13 @@ class PlaneCurve:
     z: Array
     fitted: Array = field(default_factory=lambda: np.empty((0, 2)))
 
+    @classmethod
+    def of_profile(cls, profile: Profile, corners_s: Array | None = None) -> Self:
+        """Return a profile, and the corners that were fitted to it, shape (k, 3), metres."""
+        points = 1e3 * profile.points_s
+        fitted = np.empty((0, 2)) if corners_s is None else 1e3 * corners_s[:, [0, 2]]
+        return cls(points[:, 0], points[:, 2], fitted)
+
 
 @dataclass(frozen=True, slots=True)
 class StateDiagram:
@@ -155,18 +163,21 @@ class Step:
 
 def merge_steps(steps: Sequence[Step]) -> Step:
     """Merge steps into one: of what has the same name the last one counts."""
-    progress = [step.progress for step in steps if step.progress is not None]
-    profiles = [step.profile for step in steps if step.profile is not None]
+
+    def newest(name: str) -> Any:
+        values = (getattr(step, name) for step in reversed(steps))
+        return next((value for value in values if value is not None), None)
+
     return Step(
         next((step.label for step in reversed(steps) if step.label), ""),
         {name: thing for step in steps for name, thing in step.drawn.items()},
         {name: text for step in steps for name, text in step.facts.items()},
-        progress[-1] if progress else None,
+        newest("progress"),
         [sample for step in steps for sample in step.samples],
-        profiles[-1] if profiles else None,
+        newest("profile"),
         [event for step in steps for event in step.events],
-        next((step.table for step in reversed(steps) if step.table is not None), None),
-        next((step.diagram for step in reversed(steps) if step.diagram is not None), None),
+        newest("table"),
+        newest("diagram"),
     )
 
 
@@ -234,19 +245,9 @@ class RecordedShow:
     steps: tuple[Step, ...]
 
 
-class ShowReader(Protocol):
-    """A function that each algorithm registers: what the recording of its run has to show."""
+ShowReader = Callable[[Path], RecordedShow | None]
+"""A function that each task brings: what the recording of its run has to show.
 
-    def __call__(self, directory: Path) -> RecordedShow | None:
-        """Read what a run directory has to show; None if it holds no run of this algorithm.
-
-        Parameters
-        ----------
-        directory : Path
-            Of the run, finished or not.
-
-        Raises
-        ------
-        ConfigurationError, RecordingError
-            If a file in it is wrong or damaged.
-        """
+It gets the run directory, finished or not, and returns None if that holds no run of the task. It
+raises ConfigurationError or RecordingError if a file in it is wrong or damaged.
+"""

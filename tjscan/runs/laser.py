@@ -60,8 +60,7 @@ def open_laser_of_job(
         if job.laser.driver_kind is DriverKind.REAL:
             laser = make_laser_without_arm(job.laser)
         else:
-            _, make = prepare_simulated_laser(job_file, overrides)
-            laser = make()
+            laser = prepare_simulated_laser(job_file, overrides)[1]()
     with laser:
         yield laser, job.groove
 

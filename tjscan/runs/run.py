@@ -54,8 +54,8 @@ REPLAYED_TASKS: Final = ("crawl", "tow")
 """What is replayed into another run directory, as its recordings are named."""
 
 
-J = TypeVar("J")
 T = TypeVar("T")
+V = TypeVar("V", CrawlJob, TowJob)
 
 
 def do_nothing_when_finished(directory: Path) -> None:
@@ -82,6 +82,11 @@ class JobContext(Generic[T]):
     job_file: Path
     journal: Journal = field(default_factory=CombinedJournal)
     finished: Callable[[Path], object] = do_nothing_when_finished
+
+    @property
+    def calibration_file(self) -> Path | None:
+        """The calibration file that the job names, if it names one."""
+        return None
 
 
 def default_run_directory(job_file: Path, station: str | None = None) -> Path:
@@ -129,49 +134,56 @@ def make_run_directory(
             shutil.copyfile(calibration, draft / CALIBRATION_FILE)
         if Path(job.arm.model).suffix == ".urdf":
             shutil.copyfile(job.arm.model, draft / URDF_FILE)
-        write_job_copy(draft, _text(job, draft), job_file, "w" if job.station else "b")
+        write_job_copy(draft, _job_naming_copies(job, draft), job_file, "w" if job.station else "b")
 
 
-def make_vehicle_run_directory(
-    directory: Path, job: CrawlJob | TowJob, job_file: Path, calibration: Path | None = None
-) -> None:
+def make_vehicle_run_directory(directory: Path, context: JobContext[V]) -> None:
     """Make the run directory of a crawl or a tow; see `make_run_directory`."""
+    job: CrawlJob | TowJob = context.job
     with empty_run_directory(directory) as draft:
-        if calibration is not None:
-            shutil.copyfile(calibration, draft / CALIBRATION_FILE)
+        if context.calibration_file is not None:
+            shutil.copyfile(context.calibration_file, draft / CALIBRATION_FILE)
             job = job.model_copy(update={"calibration": CALIBRATION_FILE})
-        write_job_copy(draft, tomli_w.dumps(table_to_dict(job)), job_file, "w")
+        write_job_copy(draft, tomli_w.dumps(table_to_dict(job)), context.job_file, "w")
+
+
+def job_snapshot_of_file(file: Path) -> JobSnapshot:
+    """Snapshot of the job of a crawl or a tow, as its run directory holds it."""
+    return JobSnapshot(file.read_text(encoding="utf-8"))
 
 
 @contextmanager
 def record_vehicle_run(
+    context: JobContext[V],
     directory: Path,
     recording: str,
-    record: Callable[[Path, JobSnapshot], AbstractContextManager[J]],
-    *afterwards: Callable[[Path], object],
-) -> Iterator[J]:
+    record: Callable[[Path, JobSnapshot], AbstractContextManager[Journal]],
+    write_results: Callable[[Path], object] | None = None,
+) -> Iterator[Journal]:
     """Record into a run directory while it is locked, and write results however the block ends.
 
     Parameters
     ----------
+    context : JobContext
+        Its journal receives everything too.
     directory : Path
         Which holds the job already.
     recording : str
         Name of its recordings.
     record : callable
         Opens the recording of a file and the job's snapshot; gives its journal.
-    *afterwards : callable
-        Are called in order with the directory when the recording is closed: they write results.
+    write_results : callable, optional
+        Is called with the directory when the recording is closed, before `context.finished`.
     """
-    snapshot = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
     file = next_recording_file(directory, recording)
     with lock_and_clean_directory(directory):
         try:
-            with record(file, snapshot) as journal:
-                yield journal
+            with record(file, job_snapshot_of_file(directory / JOB_FILE)) as journal:
+                yield CombinedJournal(journal, context.journal)
         finally:
-            for act in afterwards:
-                act(directory)
+            if write_results is not None:
+                write_results(directory)
+                context.finished(directory)
 
 
 def check_replay(
@@ -421,15 +433,17 @@ def take_job_snapshot(directory: Path, job: CellJob) -> JobSnapshot:
         arm = file_sha256(urdf) if urdf.is_file() else ""
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(f"{directory}: can't be read: {error}") from error
-    return JobSnapshot(_text(job, directory), joint, calibration, arm)
+    return JobSnapshot(_job_naming_copies(job, directory), joint, calibration, arm)
 
 
-def _text(job: CellJob, directory: Path) -> str:
+def _job_naming_copies(job: CellJob, directory: Path) -> str:
     """A job as TOML that names the copies in a directory."""
+    named: dict[str, object] = {}
     if job.joint is not None and (directory / JOINT_FILE).is_file():
-        job = job.model_copy(update={"joint": replace(job.joint, file=JOINT_FILE)})
+        named["joint"] = replace(job.joint, file=JOINT_FILE)
     if (directory / CALIBRATION_FILE).is_file():
-        job = job.model_copy(update={"calibration": CalibrationSettings(file=CALIBRATION_FILE)})
+        named["calibration"] = CalibrationSettings(file=CALIBRATION_FILE)
     if (directory / URDF_FILE).is_file():
-        job = job.model_copy(update={"arm": replace(job.arm, model=URDF_FILE)})
+        named["arm"] = replace(job.arm, model=URDF_FILE)
+    job = job.model_copy(update=named)
     return tomli_w.dumps(table_to_dict(job))

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from tjscan.core.errors import ConfigurationError, nearest_word
-from tjscan.live.step import RecordedShow, ShowReader
+from tjscan.live.step import RecordedShow
 from tjscan.result.chapter import ChapterWriter
 from tjscan.result.directory import JOB_FILE
 from tjscan.study.backend import StudyBackend
@@ -51,12 +51,8 @@ def report_chapters() -> Mapping[str, ChapterWriter]:
     from tjscan.runs.scan.report import scan_chapter
     from tjscan.runs.tow.report import tow_chapter
 
-    return {
-        "calibrate": calibration_chapter,
-        "crawl": crawl_chapter,
-        "scan": scan_chapter,
-        "tow": tow_chapter,
-    }
+    chapters = (calibration_chapter, crawl_chapter, scan_chapter, tow_chapter)
+    return dict(zip((task.name for task in ALL_TASKS), chapters, strict=True))
 
 
 def page_of_task(task: Task) -> ChapterWriter:
@@ -93,15 +89,10 @@ def read_recorded_show(directory: Path) -> RecordedShow:
     """
     from tjscan.runs.live.calibration import read_calibration_show
     from tjscan.runs.live.crawl import read_crawl_show
-    from tjscan.runs.live.scan import read_recorded_scan_show
+    from tjscan.runs.live.scan import read_scan_show
     from tjscan.runs.live.tow import read_tow_show
 
-    readers: tuple[ShowReader, ...] = (
-        read_calibration_show,
-        read_crawl_show,
-        read_recorded_scan_show,
-        read_tow_show,
-    )
+    readers = (read_calibration_show, read_crawl_show, read_scan_show, read_tow_show)
     for read in readers:
         if (show := read(directory)) is not None:
             if not show.steps:
@@ -126,11 +117,8 @@ def study_backend_of_task(task: str) -> StudyBackend[Any]:
     from tjscan.runs.scan.study import SCAN_STUDY
     from tjscan.runs.tow.study import TOW_STUDY
 
-    backends: dict[str, StudyBackend[Any]] = {
-        "crawl": CRAWL_STUDY,
-        "scan": SCAN_STUDY,
-        "tow": TOW_STUDY,
-    }
+    backends: dict[str, StudyBackend[Any]]
+    backends = {"crawl": CRAWL_STUDY, "scan": SCAN_STUDY, "tow": TOW_STUDY}
     names = [one.name for one in ALL_TASKS]
     if task not in names:
         raise ConfigurationError(

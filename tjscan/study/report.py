@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isnan
@@ -82,16 +82,16 @@ def write_study_report(
         If a picture can't be written.
     """
     keys = keys_to_show(rows, kind.seed)
-    lines = [*_ended(rows, planned)]
+    lines = [*_lines_of_endings(rows, planned)]
     if len({row.inputs.get(kind.compared_key) for row in rows}) > 1:
         for quantity in kind.measures:
-            lines += _side_by_side(rows, keys, kind.compared_key, quantity)
+            lines += _lines_side_by_side(rows, keys, kind.compared_key, quantity)
     for key in keys:
-        lines += _overview(rows, key, kind)
+        lines += _lines_of_key(rows, key, kind)
     if keys:
         write_png(folder / OVERVIEW_PICTURE, _draw_overview(rows, keys, kind))
         lines += [f"![overview]({OVERVIEW_PICTURE})", ""]
-    lines += _causes(rows)
+    lines += _lines_of_failures(rows)
     (folder / REPORT_FILE).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -142,40 +142,42 @@ def _cell_text(value: Value) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _ended(rows: Sequence[StudyRow[Any]], planned: int) -> Iterator[str]:
-    complete = sum(row.outcome.complete for row in rows)
-    yield "# Study"
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    """Lines of a table whose first column is text, and whose others are numbers."""
+    yield f"| {' | '.join(head)} |"
+    yield f"| --- |{' ---: |' * (len(head) - 1)}"
+    yield from (f"| {' | '.join(row)} |" for row in rows)
     yield ""
+
+
+def _lines_of_endings(rows: Sequence[StudyRow[Any]], planned: int) -> Iterator[str]:
+    complete = sum(row.outcome.complete for row in rows)
+    yield from ("# Study", "")
     yield f"{complete} of {len(rows)} runs complete ({complete / len(rows):.2%})."
     if len(rows) < planned:
         yield f"{planned - len(rows)} runs are still to be made."
     yield ""
-    yield "| ended because | runs |"
-    yield "| --- | ---: |"
-    for reason, count in Counter(row.outcome.reason for row in rows).most_common():
-        yield f"| {reason} | {count} |"
-    yield ""
+    reasons = Counter(row.outcome.reason for row in rows).most_common()
+    yield from _table(("ended because", "runs"), ((reason, f"{n}") for reason, n in reasons))
 
 
-def _side_by_side(
+def _lines_side_by_side(
     rows: Sequence[StudyRow[O]], keys: Sequence[str], compared: str, quantity: ReportedQuantity[O]
 ) -> Iterator[str]:
     """A table of one quantity with a column for each value of the key that is compared."""
     has_key = [row for row in rows if compared in row.inputs]
     columns = dict.fromkeys(_cell_text(row.inputs[compared]) for row in has_key)
-    yield f"| {quantity.name}: mean of complete runs | {' | '.join(columns)} |"
-    yield f"| --- |{' ---: |' * len(columns)}"
     groups = {"all": RowGroup(tuple(rows))} | {
         f"{key} {word}": group
         for key in keys
         if key != compared
         for word, group in _groups_by_value(rows, key).items()
     }
+    table = []
     for name, group in groups.items():
         found = _groups_by_value(group.rows, compared)
-        cells = [_mean_cell(found.get(column), quantity) for column in columns]
-        yield f"| {name} | {' | '.join(cells)} |"
-    yield ""
+        table.append((name, *(_mean_cell(found.get(column), quantity) for column in columns)))
+    yield from _table((f"{quantity.name}: mean of complete runs", *columns), table)
 
 
 def _mean_cell(group: RowGroup[O] | None, quantity: ReportedQuantity[O]) -> str:
@@ -186,15 +188,15 @@ def _mean_cell(group: RowGroup[O] | None, quantity: ReportedQuantity[O]) -> str:
     return f"{text} ({len(group.complete_rows)} of {len(group.rows)})"
 
 
-def _overview(rows: Sequence[StudyRow[Any]], key: str, kind: StudyBackend[Any]) -> Iterator[str]:
+def _lines_of_key(
+    rows: Sequence[StudyRow[Any]], key: str, kind: StudyBackend[Any]
+) -> Iterator[str]:
     """A table of one key: how many runs of each value are complete, and what they measure."""
-    yield f"| {key} | runs | complete | {' | '.join(m.name for m in kind.measures)} |"
-    yield f"| --- | ---: | ---: |{' ---: |' * len(kind.measures)}"
+    table = []
     for word, group in _groups_by_value(rows, key).items():
         means = (f"{group.mean_of_complete(m.value):{m.form}}" for m in kind.measures)
-        share = f"{group.complete_share:.1%}"
-        yield f"| {word} | {len(group.rows)} | {share} | {' | '.join(means)} |"
-    yield ""
+        table.append((word, f"{len(group.rows)}", f"{group.complete_share:.1%}", *means))
+    yield from _table((key, "runs", "complete", *(m.name for m in kind.measures)), table)
 
 
 def _draw_overview(
@@ -228,12 +230,11 @@ def _draw_bars(axes: Any, names: list[str], values: list[float]) -> None:
     axes.grid(axis="y", linewidth=0.3)
 
 
-def _causes(rows: Sequence[StudyRow[Any]]) -> Iterator[str]:
+def _lines_of_failures(rows: Sequence[StudyRow[Any]]) -> Iterator[str]:
     failed = [row for row in rows if not row.outcome.complete]
     if not failed:
         return
-    yield "Runs that are not complete:"
-    yield ""
+    yield from ("Runs that are not complete:", "")
     for row in failed[:MOST_CAUSES]:
         where = ", ".join(f"{key} {value}" for key, value in row.inputs.items())
         yield f"- row {row.index} ({where}): {row.outcome.detail}"

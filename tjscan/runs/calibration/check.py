@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -60,10 +59,10 @@ def check_calibration_job(job: CalibrationJob, job_file: Path) -> HandEyeUncerta
     task = calibration_plan_of_job(job, T_f_s)
     cell, _ = make_calibration_cell(job, T_f_s)
     with cell:
-        return _plan_lines(task, cell.arm, _start_pose(task, cell.arm))
+        return _plan_lines(task, cell.arm, _find_start_pose(task, cell.arm))
 
 
-def _start_pose(task: CalibrationPlan, arm: Arm) -> Array:
+def _find_start_pose(task: CalibrationPlan, arm: Arm) -> Array:
     """Flange pose square over the board that the arm gets to."""
     reason = ""
     for T_b_f in start_poses_over_board(task, arm.state().T_b_f):
@@ -83,20 +82,18 @@ def _plan_lines(task: CalibrationPlan, arm: Arm, ready: Array) -> HandEyeUncerta
     board = BoardRectangle.through_touched_points(touched, target)
     measured = MeasurementsSoFar(datetime.now(UTC), {})
     expected = predict_uncertainty(np.empty((0, 4, 4)), task.T_f_s, target, task.window, task.noise)
+
+    def reaches(T_b_f: Array) -> bool:
+        """Whether the arm gets to a pose from `ready`, and back, on a straight line."""
+        try:
+            arm.check_moves(ready, T_b_f, ready)
+        except PoseUnreachable:
+            return False
+        return True
+
     for number in range(1, task.lines + 1):
         progress = CalibrationProgress((), task.lines, expected, None, None)
-        there = suggest_next_line_pose(
-            task, measured, target, board, progress, partial(_reaches, arm, ready)
-        )
+        there = suggest_next_line_pose(task, measured, target, board, progress, reaches)
         shot = PosedProfile(f"line {number}", there.T_b_f, NOT_TAKEN)
         measured, expected = measured.with_entry(LaserLineTaken(shot, False)), there.after
     return expected
-
-
-def _reaches(arm: Arm, ready: Array, T_b_f: Array) -> bool:
-    """Whether the arm gets to a pose from `ready`, and back, on a straight line."""
-    try:
-        arm.check_moves(ready, T_b_f, ready)
-    except PoseUnreachable:
-        return False
-    return True

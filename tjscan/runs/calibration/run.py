@@ -91,22 +91,11 @@ def calibrate_arm_in_cell(
     TjscanError
         As `ArmWizard.run` does.
     """
-    kinematics = kinematics_of_job(job)
-    plan = BallPlan(
-        np.array(ball.position),
-        ball.radius,
-        T_f_s,
-        task.window,
-        ball.noise,
-        ball.tolerance,
-        ball.poses,
-        ball.held_out,
-        task.laser,
-    )
+    kinematics, position, q = kinematics_of_job(job), np.array(ball.position), cell.arm.state().q
+    limits = ball.noise, ball.tolerance, ball.poses, ball.held_out, task.laser
+    plan = BallPlan(position, ball.radius, T_f_s, task.window, *limits)
     views = plan_views(plan, kinematics)
-    wizard = ArmWizard(
-        plan, views, kinematics, cell.arm, cell.laser, operator, logbook, cell.arm.state().q
-    )
+    wizard = ArmWizard(plan, views, kinematics, cell.arm, cell.laser, operator, logbook, q)
     found, arcs = wizard.run()
     result = as_hand_eye_calibration(found, [arc.name for arc in arcs], kinematics.name)
     return result, basis_of_postures(logbook.measured, result, 1e3 * ball.radius)
@@ -139,11 +128,11 @@ def basis_of_lines(
         left_out=tuple(f"a pose was passed over: {one.reason}" for one in measured.skipped_poses),
         caveats=result.caveats,
         views=views_of_poses(poses, result.T_f_s),
-        shrinking=tuple(_shrinking(task, measured, target)),
+        shrinking=tuple(_uncertainties_after_lines(task, measured, target)),
     )
 
 
-def _shrinking(
+def _uncertainties_after_lines(
     task: CalibrationPlan, measured: MeasurementsSoFar, target: PlaneTarget
 ) -> Iterator[ShrinkingEntry]:
     """Uncertainty after each line, from where the lines gave a result."""
@@ -151,11 +140,9 @@ def _shrinking(
         first = replace(measured, line_profiles=measured.line_profiles[:count])
         result = current_progress(task, first, target).result
         if result is not None:
-            sure = result.uncertainty
+            sure, degrees = result.uncertainty, float(np.degrees(result.uncertainty.rotation))
             yield ShrinkingEntry(
-                lines=count,
-                sigma_position_mm=1e3 * sure.position,
-                sigma_rotation_deg=float(np.degrees(sure.rotation)),
+                lines=count, sigma_position_mm=1e3 * sure.position, sigma_rotation_deg=degrees
             )
 
 
@@ -233,12 +220,10 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
     """Resume an interrupted calibration; raises as `start_calibration` does."""
     check_as_written(directory / JOB_FILE)
     job = read_calibration_job(directory / JOB_FILE)
-    file = directory / CALIBRATION_FILE
+    file, drivers = directory / CALIBRATION_FILE, {job.arm.driver_kind, job.laser.driver_kind}
     if file.exists():
         raise ConfigurationError("is finished already; there is nothing to resume", file=directory)
-    if not operator.present and {job.arm.driver_kind, job.laser.driver_kind} != {
-        DriverKind.SIMULATED
-    }:
+    if not operator.present and drivers != {DriverKind.SIMULATED}:
         raise ConfigurationError("a real arm moves only while a person watches: not unattended")
     T_f_s = sensor_mount_of_job(job, directory / JOB_FILE).T_f_s
     cell, probe = make_calibration_cell(job, T_f_s)
@@ -254,11 +239,9 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
             result, verification, noise = outcome.result, outcome.verification, job.board.noise
             basis = basis_of_lines(task, logbook.measured, result)
         else:
-            about, verification = wizard.take_lines(*wizard.touch_board()).T_f_s, None
-            noise = job.ball.noise
-            result, basis = calibrate_arm_in_cell(
-                job, job.ball, cell, operator, logbook, about, task
-            )
+            about, ball = wizard.take_lines(*wizard.touch_board()).T_f_s, job.ball
+            verification, noise = None, ball.noise
+            result, basis = calibrate_arm_in_cell(job, ball, cell, operator, logbook, about, task)
         found = to_calibration_file(
             result,
             noise,
@@ -271,9 +254,8 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
         )
     if not operator.confirm(Question(f"Save it as {file}?", True, yes="Finish", no="Skip")):
         raise CalibrationRefused("not saved", f"what was measured stays in {directory}")
-    write_calibration(
-        file, found, Provenance.for_file_written_now(job_label_of_run(directory), "f")
-    )
+    provenance = Provenance.for_file_written_now(job_label_of_run(directory), "f")
+    write_calibration(file, found, provenance)
     return SavedCalibration(file, found, result.caveats)
 
 
@@ -306,9 +288,8 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
         return cell, JoggedProbe(cell.arm)
     if simulation is None:
         _refuse_board_without_simulation()
-    truth = simulation.board or SimulatedBoardSettings(
-        position=board.position, euler_zyx=board.euler_zyx
-    )
+    as_stated = SimulatedBoardSettings(position=board.position, euler_zyx=board.euler_zyx)
+    truth = simulation.board or as_stated
     cell = make_cell(job, T_f_s, lambda: SimulatedScene(_targets_surface(job, truth.T), np.eye(4)))
     probe = SimulatedTouchProbe(
         cell.arm,
@@ -334,8 +315,7 @@ def _targets_surface(job: CalibrationJob, T_b_board: Array) -> RaycastSurface:
     plate.apply_transform(T_b_board)
     bodies = [plate]
     if job.ball is not None:
-        truth = None if job.simulation is None else job.simulation.ball
-        ball = truth or job.ball
+        ball = (job.simulation and job.simulation.ball) or job.ball
         sphere = trimesh.creation.icosphere(subdivisions=BALL_SUBDIVISIONS, radius=ball.radius)
         sphere.apply_translation(ball.position)
         bodies.append(sphere)
@@ -353,10 +333,14 @@ def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPla
     T_f_s : ndarray, shape (4, 4)
         Rough pose of the laser.
     """
-    board = job.board
-    model = laser_model_of_job(job)
+    board, model = job.board, laser_model_of_job(job)
     # That other lasers of this class open their fan as the simulated one is an assumption.
     window = MeasuringRange(model.near, model.far, model.emitter_z, model.half_angle, model.columns)
+    largest, _ = job.laser.uncertainty.linear
+    deviation = None  # if the laser is stated to be exact
+    if largest:
+        apex = {"apex_z": window.apex_z, "half_angle": window.half_angle}
+        deviation = LaserDeviation.in_window(largest, near=window.near, far=window.far, **apex)
     return CalibrationPlan(
         board.T,
         0.5 * np.array(board.size),
@@ -367,21 +351,7 @@ def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPla
         board.touches,
         board.lines,
         ArmGeometry(kinematics_of_job(job)).moves,
-        laser_deviation_of_job(job, window),
-    )
-
-
-def laser_deviation_of_job(job: CalibrationJob, window: MeasuringRange) -> LaserDeviation | None:
-    """By what a job's laser may deviate in its window; none if it is stated to be exact."""
-    largest, _ = job.laser.uncertainty.linear
-    if largest == 0:
-        return None
-    return LaserDeviation.in_window(
-        largest,
-        near=window.near,
-        far=window.far,
-        apex_z=window.apex_z,
-        half_angle=window.half_angle,
+        deviation,
     )
 
 

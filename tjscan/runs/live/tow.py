@@ -29,6 +29,7 @@ from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.solids import Cylinder, Solid
+from tjscan.runs.tow.figures import clearance_of_discs
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.seam import Seam
 from tjscan.towing.topics import TOW_RECORDING, read_tow
@@ -49,8 +50,6 @@ CIRCLE_SIDES: Final = 40
 CYCLES_BETWEEN_STEPS: Final = 2
 """Cycles of a recording between two steps."""
 
-TowEntry = TowCycle | TowTruth | RunEvent
-
 
 class TowShow:
     """Turns what a tow's journal receives into steps of the page; frame w, z up.
@@ -67,23 +66,22 @@ class TowShow:
         self._began: float | None = None
         self.setting = self._setting(title)
 
-    def step(self, entry: TowEntry) -> Step:
+    def step(self, entry: object) -> Step:
         """Return what one entry of the journal changes on the page."""
         match entry:
             case TowCycle():
                 return self._cycle_step(entry)
             case TowTruth():
                 return self._truth_step(entry)
-            case RunEvent():
-                stopped = {STATE_FACT: f"stop: {entry.detail}"} if entry.name == "stop" else {}
-                return Step(entry.name, facts=stopped, events=((entry.name, entry.detail),))
+            case RunEvent(name, detail):
+                stopped = {STATE_FACT: f"stop: {detail}"} if name == "stop" else {}
+                return Step(name, facts=stopped, events=((name, detail),))
+        return Step()
 
     def _setting(self, title: str) -> Setting:
         job = self._job
-        rings = [
-            _on_floor(np.array((*ring, ring[0])), height=0.0)
-            for ring in (job.area.outline, *job.area.holes)
-        ]
+        rings = (job.area.outline, *job.area.holes)
+        walls = [_on_floor(np.array((*ring, ring[0])), height=0.0) for ring in rings]
         outline = np.array(job.area.outline)
         middle = np.array((*(0.5 * (outline.min(axis=0) + outline.max(axis=0))), 0.0))
         size = float(np.linalg.norm(np.ptp(outline, axis=0)))
@@ -91,20 +89,14 @@ class TowShow:
         shape = Cylinder(job.vehicles.radius, VEHICLE_HEIGHT)
         names = [f"vehicle {k + 1}" for k in range(job.vehicles.count - 1)]
         seam = _on_floor(self._seam.path.points)
+        clearances, forces = (CABLE_CLEARANCE, VEHICLE_CLEARANCE), (WELDER_FORCE, VEHICLE_FORCE)
         return Setting(
             title,
-            (
-                LARGEST_BEND,
-                CABLE_CLEARANCE,
-                VEHICLE_CLEARANCE,
-                PLAN_OBJECTIVE,
-                WELDER_FORCE,
-                VEHICLE_FORCE,
-            ),
+            (LARGEST_BEND, *clearances, PLAN_OBJECTIVE, *forces),
             "time / s",
             bodies={name: (Solid(name, shape, upright),) for name in (*names, "welder")},
             ghost=(
-                Lines.through(*rings, colour=NOMINAL_COLOUR, width=2.0),
+                Lines.through(*walls, colour=NOMINAL_COLOUR, width=2.0),
                 Lines.through(seam, colour=LASER_COLOUR, width=2.5),
             ),
             look_at=middle,
@@ -114,23 +106,20 @@ class TowShow:
     def _cycle_step(self, cycle: TowCycle) -> Step:
         self._began = cycle.time if self._began is None else self._began
         plan, time = cycle.plan, cycle.time - self._began
-        estimate = self._chain.line(plan.estimate)
-        discs = cycle.obstacles[:, :3]
+        estimate, planned = self._chain.line(plan.estimate), self._chain.line(plan.angles)
+        discs, radius = cycle.obstacles[:, :3], self._job.vehicles.radius
         values = {
             LARGEST_BEND.name: float(np.degrees(np.abs(plan.angles).max())),
             PLAN_OBJECTIVE.name: plan.terms.paper,
-            VEHICLE_CLEARANCE.name: 1e3
-            * vehicles_apart(cycle.poses, self._job.vehicles.radius, discs),
+            VEHICLE_CLEARANCE.name: 1e3 * vehicles_apart(cycle.poses, radius, discs),
         }
         if len(discs):
-            values[CABLE_CLEARANCE.name] = 1e3 * clearance(estimate, discs)
+            values[CABLE_CLEARANCE.name] = 1e3 * clearance_of_discs(estimate, discs)
         bodies = zip(self.setting.bodies, cycle.poses, strict=True)
         drawn: dict[str, Drawable] = {
             **{name: Placement(pose(rot_z(a), (x, y, 0.0))) for name, (x, y, a) in bodies},
             "cable": Lines.through(_on_floor(estimate), colour=TOOL_COLOUR, width=4.0),
-            "planned": Lines.through(
-                _on_floor(self._chain.line(plan.angles)), colour=FITTED_COLOUR, width=2.0
-            ),
+            "planned": Lines.through(_on_floor(planned), colour=FITTED_COLOUR, width=2.0),
             "obstacles": Lines.through(*map(_circle, discs), colour=SOLID_COLOUR, width=3.0),
         }
         return Step(
@@ -158,25 +147,17 @@ class TowShow:
 
     def _truth_step(self, truth: TowTruth) -> Step:
         """What a simulation knows too: the true cable, and its forces."""
-        time = truth.time if self._began is None else truth.time - self._began
+        cable = Lines.through(_on_floor(truth.line), colour=NOMINAL_COLOUR, width=2.0)
         values = {
             WELDER_FORCE.name: float(np.hypot(*truth.welder_force[:2])),
             VEHICLE_FORCE.name: float(truth.vehicle_forces.max(initial=0.0)),
         }
         return Step(
-            drawn={
-                "true cable": Lines.through(_on_floor(truth.line), colour=NOMINAL_COLOUR, width=2.0)
-            },
+            drawn={"true cable": cable},
             facts={name: f"{force:.1f} N" for name, force in values.items()},
-            samples=(Sample(time, values),),
+            samples=(Sample(truth.time - (self._began or 0.0), values),),
             events=[("touch", one) for one in truth.touches],
         )
-
-
-def clearance(line: Array, discs: Array) -> float:
-    """Least distance in metres of a line's corners, (n, 2), from discs x, y, radius, (m, 3)."""
-    apart = np.linalg.norm(line[:, None, :2] - discs[None, :, :2], axis=2)
-    return float((apart - discs[:, 2]).min())
 
 
 def vehicles_apart(poses: Array, radius: float, discs: Array) -> float:
@@ -210,33 +191,16 @@ def read_tow_show(directory: Path) -> RecordedShow | None:
     if not recording_files(directory, TOW_RECORDING)[0].is_file():
         return None
     show = TowShow(read_tow_job(directory / JOB_FILE), directory.resolve().name)
-    return RecordedShow(show.setting, tuple(map(show.step, _entries(directory))))
+    return RecordedShow(show.setting, tuple(map(show.step, _read_thinned_entries(directory))))
 
 
-def _entries(directory: Path) -> Iterator[TowEntry]:
+def _read_thinned_entries(directory: Path) -> Iterator[object]:
     """Events, and of cycles and truths every second one."""
-    seen = Counter[type[TowEntry]]()
+    seen = Counter[type]()
     for entry in read_tow(directory):
         seen[type(entry)] += 1
         if isinstance(entry, RunEvent) or seen[type(entry)] % CYCLES_BETWEEN_STEPS == 1:
             yield entry
-
-
-class TowPageJournal:
-    """A tow's journal that hands everything to the page, and what a simulation knows beside.
-
-    Parameters
-    ----------
-    run : RunOnPage
-    """
-
-    def __init__(self, run: RunOnPage[TowEntry]) -> None:
-        self._run = run
-
-    def record(self, message: object) -> None:
-        """Show a cycle or an event; or what a simulation knows: the cable, and its forces."""
-        if isinstance(message, TowCycle | TowTruth | RunEvent):
-            self._run.post(message)
 
 
 @contextmanager
@@ -246,9 +210,9 @@ def show_tow(
     where: PageAddress,
     report: Callable[[str], object],
     interrupt: Callable[[], object],
-) -> Iterator[TowPageJournal]:
+) -> Iterator[RunOnPage]:
     """Show a tow while the block runs; for the parameters see `show_crawl`."""
     stop = stop_button(interrupt, "all vehicles")
     with show_run(TowShow(job, title), where, report, lambda _: stop) as run:
         run.show_state("plans the whole seam before anything moves")
-        yield TowPageJournal(run)
+        yield run

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
@@ -20,9 +21,11 @@ from tjscan.core.frames import (
     rot_z,
     transform_points,
 )
+from tjscan.core.units import MM
 from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.arm import kinematics_of_job, solids_in_base
 from tjscan.planning.bead import PlannedBead
+from tjscan.planning.document import LengthEntry
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.stops import StationStretch
@@ -67,7 +70,7 @@ class WeldingStation:
     kinematics: Kinematics
     T_b_r: Array
 
-    def hindrance(self, torch: TorchSettings, groove: Array, reserve: float) -> Hindrance:
+    def make_hindrance(self, torch: TorchSettings, groove: Array, reserve: float) -> Hindrance:
         """What keeps the arm with a torch from a configuration.
 
         The solids of the job, whose frame w is known if the job states the joint's pose in
@@ -104,8 +107,7 @@ class WeldingStation:
                 return 0.0 if other == SCANNED_GROOVE else -np.inf
             return torch.margin if moving in of_torch else table.solids
 
-        pairs = model.pairs
-        margins = np.array([least(p.moving, p.other, own=p.own) for p in pairs])
+        margins = np.array([least(pair.moving, pair.other, own=pair.own) for pair in model.pairs])
         check = model.make_check(margins + reserve)
 
         def hindrance(q: Array) -> str:
@@ -138,35 +140,34 @@ def welding_stations(directory: Path, frame: str) -> tuple[WeldingStation, ...]:
     """
     report = read_stitching_report(directory)
     if report is None:
-        job = _job(directory)
-        T_b_r = np.eye(4)
+        job, T_b_r = _read_job(directory), np.eye(4)
         if frame == "j":
             if job.joint is None or job.station:
-                raise ConfigurationError("does not say where the joint stands", key="joint")
+                raise ConfigurationError("does not state the pose of the joint", key="joint")
             T_b_r = job.joint.T_w_j
-        return (
-            _station(job.station_names[0] if job.station else ARM_STATION, job, directory, T_b_r),
-        )
-    order = _job(directory).station_names if (directory / JOB_FILE).is_file() else ()
+        name = job.station_names[0] if job.station else ARM_STATION
+        return (_make_station(name, job, directory, T_b_r),)
+    order = _read_job(directory).station_names if (directory / JOB_FILE).is_file() else ()
     found = []
     for one in report.stations:
         folder = directory / one.source
         T_j_b = pose_from_euler_zyx(1e-3 * np.array(one.position_mm), np.radians(one.euler_zyx_deg))
-        found.append(_station(one.name, _job(folder), folder, inverse_pose(T_j_b)))
+        found.append(_make_station(one.name, _read_job(folder), folder, inverse_pose(T_j_b)))
     return tuple(sorted(found, key=lambda s: order.index(s.name) if s.name in order else 0))
 
 
-def _station(name: str, job: ScanJob, folder: Path, T_b_r: Array) -> WeldingStation:
-    with add_file_to_errors(folder / JOB_FILE):
+def _make_station(name: str, job: ScanJob, folder: Path, T_b_r: Array) -> WeldingStation:
+    file = folder / JOB_FILE
+    with add_file_to_errors(file):
         model = kinematics_of_job(job)
-        deviations = RunContext(job, folder / JOB_FILE).sensor_mount.deviations
+        deviations = RunContext(job, file).sensor_mount.deviations
     calibrated = model if deviations is None else with_deviations(model, deviations)
-    return WeldingStation(name, job, folder / JOB_FILE, model, calibrated, T_b_r)
+    return WeldingStation(name, job, file, model, calibrated, T_b_r)
 
 
-def _job(folder: Path) -> ScanJob:
+def _read_job(folder: Path) -> ScanJob:
     if not (folder / JOB_FILE).is_file():
-        raise ConfigurationError("the run holds no job that says where its arm stood", file=folder)
+        raise ConfigurationError("the run holds no job that states its arm's place", file=folder)
     return read_scan_job(folder / JOB_FILE)
 
 
@@ -180,21 +181,9 @@ SURFACE_STEP: Final = 10e-3
 """Metres between sections of the groove's surface: a tube's chords stay 0.1 mm off it."""
 
 
-@dataclass(frozen=True, slots=True)
-class UnreachedLength:
-    """A length of groove that a station does not reach.
-
-    Parameters
-    ----------
-    begin, end : float
-        Metres along the groove.
-    reason : str
-        What mostly prevents it.
-    """
-
-    begin: float
-    end: float
-    reason: str
+def to_mm(length: float) -> float:
+    """Metres along the groove as millimetres of a plan's document."""
+    return round(length / MM.factor, 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -236,20 +225,28 @@ class StationReach:
         return StationStretch(self.station.name, *(float(self._at(np.array(i))) for i in found))
 
     @property
-    def unreached(self) -> tuple[UnreachedLength, ...]:
+    def usual_hindrance(self) -> str:
+        """What prevents it at most places."""
+        return Counter(self.holds.hindrances).most_common(1)[0][0]
+
+    @property
+    def unreached(self) -> tuple[LengthEntry, ...]:
         """Lengths of groove beyond that stretch, and what prevents them."""
         first, last = self.longest or (0, -1)
         m, step = len(self.places), self.places[1] - self.places[0]
         reached = {i % m for i in range(first, last + 1)}
-        found = list[UnreachedLength]()
+        found = list[tuple[float, float, str]]()
         for i in (i for i in range(m) if i not in reached):
             at = float(self.places[i])
             reason = self.holds.hindrances[i] or "a joint would have to jump"
-            if found and found[-1].reason == reason and at - found[-1].end < 1.5 * step:
-                found[-1] = UnreachedLength(found[-1].begin, at, reason)
-            else:
-                found.append(UnreachedLength(at, at, reason))
-        return tuple(found)
+            begin = at
+            if found and found[-1][2] == reason and at - found[-1][1] < 1.5 * step:
+                begin, *_ = found.pop()
+            found.append((begin, at, reason))
+        return tuple(
+            LengthEntry(begin_mm=to_mm(begin), end_mm=to_mm(end), reason=reason)
+            for begin, end, reason in found
+        )
 
     def lead_torch(self, plan: WeldPlan) -> StationPath:
         """Lead the torch along this station's beads, one after the other.
@@ -268,11 +265,11 @@ class StationReach:
         """
         first, last = self.longest or (0, 0)
         spins, q = self.holds.path(first, last)
-        q = _within_limits(q, self.station)
+        q = _turned_within_limits(q, self.station)
         at = self._at(np.arange(first, last + 1))
         torch, arm = plan.wps.torch, self.station.kinematics
         T_tool_f, back = inverse_pose(torch.tcp.T), pose(p=(0.0, 0.0, -torch.retract))
-        leader = _Leader(self.station, torch.tcp.T, self.hindrance)
+        leader = _TorchLeader(self.station, torch.tcp.T, self.hindrance)
         found, before = list[BeadPath](), None
         for bead in (bead for bead in plan.beads if bead.station == self.station.name):
             turns = np.round((0.5 * (at[0] + at[-1]) - bead.s.mean()) / self.length)
@@ -302,7 +299,7 @@ class StationReach:
         return np.asarray(self.places[i % m] + self.length * (i // m))
 
 
-class _Leader:
+class _TorchLeader:
     """Leads an arm from pose to pose of its tool, and checks that nothing is in the way."""
 
     def __init__(self, station: WeldingStation, T_f_tool: Array, hindrance: Hindrance) -> None:
@@ -369,16 +366,16 @@ def find_station_reach(station: WeldingStation, plan: WeldPlan, groove: Array) -
     count = ceil(edges.length / PLACE_STEP)
     places = np.linspace(0.0, edges.length, count + 1)[: count if edges.closed else None]
     T = station.T_b_r @ torch_poses(plan, places)
-    hindrance = station.hindrance(torch, groove, MARGIN_RESERVE)
     holds = find_tool_holds(
         station.kinematics,
         torch.tcp.T,
         T,
-        hindrance,
+        station.make_hindrance(torch, groove, MARGIN_RESERVE),
         singular=station.job.clearance.singular,
         closed=edges.closed,
     )
-    return StationReach(station, station.hindrance(torch, groove, 0.0), places, edges.length, holds)
+    hindrance = station.make_hindrance(torch, groove, 0.0)
+    return StationReach(station, hindrance, places, edges.length, holds)
 
 
 def groove_surface(edges: GrooveEdges, sections: Array) -> Array:
@@ -447,7 +444,7 @@ def _nearest(bead: PlannedBead, s: float, edges: GrooveEdges) -> tuple[int, floa
     return i, float(away[i])
 
 
-def _within_limits(q: Array, station: WeldingStation) -> Array:
+def _turned_within_limits(q: Array, station: WeldingStation) -> Array:
     """Joint angles of a path, shape (k, n), whole turns on so that they are within their limits."""
     arm = station.kinematics
     middle = 0.5 * (arm.lower + arm.upper)

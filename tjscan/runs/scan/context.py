@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -42,6 +42,10 @@ class RunContext(JobContext[ScanJob]):
     """
 
     stop: StopRequest = field(default_factory=StopRequest)
+
+    def at_station(self, name: str | None = None) -> RunContext:
+        """The same at one of the job's stations; raises as `ScanJob.job_at_station` does."""
+        return replace(self, job=self.job.job_at_station(name))
 
     @cached_property
     def joint_file(self) -> Path | None:
@@ -84,21 +88,17 @@ class RunContext(JobContext[ScanJob]):
         ConfigurationError
             If the job, or a file that it names, is wrong.
         """
+        state = None if left is None else ArmState(left.q, left.T_b_f, left.time)
         with add_file_to_errors(self.job_file):
-            joint = self.joint
-            state = None if left is None else ArmState(left.q, left.T_b_f, left.time)
-            mount = self.sensor_mount
+            joint, mount = self.joint, self.sensor_mount
             return make_scan_cell(self.job, mount.T_f_s, joint, state, mount.deviations)
 
     def make_run_directory(self, directory: Path) -> None:
         """Make a run directory with the job and the files that it names."""
         with add_file_to_errors(self.job_file):
+            joint, calibration = self.joint_file, self.sensor_mount.file
             make_run_directory(
-                directory,
-                self.job,
-                self.job_file,
-                joint=self.joint_file,
-                calibration=self.sensor_mount.file,
+                directory, self.job, self.job_file, joint=joint, calibration=calibration
             )
 
     @contextmanager

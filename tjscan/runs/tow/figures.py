@@ -14,6 +14,7 @@ from tjscan.core.frames import Array
 from tjscan.job.tow.job import TowJob
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.seam import Seam
+from tjscan.towing.shape.plan import TowingPlan
 
 
 def _figure(words: str, unit: str = "", **more: Any) -> Any:
@@ -123,35 +124,37 @@ def figures_of_tow(
     complete : bool
         Whether the whole seam was welded.
     """
-    first, last = cycles[0], cycles[-1]
+    elapsed = cycles[-1].time - cycles[0].time
     seconds = np.array([cycle.seconds for cycle in cycles])
-    terms = np.array([cycle.plan.terms.paper for cycle in cycles if not cycle.plan.halt] or [nan])
     asked = np.array([cycle.asked for cycle in cycles])
-    sent = [cycle for cycle in cycles if not cycle.plan.halt]
-    bends = [np.abs(cycle.plan.angles).max() for cycle in sent]
-    residuals = [cycle.plan.constraint for cycle in sent]
+    plans = [cycle.plan for cycle in cycles if not cycle.plan.halt]
+    terms = np.array([plan.terms.paper for plan in plans] or [nan])
     # A part's processor time begins at zero.
     host = sum(b.host - (a.host if a.host <= b.host else 0.0) for a, b in pairwise(cycles))
-    known = {} if not truths else _against_truth(job, cycles, truths)
+    known = {} if not truths else _figures_against_truth(job, cycles, truths)
     return TowFigures(
         complete=complete,
-        welded_mm=1e3 * last.along,
-        seconds=last.time - first.time,
+        welded_mm=1e3 * cycles[-1].along,
+        seconds=elapsed,
         waited_s=float(sum(b.time - a.time for a, b in pairwise(cycles) if not b.pace)),
         plan_hz=float(1 / seconds.mean()),
         plan_p99_ms=float(1e3 * np.percentile(seconds, 99)),
-        real_time_factor=(last.time - first.time) / host if host else nan,
+        real_time_factor=elapsed / host if host else nan,
         objective=float(terms.mean()),
         objective_max=float(terms.max()),
-        constraint=float(max(residuals, default=nan)),
-        halts=sum(bool(cycle.plan.halt) for cycle in cycles),
+        constraint=float(max((plan.constraint for plan in plans), default=nan)),
+        halts=len(cycles) - len(plans),
         asked_mm_s=float(1e3 * np.hypot(asked[:, :-1, 0], asked[:, :-1, 2]).max(initial=0.0)),
-        planned_bend_deg=float(np.degrees(max(bends, default=nan))),
+        planned_bend_deg=float(np.degrees(max(map(_largest_bend, plans), default=nan))),
         **known,
     )
 
 
-def _against_truth(
+def _largest_bend(plan: TowingPlan) -> float:
+    return float(np.abs(plan.angles).max())
+
+
+def _figures_against_truth(
     job: TowJob, cycles: Sequence[TowCycle], truths: Sequence[TowTruth]
 ) -> dict[str, Any]:
     force = np.array([np.hypot(*truth.welder_force[:2]) for truth in truths])
@@ -163,7 +166,7 @@ def _against_truth(
     angles = (angles + np.pi) % (2 * np.pi) - np.pi
     estimate = np.array([cycle.plan.estimate for cycle in cycles])
     estimated = np.array([job.chain.poses(one)[:, :2] for one in estimate])
-    off, late = _welder_off(Seam(job.seam), cycles, poses)
+    off, late = _welder_off_its_line(Seam(job.seam), cycles, poses)
     targets = np.array([cycle.targets for cycle in cycles])[:-1, :-1, :2]
     followed = np.linalg.norm(poses[1:, :-1, :2] - targets, axis=-1)
     gaps = np.linalg.norm(poses[:, :, None, :2] - poses[:, None, :, :2], axis=-1)
@@ -188,7 +191,9 @@ def _against_truth(
     }
 
 
-def _welder_off(seam: Seam, cycles: Sequence[TowCycle], poses: Array) -> tuple[float, float]:
+def _welder_off_its_line(
+    seam: Seam, cycles: Sequence[TowCycle], poses: Array
+) -> tuple[float, float]:
     """Largest distance of the welder from its line, and along it, metres."""
     across, along = [0.0], [0.0]
     for before, pose in zip(cycles, poses[1:, -1], strict=False):
@@ -212,10 +217,15 @@ def _clearances(job: TowJob, line: Array, poses: Array) -> tuple[float, float]:
     floor = Polygon(job.area.outline, job.area.holes).difference(union_all(fixed))
     outside = Polygon(job.area.outline).buffer(10).difference(floor)
     free = job.limits.free_links
-    links = line[:, free : line.shape[1] - free]
-    link = distance(linestrings(links), outside).min()
+    link = distance(linestrings(line[:, free : line.shape[1] - free]), outside).min()
     body = distance(points(poses[:, :-1, :2]), outside).min() - job.vehicles.radius
     return float(link), float(body)
+
+
+def clearance_of_discs(line: Array, discs: Array) -> float:
+    """Least distance in metres of a line's corners, (n, 2), from discs x, y, radius, (m, 3)."""
+    apart = np.linalg.norm(line[:, None, :2] - discs[None, :, :2], axis=2) - discs[:, 2]
+    return float(apart.min())
 
 
 def _passer_by_distance(job: TowJob, truth: TowTruth) -> float:

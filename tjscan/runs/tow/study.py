@@ -60,7 +60,7 @@ class TowOutcome(RunOutcome):
     touches: int | None = None
 
 
-class TowKeeper:
+class TowCycleKeeper:
     """A tow's journal that keeps its cycles in memory.
 
     Parameters
@@ -99,7 +99,7 @@ def run_study_tow(job: TowJob) -> TowOutcome:
     sweep.refuse_if_blocked()
     cell = make_tow_cell(job, sweep.start.angles)
     assert cell.truth is not None
-    keeper = TowKeeper(cell.truth)
+    keeper = TowCycleKeeper(cell.truth)
     ended = True, "Complete", "the whole seam is welded"
     try:
         with cell:
