@@ -29,7 +29,7 @@ from tjscan.live.step import STATE_FACT, RecordedShow, Setting
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.live.crawl import TORCH_DEVIATION, CrawlPageJournal, CrawlShow
 from tjscan.runs.live.tow import CABLE_CLEARANCE, TowShow, vehicles_apart
-from tjscan.runs.tow.figures import clearance_of_discs
+from tjscan.runs.tow.results import clearance_of_discs
 from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.shape.plan import PlanTerms, TowingPlan

@@ -105,7 +105,7 @@ def _check(job: CalibrationJob, file: Path) -> None:
     from numpy import degrees
 
     from tjscan.cli.output.console import print_message
-    from tjscan.runs.calibration.check import check_calibration_job
+    from tjscan.runs.calibration.run import check_calibration_job
 
     found = check_calibration_job(job, file)
     print_message(

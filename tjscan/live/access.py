@@ -60,7 +60,7 @@ def open_server(address: str, port: int, token: str, label: str) -> viser.ViserS
         without the token.
     """
     _check_can_bind(address, port)
-    with _guarded(token):
+    with _token_required(token):
         server = UnsharedServer(host=address, port=port, label=label, verbose=False)
     try:
         if port and server.get_port() != port:
@@ -78,7 +78,7 @@ def open_server(address: str, port: int, token: str, label: str) -> viser.ViserS
 
 def close_server(server: viser.ViserServer) -> None:
     """End the page."""
-    with _quiet():
+    with _silenced_viser():
         server.stop()
 
 
@@ -113,23 +113,23 @@ def _check_can_bind(address: str, port: int) -> None:
 
 
 @contextmanager
-def _guarded(token: str) -> Iterator[None]:
+def _token_required(token: str) -> Iterator[None]:
     """While the block runs, servers are made that ask for the token."""
     serve = websockets_server.serve
 
     def serve_guarded(*arguments: Any, process_request: HttpAnswer, **options: Any) -> Any:
-        return serve(*arguments, process_request=_asking_for(token, process_request), **options)
+        return serve(*arguments, process_request=_require_token(token, process_request), **options)
 
     websockets_server.serve = serve_guarded  # type: ignore[misc,assignment]
     try:
-        with _quiet():
+        with _silenced_viser():
             yield
     finally:
         websockets_server.serve = serve  # type: ignore[misc]
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def _silenced_viser() -> Iterator[None]:
     """While the block runs, viser prints nothing: stdout is for results."""
     print_rich, rich.print = rich.print, lambda *_, **__: None
     try:
@@ -138,7 +138,7 @@ def _quiet() -> Iterator[None]:
         rich.print = print_rich
 
 
-def _asking_for(token: str, answer: HttpAnswer) -> HttpAnswer:
+def _require_token(token: str, answer: HttpAnswer) -> HttpAnswer:
     """Refuse what does not begin with the token, pages and sockets alike; pass the rest on."""
 
     def answer_with_token(connection: ServerConnection, request: Request) -> Response | None:

@@ -35,6 +35,7 @@ NO_FACTS: Final = {STATE_FACT: "", PRESS_FACT: ""}
 CHART_HEIGHT: Final = 200
 CHART_PADDING: Final = (8, 24, 0, 0)
 """Pixels above, to the right, below and to the left: half a number is above the axis."""
+PROFILE_AXES: Final = ("x / mm", "z / mm")
 LABEL_FONT: Final = "11px system-ui, sans-serif"
 LINE_COLOUR: Final = "#2a6fbb"
 BAND_COLOUR: Final = "rgba(42,111,187,0.35)"
@@ -66,7 +67,7 @@ class Panel:
         self._facts = dict(NO_FACTS)
         self.samples: list[Sample] = []
         self.events: list[tuple[str, str]] = []
-        self._state = gui.add_html(_html("facts", {}), order=STATE_ORDER)
+        self._state = gui.add_html(_render("facts", {}), order=STATE_ORDER)
         self._progress: Any = gui.add_progress_bar(0.0, visible=False)
         self._legend = gui.add_html("", visible=False)
         self._plot: Any = None
@@ -82,7 +83,7 @@ class Panel:
             )
             self._profile = _add_chart(
                 gui,
-                *setting.profile_axes,
+                *PROFILE_AXES,
                 uplot.Series(label="profile", stroke=LINE_COLOUR, width=0, points=SMALL_POINTS),
                 uplot.Series(label="fitted", stroke=FIT_COLOUR, width=2, points={"show": False}),
             )
@@ -90,7 +91,7 @@ class Panel:
         self._diagram = gui.add_html("", visible=False)
         self._drawn_diagram: StateDiagram | None = None
         with gui.add_folder("Events", expand_by_default=True):
-            self._log = gui.add_html(_html("events", ()))
+            self._log = gui.add_html(_render("events", ()))
 
     def update(self, step: Step, measure: Measure | None, scale: ColourScale | None) -> None:
         """Show what a step changes.
@@ -105,18 +106,18 @@ class Panel:
         """
         if step.facts:
             self._facts.update(step.facts)
-            self._state.content = _html("facts", self._facts)
+            self._state.content = _render("facts", self._facts)
         if step.progress is not None:
             self._progress.visible, self._progress.value = True, 100 * step.progress
         if step.events:
             self.events.extend(step.events)
-            self._log.content = _html("events", self.events[-MOST_EVENTS:])
+            self._log.content = _render("events", self.events[-MOST_EVENTS:])
         if step.table is not None:
-            self._table.visible, self._table.content = True, _html("table", step.table)
+            self._table.visible, self._table.content = True, _render("table", step.table)
         if step.diagram is not None and step.diagram != self._drawn_diagram:
             self._drawn_diagram = step.diagram
             self._diagram.visible = True
-            self._diagram.content = _html("diagram", step.diagram)
+            self._diagram.content = _render("diagram", step.diagram)
         if step.profile is not None and self._profile is not None:
             x, *others = columns = profile_columns(step.profile)
             ends = round_ends(np.concatenate(others))
@@ -142,7 +143,7 @@ class Panel:
         self._progress.value = 0.0
         self._table.visible = self._diagram.visible = False
         self._drawn_diagram = None
-        self._log.content = _html("events", ())
+        self._log.content = _render("events", ())
 
     def plot(self, measure: Measure, scale: ColourScale | None) -> None:
         """Plot a measure of all samples, and show its colours."""
@@ -154,14 +155,14 @@ class Panel:
         scale_of_y: uplot.Scale = {"distr": 3} if measure.logarithmic else {"range": ends}
         _redraw(self._plot, columns, x_ends=x_ends, y=scale_of_y)
         self._plot.visible = bool(self.samples)
-        axes = _axes(self._setting.plot_axis, measure.title)
+        axes = _plot_axes(self._setting.plot_axis, measure.title)
         if self._plot.axes != axes:
             self._plot.axes = axes
         self._legend.visible = scale is not None
-        self._legend.content = "" if scale is None else _html("legend", measure.title, scale)
+        self._legend.content = "" if scale is None else _render("legend", measure.title, scale)
 
 
-def _html(macro: str, *values: object) -> str:
+def _render(macro: str, *values: object) -> str:
     return str(getattr(HTML_MACROS, macro)(*values))
 
 
@@ -170,7 +171,7 @@ def _add_chart(gui: viser.GuiApi, x: str, y: str, *series: uplot.Series) -> Any:
         data=(np.zeros(0),) * (1 + len(series)),
         series=(uplot.Series(label=x), *series),
         scales={"x": {"time": False}},
-        axes=_axes(x, y),
+        axes=_plot_axes(x, y),
         legend={"show": False},
         height=CHART_HEIGHT,
         padding=CHART_PADDING,
@@ -192,7 +193,7 @@ def _redraw(
         chart.scales = scales
 
 
-def _axes(x: str, y: str) -> tuple[uplot.Axis, uplot.Axis]:
+def _plot_axes(x: str, y: str) -> tuple[uplot.Axis, uplot.Axis]:
     return (
         uplot.Axis(label=x, labelFont=LABEL_FONT, labelSize=20, size=34),
         uplot.Axis(label=y, labelFont=LABEL_FONT, labelSize=20, size=56),

@@ -91,11 +91,11 @@ class Stage:
             case Posture():
                 self._pose_arm(thing.q)
             case Placement():
-                self._place(name, thing.T)
+                self._place_frame(name, thing.T)
             case Lines():
-                self._nodes[name] = [self._lines(path, thing)]
+                self._nodes[name] = [self._draw_lines(path, thing)]
             case Surface(vertices, triangles, colour, opacity):
-                self._nodes[name] = [self._mesh(path, vertices, triangles, colour, opacity)]
+                self._nodes[name] = [self._draw_mesh(path, vertices, triangles, colour, opacity)]
             case MeasuredPiece():
                 self._pieces[name] = thing
                 self._nodes[name] = self._draw_piece(path, thing)
@@ -109,15 +109,15 @@ class Stage:
             self._add_hidden_frame(f"arm/{name}")
         for body in link_bodies(setting.arm.urdf):
             path = f"{self._root}/arm/{body.link}/body"
-            self._mesh(path, body.vertices, body.triangles, ARM_COLOUR)
+            self._draw_mesh(path, body.vertices, body.triangles, ARM_COLOUR)
         self._draw_solids(f"arm/{flange}/tool", setting.tool, TOOL_COLOUR)
 
     def _pose_arm(self, q: Array) -> None:
         if self._arm is not None:
             for name, T in zip(self._arm.link_names, self._arm.link_poses(q), strict=True):
-                self._place(f"arm/{name}", T)
+                self._place_frame(f"arm/{name}", T)
 
-    def _place(self, name: str, T: Array) -> None:
+    def _place_frame(self, name: str, T: Array) -> None:
         if name not in self._frames:
             self._add_hidden_frame(name)
         frame = self._frames[name]
@@ -136,9 +136,9 @@ class Stage:
         for k, solid in enumerate(solids):
             mesh = solid_mesh(solid)
             path = f"{self._root}/{name}/{k}"
-            self._mesh(path, np.asarray(mesh.vertices), mesh.faces, colour, opacity)
+            self._draw_mesh(path, np.asarray(mesh.vertices), mesh.faces, colour, opacity)
 
-    def _lines(self, path: str, lines: Lines) -> Any:
+    def _draw_lines(self, path: str, lines: Lines) -> Any:
         middle = lines.segments.reshape(-1, 3).mean(axis=0) if lines.segments.size else np.zeros(3)
         return self._scene.add_line_segments(
             path,
@@ -149,7 +149,7 @@ class Stage:
             position=middle,
         )
 
-    def _mesh(
+    def _draw_mesh(
         self, path: str, vertices: Array, triangles: Any, colour: Colour, opacity: float = 1.0
     ) -> Any:
         return self._scene.add_mesh_simple(
@@ -181,7 +181,9 @@ class Stage:
             )
             nodes.append(cloud)
         if len(piece.vertices):
-            nodes.append(self._mesh(f"{path}/surface", piece.vertices, piece.triangles, colour))
+            nodes.append(
+                self._draw_mesh(f"{path}/surface", piece.vertices, piece.triangles, colour)
+            )
         return nodes
 
     def _colour_of(self, piece: MeasuredPiece) -> Colour:

@@ -210,8 +210,6 @@ class Setting:
         Middle of the picture.
     look_from : ndarray, shape (3,)
         Where it is seen from.
-    profile_axes : tuple of str
-        Of the newest profile, with units.
     """
 
     title: str
@@ -226,7 +224,6 @@ class Setting:
     ghost: tuple[Lines | Surface, ...] = ()
     look_at: Array = field(default_factory=lambda: np.zeros(3))
     look_from: Array = field(default_factory=lambda: np.array((2.0, -2.0, 1.5)))
-    profile_axes: tuple[str, str] = ("x / mm", "z / mm")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

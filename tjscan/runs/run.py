@@ -54,12 +54,15 @@ REPLAYED_TASKS: Final = ("crawl", "tow")
 """What is replayed into another run directory, as its recordings are named."""
 
 
+WhenFinished = Callable[[Path], object]
+"""What is called with a run directory once its results are written."""
+
 T = TypeVar("T")
 V = TypeVar("V", CrawlJob, TowJob)
 
 
-def do_nothing_when_finished(directory: Path) -> None:
-    """Do nothing when the results of a run directory are written."""
+def do_nothing(directory: Path) -> None:
+    """Do nothing with a run directory whose results are written."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +84,7 @@ class JobContext(Generic[T]):
     job: T
     job_file: Path
     journal: Journal = field(default_factory=CombinedJournal)
-    finished: Callable[[Path], object] = do_nothing_when_finished
+    finished: WhenFinished = do_nothing
 
     @property
     def calibration_file(self) -> Path | None:
@@ -213,17 +216,12 @@ def check_replay(
     """
     refuse_links_outside(directory, JOB_FILE, CALIBRATION_FILE)
     check_as_written(directory / JOB_FILE, directory / CALIBRATION_FILE)
-    held = [
-        name
-        for name in REPLAYED_TASKS
-        if (directory / JOB_FILE).is_file() and recording_files(directory, name)[0].is_file()
-    ]
+    names = REPLAYED_TASKS if (directory / JOB_FILE).is_file() else ()
+    held = [name for name in names if recording_files(directory, name)[0].is_file()]
     if task not in held:
         advice = [f"it holds a {other}: tjscan {other} replay takes it" for other in held]
-        raise ConfigurationError(
-            f"holds no {task}: {', '.join(advice) or 'give the run directory of one'}",
-            file=directory,
-        )
+        what = ", ".join(advice) or "give the run directory of one"
+        raise ConfigurationError(f"holds no {task}: {what}", file=directory)
     why = f"is about how the {task} was done, and it is done"
     refuse_other_keys(keys, replayable, why, directory / JOB_FILE)
     refuse_directory_inside(out, directory)
@@ -319,10 +317,8 @@ def empty_run_directory(directory: Path) -> Iterator[Path]:
         files = {name for name in names if not name.startswith(DRAFT_PREFIX)}
         half_made = files < names and files <= {*COPIED_FILES, MANIFEST_FILE} - {JOB_FILE}
         if files and not half_made:  # of one killed in the making
-            raise ConfigurationError(
-                "is not empty; a run never overwrites another. Choose another --out",
-                file=directory,
-            )
+            full = "is not empty; a run never overwrites another. Choose another --out"
+            raise ConfigurationError(full, file=directory)
         yield draft
 
 
@@ -372,10 +368,8 @@ def table_to_csv(
     rows : iterable
         Of the table.
     """
-    stream = io.StringIO()
-    stream.write(
-        Provenance.for_file_written_now(job_label_of_run(directory), "w").comment_lines("#")
-    )
+    stream, job = io.StringIO(), job_label_of_run(directory)
+    stream.write(Provenance.for_file_written_now(job, "w").comment_lines("#"))
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows([cell(row) for cell in columns.values()] for row in rows)
@@ -403,9 +397,8 @@ def read_result_file(file: Path, what: str, parse: Callable[[str], T]) -> T:
     try:
         return parse(read_small_file(file, MOST_BYTES, what).decode())
     except (OSError, ValueError, TypeError, KeyError, RecursionError, csv.Error) as error:
-        raise ConfigurationError(
-            f"can't be read: {error}. A run directory holds {what} there", file=file
-        ) from None
+        reason = f"can't be read: {error}. A run directory holds {what} there"
+        raise ConfigurationError(reason, file=file) from None
 
 
 def nothing_recorded_yet(directory: Path) -> bool:

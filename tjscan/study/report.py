@@ -20,6 +20,8 @@ from tjscan.study.trial import RunOutcome, StudyRow, Value
 
 O = TypeVar("O", bound=RunOutcome)  # noqa: E741
 
+Rows = Sequence[StudyRow[Any]]
+
 REPORT_FILE: Final = "report.md"
 
 OVERVIEW_PICTURE: Final = "overview.png"
@@ -60,9 +62,7 @@ class RowGroup(Generic[O]):
         return float(np.mean(known)) if known else float("nan")
 
 
-def write_study_report(
-    folder: Path, kind: StudyBackend[Any], rows: Sequence[StudyRow[Any]], *, planned: int
-) -> None:
+def write_study_report(folder: Path, kind: StudyBackend[Any], rows: Rows, *, planned: int) -> None:
     """Write the report of a study, and its pictures beside it.
 
     Parameters
@@ -95,7 +95,7 @@ def write_study_report(
     (folder / REPORT_FILE).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def keys_to_show(rows: Sequence[StudyRow[Any]], seed: str) -> list[str]:
+def keys_to_show(rows: Rows, seed: str) -> list[str]:
     """Keys that a report shows: those with several values; of keys that vary together, the first.
 
     Parameters
@@ -114,12 +114,12 @@ def keys_to_show(rows: Sequence[StudyRow[Any]], seed: str) -> list[str]:
     return list(shown.values())
 
 
-def _groups_by_value(rows: Sequence[StudyRow[O]], key: str) -> dict[str, RowGroup[O]]:
+def _groups_by_value(rows: Rows, key: str) -> dict[str, RowGroup[Any]]:
     """Rows by a key's value as text, or by ranges of it if it has many; without rows lacking it."""
     rows = [row for row in rows if key in row.inputs]
     values = {row.inputs[key] for row in rows}
     numbers = [value for value in values if isinstance(value, int | float)]
-    members: dict[str, list[StudyRow[O]]]
+    members: dict[str, list[StudyRow[Any]]]
     if len(values) <= MOST_VALUES or len(numbers) < len(values):
         members = {_cell_text(value): [] for value in sorted(values, key=_sorting_key)}
         for row in rows:
@@ -142,7 +142,7 @@ def _cell_text(value: Value) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+def _table_lines(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
     """Lines of a table whose first column is text, and whose others are numbers."""
     yield f"| {' | '.join(head)} |"
     yield f"| --- |{' ---: |' * (len(head) - 1)}"
@@ -150,7 +150,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
     yield ""
 
 
-def _lines_of_endings(rows: Sequence[StudyRow[Any]], planned: int) -> Iterator[str]:
+def _lines_of_endings(rows: Rows, planned: int) -> Iterator[str]:
     complete = sum(row.outcome.complete for row in rows)
     yield from ("# Study", "")
     yield f"{complete} of {len(rows)} runs complete ({complete / len(rows):.2%})."
@@ -158,29 +158,27 @@ def _lines_of_endings(rows: Sequence[StudyRow[Any]], planned: int) -> Iterator[s
         yield f"{planned - len(rows)} runs are still to be made."
     yield ""
     reasons = Counter(row.outcome.reason for row in rows).most_common()
-    yield from _table(("ended because", "runs"), ((reason, f"{n}") for reason, n in reasons))
+    yield from _table_lines(("ended because", "runs"), ((reason, f"{n}") for reason, n in reasons))
 
 
 def _lines_side_by_side(
-    rows: Sequence[StudyRow[O]], keys: Sequence[str], compared: str, quantity: ReportedQuantity[O]
+    rows: Rows, keys: Sequence[str], compared: str, quantity: ReportedQuantity[Any]
 ) -> Iterator[str]:
     """A table of one quantity with a column for each value of the key that is compared."""
     has_key = [row for row in rows if compared in row.inputs]
     columns = dict.fromkeys(_cell_text(row.inputs[compared]) for row in has_key)
-    groups = {"all": RowGroup(tuple(rows))} | {
-        f"{key} {word}": group
-        for key in keys
-        if key != compared
-        for word, group in _groups_by_value(rows, key).items()
-    }
+    groups = [("all", RowGroup(tuple(rows)))]
+    for key in keys:
+        if key != compared:
+            groups += [(f"{key} {v}", group) for v, group in _groups_by_value(rows, key).items()]
     table = []
-    for name, group in groups.items():
+    for name, group in groups:
         found = _groups_by_value(group.rows, compared)
         table.append((name, *(_mean_cell(found.get(column), quantity) for column in columns)))
-    yield from _table((f"{quantity.name}: mean of complete runs", *columns), table)
+    yield from _table_lines((f"{quantity.name}: mean of complete runs", *columns), table)
 
 
-def _mean_cell(group: RowGroup[O] | None, quantity: ReportedQuantity[O]) -> str:
+def _mean_cell(group: RowGroup[Any] | None, quantity: ReportedQuantity[Any]) -> str:
     if group is None:
         return "–"
     mean = group.mean_of_complete(quantity.value)
@@ -188,20 +186,16 @@ def _mean_cell(group: RowGroup[O] | None, quantity: ReportedQuantity[O]) -> str:
     return f"{text} ({len(group.complete_rows)} of {len(group.rows)})"
 
 
-def _lines_of_key(
-    rows: Sequence[StudyRow[Any]], key: str, kind: StudyBackend[Any]
-) -> Iterator[str]:
+def _lines_of_key(rows: Rows, key: str, kind: StudyBackend[Any]) -> Iterator[str]:
     """A table of one key: how many runs of each value are complete, and what they measure."""
     table = []
     for word, group in _groups_by_value(rows, key).items():
         means = (f"{group.mean_of_complete(m.value):{m.form}}" for m in kind.measures)
         table.append((word, f"{len(group.rows)}", f"{group.complete_share:.1%}", *means))
-    yield from _table((key, "runs", "complete", *(m.name for m in kind.measures)), table)
+    yield from _table_lines((key, "runs", "complete", *(m.name for m in kind.measures)), table)
 
 
-def _draw_overview(
-    rows: Sequence[StudyRow[Any]], keys: Sequence[str], kind: StudyBackend[Any]
-) -> Figure:
+def _draw_overview(rows: Rows, keys: Sequence[str], kind: StudyBackend[Any]) -> Figure:
     """Bars of each key's values: how many runs are complete, and what they measure."""
     figure = Figure(figsize=(13, 2.1 * len(keys)), layout="constrained")
     FigureCanvasAgg(figure)
@@ -230,7 +224,7 @@ def _draw_bars(axes: Any, names: list[str], values: list[float]) -> None:
     axes.grid(axis="y", linewidth=0.3)
 
 
-def _lines_of_failures(rows: Sequence[StudyRow[Any]]) -> Iterator[str]:
+def _lines_of_failures(rows: Rows) -> Iterator[str]:
     failed = [row for row in rows if not row.outcome.complete]
     if not failed:
         return

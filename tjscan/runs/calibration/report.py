@@ -119,12 +119,12 @@ def _facts(found: CalibrationFile) -> Iterator[tuple[str, str]]:
             f"{fresh.offset_mm:+.3f} mm and {fresh.tilt_deg:+.4f}° off; {fresh.misfit:.1f} "
             f"standard deviations, {fresh.limit:.1f} may be",
         )
-    yield "errors stated", _noise(found.noise, found.geometry_mm)
+    yield "errors stated", _noise_in_words(found.noise, found.geometry_mm)
     if found.kinematics is not None:
-        yield "arm", _arm(found.kinematics)
+        yield "arm", _arm_in_words(found.kinematics)
 
 
-def _noise(noise: NoiseModel, geometry_mm: float) -> str:
+def _noise_in_words(noise: NoiseModel, geometry_mm: float) -> str:
     return (
         f"range {1e3 * noise.range:g} mm, pose {1e3 * noise.position:g} mm and "
         f"{np.degrees(noise.rotation):.3g}° each axis, touch {1e3 * noise.touch:g} mm; the arm's "
@@ -132,7 +132,7 @@ def _noise(noise: NoiseModel, geometry_mm: float) -> str:
     )
 
 
-def _arm(arm: ArmKinematicsEntry) -> str:
+def _arm_in_words(arm: ArmKinematicsEntry) -> str:
     left = arm.left_as_stated
     return (
         f"{arm.model}: six deviations of each of {len(arm.deviations)} joints; left as the maker "

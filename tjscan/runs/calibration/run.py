@@ -1,4 +1,4 @@
-"""Run a calibration: its wizard in the cell that a job describes, or from recorded profiles."""
+"""Run a calibration, check it before, or make it from recorded profiles."""
 
 from __future__ import annotations
 
@@ -20,17 +20,28 @@ from tjscan.calibration.file import SavedCalibration, to_calibration_file, write
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.plucker import plane_through_point
 from tjscan.calibration.recorded import calibrate_recorded_sets
-from tjscan.calibration.result import HandEyeCalibration
+from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
 from tjscan.calibration.targets.plane import PlaneTarget
+from tjscan.calibration.targets.target import PosedProfile
+from tjscan.calibration.targets.touched import fit_plane
+from tjscan.calibration.wizard.advice import BoardRectangle, predict_uncertainty
 from tjscan.calibration.wizard.logbook import Logbook, MeasurementsSoFar
 from tjscan.calibration.wizard.operator import Operator, Question
 from tjscan.calibration.wizard.probe import JoggedProbe, TouchProbe
-from tjscan.calibration.wizard.session import CalibrationPlan, current_progress, fit_touched_board
+from tjscan.calibration.wizard.session import (
+    CalibrationPlan,
+    CalibrationProgress,
+    current_progress,
+    fit_touched_board,
+    planned_touch_points,
+    start_poses_over_board,
+    suggest_next_line_pose,
+)
 from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
-from tjscan.calibration.wizard.topics import CALIBRATION_RECORDING
+from tjscan.calibration.wizard.topics import CALIBRATION_RECORDING, LaserLineTaken
 from tjscan.calibration.wizard.wizard import CalibrationWizard
 from tjscan.core.devices import DriverKind
-from tjscan.core.errors import CalibrationRefused, ConfigurationError
+from tjscan.core.errors import CalibrationRefused, ConfigurationError, PoseUnreachable
 from tjscan.core.files import lock_and_clean_directory
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
@@ -50,7 +61,9 @@ from tjscan.job.surroundings import BallSettings
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.drivers import SimulatedScene
 from tjscan.laser.optics import RaycastSurface
+from tjscan.laser.profile import Profile
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
+from tjscan.robot.arm import Arm
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.run import make_run_directory
 
@@ -404,3 +417,73 @@ def calibrate_recorded_job(
     frame = "b" if job.solve.fixed_sensor else "f"
     write_calibration(file, found, Provenance.for_file_written_now(job_file.name, frame))
     return SavedCalibration(file, found, result.caveats)
+
+
+NOT_TAKEN: Final = Profile(np.empty(0), np.empty(0))
+"""Of a line that is planned only."""
+
+
+def check_calibration_job(job: CalibrationJob, job_file: Path) -> HandEyeUncertainty:
+    """Plan all lines of a calibration on the board as the job places it; move nothing.
+
+    Parameters
+    ----------
+    job : CalibrationJob
+        The job; its devices are connected.
+    job_file : Path
+        Where it was read from.
+
+    Returns
+    -------
+    HandEyeUncertainty
+        That is to be expected of the calibration.
+
+    Raises
+    ------
+    ConfigurationError
+        If the job, or a file that it names, is wrong.
+    CalibrationRefused
+        If the arm can't get over the board, or too few poses that it reaches see it.
+    """
+    T_f_s = sensor_mount_of_job(job, job_file).T_f_s
+    task = calibration_plan_of_job(job, T_f_s)
+    cell, _ = make_calibration_cell(job, T_f_s)
+    with cell:
+        return _plan_lines(task, cell.arm, _find_start_pose(task, cell.arm))
+
+
+def _find_start_pose(task: CalibrationPlan, arm: Arm) -> Array:
+    """Flange pose square over the board that the arm gets to."""
+    reason = ""
+    for T_b_f in start_poses_over_board(task, arm.state().T_b_f):
+        try:
+            arm.check_moves(T_b_f)
+        except PoseUnreachable as error:
+            reason = str(error)
+        else:
+            return T_b_f
+    raise CalibrationRefused("the arm can't get square over the board", reason)
+
+
+def _plan_lines(task: CalibrationPlan, arm: Arm, ready: Array) -> HandEyeUncertainty:
+    """Plan lines one after the other, as the wizard would if each were as expected."""
+    touched, outside = planned_touch_points(task), task.T_b_board[:3, 3] + task.T_b_board[:3, 2]
+    target = fit_plane(touched, task.noise.touch, outside, geometry=task.noise.geometry)
+    board = BoardRectangle.through_touched_points(touched, target)
+    measured = MeasurementsSoFar(datetime.now(UTC), {})
+    expected = predict_uncertainty(np.empty((0, 4, 4)), task.T_f_s, target, task.window, task.noise)
+
+    def reaches(T_b_f: Array) -> bool:
+        """Whether the arm gets to a pose from `ready`, and back, on a straight line."""
+        try:
+            arm.check_moves(ready, T_b_f, ready)
+        except PoseUnreachable:
+            return False
+        return True
+
+    for number in range(1, task.lines + 1):
+        progress = CalibrationProgress((), task.lines, expected, None, None)
+        there = suggest_next_line_pose(task, measured, target, board, progress, reaches)
+        shot = PosedProfile(f"line {number}", there.T_b_f, NOT_TAKEN)
+        measured, expected = measured.with_entry(LaserLineTaken(shot, False)), there.after
+    return expected

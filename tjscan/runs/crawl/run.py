@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -58,9 +58,10 @@ from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl, write_crawl_results
 from tjscan.runs.run import (
     JobContext,
+    WhenFinished,
     accept_edited_copies,
     check_replay,
-    do_nothing_when_finished,
+    do_nothing,
     job_snapshot_of_file,
     make_vehicle_run_directory,
     record_vehicle_run,
@@ -126,12 +127,11 @@ class CrawlContext(JobContext[CrawlJob]):
             If the calibration that the job names can't be read, or is another vehicle's.
         """
         job, course = self.job, self.job.course
+        curve, sigma = course.curvature, course.curvature_sigma
         if self.calibration_file is None:
-            return SlipEstimate.before_any_reading(
-                job.slip, curvature=course.curvature, curvature_sigma=course.curvature_sigma
-            )
+            return SlipEstimate.before_any_reading(job.slip, curvature=curve, curvature_sigma=sigma)
         found = read_slip_calibration(self.calibration_file, job.vehicle.device_id)
-        return found.estimate_at_start(job.slip, course.curvature, course.curvature_sigma)
+        return found.estimate_at_start(job.slip, curve, sigma)
 
     def make_method(self, slip: SlipEstimate | None = None) -> FollowingMethod:
         """Make the method that the job names, with what is known of slip."""
@@ -158,7 +158,7 @@ def make_crawler(
     method : FollowingMethod
     journal : Journal
     reader : JointReader, optional
-        Which remembers the joint already; one that has seen nothing where left out.
+        Which remembers the joint already; one that has seen nothing if left out.
     """
     job = context.job
     reader = reader or RememberingTracker()
@@ -180,11 +180,9 @@ def check_size(job: CrawlJob) -> None:
     """
     size = replace(job.size, torque=min(job.size.torque, job.guards.torque))
     for one in broken_rules(size, job.vehicle.tracks, job.steering.least_radius):
-        raise ConfigurationError(
-            f"{one.name} is {one.value:.3g} {one.unit}".rstrip()
-            + f", and must be {one.rule}: {one.advice}. tjscan crawl size shows all",
-            key="size",
-        )
+        found = f"{one.name} is {one.value:.3g} {one.unit}".rstrip()
+        rule = f"must be {one.rule}: {one.advice}. tjscan crawl size shows all"
+        raise ConfigurationError(f"{found}, and {rule}", key="size")
 
 
 def short_way(job: CrawlJob, slip: SlipEstimate | None) -> str:
@@ -225,7 +223,7 @@ def run_crawl(context: CrawlContext, directory: Path) -> None:
         what happened until then, and the results are written from it.
     """
     cell, method = _prepare_crawl(context, directory)
-    _crawl(context, directory, cell, method)
+    _record_crawl(context, directory, cell, method)
 
 
 def _prepare_crawl(context: CrawlContext, directory: Path) -> tuple[CrawlCell, FollowingMethod]:
@@ -238,7 +236,7 @@ def _prepare_crawl(context: CrawlContext, directory: Path) -> tuple[CrawlCell, F
     return cell, method
 
 
-def _crawl(
+def _record_crawl(
     context: CrawlContext,
     directory: Path,
     cell: CrawlCell,
@@ -295,9 +293,8 @@ def resume_crawl(
     directory = context.job_file.parent
     found = read_recorded_crawl(directory)
     if found.details_of(REPLAY_EVENT):
-        raise ConfigurationError(
-            "is a replay: nothing was welded there. Resume the crawl itself", file=directory
-        )
+        reason = "is a replay: nothing was welded there. Resume the crawl itself"
+        raise ConfigurationError(reason, file=directory)
     start = start_after_stop(found.cycles, context.job, overlap, directory)
     last, left = found.cycles[-1], None
     if place is None:
@@ -331,7 +328,7 @@ def resume_crawl(
     for cycle, profile in found.profiles:
         with suppress(GrooveNotFound):
             reader.read(profile, cycle.travel)
-    _crawl(context, directory, cell, method, start, reader)
+    _record_crawl(context, directory, cell, method, start, reader)
 
 
 def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
@@ -375,12 +372,10 @@ def start_after_stop(
             file=directory / JOB_FILE,
             key="pass",
         )
-    burned = [cycle for cycle in cycles if cycle.arc]
-    if not burned:
-        raise ConfigurationError(
-            "no pass was begun: there is nothing to go on with. Start a new crawl", file=directory
-        )
-    cut = burned[-1]
+    cut = next((cycle for cycle in reversed(cycles) if cycle.arc), None)
+    if cut is None:
+        reason = "no pass was begun: there is nothing to go on with. Start a new crawl"
+        raise ConfigurationError(reason, file=directory)
     whole = cut.travel >= job.weld.length - abs(cut.state.odometry.speed) * PASS_END
     done = cut.number if whole else cut.number - 1
     if done >= len(job.passes):
@@ -412,9 +407,8 @@ def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
         if context.job.method != "slip-aware":
             raise ConfigurationError("the paper's method learns no slip", key="method")
         if context.job.calibration is not None:
-            raise ConfigurationError(
-                "a calibration begins from nothing: leave this key out", key="calibration"
-            )
+            reason = "a calibration begins from nothing: leave this key out"
+            raise ConfigurationError(reason, key="calibration")
     cell, method = _prepare_crawl(context, directory)
     record = partial(CrawlRecording, truth=cell.simulated_place)
     with record_vehicle_run(context, directory, CRAWL_RECORDING, record) as journal, cell:
@@ -433,10 +427,7 @@ TimedMessage = tuple[int, Topic[Any], Any]
 
 
 def replay_crawl(
-    directory: Path,
-    overrides: dict[str, Any],
-    out: Path,
-    finished: Callable[[Path], object] = do_nothing_when_finished,
+    directory: Path, overrides: dict[str, Any], out: Path, finished: WhenFinished = do_nothing
 ) -> None:
     """Feed what a crawl measured through another estimator, and write a run directory of it.
 

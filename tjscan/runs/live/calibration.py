@@ -72,7 +72,7 @@ class CalibrationShow:
     def __init__(self, job: CalibrationJob, job_file: Path, title: str) -> None:
         self._plan = calibration_plan_of_job(job, sensor_mount_of_job(job, job_file).T_f_s)
         self._T_f_s = self._plan.T_f_s
-        self.setting = self._setting(job, title)
+        self.setting = self._make_setting(job, title)
 
     def step(self, entry: object) -> Step:
         """Return what an entry of the logbook, or the progress after a line, changes."""
@@ -104,7 +104,7 @@ class CalibrationShow:
         way = np.stack((T_b_f[:3, 3], T_b_s[:3, 3]))
         return Step(drawn={"next": Lines.through(fan, way, *axes, colour=FITTED_COLOUR, width=3.0)})
 
-    def _setting(self, job: CalibrationJob, title: str) -> Setting:
+    def _make_setting(self, job: CalibrationJob, title: str) -> Setting:
         board, (x, y) = self._plan.T_b_board, self._plan.half_sizes
         corners = [(-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)]
         triangles = np.array([(0, 1, 2), (0, 2, 3)])

@@ -83,7 +83,7 @@ class CrawlShow:
     def __init__(self, job: CrawlJob, title: str) -> None:
         self._job, self._piece = job, 0
         self._last: tuple[int, float, float] | None = None
-        self.setting = self._setting(title)
+        self.setting = self._make_setting(title)
 
     def step(self, entry: object) -> Step:
         """Return what one entry of the journal changes on the page."""
@@ -100,7 +100,7 @@ class CrawlShow:
                 return replace(step, facts={STATE_FACT: name}, diagram=phase_diagram(Phase(name)))
         return Step()
 
-    def _setting(self, title: str) -> Setting:
+    def _make_setting(self, title: str) -> Setting:
         job, length = self._job, self._job.weld.length
         before = job.alignment.length + job.weld.run_up
         size = (job.vehicle.body_length, job.vehicle.body_width, BODY_HEIGHT)
@@ -195,12 +195,9 @@ class CrawlShow:
 
 def phase_diagram(now: Phase) -> StateDiagram:
     """The phases and what leads from one to another, the present one marked."""
-    ways = [
-        (str(phase), str(after), str(event))
-        for (phase, event), after in PHASE_TRANSITIONS.items()
-        if event is not Event.DANGER
-    ]
-    return StateDiagram(tuple(map(str, Phase)), tuple(ways), str(now), str(Phase.STOP))
+    ways = ((phase, after, event) for (phase, event), after in PHASE_TRANSITIONS.items())
+    arrows = tuple((str(a), str(b), str(why)) for a, b, why in ways if why is not Event.DANGER)
+    return StateDiagram(tuple(map(str, Phase)), arrows, str(now), str(Phase.STOP))
 
 
 def read_crawl_show(directory: Path) -> RecordedShow | None:

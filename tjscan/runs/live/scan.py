@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from time import monotonic
 from typing import Final
 
 import numpy as np
@@ -84,11 +84,11 @@ class ScanShow:
         self.total = plan.sections
         if plan.sections is None and plan.length is not None:
             self.total = 2 + round(plan.length / plan.step)
-        self.setting = self._setting(context.job, title)
+        self.setting = self._make_setting(context.job, title)
 
-    def _setting(self, job: ScanJob, title: str) -> Setting:
+    def _make_setting(self, job: ScanJob, title: str) -> Setting:
         measures = (GROOVE_ANGLE, ROOT_OPENING, GROOVE_DEPTH, CORNER_SIGMA)
-        look_at, look_from = self._camera(job.scan)
+        look_at, look_from = self._camera_place(job.scan)
         known = self._joint is not None
         return Setting(
             title,
@@ -112,7 +112,7 @@ class ScanShow:
                 return self._section_step(entry)
             case UnreadSection(section):
                 label = f"section {section.view.index}"
-                return Step(label, self._piece(section.view, section.points_b, {}))
+                return Step(label, self._measured_piece(section.view, section.points_b, {}))
             case RunEvent(name, detail):
                 state = {STATE_FACT: f"{name}: {detail}"} if name in EVENTS_AT_REST else {}
                 return Step(name, facts=state, events=((name, detail),))
@@ -128,7 +128,7 @@ class ScanShow:
         groove, view, done = section.groove, section.view, section.view.index + 1
         T_r_s = self._frame.T_r_b @ view.T_b_s
         measured = section_to_result_frame(groove, T_r_s, self._frame.letter, index=view.index)
-        values, sigmas = self._measures(measured)
+        values, sigmas = self._values_of(measured)
         x = view.index if np.isnan(measured.azimuth) else np.degrees(measured.azimuth) % 360 / 30
         facts = {
             "sections": f"{done} of {self.total}" if self.total else f"{done}",
@@ -137,7 +137,7 @@ class ScanShow:
         for measure in (CORNER_DEVIATION, GROOVE_ANGLE, ROOT_OPENING):
             if measure is not CORNER_DEVIATION or self._joint is not None:
                 facts[measure.name] = _value_in_words(measure, values, sigmas)
-        drawn = self._piece(view, section.points_b, values)
+        drawn = self._measured_piece(view, section.points_b, values)
         drawn["fitted"] = Lines.through(section.points_b, colour=FITTED_COLOUR, width=3.0)
         return Step(
             f"section {view.index}",
@@ -148,23 +148,18 @@ class ScanShow:
             PlaneCurve.of_profile(view.profile, groove.points_s),
         )
 
-    def _measures(self, section: MeasuredSection) -> tuple[dict[str, float], dict[str, float]]:
+    def _values_of(self, section: MeasuredSection) -> tuple[dict[str, float], dict[str, float]]:
         """Values of the measures and their standard deviations, millimetres and degrees."""
-        angle, width, depth, _ = section.measures
-        angle_sigma, width_sigma, depth_sigma, _ = section.sigmas
-        is_open = np.isfinite(section.root_opening)
+        names = GROOVE_ANGLE.name, ROOT_OPENING.name, GROOVE_DEPTH.name
+        units = np.array((180 / np.pi, 1e3, 1e3))
+        values, sigmas = (
+            dict(zip(names, (units * known[:3]).tolist(), strict=True))
+            for known in (section.measures, section.sigmas)
+        )
+        if np.isfinite(section.root_opening):
+            values[ROOT_OPENING.name] = 1e3 * float(section.root_opening)
         corner_sigma = 1e3 * float(np.max(section.corner_sigmas))
-        values = {
-            GROOVE_ANGLE.name: float(np.degrees(angle)),
-            ROOT_OPENING.name: 1e3 * float(section.root_opening if is_open else width),
-            GROOVE_DEPTH.name: 1e3 * float(depth),
-            CORNER_SIGMA.name: corner_sigma,
-        }
-        sigmas = {
-            GROOVE_ANGLE.name: float(np.degrees(angle_sigma)),
-            ROOT_OPENING.name: 1e3 * float(width_sigma),
-            GROOVE_DEPTH.name: 1e3 * float(depth_sigma),
-        }
+        values[CORNER_SIGMA.name] = corner_sigma
         if self._edges is not None:
             absent = absent_corners([section])
             off = corner_to_edge_distances(section.points[None], self._edges, absent)
@@ -173,7 +168,7 @@ class ScanShow:
             sigmas[CORNER_DEVIATION.name] = corner_sigma
         return values, sigmas
 
-    def _piece(
+    def _measured_piece(
         self, view: ProfileView, points_b: Array, values: dict[str, float]
     ) -> dict[str, Drawable]:
         last, self._last_b = self._last_b, points_b
@@ -191,7 +186,7 @@ class ScanShow:
         yield Lines.through(*lines[:3], colour=NOMINAL_COLOUR, width=2.0)  # the groove's edges
         yield Lines.through(*lines[3:], colour=NOMINAL_COLOUR, width=1.0)
 
-    def _camera(self, plan: ScanPlan) -> tuple[Array, Array]:
+    def _camera_place(self, plan: ScanPlan) -> tuple[Array, Array]:
         """Middle of the picture, and whence it is seen: over the taught pose, beside the arm."""
         T_b_j, first = self._frame.T_b_j, plan.first
         flange = np.array((0.8, 0.0, 0.4)) if first is None else first.T[:3, 3]
@@ -264,14 +259,10 @@ class ScanPageJournal:
         The scan on the page.
     total : int or None
         Sections to scan, if that is known.
-    clock : callable
-        Gives seconds.
     """
 
-    def __init__(
-        self, run: RunOnPage, total: int | None, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self.run, self._total, self._clock = run, total, clock
+    def __init__(self, run: RunOnPage, total: int | None) -> None:
+        self.run, self._total = run, total
         self._first: tuple[int, float] | None = None
 
     def record(self, message: object) -> None:
@@ -279,7 +270,7 @@ class ScanPageJournal:
         self.run.post(message)
         if not isinstance(message, ScannedSection):
             return
-        number, now = message.view.index, self._clock()
+        number, now = message.view.index, monotonic()
         first, began = self._first = self._first or (number, now)
         if self._total is not None and number > first:
             left = (now - began) / (number - first) * max(self._total - 1 - number, 0)
@@ -336,27 +327,22 @@ def scan_buttons(
         Does what Ctrl-C does.
     """
 
-    def start() -> None:
-        stop.go_on()
-        run.start()
-        run.show_state("scanning")
+    def press(state: str, *actions: Callable[[], object]) -> Callable[[], object]:
+        def show_and_act() -> None:
+            run.show_state(state)
+            for act in actions:
+                act()
 
-    def pause() -> None:
-        stop.pause()
-        run.show_state("pausing after the section under way")
+        return show_and_act
 
-    def step() -> None:
-        stop.go_one_step()
-        run.start()
-        run.show_state("scanning one section")
-
-    def end() -> None:
-        run.show_state("stopping after the section under way; another Stop stops the arm at once")
-        interrupt()
-
+    start = press("scanning", stop.go_on, run.start)
+    pause = press("pausing after the section under way", stop.pause)
+    step = press("scanning one section", stop.go_one_step, run.start)
+    words = "stopping after the section under way; another Stop stops the arm at once"
+    hint = "As Ctrl-C: end after the section; twice, stop the arm at once"
     return [
         Button("Start", start, "green", "Begin, or go on after a pause"),
         Button("Pause", pause, "yellow", "Wait after the section under way"),
         Button("Step", step, "blue", "Scan one section, then wait"),
-        Button("Stop", end, "red", "As Ctrl-C: end after the section; twice, stop the arm at once"),
+        Button("Stop", press(words, interrupt), "red", hint),
     ]

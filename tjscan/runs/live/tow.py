@@ -29,7 +29,7 @@ from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.solids import Cylinder, Solid
-from tjscan.runs.tow.figures import clearance_of_discs
+from tjscan.runs.tow.results import clearance_of_discs
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.seam import Seam
 from tjscan.towing.topics import TOW_RECORDING, read_tow
@@ -64,7 +64,7 @@ class TowShow:
     def __init__(self, job: TowJob, title: str) -> None:
         self._job, self._chain, self._seam = job, job.chain, Seam(job.seam)
         self._began: float | None = None
-        self.setting = self._setting(title)
+        self.setting = self._make_setting(title)
 
     def step(self, entry: object) -> Step:
         """Return what one entry of the journal changes on the page."""
@@ -78,7 +78,7 @@ class TowShow:
                 return Step(name, facts=stopped, events=((name, detail),))
         return Step()
 
-    def _setting(self, title: str) -> Setting:
+    def _make_setting(self, title: str) -> Setting:
         job = self._job
         rings = (job.area.outline, *job.area.holes)
         walls = [_on_floor(np.array((*ring, ring[0])), height=0.0) for ring in rings]
@@ -120,7 +120,7 @@ class TowShow:
             **{name: Placement(pose(rot_z(a), (x, y, 0.0))) for name, (x, y, a) in bodies},
             "cable": Lines.through(_on_floor(estimate), colour=TOOL_COLOUR, width=4.0),
             "planned": Lines.through(_on_floor(planned), colour=FITTED_COLOUR, width=2.0),
-            "obstacles": Lines.through(*map(_circle, discs), colour=SOLID_COLOUR, width=3.0),
+            "obstacles": Lines.through(*map(_ring, discs), colour=SOLID_COLOUR, width=3.0),
         }
         return Step(
             f"{time:.1f} s",
@@ -181,7 +181,7 @@ def _on_floor(points: Array, height: float = CABLE_HEIGHT) -> Array:
     return np.column_stack((points[:, :2], np.full(len(points), height)))
 
 
-def _circle(disc: Array) -> Array:
+def _ring(disc: Array) -> Array:
     turn = np.linspace(0, 2 * np.pi, CIRCLE_SIDES + 1)
     return _on_floor(disc[:2] + disc[2] * np.column_stack((np.cos(turn), np.sin(turn))))
 

@@ -189,7 +189,7 @@ def butt_joint_edges(
         )
     means, spreads, area_sigmas = [], [], []
     for row in rows:
-        flat = np.stack([_trapezoid(reading) for _, reading in row])
+        flat = np.stack([_trapezoid_of_reading(reading) for _, reading in row])
         areas = np.array([reading.area_left for _, reading in row])
         along = np.full((4, 1), np.mean([at for at, _ in row]))
         means.append(np.hstack((along, flat.mean(axis=0) * (1, -1))))
@@ -220,7 +220,7 @@ def _read_joint(
     return found
 
 
-def _trapezoid(reading: ButtJointReading) -> Array:
+def _trapezoid_of_reading(reading: ButtJointReading) -> Array:
     """p3, p4, g and p2 across the joint from its centre, and out of the hull, shape (4, 2)."""
     across, into = reading.joint_coordinates(*reading.edges.T)
     width = float(across[1] - across[0])

@@ -222,7 +222,7 @@ class StationReach:
         found = self.longest
         if found is None or found[0] == found[1]:
             return None
-        return StationStretch(self.station.name, *(float(self._at(np.array(i))) for i in found))
+        return StationStretch(self.station.name, *(float(self._along(np.array(i))) for i in found))
 
     @property
     def usual_hindrance(self) -> str:
@@ -266,7 +266,7 @@ class StationReach:
         first, last = self.longest or (0, 0)
         spins, q = self.holds.path(first, last)
         q = _turned_within_limits(q, self.station)
-        at = self._at(np.arange(first, last + 1))
+        at = self._along(np.arange(first, last + 1))
         torch, arm = plan.wps.torch, self.station.kinematics
         T_tool_f, back = inverse_pose(torch.tcp.T), pose(p=(0.0, 0.0, -torch.retract))
         leader = _TorchLeader(self.station, torch.tcp.T, self.hindrance)
@@ -283,17 +283,17 @@ class StationReach:
                 start = leader.q
                 way = np.empty((0, 4, 4))
             else:
-                way = leader.way(before, where)
-            way = np.concatenate((way, leader.way(np.array([T[0] @ back, T[0]]), where)))
-            path = leader.bead(T, bead, where)
-            leave = leader.way(np.array([T[-1] @ back]), where)
+                way = leader.lead_on_lines(before, where)
+            way = np.concatenate((way, leader.lead_on_lines(np.array([T[0] @ back, T[0]]), where)))
+            path = leader.lead_along_bead(T, bead, where)
+            leave = leader.lead_on_lines(np.array([T[-1] @ back]), where)
             found.append(BeadPath(bead, way, path, leave))
             # Points half a retraction apart: the way back needs no more.
             apart = bead.length / (len(bead.s) - 1)
             before = (T @ back)[:: -max(1, int(0.5 * torch.retract / apart))]
         return StationPath(self.station.name, start, tuple(found))
 
-    def _at(self, i: NDArray[np.int64]) -> Array:
+    def _along(self, i: NDArray[np.int64]) -> Array:
         """Metres along the groove of places, beyond its length after a turn."""
         m = len(self.places)
         return np.asarray(self.places[i % m] + self.length * (i // m))
@@ -307,7 +307,7 @@ class _TorchLeader:
         self._T_tool_f = inverse_pose(T_f_tool)
         self.q = np.zeros(6)
 
-    def way(self, poses: Array, where: str) -> Array:
+    def lead_on_lines(self, poses: Array, where: str) -> Array:
         """On lines to poses of the tool, shape (k, 4, 4); as the controller is commanded."""
         commanded = []
         for T in poses:
@@ -319,10 +319,10 @@ class _TorchLeader:
             for q in path[1:]:
                 self._check(q, T_b_f, f"on the way to {where}")
             self.q = path[-1]
-            commanded.append(self._commanded(T_b_f))
+            commanded.append(self._commanded_tool_pose(T_b_f))
         return np.array(commanded)
 
-    def bead(self, poses: Array, bead: PlannedBead, where: str) -> Array:
+    def lead_along_bead(self, poses: Array, bead: PlannedBead, where: str) -> Array:
         """Along a bead's poses, shape (q, 4, 4); as the controller is commanded."""
         commanded = []
         for T, s in zip(poses, bead.s, strict=True):
@@ -332,7 +332,7 @@ class _TorchLeader:
                 raise PoseUnreachable(f"{here}: a joint would have to swing at once", T_b_f)
             self._check(q, T_b_f, here)
             self.q = q
-            commanded.append(self._commanded(T_b_f))
+            commanded.append(self._commanded_tool_pose(T_b_f))
         return np.array(commanded)
 
     def _check(self, q: Array, T_b_f: Array, where: str) -> None:
@@ -341,7 +341,7 @@ class _TorchLeader:
         if reason:
             raise PoseUnreachable(f"{where}: {reason}", T_b_f)
 
-    def _commanded(self, T_b_f: Array) -> Array:
+    def _commanded_tool_pose(self, T_b_f: Array) -> Array:
         return self._station.commanded_pose(T_b_f, self.q) @ self._T_f_tool
 
 
@@ -421,21 +421,21 @@ def torch_poses(plan: WeldPlan, places: Array) -> Array:
     ndarray, shape (m, n, 4, 4)
         In frame r; the first one of a place again where fewer beads pass.
     """
-    found = [_poses_at(plan, float(place)) for place in places]
+    found = [_torch_poses_at(plan, float(place)) for place in places]
     most = max(map(len, found))
     return np.array([poses + poses[:1] * (most - len(poses)) for poses in found])
 
 
-def _poses_at(plan: WeldPlan, s: float) -> list[Array]:
+def _torch_poses_at(plan: WeldPlan, s: float) -> list[Array]:
     back = pose(p=(0.0, 0.0, -plan.wps.torch.retract))
-    near = [(bead, _nearest(bead, s, plan.edges)) for bead in plan.beads]
+    near = [(bead, _nearest_point_of_bead(bead, s, plan.edges)) for bead in plan.beads]
     least = min(away for _, (_, away) in near)
     here = [(bead, bead.T_r_torch[i]) for bead, (i, away) in near if away <= max(least, PLACE_STEP)]
     outer = {here[0][0].layer, here[-1][0].layer}
     return [T for _, T in here] + [T @ back for bead, T in here if bead.layer in outer]
 
 
-def _nearest(bead: PlannedBead, s: float, edges: GrooveEdges) -> tuple[int, float]:
+def _nearest_point_of_bead(bead: PlannedBead, s: float, edges: GrooveEdges) -> tuple[int, float]:
     """Which point of a bead is nearest to a place, and how far away, metres."""
     away = np.abs(bead.s - s)
     if edges.closed:

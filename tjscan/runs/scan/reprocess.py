@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -25,7 +25,8 @@ from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.result.summary import ScanSummary
 from tjscan.runs.run import (
     COPIED_FILES,
-    do_nothing_when_finished,
+    WhenFinished,
+    do_nothing,
     refuse_directory_inside,
     refuse_other_keys,
 )
@@ -38,13 +39,8 @@ from tjscan.scanning.recorded import RecordedScan
 from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.sections_before import read_section
 
-REPROCESSABLE_KEYS: Final = (
-    "groove.",
-    "calibration.",
-    "joint.",
-    "arm.uncertainty.",
-    "laser.uncertainty.",
-)
+UNCERTAINTY_KEYS: Final = ("arm.uncertainty.", "laser.uncertainty.")
+REPROCESSABLE_KEYS: Final = ("groove.", "calibration.", "joint.", *UNCERTAINTY_KEYS)
 """Keys of how recorded profiles are read and reported, not of how they were taken."""
 
 FEWEST_SECTIONS: Final = 2
@@ -104,7 +100,7 @@ def reprocess_run(
     directory: Path,
     overrides: dict[str, Any],
     out: Path | None = None,
-    finished: Callable[[Path], object] = do_nothing_when_finished,
+    finished: WhenFinished = do_nothing,
 ) -> ReprocessedRun:
     """Read a run's recorded sections again with other settings, and write a new directory.
 

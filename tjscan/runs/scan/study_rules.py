@@ -254,13 +254,13 @@ def plan_with_centred_groove(
         about the middle of the window and of the line.
     """
     azimuths = azimuths_at_plan_shares(joint, azimuth, plan, np.linspace(0, 1, 9))
-    corners = np.concatenate([_corners_s(joint, phi, plan) for phi in azimuths])
+    corners = np.concatenate([_corners_seen_s(joint, phi, plan) for phi in azimuths])
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     standoff = plan.standoff + sum(window) / 2 - float(middle[2])
     return replace(plan, offset=plan.offset - float(middle[0]), standoff=standoff)
 
 
-def _corners_s(joint: JointDefinition, azimuth: float, plan: ScanPlan) -> Array:
+def _corners_seen_s(joint: JointDefinition, azimuth: float, plan: ScanPlan) -> Array:
     """p2, p3, p4 of an azimuth as the sensor ideally sees them, shape (3, 3), metres."""
     sections = groove_sections(joint, [azimuth])
     rz = np.concatenate((sections.p2, sections.p3, sections.p4))

@@ -21,8 +21,9 @@ from tjscan.result.directory import JOB_FILE, SUMMARY_FILE
 from tjscan.result.summary import ScanSummary, read_summary
 from tjscan.runs.run import (
     COPIED_FILES,
+    WhenFinished,
     accept_edited_copies,
-    do_nothing_when_finished,
+    do_nothing,
     nothing_recorded_yet,
 )
 from tjscan.runs.scan.context import RunContext
@@ -161,9 +162,7 @@ def resume_stations(
     return tuple(_read_station_scan(directory, name) for name in job.station_names)
 
 
-def stitch_station_runs(
-    directory: Path, finished: Callable[[Path], object] = do_nothing_when_finished
-) -> StitchedRun:
+def stitch_station_runs(directory: Path, finished: WhenFinished = do_nothing) -> StitchedRun:
     """Stitch the scans of all stations, and write the result beside their directories.
 
     Parameters

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -51,7 +51,7 @@ from tjscan.result.summary import (
 )
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
-from tjscan.runs.run import COPIED_FILES, do_nothing_when_finished
+from tjscan.runs.run import COPIED_FILES, WhenFinished, do_nothing
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 from tjscan.runs.scan.results import all_profile_points, corner_errors
 from tjscan.runs.scan.uncertainty import causes_of_job
@@ -99,8 +99,8 @@ def build_stitching_report(stitched: StitchedGroove, sources: Mapping[str, str])
         sigma_angle_deg=float(np.degrees(spread[2])),
         sigma_offset_mm=float(1e3 * spread[3]),
         out_of_round_mm=1e3 * stitched.out_of_round,
-        loop_gap_before_mm=_mm(stitched.gap_before),
-        loop_gap_after_mm=_mm(stitched.gap_after),
+        loop_gap_before_mm=_mm_if_known(stitched.gap_before),
+        loop_gap_after_mm=_mm_if_known(stitched.gap_after),
         stations=tuple(
             _station_report(one, first, middle, sources.get(one.station.name, ""))
             for one in stitched.stations
@@ -112,11 +112,11 @@ def build_stitching_report(stitched: StitchedGroove, sources: Mapping[str, str])
     )
 
 
-def _mm(length: float | None) -> float | None:
+def _mm_if_known(length: float | None) -> float | None:
     return None if length is None else 1e3 * length
 
 
-def _triple(values: Array) -> Triple:
+def _as_triple(values: Array) -> Triple:
     a, b, c = values.tolist()
     return a, b, c
 
@@ -132,10 +132,10 @@ def _station_report(
     return StationReport(
         name=one.station.name,
         source=source,
-        position_mm=_triple(1e3 * position),
-        euler_zyx_deg=_triple(np.degrees(angles)),
-        sigma_position_mm=_triple(1e3 * spread[:3]),
-        sigma_rotation_deg=_triple(np.degrees(spread[3:])),
+        position_mm=_as_triple(1e3 * position),
+        euler_zyx_deg=_as_triple(np.degrees(angles)),
+        sigma_position_mm=_as_triple(1e3 * spread[:3]),
+        sigma_rotation_deg=_as_triple(np.degrees(spread[3:])),
         sigma_groove_mm=float(1e3 * np.sqrt(np.trace(at_groove) / 3)),
         azimuth_deg=(float(np.degrees(one.arc.start)), float(np.degrees(one.arc.end))),
         sections=len(one.station.sections),
@@ -217,7 +217,7 @@ def stitch_run_directories(
     runs: Sequence[Path],
     directory: Path,
     settings: StitchSettings = DEFAULT_STITCH_SETTINGS,
-    finished: Callable[[Path], object] = do_nothing_when_finished,
+    finished: WhenFinished = do_nothing,
 ) -> StitchedRun:
     """Stitch run directories and write the result.
 

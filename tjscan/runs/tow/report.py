@@ -21,8 +21,13 @@ from tjscan.result.chapter import (
     ReportEvent,
 )
 from tjscan.result.directory import JOB_FILE
-from tjscan.runs.tow.figures import FIGURE_UNITS, TowFigures, clearance_of_discs
-from tjscan.runs.tow.results import RecordedTow, read_recorded_tow
+from tjscan.runs.tow.results import (
+    FIGURE_UNITS,
+    RecordedTow,
+    TowFigures,
+    clearance_of_discs,
+    read_recorded_tow,
+)
 from tjscan.towing.seam import Seam
 from tjscan.towing.topics import REPLAY_EVENT, TOW_RECORDING
 
@@ -111,7 +116,7 @@ def _charts(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
     ) -> ReportChart:
         return ReportChart(title, "time / s", label, time, np.array(values)[thin], **more)
 
-    yield from _snapshots(job, found)
+    yield from _snapshot_charts(job, found)
     title, of_100 = "objective of 100, as figures 9 (a) and 12 (a) of the paper", "weighted, of 100"
     caption = (
         "Dashed: the paper's mean in its simulation, whose loss functions are not printed; "
@@ -151,7 +156,7 @@ def _truth_charts(found: RecordedTow, draw: Callable[..., ReportChart]) -> Itera
         yield draw(title, "distance / mm", 1e3 * np.array(near))
 
 
-def _snapshots(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
+def _snapshot_charts(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
     """Shapes of the cable on its way, x and y changed so that the seam is across the page."""
     title = "shapes on the way, as figures 8, 11 and 13 of the paper"
     caption = "The cable at evenly spaced times, in the area that it may use."

@@ -24,10 +24,11 @@ from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.run import (
     JobContext,
+    WhenFinished,
     accept_edited_copies,
     changes_of_job,
     check_replay,
-    do_nothing_when_finished,
+    do_nothing,
     job_snapshot_of_file,
     make_vehicle_run_directory,
     record_vehicle_run,
@@ -86,9 +87,8 @@ class TowContext(JobContext[TowJob]):
 
 def make_tow(job: TowJob, cell: TowCell, planner: ShapePlanner, journal: Journal) -> CableTow:
     """Make the loop of a job for a cell whose devices are connected."""
-    setting = TowSetting(
-        job.chain, job.team, Seam(job.seam), job.localisation, job.following, cell.obstacles
-    )
+    line, obstacles = Seam(job.seam), cell.obstacles
+    setting = TowSetting(job.chain, job.team, line, job.localisation, job.following, obstacles)
     return CableTow(cell.team, cell.localisation, setting, planner, journal)
 
 
@@ -108,7 +108,7 @@ def run_tow(context: TowContext, directory: Path) -> None:
         sweep.refuse_if_blocked()
         cell = make_tow_cell(job, sweep.start.angles)
         make_vehicle_run_directory(directory, context)
-    _tow(context, directory, cell, planner, 0.0, sweep.start)
+    _record_tow(context, directory, cell, planner, 0.0, sweep.start)
 
 
 def resume_tow(context: TowContext) -> None:
@@ -123,15 +123,13 @@ def resume_tow(context: TowContext) -> None:
     directory = context.job_file.parent
     recorded = read_recorded_tow(directory)
     if any(event.name == REPLAY_EVENT for event in recorded.events):
-        raise ConfigurationError(
-            "is a replay: nothing was towed there. Resume the tow itself", file=directory
-        )
+        reason = "is a replay: nothing was towed there. Resume the tow itself"
+        raise ConfigurationError(reason, file=directory)
     if recorded.complete:
         raise ConfigurationError("the whole seam is welded: nothing is left to do", file=directory)
     if not recorded.cycles:
-        raise ConfigurationError(
-            "nothing was towed: there is nothing to go on with. Start a new tow", file=directory
-        )
+        reason = "nothing was towed: there is nothing to go on with. Start a new tow"
+        raise ConfigurationError(reason, file=directory)
     last = next((c for c in reversed(recorded.cycles) if not c.plan.halt), recorded.cycles[-1])
     is_edited = _is_job_edited(directory)
     with add_file_to_errors(context.job_file):
@@ -141,7 +139,7 @@ def resume_tow(context: TowContext) -> None:
         left = recorded.truths[-1] if recorded.truths else None
         cell = make_tow_cell(context.job, last.plan.angles, left)
     hauled = PLAN_PERIOD * sum(cycle.pace > 0 for cycle in recorded.cycles)
-    _tow(context, directory, cell, planner, last.along, last.plan, hauled)
+    _record_tow(context, directory, cell, planner, last.along, last.plan, hauled)
 
 
 def _is_job_edited(directory: Path) -> bool:
@@ -163,7 +161,7 @@ def _is_job_edited(directory: Path) -> bool:
     return bool(changes_of_job(before, now, RESUMABLE_KEYS, advice, directory / JOB_FILE))
 
 
-def _tow(
+def _record_tow(
     context: TowContext,
     directory: Path,
     cell: TowCell,
@@ -187,10 +185,7 @@ REPLAYABLE_KEYS: Final = ("method", "weights.", "targets.", "limits.")
 
 
 def replay_tow(
-    directory: Path,
-    overrides: dict[str, Any],
-    out: Path,
-    finished: Callable[[Path], object] = do_nothing_when_finished,
+    directory: Path, overrides: dict[str, Any], out: Path, finished: WhenFinished = do_nothing
 ) -> None:
     """Plan a recorded tow again from the poses as they were estimated, into a run directory.
 

@@ -14,7 +14,7 @@ from tjscan.job.tow.cell import make_planner, make_tow_cell
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.job.tow.job import TowJob
 from tjscan.job.tow.sweep import sweep_seam
-from tjscan.runs.tow.figures import figures_of_tow
+from tjscan.runs.tow.results import figures_of_tow
 from tjscan.runs.tow.run import make_tow
 from tjscan.study.backend import (
     ReportedQuantity,
