@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -51,7 +52,7 @@ def address() -> Iterator[str]:
 
 def made(scheduler: DaskScheduler, trials: tuple[Trial, ...]) -> list[StudyRow[Any]]:
     rows = [
-        e.result.without_wall_time
+        replace(e.result, wall_s=0.0)
         for e in scheduler(partial(run_trial, backend_of=study_backend_of_task), trials)
         if e.result is not None
     ]

@@ -98,14 +98,10 @@ def plan_crawl_run(
         + f"# planned from what was seen of the weld from {begin:.0f} to {end:.0f} mm\n"
         + passes_to_toml(passes, wps.name)
     )
+    texts, without = {CRAWL_PASSES_FILE: text}, f"a crawl job takes {CRAWL_PASSES_FILE}"
+    divided = DividedPlan(plan)
     return write_plan(
-        directory,
-        out,
-        wps_file,
-        DividedPlan(plan),
-        provenance,
-        {CRAWL_PASSES_FILE: text},
-        without_stations=f"a crawl job takes {CRAWL_PASSES_FILE}",
+        directory, out, wps_file, divided, provenance, texts, without_stations=without
     )
 
 
@@ -210,9 +206,7 @@ def _read_joint(
 ) -> list[tuple[float, ButtJointReading]]:
     """Readings with edges along the weld; beside it the root is another."""
     tracker, found = JointTracker(), []
-    for at, profile in seen:
-        if not 0 <= at <= length:
-            continue
+    for at, profile in ((at, profile) for at, profile in seen if 0 <= at <= length):
         with suppress(GrooveNotFound):
             reading = tracker.read(profile)
             if np.isfinite(reading.edges).all() and reading.depth_left > 0:
@@ -235,9 +229,8 @@ def _profiles_along_weld(
 ) -> list[tuple[float, Profile]]:
     """Profiles along the weld, before the first pass or on the way back from one."""
     phases = {Phase.RETURN} if after_pass else {Phase.FORWARD_ALIGNMENT, Phase.BACKWARD_ALIGNMENT}
-    ahead = job.vehicle.laser_to_torch
     return [
-        (cycle.travel + ahead, profile)
+        (cycle.travel + job.vehicle.laser_to_torch, profile)
         for cycle, profile in read_recorded_crawl(directory).profiles
         if cycle.phase in phases and (not after_pass or cycle.number == after_pass)
     ]

@@ -237,9 +237,8 @@ class StationReach:
         reached = {i % m for i in range(first, last + 1)}
         found = list[tuple[float, float, str]]()
         for i in (i for i in range(m) if i not in reached):
-            at = float(self.places[i])
+            begin = at = float(self.places[i])
             reason = self.holds.hindrances[i] or "a joint would have to jump"
-            begin = at
             if found and found[-1][2] == reason and at - found[-1][1] < 1.5 * step:
                 begin, *_ = found.pop()
             found.append((begin, at, reason))
@@ -270,21 +269,17 @@ class StationReach:
         torch, arm = plan.wps.torch, self.station.kinematics
         T_tool_f, back = inverse_pose(torch.tcp.T), pose(p=(0.0, 0.0, -torch.retract))
         leader = _TorchLeader(self.station, torch.tcp.T, self.hindrance)
-        found, before = list[BeadPath](), None
+        found, before = list[BeadPath](), np.empty((0, 4, 4))
         for bead in (bead for bead in plan.beads if bead.station == self.station.name):
             turns = np.round((0.5 * (at[0] + at[-1]) - bead.s.mean()) / self.length)
             s = bead.s + turns * self.length * self.holds.closed
             spun = np.array([pose(rot_z(spin)) for spin in np.interp(s, at, spins)])
             T = self.station.T_b_r @ bead.T_r_torch @ spun
             where = f"bead {bead.number} of station {self.station.name}"
-            if before is None:
+            if not found:
                 near = q[int(np.argmin(np.abs(at - s[0])))]
-                leader.q = arm.inverse(T[0] @ back @ T_tool_f, near=near)
-                start = leader.q
-                way = np.empty((0, 4, 4))
-            else:
-                way = leader.lead_on_lines(before, where)
-            way = np.concatenate((way, leader.lead_on_lines(np.array([T[0] @ back, T[0]]), where)))
+                start = leader.q = arm.inverse(T[0] @ back @ T_tool_f, near=near)
+            way = leader.lead_on_lines(np.concatenate((before, [T[0] @ back, T[0]])), where)
             path = leader.lead_along_bead(T, bead, where)
             leave = leader.lead_on_lines(np.array([T[-1] @ back]), where)
             found.append(BeadPath(bead, way, path, leave))
@@ -396,11 +391,10 @@ def groove_surface(edges: GrooveEdges, sections: Array) -> Array:
     s = np.linspace(0.0, edges.length, ceil(edges.length / SURFACE_STEP) + 1)
     p3, p4, _, p2 = np.moveaxis(edges.corners(s), 1, 0)
     period = edges.length if edges.closed else None
-    beside = np.concatenate(
-        (sections[:, 0] - sections[:, 1], sections[:, 4] - sections[:, 3]), axis=1
+    wall, leg = (
+        np.transpose([np.interp(s, edges.sections, x, period=period) for x in beside.T])
+        for beside in (sections[:, 0] - sections[:, 1], sections[:, 4] - sections[:, 3])
     )
-    between = [np.interp(s, edges.sections, column, period=period) for column in beside.T]
-    wall, leg = np.split(np.transpose(between), 2, axis=1)
     return np.stack((p2 + wall, p2, p3, p4, p4 + leg), axis=1)
 
 

@@ -112,11 +112,8 @@ def details_of_run(
             file=directory / CLOUD_FILE,
         ) from None
     origins = np.array([section.T_r_g[:3, 3] for section in sections])
-    angles, sigmas = (
-        dihedral_angles(tubes.brace, tubes.leg, origins),
-        dihedral_sigmas(tubes, origins),
-    )
-    return compare_with_details(edges, angles, sigmas, wps.detail)
+    angles = dihedral_angles(tubes.brace, tubes.leg, origins)
+    return compare_with_details(edges, angles, dihedral_sigmas(tubes, origins), wps.detail)
 
 
 Replan = Callable[[tuple[StationStretch, ...]], WeldPlan]
@@ -185,16 +182,10 @@ def divide_plan(
                 paths[file] = reach.lead_torch(divided)
             except PoseUnreachable as error:
                 file, problem = "", error.reason
-        stretch = reach.stretch
+        stretch, entry = reach.stretch, {"program": file, "without_program": problem}
         reached = None if stretch is None else (to_mm(stretch.begin), to_mm(stretch.end))
         entries.append(
-            StationEntry(
-                name=name,
-                reached_mm=reached,
-                unreached=reach.unreached,
-                program=file,
-                without_program=problem,
-            )
+            StationEntry(name=name, reached_mm=reached, unreached=reach.unreached, **entry)
         )
     return DividedPlan(divided, tuple(entries), paths)
 
@@ -282,12 +273,10 @@ def write_plan(
     from tjscan.planning.picture import draw_plan
     from tjscan.result.picture import write_png
 
-    plan, folder = divided.plan, out or directory
+    plan, folder, name = divided.plan, out or directory, directory.resolve().name
     label = f"{plan.wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
-    name = directory.resolve().name
-    document = plan_document(
-        plan, provenance, name, label, details, divided.stations, without_stations
-    )
+    stations = divided.stations
+    document = plan_document(plan, provenance, name, label, details, stations, without_stations)
     with write_files_atomically(folder, last=PLAN_FILE, instead_of=EARLIER_FILES) as draft:
         for file, text in texts.items():
             (draft / file).write_text(text, encoding="utf-8")

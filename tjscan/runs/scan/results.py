@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -49,25 +50,18 @@ def sections_in_result_frame(
     sections: Sequence[ScannedSection], frame: JointOrBaseFrame, station: str = "1"
 ) -> tuple[MeasuredSection, ...]:
     """Transform every finished section into the frame of the result."""
+    transform = partial(section_to_result_frame, frame=frame.letter, station=station)
     return tuple(
-        section_to_result_frame(
-            scan.groove,
-            frame.T_r_b @ scan.view.T_b_s,
-            frame.letter,
-            index=scan.view.index,
-            station=station,
-        )
+        transform(scan.groove, frame.T_r_b @ scan.view.T_b_s, index=scan.view.index)
         for scan in sections
     )
 
 
 def all_profile_points(sections: Sequence[ScannedSection], frame: JointOrBaseFrame) -> Array:
     """All profile points of the sections, shape (n, 3), metres, in the result's frame."""
+    views = [scan.view for scan in sections]
     return np.concatenate(
-        [
-            transform_points(frame.T_r_b @ scan.view.T_b_s, scan.view.profile.points_s)
-            for scan in sections
-        ]
+        [transform_points(frame.T_r_b @ view.T_b_s, view.profile.points_s) for view in views]
     )
 
 
@@ -168,7 +162,8 @@ def write_scan_results(
     uncertainty = summarise_budget(budget, ~absent_corners(sections), causes.left_out)
     summary = summarise_scan(result, plan, frame, error, calibration, uncertainty)
     middle = result.sections[len(result.sections) // 2]
-    groove = middle.groove
+    groove, view = middle.groove, middle.view
+    example = ProfileReading(f"section {view.index}", view.profile, groove.points_s, groove)
     picture = draw_groove_overview(
         sections,
         points,
@@ -176,10 +171,7 @@ def write_scan_results(
         title=f"{len(sections)} sections, {result.stop}",
         outline=() if joint is None else joint_wireframe(joint),
         paths=[transform_points(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])],
-        example=ProfileReading(
-            f"section {middle.view.index}", middle.view.profile, groove.points_s, groove
-        ),
+        example=example,
     )
-    return write_run_results(
-        directory, sections, points, summary, picture, job_label_of_run(directory), budget
-    )
+    job = job_label_of_run(directory)
+    return write_run_results(directory, sections, points, summary, picture, job, budget)

@@ -271,10 +271,9 @@ def _sort_keys(
         elif key.startswith(JOINT_PREFIX) and inner and table in JOINT_TABLES:
             joint[key.removeprefix(JOINT_PREFIX)] = value
         elif key.startswith(JOINT_PREFIX) and table not in JointSettings.file_key_types():
-            known = (*JOINT_TABLES, *JointSettings.file_key_types())
-            raise ConfigurationError(
-                f"unknown key; did you mean: {JOINT_PREFIX}{nearest_word(table, known)}?", key=key
-            )
+            nearest = nearest_word(table, (*JOINT_TABLES, *JointSettings.file_key_types()))
+            reason = f"unknown key; did you mean: {JOINT_PREFIX}{nearest}?"
+            raise ConfigurationError(reason, key=key)
         else:
             job[key] = value
     with _put_keys_below(RULE_PREFIX):
