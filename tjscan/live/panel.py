@@ -70,23 +70,20 @@ class Panel:
         self._state = gui.add_html(_render("facts", {}), order=STATE_ORDER)
         self._progress: Any = gui.add_progress_bar(0.0, visible=False)
         self._legend = gui.add_html("", visible=False)
-        self._plot: Any = None
-        self._profile: Any = None
-        if setting.measures:
-            self._plot = _add_chart(
-                gui,
-                setting.plot_axis,
-                "",
-                uplot.Series(label="value", stroke=LINE_COLOUR, width=0, points=LARGE_POINTS),
-                uplot.Series(label="+ sigma", stroke=BAND_COLOUR, width=0, points=SMALL_POINTS),
-                uplot.Series(label="- sigma", stroke=BAND_COLOUR, width=0, points=SMALL_POINTS),
-            )
-            self._profile = _add_chart(
-                gui,
-                *PROFILE_AXES,
-                uplot.Series(label="profile", stroke=LINE_COLOUR, width=0, points=SMALL_POINTS),
-                uplot.Series(label="fitted", stroke=FIT_COLOUR, width=2, points={"show": False}),
-            )
+        self._plot = _add_chart(
+            gui,
+            setting.plot_axis,
+            "",
+            uplot.Series(label="value", stroke=LINE_COLOUR, width=0, points=LARGE_POINTS),
+            uplot.Series(label="+ sigma", stroke=BAND_COLOUR, width=0, points=SMALL_POINTS),
+            uplot.Series(label="- sigma", stroke=BAND_COLOUR, width=0, points=SMALL_POINTS),
+        )
+        self._profile = _add_chart(
+            gui,
+            *PROFILE_AXES,
+            uplot.Series(label="profile", stroke=LINE_COLOUR, width=0, points=SMALL_POINTS),
+            uplot.Series(label="fitted", stroke=FIT_COLOUR, width=2, points={"show": False}),
+        )
         self._table = gui.add_html("", visible=False)
         self._diagram = gui.add_html("", visible=False)
         self._drawn_diagram: StateDiagram | None = None
@@ -118,7 +115,7 @@ class Panel:
             self._drawn_diagram = step.diagram
             self._diagram.visible = True
             self._diagram.content = _render("diagram", step.diagram)
-        if step.profile is not None and self._profile is not None:
+        if step.profile is not None:
             x, *others = columns = profile_columns(step.profile)
             ends = round_ends(np.concatenate(others))
             _redraw(self._profile, columns, x_ends=round_ends(x), y={"range": ends})
@@ -147,8 +144,6 @@ class Panel:
 
     def plot(self, measure: Measure, scale: ColourScale | None) -> None:
         """Plot a measure of all samples, and show its colours."""
-        if self._plot is None:
-            return
         columns = plot_columns(self.samples, measure.name)
         x_ends = self._setting.plot_range or round_ends(columns[0])
         ends = plot_range(*columns[1:3])

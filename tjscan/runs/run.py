@@ -13,6 +13,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final, Generic, TypeVar
 
 import tomli_w
@@ -49,6 +50,8 @@ COPIED_FILES: Final = (JOB_FILE, JOINT_FILE, CALIBRATION_FILE, URDF_FILE)
 
 MOST_BYTES: Final = 50_000_000
 """A larger file is no result of a run: passes of an hour's welding take a tenth of it."""
+
+NO_COPIES: Final[Mapping[str, Path | None]] = MappingProxyType({})
 
 REPLAYED_TASKS: Final = ("crawl", "tow")
 """What is replayed into another run directory, as its recordings are named."""
@@ -99,12 +102,7 @@ def default_run_directory(job_file: Path, station: str | None = None) -> Path:
 
 
 def make_run_directory(
-    directory: Path,
-    job: CellJob,
-    job_file: Path,
-    *,
-    joint: Path | None = None,
-    calibration: Path | None = None,
+    directory: Path, job: CellJob, job_file: Path, copies: Mapping[str, Path | None] = NO_COPIES
 ) -> None:
     """Make a run directory that holds the resolved job, and the files that it names.
 
@@ -118,8 +116,8 @@ def make_run_directory(
         The resolved job.
     job_file : Path
         The file that it was read from, whose name every file of the run states.
-    joint, calibration : Path, optional
-        The files that the job names.
+    copies : mapping of str to Path or None, optional
+        Files that the job names, by the names of their copies; None for one that it does not.
 
     Raises
     ------
@@ -129,14 +127,13 @@ def make_run_directory(
         If it can't be made, or a file that the job names is in a run directory and is not as
         it was written.
     """
-    check_as_written(*(file for file in (joint, calibration) if file is not None))
+    named = {name: file for name, file in copies.items() if file is not None}
+    check_as_written(*named.values())
+    if (model := Path(job.arm.model)).suffix == ".urdf":
+        named[URDF_FILE] = model
     with empty_run_directory(directory) as draft:
-        if joint is not None:
-            shutil.copyfile(joint, draft / JOINT_FILE)
-        if calibration is not None:
-            shutil.copyfile(calibration, draft / CALIBRATION_FILE)
-        if Path(job.arm.model).suffix == ".urdf":
-            shutil.copyfile(job.arm.model, draft / URDF_FILE)
+        for name, file in named.items():
+            shutil.copyfile(file, draft / name)
         write_job_copy(draft, _job_naming_copies(job, draft), job_file, "w" if job.station else "b")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,7 +21,6 @@ from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.plucker import plane_through_point
 from tjscan.calibration.recorded import calibrate_recorded_sets
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
-from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.calibration.targets.target import PosedProfile
 from tjscan.calibration.targets.touched import fit_plane
 from tjscan.calibration.wizard.advice import BoardRectangle, predict_uncertainty
@@ -71,116 +70,55 @@ BALL_SUBDIVISIONS: Final = 6
 """Of an icosahedron: its faces are then within 2 µm of a ball of 40 mm."""
 
 
-def calibrate_arm_in_cell(
-    job: CalibrationJob,
-    ball: BallSettings,
-    cell: Cell,
-    operator: Operator,
-    logbook: Logbook,
-    T_f_s: Array,
-    task: CalibrationPlan,
+def _calibrate_on_ball(
+    job: CalibrationJob, ball: BallSettings, wizard: CalibrationWizard
 ) -> tuple[HandEyeCalibration, BasisEntry]:
     """Look at a ball from many postures, and calibrate arm and sensor together.
 
-    Parameters
-    ----------
-    job : CalibrationJob
-        The job.
-    ball : BallSettings
-        Its ball.
-    cell : Cell
-        Connected.
-    operator : Operator
-        Is asked before every move.
-    logbook : Logbook
-        Gets every profile.
-    T_f_s : ndarray, shape (4, 4)
-        How the sensor sits, as lines on the board have it.
-    task : CalibrationPlan
-        What the sensor sees, and by what it may deviate.
-
-    Raises
-    ------
-    TjscanError
-        As `ArmWizard.run` does.
+    Lines on the board, which the wizard takes first, show how the sensor sits; raises as
+    `CalibrationWizard.take_lines` and `ArmWizard.run` do.
     """
-    kinematics, position, q = kinematics_of_job(job), np.array(ball.position), cell.arm.state().q
+    T_f_s = wizard.take_lines(*wizard.touch_board()).T_f_s
+    task, kinematics, logbook = wizard.task, kinematics_of_job(job), wizard.logbook
     limits = ball.noise, ball.tolerance, ball.poses, ball.held_out, task.laser
-    plan = BallPlan(position, ball.radius, T_f_s, task.window, *limits)
-    views = plan_views(plan, kinematics)
-    wizard = ArmWizard(plan, views, kinematics, cell.arm, cell.laser, operator, logbook, q)
-    found, arcs = wizard.run()
+    plan = BallPlan(np.array(ball.position), ball.radius, T_f_s, task.window, *limits)
+    views, devices = plan_views(plan, kinematics), (wizard.arm, wizard.laser, wizard.operator)
+    q = wizard.arm.state().q
+    found, arcs = ArmWizard(plan, views, kinematics, *devices, logbook, q).run()
     result = as_hand_eye_calibration(found, [arc.name for arc in arcs], kinematics.name)
-    return result, basis_of_postures(logbook.measured, result, 1e3 * ball.radius)
+    shots = [taken.posed_profile for taken in logbook.measured.arm_poses.values()]
+    seen = {shot.name: shot.T_b_f for shot in shots if len(shot.profile)}
+    radius = "" if result.radius is None else f"radius found {1e3 * result.radius:.3f} mm, "
+    return result, BasisEntry(
+        target=f"ball, {radius}about {1e3 * ball.radius:g} mm stated",
+        left_out=tuple(f"{s.name} was not reached" for s in shots if not len(s.profile)),
+        caveats=result.caveats,
+        views=views_of_poses(seen, result.T_f_s),
+    )
 
 
-def basis_of_lines(
-    task: CalibrationPlan, measured: MeasurementsSoFar, result: HandEyeCalibration
-) -> BasisEntry:
-    """What a calibration on a touched board rests on.
-
-    Parameters
-    ----------
-    task : CalibrationPlan
-        What was to be done.
-    measured : MeasurementsSoFar
-        Touches and lines, all of them.
-    result : HandEyeCalibration
-        What they gave.
-
-    Raises
-    ------
-    CalibrationRefused
-        As `fit_touched_board` does.
-    """
+def _basis_of_lines(wizard: CalibrationWizard, result: HandEyeCalibration) -> BasisEntry:
+    """What a calibration on a touched board rests on; raises as `fit_touched_board` does."""
+    task, measured = wizard.task, wizard.measurements
     target, _ = fit_touched_board(task, measured)
     off = 1e3 * float(np.sqrt(np.mean(target.residuals**2)))
     poses = {shot.name: shot.T_b_f for shot in measured.line_profiles}
+    shrinking = []
+    for count in range(1, len(measured.line_profiles) + 1):
+        first = replace(measured, line_profiles=measured.line_profiles[:count])
+        so_far = current_progress(task, first, target).result
+        if so_far is not None:  # the first lines give no result
+            mm = 1e3 * so_far.uncertainty.position
+            degrees = float(np.degrees(so_far.uncertainty.rotation))
+            shrinking.append(
+                ShrinkingEntry(lines=count, sigma_position_mm=mm, sigma_rotation_deg=degrees)
+            )
     return BasisEntry(
         target=f"board touched at {len(target.residuals)} places, {off:.3f} mm RMS off a plane",
         left_out=tuple(f"a pose was passed over: {one.reason}" for one in measured.skipped_poses),
         caveats=result.caveats,
         views=views_of_poses(poses, result.T_f_s),
-        shrinking=tuple(_uncertainties_after_lines(task, measured, target)),
-    )
-
-
-def _uncertainties_after_lines(
-    task: CalibrationPlan, measured: MeasurementsSoFar, target: PlaneTarget
-) -> Iterator[ShrinkingEntry]:
-    """Uncertainty after each line, from where the lines gave a result."""
-    for count in range(1, len(measured.line_profiles) + 1):
-        first = replace(measured, line_profiles=measured.line_profiles[:count])
-        result = current_progress(task, first, target).result
-        if result is not None:
-            sure, degrees = result.uncertainty, float(np.degrees(result.uncertainty.rotation))
-            yield ShrinkingEntry(
-                lines=count, sigma_position_mm=1e3 * sure.position, sigma_rotation_deg=degrees
-            )
-
-
-def basis_of_postures(
-    measured: MeasurementsSoFar, result: HandEyeCalibration, stated_mm: float
-) -> BasisEntry:
-    """What a calibration of the arm on a ball rests on.
-
-    Parameters
-    ----------
-    measured : MeasurementsSoFar
-        The postures.
-    result : HandEyeCalibration
-        What they gave.
-    stated_mm : float
-        The ball's radius, about, as the job has it.
-    """
-    shots = [taken.posed_profile for taken in measured.arm_poses.values()]
-    seen = {shot.name: shot.T_b_f for shot in shots if len(shot.profile)}
-    found = "" if result.radius is None else f"radius found {1e3 * result.radius:.3f} mm, "
-    return BasisEntry(
-        target=f"ball, {found}about {stated_mm:g} mm stated",
-        left_out=tuple(f"{s.name} was not reached" for s in shots if not len(s.profile)),
-        caveats=result.caveats,
-        views=views_of_poses(seen, result.T_f_s),
+        shrinking=tuple(shrinking),
     )
 
 
@@ -216,9 +154,8 @@ def start_calibration(
         until then is kept.
     """
     if (directory / f"{CALIBRATION_RECORDING}.mcap").exists():
-        raise ConfigurationError(
-            f"holds a calibration already; go on with it: --resume {directory}", file=directory
-        )
+        reason = f"holds a calibration already; go on with it: --resume {directory}"
+        raise ConfigurationError(reason, file=directory)
     if arm and job.ball is None:
         raise ConfigurationError("--arm looks at a ball: the job needs a table [ball]", key="ball")
     # The directory keeps the guess itself: the file it may come from is not its own result.
@@ -250,11 +187,10 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
         if job.ball is None:
             outcome = wizard.run()
             result, verification, noise = outcome.result, outcome.verification, job.board.noise
-            basis = basis_of_lines(task, logbook.measured, result)
+            basis = _basis_of_lines(wizard, result)
         else:
-            about, ball = wizard.take_lines(*wizard.touch_board()).T_f_s, job.ball
-            verification, noise = None, ball.noise
-            result, basis = calibrate_arm_in_cell(job, ball, cell, operator, logbook, about, task)
+            verification, noise = None, job.ball.noise
+            result, basis = _calibrate_on_ball(job, job.ball, wizard)
         found = to_calibration_file(
             result,
             noise,

@@ -21,7 +21,7 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.recording.journal import CombinedJournal, Journal
 from tjscan.recording.parts import next_recording_file
-from tjscan.result.directory import URDF_FILE
+from tjscan.result.directory import CALIBRATION_FILE, JOINT_FILE, URDF_FILE
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.run import JobContext, make_run_directory, take_job_snapshot
@@ -96,10 +96,8 @@ class RunContext(JobContext[ScanJob]):
     def make_run_directory(self, directory: Path) -> None:
         """Make a run directory with the job and the files that it names."""
         with add_file_to_errors(self.job_file):
-            joint, calibration = self.joint_file, self.sensor_mount.file
-            make_run_directory(
-                directory, self.job, self.job_file, joint=joint, calibration=calibration
-            )
+            copies = {JOINT_FILE: self.joint_file, CALIBRATION_FILE: self.sensor_mount.file}
+            make_run_directory(directory, self.job, self.job_file, copies)
 
     @contextmanager
     def open_recording(self, directory: Path) -> Iterator[Journal]:
