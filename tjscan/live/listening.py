@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from queue import Full, Queue
 from threading import Event, Thread
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from tjscan.core.errors import PageUnavailable
 from tjscan.live.buttons import Button
 from tjscan.live.page import Page, PageAddress
-from tjscan.live.step import STATE_FACT, Setting, Step, merge_steps
+from tjscan.live.step import STATE_FACT, Show, Step, merge_steps
 
 FEED_CAPACITY: Final = 512
 """Entries that wait for the page; what comes while it is full is not shown."""
@@ -69,19 +69,6 @@ class LiveFeed:
                 return
             if over:
                 return
-
-
-class Show(Protocol):
-    """Turns what a run's journal receives into steps of the page."""
-
-    @property
-    def setting(self) -> Setting:
-        """What does not change."""
-        ...
-
-    def step(self, entry: object) -> Step:
-        """What an entry changes: nothing if it is of an unknown type."""
-        ...
 
 
 class RunOnPage:

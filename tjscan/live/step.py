@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import nan
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, Self
+from typing import Any, Final, Protocol, Self
 
 import numpy as np
 
@@ -242,9 +242,19 @@ class RecordedShow:
     steps: tuple[Step, ...]
 
 
-ShowReader = Callable[[Path], RecordedShow | None]
-"""A function that each task brings: what the recording of its run has to show.
+class Show(Protocol):
+    """Turns what a run's journal receives into steps of the page."""
 
-It gets the run directory, finished or not, and returns None if that holds no run of the task. It
-raises ConfigurationError or RecordingError if a file in it is wrong or damaged.
-"""
+    @property
+    def setting(self) -> Setting:
+        """What does not change."""
+        ...
+
+    def step(self, entry: object) -> Step:
+        """What an entry changes: nothing if it is of an unknown type."""
+        ...
+
+
+ShowReader = Callable[[Path], tuple[Show, Iterable[object]]]
+"""A function that each task brings: what shows its runs, and what was recorded of a run, by the
+run's directory. It raises ConfigurationError or RecordingError if a file is wrong or damaged."""

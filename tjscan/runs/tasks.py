@@ -11,10 +11,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from tjscan.core.errors import ConfigurationError, nearest_word
-from tjscan.live.step import RecordedShow
+from tjscan.live.step import RecordedShow, ShowReader
+from tjscan.recording.parts import recording_files
 from tjscan.result.chapter import ChapterWriter
 from tjscan.result.directory import JOB_FILE
 from tjscan.study.backend import StudyBackend
+
+SHOWN_RECORDINGS: Final = ("measured", "crawl", "scan", "tow")
+"""What the names of the recordings begin with that the live page shows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,12 +96,14 @@ def read_recorded_show(directory: Path) -> RecordedShow:
     from tjscan.runs.live.scan import read_scan_show
     from tjscan.runs.live.tow import read_tow_show
 
-    readers = (read_calibration_show, read_crawl_show, read_scan_show, read_tow_show)
-    for read in readers:
-        if (show := read(directory)) is not None:
-            if not show.steps:
+    readers: list[ShowReader]
+    readers = [read_calibration_show, read_crawl_show, read_scan_show, read_tow_show]
+    for recording, read in zip(SHOWN_RECORDINGS, readers, strict=True):
+        if recording_files(directory, recording)[0].is_file():
+            show, entries = read(directory)
+            if not (steps := tuple(map(show.step, entries))):
                 raise ConfigurationError("nothing was recorded in it yet", file=directory)
-            return show
+            return RecordedShow(show.setting, steps)
     raise ConfigurationError(
         "holds no recording that can be shown: give the directory of a scan, a crawl, a tow or a "
         "calibration, or of one station",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,6 @@ from tjscan.calibration.targets.target import PosedProfile
 from tjscan.calibration.wizard.operator import Answer, Question
 from tjscan.calibration.wizard.session import CalibrationProgress
 from tjscan.calibration.wizard.topics import (
-    CALIBRATION_RECORDING,
     ArmPoseTaken,
     BoardTouch,
     CalibrationEntry,
@@ -39,12 +38,10 @@ from tjscan.live.step import (
     STATE_FACT,
     Measure,
     PlaneCurve,
-    RecordedShow,
     Sample,
     Setting,
     Step,
 )
-from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.calibration.run import calibration_plan_of_job
 
@@ -176,13 +173,11 @@ class CalibrationShow:
         )
 
 
-def read_calibration_show(directory: Path) -> RecordedShow | None:
+def read_calibration_show(directory: Path) -> tuple[CalibrationShow, Iterable[object]]:
     """Read what a calibration's recording has to show; see `tjscan.live.step.ShowReader`."""
-    if not recording_files(directory, CALIBRATION_RECORDING)[0].is_file():
-        return None
     job_file = directory / JOB_FILE
     show = CalibrationShow(read_calibration_job(job_file), job_file, directory.resolve().name)
-    return RecordedShow(show.setting, tuple(map(show.step, read_calibration_entries(directory))))
+    return show, read_calibration_entries(directory)
 
 
 LOOK_INTERVAL: Final = 0.2

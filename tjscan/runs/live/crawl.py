@@ -17,7 +17,7 @@ import numpy as np
 from tjscan.core.frames import pose, rot_z
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import PHASE_TRANSITIONS, Event, Phase
-from tjscan.crawler.topics import CRAWL_RECORDING, read_crawl
+from tjscan.crawler.topics import read_crawl
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.live.buttons import Button, stop_button
@@ -30,14 +30,12 @@ from tjscan.live.step import (
     STATE_FACT,
     Measure,
     PlaneCurve,
-    RecordedShow,
     Sample,
     Setting,
     StateDiagram,
     Step,
 )
 from tjscan.recording.journal import RunEvent
-from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.solids import Box, Cylinder, Solid
 from tjscan.vehicle.vehicle import AT_REST, Twist
@@ -200,12 +198,10 @@ def phase_diagram(now: Phase) -> StateDiagram:
     return StateDiagram(tuple(map(str, Phase)), arrows, str(now), str(Phase.STOP))
 
 
-def read_crawl_show(directory: Path) -> RecordedShow | None:
+def read_crawl_show(directory: Path) -> tuple[CrawlShow, Iterator[object]]:
     """Read what a crawl's recording has to show; see `tjscan.live.step.ShowReader`."""
-    if not recording_files(directory, CRAWL_RECORDING)[0].is_file():
-        return None
     show = CrawlShow(read_crawl_job(directory / JOB_FILE), directory.resolve().name)
-    return RecordedShow(show.setting, tuple(map(show.step, _read_thinned_entries(directory))))
+    return show, _read_thinned_entries(directory)
 
 
 def _read_thinned_entries(directory: Path) -> Iterator[object]:

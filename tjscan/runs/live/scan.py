@@ -24,7 +24,7 @@ from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Posture, Surface
 from tjscan.live.listening import RunOnPage, show_run
 from tjscan.live.page import PageAddress
-from tjscan.live.step import STATE_FACT, Measure, PlaneCurve, RecordedShow, Sample, Setting, Step
+from tjscan.live.step import STATE_FACT, Measure, PlaneCurve, Sample, Setting, Step
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE, RECORDING_FILE
@@ -223,14 +223,11 @@ def _value_in_words(measure: Measure, values: dict[str, float], sigmas: dict[str
     return f"{value:.3f}{spread} {measure.unit}"
 
 
-def read_scan_show(directory: Path) -> RecordedShow | None:
+def read_scan_show(directory: Path) -> tuple[ScanShow, Iterator[object]]:
     """Read what a scan's recording has to show; see `tjscan.live.step.ShowReader`."""
-    if not (directory / RECORDING_FILE).is_file():
-        return None
-    job = read_scan_job(directory / JOB_FILE)
-    context = RunContext(job.job_at_station(), directory / JOB_FILE)
-    show = ScanShow(context, directory.resolve().name)
-    return RecordedShow(show.setting, tuple(map(show.step, read_entries(directory, context))))
+    job_file = directory / JOB_FILE
+    context = RunContext(read_scan_job(job_file), job_file).at_station()
+    return ScanShow(context, directory.resolve().name), read_entries(directory, context)
 
 
 def read_entries(directory: Path, context: RunContext) -> Iterator[object]:

@@ -24,15 +24,14 @@ from tjscan.live.colours import (
 from tjscan.live.drawables import Drawable, Lines, Placement
 from tjscan.live.listening import RunOnPage, show_run
 from tjscan.live.page import PageAddress
-from tjscan.live.step import STATE_FACT, Measure, RecordedShow, Sample, Setting, Step
+from tjscan.live.step import STATE_FACT, Measure, Sample, Setting, Step
 from tjscan.recording.journal import RunEvent
-from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.solids import Cylinder, Solid
 from tjscan.runs.tow.results import clearance_of_discs
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.seam import Seam
-from tjscan.towing.topics import TOW_RECORDING, read_tow
+from tjscan.towing.topics import read_tow
 
 CABLE_CLEARANCE: Final = Measure("cable's clearance of obstacles", "mm")
 VEHICLE_CLEARANCE: Final = Measure("vehicles' clearance", "mm")
@@ -186,12 +185,10 @@ def _ring(disc: Array) -> Array:
     return _on_floor(disc[:2] + disc[2] * np.column_stack((np.cos(turn), np.sin(turn))))
 
 
-def read_tow_show(directory: Path) -> RecordedShow | None:
+def read_tow_show(directory: Path) -> tuple[TowShow, Iterator[object]]:
     """Read what a tow's recording has to show; see `tjscan.live.step.ShowReader`."""
-    if not recording_files(directory, TOW_RECORDING)[0].is_file():
-        return None
     show = TowShow(read_tow_job(directory / JOB_FILE), directory.resolve().name)
-    return RecordedShow(show.setting, tuple(map(show.step, _read_thinned_entries(directory))))
+    return show, _read_thinned_entries(directory)
 
 
 def _read_thinned_entries(directory: Path) -> Iterator[object]:
