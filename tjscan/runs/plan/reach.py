@@ -20,8 +20,8 @@ from tjscan.core.frames import (
     rot_z,
     transform_points,
 )
-from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.arm import kinematics_of_job, solids_in_base
+from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.plan import WeldPlan
