@@ -15,7 +15,7 @@ from uncertainty import COVERED, Squares, across_edges, placed_stations
 
 from tjscan.core.errors import CalibrationRefused, StitchingRefused
 from tjscan.core.frames import inverse_pose
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.runs.chain import read_chain, run_chain
 from tjscan.runs.scan.context import RunContext

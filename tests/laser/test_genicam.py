@@ -29,7 +29,7 @@ from tjscan.core.errors import (
     ProfileStale,
     WrongLaser,
 )
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.laser.genicam.gige import TAKEN_AGAIN
 from tjscan.laser.genicam.scancontrol_laser import ScanControlLaser
 from tjscan.laser.genicam.settings import ScanControlSettings

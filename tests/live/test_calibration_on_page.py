@@ -10,7 +10,7 @@ from cells import EXAMPLES
 from command import tjscan
 
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Question
-from tjscan.job import CalibrationJob, read_calibration_job
+from tjscan.job.files import CalibrationJob, read_calibration_job
 from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.listening import RunOnPage
 from tjscan.live.step import Step

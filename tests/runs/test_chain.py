@@ -9,7 +9,7 @@ from cells import EXAMPLES
 from command import tjscan
 
 from tjscan.core.config import table_to_dict
-from tjscan.job import read_calibration_job, read_scan_job
+from tjscan.job.files import read_calibration_job, read_scan_job
 from tjscan.runs.chain import KEYS_SWITCHING_OFF, read_chain
 from tjscan.study.file import flatten_to_dotted_keys
 

@@ -11,7 +11,7 @@ import pytest
 from cells import EXAMPLES
 from command import tjscan
 
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.result.directory import JOINT_FILE
 from tjscan.result.table import read_sections_csv
 from tjscan.runs.run import make_run_directory

@@ -20,7 +20,7 @@ from tjscan.core.errors import CalibrationRefused, ConfigurationError, Stitching
 from tjscan.core.frames import Array, transform_points
 from tjscan.core.pose_vector import boxminus
 from tjscan.core.units import DEG, MM, SettingsTable, pose_from_rows_mm
-from tjscan.job import read_calibration_job, read_scan_job
+from tjscan.job.files import read_calibration_job, read_scan_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.mesh import build_joint_mesh

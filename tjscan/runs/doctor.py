@@ -16,9 +16,10 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, TjscanError
 from tjscan.groove.section import GrooveSection
-from tjscan.job import LaserSettings, ScanJob, read_scan_job
 from tjscan.job.arm import clear_path_planner_of_job
 from tjscan.job.cell import Cell
+from tjscan.job.devices import LaserSettings
+from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.laser.line_laser import DescribedLaser
 from tjscan.laser.profile import Profile
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job

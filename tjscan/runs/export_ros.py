@@ -12,7 +12,7 @@ import numpy as np
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import inverse_pose
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.recording.ros import joint_trajectory_message, pose_array_message, write_ros_messages
 from tjscan.result.directory import JOB_FILE, SECTIONS_FILE, URDF_FILE
 from tjscan.result.export import EXPORT_STEM, sort_sections_by_azimuth

@@ -14,9 +14,9 @@ from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.groove.settings import GrooveSettings
-from tjscan.job import read_laser_job, read_scan_job
 from tjscan.job.cell import make_simulated_laser
-from tjscan.job.laser import make_laser_without_arm
+from tjscan.job.devices import make_laser_without_arm
+from tjscan.job.files import read_laser_job, read_scan_job
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.result.readings import ProfileReading, measure_grooves

@@ -30,8 +30,9 @@ from tjscan.core.files import (
 from tjscan.core.locks import lock_directory
 from tjscan.core.manifest import MANIFEST_FILE, changed_since_written, check_as_written
 from tjscan.core.provenance import Provenance
-from tjscan.job import CalibrationSettings, CellJob
 from tjscan.job.crawl.job import CrawlJob
+from tjscan.job.devices import CalibrationSettings
+from tjscan.job.files import CellJob
 from tjscan.job.tow.job import TowJob
 from tjscan.recording.header import JobSnapshot, file_sha256, job_snapshot_changes
 from tjscan.recording.journal import CombinedJournal, Journal, RunEvent

@@ -15,7 +15,7 @@ from tjscan.calibration.noise import NoiseModel
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.manifest import check_as_written
-from tjscan.job import read_calibration_job
+from tjscan.job.files import read_calibration_job
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportSheet
 from tjscan.result.directory import CALIBRATION_FILE, CALIBRATION_PICTURE, JOB_FILE
 from tjscan.runs.scan.results import calibration_label

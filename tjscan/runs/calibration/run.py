@@ -46,17 +46,11 @@ from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import pose_to_rows_mm
-from tjscan.job import (
-    CalibrationJob,
-    CalibrationSettings,
-    RecordedJob,
-    SimulatedBoardSettings,
-    read_calibration_job,
-)
 from tjscan.job.arm import kinematics_of_job, sensor_mount_of_job
 from tjscan.job.cell import Cell, make_cell
-from tjscan.job.laser import laser_model_of_job
-from tjscan.job.surroundings import BallSettings
+from tjscan.job.devices import CalibrationSettings
+from tjscan.job.files import CalibrationJob, RecordedJob, read_calibration_job
+from tjscan.job.surroundings import BallSettings, SimulatedBoardSettings
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.drivers import SimulatedScene
 from tjscan.laser.optics import RaycastSurface
@@ -282,7 +276,7 @@ def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPla
     T_f_s : ndarray, shape (4, 4)
         Rough pose of the laser.
     """
-    board, model = job.board, laser_model_of_job(job)
+    board, model = job.board, job.laser_model
     # That other lasers of this class open their fan as the simulated one is an assumption.
     window = MeasuringRange(model.near, model.far, model.emitter_z, model.half_angle, model.columns)
     largest, _ = job.laser.uncertainty.linear

@@ -26,8 +26,8 @@ from tjscan.calibration.wizard.topics import (
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import LaserFault, PageUnavailable
 from tjscan.core.frames import Array, rot_z, transform_points
-from tjscan.job import CalibrationJob, read_calibration_job
 from tjscan.job.arm import kinematics_of_job, sensor_mount_of_job, solids_in_base
+from tjscan.job.files import CalibrationJob, read_calibration_job
 from tjscan.live.buttons import Button, Tone
 from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR, TOOL_COLOUR
 from tjscan.live.drawables import Drawable, Lines, Posture, Surface

@@ -16,8 +16,8 @@ from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, transform_points
 from tjscan.groove.measured import MeasuredSection, section_to_result_frame
-from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.arm import kinematics_of_job, solids_in_base
+from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.live.buttons import Button
 from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR

@@ -22,8 +22,8 @@ from tjscan.core.frames import (
     transform_points,
 )
 from tjscan.core.units import MM
-from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.arm import kinematics_of_job, solids_in_base
+from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.document import LengthEntry
 from tjscan.planning.edges import GrooveEdges

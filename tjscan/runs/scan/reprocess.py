@@ -17,8 +17,8 @@ from tjscan.core.errors import ConfigurationError, GrooveNotFound, RecordingErro
 from tjscan.core.files import refuse_links_outside, write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
-from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.arm import SensorMount
+from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.recording.damage import RecordingDamage
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE

@@ -12,8 +12,8 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import RecordingError, ScanInterrupted, TjscanError, message_with_notes
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
-from tjscan.job import ScanJob
 from tjscan.job.cell import Cell
+from tjscan.job.files import ScanJob
 from tjscan.recording.damage import RecordingDamage
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.journal import CombinedJournal, Journal, RunEvent, event_recorder

@@ -19,9 +19,10 @@ from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array, JointOrBaseFrame, transform_points
 from tjscan.core.units import pose_from_rows_mm, pose_to_rows_mm
-from tjscan.job import JointSettings, ScanJob, read_scan_job
 from tjscan.job.arm import sensor_mount_of_job
 from tjscan.job.cell import make_scan_cell
+from tjscan.job.files import ScanJob, read_scan_job
+from tjscan.job.surroundings import JointSettings
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.file import JointFile

@@ -23,7 +23,7 @@ from tjscan.core.frames import (
     unit_vector,
 )
 from tjscan.core.units import pose_from_rows_mm
-from tjscan.job import ScanJob
+from tjscan.job.files import ScanJob
 from tjscan.joint.bevel import groove_sections
 from tjscan.joint.checks import CHECKED_AZIMUTHS
 from tjscan.joint.definition import JointDefinition

@@ -23,7 +23,7 @@ from tjscan.core.frames import (
 )
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import (
