@@ -15,6 +15,7 @@ from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.registry import Registry
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, FileUnit, SettingsTable
+from tjscan.crawler.guards import ProximitySettings
 from tjscan.crawler.plan import (
     AlignmentSettings,
     CourseSettings,
@@ -22,7 +23,6 @@ from tjscan.crawler.plan import (
     PassSettings,
     WeldSettings,
 )
-from tjscan.crawler.proximity import ProximitySettings
 from tjscan.crawler.sizing import SizeSettings
 from tjscan.crawler.slip_aware import SteeringSettings
 from tjscan.crawler.slip_estimator import SlipUncertainty

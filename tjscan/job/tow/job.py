@@ -13,7 +13,7 @@ from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, SECONDS, SettingsT
 from tjscan.job.devices import DeviceSettings
 from tjscan.towing.shape.area import Area
 from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
-from tjscan.towing.shape.settings import TowingLimits
+from tjscan.towing.shape.plan import TowingLimits
 from tjscan.towing.tables import (
     NEWTON,
     AreaSettings,

@@ -29,9 +29,8 @@ from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.solids import Cylinder, Solid
-from tjscan.towing.journal import TowCycle, TowTruth
+from tjscan.towing.journal import TOW_RECORDING, TowCycle, TowTruth, read_tow
 from tjscan.towing.seam import Seam
-from tjscan.towing.topics import TOW_RECORDING, read_tow
 
 CABLE_CLEARANCE: Final = Measure("cable's clearance of obstacles", "mm")
 VEHICLE_CLEARANCE: Final = Measure("vehicles' clearance", "mm")

@@ -24,8 +24,8 @@ from tjscan.result.chapter import (
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.tow.figures import FIGURE_UNITS, TowFigures
 from tjscan.runs.tow.results import RecordedTow, read_recorded_tow
+from tjscan.towing.journal import REPLAY_EVENT, TOW_RECORDING
 from tjscan.towing.seam import Seam
-from tjscan.towing.topics import REPLAY_EVENT, TOW_RECORDING
 
 MOST_POINTS: Final = 2000
 """Of a line in a chart."""
