@@ -17,7 +17,7 @@ from types import FrameType
 from typing import Final
 
 import tjscan
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
@@ -27,7 +27,7 @@ PAPER_JOB: Final = Path(tjscan.__file__).parents[1] / "examples" / "paper.toml"
 TRACED_SECTION: Final = 3
 """Number of the section whose correction substep is traced, from 0."""
 
-FIRST_CALL, NEXT_CALL = "take_view", "_keep"
+FIRST_CALL, NEXT_CALL = "take_view", "_finish_section"
 """Names of the function that the way begins with, and of the one called once it has ended."""
 
 

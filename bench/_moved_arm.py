@@ -14,14 +14,14 @@ from _run_uses import NO_FAULTS
 
 from tjscan.core.errors import PoseUnreachable
 from tjscan.core.frames import Array
-from tjscan.job import read_scan_job
 from tjscan.job.cell import Cell
+from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
 from tjscan.result.directory import RECORDING_FILE
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan, scan_in_cell
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ProfileView
 
 FILE: Final = EXAMPLES / "paper.toml"

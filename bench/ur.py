@@ -27,7 +27,7 @@ from tjscan.core.errors import (
     TargetRefused,
 )
 from tjscan.core.frames import Array, pose
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.arm import UrArm
@@ -35,7 +35,7 @@ from tjscan.robot.ur.settings import UrSettings
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan, scan_in_cell
 from tjscan.scanning.progress import ScanResult
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 from tjscan_loopback.process import UrLoopbackProcess
 from tjscan_loopback.ur.faults import InjectedFault
 

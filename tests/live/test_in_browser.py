@@ -25,7 +25,7 @@ from tjscan.crawler.journal import CrawlCycle, read_crawl
 from tjscan.crawler.phases import Phase
 from tjscan.live.colours import ARM_COLOUR, TOOL_COLOUR, viridis
 from tjscan.recording.journal import RunEvent
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN
 
 if TYPE_CHECKING:

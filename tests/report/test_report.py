@@ -20,7 +20,7 @@ from tjscan.core.manifest import MANIFEST_FILE
 from tjscan.groove.read import read_groove
 from tjscan.joint.file import read_joint
 from tjscan.report.data import read_report_data
-from tjscan.report.design import designed_measures
+from tjscan.report.dimensions import designed_measures
 from tjscan.report.findings import report_findings
 from tjscan.report.write import render_report_page, write_run_report
 from tjscan.result.directory import BUDGET_FILE
@@ -34,7 +34,7 @@ from tjscan.result.stitching import (
 )
 from tjscan.result.summary import read_summary, summarise_stations, write_summary
 from tjscan.result.table import read_sections_csv, write_sections_csv
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 
 CAD = Path(__file__).parent.parent.parent / "cad" / "tjoint-600x457.toml"
 

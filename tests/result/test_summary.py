@@ -7,7 +7,7 @@ from cells import PAPER, scan_example
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import JointOrBaseFrame
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.result.summary import (
     ScanSummary,
     read_summary,

@@ -21,13 +21,13 @@ from mcap.writer import CompressionType, Writer
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.files import lock_and_clean_directory
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
 from tjscan.recording.parts import recording_files
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import check_joint_angles, scan_in_cell
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import Substep
 
 SAME = 1e-9

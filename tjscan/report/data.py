@@ -8,10 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tjscan.comparison.compare import AlignmentMethod, check_tolerance, compare_shapes
-from tjscan.comparison.result import Comparison
-from tjscan.comparison.shapes import Shape
-from tjscan.comparison.sidecar import StatedUnitAndFrame
+from tjscan.comparison.compare import AlignmentMethod, Comparison, check_tolerance, compare_shapes
+from tjscan.comparison.shapes import Shape, StatedUnitAndFrame
 from tjscan.core.errors import ComparisonRefused, ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
@@ -20,7 +18,6 @@ from tjscan.groove.settings import GrooveSettings
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
-from tjscan.report.stations import station_folders
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import JOINT_FILE, RECORDING_FILE, SECTIONS_FILE, SUMMARY_FILE
 from tjscan.result.shapes import read_run_shape, read_shape
@@ -118,6 +115,11 @@ class ReportData:
         return self.directory.resolve().name
 
     @property
+    def cloud(self) -> Array:
+        """The scanned points, shape (n, 3), metres; none if there is no cloud."""
+        return np.empty((0, 3)) if self.shape.points is None else self.shape.points
+
+    @property
     def unwrapped_azimuths(self) -> Array | None:
         """Azimuths of the sections in degrees, without a jump; None if they are not known."""
         azimuths = np.array([section.azimuth for section in self.sections])
@@ -185,6 +187,20 @@ def read_report_data(
         stitching,
         caveats,
     )
+
+
+def station_folders(directory: Path, report: StitchingReport | None) -> dict[str, Path]:
+    """Run directories of the stations, wherever the result was moved to.
+
+    Parameters
+    ----------
+    directory : Path
+        The stitched run's.
+    report : StitchingReport or None
+        How it was stitched; None for a scan from one place, which has no stations.
+    """
+    stations = () if report is None else report.stations
+    return {station.name: directory / station.source for station in stations}
 
 
 def _joint_file(directory: Path, folders: Iterable[Path]) -> Path | None:
