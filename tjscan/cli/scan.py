@@ -301,13 +301,13 @@ def stitch(
         raise ConfigurationError(
             "is not empty; a result never overwrites another. Choose another --out", file=directory
         )
-    settings = _settings(repeatability_mm, repeatability_deg, out_of_round_mm)
+    settings = _stitch_settings(repeatability_mm, repeatability_deg, out_of_round_mm)
     with show_phase("stitching"):
         done = stitch_run_directories((run, *runs), directory, settings, write_run_report)
     print_stitched_groove(done, directory, json=json)
 
 
-def _settings(
+def _stitch_settings(
     repeatability_mm: float, repeatability_deg: float, out_of_round_mm: float
 ) -> StitchSettings:
     from tjscan.joint.tubes.fit import ArmRepeatability

@@ -48,7 +48,7 @@ def draw_profile(reading: ProfileReading, columns: int, rows: int) -> list[str]:
     if not len(x):
         return ["no point in range"]
     canvas = np.full((rows, columns), " ")
-    (left, right), (top, bottom) = _span(x), _span(z)
+    (left, right), (top, bottom) = _value_span(x), _value_span(z)
     across, down = (columns - 1) / (right - left), (rows - 1) / (bottom - top)
     canvas[np.round((z - top) * down).astype(int), np.round((x - left) * across).astype(int)] = (
         POINT_MARK
@@ -122,7 +122,7 @@ def _reading_with_time(reading: ProfileReading) -> dict[str, object]:
     }
 
 
-def _span(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, float]:
+def _value_span(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, float]:
     """Least and greatest value; never the same."""
     low, high = float(values.min()), float(values.max())
     return (low, high) if high > low else (low - 0.5, high + 0.5)
