@@ -83,12 +83,11 @@ def causes_of_job(
     if mount.deviations is not None:
         kinematics = with_deviations(kinematics, mount.deviations)
     moved = np.array([deviation_jacobian(kinematics, one.view.q) for one in sections])
+    absolute = job.arm.uncertainty.absolute
     causes = [
         reading_cause(sections),
         repeatability_cause(sections, repeats, of_repeats),
-        *_causes_of_arm(
-            mount, sections, moved, job.arm.uncertainty.absolute, without_laser=is_same
-        ),
+        *_causes_of_arm(mount, sections, moved, absolute, without_laser=is_same),
     ]
     left_out = [UNKNOWN_MOUNT] if mount.covariance is None else []
     if linearity > 0:
