@@ -108,21 +108,6 @@ def draw_sections(data: ReportData) -> list[SectionDrawing]:
     return drawings
 
 
-def describe_drawings(data: ReportData) -> str:
-    """What to see in the drawings, for their caption."""
-    clock = (
-        "the section nearest to a full hour of the clock (12 at the crown, 3 at azimuth 90°)"
-        if data.unwrapped_azimuths is not None
-        else "one of the sections, evenly chosen"
-    )
-    design = "" if data.joint is None else " Below each dimension is what is drawn."
-    return (
-        f"Each looks along the groove, brace above and leg below, at {clock}. Blue is what the "
-        f"laser saw.{design} At the root is its opening, or the face of the bead that closes "
-        "it."
-    )
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _SectionPlane:
     """A section's plane: p1 to p5 in it, (5, 2), unit vectors up the bevel and out on the leg."""

@@ -22,7 +22,7 @@ from tjscan.report.charts import (
     read_stations_picture,
 )
 from tjscan.report.data import ReportData, read_report_data, station_folders
-from tjscan.report.drawings import describe_drawings, draw_sections
+from tjscan.report.drawings import draw_sections
 from tjscan.report.findings import (
     describe_coverage,
     headline_numbers,
@@ -83,7 +83,7 @@ def render_report_page(data: ReportData) -> str:
         scene=view_data(data),
         drawings=draw_sections(data),
         fit_up=fit_up_table(data),
-        drawn_sections=describe_drawings(data),
+        by_the_clock=data.unwrapped_azimuths is not None,
         comparison=comparison,
         compared_with="" if comparison is None else name_of_reference(comparison),
         aligned_by=ALIGNED_BY["none" if comparison is None else comparison.alignment.method],

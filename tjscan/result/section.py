@@ -287,25 +287,19 @@ def _unit_vector_field(name: str, meaning: str, side: str) -> SectionQuantity:
     )
 
 
-MEASURE_FIELDS: Final = (
-    SectionQuantity("groove_angle", "angle between bevel and leg", DEG, _take_measure(0)),
-    SectionQuantity(
-        "root_width",
+MEASURE_MEANINGS: Final = {
+    "groove_angle": (DEG, "angle between bevel and leg"),
+    "root_width": (
+        MM,
         "distance between p3 and p4: across the face of the root bead, or of the root opening "
         "where no bead is laid yet",
-        MM,
-        _take_measure(1),
     ),
-    SectionQuantity(
-        "depth", "distance of the middle of p3 and p4 behind the brace's wall", MM, _take_measure(2)
-    ),
-    SectionQuantity(
-        "area",
-        "of the quadrilateral of the origin of g, p2, p3 and p4",
-        MM2,
-        _take_measure(3),
-        decimals=3,
-    ),
+    "depth": (MM, "distance of the middle of p3 and p4 behind the brace's wall"),
+    "area": (MM2, "of the quadrilateral of the origin of g, p2, p3 and p4"),
+}
+MEASURE_FIELDS: Final = tuple(
+    SectionQuantity(name, meaning, unit, _take_measure(k), decimals=3 if unit is MM2 else 4)
+    for k, (name, (unit, meaning)) in enumerate(MEASURE_MEANINGS.items())
 )
 """What a section measures, in the order of `MeasuredSection.measures`."""
 
