@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.comparison.sidecar import StatedUnitAndFrame
+from tjscan.comparison.shapes import StatedUnitAndFrame
 from tjscan.core.files import write_files_atomically
 from tjscan.core.provenance import FRAME_DESCRIPTIONS, Provenance
 from tjscan.joint.definition import JointDefinition
