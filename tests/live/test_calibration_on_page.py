@@ -3,7 +3,6 @@
 import socket
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ JOB = EXAMPLES / "calibrate.toml"
 SHORT = {"board.touches": 4, "board.lines": 5}
 
 
-class Person(RunOnPage[Any]):
+class Person(RunOnPage):
     """Somebody who reads what is asked and presses a button."""
 
     def __init__(self, show: CalibrationShow, choose: Callable[[str], str]) -> None:

@@ -207,17 +207,17 @@ def laser(
     from itertools import islice
 
     from tjscan.cli.output.laser import LiveProfiles, print_description
-    from tjscan.runs.laser import ProfileFile, open_laser_of_job, read_live_profiles
+    from tjscan.runs.laser import open_laser_of_job, open_profile_file, read_live_profiles
 
     with ExitStack() as stack:
         device, settings = stack.enter_context(open_laser_of_job(job, parse_overrides(overrides)))
-        file = None if write is None else stack.enter_context(ProfileFile(write))
+        keep = None if write is None else stack.enter_context(open_profile_file(write))
         print_description(device)
         show = stack.enter_context(LiveProfiles(json=json))
         for reading in islice(read_live_profiles(device, settings), profiles):
             show.show_reading(reading)
-            if file is not None:
-                file.add(reading.profile)
+            if keep is not None:
+                keep(reading.profile)
 
 
 def reprocess(

@@ -15,9 +15,9 @@ from tjscan.cli.output.console import print_figures_table, print_message
 from tjscan.job.files import CalibrationJob, RecordedJob
 from tjscan.report.write import write_run_report
 from tjscan.result.directory import CALIBRATION_PICTURE
-from tjscan.runs.calibration.check import check_calibration_job
 from tjscan.runs.calibration.run import (
     calibrate_recorded_job,
+    check_calibration_job,
     resume_calibration,
     start_calibration,
 )

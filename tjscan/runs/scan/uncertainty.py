@@ -21,10 +21,11 @@ from tjscan.uncertainty.causes import (
     calibrated_arm_cause,
     calibration_twists,
     hand_eye_cause,
+    linearity_cause,
+    range_bias_cause,
     reading_cause,
     repeatability_cause,
 )
-from tjscan.uncertainty.laser_causes import linearity_cause, range_bias_cause
 
 UNKNOWN_MOUNT = (
     "where the laser sits on the hand: the job states it without its uncertainty "
@@ -83,12 +84,11 @@ def causes_of_job(
     if mount.deviations is not None:
         kinematics = with_deviations(kinematics, mount.deviations)
     moved = np.array([deviation_jacobian(kinematics, one.view.q) for one in sections])
+    absolute = job.arm.uncertainty.absolute
     causes = [
         reading_cause(sections),
         repeatability_cause(sections, repeats, of_repeats),
-        *_causes_of_arm(
-            mount, sections, moved, job.arm.uncertainty.absolute, without_laser=is_same
-        ),
+        *_causes_of_arm(mount, sections, moved, absolute, without_laser=is_same),
     ]
     left_out = [UNKNOWN_MOUNT] if mount.covariance is None else []
     if linearity > 0:
