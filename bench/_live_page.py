@@ -32,8 +32,8 @@ from _live_hand import hand_rows
 from _table import Row
 
 from tjscan.core.frames import Array
+from tjscan.crawler.journal import read_crawl
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.topics import read_crawl
 from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.buttons import Button
 from tjscan.live.colours import ARM_COLOUR, viridis
@@ -41,7 +41,7 @@ from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import Setting
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.tasks import read_recorded_show
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

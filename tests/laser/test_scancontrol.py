@@ -17,13 +17,15 @@ from tjscan.laser.profile import Profile
 from tjscan.laser.scancontrol import (
     FIELD_WORDS,
     MODEL_SCALES,
-    POINT_COUNTS,
     parse_scancontrol,
     row_bytes,
 )
 
 SCALE = MODEL_SCALES["2600-100"]
 OFFSET_SECONDS = 1 / (8000 * 3072)
+
+POINT_COUNTS = (80, 160, 320, 640)
+"""How many points a profile may have."""
 
 
 def settings(**stated: Any) -> ScanControlSettings:

@@ -21,12 +21,11 @@ from command import tjscan
 from crawls import SHORT
 
 from tjscan.core.frames import Array
-from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.journal import CrawlCycle, read_crawl
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.topics import read_crawl
 from tjscan.live.colours import ARM_COLOUR, TOOL_COLOUR, viridis
 from tjscan.recording.journal import RunEvent
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN
 
 if TYPE_CHECKING:
