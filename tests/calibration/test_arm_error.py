@@ -20,10 +20,9 @@ from calibration_stage import (
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.arm.model import ArmGeometry
-from tjscan.calibration.arm_error import ARM_REACH, geometry_correlation
-from tjscan.calibration.checks.verify import verify_with_fresh_line
+from tjscan.calibration.checks.acceptance import verify_with_fresh_line
 from tjscan.calibration.hand_eye import calibrate_on_plane
-from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.noise import ARM_REACH, NoiseModel, geometry_correlation
 from tjscan.calibration.targets.line import LineFit
 from tjscan.calibration.targets.plane import SeenBoard
 from tjscan.calibration.targets.target import PosedFit

@@ -27,7 +27,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.checks.verify import verify_with_fresh_line
+from tjscan.calibration.checks.acceptance import verify_with_fresh_line
 from tjscan.calibration.closed_form import solve_closed_form
 from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.noise import NoiseModel

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.hand_eye import calibrate_on_targets
 from tjscan.calibration.solve.combined import CombinedModel
+from tjscan.calibration.solve.solution import inverse_pose_errors
 from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget
-from tjscan.calibration.targets.fixed_sensor import inverse_pose_errors
 from tjscan.calibration.targets.line import stack_lines
 from tjscan.calibration.targets.plane import PlaneModel, PlaneTarget
 from tjscan.calibration.targets.roof import RoofFit, RoofModel, RoofTarget, SeenRoof, fit_roof
@@ -155,7 +155,7 @@ def test_what_models_share_is_one_pose() -> None:
     """The stacked covariance holds no correlation between profiles but by the arm's geometry."""
     taken = roofs(np.random.default_rng(5), 6)
     seen = SeenRoof(taken, NOISE)
-    model = CombinedModel.of([seen.start_at(T_F_S).model], seen.T_b_f)
+    model = CombinedModel.of([seen.start_at(T_F_S)[0]], seen.T_b_f)
     plain = model.linearise(T_F_S, np.zeros(6))
     other = plain.profile[:, None] != plain.profile
     assert np.abs(plain.covariance[other]).max() == 0

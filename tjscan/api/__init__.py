@@ -143,8 +143,9 @@ def calibrate(
     ValueError
         If the arguments do not fit together.
     """
+    from tjscan.calibration.hand_eye import calibrate_on_targets
     from tjscan.calibration.noise import NoiseModel
-    from tjscan.calibration.recorded import TargetRecording, calibrate_from_profiles
+    from tjscan.calibration.recorded import see_targets
     from tjscan.calibration.targets.ball import SphereTarget
     from tjscan.calibration.targets.plane import PlaneTarget
     from tjscan.calibration.targets.roof import UnknownRoof
@@ -172,7 +173,8 @@ def calibrate(
         PosedProfile(f"profile {k}", T, _profile(points))
         for k, (points, T) in enumerate(zip(profiles, poses, strict=True), start=1)
     ]
-    return calibrate_from_profiles([TargetRecording(posed, board)], model, _warn)
+    targets = see_targets([(posed, board)], model, _warn)
+    return calibrate_on_targets(targets, model, check_conventions=True)
 
 
 def compare(

@@ -3,15 +3,242 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from datetime import datetime
+from enum import StrEnum
+from math import isfinite, nan
 from operator import methodcaller
-from typing import Any, Generic, Literal, TypeVar, cast
+from types import UnionType
+from typing import (
+    Annotated,
+    Any,
+    Final,
+    Generic,
+    Literal,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
+import numpy as np
 from google.protobuf.message import DecodeError, Message
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from tjscan.recording.codec import dataclass_codec
+from tjscan.core.array_fields import ArrayForm
+from tjscan.core.frames import Array, readonly_copy
+from tjscan.laser.profile import Profile
+
+LARGEST_NUMBER: Final = 1e9
+"""Metres, radians or seconds: what is larger was not measured."""
+
+LARGEST_COUNT: Final = 1_000_000
+"""Of sections, passes, places or iterations: counts and numbers begin at 0."""
+
+ORTHONORMALITY_TOLERANCE: Final = 1e-6
+"""How far from a rotation the axes of a pose may be that was written to the last digit."""
+
+
+@dataclass(frozen=True, slots=True)
+class ValueCodec:
+    """How a value becomes JSON, and JSON the value.
+
+    Parameters
+    ----------
+    schema : mapping
+        JSON schema, spelt out to its leaves.
+    encode : callable
+        Gives what `json` writes.
+    decode : callable
+        Gives the value; raises ValueError, KeyError or TypeError if it is damaged.
+    """
+
+    schema: Mapping[str, Any]
+    encode: Callable[[Any], Any]
+    decode: Callable[[Any], Any]
+
+    def json_bytes(self, value: Any) -> bytes:
+        """The JSON of a value; raises ValueError if a number in it is not finite."""
+        return json.dumps(self.encode(value), allow_nan=False).encode()
+
+
+def value_codec(kind: Any, decimals: int | None = None) -> ValueCodec:
+    """Codec of a type.
+
+    Parameters
+    ----------
+    kind : type
+        As a field is annotated: a plain type, an enum of strings, a dataclass, an array with or
+        without its form, a tuple of these, or one of these or None.
+    decimals : int, optional
+        To which arrays are rounded when they are written.
+
+    Raises
+    ------
+    TypeError
+        If such values are not recorded.
+    """
+    if kind in PLAIN_CODECS:
+        return PLAIN_CODECS[kind]
+    origin, arguments = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        form = next((one for one in arguments[1:] if isinstance(one, ArrayForm)), None)
+        if form is None:
+            return value_codec(arguments[0], decimals)
+        return _array_codec(form, decimals) if form.shape else UNKNOWN_FLOAT_CODEC
+    if kind == Array:
+        return _array_codec(ArrayForm(), decimals)
+    if origin in (Union, UnionType) and arguments[-1] is type(None):
+        return _optional_codec(value_codec(arguments[0], decimals))
+    if origin is tuple:
+        return _tuple_codec(value_codec(arguments[0], decimals))
+    if isinstance(kind, type) and issubclass(kind, StrEnum):
+        return ValueCodec({"type": "string"}, str, kind)
+    if is_dataclass(kind):
+        return dataclass_codec(kind, decimals)
+    raise TypeError(f"{kind} is not recorded")
+
+
+def dataclass_codec(kind: Any, decimals: int | None = None) -> ValueCodec:
+    """Codec of a dataclass, field by field; for the parameters see `value_codec`."""
+    hints = get_type_hints(kind, include_extras=True)
+    names = [field.name for field in fields(kind)]
+    codecs = {name: value_codec(hints[name], decimals) for name in names}
+    encoders = [(name, codec.encode) for name, codec in codecs.items()]
+    decoders = [(name, codec.decode) for name, codec in codecs.items()]
+
+    def decode(content: Any) -> Any:
+        return kind(**{name: decode_field(content[name]) for name, decode_field in decoders})
+
+    return ValueCodec(
+        {
+            "type": "object",
+            "title": f"tjscan.{kind.__name__}",
+            "properties": {name: codec.schema for name, codec in codecs.items()},
+        },
+        lambda message: {name: encode(getattr(message, name)) for name, encode in encoders},
+        decode,
+    )
+
+
+def _array_codec(form: ArrayForm, decimals: int | None) -> ValueCodec:
+    def encode(values: Array) -> list[float | None]:
+        numbers = np.asarray(values, dtype=float)
+        if decimals is not None:
+            numbers = np.round(numbers, decimals)
+        flat: list[float | None] = numbers.ravel().tolist()
+        return [_known(number) for number in flat] if form.may_be_unknown else flat
+
+    def decode(values: Any) -> Array:
+        numbers = np.array(values, dtype=float)
+        known = numbers[~np.isnan(numbers)] if form.may_be_unknown else numbers
+        if not np.all(np.abs(known) <= LARGEST_NUMBER):
+            raise ValueError(f"numbers that can't be measured: {numbers[:16]}")
+        array = readonly_copy(np.reshape(numbers, form.shape))
+        if form.is_pose:
+            check_pose(array)
+        return array
+
+    return ValueCodec({"type": "array", "items": {"type": "number"}}, encode, decode)
+
+
+def check_pose(T: Array) -> None:
+    """Refuse a matrix, shape (4, 4), that is no pose.
+
+    Raises
+    ------
+    ValueError
+        If its axes are not orthonormal, or its last row is not 0 0 0 1.
+    """
+    if not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=ORTHONORMALITY_TOLERANCE):
+        raise ValueError("a pose has axes of length one, square to each other")
+    if not np.array_equal(T[3], (0.0, 0.0, 0.0, 1.0)):
+        raise ValueError("the last row of a pose is 0 0 0 1")
+
+
+def _optional_codec(codec: ValueCodec) -> ValueCodec:
+    """Codec of a value or None, which is an empty list."""
+    if codec.schema["type"] == "array":
+        return ValueCodec(
+            codec.schema,
+            lambda value: [] if value is None else codec.encode(value),
+            lambda content: codec.decode(content) if content else None,
+        )
+    listed = _tuple_codec(codec)
+    return ValueCodec(
+        listed.schema,
+        lambda value: [] if value is None else [codec.encode(value)],
+        lambda content: next(iter(listed.decode(content)), None),
+    )
+
+
+def _tuple_codec(codec: ValueCodec) -> ValueCodec:
+    if codec.schema["type"] == "array":
+        raise TypeError("lists of lists are not recorded")
+    encode, decode = codec.encode, codec.decode
+    return ValueCodec(
+        {"type": "array", "items": codec.schema},
+        lambda values: [encode(value) for value in values],
+        lambda content: tuple(decode(value) for value in _instance(content, list)),
+    )
+
+
+def _known(number: float | None) -> float | None:
+    return number if number is not None and isfinite(number) else None
+
+
+def _number(value: Any) -> float:
+    number = float(value)
+    if not abs(number) <= LARGEST_NUMBER:
+        raise ValueError(f"{number} can't be measured")
+    return number
+
+
+def _count(value: Any) -> int:
+    if type(value) is not int or not 0 <= value <= LARGEST_COUNT:
+        raise ValueError(f"{value!r} is no number of a section, a pass or anything else counted")
+    return value
+
+
+def _instance(value: Any, kind: type[Any]) -> Any:
+    if not isinstance(value, kind):
+        raise ValueError(f"{value!r} is no {kind.__name__}")
+    return value
+
+
+UNKNOWN_FLOAT_CODEC: Final = ValueCodec(
+    {"type": "number"}, _known, lambda value: nan if value is None else _number(value)
+)
+"""Of a number that may be NaN, which JSON has as null."""
+
+PLAIN_CODECS: Final[Mapping[Any, ValueCodec]] = {
+    bool: ValueCodec({"type": "boolean"}, bool, lambda value: _instance(value, bool)),
+    int: ValueCodec({"type": "integer"}, int, _count),
+    float: ValueCodec({"type": "number"}, float, _number),
+    str: ValueCodec({"type": "string"}, str, lambda value: _instance(value, str)),
+    datetime: ValueCodec({"type": "string"}, datetime.isoformat, datetime.fromisoformat),
+    Profile: ValueCodec(
+        {
+            "type": "object",
+            "properties": {"time": {"type": "number"}, "time_uncertainty": {"type": "number"}},
+        },
+        lambda profile: {
+            "time": profile.time,
+            "time_uncertainty": profile.time_uncertainty,
+        },
+        lambda content: Profile(
+            np.empty(0),
+            np.empty(0),
+            time=_number(content["time"]),
+            time_uncertainty=_number(content["time_uncertainty"]),
+        ),
+    ),
+}
+"""Of a profile only its times: its points are a message of their own, which viewers draw."""
+
 
 T = TypeVar("T")
 

@@ -14,11 +14,10 @@ import numpy as np
 from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.laser.profile import Profile
-from tjscan.recording.damage import RecordingDamage, ReportDamage, refuse_damage
 from tjscan.recording.foxglove import PROFILE_TOPIC, profile_from_cloud_message
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
-from tjscan.recording.reader import read_messages
+from tjscan.recording.reader import RecordingDamage, ReportDamage, read_messages, refuse_damage
 from tjscan.scanning.recorded import RecordedScan
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.topics import SECTION_TOPIC, TOPICS_READ, VIEW_TOPIC

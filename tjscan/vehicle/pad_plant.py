@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.units import DEG, KG, MM, SettingsTable
-from tjscan.vehicle.plant import moved_pose
-from tjscan.vehicle.tracks import TrackGeometry
+from tjscan.vehicle.tracks import TrackGeometry, moved_pose
 
 GRAVITY_M_S2: Final = 9.81
 """m/s²."""

@@ -2,20 +2,122 @@
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass, field
+from math import exp, radians
+from typing import Annotated, Final, Literal
 
 import numpy as np
+from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array, pose, rot_z
-from tjscan.vehicle.drives import TrackDrives
-from tjscan.vehicle.pad_plant import PadPlant
-from tjscan.vehicle.plant import VehiclePlant
-from tjscan.vehicle.simulation import VehicleSimulationSettings
-from tjscan.vehicle.slip_plant import SlipPlant
-from tjscan.vehicle.steel import ProximitySensors, SteelArea
-from tjscan.vehicle.track_load import TrackLoad
-from tjscan.vehicle.tracks import TrackGeometry
+from tjscan.core.units import DEG, MM_S, MM_S2, SECONDS, FileUnit, SettingsTable
+from tjscan.vehicle.pad_plant import PadPlant, PadSettings
+from tjscan.vehicle.slip_plant import SlipPlant, SlipSettings, TrackLoad
+from tjscan.vehicle.steel import (
+    Outline,
+    ProximitySensors,
+    ProximitySettings,
+    SteelArea,
+    SurfacePoint,
+)
+from tjscan.vehicle.tracks import TrackGeometry, VehiclePlant
 from tjscan.vehicle.vehicle import Twist, VehicleState
+
+STANDSTILL_SPEED: Final = 1e-7
+"""m/s: a track that is told to rest, and is slower than this, is at rest."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveSettings(SettingsTable):
+    """The table [simulation.vehicle.drives]: how the tracks' motors follow.
+
+    Parameters
+    ----------
+    top_speed : float
+        Of a track, m/s: the 6 m/min of the paper. Where one would run faster, both are slowed by
+        the same share, so that the path's curvature stays.
+    lag : float
+        Time constant of the speed loop, seconds. Assumption.
+    acceleration : float
+        Most that a track gains or loses on a command, m/s². Assumption.
+    braking : float
+        Most that it loses on a stop, m/s². Assumption: 200 N of the 1,680 N that both tracks
+        pull.
+    """
+
+    top_speed: Annotated[float, Gt(0), Le(5000), MM_S] = 0.1
+    lag: Annotated[float, Ge(0), Le(10), SECONDS] = 0.05
+    acceleration: Annotated[float, Gt(0), Le(1e5), MM_S2] = 0.5
+    braking: Annotated[float, Gt(0), Le(1e5), MM_S2] = 2.0
+
+
+class TrackDrives:
+    """Drives of two tracks: a first-order lag and a limit to what they gain.
+
+    Parameters
+    ----------
+    settings : DriveSettings
+    """
+
+    def __init__(self, settings: DriveSettings) -> None:
+        self._settings = settings
+        self.speeds = np.zeros(2)
+        """Of the left and right track, m/s, forward positive."""
+
+    def follow(self, wanted: Array, period: float) -> None:
+        """Follow the wanted speeds of both tracks, shape (2,), for a period in seconds."""
+        s = self._settings
+        wanted = wanted * min(1.0, s.top_speed / max(float(np.abs(wanted).max()), 1e-12))
+        share = 1.0 if s.lag == 0 else 1 - exp(-period / s.lag)
+        most = s.acceleration * period
+        self.speeds = self.speeds + np.clip(share * (wanted - self.speeds), -most, most)
+        self.speeds[(wanted == 0) & (np.abs(self.speeds) < STANDSTILL_SPEED)] = 0.0
+
+    def brake(self, period: float) -> None:
+        """Slow both tracks down for a period in seconds, until they stand."""
+        most = self._settings.braking * period
+        self.speeds = self.speeds - np.clip(self.speeds, -most, most)
+
+
+DEG_S: Final = FileUnit("deg_s", radians(1.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehicleSimulationSettings(SettingsTable):
+    """The table [simulation.vehicle]: where a simulated vehicle stands, and how it moves.
+
+    Parameters
+    ----------
+    start : tuple of float
+        x and y of its origin on the unrolled surface, frame w, metres.
+    heading : float
+        From x of w towards y of w, radians: clockwise seen from outside.
+    plant : str
+        ``slip``: the tracks slip by given ratios. ``pads``: by the friction of each pad.
+    slip : SlipSettings
+        For the plant ``slip``.
+    pads : PadSettings
+        For the plant ``pads``; of the other they give the motors' torques alone.
+    drives : DriveSettings
+        How the tracks follow.
+    encoder_noise : float
+        Standard deviation of a sprocket's rate as its encoder shows it, rad/s. Assumption.
+    proximity : ProximitySettings
+        Sensors at the corners.
+    steel : tuple of points
+        Outline of the steel in frame w, metres; without one there is steel everywhere.
+    """
+
+    start: SurfacePoint = (0.0, 0.0)
+    heading: Annotated[float, Ge(-360), Le(360), DEG] = 0.0
+    plant: Literal["slip", "pads"] = "slip"
+    slip: SlipSettings = field(default_factory=SlipSettings)
+    pads: PadSettings = field(default_factory=PadSettings)
+    drives: DriveSettings = field(default_factory=DriveSettings)
+    encoder_noise: Annotated[float, Ge(0), Le(60), DEG_S] = 2e-3
+    proximity: ProximitySettings = field(default_factory=ProximitySettings)
+    steel: Outline = ()
+
 
 STATE_PERIOD: Final = 0.01
 """Seconds between states."""

@@ -8,14 +8,13 @@ from typing import Final
 
 import numpy as np
 
+from tjscan.calibration.arm.calibrate import ArmCalibration, calibrate_arm
 from tjscan.calibration.arm.design import BallPlan, PlannedView
-from tjscan.calibration.arm.model import ArmModel, TargetInPostures
-from tjscan.calibration.arm.result import ArmCalibration, calibrate_arm
+from tjscan.calibration.arm.model import ArmModel
 from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget, fit_circle
 from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
-from tjscan.calibration.wizard.logbook import Logbook
+from tjscan.calibration.wizard.logbook import ArmPoseTaken, Logbook
 from tjscan.calibration.wizard.operator import Operator, Question
-from tjscan.calibration.wizard.topics import ArmPoseTaken
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array
 from tjscan.laser.line_laser import LineLaser
@@ -135,5 +134,4 @@ class ArmWizard:
     def _model(self, samples: list[tuple[Array, PosedFit[CircleFit]]]) -> ArmModel:
         q = np.array([q for q, _ in samples])
         ball = SeenBall([arc for _, arc in samples], SphereTarget(), self.plan.noise)
-        start = np.append(self.plan.centre_b, self.plan.radius)
-        return ArmModel(self.kinematics, (TargetInPostures(ball.model, q, ball.T_b_f, start),))
+        return self.plan.model_of_arcs(self.kinematics, ball.model, q)

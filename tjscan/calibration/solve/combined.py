@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from tjscan.calibration.arm_error import geometry_correlation, geometry_covariance
+from tjscan.calibration.noise import geometry_correlation, geometry_covariance
 from tjscan.calibration.targets.target import LinearisedModel, TargetModel
 from tjscan.core.frames import Array
+
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,11 +46,29 @@ class StackedResiduals:
     by_laser: Array | None = None
 
     @property
-    def is_length(self) -> NDArray[np.bool_]:
+    def is_length(self) -> Mask:
         """Whether each residual is a length: of an arc all three, of a line every other one."""
         sizes, first = np.bincount(self.profile), np.searchsorted(self.profile, self.profile)
         place = np.arange(len(self.profile)) - first
         return np.asarray((sizes[self.profile] == 3) | (place % 2 == 0))
+
+    @property
+    def lower_root(self) -> Array:
+        """Lower triangular L, shape (N, N), with L Lᵀ the covariance."""
+        return np.asarray(np.linalg.cholesky(self.covariance), dtype=float)
+
+    def of_profiles(self, chosen: Mask) -> StackedResiduals:
+        """Return the residuals of some profiles, by a mask of shape (n,), alone."""
+        rows = chosen[self.profile]
+        square = np.ix_(rows, rows)
+        return StackedResiduals(
+            self.residuals[rows],
+            self.jacobian[rows],
+            self.covariance[square],
+            self.geometry[square],
+            self.profile[rows],
+            None if self.by_laser is None else self.by_laser[rows],
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

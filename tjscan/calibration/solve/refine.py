@@ -11,7 +11,7 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 from scipy.special import chdtri
 
-from tjscan.calibration.solve.combined import CombinedModel, StackedResiduals
+from tjscan.calibration.solve.combined import CombinedModel, Mask, StackedResiduals
 from tjscan.core.frames import Array, frozen_arrays
 from tjscan.core.pose_vector import boxplus, left_jacobian
 
@@ -29,8 +29,6 @@ FALSE_ALARM_PROBABILITY: Final = 1e-3
 """Probability to blame any profile, the noise model or the geometry, although all are as stated."""
 MIN_REDUNDANCY: Final = 1e-6
 """A profile that leaves itself less than this share of dof can't be checked by the others."""
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,9 +64,9 @@ class LeastSquaresEstimate:
     used: Mask
 
     @property
-    def rows_used(self) -> Mask:
-        """Which residuals belong to profiles in use, shape (N,)."""
-        return np.asarray(self.used[self.stacked.profile])
+    def in_use(self) -> StackedResiduals:
+        """Residuals of the profiles in use."""
+        return self.stacked.of_profiles(self.used)
 
     @property
     def residuals_per_profile(self) -> NDArray[np.intp]:
@@ -152,15 +150,15 @@ def refine_by_least_squares(
     rough : bool
         Find weights only once, with few evaluations of the residuals: to compare, not to keep.
     """
-    prior = _root(model.prior_information)
+    information = model.prior_information
+    prior = _root_of_information(information)
     rounds, evaluations = (1, ROUGH_EVALUATIONS) if rough else (MAX_REWEIGHTINGS, MAX_EVALUATIONS)
     solver = {**SOLVER_TOLERANCES, "max_nfev": evaluations}
     T_f_s, target = solve_reweighted(
         model, T_f_s, target, used, prior, rounds, settled=CONVERGENCE_SIGMAS, **solver
     )
     stacked = model.linearise(T_f_s, target)
-    information = model.prior_information
-    J, r = whitened(stacked, used, prior, target)
+    J, r = whiten_with_prior(stacked.of_profiles(used), prior, target)
     return RefinedEstimate(
         T_f_s,
         target,
@@ -179,11 +177,9 @@ class ResidualModel(Protocol):
 
     def first_order(self, T_f_s: Array, target: Array) -> tuple[Array, Array]:
         """Residuals, shape (N,), and their derivatives, shape (N, 6 + m)."""
-        ...
 
     def linearise(self, T_f_s: Array, target: Array) -> StackedResiduals:
         """The same with their covariance."""
-        ...
 
 
 def solve_reweighted(
@@ -225,7 +221,8 @@ def solve_reweighted(
     """
     for _ in range(rounds):
         first = model.linearise(base, target)
-        fit = _LastFit(model, base, prior, used[first.profile], first.covariance)
+        L = first.of_profiles(used).lower_root
+        fit = _LastFit(model, base, prior, used[first.profile], L)
         start = np.concatenate((np.zeros(6), target))
         found = least_squares(
             fit.residuals, start, fit.jacobian, method="lm", x_scale="jac", **solver
@@ -241,10 +238,9 @@ class _LastFit:
     """Whitened residuals and derivatives; the solver asks for one after the other at each step."""
 
     def __init__(
-        self, model: ResidualModel, base: Array, prior: Array, rows: Mask, covariance: Array
+        self, model: ResidualModel, base: Array, prior: Array, rows: Mask, L: Array
     ) -> None:
-        self._model, self._base, self._prior, self._rows = model, base, prior, rows
-        self._L = lower_root(covariance[np.ix_(rows, rows)])
+        self._model, self._base, self._prior, self._rows, self._L = model, base, prior, rows, L
         self._at, self._found = np.empty(0), (np.empty(0), np.empty(0))
 
     def residuals(self, theta: Array) -> Array:
@@ -257,7 +253,7 @@ class _LastFit:
         J = self._first_order(theta)[1][self._rows]
         # From a small turn on top of theta's rotation to a change of the rotation vector.
         J[:, 3:6] = J[:, 3:6] @ left_jacobian(theta[3:6])
-        return _with_prior(whiten(self._L, J), self._prior)
+        return _append_prior(whiten(self._L, J), self._prior)
 
     def _first_order(self, theta: Array) -> tuple[Array, Array]:
         if not np.array_equal(theta, self._at):
@@ -266,14 +262,13 @@ class _LastFit:
         return self._found
 
 
-def whitened(
-    stacked: StackedResiduals, used: Mask, prior: Array, target: Array
+def whiten_with_prior(
+    stacked: StackedResiduals, prior: Array, target: Array
 ) -> tuple[Array, Array]:
-    """Derivatives and residuals of the used profiles over their errors, the prior's below them."""
-    rows = used[stacked.profile]
-    L = lower_root(stacked.covariance[np.ix_(rows, rows)])
-    J = _with_prior(whiten(L, stacked.jacobian[rows]), prior)
-    return J, np.concatenate((whiten(L, stacked.residuals[rows]), prior @ target))
+    """Derivatives and residuals over their errors, the prior's below them."""
+    L = stacked.lower_root
+    J = _append_prior(whiten(L, stacked.jacobian), prior)
+    return J, np.concatenate((whiten(L, stacked.residuals), prior @ target))
 
 
 def settle_targets(model: CombinedModel, estimate: RefinedEstimate) -> RefinedEstimate:
@@ -290,12 +285,11 @@ def settle_targets(model: CombinedModel, estimate: RefinedEstimate) -> RefinedEs
         From them.
     """
     plain = model.with_geometry(0.0)
-    rows, prior = estimate.rows_used, estimate.prior_information
-    target = estimate.target
+    prior, target = estimate.prior_information, estimate.target
     for _ in range(2):
-        found = plain.linearise(estimate.T_f_s, target)
-        L = lower_root(found.covariance[np.ix_(rows, rows)])
-        J, r = whiten(L, found.jacobian[rows, 6:]), whiten(L, found.residuals[rows])
+        found = plain.linearise(estimate.T_f_s, target).of_profiles(estimate.used)
+        L = found.lower_root
+        J, r = whiten(L, found.jacobian[:, 6:]), whiten(L, found.residuals)
         target = target - np.linalg.solve(J.T @ J + prior, J.T @ r + prior @ target)
     return replace(estimate, target=target, stacked=model.linearise(estimate.T_f_s, target))
 
@@ -313,11 +307,11 @@ def estimate_by_laser(estimate: LeastSquaresEstimate) -> Array | None:
     ndarray, shape (p, m), or None
         None if no deviation is stated.
     """
-    stacked, rows = estimate.stacked, estimate.rows_used
+    stacked = estimate.in_use
     if stacked.by_laser is None:
         return None
-    weighted = np.linalg.solve(stacked.covariance[np.ix_(rows, rows)], stacked.by_laser[rows])
-    return np.asarray(-estimate.covariance @ stacked.jacobian[rows].T @ weighted)
+    weighted = np.linalg.solve(stacked.covariance, stacked.by_laser)
+    return np.asarray(-estimate.covariance @ stacked.jacobian.T @ weighted)
 
 
 def residual_information(estimate: RefinedEstimate) -> tuple[Array, Array]:
@@ -335,27 +329,25 @@ def residual_information(estimate: RefinedEstimate) -> tuple[Array, Array]:
     weighted : ndarray, shape (U,)
         W times the residuals: M times the observations, less the prior's pull.
     """
-    rows = estimate.rows_used
-    W = np.linalg.inv(estimate.stacked.covariance[np.ix_(rows, rows)])
-    WJ = W @ estimate.stacked.jacobian[rows]
-    return W - WJ @ estimate.covariance @ WJ.T, W @ estimate.stacked.residuals[rows]
+    stacked = estimate.in_use
+    W = np.linalg.inv(stacked.covariance)
+    WJ = W @ stacked.jacobian
+    return W - WJ @ estimate.covariance @ WJ.T, W @ stacked.residuals
 
 
 def leave_one_out_changes(estimate: RefinedEstimate) -> LeaveOneOutChanges:
     """Changes if each profile in turn were left out, without solving again."""
-    stacked, rows = estimate.stacked, estimate.rows_used
+    stacked = estimate.in_use
     M, weighted = residual_information(estimate)
-    covariance = stacked.covariance[np.ix_(rows, rows)]
-    W_J = np.linalg.solve(covariance, stacked.jacobian[rows])
-    at = stacked.profile[rows]
+    W_J = np.linalg.solve(stacked.covariance, stacked.jacobian)
     n = len(estimate.used)
     chi2, step = np.zeros(n), np.zeros((n, 6))
     for i in range(n):
         if estimate.used[i]:
-            own = np.flatnonzero(at == i)
+            own = np.flatnonzero(stacked.profile == i)
+            square = np.ix_(own, own)
             # A profile that is off by delta as a whole: its most likely delta, and its cost.
-            C = covariance[np.ix_(own, own)]
-            delta, chi2[i] = _solve_checked(M[np.ix_(own, own)], weighted[own], C)
+            delta, chi2[i] = _solve_checked(M[square], weighted[own], stacked.covariance[square])
             step[i] = (estimate.covariance @ W_J[own].T @ delta)[:6]
         else:
             r, C = predicted_residuals(estimate, i)
@@ -380,8 +372,8 @@ def predicted_residuals(estimate: RefinedEstimate, profile: int) -> tuple[Array,
     covariance : ndarray, shape (k, k)
         Of its own errors and of the estimate's, which share arm and laser.
     """
-    stacked, used = estimate.stacked, estimate.rows_used
-    own = stacked.profile == profile
+    stacked = estimate.stacked
+    own, used = stacked.profile == profile, estimate.used[stacked.profile]
     J, C = stacked.jacobian[own], stacked.covariance
     W_J = np.linalg.solve(C[np.ix_(used, used)], stacked.jacobian[used])
     shared = J @ estimate.covariance @ W_J.T @ C[np.ix_(used, own)]
@@ -407,16 +399,11 @@ def covariance_from_information(information: Array) -> Array:
     return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
 
 
-def _root(information: Array) -> Array:
+def _root_of_information(information: Array) -> Array:
     """Rows that square to the information: as many as it has rank, shape (r, m)."""
     values, vectors = np.linalg.eigh(information)
     kept = values > 1e-14 * max(values.max(initial=0.0), 1e-300)
     return np.asarray(np.sqrt(values[kept])[:, None] * vectors[:, kept].T)
-
-
-def lower_root(covariance: Array) -> Array:
-    """Lower triangular L with L Lᵀ the covariance."""
-    return np.asarray(np.linalg.cholesky(covariance), dtype=float)
 
 
 def whiten(L: Array, v: Array) -> Array:
@@ -424,7 +411,6 @@ def whiten(L: Array, v: Array) -> Array:
     return np.asarray(solve_triangular(L, v, lower=True, check_finite=False))
 
 
-def _with_prior(J: Array, prior: Array) -> Array:
-    return np.concatenate(
-        (J, np.hstack((np.zeros((len(prior), J.shape[1] - prior.shape[1])), prior)))
-    )
+def _append_prior(J: Array, prior: Array) -> Array:
+    """Derivatives with those of the prior's residuals, by the last parameters, below them."""
+    return np.vstack((J, np.pad(prior, ((0, 0), (J.shape[1] - prior.shape[1], 0)))))

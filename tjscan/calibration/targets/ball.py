@@ -25,7 +25,7 @@ from tjscan.calibration.targets.consensus import (
     valid_points,
 )
 from tjscan.calibration.targets.line import distances_from_line
-from tjscan.calibration.targets.target import LinearisedModel, SeenTarget, TargetStart
+from tjscan.calibration.targets.target import LinearisedModel, SeenTarget, TargetModel
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, frozen_arrays, pose, readonly_copy, skew_matrix
 from tjscan.laser.deviation import LaserDeviation
@@ -246,7 +246,7 @@ class SphereTarget:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SphereModel:
+class SphereModel(TargetModel):
     """Residuals of arcs on a ball: its centre against each arc's, and the radius of the arc.
 
     The target's parameters are the centre in b and how much larger the ball is than stated (than
@@ -281,10 +281,6 @@ class SphereModel:
     def seen_from(self, T_b_f: Array) -> Self:
         """Return the same arcs, taken from other flange poses, shape (n, 4, 4)."""
         return replace(self, T_b_f=T_b_f)
-
-    def is_behind(self, T_f_s: Array, target: Array) -> bool:
-        """Never: an arc shows its side."""
-        return False
 
     def describe(self, target: Array, covariance: Array) -> dict[str, Any]:
         """Centre and radius of the ball."""
@@ -397,11 +393,11 @@ class SeenBall(SeenTarget[CircleFit]):
             found.append(pose(R, x[3:]))
         return found
 
-    def start_at(self, T_f_s: Array) -> TargetStart:
+    def start_at(self, T_f_s: Array) -> tuple[SphereModel, Array]:
         """The ball about the centres of all arcs; the largest arc starts an unknown radius."""
         model = self.model
         centres_s = np.column_stack((model.centres_s, np.ones(len(model.radii))))
         centres = np.einsum("nij,nj->ni", (model.T_b_f @ T_f_s)[:, :3], centres_s)
         known = self.sphere.radius is not None
         larger = 0.0 if known else START_RADIUS_RATIO * model.radii.max()
-        return TargetStart(model, np.append(centres.mean(axis=0), larger))
+        return model, np.append(centres.mean(axis=0), larger)

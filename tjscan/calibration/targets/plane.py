@@ -18,20 +18,8 @@ from tjscan.calibration.closed_form import (
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import PluckerPlane, plane_through_point
 from tjscan.calibration.targets.line import LineBundle, LineFit, stack_lines
-from tjscan.calibration.targets.target import (
-    LinearisedModel,
-    SeenTarget,
-    TargetStart,
-    stack_if_all,
-)
-from tjscan.core.frames import (
-    Array,
-    cross,
-    frozen_arrays,
-    pose,
-    transform_points,
-    unit_vector,
-)
+from tjscan.calibration.targets.target import LinearisedModel, SeenTarget, TargetModel
+from tjscan.core.frames import Array, cross, frozen_arrays, pose, transform_points, unit_vector
 
 MAX_REFINED_STARTS: Final = 12
 """Starts refined for an unknown plane."""
@@ -106,7 +94,7 @@ class PlaneTarget:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlaneModel:
+class PlaneModel(TargetModel):
     """Residuals of lines on a plane: distance of each centroid, and sine of the tilt out of it.
 
     Eq. (17) asks no more of a line. The target's parameters are those of `PlaneTarget.boxplus`.
@@ -240,13 +228,11 @@ class SeenBoard(SeenTarget[LineFit]):
             return [solve_closed_form(lines, self.target.plane).T_f_s]
         return unknown_plane_starts(lines)
 
-    def start_at(self, T_f_s: Array) -> TargetStart:
+    def start_at(self, T_f_s: Array) -> tuple[PlaneModel, Array]:
         """The plane as touched, or through all points."""
-        T_b_f, fits = self.T_b_f, self.fits
-        target = self.target or plane_through_lines(T_b_f, fits, T_f_s)
-        by_arm = stack_if_all([sample.by_arm for sample in self.samples])
-        model = PlaneModel(stack_lines(T_b_f, fits), target, self.noise, self.by_laser, by_arm)
-        return TargetStart(model, np.zeros(3))
+        target = self.target or plane_through_lines(self.T_b_f, self.fits, T_f_s)
+        lines = stack_lines(self.T_b_f, self.fits)
+        return PlaneModel(lines, target, self.noise, self.by_laser, self.by_arm), np.zeros(3)
 
 
 def unknown_plane_starts(lines: LineBundle, count: int = MAX_REFINED_STARTS) -> list[Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, Final, Self
 
@@ -32,7 +32,7 @@ from tjscan.calibration.targets.plane import (
     plane_through_lines,
     unknown_plane_starts,
 )
-from tjscan.calibration.targets.target import LinearisedModel, SeenTarget, TargetStart
+from tjscan.calibration.targets.target import LinearisedModel, SeenTarget, TargetModel
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, frozen_arrays
 from tjscan.laser.deviation import LaserDeviation
@@ -178,7 +178,7 @@ class RoofTarget:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RoofModel:
+class RoofModel(TargetModel):
     """Residuals of both flanks of a roof edge; the arm's errors move both together.
 
     The target's parameters are those of the left plane, then those of the right one.
@@ -194,12 +194,7 @@ class RoofModel:
 
     def seen_from(self, T_b_f: Array) -> Self:
         """Return the same flanks, taken from other flange poses, shape (n, 4, 4)."""
-        left, right = (one.seen_from(T_b_f) for one in (self.left, self.right))
-        return replace(self, left=left, right=right)
-
-    def is_behind(self, T_f_s: Array, target: Array) -> bool:
-        """Never: a mirror image fits no two planes that meet."""
-        return False
+        return type(self)(self.left.seen_from(T_b_f), self.right.seen_from(T_b_f))
 
     def describe(self, target: Array, covariance: Array) -> dict[str, Any]:
         """Both planes."""
@@ -272,7 +267,7 @@ class SeenRoof(SeenTarget[RoofFit]):
             T for flank in self.flanks for T in unknown_plane_starts(stack_lines(self.T_b_f, flank))
         ]
 
-    def start_at(self, T_f_s: Array) -> TargetStart:
+    def start_at(self, T_f_s: Array) -> tuple[RoofModel, Array]:
         """The planes through all points."""
         T_b_f, by_laser = self.T_b_f, self.by_laser
         halves = (None, None) if by_laser is None else np.split(by_laser, 2, axis=1)
@@ -285,4 +280,4 @@ class SeenRoof(SeenTarget[RoofFit]):
             )
             for flank, half in zip(self.flanks, halves, strict=True)
         )
-        return TargetStart(RoofModel(left, right), np.zeros(6))
+        return RoofModel(left, right), np.zeros(6)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
-from tjscan.calibration.arm_error import ARM_REACH
+from tjscan.calibration.noise import ARM_REACH
 from tjscan.calibration.plucker import PluckerPlane, plane_through_point
 from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.core.errors import CalibrationRefused
@@ -47,7 +47,7 @@ def fit_plane(
         A point on the side of the plane that its normal shall point to, such as the flange.
     geometry : float
         Standard deviation of the arm's geometry error, metres: points that are touched near each
-        other err alike; see `tjscan.calibration.arm_error`.
+        other err alike; see `tjscan.calibration.noise`.
     by_arm : ndarray, shape (n, 3, m), optional
         How the tip moves with draws of the arm's geometry, for an error of one metre, where the
         arm's postures are known; see `ArmGeometry.moves`.

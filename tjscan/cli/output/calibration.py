@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from rich.table import Table
 
-from tjscan.calibration.entries import BallEntry, ResidualEntry
-from tjscan.calibration.file import SavedCalibration
+from tjscan.calibration.file import BallEntry, ResidualEntry, SavedCalibration
 from tjscan.cli.output.console import add_text_row, print_message, stderr
 from tjscan.report.write import write_run_report
 from tjscan.result.directory import CALIBRATION_PICTURE

@@ -12,16 +12,10 @@ import numpy as np
 from tjscan.calibration.result import HandEyeUncertainty
 from tjscan.calibration.targets.target import PosedProfile
 from tjscan.calibration.targets.touched import fit_plane
-from tjscan.calibration.wizard.advice import BoardRectangle, predict_uncertainty
-from tjscan.calibration.wizard.logbook import MeasurementsSoFar
-from tjscan.calibration.wizard.session import (
-    CalibrationPlan,
-    CalibrationProgress,
-    planned_touch_points,
-    start_poses_over_board,
-    suggest_next_line_pose,
-)
-from tjscan.calibration.wizard.topics import LaserLineTaken
+from tjscan.calibration.wizard.advice import BoardRectangle
+from tjscan.calibration.wizard.logbook import LaserLineTaken, MeasurementsSoFar
+from tjscan.calibration.wizard.session import CalibrationPlan
+from tjscan.calibration.wizard.wizard import reaches_and_returns
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array
 from tjscan.job.arm import sensor_mount_of_job
@@ -66,7 +60,7 @@ def check_calibration_job(job: CalibrationJob, job_file: Path) -> HandEyeUncerta
 def _start_pose(task: CalibrationPlan, arm: Arm) -> Array:
     """Flange pose square over the board that the arm gets to."""
     reason = ""
-    for T_b_f in start_poses_over_board(task, arm.state().T_b_f):
+    for T_b_f in task.start_poses(arm.state().T_b_f):
         try:
             arm.check_moves(T_b_f)
         except PoseUnreachable as error:
@@ -78,25 +72,15 @@ def _start_pose(task: CalibrationPlan, arm: Arm) -> Array:
 
 def _plan_lines(task: CalibrationPlan, arm: Arm, ready: Array) -> HandEyeUncertainty:
     """Plan lines one after the other, as the wizard would if each were as expected."""
-    touched, outside = planned_touch_points(task), task.T_b_board[:3, 3] + task.T_b_board[:3, 2]
+    touched, outside = task.touch_points, task.T_b_board[:3, 3] + task.T_b_board[:3, 2]
     target = fit_plane(touched, task.noise.touch, outside, geometry=task.noise.geometry)
     board = BoardRectangle.through_touched_points(touched, target)
     measured = MeasurementsSoFar(datetime.now(UTC), {})
-    expected = predict_uncertainty(np.empty((0, 4, 4)), task.T_f_s, target, task.window, task.noise)
+    expected = task.predict_from(task.T_f_s, target).uncertainty(np.empty((0, 4, 4)))
     for number in range(1, task.lines + 1):
-        progress = CalibrationProgress((), task.lines, expected, None, None)
-        there = suggest_next_line_pose(
-            task, measured, target, board, progress, partial(_reaches, arm, ready)
+        there = task.suggest_line_pose(
+            measured, target, board, None, partial(reaches_and_returns, arm, ready)
         )
         shot = PosedProfile(f"line {number}", there.T_b_f, NOT_TAKEN)
         measured, expected = measured.with_entry(LaserLineTaken(shot, False)), there.after
     return expected
-
-
-def _reaches(arm: Arm, ready: Array, T_b_f: Array) -> bool:
-    """Whether the arm gets to a pose from `ready`, and back, on a straight line."""
-    try:
-        arm.check_moves(ready, T_b_f, ready)
-    except PoseUnreachable:
-        return False
-    return True

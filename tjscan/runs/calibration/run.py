@@ -11,23 +11,27 @@ from typing import Final, NoReturn
 import numpy as np
 import trimesh
 
+from tjscan.calibration.arm.calibrate import as_hand_eye_calibration
 from tjscan.calibration.arm.design import BallPlan, plan_views
 from tjscan.calibration.arm.model import ArmGeometry
-from tjscan.calibration.arm.result import as_hand_eye_calibration
 from tjscan.calibration.arm.wizard import ArmWizard
-from tjscan.calibration.entries import BasisEntry, ShrinkingEntry, views_of_poses
-from tjscan.calibration.file import SavedCalibration, to_calibration_file, write_calibration
+from tjscan.calibration.file import (
+    BasisEntry,
+    SavedCalibration,
+    ShrinkingEntry,
+    to_calibration_file,
+    views_of_poses,
+    write_calibration,
+)
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.plucker import plane_through_point
 from tjscan.calibration.recorded import calibrate_recorded_sets
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.plane import PlaneTarget
-from tjscan.calibration.wizard.logbook import Logbook, MeasurementsSoFar
-from tjscan.calibration.wizard.operator import Operator, Question
-from tjscan.calibration.wizard.probe import JoggedProbe, TouchProbe
-from tjscan.calibration.wizard.session import CalibrationPlan, current_progress, fit_touched_board
+from tjscan.calibration.wizard.logbook import CALIBRATION_RECORDING, Logbook, MeasurementsSoFar
+from tjscan.calibration.wizard.operator import JoggedProbe, Operator, Question, TouchProbe
+from tjscan.calibration.wizard.session import CalibrationPlan
 from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
-from tjscan.calibration.wizard.topics import CALIBRATION_RECORDING
 from tjscan.calibration.wizard.wizard import CalibrationWizard
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import CalibrationRefused, ConfigurationError
@@ -129,9 +133,9 @@ def basis_of_lines(
     Raises
     ------
     CalibrationRefused
-        As `fit_touched_board` does.
+        As `fit_plane` does.
     """
-    target, _ = fit_touched_board(task, measured)
+    target, _ = task.fit_board(measured)
     off = 1e3 * float(np.sqrt(np.mean(target.residuals**2)))
     poses = {shot.name: shot.T_b_f for shot in measured.line_profiles}
     return BasisEntry(
@@ -149,7 +153,7 @@ def _shrinking(
     """Uncertainty after each line, from where the lines gave a result."""
     for count in range(1, len(measured.line_profiles) + 1):
         first = replace(measured, line_profiles=measured.line_profiles[:count])
-        result = current_progress(task, first, target).result
+        result = task.progress(first, target).result
         if result is not None:
             sure = result.uncertainty
             yield ShrinkingEntry(
@@ -250,8 +254,7 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
         task = calibration_plan_of_job(job, T_f_s)
         wizard = CalibrationWizard(task, cell.arm, cell.laser, probe, operator, logbook)
         if job.ball is None:
-            outcome = wizard.run()
-            result, verification, noise = outcome.result, outcome.verification, job.board.noise
+            (result, verification), noise = wizard.run(), job.board.noise
             basis = basis_of_lines(task, logbook.measured, result)
         else:
             about, verification = wizard.take_lines(*wizard.touch_board()).T_f_s, None

@@ -176,9 +176,7 @@ class StateMessage(WireMessage):
             number=number,
             time=time,
             clock=state.time,
-            speed=state.odometry.speed,
-            turn_rate=state.odometry.turn_rate,
-            sideways=state.odometry.sideways,
+            **asdict(state.odometry),
             torques=state.torques,
             proximity=tuple(d if isfinite(d) else None for d in state.proximity),
             fault=state.fault,
@@ -306,3 +304,115 @@ class MessageGate:
         if offset - quickest > MOST_DELAY:
             return f"it came {offset - quickest:.2f} s late"
         return ""
+
+
+TORCH_TOPIC: Final = "torch"
+TORCH_COMMANDER_TOPIC: Final = "torch-commander"
+TORCH_STATE_TOPIC: Final = "torch-state"
+
+Place = Annotated[float, Ge(-10), Le(10)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TorchMessage(WireMessage):
+    """On ``torch``: where the torch has to be, and whether its arc burns.
+
+    Parameters
+    ----------
+    y, z : float
+        To the right of the vehicle's middle, and out of the hull, metres.
+    arc : bool
+        Whether the arc burns.
+    hold : float
+        Seconds from its sending after which the arc has to go out without a further message.
+    """
+
+    y: Place
+    z: Place
+    arc: bool
+    hold: Annotated[float, Ge(0), Le(10)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TorchStateMessage(WireMessage):
+    """On ``torch-state``: where the torch is, some 100 times a second.
+
+    Parameters
+    ----------
+    y, z : float
+        To the right of the vehicle's middle, and out of the hull, metres.
+    arc : bool
+        Whether the arc burns.
+    fault : str
+        Of its axes or its power source; empty where they are well.
+    """
+
+    y: Place
+    z: Place
+    arc: bool
+    fault: Annotated[str, Len(0, 500)] = ""
+
+
+TAKEN_OVER: Final = 0.5
+"""Seconds of silence after which another sender may take over."""
+
+CLOCK_JUMP: Final = 2.0
+"""Seconds: what comes later, or earlier, than this after the quickest has another clock."""
+
+CLOCK_LEARNED: Final = 10
+"""Messages in a row that must agree on another clock before it is believed."""
+
+
+class PoseGate:
+    """What lets the poses of one topic through, and dates them on the receiver's clock.
+
+    The clocks of sender and receiver need not agree: the quickest message so far took no time, and
+    how late another is counts from that. Unlike a command, a late pose is worth something, as long
+    as it is known how old it is. A delay that all of them have is not seen.
+    """
+
+    def __init__(self) -> None:
+        self._session, self._number = "", -1
+        self._offset, self._heard, self._given = inf, -inf, -inf
+        self._doubted: tuple[float, int] = (inf, 0)
+
+    def measured(self, message: WireMessage, now: float) -> float:
+        """When it was measured, seconds on the receiver's clock.
+
+        Parameters
+        ----------
+        message : WireMessage
+            What came.
+        now : float
+            When, seconds on the receiver's clock.
+
+        Raises
+        ------
+        BadMessage
+            If it is of another sender, came out of order, or its clock can't be right.
+        """
+        if message.session != self._session:
+            if now - self._heard < TAKEN_OVER:
+                raise BadMessage("it is of another session")
+            self._session, self._number, self._offset = message.session, -1, inf
+        if message.number <= self._number:
+            raise BadMessage(f"number {message.number} came after {self._number}")
+        self._number = message.number
+        offset = now - message.time
+        known = self._offset + CLOCK_DRIFT * (now - self._heard)
+        self._heard = now
+        if self._offset < inf and abs(offset - known) > CLOCK_JUMP and not self._agreed(offset):
+            raise BadMessage(f"its clock is {known - offset:+.2f} s off, or it came late")
+        self._offset = offset if abs(offset - known) > CLOCK_JUMP else min(offset, known)
+        self._doubted = (inf, 0)
+        measured = message.time + self._offset
+        if measured <= self._given:
+            raise BadMessage("it was measured before the last one")
+        self._given = measured
+        return measured
+
+    def _agreed(self, offset: float) -> bool:
+        """Whether enough messages in a row have this other clock."""
+        before, times = self._doubted
+        self._doubted = (offset, times + 1 if abs(offset - before) < MOST_DELAY else 1)
+        return self._doubted[1] >= CLOCK_LEARNED
