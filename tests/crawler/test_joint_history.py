@@ -3,7 +3,7 @@
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.crawler.joint_history import PLACES_ACROSS, height_over_hull, section_histories
+from tjscan.crawler.joint_sections import PLACES_ACROSS, height_over_hull, section_histories
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
-from tjscan.crawler.paper_filter import (
+from tjscan.crawler.paper_method import (
     PaperFilter,
     PaperState,
     paper_laser_offset,

@@ -4,7 +4,24 @@ from pathlib import Path
 
 import pytest
 
-from tjscan.crawler.phases import PHASE_TRANSITIONS, Event, Phase, draw_state_diagram, next_phase
+from tjscan.crawler.phases import PHASE_TRANSITIONS, Event, Phase, next_phase
+
+
+def draw_state_diagram() -> str:
+    """The phases as a Mermaid state diagram, from the table itself."""
+    lines = ["stateDiagram-v2", f"    [*] --> {_diagram_name(Phase.MANUAL)}"]
+    for (phase, event), after in PHASE_TRANSITIONS.items():
+        if event is not Event.DANGER:
+            lines.append(f"    {_diagram_name(phase)} --> {_diagram_name(after)}: {event}")
+    stop = f"{_diagram_name(Phase.STOP)}: {Event.DANGER}"
+    lines += [
+        f"    {_diagram_name(phase)} --> {stop}" for phase in Phase if phase is not Phase.STOP
+    ]
+    return "\n".join(lines)
+
+
+def _diagram_name(phase: Phase) -> str:
+    return str(phase).title().replace(" ", "")
 
 
 def test_a_job_goes_round_and_ends_in_manual() -> None:

@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 from grooves import MM, Groove, Noise, draw
 
-from tjscan.groove.alternatives import least_loss_without_root
+from tjscan.groove.alternatives import bound_cost_of_removing_root
 from tjscan.groove.read import order_points
-from tjscan.groove.search import DETACHED_COST, REFIT_GAIN, SIDE_COST, find_best_fit
+from tjscan.groove.search import DETACHED_COST, MOST_REFIT_GAIN, SIDE_COST, find_best_fit
 from tjscan.groove.settings import DEFAULT_SETTINGS, TEE_GROOVE, TEE_NO_ROOT
 
 ALONE = replace(TEE_GROOVE, alternatives=())
@@ -22,8 +22,8 @@ def test_a_search_finds_nothing_below_the_bound(ghosts: float, seed: int) -> Non
     row = order_points(profile, DEFAULT_SETTINGS)
     with_root = find_best_fit(row, replace(DEFAULT_SETTINGS, model=ALONE))
     without = find_best_fit(row, replace(DEFAULT_SETTINGS, model=TEE_NO_ROOT))
-    bound = least_loss_without_root(row, with_root.fitted, DEFAULT_SETTINGS.support_tolerance)
-    least = bound - SIDE_COST - CORNER_SIDES * DETACHED_COST - REFIT_GAIN
+    bound = bound_cost_of_removing_root(row, with_root.fitted, DEFAULT_SETTINGS.support_tolerance)
+    least = bound - SIDE_COST - CORNER_SIDES * DETACHED_COST - MOST_REFIT_GAIN
     assert without.cost - with_root.cost > least
 
 
@@ -32,5 +32,5 @@ def test_a_root_that_explains_much_bounds_the_loss_well() -> None:
     row = order_points(profile, DEFAULT_SETTINGS)
     found = find_best_fit(row, replace(DEFAULT_SETTINGS, model=ALONE))
     explained = found.fitted.counts[-2]
-    bound = least_loss_without_root(row, found.fitted, DEFAULT_SETTINGS.support_tolerance)
+    bound = bound_cost_of_removing_root(row, found.fitted, DEFAULT_SETTINGS.support_tolerance)
     assert 0.5 * explained < bound <= explained

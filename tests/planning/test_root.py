@@ -12,12 +12,10 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.planning.document import plan_document
-from tjscan.planning.edges import GrooveEdges
+from tjscan.planning.document import beads_to_csv, plan_document, read_beads_csv
+from tjscan.planning.edges import GrooveEdges, root_of_sections
 from tjscan.planning.path import LARGEST_KINK, LONGEST_STEP
 from tjscan.planning.plan import plan_weld
-from tjscan.planning.root import root_of_sections
-from tjscan.planning.tables import beads_to_csv, read_beads_csv
 from tjscan.planning.weldx_file import write_plan_as_weldx
 from tjscan.planning.wps import WeldingProcedure, read_wps
 

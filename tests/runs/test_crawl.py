@@ -16,8 +16,8 @@ from crawls import SHORT
 
 from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.crawler import RUN_UPS
+from tjscan.crawler.joint_sections import COASTING_TIME
 from tjscan.crawler.journal import CrawlCycle
-from tjscan.crawler.last_view import COASTING_TIME
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import MOST_ASIDE, SlipEstimate

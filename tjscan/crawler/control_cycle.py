@@ -77,11 +77,7 @@ class ControlCycle:
     """
 
     def __init__(
-        self,
-        devices: CrawlDevices,
-        method: FollowingMethod,
-        guards: Guards,
-        journal: Journal,
+        self, devices: CrawlDevices, method: FollowingMethod, guards: Guards, journal: Journal
     ) -> None:
         self._devices, self._method, self._guards = devices, method, guards
         self._journal = journal
@@ -166,34 +162,26 @@ class ControlCycle:
             self.travel += state.odometry.speed * period
 
         profile, reading = self._joint.look(self.travel)
-        d = d_sigma = None
+        d = d_sigma = nan
         if reading is not None:
             d, d_sigma = -reading.centre, reading.centre_sigma
             method.read(d, d_sigma)
         torch = method.torch
         torch_y = devices.torch.move(path - torch.offset, height, period)
-        self.deviation = torch.offset + torch_y - path
-        self._journal.record(
-            CrawlCycle(
-                self.phase,
-                self.number,
-                self.travel,
-                state,
-                twist,
-                torch,
-                torch_y,
-                path,
-                self.arc,
-                nan if d is None else d,
-                nan if d_sigma is None else d_sigma,
-                method.slip,
-                profile,
-            )
+        cycle = CrawlCycle(
+            *(self.phase, self.number, self.travel, state, twist, torch, torch_y, path, self.arc),
+            *(d, d_sigma, method.slip, profile),
         )
+        self.deviation = cycle.deviation
+        self._journal.record(cycle)
         if self.phase is not Phase.MANUAL:
-            estimated = method.laser if self.all_welded else None
-            self._guards.watch_joint(d, state.odometry.speed, period, estimated=estimated)
-        return period, d is not None
+            self._guards.watch_joint(
+                None if reading is None else d,
+                state.odometry.speed,
+                period,
+                estimated=method.laser if self.all_welded else None,
+            )
+        return period, reading is not None
 
     def _period_until(self, time: float) -> float:
         """Seconds since the last state; none if it was at rest, and an operator was waited for."""
@@ -201,10 +189,8 @@ class ControlCycle:
         if self.phase in (Phase.MANUAL, Phase.READY) and period > LONGEST_PERIOD:
             period = 0.0
         if not 0 <= period <= LONGEST_PERIOD:
-            raise CrawlStopped(
-                "clock",
-                f"the vehicle's clock went on by {period:.3f} s from one state to the next",
-            )
+            off = f"the vehicle's clock went on by {period:.3f} s from one state to the next"
+            raise CrawlStopped("clock", off)
         self._time = time
         return period
 

@@ -11,12 +11,12 @@ from typing import Final, Protocol
 from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.control_cycle import ControlCycle, CrawlDevices, HandDrive, drive_by_hand
 from tjscan.crawler.guards import Guards
+from tjscan.crawler.joint_sections import LastView
 from tjscan.crawler.journal import SET_DOWN_EVENT
-from tjscan.crawler.last_view import LastView
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase
 from tjscan.crawler.plan import AlignmentSettings, PassSettings, WeldSettings
-from tjscan.recording.journal import Journal, RunEvent
+from tjscan.recording.journal import Journal, event_recorder
 from tjscan.vehicle.vehicle import AT_REST, Twist
 
 TURN_BACK: Final = 0.5
@@ -113,8 +113,8 @@ class Crawler:
         hand: HandDrive | None = None,
     ) -> None:
         self._devices, self._plan, self._method = devices, plan, method
-        self._guards, self._operator, self._journal = guards, operator, journal
-        self._hand = hand
+        self._guards, self._operator, self._hand = guards, operator, hand
+        self._report = event_recorder(journal)
         self._cycle = ControlCycle(devices, method, guards, journal)
 
     def run(self, start: CrawlStart | None = None) -> None:
@@ -181,43 +181,40 @@ class Crawler:
         wave = WAVE_CURVATURE * speed * cos(2 * pi * self._cycle.travel / WAVE_LENGTH)
         self._cycle.run(Twist(speed, self._method.turn_rate(speed) + wave))
 
-    def _weld_all(self, start: CrawlStart | None) -> None:
-        home = -self._plan.weld.run_up
-        self._cycle.travel = home if start is None else start.travel
-        if start is None and self._hand is not None:
-            self._journal.record(RunEvent(str(self._cycle.phase), "waits for the start"))
-            drive_by_hand(self._hand, self._devices.vehicle, self._cycle, self._guards)
-            self._cycle.come_to_rest()
-            self._cycle.travel = home  # what it rolled on for
-        at = f"the torch is at {1e3 * self._cycle.travel:.1f} mm"
+    def _weld_all(self, resumed: CrawlStart | None) -> None:
+        home, cycle = -self._plan.weld.run_up, self._cycle
+        start = resumed or CrawlStart(travel=home)
+        cycle.travel = start.travel
+        if resumed is None and self._hand is not None:
+            self._report(str(cycle.phase), "waits for the start")
+            drive_by_hand(self._hand, self._devices.vehicle, cycle, self._guards)
+            cycle.come_to_rest()
+            cycle.travel = home  # what it rolled on for
+        at = f"the torch is at {1e3 * cycle.travel:.1f} mm"
         # Reported before it waits, which may be cut off.
-        if start is not None and start.was_set_down:
-            self._journal.record(RunEvent(SET_DOWN_EVENT, f"{at}, as the operator states"))
+        if start.was_set_down:
+            self._report(SET_DOWN_EVENT, f"{at}, as the operator states")
         self._wait_for_joint()
-        if start is None:
-            self._cycle.enter(Event.JOINT_IN_VIEW, "the joint is in view, with steel all round")
+        if resumed is None:
+            cycle.enter(Event.JOINT_IN_VIEW, "the joint is in view, with steel all round")
             self._align_forward(home)
-            self._cycle.enter(Event.ALIGNED, "the torch is above the joint")
+            cycle.enter(Event.ALIGNED, "the torch is above the joint")
             self._go_back(home)
-            self._cycle.enter(Event.AT_START, "back at the start")
+            cycle.enter(Event.AT_START, "back at the start")
         else:
             if start.last_view is not None:
-                start.last_view.check(self._cycle.seen)
-                self._journal.record(
-                    RunEvent("place", f"{at}, which the laser does not contradict")
-                )
-            self._cycle.phase = Phase.RETURN  # what was interrupted goes on from the way back
+                start.last_view.check(cycle.seen)
+                self._report("place", f"{at}, which the laser does not contradict")
+            cycle.phase = Phase.RETURN  # what was interrupted goes on from the way back
             self._go_back(start.arc_from - self._plan.weld.run_up)
             where = f"pass {start.passes_done + 1} goes on at {1e3 * start.arc_from:.0f} mm"
-            self._cycle.enter(Event.PASSES_LEFT, where)
-        done = 0 if start is None else start.passes_done
-        for number in range(done + 1, len(self._plan.passes) + 1):
-            arc_from = 0.0 if start is None or number > done + 1 else start.arc_from
-            self._weld_pass(number, arc_from)
-            self._cycle.all_welded = number == len(self._plan.passes)
-            self._go_back(home)
+            cycle.enter(Event.PASSES_LEFT, where)
+        for number in range(start.passes_done + 1, len(self._plan.passes) + 1):
+            self._weld_pass(number, start.arc_from if number == start.passes_done + 1 else 0.0)
             left = len(self._plan.passes) - number
-            self._cycle.enter(
+            cycle.all_welded = not left
+            self._go_back(home)
+            cycle.enter(
                 Event.PASSES_LEFT if left else Event.ALL_WELDED,
                 f"back at the start, {left or 'no'} {'pass' if left == 1 else 'passes'} left",
             )
@@ -230,7 +227,7 @@ class Crawler:
             seen = seen + period if found else 0.0
             if waited <= LONGEST_WAIT < waited + period:
                 missing = "steel below every corner" if seen >= limit else "the joint in view"
-                self._journal.record(RunEvent(str(self._cycle.phase), f"waits for {missing}"))
+                self._report(str(self._cycle.phase), f"waits for {missing}")
             waited += period
 
     def _align_forward(self, home: float) -> None:
@@ -238,10 +235,9 @@ class Crawler:
         alignment = self._plan.alignment
         while True:
             out, torch = self._cycle.travel - home, self._method.torch
-            aligned = (
-                abs(torch.offset) <= alignment.offset and torch.sigma <= alignment.offset_sigma
-            )
-            if out >= alignment.length and aligned:
+            above_joint = abs(torch.offset) <= alignment.offset
+            known = torch.sigma <= alignment.offset_sigma
+            if out >= alignment.length and above_joint and known:
                 return
             if out >= alignment.longest:
                 raise CrawlStopped(

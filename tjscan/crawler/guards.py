@@ -104,12 +104,7 @@ class Guards:
             )
 
     def watch_joint(
-        self,
-        d: float | None,
-        speed: float,
-        period: float,
-        *,
-        estimated: LaserEstimate | None = None,
+        self, d: float | None, speed: float, period: float, estimated: LaserEstimate | None = None
     ) -> None:
         """Look at a reading of the joint, or at there being none.
 
@@ -137,11 +132,8 @@ class Guards:
             self._blind_travel += abs(speed) * period
             self._blind_time += period
             if self._blind_travel > settings.blind_travel or self._blind_time > settings.blind_time:
-                raise CrawlStopped(
-                    "joint lost",
-                    f"the joint was not seen for {1e3 * self._blind_travel:.0f} mm and "
-                    f"{self._blind_time:.1f} s",
-                )
+                blind = f"{1e3 * self._blind_travel:.0f} mm and {self._blind_time:.1f} s"
+                raise CrawlStopped("joint lost", f"the joint was not seen for {blind}")
             return
         self._blind_travel = self._blind_time = 0.0
         if abs(d) > settings.field:

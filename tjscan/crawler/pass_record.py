@@ -127,41 +127,36 @@ def pass_records(
     places : iterable of (CrawlCycle, SimulatedPlace), optional
         Where a simulated torch truly was, each with the cycle it belongs to.
     """
-    burning: dict[int, list[tuple[CrawlCycle, list[CrawlCycle]]]] = {}
-    before: CrawlCycle | None = None
+    burning: dict[int, list[list[CrawlCycle]]] = {}
+    before: list[CrawlCycle] = []
     for (arc, number), group in groupby(cycles, key=lambda c: (c.arc, c.number)):
         one = list(group)
         if arc:  # struck where the cycle before ended
-            burning.setdefault(number, []).append((before or one[0], one))
-        before = one[-1]
+            burning.setdefault(number, []).append([before[-1] if before else one[0], *one])
+        before = one
     truth: dict[int, list[tuple[float, ...]]] = {}
     for cycle, place in places:
         if cycle.arc:
             along, right = place.torch
             off = right + cycle.torch_y - cycle.path
-            truth.setdefault(cycle.number, []).append(
-                (along, right, off, cycle.torch.offset - right)
-            )
-    return tuple(_record(n, burning[n], truth.get(n, [])) for n in sorted(burning))
+            row = along, right, off, cycle.torch.offset - right
+            truth.setdefault(cycle.number, []).append(row)
+    return tuple(_record_pass(n, burning[n], truth.get(n, [])) for n in sorted(burning))
 
 
-def _record(
-    number: int,
-    arcs: Sequence[tuple[CrawlCycle, Sequence[CrawlCycle]]],
-    truth: Sequence[tuple[float, ...]],
+def _record_pass(
+    number: int, arcs: Sequence[Sequence[CrawlCycle]], truth: Sequence[tuple[float, ...]]
 ) -> PassRecord:
-    """Record of a pass, of whose arcs each is the cycle before it was struck, and its own."""
-    every = [cycle for _, arc in arcs for cycle in arc]
-    times = [(before.state.time, arc[-1].state.time) for before, arc in arcs]
-    known = np.reshape(truth, (-1, 4))
+    """Record of a pass, each of its arcs after the cycle before it was struck."""
+    rows = [
+        (cycle.travel, cycle.torch.offset, cycle.deviation, cycle.torch.sigma, cycle.was_read)
+        for arc in arcs
+        for cycle in arc[1:]
+    ]
+    travel, offset, deviation, sigma, was_read = np.array(rows, dtype=float).T
+    arc_spans = tuple((arc[0].travel, arc[-1].travel) for arc in arcs)
+    seconds = sum(arc[-1].state.time - arc[0].state.time for arc in arcs)
+    read_share, known = float(was_read.mean()), np.reshape(truth, (-1, 4)).T
     return PassRecord(
-        number,
-        tuple((before.travel, arc[-1].travel) for before, arc in arcs),
-        sum(last - first for first, last in times),
-        np.array([cycle.travel for cycle in every]),
-        np.array([cycle.torch.offset for cycle in every]),
-        np.array([cycle.deviation for cycle in every]),
-        np.array([cycle.torch.sigma for cycle in every]),
-        float(np.mean([np.isfinite(cycle.d) for cycle in every])),
-        *known.T,
+        number, arc_spans, seconds, travel, offset, deviation, sigma, read_share, *known
     )

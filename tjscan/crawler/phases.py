@@ -60,22 +60,6 @@ def next_phase(phase: Phase, event: Event) -> Phase:
     ValueError
         If the event can't happen in that phase.
     """
-    try:
-        return PHASE_TRANSITIONS[phase, event]
-    except KeyError:
-        raise ValueError(f"in phase {phase} there is no event {event}") from None
-
-
-def draw_state_diagram() -> str:
-    """The phases as a Mermaid state diagram, from the table itself."""
-    lines = ["stateDiagram-v2", f"    [*] --> {_name(Phase.MANUAL)}"]
-    for (phase, event), after in PHASE_TRANSITIONS.items():
-        if event is not Event.DANGER:
-            lines.append(f"    {_name(phase)} --> {_name(after)}: {event}")
-    moving = [phase for phase in Phase if phase is not Phase.STOP]
-    lines += [f"    {_name(phase)} --> {_name(Phase.STOP)}: {Event.DANGER}" for phase in moving]
-    return "\n".join(lines)
-
-
-def _name(phase: Phase) -> str:
-    return str(phase).title().replace(" ", "")
+    if (phase, event) not in PHASE_TRANSITIONS:
+        raise ValueError(f"in phase {phase} there is no event {event}")
+    return PHASE_TRANSITIONS[phase, event]

@@ -48,22 +48,17 @@ class ProximityFilter:
     def add_sample(self, distances: Sequence[float]) -> None:
         """Take in a sample: the distance at each corner, metres; nothing if there is none."""
         for i, distance in enumerate(distances):
-            steel = self._steel[i]
-            opposite = (
-                not distance <= self.settings.missing
-                if steel
-                else (distance <= self.settings.present)
-            )
-            self._against[i] = self._against[i] + 1 if opposite else 0
+            steel, limits = self._steel[i], self.settings
+            shows_steel = distance <= (limits.missing if steel else limits.present)
+            self._against[i] = self._against[i] + 1 if shows_steel != steel else 0
             if self._against[i] >= self.settings.samples:
                 self._steel[i], self._against[i] = not steel, 0
 
     @property
     def missing_corners(self) -> tuple[str, ...]:
         """Corners without steel."""
-        return tuple(
-            name for name, steel in zip(PROXIMITY_CORNERS, self._steel, strict=True) if not steel
-        )
+        corners = zip(PROXIMITY_CORNERS, self._steel, strict=True)
+        return tuple(name for name, steel in corners if not steel)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +84,8 @@ class CornerPlaces:
             Among `PROXIMITY_CORNERS`.
         """
         for corner in missing_corners:
-            end, side = corner.split()
-            x = self.length / 2 * (1 if end == "front" else -1)
-            y = self.width / 2 * (1 if side == "right" else -1)
+            x = self.length / 2 * (1 if "front" in corner else -1)
+            y = self.width / 2 * (1 if "right" in corner else -1)
             forward = twist.speed - twist.turn_rate * y
             right = twist.sideways + twist.turn_rate * x
             # Either part outward is one too many: the sensor does not show which edge it is.

@@ -10,12 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from math import ceil, inf, isfinite, pi
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
-from tjscan.core.frames import Array
 from tjscan.core.units import FileUnit, SettingsTable
 from tjscan.crawler.plan import NEWTON_METRE_UNIT
 from tjscan.vehicle.pad_plant import GRAVITY_M_S2, PadPlant, PadSettings
@@ -23,10 +22,11 @@ from tjscan.vehicle.tracks import TrackGeometry
 
 METRES_PER_MINUTE: Final = FileUnit("m_min", 1 / 60)
 WATT_UNIT: Final = FileUnit("w")
+STEPS_PER_LENGTH: Final = 140
+"""Steps in which a pad goes from the front of its track to the rear."""
+
 TURN_RADII: Final = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
 """Metres at which the torque of a turn is reported."""
-
-MAGNETS_ADVICE: Final = "take more pads, or stronger magnets"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,57 +127,29 @@ def _closed_forms(size: SizeSettings, tracks: TrackGeometry) -> tuple[SizeFigure
     weight = pads.mass * GRAVITY_M_S2
     share = pads.pads * pads.grip / pads.mass
     pull = size.torque / radius
-    return (
-        SizeFigure(
-            "grip of both tracks over the weight",
-            2 * share,
-            "",
-            least=size.safety,
-            advice=MAGNETS_ADVICE,
-        ),
-        SizeFigure(
-            "the same with one track broken", share, "", least=size.safety, advice=MAGNETS_ADVICE
-        ),
-        SizeFigure("least pads of a track for that", size.safety * pads.mass / pads.grip, ""),
-        SizeFigure(
-            "friction needed on both tracks",
-            0.5 / share,
-            "",
-            most=pads.friction,
-            advice=MAGNETS_ADVICE,
-        ),
-        SizeFigure(
-            "friction needed on one track", 1 / share, "", most=pads.friction, advice=MAGNETS_ADVICE
-        ),
-        SizeFigure("pull of a track", pull, "N"),
-        SizeFigure(
-            "pull of both tracks over the weight",
-            2 * pull / weight,
-            "",
-            least=1.0,
-            advice="take a lower gear, or smaller sprockets",
-        ),
-        SizeFigure(
-            "speed of a motor at top speed",
-            size.top_speed / radius * size.gear * 60 / (2 * pi),
-            "rpm",
-        ),
-        SizeFigure("power of a track at full pull", pull * size.top_speed, "W"),
-        SizeFigure(
-            "power to climb at top speed",
-            weight * size.top_speed,
-            "W",
-            most=size.power,
-            advice="climb more slowly, or take a stronger supply",
-        ),
-        SizeFigure(
-            "peel of the top pad",
-            peel_of_top_pad(pads),
-            "N",
-            most=pads.grip * GRAVITY_M_S2,
-            advice="bring the mass closer to the hull, or lengthen the tracks",
-        ),
+    rpm = size.top_speed / radius * size.gear * 60 / (2 * pi)
+    grip = {"least": size.safety, "advice": "take more pads, or stronger magnets"}
+    friction = {"most": pads.friction, "advice": grip["advice"]}
+    climb = {"most": size.power, "advice": "climb more slowly, or take a stronger supply"}
+    gear = {"least": 1.0, "advice": "take a lower gear, or smaller sprockets"}
+    lever = {
+        "most": pads.grip * GRAVITY_M_S2,
+        "advice": "bring the mass closer to the hull, or lengthen the tracks",
+    }
+    rows: tuple[tuple[str, float, str, dict[str, Any]], ...] = (
+        ("grip of both tracks over the weight", 2 * share, "", grip),
+        ("the same with one track broken", share, "", grip),
+        ("least pads of a track for that", size.safety * pads.mass / pads.grip, "", {}),
+        ("friction needed on both tracks", 0.5 / share, "", friction),
+        ("friction needed on one track", 1 / share, "", friction),
+        ("pull of a track", pull, "N", {}),
+        ("pull of both tracks over the weight", 2 * pull / weight, "", gear),
+        ("speed of a motor at top speed", rpm, "rpm", {}),
+        ("power of a track at full pull", pull * size.top_speed, "W", {}),
+        ("power to climb at top speed", weight * size.top_speed, "W", climb),
+        ("peel of the top pad", peel_of_top_pad(pads), "N", lever),
     )
+    return tuple(SizeFigure(name, value, unit, **rule) for name, value, unit, rule in rows)
 
 
 def _turns(
@@ -192,13 +164,11 @@ def _turns(
         if isfinite(tightest)
         else "take a lower gear: no turn is as easy as that"
     )
+    rule: dict[str, Any] = {"most": size.torque, "advice": advice}
     turns = [
         SizeFigure(
-            f"torque of a turn of {turn:g} m",
-            torque,
-            "N m",
-            most=size.torque if turn == least_radius else None,
-            advice=advice if turn == least_radius else "",
+            *(f"torque of a turn of {turn:g} m", torque, "N m"),
+            **(rule if turn == least_radius else {}),
         )
         for turn, torque in zip(radii, torques, strict=True)
     ]
@@ -239,7 +209,7 @@ def peel_of_top_pad(pads: PadSettings) -> float:
     The weight's lever is borne by forces that grow with the distance from the middle:
     W h x_max / sum of x².
     """
-    places = _pad_places(pads)
+    places = ((np.arange(pads.pads) + 0.5) / pads.pads - 0.5) * pads.contact_length
     lever = pads.mass * GRAVITY_M_S2 * pads.mass_height
     return float(lever * np.abs(places).max() / np.sum(places**2))
 
@@ -267,12 +237,3 @@ def torque_of_turn(pads: PadSettings, tracks: TrackGeometry, radius: float) -> f
         if k >= 2 * STEPS_PER_LENGTH:
             torques.append(np.abs(plant.torques).max())
     return float(np.mean(torques))
-
-
-STEPS_PER_LENGTH: Final = 140
-"""Steps in which a pad goes from the front of its track to the rear."""
-
-
-def _pad_places(pads: PadSettings) -> Array:
-    """Places of a track's pads along it, from its middle, metres."""
-    return ((np.arange(pads.pads) + 0.5) / pads.pads - 0.5) * pads.contact_length

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import numpy as np
 import tomli_w
@@ -17,24 +17,24 @@ from tjscan.core.provenance import Provenance
 from tjscan.crawler.slip_estimator import SlipEstimate, SlipUncertainty
 from tjscan.crawler.slip_model import SlipState
 
-LEARNED_STATES = (
-    SlipState.ROTATION_CENTRE,
-    SlipState.YAW_EFFICIENCY,
-    SlipState.DRIFT,
-    SlipState.CRAB,
-    SlipState.TURNING_CRAB,
-    SlipState.SETTLED_CENTRE,
-)
-"""What belongs to vehicle and hull, not to the vehicle's place."""
+LEARNED_QUANTITIES: Final = {
+    "rotation_centre_m": (
+        SlipState.ROTATION_CENTRE,
+        *("centre of rotation, ahead in travel direction", 1e3, "mm"),
+    ),
+    "yaw_efficiency": (SlipState.YAW_EFFICIENCY, "yaw efficiency", 1.0, ""),
+    "drift_rad_per_m": (SlipState.DRIFT, "drift", 1e3, "mrad/m"),
+    "crab_rad": (SlipState.CRAB, "crab", 1e3, "mrad"),
+    "turning_crab_m": (SlipState.TURNING_CRAB, "crab while turning", 1e3, "mm"),
+    "settled_centre_m": (
+        SlipState.SETTLED_CENTRE,
+        *("centre of rotation, farther ahead in a turn that lasts", 1e3, "mm"),
+    ),
+}
+"""What belongs to vehicle and hull, not to the vehicle's place: of each field of the file its place
+in the state, and its name, factor and unit for people."""
 
-_SHOWN_STATES = (
-    ("centre of rotation, ahead in travel direction", 1e3, "mm"),
-    ("yaw efficiency", 1.0, ""),
-    ("drift", 1e3, "mrad/m"),
-    ("crab", 1e3, "mrad"),
-    ("crab while turning", 1e3, "mm"),
-    ("centre of rotation, farther ahead in a turn that lasts", 1e3, "mm"),
-)
+LEARNED_STATES: Final = [state for state, *_ in LEARNED_QUANTITIES.values()]
 
 Row = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
 
@@ -66,30 +66,14 @@ class SlipCalibration(StrictFileModel):
     def from_estimate(cls, estimate: SlipEstimate, vehicle: str) -> SlipCalibration:
         """The slip that was estimated, for a vehicle of this id."""
         P = estimate.P[np.ix_(LEARNED_STATES, LEARNED_STATES)]
-        values = estimate.x[list(LEARNED_STATES)].tolist()
-        return cls(
-            vehicle=vehicle,
-            date=datetime.now(UTC),
-            rotation_centre_m=values[0],
-            yaw_efficiency=values[1],
-            drift_rad_per_m=values[2],
-            crab_rad=values[3],
-            turning_crab_m=values[4],
-            settled_centre_m=values[5],
-            covariance=((P + P.T) / 2).tolist(),
-        )
+        values = dict(zip(LEARNED_QUANTITIES, estimate.x[LEARNED_STATES].tolist(), strict=True))
+        covariance = ((P + P.T) / 2).tolist()
+        return cls(vehicle=vehicle, date=datetime.now(UTC), covariance=covariance, **values)
 
     @property
     def values(self) -> tuple[float, ...]:
         """The six quantities."""
-        return (
-            self.rotation_centre_m,
-            self.yaw_efficiency,
-            self.drift_rad_per_m,
-            self.crab_rad,
-            self.turning_crab_m,
-            self.settled_centre_m,
-        )
+        return tuple(getattr(self, field) for field in LEARNED_QUANTITIES)
 
     @property
     def rows(self) -> list[tuple[str, str, str]]:
@@ -97,8 +81,8 @@ class SlipCalibration(StrictFileModel):
         sigmas = np.sqrt(np.diag(np.array(self.covariance)))
         return [
             (name, f"{scale * value:.3g} {unit}".strip(), f"{scale * sigma:.2g} {unit}".strip())
-            for (name, scale, unit), value, sigma in zip(
-                _SHOWN_STATES, self.values, sigmas, strict=True
+            for (_, name, scale, unit), value, sigma in zip(
+                LEARNED_QUANTITIES.values(), self.values, sigmas, strict=True
             )
         ]
 
@@ -110,7 +94,7 @@ class SlipCalibration(StrictFileModel):
             uncertainty, curvature=curvature, curvature_sigma=curvature_sigma
         )
         x, P = first.x.copy(), first.P.copy()
-        x[list(LEARNED_STATES)] = self.values
+        x[LEARNED_STATES] = self.values
         P[np.ix_(LEARNED_STATES, LEARNED_STATES)] = self.covariance
         return SlipEstimate(x, P)
 

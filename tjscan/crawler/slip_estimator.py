@@ -56,7 +56,7 @@ class SlipUncertainty(SettingsTable):
     ----------
     offset, heading, rotation_centre, yaw_efficiency, drift, crab, turning_crab : float
     settled_centre : float
-        Before anything was measured; as `SlipState` names them, in its units.
+        Before anything was measured; named as in `SlipState`, in its units.
     rotation_centre_walk, yaw_efficiency_walk, drift_walk, crab_walk, turning_crab_walk : float
     settled_centre_walk : float
         Of the change over one metre of travel. They are of vehicle and hull, which change slowly;
@@ -132,23 +132,8 @@ class SlipEstimate:
         """
         x = np.zeros(STATE_COUNT)
         x[SlipState.YAW_EFFICIENCY], x[SlipState.CURVATURE] = yaw_efficiency, curvature
-        own = uncertainty
-        sigmas = np.array(
-            [
-                own.offset,
-                own.heading,
-                own.rotation_centre,
-                own.yaw_efficiency,
-                own.drift,
-                own.crab,
-                curvature_sigma,
-                own.turning_crab,
-                own.settled_centre,
-                own.unsteady_crab,
-                own.unsteady_drift,
-            ]
-        )
-        return cls(x, np.diag(sigmas**2))
+        sigmas = [getattr(uncertainty, one.name.lower(), curvature_sigma) for one in SlipState]
+        return cls(x, np.diag(np.square(sigmas)))
 
     def sigma(self, which: SlipState) -> float:
         """Standard deviation of one quantity."""
@@ -209,17 +194,8 @@ class SlipEstimator:
         self, geometry: CrawlerGeometry, estimate: SlipEstimate, uncertainty: SlipUncertainty
     ) -> None:
         self.geometry, self.estimate, self._uncertainty = geometry, estimate, uncertainty
-        own = uncertainty
-        walks = np.zeros(STATE_COUNT)
-        walks[[2, 3, 4, 5, 7, 8]] = (
-            own.rotation_centre_walk,
-            own.yaw_efficiency_walk,
-            own.drift_walk,
-            own.crab_walk,
-            own.turning_crab_walk,
-            own.settled_centre_walk,
-        )
-        self._walk_per_metre = walks**2
+        walks = [getattr(uncertainty, f"{one.name.lower()}_walk", 0.0) for one in SlipState]
+        self._walk_per_metre = np.square(walks)
         self._turns = 0.0
         self.unsteadiness = 1.0
         self._misfit, self._readings, self._window = 0.0, 0, 0.0

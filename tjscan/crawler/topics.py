@@ -79,7 +79,7 @@ class CrawlRecording(RecordingJournal):
         super().__init__(file, CRAWL_TOPICS, origin, errors=(Phase.STOP,))
         self._truth = truth
         self._cycles = 0
-        self._last_profile: tuple[Phase, float] | None = None
+        self._last_profile: tuple[Phase | None, float] = None, 0.0
         self._arc = False
 
     @hold_ctrl_c()
@@ -123,14 +123,9 @@ class CrawlRecording(RecordingJournal):
 
     def _is_profile_due(self, cycle: CrawlCycle) -> bool:
         """Whether the cycle's profile is recorded: the first of a phase, then one a millimetre."""
-        if cycle.profile is None:
-            return False
-        last = self._last_profile
-        if (
-            last is not None
-            and last[0] is cycle.phase
-            and abs(cycle.travel - last[1]) < PROFILE_SPACING
-        ):
+        phase, travel = self._last_profile
+        near = cycle.phase is phase and abs(cycle.travel - travel) < PROFILE_SPACING
+        if cycle.profile is None or near:
             return False
         self._last_profile = cycle.phase, cycle.travel
         return True

@@ -27,7 +27,7 @@ from tjscan.groove.sides import (
     end_of_support,
 )
 
-BEAD_PLACES: Final = np.array(
+BEAD_POINT_SHARES: Final = np.array(
     list(product((0.03, 0.12, 0.22, 0.32), (0.4, 0.5, 0.6), (0.68, 0.78, 0.88, 0.97)))
 )
 """Where, as shares of the bead, the three points of a proposed parabola lie."""
@@ -41,15 +41,15 @@ FEWEST_FACE_RUN: Final = 4
 LEAST_BEAD_GAIN: Final = 3.0
 """By how many points a parabola must explain more than a straight face."""
 
-REACH_COST: Final = 0.3
+TOLERANCE_GROWTH_COST: Final = 0.3
 """What each point costs a face that reaches farther, times the logarithm of how much farther."""
 
-KNEE_PLACES: Final = np.array(
+KNEE_POINT_SHARES: Final = np.array(
     list(product((0.03, 0.12, 0.24), (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8), (0.76, 0.88, 0.97)))
 )
 """Where, as shares of the side's points, the three points of a proposed pair of lines lie."""
 
-KNEE_REACH: Final = 2.0e-3
+KNEE_POINT_DISTANCE: Final = 2.0e-3
 """Farther from the side a point proposes nothing, in metres."""
 
 FEWEST_DIVIDED_POINTS: Final = 12
@@ -82,14 +82,14 @@ def fit_bead(
         return line
     before, straight, after = line.sides[k - 1 : k + 2]
     first, last = row.tangents.searchsorted(bearing_tangents(line.corners[k - 1 : k + 1])).tolist()
-    a, b = _between(row, (before, after), (last, first), tolerance)
+    a, b = _point_range_between_sides(row, (before, after), (last, first), tolerance)
     if b - a < FEWEST_BEAD_POINTS:
         return line
     points = row.points[a:b]
     pays = np.minimum((straight.signed_distances(points) / tolerance) ** 2, 1)
     own = runs.within(a, b)
     flat = float(own.total_cost(pays))
-    curve = _parabola(points, own, (before, after), tolerance, flat - LEAST_BEAD_GAIN)
+    curve = _cheapest_parabola(points, own, (before, after), tolerance, flat - LEAST_BEAD_GAIN)
     if curve is None:
         return line
     sides = (*line.sides[:k], curve, *line.sides[k + 1 :])
@@ -101,7 +101,7 @@ def fit_bead(
     return line._replace(sides=sides, corners=met[0])
 
 
-def root_arc(
+def add_root_arc(
     row: OrderedProfilePoints, runs: PointRuns, line: Polyline, tolerance: float
 ) -> Polyline | None:
     """Add the arc of a root bead between the last two sides of a polyline without one.
@@ -121,22 +121,22 @@ def root_arc(
     Polyline or None
         With one side more; None if no arc fits between.
     """
-    a, b = _gap_at_root(row, line, tolerance)
+    a, b = _point_range_at_root(row, line, tolerance)
     if b - a < FEWEST_BEAD_POINTS:
         return None
     points = row.points[a:b]
-    curve = _parabola(points, runs.within(a, b), line.sides[-2:], tolerance, np.inf)
-    return None if curve is None else _with_face(line, curve, points)
+    curve = _cheapest_parabola(points, runs.within(a, b), line.sides[-2:], tolerance, np.inf)
+    return None if curve is None else _insert_root_face(line, curve, points)
 
 
-def attached_faces(
+def add_faces_along_neighbours(
     row: OrderedProfilePoints, runs: PointRuns, line: Polyline, tolerance: float
 ) -> list[Polyline]:
     """Add a face along the points that go on, without a jump, from the bevel or from the leg.
 
-    Parameters are those of `root_arc`.
+    Parameters are those of `add_root_arc`.
     """
-    a, b = _gap_at_root(row, line, tolerance)
+    a, b = _point_range_at_root(row, line, tolerance)
     found = []
     for start, end in (
         (a, min(runs.bounds_of_run(max(a - 1, 0))[1], b)),
@@ -150,17 +150,19 @@ def attached_faces(
         direction = np.linalg.eigh(away.T @ away)[1][:, 1]
         direction *= np.copysign(1.0, direction @ (points[-1] - points[0]))
         face = CubicCurve(*middle.tolist(), *direction.tolist())
-        found.append(_with_face(line, face, points))
+        found.append(_insert_root_face(line, face, points))
     return [one for one in found if one is not None]
 
 
-def _gap_at_root(row: OrderedProfilePoints, line: Polyline, tolerance: float) -> tuple[int, int]:
+def _point_range_at_root(
+    row: OrderedProfilePoints, line: Polyline, tolerance: float
+) -> tuple[int, int]:
     """First point after those of the last side but one, and first point of the last side."""
     apex = int(row.tangents.searchsorted(float(bearing_tangents(line.corners[-1]))))
-    return _between(row, line.sides[-2:], (apex, apex), tolerance)
+    return _point_range_between_sides(row, line.sides[-2:], (apex, apex), tolerance)
 
 
-def _between(
+def _point_range_between_sides(
     row: OrderedProfilePoints,
     sides: tuple[CubicCurve, ...],
     ends: tuple[int, int],
@@ -175,21 +177,21 @@ def _between(
     return a, len(row.points) - end_of_support(on_second[::-1])
 
 
-def _with_face(line: Polyline, face: CubicCurve, points: Array) -> Polyline | None:
+def _insert_root_face(line: Polyline, face: CubicCurve, points: Array) -> Polyline | None:
     """A polyline with a face over points before its last side; None if they do not meet."""
     sides = (*line.sides[:-1], face, line.sides[-1])
     met = corners_between_sides(sides, np.vstack((line.corners[:-1], points[0], points[-1])))
     return None if met is None else line._replace(sides=sides, corners=met[0])
 
 
-def without_face(line: Polyline) -> Polyline | None:
+def remove_root_face(line: Polyline) -> Polyline | None:
     """A polyline without the face at the root; None if its neighbours do not meet."""
     sides = (*line.sides[:-2], line.sides[-1])
     met = corners_between_sides(sides, line.corners[:-1])
     return None if met is None else line._replace(sides=sides, corners=met[0])
 
 
-def _parabola(
+def _cheapest_parabola(
     points: Array,
     runs: PointRuns,
     neighbours: tuple[CubicCurve, ...],
@@ -200,8 +202,8 @@ def _parabola(
     if most < 0:
         return None
     before, after = neighbours
-    start = before.points_at(before.position_along_chord(*points[0].tolist()))
-    end = after.points_at(after.position_along_chord(*points[-1].tolist()))
+    start = before.point_on_curve(before.position_along_chord(*points[0].tolist()))
+    end = after.point_on_curve(after.position_along_chord(*points[-1].tolist()))
     length = hypot(end[0] - start[0], end[1] - start[1])
     if length < tolerance:
         return None
@@ -209,7 +211,7 @@ def _parabola(
     chord = CubicCurve(0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]), tx, tz)
     s, d = chord.local_coordinates(points)
     n = len(points) - 1
-    triples = np.rint(BEAD_PLACES * n).astype(np.intp)
+    triples = np.rint(BEAD_POINT_SHARES * n).astype(np.intp)
     s3 = s[triples]
     basis = np.stack((np.ones_like(s3), s3, s3 * s3), axis=-1)
     distinct = np.abs(np.diff(s3, axis=1)).min(axis=1) > tolerance
@@ -221,7 +223,7 @@ def _parabola(
     # A face that rises high is no parabola.
     reach = np.maximum(tolerance, FACE_BLUNTNESS * np.abs(coefficients[:, 2]) * length**2 / 4)
     cost = runs.total_cost(np.minimum((away / reach[:, None]) ** 2, 1)) + 1e9 * steep
-    cost += REACH_COST * len(points) * np.log(reach / tolerance)
+    cost += TOLERANCE_GROWTH_COST * len(points) * np.log(reach / tolerance)
     best = int(cost.argmin())
     if cost[best] > most:
         return None
@@ -232,7 +234,7 @@ def _parabola(
     )
 
 
-def with_knee(
+def divide_side_at_knee(
     row: OrderedProfilePoints, fitted: FittedProfile, k: int, tolerance: float, least_gain: float
 ) -> Polyline | None:
     """Divide a fitted side into the two lines that explain most of its points.
@@ -255,13 +257,13 @@ def with_knee(
     """
     own = fitted.spans[k]
     points, residuals = row.points[own], fitted.residuals[own]
-    near = np.flatnonzero(np.abs(residuals) < KNEE_REACH)
+    near = np.flatnonzero(np.abs(residuals) < KNEE_POINT_DISTANCE)
     if len(near) < FEWEST_DIVIDED_POINTS:
         return None
     side = fitted.curves[k]
     s, d = side.local_coordinates(points)
     n = len(near) - 1
-    triples = near[np.rint(KNEE_PLACES * n).astype(np.intp)]
+    triples = near[np.rint(KNEE_POINT_SHARES * n).astype(np.intp)]
     s3, d3 = s[triples], d[triples]
     apart = np.diff(s3, axis=1)
     distinct = apart.min(axis=1) > 4 * tolerance
@@ -285,7 +287,7 @@ def with_knee(
     return None if met is None else Polyline(sides, met[0], np.inf)
 
 
-def least_loss_without_root(
+def bound_cost_of_removing_root(
     row: OrderedProfilePoints, fitted: FittedProfile, tolerance: float
 ) -> float:
     """Bound what leaving out the face at the root costs, before anything is fitted.

@@ -34,13 +34,13 @@ PAIR_LAGS: Final = (2, 4, 7, 12, 20, 35, 60, 110)
 GAP_COST: Final = 0.15
 """What a point costs the stretch it lies in, in points, unless the line explains it."""
 
-STRETCH_BLOCK: Final = 6
+STRETCH_BLOCK_POINTS: Final = 6
 """Points between the ends that a stretch may have."""
 
 SUPPORT_GAIN: Final = 0.2
 """Gain from which a line counts as explaining a point."""
 
-OUTER_MARGIN: Final = 10
+OUTER_MARGIN_POINTS: Final = 10
 """Points of the outer sides that may belong to the sides between them."""
 
 FEWEST_INNER_POINTS: Final = 4
@@ -52,19 +52,19 @@ LEAST_SUPPORT_SHARE: Final = 0.12
 DISTINCT_DISTANCE: Final = 1e-3
 """Chains that differ less than this at every corner are the same one, in metres."""
 
-MOST_REFINED: Final = 3
+MOST_HYPOTHESES_REFINED: Final = 3
 """Most hypotheses looked at more closely."""
 
-MOST_COMPARED: Final = 150
+MOST_HYPOTHESES_COMPARED: Final = 150
 """Most hypotheses of which the distinct ones are sought."""
 
-RIVAL_MARGIN: Final = 12.0
+RIVAL_COST_MARGIN: Final = 12.0
 """By how many outliers a hypothesis may be dearer than the cheapest and still be looked at."""
 
 NEAREST_RANGE: Final = 0.02
 """Least distance of anything from the sensor, in metres."""
 
-CORNER_ROOM: Final = 30e-3
+CORNER_DISTANCE_BEYOND_POINTS: Final = 30e-3
 """How far a corner may lie outside all points, in metres."""
 
 
@@ -73,7 +73,7 @@ _Neighbour = tuple[CubicCurve, TurnBounds]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Region:
+class _PointsBetweenOuterSides:
     """The n points between two outer sides, shape (n, 2), and their bearings' tangents, (n,)."""
 
     points: Array
@@ -81,7 +81,7 @@ class _Region:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Proposed:
+class _ProposedLines:
     """Lines through pairs of points: points and directions, shape (m, 4).
 
     The points' scaled distances from them and what each adds to a stretch have shape (m, n).
@@ -93,7 +93,7 @@ class _Proposed:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Lines:
+class _LineCosts:
     """Straight lines with what they cost in a region; the running sums have shape (m, n + 1).
 
     `before` and `after` are the corners and turns with the outer side before or after them, if
@@ -157,45 +157,47 @@ def best_hypotheses(
     until, since = stretches
     d_first = outer[0].signed_distances(row.points) / tolerance
     d_last = outer[1].signed_distances(row.points) / tolerance
-    lo = max(end_of_support(np.abs(d_first[: until + 1]) < 1) - OUTER_MARGIN, 0)
-    behind = end_of_support(np.abs(d_last[since:][::-1]) < 1) - OUTER_MARGIN
+    lo = max(end_of_support(np.abs(d_first[: until + 1]) < 1) - OUTER_MARGIN_POINTS, 0)
+    behind = end_of_support(np.abs(d_last[since:][::-1]) < 1) - OUTER_MARGIN_POINTS
     hi = len(row.points) - max(behind, 0)
     inner = len(model.sides) - 2
     if hi - lo < FEWEST_INNER_POINTS * inner:
         return []
-    outside = float(_costs(d_first[:lo]).sum() + _costs(d_last[hi:]).sum())
+    outside = float(_point_costs(d_first[:lo]).sum() + _point_costs(d_last[hi:]).sum())
     scaled = np.array((d_first[lo:hi], d_last[lo:hi]))
-    region = _Region(row.points[lo:hi], row.tangents[lo:hi])
-    lines, distances = _proposals(region.points, scaled, tolerance, budget.proposals)
+    region = _PointsBetweenOuterSides(row.points[lo:hi], row.tangents[lo:hi])
+    lines, distances = _propose_lines(region.points, scaled, tolerance, budget.proposals)
     if not len(lines):
         return []
-    paid, support = _running(scaled)
+    paid, support = _running_sums(scaled)
     nowhere = np.zeros((1, 2))
-    first, last = (_Lines(nowhere, nowhere, paid[k : k + 1], support[k : k + 1]) for k in (0, 1))
+    first, last = (
+        _LineCosts(nowhere, nowhere, paid[k : k + 1], support[k : k + 1]) for k in (0, 1)
+    )
     # What a point adds to its stretch.
     gains = distances * distances
     np.subtract(1, gains, out=gains)
     np.maximum(gains, 0, out=gains)
     gains -= np.float32(GAP_COST)
-    proposed = _Proposed(lines, distances, gains)
+    proposed = _ProposedLines(lines, distances, gains)
     layers = [first]
     for k in range(inner):
         before = (outer[0], model.turns[0]) if k == 0 else None
         after = (outer[1], model.turns[-1]) if k == inner - 1 else None
         longest = model.sides[k + 1].longest
-        layers.append(_pool(proposed, region, (before, after), longest, budget.pool))
+        layers.append(_select_inner_lines(proposed, region, (before, after), longest, budget.pool))
     layers.append(last)
     if any(len(layer.point) == 0 for layer in layers):
         return []
-    return _cheapest(model, layers, region, outer, outside)
+    return _find_cheapest_chains(model, layers, region, outer, outside)
 
 
-def _costs(scaled: Array) -> Array:
+def _point_costs(scaled: Array) -> Array:
     """What points at scaled distances pay."""
     return np.minimum(scaled * scaled, 1)
 
 
-def _running(scaled: Array) -> tuple[Array, Array]:
+def _running_sums(scaled: Array) -> tuple[Array, Array]:
     """Running sums of costs and of support, shape (m, n) to (m, n + 1)."""
     m, n = scaled.shape
     cost = np.minimum(scaled * scaled, 1)
@@ -205,7 +207,7 @@ def _running(scaled: Array) -> tuple[Array, Array]:
     return paid, support
 
 
-def _proposals(region: Array, outer: Array, tolerance: float, most: int) -> tuple[Array, Array]:
+def _propose_lines(region: Array, outer: Array, tolerance: float, most: int) -> tuple[Array, Array]:
     """Lines through pairs of points, (m, 4), and the points' scaled distances, (m, n).
 
     Those from the two outer sides are `outer`, shape (2, n).
@@ -232,13 +234,13 @@ def _proposals(region: Array, outer: Array, tolerance: float, most: int) -> tupl
     return np.concatenate((p, t)).T, d
 
 
-def _pool(
-    proposed: _Proposed,
-    region: _Region,
+def _select_inner_lines(
+    proposed: _ProposedLines,
+    region: _PointsBetweenOuterSides,
     neighbours: tuple[_Neighbour | None, _Neighbour | None],
     longest: float,
     most: int,
-) -> _Lines:
+) -> _LineCosts:
     """The lines that may be an inner side: for every point the one that explains most.
 
     A line next to an outer side is judged by its best stretch that begins at their corner and
@@ -253,7 +255,7 @@ def _pool(
             continue
         side, allowed = neighbour
         following = i == 0
-        corner, turned = _meet_outer(side, lines[:, :2], lines[:, 2:], after=following)
+        corner, turned = _intersect_outer_side(side, lines[:, :2], lines[:, 2:], after=following)
         met[i] = corner, turned
         keep &= (turned >= allowed.least) & (turned <= allowed.most)
         keep &= np.isfinite(corner[:, 0]) & (corner[:, 1] > 0)
@@ -264,23 +266,25 @@ def _pool(
         bounds[1 - i] = np.searchsorted(region.tangents, bearing_tangents(end))
     which = np.flatnonzero(keep)
     if not len(which):
-        return _Lines(lines[:0, :2], lines[:0, 2:], np.zeros((0, 1)), np.zeros((0, 1)))
+        return _LineCosts(lines[:0, :2], lines[:0, 2:], np.zeros((0, 1)), np.zeros((0, 1)))
     if neighbours == (None, None):
         gains = proposed.gains[which] + np.float32(GAP_COST)
-        best = which[_one_by_one(gains, most)]
+        best = which[_select_greedily(gains, most)]
     else:
         index = np.arange(n)
         own = (index >= bounds[0][which, None]) & (index < bounds[1][which, None])
         gain = np.where(own, proposed.gains[which], np.float32(0))
-        best = which[_best_stretches(gain, most, backward=neighbours[0] is None)]
+        best = which[_select_by_best_stretch(gain, most, backward=neighbours[0] is None)]
     ends = [None if m is None else (m[0][best], m[1][best]) for m in met]
-    return _Lines(lines[best, :2], lines[best, 2:], *_running(proposed.distances[best]), *ends)
+    return _LineCosts(
+        lines[best, :2], lines[best, 2:], *_running_sums(proposed.distances[best]), *ends
+    )
 
 
-def _best_stretches(gain: Array, most: int, *, backward: bool) -> Index:
+def _select_by_best_stretch(gain: Array, most: int, *, backward: bool) -> Index:
     """Lines that explain some point best, by the best stretches from their first or last point."""
     # Stretches end at every few points: that is near enough, and quicker to sum.
-    blocks = np.add.reduceat(gain, np.arange(0, gain.shape[1], STRETCH_BLOCK), axis=1)
+    blocks = np.add.reduceat(gain, np.arange(0, gain.shape[1], STRETCH_BLOCK_POINTS), axis=1)
     if backward:
         blocks = blocks[:, ::-1]
     score = blocks.cumsum(axis=1).max(axis=1)
@@ -294,7 +298,7 @@ def _best_stretches(gain: Array, most: int, *, backward: bool) -> Index:
     return order[winners][:most]
 
 
-def _one_by_one(gain: Array, most: int) -> Index:
+def _select_greedily(gain: Array, most: int) -> Index:
     """Lines that explain most of what those before them left over."""
     gain, found = gain.copy(), []
     for _ in range(most):
@@ -308,7 +312,7 @@ def _one_by_one(gain: Array, most: int) -> Index:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Joint:
+class _NeighbourPairs:
     """Every line of one layer with every line of the next: arrays of shape (m1, m2, ...)."""
 
     corner: Array
@@ -318,17 +322,17 @@ class _Joint:
     since: Array
 
 
-def _cheapest(
+def _find_cheapest_chains(
     model: GrooveModel,
-    layers: list[_Lines],
-    region: _Region,
+    layers: list[_LineCosts],
+    region: _PointsBetweenOuterSides,
     outer: tuple[CubicCurve, CubicCurve],
     outside: float,
 ) -> list[Polyline]:
     """Dynamic programming over the layers; `total` keeps the last three of a hypothesis apart."""
     box = (
-        (region.points.min(axis=0) - CORNER_ROOM).tolist(),
-        (region.points.max(axis=0) + CORNER_ROOM).tolist(),
+        (region.points.min(axis=0) - CORNER_DISTANCE_BEYOND_POINTS).tolist(),
+        (region.points.max(axis=0) + CORNER_DISTANCE_BEYOND_POINTS).tolist(),
     )
     joints = []
     for k, bounds in enumerate(model.turns):
@@ -338,21 +342,23 @@ def _cheapest(
         elif a.after is not None:
             corner, turned = a.after[0][:, None], a.after[1][:, None]
         else:
-            corner, turned = _meet(a, b)
-        joints.append(_joint(a, b, corner, turned, bounds, region.tangents, box))
+            corner, turned = _intersect_layers(a, b)
+        joints.append(_pair_neighbours(a, b, corner, turned, bounds, region.tangents, box))
     value, choices = joints[0].pay, []
     for k in range(1, len(joints)):
-        between = _may_be_between(joints[k - 1], joints[k], model.sides[k])
+        between = _fits_between_neighbours(joints[k - 1], joints[k], model.sides[k])
         total = np.where(between, value[:, :, None], np.inf) + joints[k].pay[None]
         if k < len(joints) - 1:
             choices.append(total.argmin(axis=0))
             value = total.min(axis=0)
     constant = outside + float(layers[-1].paid[0, -1])
     costs = total.ravel()
-    most = float(costs.min()) + RIVAL_MARGIN
+    most = float(costs.min()) + RIVAL_COST_MARGIN
     likely = np.flatnonzero((costs <= most) & (costs < np.inf))
     found: list[Polyline] = []
-    for flat in likely[np.argsort(costs[likely], kind="stable")[:MOST_COMPARED]].tolist():
+    for flat in likely[
+        np.argsort(costs[likely], kind="stable")[:MOST_HYPOTHESES_COMPARED]
+    ].tolist():
         start, last = divmod(flat, total.shape[2])
         hypothesis = [*divmod(start, total.shape[1]), last]
         for choice in reversed(choices):
@@ -361,20 +367,22 @@ def _cheapest(
             [j.corner[hypothesis[i], hypothesis[i + 1]] for i, j in enumerate(joints)]
         )
         if all(np.abs(corners - c.corners).max() > DISTINCT_DISTANCE for c in found):
-            inner = [_curve(layers[k], hypothesis[k]) for k in range(1, len(hypothesis) - 1)]
+            inner = [
+                _line_as_curve(layers[k], hypothesis[k]) for k in range(1, len(hypothesis) - 1)
+            ]
             cost = float(costs[flat]) + constant
             found.append(Polyline((outer[0], *inner, outer[1]), corners, cost))
-            if len(found) == MOST_REFINED:
+            if len(found) == MOST_HYPOTHESES_REFINED:
                 break
     return found
 
 
-def _curve(lines: _Lines, i: int) -> CubicCurve:
+def _line_as_curve(lines: _LineCosts, i: int) -> CubicCurve:
     (x, z), (tx, tz) = lines.point[i], lines.direction[i]
     return CubicCurve(float(x), float(z), float(tx), float(tz))
 
 
-def _meet(a: _Lines, b: _Lines) -> tuple[Array, Array]:
+def _intersect_layers(a: _LineCosts, b: _LineCosts) -> tuple[Array, Array]:
     """Corners, shape (m1, m2, 2), and turns of two layers of lines."""
     t, r = a.direction[:, None], b.direction[None]
     w = b.point[None] - a.point[:, None]
@@ -384,7 +392,7 @@ def _meet(a: _Lines, b: _Lines) -> tuple[Array, Array]:
     return a.point[:, None] + s[..., None] * t, np.arctan2(sin, cos)
 
 
-def _meet_outer(
+def _intersect_outer_side(
     outer: CubicCurve, points: Array, directions: Array, *, after: bool
 ) -> tuple[Array, Array]:
     """Corners, (m, 2), and turns of an outer side with lines after it (or before it).
@@ -408,15 +416,15 @@ def _meet_outer(
     return corner, turned if after else -turned
 
 
-def _joint(
-    a: _Lines,
-    b: _Lines,
+def _pair_neighbours(
+    a: _LineCosts,
+    b: _LineCosts,
     corner: Array,
     turned: Array,
     bounds: TurnBounds,
     u: Array,
     box: tuple[list[float], list[float]],
-) -> _Joint:
+) -> _NeighbourPairs:
     """What each pair of neighbours pays; infinite where they can't be neighbours."""
     allowed = (turned >= bounds.least) & (turned <= bounds.most)
     for axis, low, high in zip((0, 1), *box, strict=True):
@@ -425,10 +433,12 @@ def _joint(
     place = u.searchsorted(bearing_tangents(corner))
     i, j = np.arange(len(a.paid))[:, None], np.arange(len(b.paid))[None]
     pay = np.where(allowed, a.paid[i, place] - b.paid[j, place], np.inf)
-    return _Joint(corner, place, pay, a.support[i, place], b.support[j, place])
+    return _NeighbourPairs(corner, place, pay, a.support[i, place], b.support[j, place])
 
 
-def _may_be_between(before: _Joint, after: _Joint, side: SideModel) -> NDArray[np.bool_]:
+def _fits_between_neighbours(
+    before: _NeighbourPairs, after: _NeighbourPairs, side: SideModel
+) -> NDArray[np.bool_]:
     """Whether a line can be between two neighbours, shape (m1, m2, m3)."""
     span = after.place[None] - before.place[:, :, None]
     good = after.until[None] - before.since[:, :, None]

@@ -27,8 +27,10 @@ from tjscan.groove.sides import (
     OrderedProfilePoints,
 )
 
-TRIED_PULLS: Final = 1e-3 * np.array((0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0, 1.3, 1.6, 2.0))
-TRIED_REACHES: Final = 1e-3 * np.array((3.0, 4.0, 5.0))
+TRIED_NOTCH_PULLS: Final = 1e-3 * np.array(
+    (0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0, 1.3, 1.6, 2.0)
+)
+TRIED_PULL_REACHES: Final = 1e-3 * np.array((3.0, 4.0, 5.0))
 """How far a notch may be pulled in, and how far up its flanks that may be seen, in metres."""
 
 STEEPEST_PULL: Final = 0.5
@@ -40,10 +42,10 @@ PULL_PRIOR_ODDS: Final = 0.1
 PULL_SHAPE_SPREAD: Final = 0.05
 """A pull may differ from a raised cosine by this share, one standard deviation."""
 
-NOTCH_REGION: Final = 8e-3
+NOTCH_REGION_LENGTH: Final = 8e-3
 """Points this near a corner are looked at, in metres along its flank."""
 
-FACE_PLACES: Final = (0.15, 0.35, 0.5, 0.65, 0.85)
+FACE_POINT_SHARES: Final = (0.15, 0.35, 0.5, 0.65, 0.85)
 FEWEST_FACE_POINTS: Final = 8
 """Where, as shares of its points, those lie that propose flatter faces; fewest points for that."""
 
@@ -55,7 +57,7 @@ PULL_REACH: Final = 4e-3
 """Distance from a notch in metres within which points are pulled in: real profiles
 show 3 to 5 mm."""
 
-PULL_DOUBT: Final = 0.15
+PULL_RELATIVE_SIGMA: Final = 0.15
 """Share of itself by which a pull is uncertain, for its reach is."""
 
 FEWEST_PULLED_POINTS: Final = 4
@@ -81,7 +83,7 @@ class NotchPull:
 
 NO_PULL: Final = NotchPull(0.0, np.zeros(2), np.zeros(2))
 
-_ALLOWED_PULLS: Final = TRIED_PULLS[:, None] <= STEEPEST_PULL * TRIED_REACHES
+_PULL_IS_SMOOTH: Final = TRIED_NOTCH_PULLS[:, None] <= STEEPEST_PULL * TRIED_PULL_REACHES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +114,7 @@ class _Flank:
         (x, z), (tx, tz) = self.corner, self.along
         return abs(x * tz - z * tx) / hypot(x, z)
 
-    def corners_with(self, x: float, z: float, tx: float, tz: float) -> Array | None:
+    def intersections_with_line(self, x: float, z: float, tx: float, tz: float) -> Array | None:
         """Where a line meets the flank, inward of the corner, for each of the pulls, (p,).
 
         None if the two are nearly parallel.
@@ -122,7 +124,7 @@ class _Flank:
         if abs(cross) < LEAST_TURN_SINE:
             return None
         met = (x - cx) * tz - (z - cz) * tx
-        return np.asarray((met + TRIED_PULLS * (cx / cz * tz - tx)) / cross)
+        return np.asarray((met + TRIED_NOTCH_PULLS * (cx / cz * tz - tx)) / cross)
 
 
 def find_pull(row: OrderedProfilePoints, fitted: FittedProfile, k: int) -> NotchPull:
@@ -142,26 +144,28 @@ def find_pull(row: OrderedProfilePoints, fitted: FittedProfile, k: int) -> Notch
     sag = -face.c2 * (places[1] - places[0]) ** 2 / 4
     limits[k] = max(flat, FACE_BLUNTNESS * abs(sag))
     bounds = [
-        fitted.curves[i].points_at(s)
+        fitted.curves[i].point_on_curve(s)
         for i, s in (
-            (k - 1, fitted.places[k - 1][0] - NOTCH_REGION),
-            (k + 1, fitted.places[k][1] + NOTCH_REGION),
+            (k - 1, fitted.places[k - 1][0] - NOTCH_REGION_LENGTH),
+            (k + 1, fitted.places[k][1] + NOTCH_REGION_LENGTH),
         )
     ]
     a, b = row.tangents.searchsorted([-x / z for x, z in bounds]).tolist()
     points = row.points[a:b]
     flanks = (
-        _flank(fitted.curves[k - 1], fitted.places[k - 1][0], 1.0, points, float(limits[k - 1])),
-        _flank(fitted.curves[k + 1], fitted.places[k][1], -1.0, points, float(limits[k + 1])),
+        _build_flank(
+            fitted.curves[k - 1], fitted.places[k - 1][0], 1.0, points, float(limits[k - 1])
+        ),
+        _build_flank(fitted.curves[k + 1], fitted.places[k][1], -1.0, points, float(limits[k + 1])),
     )
     sides = np.arange(len(limits)).repeat(np.diff(fitted.edges))[a:b]
     now = float(np.minimum((fitted.residuals[a:b] / limits[sides]) ** 2, 1).sum())
     tangents = row.tangents[a:b]
-    found = [_costs(face, places, float(limits[k]), flanks, points, tangents)]
+    found = [_pull_costs(face, places, float(limits[k]), flanks, points, tangents)]
     if sag > flat:
         found += [
-            _costs(line, (0.0, 0.0), flat, flanks, points, tangents)
-            for line in _flatter_faces(points[sides == k])
+            _pull_costs(line, (0.0, 0.0), flat, flanks, points, tangents)
+            for line in _propose_flatter_faces(points[sides == k])
         ]
     known = [pair for pair in found if pair is not None]
     if not known:
@@ -169,9 +173,9 @@ def find_pull(row: OrderedProfilePoints, fitted: FittedProfile, k: int) -> Notch
     costs = np.array([cost for cost, _ in known])
     inward = np.array([corners for _, corners in known])[:, :, :, None]
     inflation = fitted.noise.variance_inflation
-    weight = np.exp((now - costs) * OUTLIER_SIGMAS**2 / 2 / inflation) * _ALLOWED_PULLS
+    weight = np.exp((now - costs) * OUTLIER_SIGMAS**2 / 2 / inflation) * _PULL_IS_SMOOTH
     total = float(weight.sum())
-    odds = PULL_PRIOR_ODDS * total / (len(known) * np.count_nonzero(_ALLOWED_PULLS))
+    odds = PULL_PRIOR_ODDS * total / (len(known) * np.count_nonzero(_PULL_IS_SMOOTH))
     if odds < 1e-4:
         return NO_PULL
     share = weight[:, None] / total
@@ -180,8 +184,8 @@ def find_pull(row: OrderedProfilePoints, fitted: FittedProfile, k: int) -> Notch
     return NotchPull(odds / (1 + odds), mean, np.sqrt(np.maximum(square - mean**2, 0)))
 
 
-def _flank(curve: CubicCurve, s: float, sign: float, points: Array, limit: float) -> _Flank:
-    x, z = curve.points_at(s)
+def _build_flank(curve: CubicCurve, s: float, sign: float, points: Array, limit: float) -> _Flank:
+    x, z = curve.point_on_curve(s)
     tx, tz = curve.tangent_at(s)
     tx, tz = sign * tx, sign * tz
     px, pz = points.T
@@ -191,11 +195,13 @@ def _flank(curve: CubicCurve, s: float, sign: float, points: Array, limit: float
     return _Flank((x, z), (tx, tz), limit, inward, curve.signed_distances(points))
 
 
-def _flatter_faces(points: Array) -> list[CubicCurve]:
+def _propose_flatter_faces(points: Array) -> list[CubicCurve]:
     """Straight faces through pairs of a face's points, shape (n, 2)."""
     if len(points) < FEWEST_FACE_POINTS:
         return []
-    chosen = points[np.rint(np.multiply(FACE_PLACES, len(points) - 1)).astype(np.intp)].tolist()
+    chosen = points[
+        np.rint(np.multiply(FACE_POINT_SHARES, len(points) - 1)).astype(np.intp)
+    ].tolist()
     found = []
     for (ax, az), (bx, bz) in combinations(chosen, 2):
         length = hypot(bx - ax, bz - az)
@@ -203,7 +209,7 @@ def _flatter_faces(points: Array) -> list[CubicCurve]:
     return found
 
 
-def _costs(
+def _pull_costs(
     face: CubicCurve,
     places: tuple[float, float],
     limit: float,
@@ -214,7 +220,7 @@ def _costs(
     """What the points pay for each pull and reach, (p, r), and both flanks' corners, (2, p)."""
     corners, bearings = [], []
     for flank, s in zip(flanks, places, strict=True):
-        met = flank.corners_with(*face.points_at(s), *face.tangent_at(s))
+        met = flank.intersections_with_line(*face.point_on_curve(s), *face.tangent_at(s))
         if met is None:
             return None
         (cx, cz), (tx, tz) = flank.corner, flank.along
@@ -224,8 +230,8 @@ def _costs(
     own = np.minimum((face.signed_distances(points) / limit) ** 2, 1)
     total = (own * ~(before | after)).sum(axis=1)[:, None]
     for flank, met, on in zip(flanks, corners, (before, after), strict=True):
-        share = (met[:, None] - flank.inward)[:, None] / TRIED_REACHES[:, None]
-        pull = TRIED_PULLS[:, None, None] * (0.5 + 0.5 * np.cos(np.pi * np.minimum(share, 1)))
+        share = (met[:, None] - flank.inward)[:, None] / TRIED_PULL_REACHES[:, None]
+        pull = TRIED_NOTCH_PULLS[:, None, None] * (0.5 + 0.5 * np.cos(np.pi * np.minimum(share, 1)))
         fuzzy = (PULL_SHAPE_SPREAD * OUTLIER_SIGMAS / flank.limit * pull) ** 2
         away = ((flank.behind + flank.square * pull) / flank.limit) ** 2
         pays = np.minimum(away / (1 + fuzzy), 1) + np.log1p(fuzzy) / OUTLIER_SIGMAS**2

@@ -27,23 +27,23 @@ show 0.4 to 1.5 mm."""
 SCALE_THICKNESSES: Final = readonly_copy(np.concatenate(([0.0], np.arange(4, 21, 2) * 25e-6)))
 """How thick mill scale may be, in metres: real profiles show 0.2 to 0.4 mm."""
 
-ABSENCE_PROBABILITY: Final = 0.5
+NO_SCALE_PROBABILITY: Final = 0.5
 """Probability that there is no scale, or no pull: as likely as not."""
 
 USUAL_PULL: Final = 0.5e-3
 """About how far a notch is pulled in, in metres, if it is."""
 
-ALIKE_LENGTH: Final = 0.5
+LENGTH_WITH_LIKE_SCALE: Final = 0.5
 """Length of groove over which scale and the faces' gloss stay alike, in metres."""
 
-PATCH_LENGTH: Final = 20e-3
+SCALE_PATCH_LENGTH: Final = 20e-3
 """Sections nearer to each other, in metres, show the same patches of scale."""
 
-BEND_CHANGE: Final = 5.0
+BEND_CHANGE_PER_METRE: Final = 5.0
 """By how much a side's bend changes along the groove, in 1/m per metre: that of a leg of 600 mm
 from none at the crown to all of it at the saddle. Across the groove it changes no faster."""
 
-BEND_SIGMA: Final = 0.15
+LEAST_BEND_SIGMA: Final = 0.15
 """Least standard deviation of a bend in 1/m: of 0.02 mm in 12 mm, which undulation makes too."""
 
 SECTIONS_WITH_FORMS: Final = 3
@@ -53,22 +53,22 @@ STRAIGHT_BEND: Final = 1.0
 """A side that bends by less, in 1/m, is most likely straight: how far others seemed to bend shows
 less of it than that."""
 
-CHANGE_PROBABILITY: Final = 0.1
+SCALE_CHANGE_PROBABILITY: Final = 0.1
 """Probability that scale or pull are no more as they were: then nothing is known of them."""
 
 
 def _base_log_pulls() -> Array:
     width = np.gradient(NOTCH_PULLS) * np.exp(-0.5 * (NOTCH_PULLS / USUAL_PULL) ** 2)
-    share = (1 - ABSENCE_PROBABILITY) * width / width[1:].sum()
-    share[0] = ABSENCE_PROBABILITY
+    share = (1 - NO_SCALE_PROBABILITY) * width / width[1:].sum()
+    share[0] = NO_SCALE_PROBABILITY
     return readonly_copy(np.log(share))
 
 
 def _base_log_thicknesses() -> Array:
     share = np.full(
-        len(SCALE_THICKNESSES), (1 - ABSENCE_PROBABILITY) / (len(SCALE_THICKNESSES) - 1)
+        len(SCALE_THICKNESSES), (1 - NO_SCALE_PROBABILITY) / (len(SCALE_THICKNESSES) - 1)
     )
-    share[0] = ABSENCE_PROBABILITY
+    share[0] = NO_SCALE_PROBABILITY
     return readonly_copy(np.log(share))
 
 
@@ -135,8 +135,8 @@ class GroovePrior:
 
         Notes
         -----
-        Log-likelihoods add, fading over `ALIKE_LENGTH`. Of each bend the nearest good one is taken,
-        for what it has changed since is common to all before.
+        Log-likelihoods add, fading over `LENGTH_WITH_LIKE_SCALE`. Of each bend the nearest good
+        one is taken, for what it has changed since is common to all before.
         """
         prior = cls()
         if not sections:
@@ -144,20 +144,22 @@ class GroovePrior:
         pulls, thicknesses = prior.log_pulls.copy(), prior.log_thicknesses.copy()
         further = [away for _, away in sections]
         for k, (one, away) in enumerate(sections):
-            apart = PATCH_LENGTH if k + 1 == len(sections) else max(away - further[k + 1], 0.0)
-            weight = exp(-away / ALIKE_LENGTH) * min(apart / PATCH_LENGTH, 1.0)
+            apart = (
+                SCALE_PATCH_LENGTH if k + 1 == len(sections) else max(away - further[k + 1], 0.0)
+            )
+            weight = exp(-away / LENGTH_WITH_LIKE_SCALE) * min(apart / SCALE_PATCH_LENGTH, 1.0)
             pulls += weight * one.log_pulls
             thicknesses += weight * one.log_thicknesses
         aways = np.array(further)[:, None]
         sigmas = np.array([one.bend_sigmas for one, _ in sections])
-        sigmas = np.sqrt(sigmas**2 + (BEND_CHANGE * aways) ** 2 + BEND_SIGMA**2)
+        sigmas = np.sqrt(sigmas**2 + (BEND_CHANGE_PER_METRE * aways) ** 2 + LEAST_BEND_SIGMA**2)
         best = sigmas.argmin(axis=0)
         bends = np.array([one.bends for one, _ in sections])
         return cls(
             bends[best, (0, 1)],
             sigmas[best, (0, 1)],
-            _or_anything(pulls, prior.log_pulls),
-            _or_anything(thicknesses, prior.log_thicknesses),
+            _mix_with_base_probabilities(pulls, prior.log_pulls),
+            _mix_with_base_probabilities(thicknesses, prior.log_thicknesses),
             frozenset(one.form for one, _ in sections[-SECTIONS_WITH_FORMS:] if one.form),
         )
 
@@ -179,7 +181,7 @@ class GroovePrior:
                 sides[k] = replace(
                     sides[k],
                     bend=float(sigma),
-                    twist=min(sides[k].twist, BEND_CHANGE / 3),
+                    twist=min(sides[k].twist, BEND_CHANGE_PER_METRE / 3),
                     expected_bend=float(bend),
                 )
         others = tuple(map(self.expected_model, model.alternatives))
@@ -191,17 +193,17 @@ class GroovePrior:
 
 def posterior(log_prior: Array, log_likelihood: Array) -> Array:
     """Probabilities of values, shape (n,), by Bayes' rule from logarithms of any offset."""
-    return np.exp(_normalised(log_prior + log_likelihood))
+    return np.exp(_normalise_log_probabilities(log_prior + log_likelihood))
 
 
-def _normalised(log_share: Array) -> Array:
+def _normalise_log_probabilities(log_share: Array) -> Array:
     log_share = log_share - log_share.max()
     return np.asarray(log_share - np.log(np.exp(log_share).sum()))
 
 
-def _or_anything(log_share: Array, log_base: Array) -> Array:
+def _mix_with_base_probabilities(log_share: Array, log_base: Array) -> Array:
     """Logarithm of probabilities that also count what is likely without anything known."""
-    share = (1 - CHANGE_PROBABILITY) * np.exp(_normalised(log_share)) + CHANGE_PROBABILITY * np.exp(
-        log_base
-    )
+    share = (1 - SCALE_CHANGE_PROBABILITY) * np.exp(
+        _normalise_log_probabilities(log_share)
+    ) + SCALE_CHANGE_PROBABILITY * np.exp(log_base)
     return np.asarray(np.log(share))

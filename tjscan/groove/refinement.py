@@ -57,12 +57,14 @@ SIGNIFICANT_SIGMAS: Final = 3.0
 _LOG_TWO: Final = log(2)
 _LEAST_CORRELATION: Final = 0.01  # a correlation that is as good as none
 _SHORTEST_LAG: Final = 0.15  # columns: white noise
-_LAG_POWERS: Final = np.array((1.0, 2.0))  # of the lag in the exponent: a filter's and speckle's
+_CORRELATION_LAG_POWERS: Final = np.array(
+    (1.0, 2.0)
+)  # of the lag in the exponent: a filter's and speckle's
 
-SHADOW_SIGMAS: Final = 0.7
+GHOST_SIGMAS: Final = 0.7
 """Off the surface by more, in standard deviations, and next to a run of outliers: a ghost."""
 
-SHADOW_RUN: Final = 3
+GHOST_RUN_POINTS: Final = 3
 """Outliers that make a run."""
 
 FEWEST_SIDE_POINTS: Final = 3
@@ -78,7 +80,7 @@ that of the fit."""
 OUTER_SIDE_REACH: Final = 3.0
 """Points of a rough or patched outer side lie within so many tolerances of it."""
 
-FIRST_TOLERANCES: Final = (4.0, 2.0)
+FIRST_ROUND_TOLERANCES: Final = (4.0, 2.0)
 """Tolerance of the first rounds: a side known from one end only must find its other end."""
 
 SETTLED_SIGMAS: Final = 1.0
@@ -88,7 +90,7 @@ SAME_FIT_DISTANCE: Final = 0.05e-3
 """Fits whose corners differ by less, in metres, become the same."""
 
 MOST_ROUNDS: Final = 10
-UNDECIDED_ROUNDS: Final = 3
+ROUNDS_BEFORE_CURVATURE_CHOICE: Final = 3
 """Rounds in all, and rounds after which sides become straight or curved at the latest."""
 
 REBASED_ROUNDS: Final = 4
@@ -101,8 +103,8 @@ RIM_POINTS, LARGEST_CURL, LEAST_CURL_SIGMAS, FEWEST_CURLED_RIMS = 8, 0.6e-3, 2.5
 """Points on either side of a hole that may curl; how far they lie off at most, in metres, and at
 least, in standard deviations; and how many rims must be seen to curl."""
 
-_TO_SIGMA: Final = 1.4826  # of the median absolute deviation of Gaussian noise
-_GUESSED_INFLATION: Final = 4.0  # before the noise's correlation is known
+_MAD_TO_SIGMA: Final = 1.4826  # of the median absolute deviation of Gaussian noise
+_GUESSED_VARIANCE_INFLATION: Final = 4.0  # before the noise's correlation is known
 
 
 def estimate_correlation(
@@ -137,16 +139,16 @@ def estimate_correlation(
     lags = np.zeros(LONGEST_LAG)
     lost: Array | float = 0.0
     for _ in range(3):
-        lags = _smooth(rho * (1 - lost) + lost, len(scaled))
+        lags = _smooth_correlation(rho * (1 - lost) + lost, len(scaled))
         lost = noise_share_in_fit(parameters, max(2 * float(lags.sum()) - 1, 1.0), len(scaled))
     return NoiseCorrelation(lags, float(max(1.0, 2 * lags.sum() - 1)))
 
 
-def _smooth(rho: Array, count: int) -> Array:
+def _smooth_correlation(rho: Array, count: int) -> Array:
     """A smooth correlation through where the estimated one has fallen to a half."""
-    half = _half_lag(rho)
+    half = _lag_of_half_correlation(rho)
     compared = min(max(int(2.5 * half), 3), LONGEST_LAG - 1)
-    shapes = 0.5 ** ((np.arange(LONGEST_LAG) / half) ** _LAG_POWERS[:, None])
+    shapes = 0.5 ** ((np.arange(LONGEST_LAG) / half) ** _CORRELATION_LAG_POWERS[:, None])
     error = ((shapes - rho)[:, 1 : compared + 1] ** 2).sum(axis=1)
     # Neighbouring lags are off together: of those compared about three are independent.
     variance = 2 * half / count * compared / 3
@@ -154,7 +156,7 @@ def _smooth(rho: Array, count: int) -> Array:
     return np.asarray(weight @ shapes / weight.sum())
 
 
-def _half_lag(rho: Array) -> float:
+def _lag_of_half_correlation(rho: Array) -> float:
     """Lag at which a correlation has fallen to a half."""
     values = rho.tolist()
     k = next((i for i in range(1, LONGEST_LAG) if values[i] < 0.5), 0)
@@ -184,7 +186,9 @@ def noise_share_in_fit(parameters: ArrayLike, inflation: float, count: ArrayLike
     return np.asarray(np.minimum(taken, LARGEST_FIT_SHARE))
 
 
-def correlated_sums(noise: NoiseCorrelation, basis: Array, counts: Index, columns: Index) -> Array:
+def correlated_normal_matrices(
+    noise: NoiseCorrelation, basis: Array, counts: Index, columns: Index
+) -> Array:
     """``B R Bᵀ`` for each side, R being the correlation of the columns of its points.
 
     Parameters
@@ -291,9 +295,9 @@ def refine_fit(
         Corners of other fits: one that comes as near as `SAME_FIT_DISTANCE` to them is not
         finished.
     """
-    widths = FIRST_TOLERANCES if annealed else ()
+    widths = FIRST_ROUND_TOLERANCES if annealed else ()
     spread, expected = prior_shape_sigmas(model), prior_shape_means(model)
-    curved, inflation = spread[:, 0] > 0, _GUESSED_INFLATION
+    curved, inflation = spread[:, 0] > 0, _GUESSED_VARIANCE_INFLATION
     bead = np.array([side.bead for side in model])
     # What sticks to the long outer sides is wider than their noise.
     reach = np.ones(len(model))
@@ -315,7 +319,7 @@ def refine_fit(
         if fitted is not None and count < REBASED_ROUNDS:
             start = start._replace(sides=rebased_at_tangents(start.sides, fitted.middles))
         shadows = count >= len(widths)
-        fitted = _round(row, start, limits, prior, curved, left_out, shadows=shadows)
+        fitted = _fit_sides_once(row, start, limits, prior, curved, left_out, shadows=shadows)
         if fitted is None:
             return None
         if any(np.abs(fitted.corners - other).max() < SAME_FIT_DISTANCE for other in known):
@@ -325,13 +329,13 @@ def refine_fit(
         if noise is not None and moved < SETTLED_SIGMAS * max(float(sigmas.mean()), LEAST_NOISE):
             break
         settling = count >= len(widths) and moved < 0.1 * tolerance
-        if noise is None and (settling or count + 1 >= UNDECIDED_ROUNDS):
+        if noise is None and (settling or count + 1 >= ROUNDS_BEFORE_CURVATURE_CHOICE):
             noise = estimate_noise_correlation(row, fitted)
             inflation = noise.variance_inflation
-            straight = _evidence(row, replace(fitted, noise=noise), model)
+            straight = _log_odds_of_straight_sides(row, replace(fitted, noise=noise), model)
             curved = curved & (straight < np.where(bead, 0.0, STRAIGHT_LOG_ODDS))
             if left_out is None and len(holes):
-                left_out = _curled_rims(fitted, holes, bead)
+                left_out = _find_curled_rims(fitted, holes, bead)
                 if left_out is not None:
                     curved, noise = curved | bead & (spread[:, 0] > 0), None
     if fitted is None or noise is None:
@@ -381,7 +385,7 @@ def solve_with_prior(
     return (inverse @ rhs[:, :, None])[:, :, 0], np.asarray(inverse, dtype=np.float64)
 
 
-def _round(
+def _fit_sides_once(
     row: OrderedProfilePoints,
     start: Polyline,
     limits: Array,
@@ -411,7 +415,7 @@ def _round(
     scaled = (d - (c0 + s * (c1 + s * (c2 + s * c3)))) * scale
     keep = np.abs(scaled) < OUTLIER_SIGMAS
     if shadows:
-        keep = _unshadowed(scaled, keep)
+        keep = _drop_points_beside_ghosts(scaled, keep)
     if left_out is not None:
         keep &= ~left_out
 
@@ -432,7 +436,7 @@ def _round(
         return None
     c0, c1, c2, c3 = c.T.repeat(sizes, axis=1)
     residuals = d - (c0 + u * (c1 + u * (c2 + u * c3)))
-    sigmas = _sigmas(residuals, keep, edges, counts)
+    sigmas = _residual_sigmas(residuals, keep, edges, counts)
     fitted = tuple(
         CubicCurve(*f[:4], *q) for f, q in zip(start.sides, (c / UNIT_POWERS).tolist(), strict=True)
     )
@@ -463,7 +467,9 @@ def _round(
 _HANKEL_INDEX: Final = np.add.outer(np.arange(4), np.arange(4))
 
 
-def _sigmas(residuals: Array, keep: NDArray[np.bool_], edges: list[int], counts: Array) -> Array:
+def _residual_sigmas(
+    residuals: Array, keep: NDArray[np.bool_], edges: list[int], counts: Array
+) -> Array:
     """Robust standard deviation of each side's residuals, shape (k,)."""
     size = np.abs(residuals)
     size[~keep] = np.inf
@@ -472,7 +478,7 @@ def _sigmas(residuals: Array, keep: NDArray[np.bool_], edges: list[int], counts:
         half = int(count) // 2
         side = size[a:b]
         side.partition(half)
-        found.append(_TO_SIGMA * float(side[half]))
+        found.append(_MAD_TO_SIGMA * float(side[half]))
     sigma = np.array(found)
     pooled = float(sigma @ counts) / float(counts.sum())
     return np.asarray(
@@ -480,22 +486,22 @@ def _sigmas(residuals: Array, keep: NDArray[np.bool_], edges: list[int], counts:
     )
 
 
-def _unshadowed(scaled: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _drop_points_beside_ghosts(scaled: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Drop points that lead over from the surface to a run of reflections beside it."""
-    if len(keep) - np.count_nonzero(keep) < SHADOW_RUN:
+    if len(keep) - np.count_nonzero(keep) < GHOST_RUN_POINTS:
         return keep
-    beside = (scaled > SHADOW_SIGMAS).view(np.int8) - (scaled < -SHADOW_SIGMAS).view(np.int8)
+    beside = (scaled > GHOST_SIGMAS).view(np.int8) - (scaled < -GHOST_SIGMAS).view(np.int8)
     starts = (beside[1:] != beside[:-1]).nonzero()[0] + 1
     if not len(starts):
         return keep
     # Outliers lie beside the surface themselves.
     edges = np.empty(len(starts) + 2, dtype=np.intp)
     edges[0], edges[1:-1], edges[-1] = 0, starts, len(keep)
-    surface = np.add.reduceat(~keep, edges[:-1], dtype=np.intp) < SHADOW_RUN
+    surface = np.add.reduceat(~keep, edges[:-1], dtype=np.intp) < GHOST_RUN_POINTS
     return keep & surface.repeat(np.diff(edges))
 
 
-def _curled_rims(
+def _find_curled_rims(
     fitted: FittedProfile, holes: Index, bead: NDArray[np.bool_]
 ) -> NDArray[np.bool_] | None:
     """Points beside holes, shape (n,), if the surface seems to curl there; None if it does not.
@@ -524,7 +530,7 @@ def prior_uncertainty_terms(weight: Array, spread: Array) -> Array:
     return np.where(weight[:, 2:] < FIXED_WEIGHT, weight[:, 2:] * spread, 0.0)
 
 
-def _evidence(
+def _log_odds_of_straight_sides(
     row: OrderedProfilePoints, fitted: FittedProfile, model: tuple[SideModel, ...]
 ) -> Array:
     """Logarithm of the odds that each side is straight, not curved (Savage–Dickey ratio)."""
@@ -535,7 +541,7 @@ def _evidence(
     # What each point adds to the bend of its side.
     share = c0 + u * (c1 + u * (c2 + u * c3))
     doubt = prior_uncertainty_terms(fitted.weight, spread)
-    sums = correlated_sums(fitted.noise, share[None], fitted.counts, row.columns[keep])
+    sums = correlated_normal_matrices(fitted.noise, share[None], fitted.counts, row.columns[keep])
     variance = noise_variances(fitted) * sums[:, 0, 0]
     variance += ((fitted.inverse[:, 2, 2:] * doubt) ** 2).sum(axis=1)
     variance = np.maximum(variance, 1e-30)

@@ -43,19 +43,19 @@ POINT_LOG_ODDS: Final = 0.25
 """Logarithm of the odds that one point explained more is worth: points of a reflection come in
 runs, and noise is correlated, so that a point counts for a part of an independent one."""
 
-LEAST_ODDS: Final = 0.01
+LEAST_READING_ODDS: Final = 0.01
 """Readings less likely than this, over the likeliest, are left out."""
 
 REFLECTION_DISTANCE: Final = 3e-3
 """How far reflections lie off the surface, in metres."""
 
-TOUCHING_SHARE: Final = JUMP_DISTANCE / (sqrt(3) * REFLECTION_DISTANCE)
+SHARE_ENDING_AT_SURFACE: Final = JUMP_DISTANCE / (sqrt(3) * REFLECTION_DISTANCE)
 """Share of the reflections that end so near the surface, by chance, that no jump shows."""
 
-FAR_DISTANCE: Final = 0.6e-3
+LEAST_REFLECTION_DISTANCE: Final = 0.6e-3
 """Farther from its side, in metres, a point is a reflection."""
 
-MOST_REFLECTED: Final = 0.25
+MOST_REFLECTION_PROBABILITY: Final = 0.25
 """Greatest probability that a side which hangs together with no other is a reflection."""
 
 MEETING_REACH, FEWEST_MEETING, FEWEST_HIDING = 1.5e-3, 2, 3
@@ -150,7 +150,7 @@ def with_other_readings(best: GrooveFit, others: list[GrooveFit]) -> GrooveFit:
     return replace(best, other_readings=covariance, probability=probability)
 
 
-def _odds(other: GrooveFit, best: GrooveFit) -> float:
+def _odds_against_likelier(other: GrooveFit, best: GrooveFit) -> float:
     """Odds of a reading against a likelier one."""
     return exp(-POINT_LOG_ODDS * (other.cost - best.cost))
 
@@ -165,7 +165,7 @@ def _form_probability(best: GrooveFit, others: list[GrooveFit]) -> float:
     for other in others:
         if other.model is not best.model:
             name = other.model.name
-            odds[name] = max(_odds(other, best), odds.get(name, 0.0))
+            odds[name] = max(_odds_against_likelier(other, best), odds.get(name, 0.0))
     return (1 - reflection_probability(best.fitted)) / (1 + sum(odds.values()))
 
 
@@ -190,8 +190,8 @@ def _covariance_of_readings(best: GrooveFit, others: list[GrooveFit]) -> Array:
     """
     moments: list[tuple[float, Array]] = []
     for other in sorted(others, key=lambda one: one.cost - best.cost):
-        weight = _odds(other, best)
-        if weight < LEAST_ODDS:
+        weight = _odds_against_likelier(other, best)
+        if weight < LEAST_READING_ODDS:
             break
         away = np.zeros(2 * len(best.model.sides))
         for i, j in matched_corners(best.model, other.model):
@@ -212,8 +212,8 @@ def reflection_probability(fitted: FittedProfile) -> float:
     It is the share of the profile's points that are reflections, estimated with half a point
     more, for none may be seen by chance.
     """
-    far = np.count_nonzero(np.abs(fitted.residuals) > FAR_DISTANCE)
-    return min((far + 0.5) / (len(fitted.residuals) + 1), MOST_REFLECTED)
+    far = np.count_nonzero(np.abs(fitted.residuals) > LEAST_REFLECTION_DISTANCE)
+    return min((far + 0.5) / (len(fitted.residuals) + 1), MOST_REFLECTION_PROBABILITY)
 
 
 def share_in_long_stretches(
@@ -233,14 +233,14 @@ def share_in_long_stretches(
     least : int
         Number of points.
     jumping : float
-        How much those count that jump off the surface at both ends: `TOUCHING_SHARE` for a side
-        that only one end shows to go over into another.
+        How much those count that jump off the surface at both ends: `SHARE_ENDING_AT_SURFACE`
+        for a side that only one end shows to go over into another.
     """
     first, stop, hangs = _far_stretches(row, residuals)
     length = stop - first
     counted = length >= least
     share = float((length * counted) @ np.where(hangs.any(axis=0), 1.0, jumping))
-    return min(share / len(residuals), MOST_REFLECTED)
+    return min(share / len(residuals), MOST_REFLECTION_PROBABILITY)
 
 
 def _far_stretches(
@@ -251,7 +251,7 @@ def _far_stretches(
     First points, points after the last ones, and whether they begin and end without a jump,
     shape (2, m).
     """
-    first, stop = true_stretches(np.abs(residuals) > FAR_DISTANCE)
+    first, stop = true_stretches(np.abs(residuals) > LEAST_REFLECTION_DISTANCE)
     cut = np.zeros(len(residuals) + 2, dtype=np.bool_)
     if len(first):
         cut[find_runs(row.points, row.columns).first] = cut[len(residuals)] = True

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.reflections import (
-    FAR_DISTANCE,
-    TOUCHING_SHARE,
+    LEAST_REFLECTION_DISTANCE,
+    SHARE_ENDING_AT_SURFACE,
     reflection_probability,
     share_in_long_stretches,
     sides_that_meet,
@@ -46,8 +46,8 @@ WELD_RATIO: Final = 0.06
 LEAST_OPENING: Final = 0.8e-3
 """Distance between the end of a bevel and the leg that makes an open root, in metres."""
 
-POINTS_UNDER: Final = 40
-FEWEST_UNDER: Final = 2
+POINTS_AFTER_BEVEL: Final = 40
+FEWEST_POINTS_UNDER_BEVEL: Final = 2
 """Of so many points after the end of a bevel, so many must lie on the leg under it where a root
 is open."""
 
@@ -55,16 +55,16 @@ LEAST_CAP, MOST_CAP = 5e-3, 30e-3
 CAP_HEIGHT: Final = 0.5e-3
 """Width and least height of a seam weld's cap, in metres."""
 
-CAP_FOOT: Final = 0.5
+MOST_CAP_FOOT_SHARE: Final = 0.5
 """An end of a cap lies lower than this share of its height: it grows out of the surface."""
 
-CAP_STEP: Final = 0.4
+MOST_CAP_STEP_SHARE: Final = 0.4
 """Neighbouring points of a cap differ in height by less than this share of it."""
 
-BURIED_CHORDS: Final = 0.5
+BURIED_DEPTH_IN_CHORDS: Final = 0.5
 """Distance along bevel or leg from a tack's toe to the corner under it, in chords of the tack."""
 
-LEAST_UNSEEN: Final = 0.5e-3
+LEAST_UNSEEN_SIGMA: Final = 0.5e-3
 """Least standard deviation, in metres along its side, of a corner that is not seen."""
 
 ANY_FORM_PROBABILITY: Final = 0.5
@@ -73,10 +73,10 @@ ANY_FORM_PROBABILITY: Final = 0.5
 NOTCH_REFLECTIONS: Final = 2.0
 """By how much reflections are denser about a notch, where light finds many ways."""
 
-FARTHEST_ROOT: Final = 20e-3
+FARTHEST_ROOT_DISTANCE: Final = 20e-3
 """Metres along bevel or leg in which the root lies."""
 
-BOW_POINTS: Final = 21
+FACE_HEIGHT_SAMPLES: Final = 21
 """Points by which a face's height over its chord is found."""
 
 
@@ -93,15 +93,15 @@ def read_root(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSect
         Distance within which a point lies on a side, in metres.
     """
     section = (
-        _with_face(fit, covariance)
+        _section_with_face(fit, covariance)
         if fit.model.has_root_bead
-        else _without_face(fit, covariance, tolerance)
+        else _section_without_face(fit, covariance, tolerance)
     )
-    seam = (SEAM_BESIDE,) if _seam_beside(fit) else ()
+    seam = (SEAM_BESIDE,) if _has_seam_beside(fit) else ()
     return replace(section, model=fit.model.name, conditions=(*section.conditions, *seam))
 
 
-def _section(
+def _section_with_corners(
     fit: GrooveFit, corners: Array, covariance: Array, places: tuple[float, float]
 ) -> GrooveSection:
     """Section with given corners p2, p3 and p4, x and z, shape (3, 2), in metres.
@@ -117,9 +117,9 @@ def _section(
     wall, leg = fitted.curves[0], fitted.curves[-1]
     on_wall, on_leg = fitted.kept_along(0), fitted.kept_along(len(fitted.curves) - 1)
     points = np.zeros((5, 3))
-    points[0, [0, 2]] = wall.points_at(float(on_wall.min()))
+    points[0, [0, 2]] = wall.point_on_curve(float(on_wall.min()))
     points[1:4, [0, 2]] = corners
-    points[4, [0, 2]] = leg.points_at(float(on_leg.max()))
+    points[4, [0, 2]] = leg.point_on_curve(float(on_leg.max()))
     t1, t4 = wall.tangent_at(places[0]), leg.tangent_at(places[1])
     section = section_from_points(
         points,
@@ -131,7 +131,7 @@ def _section(
     return replace(section, model_probability=fit.probability, evidence=fit.evidence)
 
 
-def _with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
+def _section_with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
     """p2 is the first corner, p3 and p4 are the last ones."""
     fitted = fit.fitted
     last = len(fitted.corners) - 1
@@ -139,9 +139,9 @@ def _with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
     index = [v for c in chosen for v in (2 * c, 2 * c + 1)] + [2 * last + 2, 2 * last + 3]
     root = fitted.curves[-2]
     start, end = fitted.places[last - 1][1], fitted.places[last][0]
-    bow, chord = _bow(root, start, end)
+    bow, chord = _height_over_chord(root, start, end)
     spread = covariance[np.ix_(index, index)]
-    spread[2:6, 2:6] += _if_no_surface(fit)
+    spread[2:6, 2:6] += _covariance_if_face_is_reflection(fit)
     conditions: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
     if bow > max(TACK_RATIO * chord, TACK_HEIGHT):
@@ -150,15 +150,17 @@ def _with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
             (2, fitted.curves[-3], fitted.places[-2][0]),
             (4, fitted.curves[-1], fitted.places[-1][1]),
         ):
-            spread[k : k + 2, k : k + 2] += _spread(curve, s, BURIED_CHORDS * chord, 0.0)
+            spread[k : k + 2, k : k + 2] += _covariance_along_side(
+                curve, s, BURIED_DEPTH_IN_CHORDS * chord, 0.0
+            )
     elif bow > WELD_RATIO * chord:
         conditions = (WELD_IN_ROOT,)
     places = fitted.places[0][0], fitted.places[-1][1]
-    section = _section(fit, fitted.corners[chosen], spread, places)
+    section = _section_with_corners(fit, fitted.corners[chosen], spread, places)
     return replace(section, conditions=conditions, absent=absent)
 
 
-def _if_no_surface(fit: GrooveFit) -> Array:
+def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
     """What it adds to the covariance of p3 and p4, shape (4, 4), that a face may be no surface.
 
     One that goes over neither into the bevel nor into the leg may be a reflection. One that goes
@@ -176,31 +178,38 @@ def _if_no_surface(fit: GrooveFit) -> Array:
     for k, curve in ((0, bevel), (2, leg)):
         if any(meets):
             probability = share_in_long_stretches(
-                fit.row, fitted.residuals, points, jumping=TOUCHING_SHARE if meets[k // 2] else 1.0
+                fit.row,
+                fitted.residuals,
+                points,
+                jumping=SHARE_ENDING_AT_SURFACE if meets[k // 2] else 1.0,
             )
         else:
             probability = NOTCH_REFLECTIONS * reflection_probability(fitted)
         place = fitted.places[-2][0] if k == 0 else fitted.places[-1][1]
         near = float(-gaps[0, 0] if k == 0 else gaps[1, 1])
-        far = near + (FARTHEST_ROOT if k == 0 else -FARTHEST_ROOT)
-        if met is not None and abs(met[k // 2] - place) < FARTHEST_ROOT:
+        far = near + (FARTHEST_ROOT_DISTANCE if k == 0 else -FARTHEST_ROOT_DISTANCE)
+        if met is not None and abs(met[k // 2] - place) < FARTHEST_ROOT_DISTANCE:
             far = met[k // 2] - place
         # Mean square of what is uniform between the two.
         square = (near * near + near * far + far * far) / 3
-        found[k : k + 2, k : k + 2] = _spread(curve, place, sqrt(probability * square), 0.0)
+        found[k : k + 2, k : k + 2] = _covariance_along_side(
+            curve, place, sqrt(probability * square), 0.0
+        )
     return found
 
 
-def _bow(root: CubicCurve, start: float, end: float) -> tuple[float, float]:
+def _height_over_chord(root: CubicCurve, start: float, end: float) -> tuple[float, float]:
     """Height of a face over its chord, towards the sensor, and length of the chord."""
-    points = np.array([root.points_at(float(s)) for s in np.linspace(start, end, BOW_POINTS)])
+    points = np.array(
+        [root.point_on_curve(float(s)) for s in np.linspace(start, end, FACE_HEIGHT_SAMPLES)]
+    )
     along = points[-1] - points[0]
     chord = hypot(*along.tolist())
     away = (points - points[0]) @ np.array((along[1], -along[0])) / max(chord, 1e-9)
     return float(-away[np.abs(away).argmax()]), chord
 
 
-def _without_face(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSection:
+def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSection:
     """p3 and p4 at the ends of bevel and leg, or somewhere between their ends and the apex."""
     row, fitted = fit.row, fit.fitted
     bevel, leg = fitted.curves[-2:]
@@ -215,48 +224,48 @@ def _without_face(fit: GrooveFit, covariance: Array, tolerance: float) -> Groove
     while last + 1 < turn and on_bevel[last + 1]:
         last += 1
     s_last = bevel.position_along_chord(*row.points[last].tolist())
-    opening = abs(float(leg.signed_distances(np.array([bevel.points_at(s_last)]))[0]))
+    opening = abs(float(leg.signed_distances(np.array([bevel.point_on_curve(s_last)]))[0]))
     height = np.sqrt(_height_variances(fitted))
     p2 = covariance[:2, :2]
     total = np.zeros((8, 8))
     total[:2, :2] = p2
     total[6:, 6:] = covariance[-2:, -2:]
-    under = _under(row, leg, last, apex_leg, on_leg)
+    under = _first_point_under_bevel(row, leg, last, apex_leg, on_leg)
     if opening > LEAST_OPENING and under is not None:
-        step = _step(row, bevel, last, on_bevel)
+        step = _column_spacing_along_bevel(row, bevel, last, on_bevel)
         # A root face or a rounded edge that goes on from the bevel leaves it slowly.
         sure = OUTLIER_SIGMAS * max(float(fitted.sigmas[-2]), LEAST_NOISE)
         surely = int(np.flatnonzero((off_bevel < min(sure, tolerance))[: last + 1])[-1])
         hidden = abs(int(row.columns[under] - row.columns[surely]))
         s3 = bevel.position_along_chord(*row.points[surely].tolist()) + 0.5 * step * hidden
-        p3 = np.array(bevel.points_at(s3))
+        p3 = np.array(bevel.point_on_curve(s3))
         s4 = leg.position_along_chord(*p3.tolist())
         # What is taken for the leg under it may be a reflection. Then the bevel goes on.
-        reflected = float(np.mean((np.abs(fitted.residuals) > FAR_DISTANCE) & ~on_leg))
-        hides = min(abs(apex_bevel - s3), FARTHEST_ROOT)
+        reflected = float(np.mean((np.abs(fitted.residuals) > LEAST_REFLECTION_DISTANCE) & ~on_leg))
+        hides = min(abs(apex_bevel - s3), FARTHEST_ROOT_DISTANCE)
         # As many columns may be lost before the edge as after it: their difference is triangular.
         along = hypot(step * hidden / sqrt(24), sqrt(reflected / 3) * hides)
-        total[2:4, 2:4] = _spread(bevel, s3, along, height[-2])
-        points = np.array((fitted.corners[0], p3, leg.points_at(s4)))
+        total[2:4, 2:4] = _covariance_along_side(bevel, s3, along, height[-2])
+        points = np.array((fitted.corners[0], p3, leg.point_on_curve(s4)))
         opening = float(np.linalg.norm(points[1] - points[2]))
-        hides = min(abs(apex_leg - s4), FARTHEST_ROOT)
-        along = hypot(max(opening / 4, LEAST_UNSEEN), sqrt(reflected / 3) * hides)
-        total[4:6, 4:6] = _spread(leg, s4, along, height[-1])
+        hides = min(abs(apex_leg - s4), FARTHEST_ROOT_DISTANCE)
+        along = hypot(max(opening / 4, LEAST_UNSEEN_SIGMA), sqrt(reflected / 3) * hides)
+        total[4:6, 4:6] = _covariance_along_side(leg, s4, along, height[-1])
         places = (fitted.places[0][0], s4)
-        section = _section(fit, points, total, places)
+        section = _section_with_corners(fit, points, total, places)
         return replace(section, conditions=(OPEN_ROOT,), absent=("p4",), root_opening=opening)
     first = len(row.points) - end_of_support(on_leg[turn:][::-1])
     s_first = leg.position_along_chord(*row.points[min(first, len(row.points) - 1)].tolist())
     s3, s4 = 0.5 * (s_last + apex_bevel), 0.5 * (s_first + apex_leg)
-    reach_3 = max(abs(apex_bevel - s_last) / sqrt(12), LEAST_UNSEEN)
-    reach_4 = max(abs(s_first - apex_leg) / sqrt(12), LEAST_UNSEEN)
+    reach_3 = max(abs(apex_bevel - s_last) / sqrt(12), LEAST_UNSEEN_SIGMA)
+    reach_4 = max(abs(s_first - apex_leg) / sqrt(12), LEAST_UNSEEN_SIGMA)
     # What is taken for the ends of bevel and leg may be reflections.
-    farther = sqrt(reflection_probability(fitted) / 3) * FARTHEST_ROOT
-    total[2:4, 2:4] = _spread(bevel, s3, hypot(reach_3, farther), height[-2])
-    total[4:6, 4:6] = _spread(leg, s4, hypot(reach_4, farther), height[-1])
-    points = np.array((fitted.corners[0], bevel.points_at(s3), leg.points_at(s4)))
+    farther = sqrt(reflection_probability(fitted) / 3) * FARTHEST_ROOT_DISTANCE
+    total[2:4, 2:4] = _covariance_along_side(bevel, s3, hypot(reach_3, farther), height[-2])
+    total[4:6, 4:6] = _covariance_along_side(leg, s4, hypot(reach_4, farther), height[-1])
+    points = np.array((fitted.corners[0], bevel.point_on_curve(s3), leg.point_on_curve(s4)))
     places = (fitted.places[0][0], s4)
-    section = _section(fit, points, total, places)
+    section = _section_with_corners(fit, points, total, places)
     return replace(
         section,
         conditions=(ROOT_NOT_SEEN,),
@@ -265,20 +274,20 @@ def _without_face(fit: GrooveFit, covariance: Array, tolerance: float) -> Groove
     )
 
 
-def _under(
+def _first_point_under_bevel(
     row: OrderedProfilePoints, leg: CubicCurve, last: int, apex: float, on_leg: NDArray[np.bool_]
 ) -> int | None:
     """First point after the end of a bevel where the leg is seen under it; None if it is not.
 
     It is there beyond where the two, drawn on, meet.
     """
-    index = last + 1 + np.flatnonzero(on_leg[last + 1 : last + 1 + POINTS_UNDER])
+    index = last + 1 + np.flatnonzero(on_leg[last + 1 : last + 1 + POINTS_AFTER_BEVEL])
     s, _ = leg.local_coordinates(row.points[index])
     under = index[s < apex - LEAST_OPENING]
-    return int(under[0]) if len(under) >= FEWEST_UNDER else None
+    return int(under[0]) if len(under) >= FEWEST_POINTS_UNDER_BEVEL else None
 
 
-def _step(
+def _column_spacing_along_bevel(
     row: OrderedProfilePoints, bevel: CubicCurve, last: int, on_bevel: NDArray[np.bool_]
 ) -> float:
     """Distance along a bevel between neighbouring columns near its end."""
@@ -297,14 +306,14 @@ def _height_variances(fitted: FittedProfile) -> Array:
     return np.asarray(fitted.sigmas**2 * share)
 
 
-def _spread(curve: CubicCurve, s: float, along: float, across: float) -> Array:
+def _covariance_along_side(curve: CubicCurve, s: float, along: float, across: float) -> Array:
     """Covariance of a point on a side, shape (2, 2)."""
     t = np.array(curve.tangent_at(s))
     n = np.array((t[1], -t[0]))
     return np.asarray(along**2 * np.outer(t, t) + across**2 * np.outer(n, n))
 
 
-def _seam_beside(fit: GrooveFit) -> bool:
+def _has_seam_beside(fit: GrooveFit) -> bool:
     """Whether the leg has a bump that may be a weld's cap."""
     fitted = fit.fitted
     own = fitted.spans[len(fitted.curves) - 1]
@@ -315,6 +324,9 @@ def _seam_beside(fit: GrooveFit) -> bool:
         if not LEAST_CAP < width < MOST_CAP or not CAP_HEIGHT < height < width / 2:
             continue
         steps = np.abs(np.diff(d[a:b]))
-        if min(d[a], d[b - 1]) < CAP_FOOT * height and steps.max() < CAP_STEP * height:
+        if (
+            min(d[a], d[b - 1]) < MOST_CAP_FOOT_SHARE * height
+            and steps.max() < MOST_CAP_STEP_SHARE * height
+        ):
             return True
     return False

@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.alternatives import (
-    attached_faces,
+    add_faces_along_neighbours,
+    add_root_arc,
+    bound_cost_of_removing_root,
+    divide_side_at_knee,
     fit_bead,
-    least_loss_without_root,
-    root_arc,
-    with_knee,
-    without_face,
+    remove_root_face,
 )
 from tjscan.groove.hypotheses import (
-    MOST_REFINED,
-    RIVAL_MARGIN,
+    MOST_HYPOTHESES_REFINED,
+    RIVAL_COST_MARGIN,
     best_hypotheses,
     outer_side_pairs,
 )
@@ -44,13 +44,7 @@ from tjscan.groove.settings import (
     TurnBounds,
 )
 from tjscan.groove.shape import points_lead_away_from_side
-from tjscan.groove.sides import (
-    CubicCurve,
-    FittedProfile,
-    GrooveFit,
-    OrderedProfilePoints,
-    Polyline,
-)
+from tjscan.groove.sides import CubicCurve, FittedProfile, GrooveFit, OrderedProfilePoints, Polyline
 
 FEWEST_POINTS_ON_SIDE: Final = 4
 """Fewest points on a side."""
@@ -79,7 +73,7 @@ ninety points of a profile are independent."""
 UNEXPLAINED_SHARES: Final = (0.3, 0.45, 1.0)
 """Share of the points that a fit may leave unexplained for each budget and need no other one."""
 
-REFIT_GAIN: Final = 6.0
+MOST_REFIT_GAIN: Final = 6.0
 """More points than this, beyond those that its sides explain as they are, no refit of a fit
 explains."""
 
@@ -89,7 +83,7 @@ NEAR_SIDE_TOLERANCES: Final = 3.0
 REFLECTED_SHARE: Final = 0.08
 """Share of the points that a fit may leave to reflections if all others are near its sides."""
 
-CORNER_REACH: Final = 1.5e-3
+CORNER_POINT_DISTANCE: Final = 1.5e-3
 """Points of both sides lie this near a corner that is seen, in metres."""
 
 FEWEST_AT_CORNER: Final = 2
@@ -98,7 +92,7 @@ FEWEST_AT_CORNER: Final = 2
 DETACHED_COST: Final = 2.0
 """What a side whose points end before its corner costs, in outliers: reflections often do."""
 
-SEEN_SHARE: Final = 0.25
+LEAST_SEEN_SHARE: Final = 0.25
 """Share of a side's points that must lie on it if no other form is to be tried."""
 
 STRAIGHT_UNDULATION: Final = 0.08e-3
@@ -121,7 +115,7 @@ def find_best_fit(row: OrderedProfilePoints, settings: GrooveSettings) -> Groove
     GrooveNotFound
         If the points support none.
     """
-    search = _Search(row, settings)
+    search = _FitSearch(row, settings)
     model, others = settings.model, settings.model.alternatives
     stages = ((model,), others) if others and not model.likely_another else ((model, *others),)
     for budget, left_out in zip(SEARCH_BUDGETS, UNEXPLAINED_SHARES, strict=True):
@@ -129,7 +123,9 @@ def find_best_fit(row: OrderedProfilePoints, settings: GrooveSettings) -> Groove
         for forms in stages:
             for form in forms:
                 if len(form.sides) <= len(model.sides) and not search.rules_out(form):
-                    search.add(form, _hypotheses(row, segments, form, search.tolerance, budget))
+                    search.add(
+                        form, _hypotheses_of_form(row, segments, form, search.tolerance, budget)
+                    )
             every = forms is stages[-1]
             if every and others:
                 search.derive()
@@ -139,17 +135,17 @@ def find_best_fit(row: OrderedProfilePoints, settings: GrooveSettings) -> Groove
             best = min(sound, key=lambda fit: fit.cost)
             enough = every and budget is not SEARCH_BUDGETS[0]
             explained = best.cost < left_out * len(row.points) or search.leaves_few_points(best)
-            if explained and (enough or _convincing(best, compared=every)):
+            if explained and (enough or _is_convincing(best, compared=every)):
                 return with_other_readings(best, [fit for fit in sound if fit is not best])
     if sound:
         return with_other_readings(best, [fit for fit in sound if fit is not best])
     if search.found:
         best = min(search.found, key=lambda fit: fit.cost)
         raise GrooveNotFound("ambiguous", str(best.objection), row.points)
-    raise _why_not(row, segments, model, search.tolerance)
+    raise _explain_missing_groove(row, segments, model, search.tolerance)
 
 
-class _Search:
+class _FitSearch:
     """What was tried already, and what came of it."""
 
     def __init__(self, row: OrderedProfilePoints, settings: GrooveSettings) -> None:
@@ -168,8 +164,10 @@ class _Search:
     def add(self, model: GrooveModel, hypotheses: list[Polyline]) -> None:
         """Refine the likeliest hypotheses of one form that are new."""
         hypotheses.sort(key=lambda one: one.cost)
-        likely = hypotheses[:MOST_REFINED]
-        self._refine(model, *(one for one in likely if one.cost <= likely[0].cost + RIVAL_MARGIN))
+        likely = hypotheses[:MOST_HYPOTHESES_REFINED]
+        self._refine(
+            model, *(one for one in likely if one.cost <= likely[0].cost + RIVAL_COST_MARGIN)
+        )
 
     def rules_out(self, form: GrooveModel) -> bool:
         """Whether a form without the face at the root explains too little to be looked for."""
@@ -178,8 +176,8 @@ class _Search:
             return False
         best = min(sound, key=lambda fit: fit.cost)
         saved = SIDE_COST + DETACHED_COST * np.count_nonzero(~best.seen)
-        loss = least_loss_without_root(self._row, best.fitted, self.tolerance)
-        return bool(loss > saved + REFIT_GAIN)
+        loss = bound_cost_of_removing_root(self._row, best.fitted, self.tolerance)
+        return bool(loss > saved + MOST_REFIT_GAIN)
 
     def leaves_few_points(self, fit: GrooveFit) -> bool:
         """Whether nearly all points lie on a side or on what sticks to it."""
@@ -204,7 +202,7 @@ class _Search:
         again = fit_bead(self._row, self._runs, as_fitted, one.model, self.tolerance)
         if again is not as_fitted:
             self._refine(one.model, again)
-        if not sides_that_meet(one.fitted)[-2:].any() and (bare := without_face(as_fitted)):
+        if not sides_that_meet(one.fitted)[-2:].any() and (bare := remove_root_face(as_fitted)):
             self._attach(one.model, bare)
 
     def _derive_form(self, one: GrooveFit, form: GrooveModel, as_fitted: Polyline) -> None:
@@ -215,16 +213,18 @@ class _Search:
             or one.objection is not None
             or not sides_that_meet(one.fitted)[-1]
         ):
-            self._refine(form, root_arc(self._row, self._runs, as_fitted, self.tolerance))
+            self._refine(form, add_root_arc(self._row, self._runs, as_fitted, self.tolerance))
             self._attach(form, as_fitted)
         model = self._settings.model
         if one.model is model:
             k = next(k for k, side in enumerate(model.sides) if side != form.sides[k])
-            self._refine(form, with_knee(self._row, one.fitted, k, self.tolerance, SIDE_COST))
+            self._refine(
+                form, divide_side_at_knee(self._row, one.fitted, k, self.tolerance, SIDE_COST)
+            )
 
     def _attach(self, form: GrooveModel, bare: Polyline) -> None:
         """Try faces at the root that go on from bevel or leg."""
-        self._refine(form, *attached_faces(self._row, self._runs, bare, self.tolerance))
+        self._refine(form, *add_faces_along_neighbours(self._row, self._runs, bare, self.tolerance))
 
     def _refine(self, model: GrooveModel, *starts: Polyline | None) -> None:
         """Refine those of some polylines whose like has not been refined."""
@@ -279,7 +279,7 @@ def _is_near(corners: Array, others: Iterable[Array], distance: float) -> bool:
     return any(np.abs(corners - other).max() < distance for other in others)
 
 
-def _hypotheses(
+def _hypotheses_of_form(
     row: OrderedProfilePoints,
     segments: CurvedSegments,
     model: GrooveModel,
@@ -297,7 +297,7 @@ def _hypotheses(
         if likeliest - score > RECOVERABLE_SHARE * cheapest:
             break
         stretches = int(segments.last[i]), int(segments.first[j])
-        outer = _curve(segments, i), _curve(segments, j)
+        outer = _segment_as_curve(segments, i), _segment_as_curve(segments, j)
         hypotheses += best_hypotheses(model, row, outer, stretches, tolerance, budget)
         if hypotheses:
             cheapest = min(one.cost for one in hypotheses)
@@ -305,14 +305,14 @@ def _hypotheses(
     return hypotheses
 
 
-def _curve(segments: CurvedSegments, k: int) -> CubicCurve:
+def _segment_as_curve(segments: CurvedSegments, k: int) -> CubicCurve:
     """A segment as plain numbers."""
     return CubicCurve(
         *(float(v) for v in (*segments.centre[k], *segments.direction[k], *segments.curve[k]))
     )
 
 
-def _why_not(
+def _explain_missing_groove(
     row: OrderedProfilePoints, segments: CurvedSegments, model: GrooveModel, tolerance: float
 ) -> GrooveNotFound:
     """What a profile without a groove of this model shows instead."""
@@ -323,7 +323,7 @@ def _why_not(
         part = replace(
             model, sides=model.sides[kept], turns=model.turns[kept], across=TurnBounds(-pi, pi)
         )
-        hypotheses = _hypotheses(row, segments, part, tolerance, SEARCH_BUDGETS[-1])
+        hypotheses = _hypotheses_of_form(row, segments, part, tolerance, SEARCH_BUDGETS[-1])
         if any(one.cost < PARTIAL_GROOVE_SHARE * len(row.points) for one in hypotheses):
             return GrooveNotFound(
                 "out of range",
@@ -339,7 +339,7 @@ def _why_not(
     )
 
 
-def _turns(fitted: FittedProfile) -> list[float]:
+def _corner_turns(fitted: FittedProfile) -> list[float]:
     """Turn at each corner, positive in a valley."""
     turns = []
     for (a, b), (sa, sb) in zip(pairwise(fitted.curves), fitted.places, strict=True):
@@ -348,7 +348,7 @@ def _turns(fitted: FittedProfile) -> list[float]:
     return turns
 
 
-def _convincing(found: GrooveFit, *, compared: bool) -> bool:
+def _is_convincing(found: GrooveFit, *, compared: bool) -> bool:
     """Whether every side is seen well, and none but the root's face bends or leaves the points.
 
     Unless it has been compared with other forms, every corner must be seen from both sides, too.
@@ -357,7 +357,7 @@ def _convincing(found: GrooveFit, *, compared: bool) -> bool:
     if not (compared or found.seen.all()):
         return False
     if (
-        fitted.inlier_shares.min() < SEEN_SHARE
+        fitted.inlier_shares.min() < LEAST_SEEN_SHARE
         or undulation_sigmas(fitted)[1:-1].max() > STRAIGHT_UNDULATION
     ):
         return False
@@ -374,7 +374,7 @@ def _points_beside_corners(fitted: FittedProfile) -> NDArray[np.bool_]:
     sizes = np.diff(fitted.edges)
     near = np.empty((2, len(fitted.keep)), dtype=np.bool_)
     for own, places in zip(near, ((*ends, np.inf), (np.inf, *starts)), strict=True):
-        np.less(np.abs(fitted.along - np.repeat(places, sizes)), CORNER_REACH, out=own)
+        np.less(np.abs(fitted.along - np.repeat(places, sizes)), CORNER_POINT_DISTANCE, out=own)
     near &= fitted.keep
     count = np.add.reduceat(near, fitted.edges[:-1], axis=1, dtype=np.intp)
     return np.array((count[0, :-1], count[1, 1:])).T >= FEWEST_AT_CORNER
@@ -386,7 +386,7 @@ def _reason_to_reject(found: GrooveFit, settings: GrooveSettings) -> str | None:
     for side, count, share in zip(model.sides, fitted.counts, fitted.inlier_shares, strict=True):
         if share < settings.inlier_share or count < FEWEST_POINTS_ON_SIDE:
             return f"only {count} points, {share:.0%} of those seen there, lie on the {side.name}"
-    for turned, allowed in zip(_turns(fitted), model.turns, strict=True):
+    for turned, allowed in zip(_corner_turns(fitted), model.turns, strict=True):
         if not allowed.least - TURN_SLACK <= turned <= allowed.most + TURN_SLACK:
             return f"a corner turns by {degrees(turned):.0f}°, which no such groove does"
     lengths = np.linalg.norm(np.diff(fitted.corners, axis=0), axis=1)

@@ -19,7 +19,7 @@ from tjscan.core.frames import Array
 from tjscan.groove.settings import SearchBudget
 from tjscan.groove.sides import Index
 
-THINNED_COUNT: Final = 107
+THINNED_POINT_COUNT: Final = 107
 """About how many points judge a window: noise is correlated over more than what is skipped."""
 
 CURVATURE_SPREAD: Final = 3.0
@@ -105,18 +105,18 @@ def find_segments(points: Array, tolerance: float, budget: SearchBudget) -> Curv
     CurvedSegments
         Their stretches and scores count all n points.
     """
-    step = max(1, round(len(points) / THINNED_COUNT))
+    step = max(1, round(len(points) / THINNED_POINT_COUNT))
     row = points[::step]
-    segments = _windows(points, tolerance, budget.windows)
+    segments = _fit_windows(points, tolerance, budget.windows)
     if not len(segments):
         return segments
-    segments, gain = _stretched(segments, row, tolerance, budget.gap_cost)
-    segments = _spread(segments, gain, budget.kept)
+    segments, gain = _find_best_stretches(segments, row, tolerance, budget.gap_cost)
+    segments = _select_greedily(segments, gain, budget.kept)
     for _ in range(budget.refits):
-        segments, gain = _stretched(
-            _refitted(segments, row, tolerance), row, tolerance, budget.gap_cost
+        segments, gain = _find_best_stretches(
+            _refit_parabolas(segments, row, tolerance), row, tolerance, budget.gap_cost
         )
-    segments = _distinct(segments, gain, budget.kept)
+    segments = _select_distinct(segments, gain, budget.kept)
     return replace(
         segments,
         first=segments.first * step,
@@ -145,7 +145,7 @@ def add_halves_at_gaps(segments: CurvedSegments, points: Array, tolerance: float
     )
 
 
-def _windows(points: Array, tolerance: float, windows: tuple[int, ...]) -> CurvedSegments:
+def _fit_windows(points: Array, tolerance: float, windows: tuple[int, ...]) -> CurvedSegments:
     """Total least-squares lines through windows of several lengths, where they fit well.
 
     A window inside a longer one that fits has nothing to add.
@@ -192,7 +192,7 @@ def _windows(points: Array, tolerance: float, windows: tuple[int, ...]) -> Curve
     return CurvedSegments(centre, direction, np.zeros((m, 3)), nothing, nothing, np.zeros(m))
 
 
-def _stretched(
+def _find_best_stretches(
     segments: CurvedSegments, row: Array, tolerance: float, gap_cost: float
 ) -> tuple[CurvedSegments, Array]:
     """Give each segment the stretch of the row of the highest total gain (Kadane's algorithm).
@@ -221,7 +221,7 @@ def _stretched(
     return replace(segments, first=first, last=last, score=score), gain
 
 
-def _spread(segments: CurvedSegments, gain: Array, most: int) -> CurvedSegments:
+def _select_greedily(segments: CurvedSegments, gain: Array, most: int) -> CurvedSegments:
     """Keep the segments that explain most of what those before them left over.
 
     Lines along a curved side are many and each is the best somewhere: they must not crowd out
@@ -241,7 +241,7 @@ def _spread(segments: CurvedSegments, gain: Array, most: int) -> CurvedSegments:
     return segments.select_segments(np.array(chosen, dtype=np.intp))
 
 
-def _distinct(segments: CurvedSegments, gain: Array, most: int) -> CurvedSegments:
+def _select_distinct(segments: CurvedSegments, gain: Array, most: int) -> CurvedSegments:
     """Keep the segments that explain some point better than all others."""
     over = segments.points_within(gain.shape[1]) & (gain > 0)
     winners = (over * segments.score[:, None]).argmax(axis=0)
@@ -250,7 +250,7 @@ def _distinct(segments: CurvedSegments, gain: Array, most: int) -> CurvedSegment
     return segments.select_segments(best)
 
 
-def _refitted(segments: CurvedSegments, row: Array, tolerance: float) -> CurvedSegments:
+def _refit_parabolas(segments: CurvedSegments, row: Array, tolerance: float) -> CurvedSegments:
     """Least-squares parabola through the supporting points of every segment."""
     s, d = segments.local_coordinates(row)
     c0, c1, c2 = segments.curve.T[:, :, None]

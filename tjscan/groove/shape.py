@@ -20,7 +20,7 @@ from tjscan.core.frames import Array
 from tjscan.groove.interreflection import NotchPull, find_pull
 from tjscan.groove.refinement import (
     SIGNIFICANT_SIGMAS,
-    correlated_sums,
+    correlated_normal_matrices,
     noise_variances,
     prior_shape_means,
     prior_shape_sigmas,
@@ -55,14 +55,14 @@ FEWEST_PATCH_POINTS: Final = 12
 CORNER_POINTS: Final = 3
 """Points that show patches, and points next to each corner that do not."""
 
-ROUGH_FACTOR: Final = 1.6
+ROUGH_SIDE_FACTOR: Final = 1.6
 """Factor over the usual from which a side is rough or patched."""
 
 PATCH_SIGMAS, PATCHED_SHARE = 3.5, 0.15
 """Standard deviations off its side where a point is on a patch, and the share of such points that
 makes a side patched: single spatter does not."""
 
-UNSEEN_SLOPE: Final = 0.04
+UNSEEN_SIDE_SLOPE: Final = 0.04
 """Slope by which a side may turn where it is not seen: half the angle between two facets that a
 bevel may have, and as often it does not."""
 
@@ -126,15 +126,17 @@ def estimate_shape_errors(
     for k, side in enumerate(model):
         if side.bead:
             pull, own = find_pull(row, fitted, k), slice(k - 1, k + 1)
-            pulled = _if_pulled(fitted, k, pull)
+            pulled = _errors_if_pulled_in(fitted, k, pull)
             # What a pull explains leaves its side for no other reason.
             shift[own] = (1 - pull.probability) * shift[own] + pulled.shift
             sigma[own] = np.hypot((1 - pull.probability) * sigma[own], pulled.sigma)
-    slow = np.hypot(slow, _patches(fitted))
+    slow = np.hypot(slow, _patch_sigmas(fitted))
     sigma = np.hypot(sigma, np.column_stack((slow[:-1], slow[1:])))
     gaps = gaps_beside_corners(fitted)
-    unseen = _unseen_shares(fitted, gaps)
-    sigma = np.hypot(sigma, UNSEEN_SLOPE * np.maximum(gaps - CORNER_NEIGHBOURHOOD, 0.0) * unseen)
+    unseen = _unseen_side_shares(fitted, gaps)
+    sigma = np.hypot(
+        sigma, UNSEEN_SIDE_SLOPE * np.maximum(gaps - CORNER_NEIGHBOURHOOD, 0.0) * unseen
+    )
     for k, side in enumerate(model):
         if side.bead:
             ends = np.array((fitted.places[k - 1][1], fitted.places[k][0]))
@@ -149,7 +151,7 @@ def estimate_shape_errors(
     return ShapeErrors(shift, sigma)
 
 
-def _unseen_shares(fitted: FittedProfile, gaps: Array) -> Array:
+def _unseen_side_shares(fitted: FittedProfile, gaps: Array) -> Array:
     """Root of the share of its side that each gap takes, shape (k - 1, 2).
 
     A knee that a side may have lies in the gap with that probability. Wall and leg, which are
@@ -163,7 +165,7 @@ def _unseen_shares(fitted: FittedProfile, gaps: Array) -> Array:
     return found
 
 
-def _patches(fitted: FittedProfile) -> Array:
+def _patch_sigmas(fitted: FittedProfile) -> Array:
     """Standard deviation of what lies on each side in patches, such as scale, (k,), metres.
 
     What is rougher than most sides are, and points that were left out but lie close by, are the
@@ -184,7 +186,7 @@ def _patches(fitted: FittedProfile) -> Array:
             continue
         sigma = float(fitted.sigmas[i])
         patched = float((np.abs(close) > PATCH_SIGMAS * sigma).mean()) > PATCHED_SHARE
-        if patched or along[i] > ROUGH_FACTOR * usual:
+        if patched or along[i] > ROUGH_SIDE_FACTOR * usual:
             found[i] = sqrt(float(np.mean(close**2)))
     return found
 
@@ -232,14 +234,14 @@ def departures_beside_corners(fitted: FittedProfile, model: tuple[SideModel, ...
             beside = near[a:b] & (np.abs(fitted.along[a:b] - s) <= reach)
             residuals = fitted.residuals[a:b][beside]
             n = len(residuals)
-            if n < FEWEST_BESIDE_CORNER or _jumps(residuals):
+            if n < FEWEST_BESIDE_CORNER or _has_jump(residuals):
                 continue
             # Before the corner the row ends at it, after it the row begins there.
             inward = residuals if j else residuals[::-1]
-            inner, outer = _median(inward[: n // 2]), _median(inward[n // 2 :])
+            inner, outer = _upper_median(inward[: n // 2]), _upper_median(inward[n // 2 :])
             if abs(outer) > abs(inner) + SIGNIFICANT_SIGMAS * sigmas[i + j]:
                 continue  # a reflection that grows out of the corner
-            found[i, j] = _median(residuals)
+            found[i, j] = _upper_median(residuals)
             share = sqrt(min(1.0, fitted.noise.variance_inflation / n))
             chance[i, j] = _MEDIAN_OVER_MEAN * sigmas[i + j] * share
     ratio = found / chance
@@ -277,19 +279,19 @@ def points_lead_away_from_side(fitted: FittedProfile, k: int) -> bool:
     return False
 
 
-def _median(values: Array) -> float:
+def _upper_median(values: Array) -> float:
     """The upper median, without what NumPy's costs a few values."""
     return float(np.partition(values, len(values) // 2)[len(values) // 2])
 
 
-def _jumps(residuals: Array) -> bool:
+def _has_jump(residuals: Array) -> bool:
     """Whether a row of residuals jumps, as reflections do, single points apart."""
     a, b, c = residuals[:-2], residuals[1:-1], residuals[2:]
     middle = np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c))
     return bool(np.abs(np.diff(middle)).max(initial=0.0) > RESIDUAL_JUMP)
 
 
-def _if_pulled(fitted: FittedProfile, k: int, pull: NotchPull) -> ShapeErrors:
+def _errors_if_pulled_in(fitted: FittedProfile, k: int, pull: NotchPull) -> ShapeErrors:
     """Errors of a bead's heights at its two corners, shape (2, 2), if light may pull it in.
 
     A fillet of steel looks the same: then the corners lie where they are seen.
@@ -382,11 +384,11 @@ def _coefficient_covariances(fit: GrooveFit) -> Array:
     basis[0], basis[1] = 1.0, u
     np.multiply(u, u, out=basis[2])
     np.multiply(basis[2], u, out=basis[3])
-    meat = correlated_sums(fitted.noise, basis, fitted.counts, fit.row.columns[keep])
+    meat = correlated_normal_matrices(fitted.noise, basis, fitted.counts, fit.row.columns[keep])
     meat *= noise_variances(fitted)[:, None, None]
     bends = spread[:, 0] > 0
     here = UNIT_POWERS * [(c.c0, c.c1, c.c2, c.c3) for c in fitted.curves]
-    total = _sandwich(fitted.inverse, meat, fitted.weight, spread)
+    total = _sandwich_covariance(fitted.inverse, meat, fitted.weight, spread)
     if fitted.straight is not None:
         other = prior_weights(
             spread, bends & ~fitted.curved, fitted.sigmas, fitted.noise.variance_inflation
@@ -396,12 +398,12 @@ def _coefficient_covariances(fit: GrooveFit) -> Array:
         odds = np.where(fitted.curved, fitted.straight, -fitted.straight)
         share = np.where(bends, scipy.special.expit(odds), 0.0)[:, None, None]
         total *= 1 - share
-        total += share * _sandwich(inverse, meat, other, spread)
+        total += share * _sandwich_covariance(inverse, meat, other, spread)
         total += share * away[:, :, None] * away[:, None]
     return np.asarray(total / (UNIT_POWERS[:, None] * UNIT_POWERS))
 
 
-def _sandwich(inverse: Array, meat: Array, weight: Array, spread: Array) -> Array:
+def _sandwich_covariance(inverse: Array, meat: Array, weight: Array, spread: Array) -> Array:
     meat = meat.copy()
     meat[:, (2, 3), (2, 3)] += prior_uncertainty_terms(weight, spread) ** 2
     return np.asarray(inverse @ meat @ inverse)

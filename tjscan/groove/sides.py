@@ -47,9 +47,9 @@ LEAST_RAY_SINE: Final = 0.2
 STEEPEST_SLOPE: Final = 1.5
 """Largest slope over its chord that a side may have where it meets its neighbour."""
 
-_FARTHEST_CORNER: Final = 1.0  # metres along a side: no corner lies there
+_FARTHEST_CORNER_DISTANCE: Final = 1.0  # metres along a side: no corner lies there
 _PARALLEL_SINE: Final = 1e-3  # sine below which two sides do not meet
-_SETTLED_STEP: Final = 1e-10  # metres
+_SETTLED_NEWTON_STEP: Final = 1e-10  # metres
 
 
 class CubicCurve(NamedTuple):
@@ -84,7 +84,7 @@ class CubicCurve(NamedTuple):
         s, d = self.local_coordinates(points)
         return np.asarray(d - (self.c0 + s * (self.c1 + s * (self.c2 + s * self.c3))))
 
-    def points_at(self, s: float) -> tuple[float, float]:
+    def point_on_curve(self, s: float) -> tuple[float, float]:
         """Point of the curve at s."""
         q, _ = self.height_and_slope(s)
         return self.cx + s * self.tx + q * self.tz, self.cz + s * self.tz - q * self.tx
@@ -97,7 +97,7 @@ class CubicCurve(NamedTuple):
 
     def sine_with_ray(self, s: float) -> float:
         """Sine of the angle between the curve and the ray that hits it at s."""
-        x, z = self.points_at(s)
+        x, z = self.point_on_curve(s)
         tx, tz = self.tangent_at(s)
         return max(abs(x * tz - z * tx) / hypot(x, z), LEAST_RAY_SINE)
 
@@ -147,9 +147,13 @@ def intersect_curves(a: CubicCurve, b: CubicCurve, start: float) -> tuple[float,
             return None
         step = (away + s * sin + q * cos - qb) / slope
         s -= step
-        if abs(step) < _SETTLED_STEP:
+        if abs(step) < _SETTLED_NEWTON_STEP:
             break
-    if not abs(s) < _FARTHEST_CORNER or abs(dq) > STEEPEST_SLOPE or abs(dqb) > STEEPEST_SLOPE:
+    if (
+        not abs(s) < _FARTHEST_CORNER_DISTANCE
+        or abs(dq) > STEEPEST_SLOPE
+        or abs(dqb) > STEEPEST_SLOPE
+    ):
         return None
     q, _ = a.height_and_slope(s)
     return s, along + s * cos - q * sin
@@ -402,5 +406,5 @@ def corners_between_sides(
         if place is None:
             return None
         places.append(place)
-        corners.append(a.points_at(place[0]))
+        corners.append(a.point_on_curve(place[0]))
     return np.array(corners), tuple(places)

@@ -16,11 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.interreflection import (
-    PULL_DOUBT,
-    closeness_to_notch,
-    estimate_pull,
-)
+from tjscan.groove.interreflection import PULL_RELATIVE_SIGMA, closeness_to_notch, estimate_pull
 from tjscan.groove.prior import (
     NOTCH_PULLS,
     SCALE_THICKNESSES,
@@ -38,7 +34,7 @@ from tjscan.groove.sides import (
     corners_between_sides,
 )
 
-MISLED_SHARE: Final = 0.02
+MISLEADING_FLANK_SHARE: Final = 0.02
 """Share of the profiles whose flanks the model of a pull does not describe: they show nothing."""
 
 
@@ -58,14 +54,14 @@ STEEPEST_STEEL: Final = 0.06
 """Slope against the fitted side that the steel under scale may have."""
 
 TRIED_BENDS: Final = np.linspace(-1.5, 1.5, 7)
-WIDEST_BEND: Final = 1.0
+LARGEST_EXPECTED_BEND: Final = 1.0
 """Bends that are tried, in standard deviations about the expected one; and the largest one of
 these, in 1/m, with which a side is looked at."""
 
 MOST_TRIED_LINES: Final = 80
 """Lines that are tried."""
 
-STRAY_COST: Final = 9.0
+STRAY_BLOCK_COST: Final = 9.0
 """What a block costs that lies on neither level, in squared standard deviations."""
 
 COVERED_SHARE: Final = 0.35
@@ -76,7 +72,7 @@ assumptions, after what tubes show that have lain in a yard."""
 BLOCK_WEIGHT: Final = 0.5
 """Weight of a block's evidence: neighbours undulate together."""
 
-STEEL_ROUNDS: Final = 5
+MOST_STEEL_ROUNDS: Final = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,7 +126,7 @@ class ScaledSide:
         basis = np.stack((np.ones_like(self.along), self.along, self.along**2))
         expected = np.array((0.0, 0.0, self.expected_bend))
         known = np.diag((0.0, 0.0, self.bend_sigma**-2))
-        for _ in range(STEEL_ROUNDS):
+        for _ in range(MOST_STEEL_ROUNDS):
             off = self.heights - surface @ basis
             on_scale = (np.abs(off + thickness) < np.abs(off)) & (thickness > 0)
             raised = np.where(on_scale, self.heights + thickness, self.heights)
@@ -198,9 +194,9 @@ def find_scaled_side(fit: GrooveFit, k: int, pulled: Array) -> ScaledSide | None
     least = max(float(fitted.sigmas.min()), LEAST_NOISE)
     correlated = min(fitted.noise.variance_inflation / SCALE_BLOCK, 1.0)
     sigma = hypot(least * sqrt(correlated), BLOCK_UNDULATION)
-    known = side.expected_bend is not None or side.bend < WIDEST_BEND
+    known = side.expected_bend is not None or side.bend < LARGEST_EXPECTED_BEND
     expected = (side.expected_bend or 0.0) if known else base.c2
-    bend_sigma = min(side.bend, WIDEST_BEND)
+    bend_sigma = min(side.bend, LARGEST_EXPECTED_BEND)
     i, j = np.triu_indices(count, max(2, count // 4))
     every = -(-len(i) // MOST_TRIED_LINES)
     i, j = i[::every], j[::every]
@@ -216,23 +212,23 @@ def find_scaled_side(fit: GrooveFit, k: int, pulled: Array) -> ScaledSide | None
     # What was fitted is one of them: between the bends that are tried it may fit much better.
     surfaces = np.vstack((surfaces, (base.c0, base.c1, base.c2)))
     off = heights - surfaces @ np.stack((np.ones_like(along), along, along**2))
-    costs = _costs(off / sigma, SCALE_THICKNESSES / sigma, along)
+    costs = _scale_costs(off / sigma, SCALE_THICKNESSES / sigma, along)
     costs += ((surfaces[:, 2] - expected) / bend_sigma) ** 2
     return ScaledSide(base, costs, surfaces, sigma, s, d, expected, bend_sigma)
 
 
-def _costs(off: Array, steps: Array, along: Array) -> Array:
+def _scale_costs(off: Array, steps: Array, along: Array) -> Array:
     """What surfaces cost, shape (n, l), whose blocks, shape (l, b), lie so far behind them."""
     bare = off**2
     pitch = abs(float(np.median(np.diff(along)))) / PATCH_WIDTH
     rarely = max(-2 * log(pitch), 0.0)
     found = np.empty((len(steps), len(off)))
-    found[0] = np.minimum(bare, STRAY_COST).sum(axis=1)
+    found[0] = np.minimum(bare, STRAY_BLOCK_COST).sum(axis=1)
     for k, step in enumerate(steps[1:].tolist(), 1):
         raised = (off + step) ** 2
         on_scale = raised < bare
-        pays = np.minimum(np.minimum(raised, bare), STRAY_COST)
-        seen = pays < STRAY_COST
+        pays = np.minimum(np.minimum(raised, bare), STRAY_BLOCK_COST)
+        seen = pays < STRAY_BLOCK_COST
         change = (on_scale[:, 1:] != on_scale[:, :-1]) & seen[:, 1:] & seen[:, :-1]
         begins = np.where((on_scale & seen)[:, 0], log(COVERED_SHARE), log(1 - COVERED_SHARE))
         found[k] = pays.sum(axis=1) + rarely * change.sum(axis=1) - 2 * begins
@@ -251,11 +247,13 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> Groo
     tolerance : float
         Distance within which a point belongs to a side, in metres.
     """
-    fit, back = _without_scale(fit, prior, tolerance)
-    return _without_pull(fit, back, prior, tolerance) if fit.model.has_root_bead else fit
+    fit, back = _fit_without_scale(fit, prior, tolerance)
+    return _fit_without_pull(fit, back, prior, tolerance) if fit.model.has_root_bead else fit
 
 
-def _without_scale(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> tuple[GrooveFit, Array]:
+def _fit_without_scale(
+    fit: GrooveFit, prior: GroovePrior, tolerance: float
+) -> tuple[GrooveFit, Array]:
     """The fit on the steel under mill scale, and how far points were moved back, (n,) metres."""
     row, fitted, last = fit.row, fit.fitted, len(fit.model.sides) - 1
     has_face = fit.model.has_root_bead
@@ -273,7 +271,9 @@ def _without_scale(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> tupl
     log_thicknesses = np.zeros(len(SCALE_THICKNESSES))
     for seen in scaled.values():
         log_thicknesses = log_thicknesses + seen.log_likelihoods
-    thickness = _if_likely(SCALE_THICKNESSES, posterior(prior.log_thicknesses, log_thicknesses))
+    thickness = _mean_if_present(
+        SCALE_THICKNESSES, posterior(prior.log_thicknesses, log_thicknesses)
+    )
     covariance = np.zeros((2 * last + 2,) * 2)
     back = np.zeros(len(row.points))
     bends, sigmas = np.zeros(2), np.full(2, np.inf)
@@ -294,19 +294,21 @@ def _without_scale(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> tupl
     no_pulls = np.zeros(len(NOTCH_PULLS))
     evidence = SectionEvidence(bends, sigmas, no_pulls, log_thicknesses, fit.model.name)
     fit = replace(fit, steel_covariance=covariance, evidence=evidence)
-    return _moved_back(fit, back, tolerance, tuple(curves)), back
+    return _fit_moved_points(fit, back, tolerance, tuple(curves)), back
 
 
-def _without_pull(fit: GrooveFit, moved: Array, prior: GroovePrior, tolerance: float) -> GrooveFit:
+def _fit_without_pull(
+    fit: GrooveFit, moved: Array, prior: GroovePrior, tolerance: float
+) -> GrooveFit:
     """The fit behind where light between the faces pulls the notch in.
 
     Points were moved back before for scale, (n,) metres.
     """
     fitted, face = fit.fitted, len(fit.model.sides) - 2
-    log_pulls = _log_pulls(fit, moved)
+    log_pulls = _pull_log_likelihoods(fit, moved)
     probability = posterior(prior.log_pulls, log_pulls)
-    pull = _if_likely(NOTCH_PULLS, probability)
-    doubt = float(probability @ (NOTCH_PULLS - pull) ** 2) + (PULL_DOUBT * pull) ** 2
+    pull = _mean_if_present(NOTCH_PULLS, probability)
+    doubt = float(probability @ (NOTCH_PULLS - pull) ** 2) + (PULL_RELATIVE_SIGMA * pull) ** 2
     shift = np.zeros(2 * face + 4)
     for corner in (face - 1, face):
         at = fitted.corners[corner][None]
@@ -316,16 +318,16 @@ def _without_pull(fit: GrooveFit, moved: Array, prior: GroovePrior, tolerance: f
     # At its ends the face is pulled in most. Few of its points would be bent by less between.
     closeness[fitted.spans[face]] = 1.0
     curves = list(fitted.curves)
-    middle = np.array([curves[face].points_at(fitted.middles[face])])
+    middle = np.array([curves[face].point_on_curve(fitted.middles[face])])
     deeper = pull * float(curves[face].chord_sines_with_rays(middle)[0])
     curves[face] = curves[face]._replace(c0=curves[face].c0 + deeper)
     evidence = None if fit.evidence is None else replace(fit.evidence, log_pulls=log_pulls)
     covariance = fit.steel_covariance + doubt * np.outer(shift, shift)
     fit = replace(fit, steel_covariance=covariance, evidence=evidence)
-    return _moved_back(fit, pull * closeness, tolerance, tuple(curves))
+    return _fit_moved_points(fit, pull * closeness, tolerance, tuple(curves))
 
 
-def _log_pulls(fit: GrooveFit, moved: Array) -> Array:
+def _pull_log_likelihoods(fit: GrooveFit, moved: Array) -> Array:
     """Log-likelihood of each of `NOTCH_PULLS`.
 
     If points about the notch were moved back, (n,) metres, what was taken for scale may as well
@@ -338,21 +340,23 @@ def _log_pulls(fit: GrooveFit, moved: Array) -> Array:
     for one in rows:
         pull, sigma = estimate_pull(one, fitted, fit.model)
         if isfinite(sigma):
-            spread = np.hypot(sigma, PULL_DOUBT * NOTCH_PULLS)
+            spread = np.hypot(sigma, PULL_RELATIVE_SIGMA * NOTCH_PULLS)
             density = sigma / spread * np.exp(-0.5 * ((pull - NOTCH_PULLS) / spread) ** 2)
-            likelihood += ((1 - MISLED_SHARE) * density + MISLED_SHARE) / len(rows)
+            likelihood += ((1 - MISLEADING_FLANK_SHARE) * density + MISLEADING_FLANK_SHARE) / len(
+                rows
+            )
         else:
             likelihood += 1 / len(rows)
     return np.log(likelihood)
 
 
-def _if_likely(values: Array, probability: Array) -> float:
+def _mean_if_present(values: Array, probability: Array) -> float:
     """What there is if anything is, in metres; zero, the first value, if most likely nothing is."""
     there = 1 - float(probability[0])
     return float(probability @ values) / there if there > 0.5 else 0.0
 
 
-def _moved_back(
+def _fit_moved_points(
     fit: GrooveFit, back: Array, tolerance: float, curves: tuple[CubicCurve, ...]
 ) -> GrooveFit:
     """The fit, begun from `curves`, to points moved along their rays, (n,) metres."""

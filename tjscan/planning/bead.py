@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +40,7 @@ class PlannedBead:
     heat : ndarray, shape (q,)
         Heat input, J/m.
     slope, rotation : ndarray, shape (q,)
-        Radians, see `tjscan.planning.torch.slope_and_rotation`.
+        Radians, see `tjscan.planning.lay.slope_and_rotation`.
     positions : tuple of str
         Welding position at each point.
     width : ndarray, shape (q,)
@@ -78,19 +79,13 @@ class PlannedBead:
     def cut(self, spans: Sequence[tuple[int, int]]) -> tuple[PlannedBead, ...]:
         """The parts of it from one point to another, both included, in the order of welding."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
-        sampled = {
-            name: value
-            for name, value in values.items()
-            if isinstance(value, np.ndarray) or name == "positions"
+        sampled: dict[str, Any] = {
+            name: value for name, value in values.items() if isinstance(value, np.ndarray | tuple)
         }
         return tuple(
             replace(self, **{name: value[a : b + 1] for name, value in sampled.items()})
             for a, b in spans
         )
-
-    def numbered(self, number: int, part: int, zone: int, station: str) -> PlannedBead:
-        """The same bead with its number and part, its zone's number, and its station."""
-        return replace(self, number=number, part=part, zone=zone, station=station)
 
     @property
     def begin(self) -> float:

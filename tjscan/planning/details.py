@@ -68,47 +68,38 @@ def compare_with_details(
     details : sequence of JointDetail
         The table.
     """
+    sections = zip(edges.sections.tolist(), dihedral.tolist(), sigma.tolist(), strict=True)
     found = [
-        (s, angle, spread, *_beside(angle, values, details))
-        for s, angle, spread, values in zip(
-            edges.sections.tolist(),
-            dihedral.tolist(),
-            sigma.tolist(),
-            _measures(edges),
-            strict=True,
-        )
+        (*section, *_details_and_excess(section[1], measures, details))
+        for section, measures in zip(sections, _measures(edges), strict=True)
     ]
     stretches = []
     for (names, keys), group in groupby(found, key=lambda one: (one[3], tuple(one[4]))):
-        rows = list(group)
-        angles = [row[1] for row in rows]
-        out = tuple(_text(key, [row[4][key] for row in rows]) for key in keys)
+        places, angles, sigmas, _, excess = zip(*group, strict=True)
+        out = tuple(_excess_text(key, [one[key] for one in excess]) for key in keys)
+        span = min(angles), max(angles)
         stretches.append(
             DetailStretch(
-                rows[0][0],
-                rows[-1][0],
-                (min(angles), max(angles)),
-                max(row[2] for row in rows),
-                names,
-                out if names else (NO_DETAIL,),
+                *(places[0], places[-1], span, max(sigmas), names),
+                out_of_table=out if names else (NO_DETAIL,),
             )
         )
     return tuple(stretches)
 
 
-_Out = dict[str, tuple[float, tuple[float, float]]]
+Excess = dict[str, tuple[float, tuple[float, float]]]
 """Value and window of each measure outside its window."""
 
 
-def _beside(
-    angle: float, values: dict[str, float], details: Sequence[JointDetail]
-) -> tuple[tuple[str, ...], _Out]:
+def _details_and_excess(
+    angle: float, measures: dict[str, float], details: Sequence[JointDetail]
+) -> tuple[tuple[str, ...], Excess]:
     """Names of the details that hold a dihedral angle, and what is out of the best one."""
     held = [one for one in details if one.dihedral[0] <= angle <= one.dihedral[1]]
-    outs: list[_Out] = [
+    outs: list[Excess] = [
         {
             name: (value, window)
-            for name, value in values.items()
+            for name, value in measures.items()
             if not (window := getattr(one, name))[0] <= value <= window[1]
         }
         for one in held
@@ -116,7 +107,7 @@ def _beside(
     return tuple(one.name for one in held), min(outs, key=len, default={})
 
 
-def _text(name: str, out: Sequence[tuple[float, tuple[float, float]]]) -> str:
+def _excess_text(name: str, out: Sequence[tuple[float, tuple[float, float]]]) -> str:
     unit, symbol = MEASURE_UNITS[name]
     values = [value / unit.factor for value, _ in out]
     low, high = (limit / unit.factor for limit in out[0][1])
@@ -132,10 +123,8 @@ def _measures(edges: GrooveEdges) -> list[dict[str, float]]:
     angles = np.arctan2(turn, np.sum(leg * bevel, axis=1))
     away = 0.5 * (p3 + p4) - p2
     sizes = np.abs(line[:, 0] * away[:, 1] - line[:, 1] * away[:, 0]) / np.linalg.norm(line, axis=1)
-    openings = edges.root_opening(edges.sections)
+    rows = np.column_stack((angles, sizes, edges.root_opening(edges.sections))).tolist()
     return [
         {"groove_angle": angle, "size": size} | ({"root_opening": width} if width > 0 else {})
-        for angle, size, width in zip(
-            angles.tolist(), sizes.tolist(), openings.tolist(), strict=True
-        )
+        for angle, size, width in rows
     ]

@@ -1,8 +1,11 @@
-"""``plan.json``: a plan in numbers, after a schema."""
+"""A plan in files: ``plan.json``, after a schema, and ``beads.csv``, a row a point."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import csv
+import io
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeVar
 
@@ -12,19 +15,30 @@ from pydantic import Field, ValidationError
 from tjscan.core.config import StrictFileModel
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import read_small_file
+from tjscan.core.frames import Array
+from tjscan.core.pose_vector import rotation_to_vector
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import DEG, MM, MM2, FileUnit
+from tjscan.planning.bead import PlannedBead
 from tjscan.planning.details import DetailStretch
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN
 
 Range = Annotated[tuple[float, float], Field(strict=False, description="least and most")]
 
+Item = TypeVar("Item")
+
+List = Annotated[tuple[Item, ...], Field(strict=False)]
+"""A tuple that the file holds as a list."""
+
 SIGNIFICANT_DIGITS: Final = 6
 """Of the numbers written."""
 
 MOST_PLAN_BYTES: Final = 10_000_000
 """A larger file holds no plan: a bead takes a kilobyte."""
+
+MOST_TABLE_BYTES: Final = 200_000_000
+"""A larger table of beads holds no plan."""
 
 FIELD_UNITS: Final = (
     *(MM, MM2, DEG, MM_MIN, M_MIN, KJ_MM),
@@ -40,112 +54,166 @@ class ZoneEntry(StrictFileModel):
 
     begin_mm: float
     end_mm: float
-    beads_in_layers: Annotated[tuple[int, ...], Field(strict=False)]
+    beads_in_layers: List[int]
 
 
 class BeadEntry(StrictFileModel):
-    """A bead, or a station's part of it; its points are in ``beads.csv``."""
+    """A bead, or a station's part of it; its points are in ``beads.csv``.
+
+    Parameters
+    ----------
+    part : int
+        of the bead, from 1; the arc is off between two parts
+    place : int
+        in its layer, from the bevel
+    station : str
+        that welds it, or its part of it; empty if no stations are named
+    begin_mm : float
+        length along the groove at its start
+    length_mm : float
+        of the tip's path
+    positions : tuple of str
+        after ISO 6947
+    fill_sigma : float
+        standard deviation of what is missing, as a share of the volume
+    """
 
     number: int
-    part: Annotated[int, Field(description="of the bead, from 1; the arc is off between two parts")]
+    part: int
     zone: int
     layer: int
-    place: Annotated[int, Field(description="in its layer, from the bevel")]
+    place: int
     kind: str
-    station: Annotated[
-        str, Field(description="that welds it, or its part of it; empty if no stations are named")
-    ]
-    begin_mm: Annotated[float, Field(description="length along the groove at its start")]
+    station: str
+    begin_mm: float
     end_mm: float
-    length_mm: Annotated[float, Field(description="of the tip's path")]
+    length_mm: float
     feed_m_min: float
     speed_mm_min: Range
     area_mm2: Range
     width_mm: Range
     heat_kJ_mm: Range  # noqa: N815
-    positions: Annotated[tuple[str, ...], Field(strict=False, description="after ISO 6947")]
+    positions: List[str]
     arc_time_s: float
     volume_mm3: float
-    fill_sigma: Annotated[
-        float, Field(description="standard deviation of what is missing, as a share of the volume")
-    ]
+    fill_sigma: float
 
 
 class RootEntry(StrictFileModel):
-    """What is at the root, as the sections show it."""
+    """What is at the root, as the sections show it.
 
-    opening_mm: Annotated[
-        Range | None, Field(description="of an open root; null if it is closed all along")
-    ]
-    backing: Annotated[bool, Field(description="as the WPS states")]
+    Parameters
+    ----------
+    opening_mm : tuple of float, or None
+        of an open root; null if it is closed all along
+    backing : bool
+        as the WPS states
+    tack_spans_mm : tuple of (float, float)
+        where tacks may reach, by the WPS's length of them
+    """
+
+    opening_mm: Range | None
+    backing: bool
     tacks: Literal["fuse", "skip"]
-    tack_spans_mm: Annotated[
-        tuple[Range, ...],
-        Field(strict=False, description="where tacks may reach, by the WPS's length of them"),
-    ]
+    tack_spans_mm: List[Range]
 
 
 class DetailEntry(StrictFileModel):
-    """A stretch of groove beside the WPS's table of details: measured and stated, no more."""
+    """A stretch of groove beside the WPS's table of details: measured and stated, no more.
+
+    Parameters
+    ----------
+    details : tuple of str
+        whose dihedral window holds it
+    out_of_table : tuple of str
+        of the detail that fits best
+    """
 
     begin_mm: float
     end_mm: float
     dihedral_deg: Range
     sigma_dihedral_deg: float
-    details: Annotated[
-        tuple[str, ...], Field(strict=False, description="whose dihedral window holds it")
-    ]
-    out_of_table: Annotated[
-        tuple[str, ...], Field(strict=False, description="of the detail that fits best")
-    ]
+    details: List[str]
+    out_of_table: List[str]
 
 
 class LengthEntry(StrictFileModel):
-    """A length of groove that a station does not reach."""
+    """A length of groove that a station does not reach.
+
+    Parameters
+    ----------
+    reason : str
+        the most frequent obstacle
+    """
 
     begin_mm: float
     end_mm: float
-    reason: Annotated[str, Field(description="the most frequent obstacle")]
+    reason: str
 
 
 class StationEntry(StrictFileModel):
-    """What a station reaches with the torch, and its program."""
+    """What a station reaches with the torch, and its program.
+
+    Parameters
+    ----------
+    reached_mm : tuple of float, or None
+        the longest length along which the torch can be led; beyond the groove's length if it closes
+        and the length passes its start; null if nothing is reached
+    program : str
+        file; empty if there is none
+    without_program : str
+        why there is none
+    """
 
     name: str
-    reached_mm: Annotated[
-        Range | None,
-        Field(
-            description="the longest length along which the torch can be led; beyond the groove's "
-            "length if it closes and the length passes its start; null if nothing is reached"
-        ),
-    ]
-    unreached: Annotated[tuple[LengthEntry, ...], Field(strict=False)]
-    program: Annotated[str, Field(description="file; empty if there is none")]
-    without_program: Annotated[str, Field(description="why there is none")]
+    reached_mm: Range | None
+    unreached: List[LengthEntry]
+    program: str
+    without_program: str
 
 
 class FindingEntry(StrictFileModel):
-    """What of a bead is out of the WPS."""
+    """What of a bead is out of the WPS.
+
+    Parameters
+    ----------
+    share : float
+        of the bead's points
+    """
 
     key: str
     bead: int
     begin_mm: float
     end_mm: float
-    share: Annotated[float, Field(description="of the bead's points")]
+    share: float
     text: str
 
 
 class PlanDocument(StrictFileModel):
-    """A weld plan: what was computed, never that it complies with anything."""
+    """A weld plan: what was computed, never that it complies with anything.
+
+    Parameters
+    ----------
+    wps : str
+        name of the WPS, and its SHA-256
+    after_pass : int
+        passes that were welded before the scan
+    overlap_mm : float
+        by which beads lap over their start, or over the bead that follows
+    stations : tuple of StationEntry
+        in the order of welding
+    without_stations : str
+        why it is not known what is reached
+    """
 
     schema_name: Literal["tjscan.plan"] = "tjscan.plan"
     version: Literal[2] = 2
     run: str
-    wps: Annotated[str, Field(description="name of the WPS, and its SHA-256")]
+    wps: str
     provenance: Provenance
     gravity: Annotated[tuple[float, float, float], Field(strict=False)]
     closed: bool
-    after_pass: Annotated[int, Field(description="passes that were welded before the scan")]
+    after_pass: int
     root: RootEntry
     groove_mm: float
     arc_time_s: float
@@ -154,19 +222,14 @@ class PlanDocument(StrictFileModel):
     wire_kg: float
     gas_l: float
     stick_out_mm: float
-    overlap_mm: Annotated[
-        float,
-        Field(description="by which beads lap over their start, or over the bead that follows"),
-    ]
+    overlap_mm: float
     interpass_temperature_C: float  # noqa: N815
-    zones: Annotated[tuple[ZoneEntry, ...], Field(strict=False)]
-    beads: Annotated[tuple[BeadEntry, ...], Field(strict=False)]
-    details: Annotated[tuple[DetailEntry, ...], Field(strict=False)]
-    out_of_wps: Annotated[tuple[FindingEntry, ...], Field(strict=False)]
-    stations: Annotated[
-        tuple[StationEntry, ...], Field(strict=False, description="in the order of welding")
-    ]
-    without_stations: Annotated[str, Field(description="why it is not known what is reached")]
+    zones: List[ZoneEntry]
+    beads: List[BeadEntry]
+    details: List[DetailEntry]
+    out_of_wps: List[FindingEntry]
+    stations: List[StationEntry]
+    without_stations: str
 
 
 def plan_document(
@@ -197,22 +260,18 @@ def plan_document(
     without_stations : str
         Why these are not known.
     """
-    x, y, z = plan.gravity.tolist()
     return _entry(
         PlanDocument,
-        plan,
+        *(plan, plan.edges, plan.wps.torch, plan.wps.sequence),
         run=run,
         wps=wps,
         provenance=provenance,
-        gravity=(x, y, z),
-        closed=plan.edges.closed,
-        root=_root(plan),
+        gravity=tuple(plan.gravity.tolist()),
+        root=_root_entry(plan),
         groove_mm=_in_file("groove_mm", plan.edges.length),
         wire_m=_in_file("wire_m", plan.wire_length),
         wire_kg=_in_file("wire_kg", plan.wire_mass),
         gas_l=_in_file("gas_l", plan.gas_volume),
-        stick_out_mm=_in_file("stick_out_mm", plan.wps.torch.stick_out),
-        overlap_mm=_in_file("overlap_mm", plan.wps.sequence.overlap),
         interpass_temperature_C=plan.wps.sequence.interpass_temperature,
         zones=tuple(
             _entry(ZoneEntry, zone, beads_in_layers=zone.arrangement.counts) for zone in plan.zones
@@ -228,7 +287,7 @@ def plan_document(
     )
 
 
-def _root(plan: WeldPlan) -> RootEntry:
+def _root_entry(plan: WeldPlan) -> RootEntry:
     root, settings = plan.edges.root, plan.wps.root
     opening = plan.edges.root_opening(root.s)[root.openness == 1]
     tacks = () if plan.after_pass else root.tack_spans(settings.tack_length)  # under a pass: none
@@ -240,35 +299,32 @@ def _root(plan: WeldPlan) -> RootEntry:
     )
 
 
-def _entry(model: type[Entry], source: object, **own: Any) -> Entry:
-    """Fill a model with the attributes of a plan's part, in the units of the model's fields.
+def _entry(model: type[Entry], *sources: object, **own: Any) -> Entry:
+    """Fill a model with the attributes of a plan's parts, in the units of the model's fields.
 
     Parameters
     ----------
     model : type
         Field ``speed_mm_min`` takes the attribute ``speed``; a field without a unit takes the
         attribute of its name.
-    source : object
-        Holds numbers and arrays in SI units.
+    *sources : object
+        Hold numbers and arrays in SI units; the first one with the attribute counts.
     **own
-        Values of fields that `source` has no attribute for.
+        Values of fields that the sources have no attribute for.
     """
-    return model(
-        **own
-        | {
-            name: _in_file(name, getattr(source, _stem_and_factor(name)[0]))
-            for name in model.model_fields
-            if name not in own and name not in ("schema_name", "version")
-        }
-    )
+    values = {}
+    for name in model.model_fields.keys() - own.keys():
+        stem, _ = _stem_and_factor(name)
+        source = next((one for one in sources if hasattr(one, stem)), None)
+        if source is not None:  # the others have a default
+            values[name] = _in_file(name, getattr(source, stem))
+    return model(**values, **own)
 
 
 def _stem_and_factor(field: str) -> tuple[str, float]:
     """Name of a field without its unit, and the unit's value in SI units."""
     found = [unit for unit in FIELD_UNITS if field.endswith(f"_{unit.suffix}")]
-    if not found:
-        return field, 1.0
-    unit = max(found, key=lambda one: len(one.suffix))
+    unit = max(found, key=lambda one: len(one.suffix), default=FileUnit(""))
     return field.removesuffix(f"_{unit.suffix}"), unit.factor
 
 
@@ -304,3 +360,117 @@ def read_plan(file: Path) -> PlanDocument:
             file=file,
             key=".".join(str(part) for part in first["loc"]) or None,
         ) from None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeadCourse:
+    """Welding positions of a bead, or a part of it, along the groove, as ``beads.csv`` has them.
+
+    Parameters
+    ----------
+    number : int
+        In the order of welding.
+    s : ndarray, shape (q,)
+        Millimetres along the groove.
+    positions : tuple of str
+        Welding position at each point.
+    """
+
+    number: int
+    s: Array
+    positions: tuple[str, ...]
+
+
+def read_beads_csv(file: Path) -> tuple[BeadCourse, ...]:
+    """Read the welding positions of the beads in ``beads.csv``.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is missing, or no such table.
+    """
+    try:
+        text = read_small_file(file, MOST_TABLE_BYTES, "a table of beads").decode()
+        lines = (line for line in text.splitlines() if not line.startswith("#"))
+        parts: dict[tuple[str, str], list[dict[str, str]]] = {}
+        for row in csv.DictReader(lines, strict=True):
+            parts.setdefault((row["bead"], row["part"]), []).append(row)
+        return tuple(
+            BeadCourse(
+                int(number),
+                np.array([float(row["s_mm"]) for row in rows]),
+                tuple(row["position"] for row in rows),
+            )
+            for (number, _), rows in parts.items()
+        )
+    except OSError as error:
+        raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
+        raise ConfigurationError(
+            f"is no table of beads as this version writes it ({error}): run `tjscan plan` again",
+            file=file,
+        ) from None
+
+
+def beads_to_csv(plan: WeldPlan, provenance: Provenance) -> str:
+    """Convert a plan's beads to CSV text; the names of the columns have their units.
+
+    Parameters
+    ----------
+    plan : WeldPlan
+        The plan.
+    provenance : Provenance
+        Written above the table.
+    """
+    stream = io.StringIO()
+    stream.write(provenance.comment_lines("#"))
+    writer = csv.writer(stream, lineterminator="\n")
+    names = ("bead", "part", "zone", "layer", "place", "kind")
+    writer.writerow((*names, *_number_columns(plan.beads[0]), "position", "station"))
+    for bead in plan.beads:
+        whose = (bead.number, bead.part, bead.zone, bead.layer, bead.place, bead.kind)
+        rows = np.column_stack(list(_number_columns(bead).values()))
+        for row, position in zip(rows, bead.positions, strict=True):
+            writer.writerow((*whose, *(f"{value:.6f}" for value in row), position, bead.station))
+    return stream.getvalue()
+
+
+def _number_columns(bead: PlannedBead) -> dict[str, Array]:
+    """Columns of numbers of ``beads.csv``; rx, ry and rz are the torch's rotation vector, rad."""
+    x, y, z = bead.points.T / MM.factor
+    rx, ry, rz = rotation_to_vector(bead.T_r_torch[:, :3, :3]).T
+    return {
+        "s_mm": bead.s / MM.factor,
+        **{"x_mm": x, "y_mm": y, "z_mm": z, "rx": rx, "ry": ry, "rz": rz},
+        "speed_mm_min": bead.speed / MM_MIN.factor,
+        "sigma_speed_mm_min": bead.relative_sigma * bead.speed / MM_MIN.factor,
+        "feed_m_min": np.full(len(bead.s), bead.feed / M_MIN.factor),
+        "area_mm2": bead.area / MM2.factor,
+        "sigma_area_mm2": bead.relative_sigma * bead.area / MM2.factor,
+        "width_mm": bead.width / MM.factor,
+        "heat_kJ_mm": bead.heat / KJ_MM.factor,
+        "slope_deg": bead.slope / DEG.factor,
+        "rotation_deg": bead.rotation / DEG.factor,
+    }
+
+
+BEAD_COLUMNS: Final[Mapping[str, Callable[[BeadEntry], str]]] = {
+    "bead": lambda bead: str(bead.number),
+    "station": lambda bead: bead.station or "–",
+    "layer": lambda bead: f"{bead.layer}.{bead.place}",
+    "kind": lambda bead: bead.kind,
+    "length / mm": lambda bead: f"{bead.length_mm:.0f}",
+    "wire / (m/min)": lambda bead: f"{bead.feed_m_min:.2f}",
+    "speed / (mm/min)": lambda bead: "{:.0f}–{:.0f}".format(*bead.speed_mm_min),
+    "area / mm²": lambda bead: "{:.1f}–{:.1f}".format(*bead.area_mm2),
+    "heat / (kJ/mm)": lambda bead: "{:.2f}–{:.2f}".format(*bead.heat_kJ_mm),
+    "position": lambda bead: " ".join(bead.positions),
+    "arc / min": lambda bead: f"{bead.arc_time_s / 60:.1f}",
+    "fill ± / %": lambda bead: f"{100 * bead.fill_sigma:.1f}",
+}
+"""Columns of the table of beads that the page and the terminal show."""
+
+
+def bead_rows(plan: PlanDocument) -> list[tuple[str, ...]]:
+    """Words of each bead, in the order of `BEAD_COLUMNS`."""
+    return [tuple(word(bead) for word in BEAD_COLUMNS.values()) for bead in plan.beads]

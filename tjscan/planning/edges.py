@@ -1,17 +1,19 @@
-"""The groove's four edges as smooth curves through the measured corners."""
+"""The groove: its four edges as smooth curves through measured corners, and its root."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, cross
 from tjscan.groove.measured import MeasuredSection
-from tjscan.planning.root import RootAlongGroove, closed_root, root_of_sections
+from tjscan.groove.root import OPEN_ROOT, ROOT_NOT_SEEN
+from tjscan.groove.section import TACK_WELD
 from tjscan.planning.smoothing import SmoothCurve, fit_smooth_curve
 
 FEWEST_SECTIONS: Final = 4
@@ -21,6 +23,63 @@ LEAST_SIGMA: Final = 1e-6
 """Metres: no corner counts as known better."""
 
 CORNER_NAMES: Final = ("p3", "p4", "g", "p2")
+
+RootKind = Literal["closed", "open", "welded"]
+"""Closed by a bead or by the faces themselves, open, or under passes that are welded."""
+
+Span = tuple[float, float]
+
+HIDDEN_ROOT_CONDITIONS: Final = (TACK_WELD, ROOT_NOT_SEEN)
+"""Conditions of a section that does not show whether its root is open."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RootAlongGroove:
+    """The root at places along a groove.
+
+    Parameters
+    ----------
+    s : ndarray, shape (k,)
+        Lengths along the groove, metres.
+    openness : ndarray, shape (k,)
+        1 for open and 0 for closed; between both if a section does not show it and its neighbours
+        differ.
+    tacked : ndarray of bool, shape (k,)
+        Whether a tack weld covers it.
+    length : float
+        Of the groove, metres.
+    closed : bool
+        Whether the groove closes.
+    """
+
+    s: Array
+    openness: Array
+    tacked: NDArray[np.bool_]
+    length: float
+    closed: bool
+
+    def openness_at(self, s: Array) -> Array:
+        """The same at lengths (m,), changing smoothly between sections.
+
+        A corner in it would be one in the beads' paths, which no finer sampling would straighten.
+        """
+        period = self.length if self.closed else None
+        linear = np.interp(s, self.s, self.openness, period=period)
+        return np.asarray(linear**2 * (3 - 2 * linear))
+
+    def is_open_between(self, begin: float, end: float) -> bool:
+        """Whether the root is open anywhere between two lengths."""
+        inside = self.s[(self.s > begin) & (self.s < end)]
+        return bool((self.openness_at(np.concatenate(((begin,), inside, (end,)))) > 0).any())
+
+    def tack_spans(self, tack_length: float) -> tuple[Span, ...]:
+        """From where to where tacks may reach, metres: half their length beyond where they show."""
+        flagged = np.concatenate(((False,), self.tacked, (False,)))
+        changes = np.flatnonzero(flagged[1:] != flagged[:-1])
+        return tuple(
+            (float(self.s[a] - 0.5 * tack_length), float(self.s[b - 1] + 0.5 * tack_length))
+            for a, b in zip(changes[::2], changes[1::2], strict=True)
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,6 +181,33 @@ def fit_groove_edges(
     return replace(edges, shared_area_sigma=shared_area_sigma, root=root)
 
 
+def root_of_sections(
+    sections: Sequence[MeasuredSection], s: Array, length: float, *, closed: bool
+) -> RootAlongGroove:
+    """The root as sections show it; for one that does not, the sections beside it count.
+
+    Parameters
+    ----------
+    sections : sequence of MeasuredSection
+        In their order along the groove.
+    s : ndarray, shape (k,)
+        Their lengths along the groove, metres.
+    length : float
+        Of the groove, metres.
+    closed : bool
+        Whether it closes.
+    """
+    tacked = np.array([TACK_WELD in section.conditions for section in sections])
+    shown = np.array(
+        [not set(HIDDEN_ROOT_CONDITIONS) & set(section.conditions) for section in sections]
+    )
+    openness = np.array([float(OPEN_ROOT in section.conditions) for section in sections])
+    if shown.any():
+        period = length if closed else None
+        openness = np.interp(s, s[shown], openness[shown], period=period)
+    return RootAlongGroove(s, openness, tacked, length, closed)
+
+
 def fit_edges_to_corners(
     corners: Array, sigmas: Array, area_sigma: Array, longest_step: float
 ) -> GrooveEdges:
@@ -170,9 +256,9 @@ def fit_edges_to_corners(
         fit_smooth_curve(s, corners[:, j], spread[:, j], length, closed=closed) for j in range(4)
     )
     correlation = area_sigma * _areas(corners) / _area_sigma_of_corners(corners, spread)
-    return GrooveEdges(
-        length, closed, s, correlation, curves, closed_root(s, length, closed=closed)
-    )
+    none = np.zeros(len(s))
+    root = RootAlongGroove(s, none, none.astype(bool), length, closed)
+    return GrooveEdges(length, closed, s, correlation, curves, root)
 
 
 def _areas(corners: Array) -> Array:

@@ -11,10 +11,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tjscan.core.units import MM
-from tjscan.planning.lay import cut_groove
+from tjscan.planning.lay import cut_groove, laying_order
 from tjscan.planning.path import centroids
 from tjscan.planning.plan import WeldPlan
-from tjscan.planning.torch import laying_order
 from tjscan.planning.wps import KJ_MM, MM_MIN
 
 DRAWN_SHARES: Final = (0.1, 0.5, 0.9)

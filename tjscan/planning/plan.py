@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.planning.bead import PlannedBead
-from tjscan.planning.edges import GrooveEdges
+from tjscan.planning.edges import GrooveEdges, RootAlongGroove, RootKind, Span
 from tjscan.planning.findings import (
     WpsFinding,
     findings_of_bead,
@@ -19,15 +20,8 @@ from tjscan.planning.findings import (
 )
 from tjscan.planning.lay import lay_layer, sampling_step
 from tjscan.planning.path import LONGEST_STEP, stations_at, template_at
-from tjscan.planning.root import (
-    RootKind,
-    check_passes_are_there,
-    spans_to_skip,
-    without_spans,
-)
 from tjscan.planning.stops import StationStretch, StopPlacement
-from tjscan.planning.topology import Arrangement, arrange_beads
-from tjscan.planning.wire_feed import NoArrangementFits
+from tjscan.planning.topology import Arrangement, NoArrangementFits, arrange_beads
 from tjscan.planning.wps import WeldingProcedure
 
 
@@ -167,10 +161,10 @@ def plan_weld(
                     for pieces, span in zip(parts, spans, strict=True)
                     for piece in pieces
                 ]
-                beads.extend(
-                    piece.numbered(last, part, number, station)
+                beads += [
+                    replace(piece, number=last, part=part, zone=number, station=station)
                     for part, (piece, station) in enumerate(whose, start=1)
-                )
+                ]
     found = (
         *(finding for bead in beads for finding in findings_of_bead(bead, wps)),
         *findings_of_stops(beads, stops, wps),
@@ -236,3 +230,53 @@ def _zones_from(
         found.append(PlannedZone(float(s[first]), float(s[fits]), arrangement))
         first = fits
     return tuple(found)
+
+
+def check_passes_are_there(root: RootAlongGroove, after_pass: int) -> None:
+    """Refuse sections that show no weld where passes were welded.
+
+    Raises
+    ------
+    ConfigurationError
+        If the root is open somewhere.
+    """
+    if after_pass > 0 and (root.openness > 0).any():
+        at = 1e3 * root.s[int(np.argmax(root.openness > 0))]
+        raise ConfigurationError(
+            f"at s = {at:.0f} mm the sections show an open root: was it scanned before the first "
+            "pass?",
+            key="--after-pass",
+        )
+
+
+def spans_to_skip(root: RootAlongGroove, span: Span, wps: WeldingProcedure) -> tuple[Span, ...]:
+    """Parts of a bead's path over which it is not laid because of tacks; metres.
+
+    It ends `overlap` on each tack, and goes on as much before its end.
+
+    Parameters
+    ----------
+    root : RootAlongGroove
+        Where tacks are.
+    span : tuple of float
+        Begin and end of the bead along the groove; beyond its length if it closes.
+    wps : WeldingProcedure
+        Whether tacks are skipped.
+    """
+    if wps.root.tacks == "fuse":
+        return ()
+    turns = (-root.length, 0.0, root.length) if root.closed else (0.0,)
+    over = wps.sequence.overlap
+    inner = [(a + over, b - over) for a, b in root.tack_spans(wps.root.tack_length)]
+    shifted = [(max(a + t, span[0]), min(b + t, span[1])) for t in turns for a, b in inner]
+    return tuple(sorted((a, b) for a, b in shifted if b > a))
+
+
+def without_spans(bead: PlannedBead, spans: Sequence[Span]) -> tuple[PlannedBead, ...]:
+    """A bead in parts, without some spans at whose ends it has points."""
+    middles = 0.5 * (bead.s[1:] + bead.s[:-1])
+    laid = np.ones(len(middles), dtype=bool)
+    for a, b in spans:
+        laid &= (middles < a) | (middles > b)
+    changes = np.flatnonzero(np.diff(np.concatenate(((False,), laid, (False,))).astype(int)))
+    return bead.cut([(int(a), int(b)) for a, b in zip(changes[::2], changes[1::2], strict=True)])

@@ -63,29 +63,33 @@ class SmoothCurve:
     def values(self, s: Array) -> Array:
         """The curve at lengths (m,), shape (m, k)."""
         x = np.asarray(s) / self.length
-        kernel = smoothness_kernel(x[:, None] - self.nodes, self.order, closed=self.closed)
-        return np.asarray(kernel @ self.weights + powers(x, len(self.trend)) @ self.trend)
+        return np.asarray(self._kernel(x) @ self.weights + self._powers(x) @ self.trend)
 
     def derivatives(self, s: Array) -> Array:
         """Its derivative by s, shape (m, k)."""
-        x = np.asarray(s) / self.length
-        slope = kernel_slope(x[:, None] - self.nodes, self.order, closed=self.closed)
-        count = len(self.trend)
-        rise = powers(x, count)[:, :-1] * np.arange(1, count)  # of x^j, j from 1
-        return np.asarray((slope @ self.weights + rise @ self.trend[1:]) / self.length)
+        x, count = np.asarray(s) / self.length, len(self.trend)
+        rise = self._powers(x)[:, :-1] * np.arange(1, count)  # of x^j, j from 1
+        slope = self._kernel(x, derivative=1) @ self.weights
+        return np.asarray((slope + rise @ self.trend[1:]) / self.length)
 
     def sigmas(self, s: Array) -> Array:
         """Standard deviation of each component at lengths (m,), shape (m,)."""
         x = np.asarray(s) / self.length
         inverse, lift, covariance = self.posterior
-        kernel = self.strength * smoothness_kernel(
-            x[:, None] - self.nodes, self.order, closed=self.closed
-        )
+        kernel = self.strength * self._kernel(x)
         zero = self.strength * smoothness_kernel(np.zeros(1), self.order, closed=self.closed)
-        shares = kernel @ inverse + powers(x, len(self.trend)) @ lift  # of the values in the curve
+        shares = kernel @ inverse + self._powers(x) @ lift  # of the values in the curve
         variance = zero - 2 * np.sum(shares * kernel, axis=1)
         variance += np.sum((shares @ covariance) * shares, axis=1)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+    def _kernel(self, x: Array, derivative: int = 0) -> Array:
+        return smoothness_kernel(
+            x[:, None] - self.nodes, self.order, closed=self.closed, derivative=derivative
+        )
+
+    def _powers(self, x: Array) -> Array:
+        return powers(x, len(self.trend))
 
 
 def fit_smooth_curve(
@@ -151,7 +155,7 @@ def powers(x: Array, count: int) -> Array:
     return np.asarray(np.vander(x, count, increasing=True))
 
 
-def smoothness_kernel(d: Array, order: int, *, closed: bool) -> Array:
+def smoothness_kernel(d: Array, order: int, *, closed: bool, derivative: int = 0) -> Array:
     """Covariance, up to a trend, of a curve whose derivative of an order is white noise.
 
     Parameters
@@ -162,19 +166,16 @@ def smoothness_kernel(d: Array, order: int, *, closed: bool) -> Array:
         m.
     closed : bool
         Whether the curve closes: then it is Bernoulli's polynomial, else a power of the distance.
+    derivative : int
+        0, or 1 for the covariance's derivative by the difference.
     """
-    sign, degree = (-1) ** order, 2 * order
+    sign, degree = (-1) ** order, 2 * order - derivative
     if closed:
         return np.asarray(-sign * _bernoulli(degree)(np.mod(d, 1.0)) / factorial(degree))
-    return np.asarray(sign * np.abs(d) ** (degree - 1) / (2 * factorial(degree - 1)))
-
-
-def kernel_slope(d: Array, order: int, *, closed: bool) -> Array:
-    """Derivative of `smoothness_kernel` by the difference."""
-    sign, degree = (-1) ** order, 2 * order
-    if closed:
-        return np.asarray(-sign * _bernoulli(degree - 1)(np.mod(d, 1.0)) / factorial(degree - 1))
-    return np.asarray(sign * np.sign(d) * np.abs(d) ** (degree - 2) / (2 * factorial(degree - 2)))
+    power = np.abs(d) ** (degree - 1)
+    if derivative:
+        power = np.sign(d) * power
+    return np.asarray(sign * power / (2 * factorial(degree - 1)))
 
 
 @lru_cache

@@ -27,7 +27,7 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class StationStretch:
-    """Length of groove that a station can weld.
+    """Length of groove that a station welds, or can weld.
 
     Parameters
     ----------
@@ -35,23 +35,6 @@ class StationStretch:
         Its name.
     begin, end : float
         Metres along the groove; beyond its length if it closes and the stretch passes its start.
-    """
-
-    station: str
-    begin: float
-    end: float
-
-
-@dataclass(frozen=True, slots=True)
-class BeadSpan:
-    """Begin and end of the beads of a layer at a station.
-
-    Parameters
-    ----------
-    station : str
-        Its name.
-    begin, end : float
-        Metres along the groove, overlap included.
     """
 
     station: str
@@ -107,7 +90,9 @@ class StopPlacement:
     landmarks: Array
     stretches: tuple[StationStretch, ...] = ()
 
-    def spans(self, zones: Sequence[Span], zone: int, layers: int) -> list[tuple[BeadSpan, ...]]:
+    def spans(
+        self, zones: Sequence[Span], zone: int, layers: int
+    ) -> list[tuple[StationStretch, ...]]:
         """Spans of the beads of each layer of a zone, in the order of the stations.
 
         Parameters
@@ -137,7 +122,7 @@ class StopPlacement:
                     [(begin, end)] if whole else self._in_zone(zones[zone], begin, end)
                 ):
                     over = self.sequence.overlap if goes_on or high < end - NO_LENGTH else 0.0
-                    spans.append(BeadSpan(link.station, low, high + over))
+                    spans.append(StationStretch(link.station, low, high + over))
             if not spans:
                 raise ConfigurationError(
                     f"layer {layer + 1} would have no length: the groove is too short for it",

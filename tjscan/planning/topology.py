@@ -7,18 +7,20 @@ area, with a wire feed that is constant for each kind of bead.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil, floor
 from typing import Final
 
 import numpy as np
 
+from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
+from tjscan.planning.edges import RootKind
 from tjscan.planning.path import GrooveStations, bead_lines
-from tjscan.planning.root import RootKind
 from tjscan.planning.template import SectionTemplate
-from tjscan.planning.wire_feed import NoArrangementFits, choose_wire_feed
-from tjscan.planning.wps import WeldingProcedure
+from tjscan.planning.wps import ArcSettings, RootSettings, WeldingProcedure
 
 MOST_BEADS: Final = 400
 """More in one section are no weld of a tubular joint."""
@@ -31,7 +33,20 @@ KIND_NAMES: Final = ("root", "fill", "cap")
 BETWEEN_STATIONS: Final = 2e-3
 """Share by which a bead's area may pass, between two stations, what it is at the stations."""
 
+TRIED_FEEDS: Final = 101
+"""Number of wire feeds that are tried, evenly over their window."""
+
+CHECK_ORDER: Final = (
+    *("cap_height_mm", "root", "cap", "fill"),
+    *("layer_height_mm", "wire_feed_m_min", "travel_speed_mm_min"),
+)
+"""Keys of the WPS, without their tables, in the order in which an arrangement is checked."""
+
 Window = tuple[float, float]
+
+
+class NoArrangementFits(ConfigurationError):
+    """No arrangement of beads fits some sections; its key is of the WPS."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,82 +143,242 @@ def arrange_beads(
     NoArrangementFits
         If no number of beads fits.
     """
-    area = template.area
-    smallest, largest = float(area.min()), float(area.max())
-    beads = wps.bead
-    low = min(beads.root_area[0], beads.fill_area[0], beads.cap_area[0])
-    high = max(beads.root_area[1], beads.fill_area[1], beads.cap_area[1])
-    first = max(1 if root == "welded" else 3, ceil(largest / high - 1e-9))
-    last = min(MOST_BEADS, floor(smallest / low + 1e-9))
-    if first > last:
+    return _BeadArranger(template, stations, wps, root).find_best()
+
+
+@dataclass(frozen=True)
+class _BeadArranger:
+    """Sections that are arranged alike, and the windows of their beads; see `arrange_beads`."""
+
+    template: SectionTemplate
+    stations: GrooveStations
+    wps: WeldingProcedure
+    root: RootKind
+
+    def find_best(self) -> Arrangement:
+        """The best arrangement that fits; see `arrange_beads`."""
+        found: list[tuple[tuple[bool, float, int, int], Arrangement]] = []
+        problems: list[NoArrangementFits] = []
+        if self.root != "welded" and self._laid_shares:
+            self._check_root_layer(self._laid_shares["root"])
+        for n, group in self._layer_counts.items():
+            for counts in group:
+                try:
+                    one = self._arrange(counts)
+                except NoArrangementFits as problem:
+                    problems.append(problem)
+                    continue
+                heat = all(kind.heat_fits for kind in one.kinds)
+                highest = np.array([self._limits(name)[1].wire_feed[1] for name in one.kind_names])
+                time = float(np.sum(one.shares * highest / one.feeds))
+                found.append(((not heat, round(time, 9), n, len(counts)), one))
+            if any(rank[:2] == (False, 1.0) for rank, _ in found):
+                break  # no wire feed is higher, and more beads take no less time
+        if found:
+            return min(found, key=lambda item: item[0])[1]
+        if problems:
+            # The one that came nearest to a plan: what is checked last.
+            raise max(
+                problems,
+                key=lambda p: CHECK_ORDER.index(str(p.key).split(".")[1].split("_area")[0]),
+            )
+        low, high = (1e3 * height for height in self.wps.bead.layer_height)
         raise NoArrangementFits(
-            f"no number of beads fits: {1e6 * smallest:.1f} to {1e6 * largest:.1f} mm² of groove "
-            f"take {first} beads of {1e6 * high:g} mm² or more, and at most {last} of "
-            f"{1e6 * low:g} mm²",
-            key="bead.fill_area_mm2",
+            f"no number of layers has heights of {low:g} to {high:g} mm",
+            key="bead.layer_height_mm",
         )
-    layers, widths = _layers(template, wps, root), _widths(template)
-    found: list[tuple[tuple[bool, float, int, int], Arrangement]] = []
-    problems: list[NoArrangementFits] = []
-    ways = {n: _layer_counts(n, layers, widths, root) for n in range(first, last + 1)}
-    some = next((counts for group in ways.values() for counts in group), None)
-    laid_shares = {} if some is None else _laid_shares(template, stations, some, root)
-    if some is not None and root != "welded":
-        _check_root_layer(template, wps, laid_shares["root"])
-    for n, group in ways.items():
-        for counts in group:
-            try:
-                one = _arrange(template, stations, wps, counts, root, laid_shares)
-            except NoArrangementFits as problem:
-                problems.append(problem)
-                continue
-            heat = all(kind.heat_fits for kind in one.kinds)
-            time = float(np.sum(one.shares * _highest_feeds(one, wps) / one.feeds))
-            found.append(((not heat, round(time, 9), n, len(counts)), one))
-        if any(rank[:2] == (False, 1.0) for rank, _ in found):
-            break  # no wire feed is higher, and more beads take no less time
-    if found:
-        return min(found, key=lambda item: item[0])[1]
-    if problems:
-        # The one that came nearest to a plan: what is checked last.
-        raise max(
-            problems, key=lambda p: _CHECK_ORDER.index(str(p.key).split(".")[1].split("_area")[0])
+
+    def _area_window(self, kind: str) -> Window:
+        window: Window = getattr(self.wps.bead, f"{kind}_area")
+        return window
+
+    def _limits(self, kind: str) -> tuple[str, ArcSettings | RootSettings]:
+        """Table, and its name, of the windows of a kind of bead."""
+        return self.wps.limits(open_root=kind == "root" and self.root == "open")
+
+    @cached_property
+    def _layer_counts(self) -> dict[int, list[tuple[int, ...]]]:
+        """Counts of the beads in layers, for each number of beads that may fit."""
+        smallest, largest = float(self.template.area.min()), float(self.template.area.max())
+        lows, highs = zip(*map(self._area_window, KIND_NAMES), strict=True)
+        low, high = min(lows), max(highs)
+        first = max(1 if self.root == "welded" else 3, ceil(largest / high - 1e-9))
+        last = min(MOST_BEADS, floor(smallest / low + 1e-9))
+        if first > last:
+            raise NoArrangementFits(
+                f"no number of beads fits: {1e6 * smallest:.1f} to {1e6 * largest:.1f} mm² of "
+                f"groove take {first} beads of {1e6 * high:g} mm² or more, and at most {last} of "
+                f"{1e6 * low:g} mm²",
+                key="bead.fill_area_mm2",
+            )
+        layers, corners = self._layer_numbers(), self.template.corners
+        bottom = float(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).mean())
+        widths = bottom, float(self.template.opening.mean())
+        roots = (1,) if self.root != "welded" else ()
+        return {n: _share_among_layers(n, layers, widths, roots) for n in range(first, last + 1)}
+
+    def _layer_numbers(self) -> range:
+        """Numbers of layers whose mean height is in its window."""
+        depth = self.template.layer_heights(
+            self.template.layer_lines(np.empty((len(self.template.corners), 0)))
         )
-    height = 1e3 * wps.bead.layer_height[0], 1e3 * wps.bead.layer_height[1]
-    raise NoArrangementFits(
-        f"no number of layers has heights of {height[0]:g} to {height[1]:g} mm",
-        key="bead.layer_height_mm",
-    )
+        lowest, highest = self.wps.bead.layer_height
+        fewest = ceil(float(depth.max()) / highest * (1 - LIMIT_TOLERANCE))
+        most = floor(float(depth.min()) / lowest * (1 + LIMIT_TOLERANCE))
+        return range(max(1 if self.root == "welded" else 2, fewest), most + 1)
+
+    @cached_property
+    def _laid_shares(self) -> dict[str, Window]:
+        """Least and largest ratio of what is laid down, a metre of the tip's path, to its area.
+
+        For each kind of bead, computed for beads of equal areas: the place of a bead in the section
+        decides it. Empty if there is no way to arrange any.
+        """
+        ways = self._layer_counts.values()
+        counts = next((counts for group in ways for counts in group), None)
+        if counts is None:
+            return {}
+        names = np.array(bead_kinds(counts, self.root))
+        equal = np.repeat(self.template.area[:, None] / len(names), len(names), axis=1)
+        try:
+            cells = self.template.cut_into_beads(counts, equal)
+        except ValueError:
+            return dict.fromkeys(KIND_NAMES, (1.0, 1.0))
+        shares = bead_lines(self.stations, cells).areas / equal
+        found = {name: shares[:, names == name] for name in KIND_NAMES}
+        return {
+            name: (float(x.min()), float(x.max())) if x.size else (1.0, 1.0)
+            for name, x in found.items()
+        }
+
+    def _check_root_layer(self, laid: Window) -> None:
+        """Refuse a root that one bead can't span: the template lays one across all of it."""
+        template, (low, high) = self.template, self.wps.bead.layer_height
+        smallest, largest = self.wps.bead.root_area
+        # The largest bead allowed at its thinnest, and the smallest at its thickest.
+        for area, share, too in ((largest, laid[0], "wide"), (smallest, laid[1], "narrow")):
+            inside = (area / share - template.root_area) / template.groove_area
+            below = template.root_area + np.clip(inside, 1e-3, 0.999) * template.groove_area
+            heights = template.layer_heights(template.layer_lines(below[:, None]))[:, 0]
+            worst = int(np.argmin(heights) if too == "wide" else np.argmax(heights))
+            height = float(heights[worst])
+            if height < low if too == "wide" else height > high:
+                p3, p4 = template.corners[worst, :2]
+                raise NoArrangementFits(
+                    f"a root of {1e3 * float(np.linalg.norm(p4 - p3)):.1f} mm is too {too} for the "
+                    f"template, which lays one root bead across all of it: {1e6 * area:g} mm² would"
+                    f" be {1e3 * height:.2f} mm high, and bead.layer_height_mm allows {1e3 * low:g}"
+                    f" to {1e3 * high:g}",
+                    key="bead.root_area_mm2",
+                )
+
+    def _arrange(self, counts: tuple[int, ...]) -> Arrangement:
+        template, area = self.template, self.template.area
+        names = np.array(bead_kinds(counts, self.root))
+        shares = dict(zip(KIND_NAMES, self._bead_shares(counts), strict=True))
+        for name in dict.fromkeys(names.tolist()):  # before it is cut: what is to be expected
+            expected = shares[name] * np.array((area.min(), area.max())) * self._laid_shares[name]
+            self._choose_wire_feed(name, *expected.tolist())
+        wanted = area[:, None] * np.array([shares[name] for name in names])
+        below = wanted.cumsum(axis=1)[:, np.cumsum(counts)[:-1] - 1]
+        try:
+            heights = template.layer_heights(template.layer_lines(below))
+        except ValueError as error:
+            raise NoArrangementFits(str(error), key="bead.cap_height_mm") from None
+        least, most = float(heights.min()), float(heights.max())
+        low, high = self.wps.bead.layer_height
+        if least < low * (1 - LIMIT_TOLERANCE) or most > high * (1 + LIMIT_TOLERANCE):
+            raise NoArrangementFits(
+                f"{sum(counts)} beads in {len(counts)} layers are {1e3 * least:.2f} to "
+                f"{1e3 * most:.2f} mm high",
+                key="bead.layer_height_mm",
+            )
+        laid = bead_lines(self.stations, template.cut_into_beads(counts, wanted)).areas
+        kinds = {}
+        for name in KIND_NAMES:
+            of_kind = laid[:, names == name] if name in names else laid
+            low, high = self._area_window(name)
+            least = float(of_kind.min() * (1 - BETWEEN_STATIONS))
+            most = float(of_kind.max() * (1 + BETWEEN_STATIONS))
+            if name in names and not low <= least <= most <= high:
+                raise NoArrangementFits(
+                    f"a {name} bead is {1e6 * least:.1f} to {1e6 * most:.1f} mm²",
+                    key=f"bead.{name}_area_mm2",
+                )
+            kinds[name] = BeadKind(shares[name], *self._choose_wire_feed(name, least, most))
+        return Arrangement(counts, self.root, **kinds)
+
+    def _choose_wire_feed(self, kind: str, least: float, most: float) -> tuple[float, bool]:
+        """Highest wire feed, m/s, at which speed and heat input stay in their windows.
+
+        For beads of the least and the largest area, m²: the speed is deposition rate / area. If the
+        heat input fits at no wire feed, which is the second value, the speed alone decides.
+        """
+        table, limits = self._limits(kind)
+        feeds = np.linspace(*limits.wire_feed, TRIED_FEEDS)
+        rate = self.wps.deposition_rate(feeds)
+        slowest, fastest = rate / most, rate / least
+        can = (slowest >= limits.travel_speed[0]) & (fastest <= limits.travel_speed[1])
+        if not can.any():
+            low, high = (
+                f"{60e3 * slowest[i]:.0f} to {60e3 * fastest[i]:.0f} mm/min" for i in (0, -1)
+            )
+            raise NoArrangementFits(
+                f"a {kind} bead of {1e6 * least:.1f} to {1e6 * most:.1f} mm² needs {low} at the "
+                f"lowest wire feed and {high} at the highest",
+                key=f"{table}.travel_speed_mm_min",
+            )
+        warmest, coldest = (self.wps.heat_input(feeds, speed) for speed in (slowest, fastest))
+        warm = can & (coldest >= limits.heat_input[0]) & (warmest <= limits.heat_input[1])
+        return float(feeds[warm if warm.any() else can].max()), bool(warm.any())
+
+    def _nearest_share(self, kind: str, share: float) -> float:
+        """The nearest share to one that keeps a bead's area in its window in every section."""
+        low, high = self._area_window(kind)
+        smallest, largest = float(self.template.area.min()), float(self.template.area.max())
+        less, more = self._laid_shares[kind]
+        lowest = low * (1 + 2 * BETWEEN_STATIONS) / (smallest * less)
+        highest = high * (1 - 2 * BETWEEN_STATIONS) / (largest * more)
+        if lowest > highest * (1 + 1e-12):
+            raise NoArrangementFits(
+                f"the groove's area changes by {largest / smallest:.2f} times, more than the "
+                f"window of a {kind} bead",
+                key=f"bead.{kind}_area_mm2",
+            )
+        return min(max(share, lowest), highest)
+
+    def _bead_shares(self, counts: tuple[int, ...]) -> tuple[float, float, float]:
+        """Shares of a root, a fill and a cap bead: equal, unless their windows part them.
+
+        A kind without a bead has the share of another.
+        """
+        n, capped, roots = sum(counts), counts[-1], int(self.root != "welded")
+        inner = n - roots - capped
+        root = self._nearest_share("root", 1 / n) if roots else 0.0
+        cap = self._nearest_share("cap", (1 - root) / (n - roots))
+        if inner == 0:
+            rest = (1 - root) / capped
+            if abs(self._nearest_share("cap", rest) - rest) > 1e-12:
+                raise NoArrangementFits(
+                    f"{n} beads are too large or too small", key="bead.cap_area_mm2"
+                )
+            return root or rest, rest, rest
+        fill = (1 - root - capped * cap) / inner
+        if fill <= 0 or abs(self._nearest_share("fill", fill) - fill) > 1e-12:
+            low, high = 1e6 * fill * self.template.area.min(), 1e6 * fill * self.template.area.max()
+            raise NoArrangementFits(
+                f"with {n} beads in {len(counts)} layers a fill bead has {low:.1f} to {high:.1f} "
+                "mm²",
+                key="bead.fill_area_mm2",
+            )
+        return root or fill, fill, cap
 
 
-_CHECK_ORDER: Final = (
-    "cap_height_mm",
-    "root",
-    "cap",
-    "fill",
-    "layer_height_mm",
-    "wire_feed_m_min",
-    "travel_speed_mm_min",
-)
-
-
-def _highest_feeds(arrangement: Arrangement, wps: WeldingProcedure) -> Array:
-    """Highest wire feed that each bead's window allows, shape (n,), m/s."""
-    over = arrangement.root_kind == "open"
-    return np.array(
-        [
-            wps.limits(open_root=over and name == "root")[1].wire_feed[1]
-            for name in arrangement.kind_names
-        ]
-    )
-
-
-def _layer_counts(
-    n: int, layers: range, widths: tuple[float, float], root: RootKind
+def _share_among_layers(
+    n: int, layers: Sequence[int], widths: Window, roots: tuple[int, ...]
 ) -> list[tuple[int, ...]]:
     """Counts of n beads in layers: the root bead, then by the layers' width at even heights."""
     bottom, top = widths
-    roots = (1,) if root != "welded" else ()
     rest, found = n - len(roots), []
     for count in layers:
         at = (np.arange(len(roots), count) + 0.5) / count
@@ -215,153 +390,3 @@ def _layer_counts(
         if counts.sum() == rest:
             found.append((*roots, *counts.tolist()))
     return found
-
-
-def _layers(template: SectionTemplate, wps: WeldingProcedure, root: RootKind) -> range:
-    """Numbers of layers whose mean height is in its window."""
-    whole = template.layer_lines(np.empty((len(template.corners), 0)))
-    depth = template.layer_heights(whole)
-    lowest, highest = wps.bead.layer_height
-    fewest = max(
-        1 if root == "welded" else 2, ceil(float(depth.max()) / highest * (1 - LIMIT_TOLERANCE))
-    )
-    return range(fewest, floor(float(depth.min()) / lowest * (1 + LIMIT_TOLERANCE)) + 1)
-
-
-def _widths(template: SectionTemplate) -> tuple[float, float]:
-    """Mean width of root and opening, metres."""
-    root = np.linalg.norm(template.corners[:, 1] - template.corners[:, 0], axis=1)
-    return float(root.mean()), float(template.opening.mean())
-
-
-def _laid_shares(
-    template: SectionTemplate, stations: GrooveStations, counts: tuple[int, ...], root: RootKind
-) -> dict[str, Window]:
-    """Least and largest ratio of deposited area, a metre of the tip's path, to each kind's area.
-
-    Computed for beads of equal areas: the place of a bead in the section decides it.
-    """
-    names = np.array(bead_kinds(counts, root))
-    equal = np.repeat(template.area[:, None] / len(names), len(names), axis=1)
-    try:
-        cells = template.cut_into_beads(counts, equal)
-    except ValueError:
-        return dict.fromkeys(KIND_NAMES, (1.0, 1.0))
-    shares = bead_lines(stations, cells).areas / equal
-    found = {name: shares[:, names == name] for name in KIND_NAMES}
-    return {
-        name: (float(x.min()), float(x.max())) if x.size else (1.0, 1.0)
-        for name, x in found.items()
-    }
-
-
-def _check_root_layer(template: SectionTemplate, wps: WeldingProcedure, laid: Window) -> None:
-    """Refuse a root that one bead can't span: the template lays one across all of it."""
-    low, high = wps.bead.layer_height
-    # The largest bead allowed at its thinnest, and the smallest at its thickest.
-    for area, share, too in (
-        (wps.bead.root_area[1], laid[0], "wide"),
-        (wps.bead.root_area[0], laid[1], "narrow"),
-    ):
-        inside = np.clip((area / share - template.root_area) / template.groove_area, 1e-3, 0.999)
-        below = template.root_area + inside * template.groove_area
-        heights = template.layer_heights(template.layer_lines(below[:, None]))[:, 0]
-        worst = int(np.argmin(heights) if too == "wide" else np.argmax(heights))
-        height = float(heights[worst])
-        if (too == "wide" and height < low) or (too == "narrow" and height > high):
-            width = float(np.linalg.norm(template.corners[worst, 1] - template.corners[worst, 0]))
-            raise NoArrangementFits(
-                f"a root of {1e3 * width:.1f} mm is too {too} for the template, which lays one "
-                f"root bead across all of it: {1e6 * area:g} mm² would be {1e3 * height:.2f} mm "
-                f"high, and bead.layer_height_mm allows {1e3 * low:g} to {1e3 * high:g}",
-                key="bead.root_area_mm2",
-            )
-
-
-def _arrange(
-    template: SectionTemplate,
-    stations: GrooveStations,
-    wps: WeldingProcedure,
-    counts: tuple[int, ...],
-    root: RootKind,
-    laid_shares: dict[str, Window],
-) -> Arrangement:
-    area, names = template.area, np.array(bead_kinds(counts, root))
-    shares = dict(zip(KIND_NAMES, _shares(area, wps, counts, root, laid_shares), strict=True))
-    for name in dict.fromkeys(names.tolist()):  # before it is cut: what is to be expected
-        expected = shares[name] * np.array((area.min(), area.max())) * laid_shares[name]
-        choose_wire_feed(name, expected, wps, open_root=name == "root" and root == "open")
-    wanted = area[:, None] * np.array([shares[name] for name in names])
-    below = wanted.cumsum(axis=1)[:, np.cumsum(counts)[:-1] - 1]
-    try:
-        heights = template.layer_heights(template.layer_lines(below))
-    except ValueError as error:
-        raise NoArrangementFits(str(error), key="bead.cap_height_mm") from None
-    least, most = float(heights.min()), float(heights.max())
-    low, high = wps.bead.layer_height
-    if least < low * (1 - LIMIT_TOLERANCE) or most > high * (1 + LIMIT_TOLERANCE):
-        raise NoArrangementFits(
-            f"{sum(counts)} beads in {len(counts)} layers are {1e3 * least:.2f} to "
-            f"{1e3 * most:.2f} mm high",
-            key="bead.layer_height_mm",
-        )
-    laid = bead_lines(stations, template.cut_into_beads(counts, wanted)).areas
-    kinds = {}
-    for name in KIND_NAMES:
-        of_kind = laid[:, names == name] if name in names else laid
-        low, high = getattr(wps.bead, f"{name}_area")
-        least, most = of_kind.min() * (1 - BETWEEN_STATIONS), of_kind.max() * (1 + BETWEEN_STATIONS)
-        if name in names and not low <= least <= most <= high:
-            raise NoArrangementFits(
-                f"a {name} bead is {1e6 * least:.1f} to {1e6 * most:.1f} mm²",
-                key=f"bead.{name}_area_mm2",
-            )
-        over_opening = name == "root" and root == "open"
-        feed = choose_wire_feed(name, np.array((least, most)), wps, open_root=over_opening)
-        kinds[name] = BeadKind(shares[name], *feed)
-    return Arrangement(counts, root, **kinds)
-
-
-def _shares(
-    area: Array,
-    wps: WeldingProcedure,
-    counts: tuple[int, ...],
-    root_kind: RootKind,
-    laid_shares: dict[str, Window],
-) -> tuple[float, float, float]:
-    """Shares of a root, a fill and a cap bead: equal, unless their windows part them.
-
-    A kind without a bead has the share of another.
-    """
-    n, capped, roots = sum(counts), counts[-1], int(root_kind != "welded")
-    inner = n - roots - capped
-
-    def nearest(kind: str, window: Window, share: float) -> float:
-        less, more = laid_shares[kind]
-        lowest = window[0] * (1 + 2 * BETWEEN_STATIONS) / (float(area.min()) * less)
-        highest = window[1] * (1 - 2 * BETWEEN_STATIONS) / (float(area.max()) * more)
-        if lowest > highest * (1 + 1e-12):
-            raise NoArrangementFits(
-                f"the groove's area changes by {float(area.max() / area.min()):.2f} times, more "
-                f"than the window of a {kind} bead",
-                key=f"bead.{kind}_area_mm2",
-            )
-        return min(max(share, lowest), highest)
-
-    root = nearest("root", wps.bead.root_area, 1 / n) if roots else 0.0
-    cap = nearest("cap", wps.bead.cap_area, (1 - root) / (n - roots))
-    if inner == 0:
-        rest = (1 - root) / capped
-        if abs(nearest("cap", wps.bead.cap_area, rest) - rest) > 1e-12:
-            raise NoArrangementFits(
-                f"{n} beads are too large or too small", key="bead.cap_area_mm2"
-            )
-        return root or rest, rest, rest
-    fill = (1 - root - capped * cap) / inner
-    if fill <= 0 or abs(nearest("fill", wps.bead.fill_area, fill) - fill) > 1e-12:
-        raise NoArrangementFits(
-            f"with {n} beads in {len(counts)} layers a fill bead has "
-            f"{1e6 * fill * float(area.min()):.1f} to {1e6 * fill * float(area.max()):.1f} mm²",
-            key="bead.fill_area_mm2",
-        )
-    return root or fill, fill, cap

@@ -42,26 +42,28 @@ def write_plan_as_weldx(file: Path, plan: WeldPlan, document: PlanDocument, root
     """
     weldx: Any = import_module("weldx")
     frames = weldx.CoordinateSystemManager(root, "weld plan")
+    beads = []
     for bead in plan.beads:
         part = f", part {bead.part}" if bead.part > 1 else ""
-        frames.add_cs(f"torch, bead {bead.number}{part}", root, _moving_frame(weldx, bead))
+        times, places = (
+            weldx.Time(weldx.Q_(bead.times, "s")),
+            weldx.Q_(bead.points / MM.factor, "mm"),
+        )
+        frame = weldx.LocalCoordinateSystem(bead.T_r_torch[:, :3, :3], places, times)
+        frames.add_cs(f"torch, bead {bead.number}{part}", root, frame)
+        beads.append(_bead_settings(weldx, bead, times))
     tree = {
         "plan": document.model_dump(mode="json"),
         "coordinate_systems": frames,
-        "beads": [_settings(weldx, bead) for bead in plan.beads],
+        "beads": beads,
     }
     with weldx.WeldxFile(tree=tree, mode="rw") as made:
         made.write_to(file)
 
 
-def _moving_frame(weldx: Any, bead: PlannedBead) -> Any:
-    places = weldx.Q_(bead.points / MM.factor, "mm")
-    return weldx.LocalCoordinateSystem(bead.T_r_torch[:, :3, :3], places, _times(weldx, bead))
-
-
-def _settings(weldx: Any, bead: PlannedBead) -> dict[str, Any]:
+def _bead_settings(weldx: Any, bead: PlannedBead, times: Any) -> dict[str, Any]:
     def over_time(values: Any, unit: str) -> Any:
-        return weldx.TimeSeries(weldx.Q_(np.asarray(values), unit), _times(weldx, bead), "linear")
+        return weldx.TimeSeries(weldx.Q_(np.asarray(values), unit), times, "linear")
 
     return {
         "bead": bead.number,
@@ -72,7 +74,3 @@ def _settings(weldx: Any, bead: PlannedBead) -> dict[str, Any]:
         "travel_speed": over_time(bead.speed / MM_MIN.factor, "mm/min"),
         "heat_input": over_time(bead.heat / KJ_MM.factor, "kJ/mm"),
     }
-
-
-def _times(weldx: Any, bead: PlannedBead) -> Any:
-    return weldx.Time(weldx.Q_(bead.times, "s"))

@@ -10,8 +10,15 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.files import read_small_file, write_files_atomically
-from tjscan.planning.document import PlanDocument, StationEntry, read_plan
-from tjscan.planning.tables import BEAD_COLUMNS, BeadCourse, bead_rows, read_beads_csv
+from tjscan.planning.document import (
+    BEAD_COLUMNS,
+    BeadCourse,
+    PlanDocument,
+    StationEntry,
+    bead_rows,
+    read_beads_csv,
+    read_plan,
+)
 from tjscan.report.picture import (
     ReportPicture,
     inline_figure,

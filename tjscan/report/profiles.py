@@ -99,7 +99,7 @@ def _draw(axes: Any, profile: Profile, settings: GrooveSettings, absent: tuple[s
         # Outer sides begin and end with their points, the others at corners.
         first, last = np.fmin(starts[k], own.min()), np.fmax(ends[k], own.max())
         line = np.array(
-            [curve.points_at(float(s)) for s in np.linspace(first, last, POINTS_ALONG_SIDE)]
+            [curve.point_on_curve(float(s)) for s in np.linspace(first, last, POINTS_ALONG_SIDE)]
         )
         axes.plot(*_zx(line), color=CORNER_COLOUR, linewidth=0.8)
     for number, point in enumerate(section.points_s[1:4, [0, 2]], start=2):

@@ -111,7 +111,7 @@ def fitted_side_polylines(profile: Profile, settings: GrooveSettings) -> list[Ar
         along = fitted.kept_along(number)
         if len(along):
             reach = np.linspace(along.min(), along.max(), SIDE_POINTS)
-            sides.append(np.array([curve.points_at(float(s)) for s in reach]))
+            sides.append(np.array([curve.point_on_curve(float(s)) for s in reach]))
     return sides
 
 

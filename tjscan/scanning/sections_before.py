@@ -12,16 +12,10 @@ import numpy as np
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, rotation_angle_between, unit_vector
 from tjscan.groove.prior import GroovePrior
-from tjscan.groove.root import BURIED_CHORDS, WELD_IN_ROOT
+from tjscan.groove.root import BURIED_DEPTH_IN_CHORDS, WELD_IN_ROOT
 from tjscan.groove.section import TACK_WELD, GrooveSection, section_from_points
 from tjscan.laser.profile import Profile
-from tjscan.scanning.section import (
-    TIGHTEST_BEND,
-    ProfileView,
-    ScannedSection,
-    StepRequest,
-    Substep,
-)
+from tjscan.scanning.section import TIGHTEST_BEND, ProfileView, ScannedSection, StepRequest, Substep
 
 MOST_SECTIONS: Final = 30
 """Sections that are looked back upon."""
@@ -177,7 +171,7 @@ def _buried(groove: GrooveSection) -> GrooveSection:
     covariance[:6, :6], covariance[6:, 6:] = groove.covariance_s, groove.tangent_covariance
     up = groove.points_s[1] - groove.points_s[2]
     for k, along in ((2, up / np.linalg.norm(up)), (4, groove.leg_s)):
-        way = BURIED_CHORDS * groove.root_width * along[[0, 2]]
+        way = BURIED_DEPTH_IN_CHORDS * groove.root_width * along[[0, 2]]
         covariance[k : k + 2, k : k + 2] += np.outer(way, way)
     section = section_from_points(
         groove.points_s,

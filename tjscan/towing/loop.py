@@ -24,7 +24,7 @@ from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
 from tjscan.towing.standstill import Patience, StandingVehicles, Waiting
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings
 from tjscan.towing.team_poses import TeamEstimate, TeamPoses
-from tjscan.vehicle.localisation import Localisation, VehiclePose
+from tjscan.vehicle.localisation import Localisation
 from tjscan.vehicle.vehicle import AT_REST, Twist, Vehicle, VehicleState
 
 PLAN_PERIOD: Final = 0.1
@@ -125,7 +125,7 @@ class CableTow:
         self._targets: Array | None = None
         self._asked: list[Twist] = [AT_REST] * count
         self._states: Sequence[VehicleState | VehicleFault] = ()
-        self._measured: Sequence[VehiclePose | None] = ()
+        self._measured: Array = np.full((count, 3), np.nan)
         self._shapeless = False
 
     def run(self, along: float = 0.0, last: TowingPlan | None = None, stood: float = 0.0) -> None:
@@ -184,9 +184,10 @@ class CableTow:
             estimate = self._see()
         if self._poses.unknown:
             numbers = ", ".join(str(v + 1) for v in self._poses.unknown)
+            seconds = f"{self._setting.localisation.lost:g} s"
             raise TowHalted(
-                f"no pose of vehicle {numbers} came within "
-                f"{self._setting.localisation.lost:g} s. See that the localisation is running."
+                f"no pose of vehicle {numbers} came within {seconds}. See that the localisation is "
+                "running."
             )
         limit = self._team.time + LONGEST_START_LOOK
         while estimate.sigmas[:, 0].max() > START_POSE_SIGMA and self._team.time < limit:
@@ -207,7 +208,7 @@ class CableTow:
     def _see(self) -> TeamEstimate:
         """Let a period pass with the vehicles driving as told, and take in what was measured."""
         due, begun = self._due + PLAN_PERIOD, self._due
-        self._measured = [None] * len(self._followers)
+        self._measured = np.full((len(self._followers), 3), np.nan)
         for look in range(1, LOOKS_PER_PLAN + 1):
             before = self._team.time
             self._states = self._team.advance_to(begun + look * PLAN_PERIOD / LOOKS_PER_PLAN)
@@ -217,10 +218,9 @@ class CableTow:
                 for state in self._states
             ]
             estimate = self._poses.update(now, now - before, odometry, measured)
-            self._measured = [
-                old if new is None else new
-                for old, new in zip(self._measured, measured, strict=True)
-            ]
+            for v, pose in enumerate(measured):
+                if pose is not None:
+                    self._measured[v] = pose.x, pose.y, pose.heading
         self._due = due if now < due + PLAN_PERIOD else now  # what was missed is not made up for
         return estimate
 
@@ -231,6 +231,7 @@ class CableTow:
         waiting, pace = self._reason_to_wait(estimate), self._standing.pace(estimate.poses)
         pace = allowed = 0.0 if waiting else pace
         obstacles = self._setting.obstacles(now)
+        discs = [(d.x, d.y, d.radius, *d.velocity) for d in obstacles]
         began = host.thread_time()
         plan, pace = self._plan(estimate, obstacles, pace)
         seconds = host.thread_time() - began
@@ -248,14 +249,12 @@ class CableTow:
                 time=now,
                 along=along,
                 pace=pace,
-                seen=_seen(self._measured),
+                seen=self._measured,
                 poses=estimate.poses,
                 sigmas=estimate.sigmas,
                 targets=targets,
                 asked=np.array([(t.speed, t.turn_rate, t.sideways) for t in self._asked]),
-                obstacles=np.array([(d.x, d.y, d.radius, *d.velocity) for d in obstacles]).reshape(
-                    -1, 5
-                ),
+                obstacles=np.array(discs, dtype=float).reshape(-1, 5),
                 plan=plan,
                 seconds=seconds,
                 host=host.process_time() - self._began,
@@ -307,23 +306,23 @@ class CableTow:
 
     def _send(self, estimate: TeamEstimate, plan: TowingPlan, along: float) -> Array:
         """Command each vehicle towards its pose; returns where they are sent."""
-        before = self._targets
+        before, poses, seam = self._targets, estimate.poses, self._setting.seam
         if before is None:
-            before = estimate.poses if self._last is None else self._last.held_poses
+            before = poses if self._last is None else self._last.held_poses
         targets = before.copy() if plan.halt else plan.held_poses.copy()
-        seam = self._setting.seam
         before = before.copy()
         before[-1], targets[-1] = seam.pose_at(self._along), seam.pose_at(along)
-        lost = self._poses.lost(estimate)
-        for v, follower in enumerate(self._followers):
-            if v in lost or (v in self._standing.stopped and v < len(self._followers) - 1):
+        lost, welder = self._poses.lost(estimate), len(self._followers) - 1
+        for v, (vehicle, follower) in enumerate(
+            zip(self._team.vehicles, self._followers, strict=True)
+        ):
+            if v in lost or (v in self._standing.stopped and v < welder):
                 follower.reset()
-                targets[v], self._asked[v] = estimate.poses[v], AT_REST
+                targets[v], self._asked[v] = poses[v], AT_REST
             else:
-                self._asked[v] = follower.follow(
-                    estimate.poses[v], before[v], targets[v], PLAN_PERIOD
-                )
-        self._command()
+                self._asked[v] = follower.follow(poses[v], before[v], targets[v], PLAN_PERIOD)
+            with suppress(VehicleFault):  # its next state reports so too
+                vehicle.command(self._asked[v])
         return targets
 
     def _reason_to_wait(self, estimate: TeamEstimate) -> Waiting | None:
@@ -337,17 +336,6 @@ class CableTow:
             return Waiting(f"the pose of vehicle {v + 1} is lost: {why}")
         return self._standing.reason_to_wait(estimate.poses, self._last)
 
-    def _command(self) -> None:
-        for vehicle, twist in zip(self._team.vehicles, self._asked, strict=True):
-            with suppress(VehicleFault):  # its next state says so too
-                vehicle.command(twist)
-
     def _stop(self) -> None:
         for vehicle in self._team.vehicles:
             vehicle.stop()
-
-
-def _seen(measured: Sequence[VehiclePose | None]) -> Array:
-    return np.array(
-        [(np.nan,) * 3 if one is None else (one.x, one.y, one.heading) for one in measured]
-    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tjscan.cli.output.console import print_message, print_table
-from tjscan.planning.tables import BEAD_COLUMNS, bead_rows
+from tjscan.planning.document import BEAD_COLUMNS, bead_rows
 from tjscan.runs.plan.run import WrittenPlan
 
 

@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 
-LEFT_PLATE, LEFT_BEVEL, RIGHT_BEVEL, RIGHT_PLATE = range(4)
-EDGE_SIDES: Final = ((LEFT_PLATE, LEFT_BEVEL), (RIGHT_PLATE, RIGHT_BEVEL))
+PLATE_LINES, BEVEL_LINES = [0, 3], [1, 2]
+"""Places of the lines of the left and of the right plate, and of the left and the right bevel."""
+
+EDGE_SIDES: Final = tuple(zip(PLATE_LINES, BEVEL_LINES, strict=True))
 """The two lines that meet at the left and at the right top edge."""
 
 CAPTURE_SIGMAS: Final = (0.35e-3, 0.15e-3)
@@ -117,7 +119,7 @@ class EdgeLines:
     @property
     def root(self) -> float:
         """Slope t of the ray to where the two bevels, drawn on, meet."""
-        (a, b), (c, d) = self.lines[[LEFT_BEVEL, RIGHT_BEVEL]].tolist()
+        (a, b), (c, d) = self.lines[BEVEL_LINES].tolist()
         return float((c - a) / (b - d))
 
     def moved(self, turn: float, before: Array, after: Array) -> EdgeLines:
@@ -135,7 +137,7 @@ class EdgeLines:
         normals = self.lines[:, ::-1] @ R.T
         distances = 1 - self.lines[:, ::-1] @ before + normals @ after
         ends = np.empty((2, 2))
-        for k, bevel in enumerate((LEFT_BEVEL, RIGHT_BEVEL)):
+        for k, bevel in enumerate(BEVEL_LINES):
             z = float(self.heights(bevel, self.feet[k]))
             ends[k] = R @ (np.array((z * self.feet[k], z)) - before) + after
         edges = (self.points - before) @ R.T + after
@@ -180,21 +182,20 @@ def fit_edge_lines(
     """
     # One over z errs by z² less than z does.
     certain = z**4 / start.noise**2
-    moments = np.stack(
-        (certain, certain * t, certain * t * t, certain / z, certain * t / z, np.ones_like(t))
-    )
+    rows = certain, certain * t, certain * t * t, certain / z, certain * t / z, np.ones_like(t)
+    moments = np.stack(rows)
     prior = _angle_prior(start, bevel_angles)
     found = start
     for k in range(len(CAPTURE_SIGMAS) + MOST_ROUNDS):
         sigma = max(CAPTURE_SIGMAS[k], start.noise) if k < len(CAPTURE_SIGMAS) else start.noise
-        after = _round(t, z, moments, found, sigma, prior)
+        after = _fit_once(t, z, moments, found, sigma, prior)
         if after is None:
             return None
         moved = float(np.abs(after.edges - found.edges).max()) * float(z[len(z) // 2])
         if k < len(CAPTURE_SIGMAS):
             found = after
             continue
-        feet = _feet(t, z, after, start.feet)
+        feet = _bevel_feet(t, z, after, start.feet)
         ended = (feet == found.feet).all()
         found = replace(after, feet=feet)
         if ended and moved < SETTLED_SIGMAS * start.noise:
@@ -202,16 +203,16 @@ def fit_edge_lines(
     return found
 
 
-def _round(
-    t: Array,
-    z: Array,
-    moments: Array,
-    before: EdgeLines,
-    sigma: float,
-    prior: Array,
+def _fit_once(
+    t: Array, z: Array, moments: Array, before: EdgeLines, sigma: float, prior: Array
 ) -> EdgeLines | None:
-    """Which points are of the steel, the lines through them, and where they meet."""
-    spans = _spans(t, before)
+    """Which points are of the steel, the lines through them, and where they meet.
+
+    Spans are the first point of each line, and the one after its last.
+    """
+    left, right = np.searchsorted(t, before.edges).tolist()
+    foot, other_foot = np.searchsorted(t, before.feet).tolist()
+    spans = np.array(((0, left), (left, foot), (other_foot, right), (right, len(t))))
     weight = _probabilities_on_lines(t, z, before, spans, sigma)
     total = np.zeros((6, len(t) + 1))
     np.cumsum(moments * weight, axis=1, out=total[:, 1:])
@@ -223,9 +224,8 @@ def _round(
         return None
     covariances = np.asarray(np.linalg.inv(normal), dtype=np.float64)
     lines = (covariances @ sums[:, 3:5, None])[:, :, 0]
-    edges = np.array(
-        [(lines[k, 0] - lines[j, 0]) / (lines[j, 1] - lines[k, 1]) for j, k in EDGE_SIDES]
-    )
+    between = lines[BEVEL_LINES] - lines[PLATE_LINES]
+    edges = between[:, 0] / -between[:, 1]
     sizes = np.maximum(spans[:, 1] - spans[:, 0], 1)
     background = 1 - float(on.sum()) / float(sizes.sum())
     counts = on.copy()
@@ -245,13 +245,6 @@ def _round(
     return found if t[0] < edges[0] < found.root < edges[1] < t[-1] else None
 
 
-def _spans(t: Array, lines: EdgeLines) -> NDArray[np.intp]:
-    """First point of each line, and the one after its last, shape (4, 2)."""
-    left, right = np.searchsorted(t, lines.edges).tolist()
-    foot, other_foot = np.searchsorted(t, lines.feet).tolist()
-    return np.array(((0, left), (left, foot), (other_foot, right), (right, len(t))))
-
-
 def _probabilities_on_lines(
     t: Array, z: Array, lines: EdgeLines, spans: NDArray[np.intp], sigma: float
 ) -> Array:
@@ -269,7 +262,7 @@ def _angle_prior(start: EdgeLines, bevel_angles: Array | None) -> Array:
     """What is known of the bevels' angles, as normal matrices of the lines, shape (4, 2, 2)."""
     found = np.zeros((4, 2, 2))
     if bevel_angles is not None:
-        for line, angle in zip((LEFT_BEVEL, RIGHT_BEVEL), bevel_angles.tolist(), strict=True):
+        for line, angle in zip(BEVEL_LINES, bevel_angles.tolist(), strict=True):
             # (a, b) is (cos, -sin) of the line's angle over its distance from the sensor.
             across = np.array((sin(angle), cos(angle)))
             length = hypot(*start.lines[line].tolist())
@@ -277,7 +270,7 @@ def _angle_prior(start: EdgeLines, bevel_angles: Array | None) -> Array:
     return found
 
 
-def _feet(t: Array, z: Array, found: EdgeLines, last: Array) -> Array:
+def _bevel_feet(t: Array, z: Array, found: EdgeLines, last: Array) -> Array:
     """Where the bevels most likely end: beyond it the steel may lie anywhere in the groove."""
     left, root, right = np.searchsorted(t, (found.edges[0], found.root, found.edges[1])).tolist()
     share, sigma = found.background, found.noise
@@ -285,10 +278,8 @@ def _feet(t: Array, z: Array, found: EdgeLines, last: Array) -> Array:
     hull = float(found.points[:, 1].min())
     pitch = float(t[-1] - t[0]) / len(t)
     feet = []
-    for line, own, inward, old in (
-        (LEFT_BEVEL, slice(left, root), 1, last[0]),
-        (RIGHT_BEVEL, slice(root, right), -1, last[1]),
-    ):
+    sides = zip(BEVEL_LINES, (slice(left, root), slice(root, right)), (1, -1), last, strict=True)
+    for line, own, inward, old in sides:
         u = t[own][::inward]
         if not len(u):
             feet.append(found.root)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from math import hypot, nan, radians, sqrt
 from statistics import median
 from typing import Final
@@ -13,10 +13,8 @@ import numpy as np
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, frozen_arrays
 from tjscan.crawler.joint_tracking.edge_lines import (
-    LEFT_BEVEL,
-    LEFT_PLATE,
-    RIGHT_BEVEL,
-    RIGHT_PLATE,
+    BEVEL_LINES,
+    PLATE_LINES,
     EdgeLines,
     fit_edge_lines,
     line_through,
@@ -176,28 +174,30 @@ class JointTracker:
             raise GrooveNotFound(
                 "frozen", "the profile came before, to the last bit: is the sensor still measuring?"
             )
-        row = _Row(profile, self._settings.minimum_points)
+        row = _ProfileRays(profile, self._settings.minimum_points)
         try:
-            reading = self._track(row, reference)
+            self._reading = self._read_from_last(row, reference)
         except GrooveNotFound:
             self._lost += 1
             if self._lines is not None and self._lost % LOST_BEFORE_SEARCH:
                 raise
-            reading = self._search(row, profile)
+            start = _edge_lines_of_fit(fit_groove(profile, self._settings).fitted, self._noise)
+            self._reading = self._read_edges(row, start, known=False)
         self._lost = 0
-        self._reading = reading
-        return reading
+        return self._reading
 
-    def _track(self, row: _Row, reference: ReferenceProfile | None) -> ButtJointReading:
+    def _read_from_last(
+        self, row: _ProfileRays, reference: ReferenceProfile | None
+    ) -> ButtJointReading:
         """Read from where the joint was last: by its edges, or else by the reference."""
         try:
-            return self._by_last_edges(row, tries=1 if reference is not None else 3)
+            return self._read_last_edges(row, tries=1 if reference is not None else 3)
         except GrooveNotFound:
             if reference is None or self._reading is None:
                 raise
-            return self._by_reference(row, reference, self._reading)
+            return self._read_by_reference(row, reference, self._reading)
 
-    def _by_last_edges(self, row: _Row, tries: int) -> ButtJointReading:
+    def _read_last_edges(self, row: _ProfileRays, tries: int) -> ButtJointReading:
         """Read by the edges, from where they were; the bevels may have got longer or shorter."""
         if self._lines is None:
             raise GrooveNotFound("no bevel", "no joint has been found so far", row.points)
@@ -205,22 +205,22 @@ class JointTracker:
         ends = (self._lines.feet, np.full(2, root), edges + SHORT_BEVEL_SHARE * (root - edges))
         for feet in ends[:tries]:
             try:
-                return self._by_edges(row, replace(self._lines, feet=feet))
+                return self._read_edges(row, replace(self._lines, feet=feet))
             except GrooveNotFound as error:
                 refused = error
         raise refused
 
-    def _by_edges(self, row: _Row, start: EdgeLines, *, known: bool = True) -> ButtJointReading:
-        start = replace(start, noise=self._noise)
-        angles = None
-        if known and self._reading is not None:
-            angles = self._angles - self._reading.roll
-        lines = fit_edge_lines(row.t, row.z, start, angles)
+    def _read_edges(
+        self, row: _ProfileRays, start: EdgeLines, *, known: bool = True
+    ) -> ButtJointReading:
+        last = self._reading if known else None
+        angles = None if last is None else self._angles - last.roll
+        lines = fit_edge_lines(row.t, row.z, replace(start, noise=self._noise), angles)
         if lines is None:
-            raise GrooveNotFound("ambiguous", "the lines of the last profile are gone", row.points)
+            raise row.ambiguity("the lines of the last profile are gone")
         edges = lines.points
         width = float(np.hypot(*(edges[1] - edges[0])))
-        self._check(row, lines, width)
+        self._check_lines(row, lines, width)
         covariances = self._inflation * lines.point_covariances
         sigma = 0.5 * sqrt(float(covariances[:, 0, 0].sum()))
         self._check_sigma(row, sigma)
@@ -242,35 +242,28 @@ class JointTracker:
             centre=float(edges[:, 0].mean()),
             centre_sigma=sigma,
             hull_z=float(edges[:, 1].mean()),
-            roll=-float(lines.angles[[LEFT_PLATE, RIGHT_PLATE]].mean()),
+            roll=-float(lines.angles[PLATE_LINES].mean()),
             edges=edges,
             edge_covariances=covariances,
             depth_left=depth,
             area_left=area,
-            conditions=self._conditions(depth),
+            conditions=self._conditions_at(depth),
         )
 
-    def _by_reference(
-        self, row: _Row, reference: ReferenceProfile, last: ButtJointReading
+    def _read_by_reference(
+        self, row: _ProfileRays, reference: ReferenceProfile, last: ButtJointReading
     ) -> ButtJointReading:
         found = register_profile(row.t, row.z, reference, last, self._noise)
         if found is None or found[1] < REGISTERED_SHARE:
-            raise GrooveNotFound(
-                "ambiguous", "the profile does not look like the last one taken here", row.points
-            )
+            raise row.ambiguity("the profile does not look like the last one taken here")
         placement, _ = found
         noise = placement.centre_sigma**2 - reference.centre_sigma**2
         sigma = sqrt(self._inflation * noise + reference.centre_sigma**2)
         self._check_sigma(row, sigma)
-        room = FARTHEST_SIGMAS * hypot(sigma, last.centre_sigma) + FARTHEST_SIDEWAYS * (
-            self._lost + 1
-        )
+        room = FARTHEST_SIGMAS * hypot(sigma, last.centre_sigma)
+        room += FARTHEST_SIDEWAYS * (self._lost + 1)
         if abs(placement.centre - last.centre) > room:
-            raise GrooveNotFound(
-                "ambiguous",
-                "on the last profile taken here the joint would have jumped",
-                row.points,
-            )
+            raise row.ambiguity("on the last profile taken here the joint would have jumped")
         if self._lines is not None:
             self._lines = self._lines.moved(
                 placement.roll - last.roll,
@@ -284,12 +277,8 @@ class JointTracker:
         left = float(np.median(middle)) if len(middle) else nan
         area = float(np.trapezoid(np.maximum(depth, 0.0), across))
         return ButtJointReading(
+            **asdict(replace(placement, centre_sigma=sigma)),
             time=row.time,
-            centre=placement.centre,
-            centre_sigma=sigma,
-            shared_sigma=reference.centre_sigma,
-            hull_z=placement.hull_z,
-            roll=placement.roll,
             edges=np.full((2, 2), np.nan),
             edge_covariances=np.full((2, 2, 2), np.nan),
             depth_left=left,
@@ -297,56 +286,40 @@ class JointTracker:
             conditions=(*((FILLED_GROOVE,) if left < FILLED_DEPTH else ()), REGISTERED_JOINT),
         )
 
-    def _search(self, row: _Row, profile: Profile) -> ButtJointReading:
-        """Read without a last reading."""
-        fitted = fit_groove(profile, self._settings).fitted
-        return self._by_edges(row, _start(fitted, self._noise), known=False)
-
-    def _check(self, row: _Row, lines: EdgeLines, width: float) -> None:
+    def _check_lines(self, row: _ProfileRays, lines: EdgeLines, width: float) -> None:
         """Refuse lines that are not those of a joint's edges."""
         left, left_bevel, right_bevel, right = lines.angles.tolist()
-        counts = lines.counts[[LEFT_PLATE, RIGHT_PLATE, LEFT_BEVEL, RIGHT_BEVEL]]
-        for refused, why in (
-            (counts[:2].min() < FEWEST_ON_PLATE, "too little of a plate is seen"),
-            (counts[2:].min() < FEWEST_ON_BEVEL, "too little of a bevel is left"),
-            (
-                lines.shares[[LEFT_PLATE, RIGHT_PLATE]].min() < LEAST_SHARE,
-                "the points do not lie on the plates",
-            ),
-            (
-                not BEVEL_TURNS[0] < left_bevel - left < BEVEL_TURNS[1],
-                "the left bevel does not lead down",
-            ),
-            (
-                not BEVEL_TURNS[0] < right - right_bevel < BEVEL_TURNS[1],
-                "the right bevel does not lead down",
-            ),
-            (abs(left - right) > MOST_BETWEEN_PLATES, "the plates stand at an angle"),
-            (self._width > 0 and abs(width - self._width) > WIDTH_CHANGE, "the width has jumped"),
-        ):
+        least_turn, most_turn = BEVEL_TURNS
+        refusals = {
+            "too little of a plate is seen": lines.counts[PLATE_LINES].min() < FEWEST_ON_PLATE,
+            "too little of a bevel is left": lines.counts[BEVEL_LINES].min() < FEWEST_ON_BEVEL,
+            "the points do not lie on the plates": lines.shares[PLATE_LINES].min() < LEAST_SHARE,
+            "the left bevel does not lead down": not least_turn < left_bevel - left < most_turn,
+            "the right bevel does not lead down": not least_turn < right - right_bevel < most_turn,
+            "the plates stand at an angle": abs(left - right) > MOST_BETWEEN_PLATES,
+            "the width has jumped": abs(width - (self._width or width)) > WIDTH_CHANGE,
+        }
+        for why, refused in refusals.items():
             if refused:
-                raise GrooveNotFound("ambiguous", why, row.points)
+                raise row.ambiguity(why)
 
-    def _check_sigma(self, row: _Row, sigma: float) -> None:
+    def _check_sigma(self, row: _ProfileRays, sigma: float) -> None:
         """Refuse a centre that is too uncertain."""
         if sigma > self._settings.largest_sigma:
-            raise GrooveNotFound(
-                "ambiguous", f"its centre is known to {1e3 * sigma:.2f} mm only", row.points
-            )
+            raise row.ambiguity(f"its centre is known to {1e3 * sigma:.2f} mm only")
 
-    def _learn(self, row: _Row, lines: EdgeLines, width: float, *, known: bool) -> None:
+    def _learn(self, row: _ProfileRays, lines: EdgeLines, width: float, *, known: bool) -> None:
         """Learn noise, width and the bevels' angles against the hull."""
         share = LEARNING_SHARE if known else 1.0
-        edges = np.searchsorted(row.t, lines.edges).tolist()
-        plates = [
-            row.z[own] - lines.heights(line, row.t[own])
-            for line, own in (
-                (LEFT_PLATE, slice(None, edges[0])),
-                (RIGHT_PLATE, slice(edges[1], None)),
-            )
-        ]
-        residuals = np.concatenate(plates)
-        columns = np.concatenate((row.columns[: edges[0]], row.columns[edges[1] :]))
+        first, last = np.searchsorted(row.t, lines.edges).tolist()
+        sides = slice(None, first), slice(last, None)
+        residuals = np.concatenate(
+            [
+                row.z[own] - lines.heights(line, row.t[own])
+                for line, own in zip(PLATE_LINES, sides, strict=True)
+            ]
+        )
+        columns = np.concatenate([row.columns[own] for own in sides])
         on = np.abs(residuals) < 3 * self._noise
         if np.count_nonzero(on) > FEWEST_ON_PLATE:
             # Three standard deviations leave out a bit of the variance, four coefficients more.
@@ -362,10 +335,10 @@ class JointTracker:
                 self._inflation += LEARNING_SHARE * more
         self._width += share * (width - self._width)
         angles = lines.angles
-        against = angles[[LEFT_BEVEL, RIGHT_BEVEL]] - angles[[LEFT_PLATE, RIGHT_PLATE]].mean()
+        against = angles[BEVEL_LINES] - angles[PLATE_LINES].mean()
         self._angles = self._angles + share * (against - self._angles)
 
-    def _conditions(self, depth: float) -> tuple[str, ...]:
+    def _conditions_at(self, depth: float) -> tuple[str, ...]:
         if self._count % DEPTH_EVERY == 0:
             self._depths.append(depth)
         self._count += 1
@@ -374,7 +347,7 @@ class JointTracker:
         return (TACK_WELD,) if depth < median(self._depths) - BURIED_HEIGHT else ()
 
 
-class _Row:
+class _ProfileRays:
     """A profile's points in the order of their rays."""
 
     def __init__(self, profile: Profile, fewest: int) -> None:
@@ -397,38 +370,40 @@ class _Row:
         """Places (x, z), shape (n, 2)."""
         return np.column_stack((self.x, self.z))
 
+    def ambiguity(self, why: str) -> GrooveNotFound:
+        """The error of points that do not show one joint."""
+        return GrooveNotFound("ambiguous", why, self.points)
 
-def _start(fitted: FittedProfile, noise: float) -> EdgeLines:
+
+def _edge_lines_of_fit(fitted: FittedProfile, noise: float) -> EdgeLines:
     """The four lines of a fit, whose sides run from high x to low x."""
-    curves, corners = fitted.curves, fitted.corners
+    curves, corners, places = fitted.curves, fitted.corners, fitted.places
     right, left = corners[0], corners[-1]
-    lines = np.array(
-        [
-            line_through(left, left + curves[-1].tangent_at(fitted.places[-1][1])),
-            line_through(left, left + curves[-2].tangent_at(fitted.places[-1][0])),
-            line_through(right, right + curves[1].tangent_at(fitted.places[0][1])),
-            line_through(right, right + curves[0].tangent_at(fitted.places[0][0])),
-        ]
-    )
-    feet = np.array((corners[-2], corners[1]))
+    lines = [
+        line_through(left, left + curves[-1].tangent_at(places[-1][1])),
+        line_through(left, left + curves[-2].tangent_at(places[-1][0])),
+        line_through(right, right + curves[1].tangent_at(places[0][1])),
+        line_through(right, right + curves[0].tangent_at(places[0][0])),
+    ]
+    (x, z), (u, w) = np.transpose((left, right)), np.transpose((corners[-2], corners[1]))
     return EdgeLines(
-        lines,
-        np.zeros((4, 2, 2)),
-        np.array((left[0] / left[1], right[0] / right[1])),
-        feet[:, 0] / feet[:, 1],
-        np.zeros(4),
-        np.zeros(4),
-        noise,
-        0.1,
+        lines=np.array(lines),
+        covariances=np.zeros((4, 2, 2)),
+        edges=x / z,
+        feet=u / w,
+        counts=np.zeros(4),
+        shares=np.zeros(4),
+        noise=noise,
+        background=0.1,
     )
 
 
-def _left_to_fill(row: _Row, lines: EdgeLines) -> tuple[float, float]:
+def _left_to_fill(row: _ProfileRays, lines: EdgeLines) -> tuple[float, float]:
     """Depth and area below the line between the top edges."""
     first, last = np.searchsorted(row.t, lines.feet).tolist()
     (x0, z0), (x1, z1) = lines.points.tolist()
     inner, bottom = _bottom(row.t[first:last], row.z[first:last])
-    ends = [lines.heights(line, lines.feet[k]) for k, line in enumerate((LEFT_BEVEL, RIGHT_BEVEL))]
+    ends = [lines.heights(line, lines.feet[k]) for k, line in enumerate(BEVEL_LINES)]
     t = np.concatenate((lines.edges[:1], lines.feet[:1], inner, lines.feet[1:], lines.edges[1:]))
     z = np.concatenate(([z0, float(ends[0])], bottom, [float(ends[1]), z1]))
     x = t * z

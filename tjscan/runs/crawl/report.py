@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.manifest import check_as_written
-from tjscan.crawler.joint_history import PLACES_ACROSS, section_histories
+from tjscan.crawler.joint_sections import PLACES_ACROSS, section_histories
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_model import SlipState
 from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY_EVENT, WARNING_EVENT

@@ -19,10 +19,10 @@ from tjscan.core.files import lock_and_clean_directory
 from tjscan.crawler.control_cycle import LONGEST_PERIOD, CrawlDevices, HandDrive
 from tjscan.crawler.crawler import Crawler, CrawlPlan, CrawlStart, WeldOperator
 from tjscan.crawler.guards import Guards
+from tjscan.crawler.joint_sections import COASTING_TIME, LastView
 from tjscan.crawler.joint_sensor import JointReader
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.journal import SET_DOWN_EVENT, CrawlCycle, is_by_hand
-from tjscan.crawler.last_view import COASTING_TIME, LastView
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.paper_method import PaperMethod
 from tjscan.crawler.pass_record import PASS_END

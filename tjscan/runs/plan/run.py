@@ -22,11 +22,16 @@ from tjscan.groove.measured import MeasuredSection
 from tjscan.joint.tubes.find import find_tubes_in_cloud
 from tjscan.joint.tubes.fit import dihedral_angles, dihedral_sigmas
 from tjscan.planning.details import DetailStretch, compare_with_details
-from tjscan.planning.document import LengthEntry, PlanDocument, StationEntry, plan_document
+from tjscan.planning.document import (
+    LengthEntry,
+    PlanDocument,
+    StationEntry,
+    beads_to_csv,
+    plan_document,
+)
 from tjscan.planning.edges import GrooveEdges, fit_groove_edges
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.stops import NO_STATION, StationStretch, crowns_and_saddles
-from tjscan.planning.tables import beads_to_csv
 from tjscan.planning.urscript import StationPath, path_to_urscript
 from tjscan.planning.weldx_file import weldx_is_installed, write_plan_as_weldx
 from tjscan.planning.wps import WeldingProcedure, read_wps
