@@ -148,7 +148,7 @@ def _run(
         for vehicle, link, inbox in served:
             while not inbox.empty():
                 vehicle.receive(inbox.get())
-            vehicle.link_stands = link.stands
+            vehicle.link_stands = link.is_up
             for topic, payload in vehicle.advance(now, period):
                 link.publish(topic, payload)
         if world is not None:

@@ -94,6 +94,11 @@ class BrokerLink:
         self._up = threading.Event()
         self._client = self._make_client()
 
+    @property
+    def is_up(self) -> bool:
+        """Whether the broker is connected."""
+        return self._up.is_set()
+
     def connect(self, limit: float) -> None:
         """Connect, and stay connected until `close`.
 
@@ -142,7 +147,7 @@ class BrokerLink:
 
     def close(self) -> None:
         """Announce that this end goes, and disconnect."""
-        if self._up.is_set():
+        if self.is_up:
             with suppress(RuntimeError, ValueError):  # it broke this very moment
                 self._announce(alive=False).wait_for_publish(FAREWELL_TIMEOUT)
         self._client.disconnect()
