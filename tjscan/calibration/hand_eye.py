@@ -9,18 +9,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.special import ndtri
 
-from tjscan.calibration.checks.acceptance import (
-    check_certainty,
-    check_scaled_condition,
-    residual_excess,
-    sample_residuals,
-)
-from tjscan.calibration.checks.evidence import check_pairing, check_pose_convention, swapped_pairs
-from tjscan.calibration.checks.motion import (
-    check_motion,
-    check_rotation_condition,
-    check_tilts_vary,
-)
+from tjscan.calibration.checks import acceptance, evidence, motion
 from tjscan.calibration.closed_form import rotation_equations, solve_closed_form
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.result import HandEyeCalibration, MeasuredRadius
@@ -113,7 +102,7 @@ def calibrate_on_targets(
     T_b_f = problem.T_b_f
     R_guess = None if T_f_s_guess is None else T_f_s_guess[:3, :3]
     touched = next((one.target for one in targets if isinstance(one, SeenBoard)), None)
-    check_motion(T_b_f, None if touched is None else touched.plane.u, R_guess)
+    motion.check_motion(T_b_f, None if touched is None else touched.plane.u, R_guess)
     starts = problem.starts + ([] if T_f_s_guess is None else [T_f_s_guess])
     measured_radius = None
     if any(isinstance(one, SeenBall) for one in targets):
@@ -123,14 +112,14 @@ def calibrate_on_targets(
     solution = problem.solve(starts)
     estimate = solution.estimate
     if check_conventions:
-        check_pose_convention(problem, solution)
-        check_pairing(problem, solution)
-    notes = swapped_pairs(problem, solution)
+        evidence.check_pose_convention(problem, solution)
+        evidence.check_pairing(problem, solution)
+    notes = evidence.swapped_pairs(problem, solution)
     condition = _check_geometry(T_b_f, solution, R_guess)
-    residuals = sample_residuals(problem.names, estimate, solution.settled)
-    excess = residual_excess(estimate, residuals)
+    residuals = acceptance.sample_residuals(problem.names, estimate, solution.settled)
+    excess = acceptance.residual_excess(estimate, residuals)
     covariance = excess**2 * estimate.covariance
-    check_certainty(covariance[:6, :6])
+    acceptance.check_certainty(covariance[:6, :6])
     closed_form = None
     if touched is not None and len(targets) == 1:
         closed_form = solve_closed_form(stack_lines(T_b_f, targets[0].fits), touched.plane)
@@ -187,13 +176,13 @@ def _check_geometry(T_b_f: Array, solution: Solution, R_guess: Array | None) -> 
     estimate, models = solution.estimate, solution.model.models
     first = models[0]
     if len(models) > 1 or not isinstance(first, PlaneModel):
-        return check_scaled_condition(estimate)
+        return acceptance.check_scaled_condition(estimate)
     plane = first.target.boxplus(estimate.target)
     u_f = plane.u @ T_b_f[estimate.used, :3, :3]
     equations = rotation_equations(first.lines, plane.u)[estimate.used]
-    condition = check_rotation_condition(equations, u_f, estimate.T_f_s[:3, :3], R_guess)
+    condition = motion.check_rotation_condition(equations, u_f, estimate.T_f_s[:3, :3], R_guess)
     if not first.target.was_touched:
-        check_tilts_vary(u_f, estimate.T_f_s[:3, :3])
+        motion.check_tilts_vary(u_f, estimate.T_f_s[:3, :3])
     return condition
 
 

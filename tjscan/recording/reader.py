@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -72,38 +73,30 @@ class MessageCount:
 
     def __init__(self, file: Path, report: ReportDamage) -> None:
         self._file, self._report = file, report
-        self._next = 0
-        self._noticed: list[str] = []
+        self.expected = 0
+        """Number of the next message."""
+        self.noticed: list[str] = []
+        """Damages since the last message, whose loss the next one shows."""
 
-    def begin(self, header: RecordingHeader) -> None:
-        """Take the number of the first message from the head of the file."""
-        self._next = header.messages_before
-
-    def notice(self, reason: str) -> None:
-        """Take note of a damage, whose loss the next message shows."""
-        self._noticed.append(reason)
-
-    def count(self, number: int) -> None:
-        """Take the number of a message that was read."""
-        self._compare(number, is_at_end=False)
-        self._next, self._noticed = number + 1, []
+    def count(self, number: int, *, is_at_end: bool = False) -> None:
+        """Take the number of a message that was read, or of the first one in the next file."""
+        missing = number - self.expected
+        if missing:
+            what = f"{missing} messages are missing" if missing > 0 else "messages come twice"
+            self.noticed.append(f"{what} before message {number} of the recording")
+            self._report_noticed(is_at_end=is_at_end)
+        self.expected = number + 1
+        self.noticed.clear()
 
     def end(self, following: RecordingHeader | None) -> None:
         """Take the head of the part that follows this file; None if none does."""
         if following is not None:
-            self._compare(following.messages_before, is_at_end=True)
-        elif self._noticed:
-            self._report_damage(self._noticed, is_at_end=True)
+            self.count(following.messages_before, is_at_end=True)
+        elif self.noticed:
+            self._report_noticed(is_at_end=True)
 
-    def _compare(self, number: int, *, is_at_end: bool) -> None:
-        if number != self._next:
-            missing = number - self._next
-            what = f"{missing} messages are missing" if missing > 0 else "messages come twice"
-            behind = f"{what} before message {number} of the recording"
-            self._report_damage([*self._noticed, behind], is_at_end=is_at_end)
-
-    def _report_damage(self, reasons: list[str], *, is_at_end: bool) -> None:
-        self._report(RecordingDamage(self._file, "; ".join(reasons), is_at_end))
+    def _report_noticed(self, *, is_at_end: bool) -> None:
+        self._report(RecordingDamage(self._file, "; ".join(self.noticed), is_at_end))
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,9 +149,9 @@ def read_messages(
     schemas: dict[int, str] = {}
     channels: dict[int, Topic[Any] | None] = {}
     count = MessageCount(file, report_damage)
-    for record in _records(file, count.notice):
+    for record in _records(file, count.noticed.append):
         if isinstance(record, RecordingHeader):
-            count.begin(record)
+            count.expected = record.messages_before
         elif isinstance(record, Schema):
             schemas[record.id] = record.name
         elif isinstance(record, Channel):
@@ -207,7 +200,7 @@ def read_header(file: Path) -> RecordingHeader | None:
     ConfigurationError, RecordingError
         As `read_messages` does.
     """
-    return next((r for r in _before_messages(file) if isinstance(r, RecordingHeader)), None)
+    return next((r for r in _records_before_messages(file) if isinstance(r, RecordingHeader)), None)
 
 
 def read_job_snapshot(directory: Path, kind: str = SCAN_RECORDING) -> JobSnapshot | None:
@@ -225,12 +218,13 @@ def read_job_snapshot(directory: Path, kind: str = SCAN_RECORDING) -> JobSnapsho
     ConfigurationError, RecordingError
         As `read_messages` does.
     """
-    found = None
-    for file in recording_files(directory, kind):
-        for record in _before_messages(file):
-            if isinstance(record, JobSnapshot):
-                found = record
-    return found
+    found = [
+        record
+        for file in recording_files(directory, kind)
+        for record in _records_before_messages(file)
+        if isinstance(record, JobSnapshot)
+    ]
+    return found[-1] if found else None
 
 
 def _decoded(file: Path, topic: Topic[Any], data: bytes) -> Any:
@@ -240,14 +234,13 @@ def _decoded(file: Path, topic: Topic[Any], data: bytes) -> Any:
         raise _damaged(file, f"a message on {topic.name} can't be read: {error!r}") from error
 
 
-def _before_messages(file: Path) -> Iterator[McapRecord | RecordingHeader | JobSnapshot]:
+def _records_before_messages(
+    file: Path,
+) -> Iterator[McapRecord | RecordingHeader | JobSnapshot]:
     def refuse(reason: str) -> None:
         raise _damaged(file, reason)
 
-    for record in _records(file, refuse):
-        if isinstance(record, Message):
-            return
-        yield record
+    return takewhile(lambda record: not isinstance(record, Message), _records(file, refuse))
 
 
 def _records(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from datetime import datetime
 from enum import StrEnum
 from math import isfinite, nan
@@ -16,6 +16,7 @@ from typing import (
     Final,
     Generic,
     Literal,
+    NamedTuple,
     TypeVar,
     Union,
     cast,
@@ -42,8 +43,7 @@ ORTHONORMALITY_TOLERANCE: Final = 1e-6
 """How far from a rotation the axes of a pose may be that was written to the last digit."""
 
 
-@dataclass(frozen=True, slots=True)
-class ValueCodec:
+class ValueCodec(NamedTuple):
     """How a value becomes JSON, and JSON the value.
 
     Parameters
@@ -59,10 +59,6 @@ class ValueCodec:
     schema: Mapping[str, Any]
     encode: Callable[[Any], Any]
     decode: Callable[[Any], Any]
-
-    def json_bytes(self, value: Any) -> bytes:
-        """The JSON of a value; raises ValueError if a number in it is not finite."""
-        return json.dumps(self.encode(value), allow_nan=False).encode()
 
 
 def value_codec(kind: Any, decimals: int | None = None) -> ValueCodec:
@@ -105,22 +101,12 @@ def value_codec(kind: Any, decimals: int | None = None) -> ValueCodec:
 def dataclass_codec(kind: Any, decimals: int | None = None) -> ValueCodec:
     """Codec of a dataclass, field by field; for the parameters see `value_codec`."""
     hints = get_type_hints(kind, include_extras=True)
-    names = [field.name for field in fields(kind)]
-    codecs = {name: value_codec(hints[name], decimals) for name in names}
-    encoders = [(name, codec.encode) for name, codec in codecs.items()]
-    decoders = [(name, codec.decode) for name, codec in codecs.items()]
-
-    def decode(content: Any) -> Any:
-        return kind(**{name: decode_field(content[name]) for name, decode_field in decoders})
-
+    codecs = {field.name: value_codec(hints[field.name], decimals) for field in fields(kind)}
+    schemas = {name: codec.schema for name, codec in codecs.items()}
     return ValueCodec(
-        {
-            "type": "object",
-            "title": f"tjscan.{kind.__name__}",
-            "properties": {name: codec.schema for name, codec in codecs.items()},
-        },
-        lambda message: {name: encode(getattr(message, name)) for name, encode in encoders},
-        decode,
+        {"type": "object", "title": f"tjscan.{kind.__name__}", "properties": schemas},
+        lambda message: {name: one.encode(getattr(message, name)) for name, one in codecs.items()},
+        lambda content: kind(**{name: one.decode(content[name]) for name, one in codecs.items()}),
     )
 
 
@@ -130,7 +116,7 @@ def _array_codec(form: ArrayForm, decimals: int | None) -> ValueCodec:
         if decimals is not None:
             numbers = np.round(numbers, decimals)
         flat: list[float | None] = numbers.ravel().tolist()
-        return [_known(number) for number in flat] if form.may_be_unknown else flat
+        return [_null_if_unknown(number) for number in flat] if form.may_be_unknown else flat
 
     def decode(values: Any) -> Array:
         numbers = np.array(values, dtype=float)
@@ -139,20 +125,13 @@ def _array_codec(form: ArrayForm, decimals: int | None) -> ValueCodec:
             raise ValueError(f"numbers that can't be measured: {numbers[:16]}")
         array = readonly_copy(np.reshape(numbers, form.shape))
         if form.is_pose:
-            check_pose(array)
+            _check_pose(array)
         return array
 
     return ValueCodec({"type": "array", "items": {"type": "number"}}, encode, decode)
 
 
-def check_pose(T: Array) -> None:
-    """Refuse a matrix, shape (4, 4), that is no pose.
-
-    Raises
-    ------
-    ValueError
-        If its axes are not orthonormal, or its last row is not 0 0 0 1.
-    """
+def _check_pose(T: Array) -> None:
     if not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=ORTHONORMALITY_TOLERANCE):
         raise ValueError("a pose has axes of length one, square to each other")
     if not np.array_equal(T[3], (0.0, 0.0, 0.0, 1.0)):
@@ -170,7 +149,7 @@ def _optional_codec(codec: ValueCodec) -> ValueCodec:
     listed = _tuple_codec(codec)
     return ValueCodec(
         listed.schema,
-        lambda value: [] if value is None else [codec.encode(value)],
+        lambda value: listed.encode(() if value is None else (value,)),
         lambda content: next(iter(listed.decode(content)), None),
     )
 
@@ -178,66 +157,60 @@ def _optional_codec(codec: ValueCodec) -> ValueCodec:
 def _tuple_codec(codec: ValueCodec) -> ValueCodec:
     if codec.schema["type"] == "array":
         raise TypeError("lists of lists are not recorded")
-    encode, decode = codec.encode, codec.decode
     return ValueCodec(
         {"type": "array", "items": codec.schema},
-        lambda values: [encode(value) for value in values],
-        lambda content: tuple(decode(value) for value in _instance(content, list)),
+        lambda values: list(map(codec.encode, values)),
+        lambda content: tuple(map(codec.decode, _checked_instance(content, list))),
     )
 
 
-def _known(number: float | None) -> float | None:
+def _null_if_unknown(number: float | None) -> float | None:
     return number if number is not None and isfinite(number) else None
 
 
-def _number(value: Any) -> float:
+def _measurable(value: Any) -> float:
     number = float(value)
     if not abs(number) <= LARGEST_NUMBER:
         raise ValueError(f"{number} can't be measured")
     return number
 
 
-def _count(value: Any) -> int:
+def _checked_count(value: Any) -> int:
     if type(value) is not int or not 0 <= value <= LARGEST_COUNT:
         raise ValueError(f"{value!r} is no number of a section, a pass or anything else counted")
     return value
 
 
-def _instance(value: Any, kind: type[Any]) -> Any:
+def _checked_instance(value: Any, kind: type[Any]) -> Any:
     if not isinstance(value, kind):
         raise ValueError(f"{value!r} is no {kind.__name__}")
     return value
 
 
 UNKNOWN_FLOAT_CODEC: Final = ValueCodec(
-    {"type": "number"}, _known, lambda value: nan if value is None else _number(value)
+    {"type": "number"}, _null_if_unknown, lambda value: nan if value is None else _measurable(value)
 )
 """Of a number that may be NaN, which JSON has as null."""
 
+PROFILE_TIMES: Final = ("time", "time_uncertainty")
+"""What is written of a profile: its points are a message of their own, which viewers draw."""
+
 PLAIN_CODECS: Final[Mapping[Any, ValueCodec]] = {
-    bool: ValueCodec({"type": "boolean"}, bool, lambda value: _instance(value, bool)),
-    int: ValueCodec({"type": "integer"}, int, _count),
-    float: ValueCodec({"type": "number"}, float, _number),
-    str: ValueCodec({"type": "string"}, str, lambda value: _instance(value, str)),
+    bool: ValueCodec({"type": "boolean"}, bool, lambda value: _checked_instance(value, bool)),
+    int: ValueCodec({"type": "integer"}, int, _checked_count),
+    float: ValueCodec({"type": "number"}, float, _measurable),
+    str: ValueCodec({"type": "string"}, str, lambda value: _checked_instance(value, str)),
     datetime: ValueCodec({"type": "string"}, datetime.isoformat, datetime.fromisoformat),
     Profile: ValueCodec(
-        {
-            "type": "object",
-            "properties": {"time": {"type": "number"}, "time_uncertainty": {"type": "number"}},
-        },
-        lambda profile: {
-            "time": profile.time,
-            "time_uncertainty": profile.time_uncertainty,
-        },
-        lambda content: Profile(
-            np.empty(0),
-            np.empty(0),
-            time=_number(content["time"]),
-            time_uncertainty=_number(content["time_uncertainty"]),
+        {"type": "object", "properties": {name: {"type": "number"} for name in PROFILE_TIMES}},
+        lambda profile: {name: getattr(profile, name) for name in PROFILE_TIMES},
+        lambda content: replace(
+            Profile(np.empty(0), np.empty(0)),
+            **{name: _measurable(content[name]) for name in PROFILE_TIMES},
         ),
     ),
 }
-"""Of a profile only its times: its points are a message of their own, which viewers draw."""
+"""Codecs of types that hold no others."""
 
 
 T = TypeVar("T")
@@ -271,11 +244,6 @@ class Topic(Generic[T]):
     encode: Callable[[T], bytes]
     decode: Callable[[bytes], T]
 
-    @property
-    def schema_encoding(self) -> str:
-        """Name that MCAP has for the language of the schema: ``jsonschema`` or ``protobuf``."""
-        return "jsonschema" if self.message_encoding == "json" else self.message_encoding
-
     @classmethod
     def of(cls, name: str, kind: type[T], *, decimals: int | None = None) -> Topic[T]:
         """Make a topic of a class: schema and codec follow from its fields.
@@ -304,8 +272,10 @@ class Topic(Generic[T]):
                 raise ValueError(f"no fields of {schema}")
             return cast("T", codec.decode(content))
 
-        definition = json.dumps(codec.schema).encode()
-        return cls(name, schema, "json", definition, codec.json_bytes, decode)
+        def encode(message: T) -> bytes:
+            return json.dumps(codec.encode(message), allow_nan=False).encode()
+
+        return cls(name, schema, "json", json.dumps(codec.schema).encode(), encode, decode)
 
 
 def _protobuf_topic(name: str, kind: type[Message]) -> Topic[Any]:

@@ -131,19 +131,18 @@ class RecordingWriter:
         self._count = 0 if before is None else count_messages(before)
         head = RecordingHeader(messages_before=self._count)
         self._writer.start(profile=PROGRAM_NAME, library=f"{PROGRAM_NAME} {head.version}")
-        self._writer.add_metadata(HEADER_RECORD, head.to_metadata)
+        self._writer.add_metadata(HEADER_RECORD, head.metadata)
         if self._origin is not None:
-            self._writer.add_metadata(JOB_RECORD, self._origin.to_metadata)
+            self._writer.add_metadata(JOB_RECORD, self._origin.metadata)
         for name, data in self._attachments.items():
             self._writer.add_attachment(0, 0, name, "application/octet-stream", data)
-        self._channels = {topic.name: self._channel(topic) for topic in self._topics}
+        self._channels: dict[str, int] = {}
+        for topic in self._topics:
+            name, encoding = topic.name, topic.message_encoding
+            language = "jsonschema" if encoding == "json" else encoding
+            schema = self._writer.register_schema(topic.schema_name, language, topic.schema_bytes)
+            self._channels[name] = self._writer.register_channel(name, encoding, schema)
         self._writer.flush()
-
-    def _channel(self, topic: Topic[Any]) -> int:
-        schema = self._writer.register_schema(
-            topic.schema_name, topic.schema_encoding, topic.schema_bytes
-        )
-        return int(self._writer.register_channel(topic.name, topic.message_encoding, schema))
 
     def _failed(self, error: OSError) -> RecordingError:
         return RecordingError(

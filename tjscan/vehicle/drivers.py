@@ -12,6 +12,9 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.vehicle.localisation import Localisation
 from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings, MqttSettings
 from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
+from tjscan.vehicle.replay import ReplayedVehicle
+from tjscan.vehicle.simulated import SimulatedVehicle
+from tjscan.vehicle.simulated_body import SimulatedBody, VehicleSimulationSettings
 from tjscan.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -19,9 +22,6 @@ if TYPE_CHECKING:
     from tjscan.vehicle.cable.world import TowingWorld
     from tjscan.vehicle.mqtt.localisation import MqttLocalisation
     from tjscan.vehicle.mqtt.vehicle import MqttVehicle
-    from tjscan.vehicle.replay import ReplayedVehicle
-    from tjscan.vehicle.simulated import SimulatedVehicle
-    from tjscan.vehicle.simulated_body import VehicleSimulationSettings
     from tjscan.vehicle.simulated_localisation import SimulatedLocalisation
     from tjscan.vehicle.tracks import TrackGeometry
     from tjscan.vehicle.vehicle import VehicleState
@@ -78,25 +78,15 @@ class VehicleDriverFactory(DriverFactory[VehicleDriverInputs, Vehicle]):
 
 
 def _simulated_vehicle(context: VehicleDriverInputs, settings: NoSettings) -> SimulatedVehicle:
-    from tjscan.vehicle.simulated import SimulatedVehicle
-    from tjscan.vehicle.simulated_body import SimulatedBody
-
     if context.simulation is None:
         raise ConfigurationError(
             "a simulated vehicle needs a [simulation.vehicle] table", key="simulation.vehicle"
         )
     pose_w, time = (None, 0.0) if context.left is None else context.left
-    return SimulatedVehicle(
-        SimulatedBody(
-            context.tracks, context.simulation, seed=context.seed, pose_w=pose_w, time=time
-        )
+    body = SimulatedBody(
+        context.tracks, context.simulation, seed=context.seed, pose_w=pose_w, time=time
     )
-
-
-def _replayed_vehicle(context: VehicleDriverInputs, settings: NoSettings) -> ReplayedVehicle:
-    from tjscan.vehicle.replay import ReplayedVehicle
-
-    return ReplayedVehicle(context.recording())
+    return SimulatedVehicle(body)
 
 
 def _vehicle_over_mqtt(inputs: VehicleDriverInputs, settings: MqttSettings) -> MqttVehicle:
@@ -108,7 +98,9 @@ def _vehicle_over_mqtt(inputs: VehicleDriverInputs, settings: MqttSettings) -> M
 SIMULATED_DRIVER: Final = VehicleDriverFactory(
     _simulated_vehicle, kind=DriverKind.SIMULATED, truth=methodcaller("true_pose")
 )
-REPLAY_DRIVER: Final = VehicleDriverFactory(_replayed_vehicle, kind=DriverKind.REPLAYED)
+REPLAY_DRIVER: Final = VehicleDriverFactory(
+    lambda inputs, settings: ReplayedVehicle(inputs.recording()), kind=DriverKind.REPLAYED
+)
 MQTT_DRIVER: Final = VehicleDriverFactory(
     _vehicle_over_mqtt, MqttSettings, truth=methodcaller("true_pose")
 )

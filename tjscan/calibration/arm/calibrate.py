@@ -15,7 +15,7 @@ from scipy.special import chdtri
 from tjscan.calibration.arm.model import ArmModel
 from tjscan.calibration.file import ArmKinematicsEntry
 from tjscan.calibration.result import HandEyeCalibration, SampleResidual
-from tjscan.calibration.solve.combined import Mask, StackedResiduals
+from tjscan.calibration.solve.combined import StackedResiduals
 from tjscan.calibration.solve.refine import (
     FALSE_ALARM_PROBABILITY,
     LeastSquaresEstimate,
@@ -25,6 +25,7 @@ from tjscan.calibration.solve.refine import (
     whiten,
     whiten_with_prior,
 )
+from tjscan.calibration.targets.consensus import Mask
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, frozen_arrays, readonly_copy
 from tjscan.robot.settings import PlacementTolerance
@@ -395,12 +396,14 @@ def as_hand_eye_calibration(
     kinematics = ArmKinematicsEntry.from_si(
         arm_model, found.deviations, found.covariance, found.undetermined, check
     )
+    covariance = found.covariance[:6, :6]
+    sigma = np.sqrt(np.diag(covariance))  # the condition counts in units of each one's certainty
     return HandEyeCalibration(
         found.T_f_s,
         found.covariance,
         ARM_METHOD,
         _residuals_of_profiles(found, names),
-        _scaled_condition(found.covariance[:6, :6]),
+        float(np.sqrt(np.linalg.cond(covariance / np.outer(sigma, sigma)))),
         estimate.chi2,
         estimate.dof,
         estimate.sigma_scale,
@@ -425,9 +428,3 @@ def _residuals_of_profiles(
             SampleResidual.from_changes(names[i], used[i], (off, None), misfit, steps[i])
         )
     return tuple(residuals)
-
-
-def _scaled_condition(covariance: Array) -> float:
-    """Of the sensor's pose, each number of it in units of its own certainty."""
-    sigma = np.sqrt(np.diag(covariance))
-    return float(np.sqrt(np.linalg.cond(covariance / np.outer(sigma, sigma))))

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from tjscan.calibration.checks.motion import MAX_CONDITION
+from tjscan.calibration.noise import geometry_correlation
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty, SampleResidual
 from tjscan.calibration.solve.combined import CombinedModel
 from tjscan.calibration.solve.refine import (
@@ -74,13 +75,12 @@ def sample_residuals(
     settled : RefinedEstimate
         The same with the targets where the arm sees them; see `settle_targets`.
     """
-    deletion = leave_one_out_changes(estimate)
+    falls, steps = leave_one_out_changes(estimate)
     found = []
     for i, name in enumerate(names):
         r = settled.stacked.residuals[settled.stacked.profile == i]
-        off, misfit = _offset_and_tilt(r), np.sqrt(deletion.chi2[i] / len(r))
-        used, step = estimate.used[i], deletion.step[i]
-        found.append(SampleResidual.from_changes(name, used, off, misfit, step))
+        off, misfit = _offset_and_tilt(r), np.sqrt(falls[i] / len(r))
+        found.append(SampleResidual.from_changes(name, estimate.used[i], off, misfit, steps[i]))
     return tuple(found)
 
 
@@ -201,7 +201,7 @@ def verify_with_fresh_line(
     every = replace(board, samples=[*board.samples, fresh])
     used = np.array([*(one.used for one in result.residuals), False])
     plane, start = every.start_at(result.T_f_s)
-    model = CombinedModel.of([plane], every.T_b_f, result.geometry)
+    model = CombinedModel((plane,), geometry_correlation(every.T_b_f), result.geometry)
     estimate = refine_by_least_squares(model, result.T_f_s, start, used)
     r, covariance = predicted_residuals(estimate, len(used) - 1)
     covariance = result.sigma_scale**2 * covariance

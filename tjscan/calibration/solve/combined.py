@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from tjscan.calibration.noise import geometry_correlation, geometry_covariance
+from tjscan.calibration.noise import geometry_covariance
+from tjscan.calibration.targets.consensus import Mask
 from tjscan.calibration.targets.target import LinearisedModel, TargetModel
 from tjscan.core.frames import Array
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,25 +94,6 @@ class CombinedModel:
     correlation: Array
     geometry: float = 0.0
     by_true_pose: tuple[Array, ...] | None = None
-
-    @classmethod
-    def of(cls, models: Sequence[TargetModel], T_b_f: Array, geometry: float = 0.0) -> Self:
-        """Model of targets seen from n flange poses, all targets together.
-
-        Parameters
-        ----------
-        models : sequence of TargetModel
-            One per target.
-        T_b_f : ndarray, shape (n, 4, 4)
-            Flange poses of all profiles.
-        geometry : float
-            Standard deviation of the arm's geometry error, metres.
-        """
-        return cls(tuple(models), geometry_correlation(T_b_f), geometry)
-
-    def with_geometry(self, geometry: float) -> CombinedModel:
-        """The same with another size of the arm's geometry error, metres."""
-        return replace(self, geometry=geometry)
 
     @property
     def prior_information(self) -> Array:

@@ -11,7 +11,8 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 from scipy.special import chdtri
 
-from tjscan.calibration.solve.combined import CombinedModel, Mask, StackedResiduals
+from tjscan.calibration.solve.combined import CombinedModel, StackedResiduals
+from tjscan.calibration.targets.consensus import Mask
 from tjscan.core.frames import Array, frozen_arrays
 from tjscan.core.pose_vector import boxplus, left_jacobian
 
@@ -104,24 +105,6 @@ class RefinedEstimate(LeastSquaresEstimate):
 
     geometry: float
     prior_information: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LeaveOneOutChanges:
-    """How fit and T_f_s would change if single profiles were left out, to first order.
-
-    Parameters
-    ----------
-    chi2 : ndarray, shape (n,)
-        By how much the weighted sum of squares would fall; for an unused profile, by how much
-        it misses what the others predict. Chi-square with as many degrees of freedom as the
-        profile has residuals, if it is as good as stated; zero if the others can't check it.
-    step : ndarray, shape (n, 6)
-        How T_f_s would move: translation and rotation in the axes of f; zero for unused ones.
-    """
-
-    chi2: Array
-    step: Array
 
 
 def refine_by_least_squares(
@@ -284,7 +267,7 @@ def settle_targets(model: CombinedModel, estimate: RefinedEstimate) -> RefinedEs
     estimate : RefinedEstimate
         From them.
     """
-    plain = model.with_geometry(0.0)
+    plain = replace(model, geometry=0.0)
     prior, target = estimate.prior_information, estimate.target
     for _ in range(2):
         found = plain.linearise(estimate.T_f_s, target).of_profiles(estimate.used)
@@ -335,8 +318,18 @@ def residual_information(estimate: RefinedEstimate) -> tuple[Array, Array]:
     return W - WJ @ estimate.covariance @ WJ.T, W @ stacked.residuals
 
 
-def leave_one_out_changes(estimate: RefinedEstimate) -> LeaveOneOutChanges:
-    """Changes if each profile in turn were left out, without solving again."""
+def leave_one_out_changes(estimate: RefinedEstimate) -> tuple[Array, Array]:
+    """How fit and T_f_s would change if single profiles were left out, to first order.
+
+    Returns
+    -------
+    chi2 : ndarray, shape (n,)
+        By how much the weighted sum of squares would fall; for an unused profile, by how much
+        it misses what the others predict. Chi-square with as many degrees of freedom as the
+        profile has residuals, if it is as good as stated; zero if the others can't check it.
+    step : ndarray, shape (n, 6)
+        How T_f_s would move: translation and rotation in the axes of f; zero for unused ones.
+    """
     stacked = estimate.in_use
     M, weighted = residual_information(estimate)
     W_J = np.linalg.solve(stacked.covariance, stacked.jacobian)
@@ -352,7 +345,7 @@ def leave_one_out_changes(estimate: RefinedEstimate) -> LeaveOneOutChanges:
         else:
             r, C = predicted_residuals(estimate, i)
             chi2[i] = r @ np.linalg.solve(C, r)
-    return LeaveOneOutChanges(chi2, step)
+    return chi2, step
 
 
 def predicted_residuals(estimate: RefinedEstimate, profile: int) -> tuple[Array, Array]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from math import comb
 from typing import Final
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from tjscan.calibration.solve.combined import CombinedModel, Mask
+from tjscan.calibration.solve.combined import CombinedModel
 from tjscan.calibration.solve.refine import (
     FALSE_ALARM_PROBABILITY,
     RefinedEstimate,
@@ -18,6 +19,7 @@ from tjscan.calibration.solve.refine import (
     refine_by_least_squares,
     residual_information,
 )
+from tjscan.calibration.targets.consensus import Mask
 from tjscan.core.frames import Array
 
 MIN_PROFILES_KEPT: Final = 5
@@ -62,7 +64,7 @@ def reject_outlying_profiles(
     prices = blame_prices(estimate)
     geometry, cost = most_likely_geometry(estimate, stated)
     best, last = estimate, estimate
-    if not (estimate.is_plausible and (leave_one_out_changes(estimate).chi2 <= prices).all()):
+    if not (estimate.is_plausible and (leave_one_out_changes(estimate)[0] <= prices).all()):
         for size in range(1, _count_rejectable(estimate) + 1):
             left_out = _find_worst_set(estimate, last, size)
             last = refine_by_least_squares(model, last.T_f_s, last.target, ~left_out, rough=True)
@@ -72,9 +74,8 @@ def reject_outlying_profiles(
                 best, geometry, cost = last, found, its_cost
     if best is estimate and geometry == best.geometry:
         return best
-    return refine_by_least_squares(
-        model.with_geometry(geometry), best.T_f_s, best.target, best.used
-    )
+    model = replace(model, geometry=geometry)
+    return refine_by_least_squares(model, best.T_f_s, best.target, best.used)
 
 
 def blame_prices(estimate: RefinedEstimate) -> Array:
@@ -94,7 +95,7 @@ def _find_worst_set(estimate: RefinedEstimate, last: RefinedEstimate, size: int)
     """The set whose absence lowers the weighted sum of squares most, shape (n,)."""
     n = len(estimate.used)
     if comb(n, size) > MAX_SETS_TRIED:
-        worst = np.where(last.used, leave_one_out_changes(last).chi2, -1.0)
+        worst = np.where(last.used, leave_one_out_changes(last)[0], -1.0)
         return np.asarray(~last.used | (np.arange(n) == np.argmax(worst)))
     sets = np.array(list(combinations(range(n), size)))
     return np.isin(np.arange(n), sets[int(np.argmax(_chi2_drops(estimate, sets)))])

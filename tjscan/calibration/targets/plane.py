@@ -157,8 +157,8 @@ class PlaneModel(TargetModel):
         """
         R_b_f, R, p = self.lines.R_b_f, T_f_s[:3, :3], T_f_s[:3, 3]
         lever_f, a_f = self.lines.points_s @ R.T, self.lines.directions_s @ R.T
-        x_b = _turn(R_b_f, lever_f + p)  # from the flange to the line, in the axes of b
-        a_b = _turn(R_b_f, a_f)
+        x_b = _turn_each(R_b_f, lever_f + p)  # from the flange to the line, in the axes of b
+        a_b = _turn_each(R_b_f, a_f)
         tilted = self.target.plane.u + target[:2] @ self.target.axes_b
         length = np.linalg.norm(tilted)
         u = tilted / length
@@ -194,7 +194,7 @@ class PlaneModel(TargetModel):
         )
 
 
-def _turn(R: Array, v: Array) -> Array:
+def _turn_each(R: Array, v: Array) -> Array:
     """Rows of v, shape (n, 3), each turned by its own R, shape (n, 3, 3)."""
     return np.asarray(np.einsum("nij,nj->ni", R, v))
 

@@ -9,13 +9,8 @@ from typing import Any, Final, Self
 import numpy as np
 
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.targets.consensus import (
-    InlierMask,
-    consensus,
-    evenly_spaced_indices,
-    refit_and_trim,
-    valid_points,
-)
+from tjscan.calibration.targets import consensus
+from tjscan.calibration.targets.consensus import Mask
 from tjscan.calibration.targets.line import (
     MIN_LINE_LENGTH,
     MIN_LINE_POINTS,
@@ -94,9 +89,9 @@ def fit_roof(profile: Profile, noise: NoiseModel) -> RoofFit:
     CalibrationRefused
         If no two lines of the profile meet.
     """
-    points = valid_points(profile)
-    fits = [describe_line(profile, line, noise) for line in _lines(points, noise.range)]
-    roofs = [roof for pair in combinations(fits, 2) if (roof := _meeting(profile, *pair))]
+    points = consensus.valid_points(profile)
+    fits = [describe_line(profile, line, noise) for line in _find_lines(points, noise.range)]
+    roofs = [roof for pair in combinations(fits, 2) if (roof := _roof_of_lines(profile, *pair))]
     if not roofs:
         raise CalibrationRefused(
             "no roof edge seen",
@@ -107,9 +102,9 @@ def fit_roof(profile: Profile, noise: NoiseModel) -> RoofFit:
     return max(roofs, key=lambda roof: min(roof.left.span, roof.right.span))
 
 
-def _lines(points: Array, sigma: float) -> list[InlierMask]:
+def _find_lines(points: Array, sigma: float) -> list[Mask]:
     """Straight lines in the profile, those with most points first."""
-    found: list[InlierMask] = []
+    found: list[Mask] = []
     free = np.ones(len(points), dtype=bool)
     while len(found) < MAX_LINES_TRIED and free.sum() >= MIN_LINE_POINTS:
         left = np.flatnonzero(free)
@@ -122,20 +117,20 @@ def _lines(points: Array, sigma: float) -> list[InlierMask]:
     return found
 
 
-def _most_crowded_line(points: Array, sigma: float) -> InlierMask:
+def _most_crowded_line(points: Array, sigma: float) -> Mask:
     """Points of the line through two near ones that most points are close to."""
-    anchors = evenly_spaced_indices(len(points), FLANK_ANCHOR_POINTS)
+    anchors = consensus.evenly_spaced_indices(len(points), FLANK_ANCHOR_POINTS)
     pairs = [
         (i, j) for k, i in enumerate(anchors) for j in anchors[k + 1 : k + 1 + NEIGHBOURING_ANCHORS]
     ]
     lines = lines_through_pairs(points[np.array(pairs)])
-    line = consensus(points, lines, distances_from_lines, sigma, FLANK_SCORED_POINTS)
+    line = consensus.find_inliers(points, lines, distances_from_lines, sigma, FLANK_SCORED_POINTS)
     if line.sum() < MIN_LINE_POINTS:
         return line
-    return refit_and_trim(lambda m: distances_from_line(points, m), line, sigma)
+    return consensus.refit_and_trim(lambda m: distances_from_line(points, m), line, sigma)
 
 
-def _meeting(profile: Profile, a: LineFit, b: LineFit) -> RoofFit | None:
+def _roof_of_lines(profile: Profile, a: LineFit, b: LineFit) -> RoofFit | None:
     """The roof of two lines, if they meet between their points."""
     left, right = (a, b) if a.point_s[0] < b.point_s[0] else (b, a)
     ends = np.stack((left.direction_s[[0, 2]], -right.direction_s[[0, 2]]), axis=1)

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import FlangeMoves, NoiseModel
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
+from tjscan.calibration.targets.consensus import Mask
 from tjscan.calibration.targets.line import LineFit, fit_line
 from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
@@ -281,7 +281,7 @@ class CalibrationPlan:
         return prediction.suggest_pose(candidates[free], taken, reachable)
 
 
-def _differ_from(candidates: Array, others: list[Array]) -> NDArray[np.bool_]:
+def _differ_from(candidates: Array, others: list[Array]) -> Mask:
     """Which candidates, shape (n, 4, 4), are not the same as any of the others."""
     apart = np.ones(len(candidates), dtype=bool)
     for T in others:

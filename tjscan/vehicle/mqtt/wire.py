@@ -33,7 +33,13 @@ CLOCK_DRIFT: Final = 1e-3
 REPORTED_COUNTS: Final = frozenset(10**n for n in range(10))
 """The first message that is dropped is reported, then the tenth, the hundredth, and so on."""
 
-_MESSAGE_ADAPTERS: Final[dict[type, TypeAdapter[Any]]] = {}
+
+class _AdaptersByType(dict[type, TypeAdapter[Any]]):
+    def __missing__(self, kind: type) -> TypeAdapter[Any]:
+        return self.setdefault(kind, TypeAdapter(kind))
+
+
+_MESSAGE_ADAPTERS: Final = _AdaptersByType()
 
 Session = Annotated[str, Len(4, 64)]
 Number = Annotated[int, Ge(0), Le(2**53)]
@@ -85,11 +91,8 @@ class WireMessage:
         """
         if len(payload) > MOST_BYTES:
             raise BadMessage(f"it is {len(payload)} bytes long")
-        adapter = _MESSAGE_ADAPTERS.get(cls)
-        if adapter is None:
-            adapter = _MESSAGE_ADAPTERS[cls] = TypeAdapter(cls)
         try:
-            message: Self = adapter.validate_json(payload)
+            message: Self = _MESSAGE_ADAPTERS[cls].validate_json(payload)
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(map(str, first["loc"]))
