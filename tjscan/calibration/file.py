@@ -401,18 +401,18 @@ def to_calibration_file(
         "condition": result.condition,
         "excess": result.sigma_scale,
         "geometry_mm": 1e3 * result.geometry,
-        "ball": ball and _table(BallEntry, ball),
+        "ball": ball and _entry_from_si(BallEntry, ball),
         "noise": noise,
-        "verification": verification and _table(VerificationEntry, verification),
+        "verification": verification and _entry_from_si(VerificationEntry, verification),
         "kinematics": result.kinematics,
         "laser_response": laser_response,
         "basis": basis,
-        "residuals": [_table(ResidualEntry, residual) for residual in result.residuals],
+        "residuals": [_entry_from_si(ResidualEntry, residual) for residual in result.residuals],
     }
     return validate_table(CalibrationFile, data)
 
 
-def _table(model: type[Entry], found: object) -> Entry:
+def _entry_from_si(model: type[Entry], found: object) -> Entry:
     """A table of the file from an object with the same fields in metres and radians."""
     values: dict[str, Any] = {}
     for key in model.model_fields:

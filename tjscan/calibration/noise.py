@@ -84,7 +84,7 @@ draws of the arm's geometry, shape (6, m): see `ArmGeometry.moves`."""
 
 
 def geometry_correlation(T_b_f: Array) -> Array:
-    """Correlation of the geometry error of an arm of which nothing is known, shape (n, n).
+    """Correlation of the geometry error of an unknown arm, shape (n, n).
 
     Parameters
     ----------

@@ -13,14 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.arm_formats import (
-    FANUC_CONVENTION,
-    KUKA_CONVENTION,
-    ORIENTATION_CONVENTIONS,
-    OrientationConvention,
-    poses_of_fanuc_program,
-    poses_of_kuka_data,
-)
+from tjscan.calibration import arm_formats
 from tjscan.calibration.targets.target import PosedProfile
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import read_small_file
@@ -34,8 +27,8 @@ RADIANS_PER_UNIT: Final = {"rad": 1.0, "deg": math.pi / 180}
 MAX_FILE_BYTES: Final = 10_000_000
 """A larger file is no list of poses."""
 ARM_PROGRAMS: Final = {
-    ".ls": (poses_of_fanuc_program, FANUC_CONVENTION),
-    ".dat": (poses_of_kuka_data, KUKA_CONVENTION),
+    ".ls": (arm_formats.poses_of_fanuc_program, arm_formats.FANUC_CONVENTION),
+    ".dat": (arm_formats.poses_of_kuka_data, arm_formats.KUKA_CONVENTION),
 }
 """Files of arms that are no tables, by how their names end."""
 
@@ -204,10 +197,10 @@ def _find_position(names: Sequence[str], unit: str = "") -> Columns:
     return columns
 
 
-def _find_orientation(names: Sequence[str]) -> tuple[OrientationConvention, Columns]:
+def _find_orientation(names: Sequence[str]) -> tuple[arm_formats.OrientationConvention, Columns]:
     """Convention that the header names, and its columns."""
     found = []
-    for convention in ORIENTATION_CONVENTIONS:
+    for convention in arm_formats.ORIENTATION_CONVENTIONS:
         units = {} if len(convention.columns) == 4 else RADIANS_PER_UNIT
         columns = _find_columns(names, convention.columns, units, convention.angle_unit)
         if columns is not None:

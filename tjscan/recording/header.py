@@ -109,7 +109,7 @@ def _checksum_of(fields: Mapping[str, str]) -> str:
 def job_snapshot_changes(before: JobSnapshot, now: JobSnapshot) -> Iterator[tuple[str, str]]:
     """Yield each key that differs between two job snapshots, and how.
 
-    Keys of the job are its own; those of the other files begin with ``joint.toml:``,
+    Keys of the job are its own; keys of the other files begin with ``joint.toml:``,
     ``calibration.toml:`` and ``arm.urdf``.
 
     Raises

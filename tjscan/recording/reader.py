@@ -149,7 +149,7 @@ def read_messages(
     schemas: dict[int, str] = {}
     channels: dict[int, Topic[Any] | None] = {}
     count = MessageCount(file, report_damage)
-    for record in _records(file, count.noticed.append):
+    for record in _read_records(file, count.noticed.append):
         if isinstance(record, RecordingHeader):
             count.expected = record.messages_before
         elif isinstance(record, Schema):
@@ -158,7 +158,7 @@ def read_messages(
             topic = asked.get(record.topic)
             found = (schemas.get(record.schema_id), record.message_encoding)
             if topic is not None and found != (topic.schema_name, topic.message_encoding):
-                raise _damaged(
+                raise _damage_error(
                     file,
                     f"{topic.name} holds {found[0]} in {found[1]}, not {topic.schema_name} in "
                     f"{topic.message_encoding}",
@@ -166,11 +166,15 @@ def read_messages(
             channels[record.id] = topic
         elif isinstance(record, Message):
             if record.channel_id not in channels:
-                raise _damaged(file, f"a message on channel {record.channel_id}, which is unknown")
+                raise _damage_error(
+                    file, f"a message on channel {record.channel_id}, which is unknown"
+                )
             count.count(record.sequence)
             topic = channels[record.channel_id]
             if topic is not None:
-                yield RecordedMessage(topic, record.log_time, _decoded(file, topic, record.data))
+                yield RecordedMessage(
+                    topic, record.log_time, _decode_message(file, topic, record.data)
+                )
     _, following = neighbouring_parts(file)
     count.end(None if following is None else read_header(following))
 
@@ -184,7 +188,7 @@ def count_messages(file: Path) -> int:
         As `read_messages` does; damages are passed over.
     """
     count = 0
-    for record in _records(file, lambda _: None):
+    for record in _read_records(file, lambda _: None):
         if isinstance(record, RecordingHeader):
             count = record.messages_before
         elif isinstance(record, Message):
@@ -227,23 +231,23 @@ def read_job_snapshot(directory: Path, kind: str = SCAN_RECORDING) -> JobSnapsho
     return found[-1] if found else None
 
 
-def _decoded(file: Path, topic: Topic[Any], data: bytes) -> Any:
+def _decode_message(file: Path, topic: Topic[Any], data: bytes) -> Any:
     try:
         return topic.decode(data)
     except (KeyError, ValueError, TypeError, OverflowError) as error:
-        raise _damaged(file, f"a message on {topic.name} can't be read: {error!r}") from error
+        raise _damage_error(file, f"a message on {topic.name} can't be read: {error!r}") from error
 
 
 def _records_before_messages(
     file: Path,
 ) -> Iterator[McapRecord | RecordingHeader | JobSnapshot]:
     def refuse(reason: str) -> None:
-        raise _damaged(file, reason)
+        raise _damage_error(file, reason)
 
-    return takewhile(lambda record: not isinstance(record, Message), _records(file, refuse))
+    return takewhile(lambda record: not isinstance(record, Message), _read_records(file, refuse))
 
 
-def _records(
+def _read_records(
     file: Path, report_damage: Callable[[str], object]
 ) -> Iterator[McapRecord | RecordingHeader | JobSnapshot]:
     """The records of a recording of this program, its header before all but MCAP's own."""
@@ -272,7 +276,7 @@ def _records(
     except OSError as error:
         raise RecordingError(f"{file}: can't be read: {error.strerror}") from error
     except ValueError as error:
-        raise _damaged(file, error) from error
+        raise _damage_error(file, error) from error
 
 
 def _check_program(file: Path, header: McapHeader) -> None:
@@ -286,7 +290,7 @@ def _check_program(file: Path, header: McapHeader) -> None:
 
 def _check_format(file: Path, head: RecordingHeader) -> None:
     if head.format < 1:
-        raise _damaged(file, f"its format is {head.format}")
+        raise _damage_error(file, f"its format is {head.format}")
     if head.format > FORMAT_VERSION:
         raise RecordingError(
             f"{file}: was recorded by {PROGRAM_NAME} {head.version} in format {head.format}; this "
@@ -295,5 +299,5 @@ def _check_format(file: Path, head: RecordingHeader) -> None:
         )
 
 
-def _damaged(file: Path, why: object) -> RecordingError:
+def _damage_error(file: Path, why: object) -> RecordingError:
     return RecordingError(str(RecordingDamage(file, str(why), is_at_end=False)))

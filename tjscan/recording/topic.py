@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass
 from datetime import datetime
 from enum import StrEnum
 from math import isfinite, nan
@@ -204,9 +204,8 @@ PLAIN_CODECS: Final[Mapping[Any, ValueCodec]] = {
     Profile: ValueCodec(
         {"type": "object", "properties": {name: {"type": "number"} for name in PROFILE_TIMES}},
         lambda profile: {name: getattr(profile, name) for name in PROFILE_TIMES},
-        lambda content: replace(
-            Profile(np.empty(0), np.empty(0)),
-            **{name: _measurable(content[name]) for name in PROFILE_TIMES},
+        lambda content: Profile(
+            np.empty(0), np.empty(0), None, *(_measurable(content[name]) for name in PROFILE_TIMES)
         ),
     ),
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any, Final, Self
 
 from mcap.writer import CompressionType, Writer
@@ -68,25 +68,20 @@ class RecordingWriter:
     def __enter__(self) -> Self:
         try:
             self._stream = self._file.open("xb")
-            self._begin()
+            self._write_head()
         except OSError as error:
-            raise self._failed(error) from error
+            raise self._write_error(error) from error
         return self
 
     @hold_ctrl_c()
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         try:
             self._writer.finish()
             self.sync_to_disk()
             self._stream.close()
         except OSError as full:
-            if error is None:
-                raise self._failed(full) from full
+            if not any(error):
+                raise self._write_error(full) from full
 
     def write(self, time: int, *messages: tuple[Topic[Any], Any]) -> None:
         """Write messages that belong together, in one chunk.
@@ -115,16 +110,16 @@ class RecordingWriter:
         try:
             self._writer.flush()
         except OSError as error:
-            raise self._failed(error) from error
+            raise self._write_error(error) from error
 
     def sync_to_disk(self) -> None:
         """Bring everything written so far to the disk."""
         try:
             bring_stream_to_disk(self._stream)
         except OSError as error:
-            raise self._failed(error) from error
+            raise self._write_error(error) from error
 
-    def _begin(self) -> None:
+    def _write_head(self) -> None:
         """Write everything before the first message."""
         self._writer = Writer(self._stream, compression=CompressionType.NONE, enable_data_crcs=True)
         before, _ = neighbouring_parts(self._file)
@@ -144,7 +139,7 @@ class RecordingWriter:
             self._channels[name] = self._writer.register_channel(name, encoding, schema)
         self._writer.flush()
 
-    def _failed(self, error: OSError) -> RecordingError:
+    def _write_error(self, error: OSError) -> RecordingError:
         return RecordingError(
             f"{self._file}: can't be written: {error.strerror}. What was written before is whole."
         )

@@ -98,7 +98,7 @@ class PadPlant:
     settings : PadSettings
     tracks : TrackGeometry
     pose_w : array_like, shape (3,)
-        Where it stands at first.
+        Its first pose.
     """
 
     def __init__(self, settings: PadSettings, tracks: TrackGeometry, pose_w: Array) -> None:

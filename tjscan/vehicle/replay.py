@@ -1,4 +1,4 @@
-"""A vehicle that reports what a recording holds, whatever it is told."""
+"""A vehicle that reports what a recording holds, whatever it is commanded."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from tjscan.vehicle.tracks import TrackGeometry, VehiclePlant
 from tjscan.vehicle.vehicle import Twist, VehicleState
 
 STANDSTILL_SPEED: Final = 1e-7
-"""m/s: a track that is told to rest, and is slower than this, is at rest."""
+"""m/s: a track that is commanded to rest, and is slower than this, is at rest."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,34 +49,6 @@ class DriveSettings(SettingsTable):
     lag: Annotated[float, Ge(0), Le(10), SECONDS] = 0.05
     acceleration: Annotated[float, Gt(0), Le(1e5), MM_S2] = 0.5
     braking: Annotated[float, Gt(0), Le(1e5), MM_S2] = 2.0
-
-
-class TrackDrives:
-    """Drives of two tracks: a first-order lag and a limit to what they gain.
-
-    Parameters
-    ----------
-    settings : DriveSettings
-    """
-
-    def __init__(self, settings: DriveSettings) -> None:
-        self._settings = settings
-        self.speeds = np.zeros(2)
-        """Of the left and right track, m/s, forward positive."""
-
-    def follow(self, wanted: Array, period: float) -> None:
-        """Follow the wanted speeds of both tracks, shape (2,), for a period in seconds."""
-        s = self._settings
-        wanted = wanted * min(1.0, s.top_speed / max(float(np.abs(wanted).max()), 1e-12))
-        share = 1.0 if s.lag == 0 else 1 - exp(-period / s.lag)
-        most = s.acceleration * period
-        self.speeds = self.speeds + np.clip(share * (wanted - self.speeds), -most, most)
-        self.speeds[(wanted == 0) & (np.abs(self.speeds) < STANDSTILL_SPEED)] = 0.0
-
-    def brake(self, period: float) -> None:
-        """Slow both tracks down for a period in seconds, until they stand."""
-        most = self._settings.braking * period
-        self.speeds = self.speeds - np.clip(self.speeds, -most, most)
 
 
 DEG_S: Final = FileUnit("deg_s", radians(1.0))
@@ -131,11 +103,11 @@ class SimulatedBody:
     tracks : TrackGeometry
         Its tracks.
     settings : VehicleSimulationSettings
-        Where it stands and how it moves.
+        Its first pose and how it moves.
     seed : int, optional
         Of all random numbers: the same seed and commands give the same states.
     pose_w : array_like, shape (3,), optional
-        Where it stands, if not where the settings say: x, y in metres and heading in radians.
+        Its first pose, if not that of the settings: x, y in metres and heading in radians.
     time : float, optional
         What its clock shows at first, seconds.
     """
@@ -161,7 +133,7 @@ class SimulatedBody:
         self.arc_burning = False
         """Whether an arc disturbs the proximity sensors."""
         self._tracks, self._settings, self._encoders = tracks, settings, encoders
-        self._drives = TrackDrives(settings.drives)
+        self._speeds = np.zeros(2)  # of the left and right track, m/s, forward positive
         self._sensors = ProximitySensors(settings.proximity, self.steel, sensors)
         self._sampled = -np.inf
 
@@ -179,8 +151,8 @@ class SimulatedBody:
 
     @property
     def stands(self) -> bool:
-        """Whether both tracks stand."""
-        return not self._drives.speeds.any()
+        """Whether both tracks are at rest."""
+        return not self._speeds.any()
 
     def advance(
         self, twist: Twist | None, *, period: float = STATE_PERIOD, grip: float = 1.0
@@ -197,16 +169,26 @@ class SimulatedBody:
             Share of the tracks' motion that the body follows at most; less than 1 where they spin.
         """
         if twist is None:
-            self._drives.brake(period)
+            most = self._settings.drives.braking * period
+            self._speeds = self._speeds - np.clip(self._speeds, -most, most)
         else:
             half = self._tracks.gauge * twist.turn_rate / 2
-            self._drives.follow(np.array((twist.speed + half, twist.speed - half)), period)
-        left, right = self._drives.speeds.tolist()
+            self._follow_speeds(np.array((twist.speed + half, twist.speed - half)), period)
+        left, right = self._speeds.tolist()
         self.plant.advance(grip * left, grip * right, period)
         self.time += period
         return VehicleState(
             self.time, self._read_encoders(left, right), self.plant.torques, self._read_proximity()
         )
+
+    def _follow_speeds(self, wanted: Array, period: float) -> None:
+        """Run after wanted speeds, shape (2,): a first-order lag and a limit to what is gained."""
+        s = self._settings.drives
+        wanted = wanted * min(1.0, s.top_speed / max(float(np.abs(wanted).max()), 1e-12))
+        share = 1.0 if s.lag == 0 else 1 - exp(-period / s.lag)
+        most = s.acceleration * period
+        self._speeds = self._speeds + np.clip(share * (wanted - self._speeds), -most, most)
+        self._speeds[(wanted == 0) & (np.abs(self._speeds) < STANDSTILL_SPEED)] = 0.0
 
     def _read_encoders(self, left: float, right: float) -> Twist:
         r = self._tracks.sprocket_radius

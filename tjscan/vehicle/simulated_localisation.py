@@ -64,9 +64,9 @@ class SimulatedLocalisation:
         newest: list[VehiclePose | None] = [None] * self._world.vehicles
         for vehicle, pose in self.poses.arrived(self._world.time):
             if not isfinite(pose.x + pose.y + pose.heading):
-                self._drop(vehicle, NOT_A_POSE)
+                self._report_dropped(vehicle, NOT_A_POSE)
             elif pose.time <= self._given[vehicle]:
-                self._drop(vehicle, OUT_OF_ORDER)
+                self._report_dropped(vehicle, OUT_OF_ORDER)
             else:
                 newest[vehicle], self._given[vehicle] = pose, pose.time
         return tuple(newest)
@@ -77,7 +77,7 @@ class SimulatedLocalisation:
             TrackedDisc(self._world.time, *disc) for disc in self._world.passers_by.tolist()
         )
 
-    def _drop(self, vehicle: int, why: str) -> None:
+    def _report_dropped(self, vehicle: int, why: str) -> None:
         self.dropped += 1
         if self.dropped in REPORTED_COUNTS:
             self._listener(

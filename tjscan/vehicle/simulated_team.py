@@ -15,7 +15,7 @@ class SimulatedTeam:
     """Vehicles that hold the cable of a simulated world, which goes on as their states are read.
 
     `advance_to` lets the world go on for all of them. A vehicle's own `next_state` gives the newest
-    state that it has not given yet; where there is none, it lets the world go on by one period. So
+    state that it has not given yet; if there is none, it lets the world go on by one period. So
     a reader of all of them in turn moves the clock once a turn.
 
     A context manager: entering connects all vehicles.

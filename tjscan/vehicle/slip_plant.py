@@ -129,7 +129,7 @@ class SlipPlant:
     gauge : float
         b, between the tracks, metres.
     pose_w : array_like, shape (3,)
-        Where it stands at first.
+        Its first pose.
     seed : int or Generator, optional
         Of where along the path η begins to swing.
     load : TrackLoad, optional
@@ -148,11 +148,11 @@ class SlipPlant:
         p, s = settings.ratio, settings
         self.pose_w = readonly_copy(pose_w)
         self._gauge, self._settings = gauge, settings
-        self._kept = 1 - _or(s.longitudinal, p / 10)
-        self._yaw = _or(s.yaw_efficiency, 1 - p), _or(s.yaw_variation, p / 4)
-        self._drift = _or(s.yaw_drift, YAW_DRIFT if p > 0 else 0.0)
-        self._crab = _or(s.crab, 0.05 * p)
-        self._icr_ahead = _or(s.icr_ahead, 0.3 * p)
+        self._kept = 1 - _value_or(s.longitudinal, p / 10)
+        self._yaw = _value_or(s.yaw_efficiency, 1 - p), _value_or(s.yaw_variation, p / 4)
+        self._drift = _value_or(s.yaw_drift, YAW_DRIFT if p > 0 else 0.0)
+        self._crab = _value_or(s.crab, 0.05 * p)
+        self._icr_ahead = _value_or(s.icr_ahead, 0.3 * p)
         self._phase = 2 * pi * np.random.default_rng(seed).random()
         self._travelled = 0.0
 
@@ -175,5 +175,5 @@ class SlipPlant:
         self.pose_w = moved_pose(self.pose_w, np.array((u, sideways, turn)), period)
 
 
-def _or(value: float | None, otherwise: float) -> float:
+def _value_or(value: float | None, otherwise: float) -> float:
     return otherwise if value is None else value

@@ -46,7 +46,7 @@ class TrackGeometry(SettingsTable):
 class VehiclePlant(Protocol):
     """How a body on two tracks moves over a surface; the truth, which no algorithm sees.
 
-    Its pose is that of frame v on the unrolled surface, frame w: x, y in metres and the heading
+    Its pose is the pose of frame v on the unrolled surface, frame w: x, y in metres and the heading
     in radians, from x towards y. z of both points into the surface, so the heading grows
     clockwise as seen by one who looks at the surface from outside.
     """
@@ -54,12 +54,10 @@ class VehiclePlant(Protocol):
     @property
     def pose_w(self) -> Array:
         """Where it is, shape (3,): x and y in metres, and the heading in radians."""
-        ...
 
     @property
     def torques(self) -> tuple[float, ...]:
         """Torque of the left and right motor at its sprocket, N m; empty where not modelled."""
-        ...
 
     def advance(self, left: float, right: float, period: float) -> None:
         """Let the left and right track run for a period in seconds.
@@ -71,7 +69,6 @@ class VehiclePlant(Protocol):
         period : float
             Seconds.
         """
-        ...
 
 
 def moved_pose(pose_w: Array, twist: Array, period: float) -> Array:

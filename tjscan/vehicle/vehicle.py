@@ -55,15 +55,15 @@ class VehicleState:
         Seconds on the vehicle's own clock. A simulated vehicle's clock runs with its states, not
         with the wall.
     odometry : Twist
-        The twist that the motors' encoders show. Where the tracks slip, the vehicle moves
+        The twist that the motors' encoders show. If the tracks slip, the vehicle moves
         otherwise.
     torques : tuple of float, optional
-        Of the motors, at the sprocket, N m; empty where they are not known.
+        Of the motors, at the sprocket, N m; empty if they are not known.
     proximity : tuple of float, optional
         Distance to the surface in metres at each of `PROXIMITY_CORNERS`; inf or NaN if nothing is
         in reach, empty if this state brings no new sample.
     fault : str, optional
-        Of the drives, in a sentence; empty where they are well.
+        Of the drives, in a sentence; empty if they are well.
     """
 
     time: float
@@ -102,7 +102,7 @@ def check_twist(twist: Twist) -> None:
 
 
 class Vehicle(Device, Protocol):
-    """A vehicle that drives as told; connecting and disconnecting leave it at rest."""
+    """A vehicle that drives as commanded; connecting and disconnecting leave it at rest."""
 
     @property
     def dead_man(self) -> float:
@@ -127,7 +127,7 @@ class Vehicle(Device, Protocol):
         Of several that came since the last call it is the newest; see `latest_state`.
 
         A simulated vehicle goes on by one period instead of waiting, so simulated time runs as
-        fast as the computer does. A fault of the drives stands in the state.
+        fast as the computer does. The state holds a fault of the drives.
 
         Raises
         ------

@@ -15,16 +15,8 @@ from scipy.special import chdtri
 from tjscan.calibration.arm.model import ArmModel
 from tjscan.calibration.file import ArmKinematicsEntry
 from tjscan.calibration.result import HandEyeCalibration, SampleResidual
+from tjscan.calibration.solve import refine
 from tjscan.calibration.solve.combined import StackedResiduals
-from tjscan.calibration.solve.refine import (
-    FALSE_ALARM_PROBABILITY,
-    LeastSquaresEstimate,
-    covariance_from_information,
-    estimate_by_laser,
-    solve_reweighted,
-    whiten,
-    whiten_with_prior,
-)
 from tjscan.calibration.targets.consensus import Mask
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, frozen_arrays, readonly_copy
@@ -46,7 +38,7 @@ DEVIATION_KINDS: Final = ("length x", "length y", "length z", "twist x", "twist 
 
 @dataclass(frozen=True, slots=True, eq=False)
 @frozen_arrays
-class ArmEstimate(LeastSquaresEstimate):
+class ArmEstimate(refine.LeastSquaresEstimate):
     """Deviations, sensor and targets that fit best, with their covariance.
 
     Parameters
@@ -82,7 +74,7 @@ def estimate_deviations(
         falls, _ = without_each_profile(estimate)
         worst = int(falls.argmax())
         count = int(estimate.residuals_per_profile[worst])
-        limit = chdtri(count, FALSE_ALARM_PROBABILITY / offered)
+        limit = chdtri(count, refine.FALSE_ALARM_PROBABILITY / offered)
         if falls[worst] <= estimate.variance_scale * limit:
             return estimate
         used = used & (np.arange(len(used)) != worst)
@@ -97,7 +89,7 @@ def whitened_jacobian(estimate: ArmEstimate, sigmas: Array) -> Array:
     """
     stacked = estimate.in_use
     scale = _units_of_parameters(sigmas, len(estimate.target))
-    return whiten(stacked.lower_root, stacked.jacobian * scale)
+    return refine.whiten(stacked.lower_root, stacked.jacobian * scale)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,15 +121,15 @@ def _solve_for_deviations(
 ) -> ArmEstimate:
     scaled, prior = _ScaledArm(model, sigmas), np.eye(sigmas.size, sigmas.size + len(target))
     start = np.concatenate((np.zeros(sigmas.size), target))
-    T_f_s, parameters = solve_reweighted(scaled, T_f_s, start, used, prior, WEIGHTING_ROUNDS)
+    T_f_s, parameters = refine.solve_reweighted(scaled, T_f_s, start, used, prior, WEIGHTING_ROUNDS)
     found = scaled.linearise(T_f_s, parameters)
-    J, r = whiten_with_prior(found.of_profiles(used), prior, parameters)
+    J, r = refine.whiten_with_prior(found.of_profiles(used), prior, parameters)
     scale = _units_of_parameters(sigmas, len(target))
     deviations, target = scaled.unscaled(parameters)
     return ArmEstimate(
         T_f_s,
         target,
-        covariance_from_information(J.T @ J) * np.outer(scale, scale),
+        refine.covariance_from_information(J.T @ J) * np.outer(scale, scale),
         float(r @ r),
         len(r) - J.shape[1],
         model.linearise(T_f_s, deviations, target),
@@ -159,7 +151,7 @@ def without_each_profile(estimate: ArmEstimate) -> tuple[Array, Array]:
     """
     stacked = estimate.in_use
     L = stacked.lower_root
-    J, r = whiten(L, stacked.jacobian), whiten(L, stacked.residuals)
+    J, r = refine.whiten(L, stacked.jacobian), refine.whiten(L, stacked.residuals)
     gain = estimate.covariance @ J.T
     left = np.eye(len(J)) - J @ gain
     falls, steps = np.zeros(len(estimate.used)), np.zeros((len(estimate.used), 6))
@@ -295,7 +287,7 @@ class ArmCalibration:
 
         Shape (6 + 6 joints, m); None if no deviation is stated.
         """
-        found = estimate_by_laser(self.estimate)
+        found = refine.estimate_by_laser(self.estimate)
         return None if found is None else readonly_copy(found[: 6 + self.deviations.size])
 
     def lines(self, checks: str, target: str) -> list[str]:

@@ -11,13 +11,9 @@ from scipy.special import chdtri
 from tjscan.calibration.checks.motion import MAX_CONDITION
 from tjscan.calibration.noise import geometry_correlation
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty, SampleResidual
+from tjscan.calibration.solve import refine
 from tjscan.calibration.solve.combined import CombinedModel
-from tjscan.calibration.solve.refine import (
-    RefinedEstimate,
-    leave_one_out_changes,
-    predicted_residuals,
-    refine_by_least_squares,
-)
+from tjscan.calibration.solve.refine import RefinedEstimate
 from tjscan.calibration.targets.line import LineFit
 from tjscan.calibration.targets.plane import SeenBoard
 from tjscan.calibration.targets.target import PosedFit
@@ -75,7 +71,7 @@ def sample_residuals(
     settled : RefinedEstimate
         The same with the targets where the arm sees them; see `settle_targets`.
     """
-    falls, steps = leave_one_out_changes(estimate)
+    falls, steps = refine.leave_one_out_changes(estimate)
     found = []
     for i, name in enumerate(names):
         r = settled.stacked.residuals[settled.stacked.profile == i]
@@ -187,7 +183,7 @@ def verify_with_fresh_line(
     """Verify a calibration with a line that took no part in it.
 
     An error of arm or laser that is alike in all lines is no contradiction: the line may be off
-    by its own errors, by those of the calibration, and by errors that both have in common.
+    by its own errors, by errors of the calibration, and by errors that both have in common.
 
     Parameters
     ----------
@@ -202,8 +198,8 @@ def verify_with_fresh_line(
     used = np.array([*(one.used for one in result.residuals), False])
     plane, start = every.start_at(result.T_f_s)
     model = CombinedModel((plane,), geometry_correlation(every.T_b_f), result.geometry)
-    estimate = refine_by_least_squares(model, result.T_f_s, start, used)
-    r, covariance = predicted_residuals(estimate, len(used) - 1)
+    estimate = refine.refine_by_least_squares(model, result.T_f_s, start, used)
+    r, covariance = refine.predicted_residuals(estimate, len(used) - 1)
     covariance = result.sigma_scale**2 * covariance
     sigma = np.sqrt(np.diag(covariance))
     misfit = np.sqrt(r @ np.linalg.solve(covariance, r) / 2)

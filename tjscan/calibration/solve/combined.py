@@ -102,7 +102,7 @@ class CombinedModel:
         return each[0] if len(each) == 1 else np.asarray(block_diag(*each))
 
     def part(self, k: int) -> slice:
-        """Slice of the parameters of target k among those of all targets."""
+        """Slice of the parameters of target k among all parameters."""
         ends = np.cumsum([0] + [len(model.prior_information) for model in self.models])
         return slice(int(ends[k]), int(ends[k + 1]))
 

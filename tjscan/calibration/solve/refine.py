@@ -405,5 +405,5 @@ def whiten(L: Array, v: Array) -> Array:
 
 
 def _append_prior(J: Array, prior: Array) -> Array:
-    """Derivatives with those of the prior's residuals, by the last parameters, below them."""
+    """Derivatives, the prior's (by the last parameters) below the others."""
     return np.vstack((J, np.pad(prior, ((0, 0), (J.shape[1] - prior.shape[1], 0)))))

@@ -11,14 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from tjscan.calibration.solve import refine
 from tjscan.calibration.solve.combined import CombinedModel
-from tjscan.calibration.solve.refine import (
-    FALSE_ALARM_PROBABILITY,
-    RefinedEstimate,
-    leave_one_out_changes,
-    refine_by_least_squares,
-    residual_information,
-)
+from tjscan.calibration.solve.refine import RefinedEstimate
 from tjscan.calibration.targets.consensus import Mask
 from tjscan.core.frames import Array
 
@@ -37,7 +32,7 @@ GEOMETRY_TRIED: Final = (2e-5, 2e-3, 25)
 was ever measured is off. Larger residuals are no geometry error."""
 UNKNOWN_RIDGE: Final = 1e-12
 """Share of a parameter's information: far less than any measurement gives."""
-MIN_EVIDENCE: Final = float(chdtri(1, 2 * FALSE_ALARM_PROBABILITY))
+MIN_EVIDENCE: Final = float(chdtri(1, 2 * refine.FALSE_ALARM_PROBABILITY))
 """Fall of the cost that a larger geometry error must bring: twice a logarithm of likelihoods,
 chi-square with one degree of freedom, and half the time no larger error fits better by chance."""
 
@@ -64,10 +59,12 @@ def reject_outlying_profiles(
     prices = blame_prices(estimate)
     geometry, cost = most_likely_geometry(estimate, stated)
     best, last = estimate, estimate
-    if not (estimate.is_plausible and (leave_one_out_changes(estimate)[0] <= prices).all()):
+    if not (estimate.is_plausible and (refine.leave_one_out_changes(estimate)[0] <= prices).all()):
         for size in range(1, _count_rejectable(estimate) + 1):
             left_out = _find_worst_set(estimate, last, size)
-            last = refine_by_least_squares(model, last.T_f_s, last.target, ~left_out, rough=True)
+            last = refine.refine_by_least_squares(
+                model, last.T_f_s, last.target, ~left_out, rough=True
+            )
             found, its_cost = most_likely_geometry(last, stated)
             its_cost += float(prices[left_out].sum())
             if its_cost < cost:
@@ -75,13 +72,13 @@ def reject_outlying_profiles(
     if best is estimate and geometry == best.geometry:
         return best
     model = replace(model, geometry=geometry)
-    return refine_by_least_squares(model, best.T_f_s, best.target, best.used)
+    return refine.refine_by_least_squares(model, best.T_f_s, best.target, best.used)
 
 
 def blame_prices(estimate: RefinedEstimate) -> Array:
     """By how much each profile must stand out to be blamed alone, shape (n,): a chi-squared."""
     sizes = estimate.residuals_per_profile
-    return np.asarray(chdtri(sizes, FALSE_ALARM_PROBABILITY / len(sizes)))
+    return np.asarray(chdtri(sizes, refine.FALSE_ALARM_PROBABILITY / len(sizes)))
 
 
 def _count_rejectable(estimate: RefinedEstimate) -> int:
@@ -95,7 +92,7 @@ def _find_worst_set(estimate: RefinedEstimate, last: RefinedEstimate, size: int)
     """The set whose absence lowers the weighted sum of squares most, shape (n,)."""
     n = len(estimate.used)
     if comb(n, size) > MAX_SETS_TRIED:
-        worst = np.where(last.used, leave_one_out_changes(last)[0], -1.0)
+        worst = np.where(last.used, refine.leave_one_out_changes(last)[0], -1.0)
         return np.asarray(~last.used | (np.arange(n) == np.argmax(worst)))
     sets = np.array(list(combinations(range(n), size)))
     return np.isin(np.arange(n), sets[int(np.argmax(_chi2_drops(estimate, sets)))])
@@ -103,7 +100,7 @@ def _find_worst_set(estimate: RefinedEstimate, last: RefinedEstimate, size: int)
 
 def _chi2_drops(estimate: RefinedEstimate, sets: NDArray[np.intp]) -> Array:
     """By how much leaving out each set, rows of indices, lowers the sum of squares, first order."""
-    M, weighted = residual_information(estimate)
+    M, weighted = refine.residual_information(estimate)
     scale = np.sqrt(np.diag(estimate.stacked.covariance))
     sizes = estimate.residuals_per_profile
     n, k = len(sizes), int(sizes.max())

@@ -97,7 +97,7 @@ class PlaneTarget:
 class PlaneModel(TargetModel):
     """Residuals of lines on a plane: distance of each centroid, and sine of the tilt out of it.
 
-    Eq. (17) asks no more of a line. The target's parameters are those of `PlaneTarget.boxplus`.
+    Eq. (17) asks no more of a line. `PlaneTarget.boxplus` states the target's parameters.
 
     Parameters
     ----------

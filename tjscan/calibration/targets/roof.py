@@ -176,7 +176,7 @@ class RoofTarget:
 class RoofModel(TargetModel):
     """Residuals of both flanks of a roof edge; the arm's errors move both together.
 
-    The target's parameters are those of the left plane, then those of the right one.
+    The target's parameters belong to the left plane, then to the right one.
 
     Parameters
     ----------

@@ -159,7 +159,7 @@ class SuggestedPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinePrediction:
-    """Predicts the lines that a sensor would take of a plane, and what they tell about it.
+    """Predicts the lines that a sensor would take of a plane, and their information about it.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ class LinePrediction:
         grid : CandidatePoseGrid
             What to try.
         x_b : array_like, shape (3,), optional
-            Direction of x_s at yaw zero, best that of now; along the board's first side if left
+            Direction of x_s at yaw zero, best the present one; along the board's first side if left
             out.
         """
         u = self.target.plane.u

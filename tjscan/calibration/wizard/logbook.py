@@ -129,13 +129,13 @@ def messages_of_entry(time: int, entry: CalibrationEntry) -> Iterator[tuple[Topi
     yield ENTRY_TOPICS[type(entry)], entry
     match entry:
         case BoardTouch(T_b_f=T_b_f) if T_b_f is not None:
-            yield _flange(time, T_b_f)
+            yield _flange_message(time, T_b_f)
         case LaserLineTaken(posed_profile=shot) | ArmPoseTaken(posed_profile=shot):
             yield PROFILE_TOPIC, profile_to_cloud_message(time, shot.profile)
-            yield _flange(time, shot.T_b_f)
+            yield _flange_message(time, shot.T_b_f)
 
 
-def _flange(time: int, T_b_f: Array) -> tuple[Topic[Any], FrameTransforms]:
+def _flange_message(time: int, T_b_f: Array) -> tuple[Topic[Any], FrameTransforms]:
     return (TRANSFORMS_TOPIC, frame_transforms_message(time, {("b", "f"): T_b_f}))
 
 
@@ -156,12 +156,12 @@ def read_calibration_entries(directory: Path) -> Iterator[CalibrationEntry]:
             if isinstance(entry.message, LaserLineTaken | ArmPoseTaken):
                 pending = entry.message
             elif entry.topic is PROFILE_TOPIC:
-                yield _with_points(file, pending, entry.message)
+                yield _with_points_of_cloud(file, pending, entry.message)
             else:
                 yield entry.message
 
 
-def _with_points(
+def _with_points_of_cloud(
     file: Path, entry: LaserLineTaken | ArmPoseTaken | None, cloud: PointCloud
 ) -> LaserLineTaken | ArmPoseTaken:
     """A line or a posture with the points of its profile."""

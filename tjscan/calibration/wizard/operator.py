@@ -53,23 +53,18 @@ class Operator(Protocol):
     @property
     def present(self) -> bool:
         """Whether a person is there. Without one no real arm moves."""
-        ...
 
     def confirm(self, question: Question) -> bool:
         """Answer a question: yes or no."""
-        ...
 
     def report(self, message: str) -> None:
         """Receive a message about what happened."""
-        ...
 
     def show_uncertainty(self, progress: CalibrationProgress) -> None:
         """Show how far the calibration has come, after each line."""
-        ...
 
     def show_entry(self, entry: CalibrationEntry) -> None:
         """Show a measurement, once it is on the disk."""
-        ...
 
 
 class DefaultAnswerOperator:
@@ -97,7 +92,6 @@ class TouchProbe(Protocol):
     @property
     def touch_question(self) -> str:
         """Question to the operator before each touch; yes means that `touch` may go on."""
-        ...
 
     def touch(self, place_b: Array) -> ArmState:
         """Touch the board near a point, shape (3,), and leave.
@@ -112,7 +106,6 @@ class TouchProbe(Protocol):
         PoseUnreachable
             If the arm can't reach there.
         """
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -277,11 +277,11 @@ class CalibrationPlan:
         points_f = np.stack((np.zeros(3), self.tip_f, T_f_s[:3, 3]))
         points_b = np.einsum("nij,kj->nki", candidates[:, :3, :3], points_f)
         heights = target.plane.signed_distances(points_b + candidates[:, None, :3, 3])
-        free = _differ_from(candidates, done) & (heights > BOARD_CLEARANCE).all(axis=1)
+        free = _mask_of_new_poses(candidates, done) & (heights > BOARD_CLEARANCE).all(axis=1)
         return prediction.suggest_pose(candidates[free], taken, reachable)
 
 
-def _differ_from(candidates: Array, others: list[Array]) -> Mask:
+def _mask_of_new_poses(candidates: Array, others: list[Array]) -> Mask:
     """Which candidates, shape (n, 4, 4), are not the same as any of the others."""
     apart = np.ones(len(candidates), dtype=bool)
     for T in others:

@@ -131,7 +131,7 @@ class BrokerLink:
 
     def publish(self, topic: str, payload: bytes) -> None:
         """Send a message, at most once; it is lost if the link is down."""
-        self._client.publish(self._full(topic), payload, qos=0)
+        self._client.publish(self._full_topic(topic), payload, qos=0)
 
     def drop(self) -> None:
         """Cut the connection as a broken network does, without a farewell, until `connect`."""
@@ -159,21 +159,21 @@ class BrokerLink:
         client.on_connect, client.on_disconnect = self._on_connect, self._on_disconnect
         client.on_message, client.on_socket_open = self._on_message, _send_without_delay
         client.will_set(
-            self._full(self._presence_topic),
+            self._full_topic(self._presence_topic),
             replace(self._presence, alive=False).to_json(),
             qos=1,
             retain=True,
         )
         return client
 
-    def _full(self, topic: str) -> str:
+    def _full_topic(self, topic: str) -> str:
         return f"{self._prefix}/{topic}"
 
     def _announce(self, *, alive: bool) -> MQTTMessageInfo:
         self._number += 1
         message = replace(self._presence, alive=alive, number=self._number, time=time.monotonic())
         return self._client.publish(
-            self._full(self._presence_topic), message.to_json(), qos=1, retain=True
+            self._full_topic(self._presence_topic), message.to_json(), qos=1, retain=True
         )
 
     def _on_connect(
@@ -182,7 +182,7 @@ class BrokerLink:
         if code.is_failure:
             return
         if self._topics:
-            client.subscribe([(self._full(topic), 0) for topic in self._topics])
+            client.subscribe([(self._full_topic(topic), 0) for topic in self._topics])
         self._announce(alive=True)
         self._up.set()
         self._changed(True)

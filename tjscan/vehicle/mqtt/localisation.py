@@ -9,16 +9,9 @@ from typing import Final, Self
 from tjscan.core.devices import DeviceIdentity
 from tjscan.core.errors import VehicleLinkLost
 from tjscan.vehicle.localisation import TrackedDisc, VehiclePose
+from tjscan.vehicle.mqtt import wire
 from tjscan.vehicle.mqtt.link import BrokerClient, ReceivedMessage
 from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings
-from tjscan.vehicle.mqtt.wire import (
-    PASSER_BY_TOPIC,
-    POSE_TOPIC,
-    BadMessage,
-    PasserByMessage,
-    PoseGate,
-    PoseMessage,
-)
 
 READER_TOPIC: Final = "reader"
 """Topic on which a reader of the poses announces itself."""
@@ -41,15 +34,15 @@ class MqttLocalisation(BrokerClient):
 
     def __init__(self, settings: MqttLocalisationSettings, vehicles: int) -> None:
         self.settings, self._vehicles = settings, vehicles
-        poses = (f"{number}/{POSE_TOPIC}" for number in range(1, vehicles + 1))
-        super().__init__(settings, READER_TOPIC, (*poses, f"{PASSER_BY_TOPIC}/+"))
+        poses = (f"{number}/{wire.POSE_TOPIC}" for number in range(1, vehicles + 1))
+        super().__init__(settings, READER_TOPIC, (*poses, f"{wire.PASSER_BY_TOPIC}/+"))
 
     def _begin(self) -> None:
         # Single assignments to a place of each vehicle's own are all that the threads share.
         self._newest: list[VehiclePose | None] = [None] * self._vehicles
         self._given: list[VehiclePose | None] = [None] * self._vehicles
         self._passers_by: dict[str, TrackedDisc] = {}
-        self._gates: defaultdict[str, PoseGate] = defaultdict(PoseGate)
+        self._gates: defaultdict[str, wire.PoseGate] = defaultdict(wire.PoseGate)
         self._connected = False
         super()._begin()
 
@@ -72,7 +65,7 @@ class MqttLocalisation(BrokerClient):
                 missing = ", ".join(str(i + 1) for i, p in enumerate(self._newest) if p is None)
                 raise VehicleLinkLost(
                     f"no pose of vehicle {missing} came from the broker at {s.host}:{s.port} on "
-                    f"{s.prefix}/N/{POSE_TOPIC}. See that the localisation runs and sees it."
+                    f"{s.prefix}/N/{wire.POSE_TOPIC}. See that the localisation runs and sees it."
                 )
             time.sleep(LOOK_PERIOD)
         return self
@@ -104,17 +97,17 @@ class MqttLocalisation(BrokerClient):
 
     def _take_in(self, received: ReceivedMessage) -> None:
         if received.retained:
-            raise BadMessage("the broker kept it from before")
+            raise wire.BadMessage("the broker kept it from before")
         gate = self._gates[received.topic]
         first, _, second = received.topic.partition("/")
-        if first == PASSER_BY_TOPIC:
-            disc = PasserByMessage.from_json(received.payload)
+        if first == wire.PASSER_BY_TOPIC:
+            disc = wire.PasserByMessage.from_json(received.payload)
             measured = gate.measured(disc, received.time)
             self._passers_by[second] = TrackedDisc(
                 measured, disc.x, disc.y, disc.radius, disc.vx, disc.vy
             )
         else:
-            pose = PoseMessage.from_json(received.payload)
+            pose = wire.PoseMessage.from_json(received.payload)
             measured = gate.measured(pose, received.time)
             self._newest[int(first) - 1] = VehiclePose(measured, pose.x, pose.y, pose.heading)
 

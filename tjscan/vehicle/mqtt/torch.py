@@ -7,16 +7,9 @@ import time
 from typing import Self
 
 from tjscan.core.errors import DriveFault, VehicleLinkLost
+from tjscan.vehicle.mqtt import wire
 from tjscan.vehicle.mqtt.link import BrokerClient, ReceivedMessage
 from tjscan.vehicle.mqtt.settings import MqttSettings
-from tjscan.vehicle.mqtt.wire import (
-    TORCH_COMMANDER_TOPIC,
-    TORCH_STATE_TOPIC,
-    TORCH_TOPIC,
-    MessageGate,
-    TorchMessage,
-    TorchStateMessage,
-)
 
 
 class MqttTorch(BrokerClient):
@@ -37,13 +30,13 @@ class MqttTorch(BrokerClient):
     def __init__(self, settings: MqttSettings, reach: float) -> None:
         self._settings, self._reach = settings, reach
         self._y = self._z = 0.0
-        super().__init__(settings, TORCH_COMMANDER_TOPIC, (TORCH_STATE_TOPIC,))
+        super().__init__(settings, wire.TORCH_COMMANDER_TOPIC, (wire.TORCH_STATE_TOPIC,))
 
     def _begin(self) -> None:
         self._arc = False
-        self._state: TorchStateMessage | None = None
+        self._state: wire.TorchStateMessage | None = None
         self._heard, self._first = time.monotonic(), threading.Event()
-        self._gate = MessageGate()
+        self._gate = wire.MessageGate()
         super()._begin()
 
     def __enter__(self) -> Self:
@@ -59,8 +52,8 @@ class MqttTorch(BrokerClient):
         if not self._first.wait(self._settings.connect_limit):
             self._link.close()
             raise VehicleLinkLost(
-                f"no torch answers on {self._settings.prefix}/{TORCH_STATE_TOPIC}. Is it switched "
-                'on? A vehicle without one takes torch.driver = "none".'
+                f"no torch answers on {self._settings.prefix}/{wire.TORCH_STATE_TOPIC}. Is it "
+                'switched on? A vehicle without one takes torch.driver = "none".'
             )
         return self
 
@@ -85,7 +78,7 @@ class MqttTorch(BrokerClient):
             If it reports a fault.
         """
         self._y, self._z = min(max(y, -self._reach), self._reach), z
-        self._send()
+        self._send_place()
         state = self._state
         if state is None or time.monotonic() - self._heard > self._settings.silence_limit:
             raise VehicleLinkLost(
@@ -99,17 +92,17 @@ class MqttTorch(BrokerClient):
     def set_arc(self, *, burning: bool) -> None:
         """Strike the arc, or end it."""
         self._arc = burning
-        self._send()
+        self._send_place()
 
-    def _send(self) -> None:
+    def _send_place(self) -> None:
         place = {"y": self._y, "z": self._z, "arc": self._arc, "hold": self._settings.dead_man}
-        self._publish(TORCH_TOPIC, TorchMessage, time.monotonic(), **place)
+        self._publish(wire.TORCH_TOPIC, wire.TorchMessage, time.monotonic(), **place)
 
     def _take_in(self, received: ReceivedMessage) -> None:
         """Take in a state; what is none is dropped, and silence shows it."""
         if received.retained:
             return
-        message = TorchStateMessage.from_json(received.payload)
+        message = wire.TorchStateMessage.from_json(received.payload)
         if not self._gate.reason_to_drop(message, received.time):
             self._state, self._heard = message, received.time
             self._first.set()

@@ -18,22 +18,9 @@ from tjscan.core.errors import (
     VehicleStopped,
 )
 from tjscan.core.frames import Array, pose, rot_z
+from tjscan.vehicle.mqtt import wire
 from tjscan.vehicle.mqtt.link import BrokerClient, ReceivedMessage
 from tjscan.vehicle.mqtt.settings import MqttSettings
-from tjscan.vehicle.mqtt.wire import (
-    COMMAND_TOPIC,
-    COMMANDER_TOPIC,
-    POSE_TOPIC,
-    PRESENCE_TOPIC,
-    STATE_TOPIC,
-    BadMessage,
-    CommandMessage,
-    MessageGate,
-    PoseGate,
-    PoseMessage,
-    PresenceMessage,
-    StateMessage,
-)
 from tjscan.vehicle.vehicle import AT_REST, Twist, VehicleState, check_twist, latest_state
 
 REPEAT_PERIOD: Final = 0.05
@@ -60,14 +47,16 @@ class MqttVehicle(BrokerClient):
         self.settings = settings
         self.dead_man = settings.dead_man
         self._stopped = False
-        super().__init__(settings, COMMANDER_TOPIC, (PRESENCE_TOPIC, STATE_TOPIC, POSE_TOPIC))
+        super().__init__(
+            settings, wire.COMMANDER_TOPIC, (wire.PRESENCE_TOPIC, wire.STATE_TOPIC, wire.POSE_TOPIC)
+        )
 
     def _begin(self) -> None:
         self._states: SimpleQueue[VehicleState | None] = SimpleQueue()
         self._wake: SimpleQueue[bool] = SimpleQueue()
-        self._gate, self._pose_gate = MessageGate(), PoseGate()
+        self._gate, self._pose_gate = wire.MessageGate(), wire.PoseGate()
         self._order: tuple[Twist, float] | None = None
-        self._pose: PoseMessage | None = None
+        self._pose: wire.PoseMessage | None = None
         self._identity = DeviceIdentity()
         self._fault = self._commander = self._lost = ""
         self._heard = time.monotonic()
@@ -113,7 +102,7 @@ class MqttVehicle(BrokerClient):
     def command(self, twist: Twist) -> None:
         """Hold a twist until the next command. See `Vehicle.command`."""
         self._deliver_events()
-        self._need_link()
+        self._check_link()
         check_twist(twist)
         if self._fault:
             raise DriveFault(f"the vehicle reports: {self._fault}. Mend it, then start again.")
@@ -128,7 +117,7 @@ class MqttVehicle(BrokerClient):
         """Wait for the next state. See `Vehicle.next_state`."""
         self._deliver_events()
         if not self._connected:
-            self._need_link()
+            self._check_link()
         try:
             waiting = [self._states.get(timeout=self.settings.silence_limit)]
         except Empty:
@@ -172,23 +161,23 @@ class MqttVehicle(BrokerClient):
 
     def _send_orders(self) -> None:
         while self._connected:
-            self._send(time.monotonic())
+            self._send_order(time.monotonic())
             try:
                 self._wake.get(timeout=REPEAT_PERIOD)
                 while not self._wake.empty():
                     self._wake.get()
             except Empty:
                 pass
-        self._send(time.monotonic())  # the stop with which it ends
+        self._send_order(time.monotonic())  # the stop with which it ends
 
-    def _send(self, now: float) -> None:
+    def _send_order(self, now: float) -> None:
         order, hold = self._order, 0.0
         if order is not None and not self._stopped:
             hold = max(order[1] + self.dead_man - now, 0.0)
         twist = order[0] if order is not None and hold else AT_REST
         self._publish(
-            COMMAND_TOPIC,
-            CommandMessage,
+            wire.COMMAND_TOPIC,
+            wire.CommandMessage,
             now,
             order="drive" if hold else "stop",
             **asdict(twist),
@@ -198,33 +187,33 @@ class MqttVehicle(BrokerClient):
     # What the link's thread does
 
     def _take_in(self, received: ReceivedMessage) -> None:
-        if received.topic == PRESENCE_TOPIC:
-            self._receive_presence(PresenceMessage.from_json(received.payload))
+        if received.topic == wire.PRESENCE_TOPIC:
+            self._receive_presence(wire.PresenceMessage.from_json(received.payload))
         elif received.retained:
-            raise BadMessage("the broker kept it from before")
-        elif received.topic == STATE_TOPIC:
-            self._receive_state(StateMessage.from_json(received.payload), received.time)
-        elif received.topic == POSE_TOPIC:
-            message = PoseMessage.from_json(received.payload)
+            raise wire.BadMessage("the broker kept it from before")
+        elif received.topic == wire.STATE_TOPIC:
+            self._receive_state(wire.StateMessage.from_json(received.payload), received.time)
+        elif received.topic == wire.POSE_TOPIC:
+            message = wire.PoseMessage.from_json(received.payload)
             self._pose_gate.measured(message, received.time)
             self._pose = message
 
-    def _receive_presence(self, message: PresenceMessage) -> None:
+    def _receive_presence(self, message: wire.PresenceMessage) -> None:
         if not message.alive:
             if message.session == self._gate.session:
-                self._lose("the vehicle's own link to the broker broke")
+                self._note_lost_link("the vehicle's own link to the broker broke")
             return
         if self._gate.session and message.session != self._gate.session:
-            raise BadMessage("another vehicle announced itself, or this one started again")
+            raise wire.BadMessage("another vehicle announced itself, or this one started again")
         self._gate.session = message.session
         self._identity = DeviceIdentity(message.model, message.serial, message.software)
         self._lost = ""
 
-    def _receive_state(self, message: StateMessage, now: float) -> None:
+    def _receive_state(self, message: wire.StateMessage, now: float) -> None:
         if not self._gate.session:
-            raise BadMessage("the vehicle has not announced itself")
+            raise wire.BadMessage("the vehicle has not announced itself")
         if reason := self._gate.reason_to_drop(message, now):
-            raise BadMessage(reason)
+            raise wire.BadMessage(reason)
         self._heard, self._lost = now, ""
         self._fault, self._commander = message.fault, message.commander
         if self._states.qsize() >= MOST_WAITING:
@@ -234,9 +223,9 @@ class MqttVehicle(BrokerClient):
 
     def _link_changed(self, up: bool) -> None:
         if not up and self._connected:
-            self._lose("the link to the broker broke")
+            self._note_lost_link("the link to the broker broke")
 
-    def _lose(self, why: str) -> None:
+    def _note_lost_link(self, why: str) -> None:
         self._order, self._lost = None, why
         self._events.put(("link-lost", why))
         self._states.put(None)
@@ -257,7 +246,7 @@ class MqttVehicle(BrokerClient):
                     "states and takes commands. See that it is on, or correct vehicle.mqtt.prefix."
                 ) from None
 
-    def _need_link(self) -> None:
+    def _check_link(self) -> None:
         if not self._connected:
             raise VehicleLinkLost("the vehicle is not connected: use it inside a 'with' block")
         if self._lost or time.monotonic() - self._heard > self.settings.silence_limit:

@@ -33,13 +33,7 @@ CLOCK_DRIFT: Final = 1e-3
 REPORTED_COUNTS: Final = frozenset(10**n for n in range(10))
 """The first message that is dropped is reported, then the tenth, the hundredth, and so on."""
 
-
-class _AdaptersByType(dict[type, TypeAdapter[Any]]):
-    def __missing__(self, kind: type) -> TypeAdapter[Any]:
-        return self.setdefault(kind, TypeAdapter(kind))
-
-
-_MESSAGE_ADAPTERS: Final = _AdaptersByType()
+_MESSAGE_ADAPTERS: Final[dict[type, TypeAdapter[Any]]] = {}
 
 Session = Annotated[str, Len(4, 64)]
 Number = Annotated[int, Ge(0), Le(2**53)]
@@ -91,8 +85,11 @@ class WireMessage:
         """
         if len(payload) > MOST_BYTES:
             raise BadMessage(f"it is {len(payload)} bytes long")
+        adapter = _MESSAGE_ADAPTERS.get(cls)
+        if adapter is None:
+            adapter = _MESSAGE_ADAPTERS[cls] = TypeAdapter(cls)
         try:
-            message: Self = _MESSAGE_ADAPTERS[cls].validate_json(payload)
+            message: Self = adapter.validate_json(payload)
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(map(str, first["loc"]))
@@ -147,13 +144,13 @@ class StateMessage(WireMessage):
     speed, turn_rate, sideways : float
         The twist that the encoders show, m/s and rad/s.
     torques : tuple of float
-        Of the motors, N m; empty where not known.
+        Of the motors, N m; empty if not known.
     proximity : tuple of float or None
         At each of `PROXIMITY_CORNERS`, metres; null if nothing is in reach, empty without a sample.
     fault : str
-        Of the drives; empty where they are well.
+        Of the drives; empty if they are well.
     commander : str
-        Session of the program whose commands it takes; empty where there is none.
+        Session of the program whose commands it takes; empty if there is none.
     """
 
     clock: Seconds
@@ -188,7 +185,7 @@ class StateMessage(WireMessage):
 
     @property
     def state(self) -> VehicleState:
-        """The state that it holds; inf where a sensor sees nothing."""
+        """The state that it holds; inf if a sensor sees nothing."""
         return VehicleState(
             self.clock,
             Twist(self.speed, self.turn_rate, self.sideways),
@@ -200,7 +197,7 @@ class StateMessage(WireMessage):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PresenceMessage(WireMessage):
-    """On ``vehicle`` and ``commander``, retained: who is there; the last will says that he is not.
+    """On ``vehicle`` and ``commander``, retained: who is there, or by the last will, who is gone.
 
     Parameters
     ----------
@@ -217,7 +214,7 @@ class PresenceMessage(WireMessage):
 
     @classmethod
     def at_start(cls, session: str, model: str = "tjscan", serial: str = "") -> Self:
-        """What a sender of this software says first."""
+        """The first message of a sender of this software."""
         return cls(
             session=session,
             number=0,
@@ -231,7 +228,7 @@ class PresenceMessage(WireMessage):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseMessage(WireMessage):
-    """On ``pose``: where the vehicle stands in frame w, as a stand-in or a tracker knows it.
+    """On ``pose``: where the vehicle is in frame w, as a stand-in or a tracker knows it.
 
     Parameters
     ----------
@@ -266,7 +263,7 @@ class PasserByMessage(WireMessage):
 
 
 class MessageGate:
-    """What lets the messages of one topic through: those of one session, in order and in time.
+    """Lets the messages of one session on one topic through, in order and in time.
 
     The clocks of sender and receiver need not agree. How late a message is counts from the
     quickest one so far.
@@ -274,7 +271,7 @@ class MessageGate:
 
     def __init__(self) -> None:
         self.session = ""
-        """Whose messages come through; of the first that comes where it is empty."""
+        """Whose messages come through; of the first that comes if it is empty."""
         self._last: tuple[int, float] | None = None
         self._offset, self._heard = inf, 0.0
 
@@ -283,7 +280,7 @@ class MessageGate:
         self.session, self._last, self._offset = session, None, inf
 
     def reason_to_drop(self, message: WireMessage, now: float) -> str:
-        """Why a message must be dropped, in a sentence; empty where it is let through.
+        """Why a message must be dropped, in a sentence; empty if it is let through.
 
         Parameters
         ----------
@@ -347,7 +344,7 @@ class TorchStateMessage(WireMessage):
     arc : bool
         Whether the arc burns.
     fault : str
-        Of its axes or its power source; empty where they are well.
+        Of its axes or its power source; empty if they are well.
     """
 
     y: Place
@@ -363,11 +360,11 @@ CLOCK_JUMP: Final = 2.0
 """Seconds: what comes later, or earlier, than this after the quickest has another clock."""
 
 CLOCK_LEARNED: Final = 10
-"""Messages in a row that must agree on another clock before it is believed."""
+"""Messages in a row that must agree on another clock before it counts."""
 
 
 class PoseGate:
-    """What lets the poses of one topic through, and dates them on the receiver's clock.
+    """Lets the poses of one topic through, and dates them on the receiver's clock.
 
     The clocks of sender and receiver need not agree: the quickest message so far took no time, and
     how late another is counts from that. Unlike a command, a late pose is worth something, as long
@@ -404,7 +401,11 @@ class PoseGate:
         offset = now - message.time
         known = self._offset + CLOCK_DRIFT * (now - self._heard)
         self._heard = now
-        if self._offset < inf and abs(offset - known) > CLOCK_JUMP and not self._agreed(offset):
+        if (
+            self._offset < inf
+            and abs(offset - known) > CLOCK_JUMP
+            and not self._confirm_other_clock(offset)
+        ):
             raise BadMessage(f"its clock is {known - offset:+.2f} s off, or it came late")
         self._offset = offset if abs(offset - known) > CLOCK_JUMP else min(offset, known)
         self._doubted = (inf, 0)
@@ -414,7 +415,7 @@ class PoseGate:
         self._given = measured
         return measured
 
-    def _agreed(self, offset: float) -> bool:
+    def _confirm_other_clock(self, offset: float) -> bool:
         """Whether enough messages in a row have this other clock."""
         before, times = self._doubted
         self._doubted = (offset, times + 1 if abs(offset - before) < MOST_DELAY else 1)
