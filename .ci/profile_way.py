@@ -17,7 +17,7 @@ from types import FrameType
 from typing import Final
 
 import tjscan
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep

@@ -18,7 +18,7 @@ from _processes import scan as begin_scan
 from _table import Row
 
 from tjscan.core.frames import Array
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import scan_in_cell

@@ -13,7 +13,7 @@ from _sensors import Fault, FaultyLaser, frozen, missing
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.errors import TjscanError
 from tjscan.core.frames import JointOrBaseFrame, transform_points
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import CombinedJournal

@@ -14,8 +14,8 @@ from _run_uses import NO_FAULTS
 
 from tjscan.core.errors import PoseUnreachable
 from tjscan.core.frames import Array
-from tjscan.job import read_scan_job
 from tjscan.job.cell import Cell
+from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
 from tjscan.result.directory import RECORDING_FILE
 from tjscan.robot.kinematics import Kinematics

@@ -10,7 +10,7 @@ from time import perf_counter
 from _corpus import EXAMPLES
 from _table import Row
 
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import scan_in_cell
 from tjscan.scanning.topics import ScanRecording

@@ -16,8 +16,8 @@ from _processes import LASER_FAULTS
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.crawler.topics import CRAWL_RECORDING
-from tjscan.job import read_scan_job
 from tjscan.job.crawl.job import read_crawl_job
+from tjscan.job.files import read_scan_job
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.reader import RecordingDamage

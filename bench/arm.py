@@ -13,7 +13,7 @@ from _stopwatch import Stopwatch
 from _table import Row, main
 
 from tjscan.core.frames import Array
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
 from tjscan.robot.collision_checked import CollisionCheckedArm
 from tjscan.runs.scan.context import RunContext

@@ -15,7 +15,7 @@ from uncertainty import COVERED, Squares, across_edges, placed_stations
 
 from tjscan.core.errors import CalibrationRefused, StitchingRefused
 from tjscan.core.frames import inverse_pose
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.runs.chain import read_chain, run_chain
 from tjscan.runs.scan.context import RunContext
@@ -53,8 +53,8 @@ def run_cell(seed: int, *, arm: bool) -> CellErrors:
         found = run_chain(chain, Path(folder), arm=arm)
     whole = read_scan_job(chain.scan, chain.both)
     joint = RunContext(whole, chain.scan).joint
-    if joint is None or whole.joint is None or found.mount_nees is None:
-        raise SystemExit(f"{EXAMPLE} calibrates no cell, or names no joint to compare with")
+    if joint is None or whole.joint is None:
+        raise SystemExit(f"{EXAMPLE} names no joint to compare with")
     T_j_w = inverse_pose(whole.joint.T_w_j)
     truth = [
         T_j_w @ whole.job_at_station(one.station.name).T_w_b_true for one in found.stitched.stations

@@ -39,7 +39,7 @@ from tjscan.calibration.wizard.session import CalibrationPlan
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix, transform_points
 from tjscan.core.pose_vector import boxminus
-from tjscan.job import read_calibration_job, read_scan_job
+from tjscan.job.files import read_calibration_job, read_scan_job
 from tjscan.laser.faults import correlated_noise
 from tjscan.laser.files.format import ProfileFormat
 from tjscan.laser.files.read import read_profiles

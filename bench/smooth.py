@@ -21,7 +21,7 @@ from _stopwatch import Stopwatch
 from _table import Row, main
 
 from tjscan.core.frames import JointOrBaseFrame
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.results import summarise_scan

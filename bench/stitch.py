@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.errors import StitchingRefused
 from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between, unit_vector
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.recording.journal import CombinedJournal
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job

@@ -16,7 +16,7 @@ from tjscan.core import pose_vector
 from tjscan.core.frames import Array, JointOrBaseFrame, inverse_pose, unit_vector
 from tjscan.core.units import pose_from_rows_mm, pose_to_rows_mm
 from tjscan.groove.measured import MeasuredSection
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.recording.journal import CombinedJournal
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job

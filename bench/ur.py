@@ -27,7 +27,7 @@ from tjscan.core.errors import (
     TargetRefused,
 )
 from tjscan.core.frames import Array, pose
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.arm import UrArm

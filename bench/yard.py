@@ -21,7 +21,7 @@ from _table import Row, main
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array, JointOrBaseFrame, transform_points
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.recording.journal import CombinedJournal
 from tjscan.result.section import absent_corners

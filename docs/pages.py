@@ -13,8 +13,8 @@ from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 
 from tjscan.cli import app
-from tjscan.cli.schema import json_schema_of_kind
-from tjscan.job.kinds import FILE_KINDS, FileKind
+from tjscan.cli.files import json_schema_of_kind
+from tjscan.job.reading import FILE_KINDS, FileKind
 
 ROOT = Path(__file__).parents[1]
 

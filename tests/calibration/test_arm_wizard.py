@@ -11,7 +11,7 @@ from command import tjscan
 
 from tjscan.calibration.file import read_calibration
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Question
-from tjscan.job import read_calibration_job, read_scan_job
+from tjscan.job.files import read_calibration_job, read_scan_job
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.calibration.run import resume_calibration, start_calibration

@@ -16,7 +16,7 @@ from written import content
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.groove.read import read_groove
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.result.table import RUN_COLUMNS
 from tjscan.scanning.reader import read_recorded_scan
 

@@ -13,7 +13,7 @@ from tjscan.cli import COMMAND_GROUPS, app
 from tjscan.cli.options import completion
 from tjscan.cli.options.completion import KIND_OF_JOB, options_of_job
 from tjscan.core.errors import ConfigurationError
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def test_options_that_are_offered_are_keys_of_the_job() -> None:
 
 def test_all_commands_that_take_keys_are_known_and_left_as_they_were(script: Path) -> None:
     taking: set[tuple[str, ...]] = {("laser-loopback",)}  # of the package tjscan-loopback
-    for group, *names in COMMAND_GROUPS:
+    for group, _, names in COMMAND_GROUPS:
         for name in names:
             function = group[name].default_command
             if function is not None and "overrides" in signature(function).parameters:

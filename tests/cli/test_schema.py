@@ -10,7 +10,7 @@ import pytest
 from command import tjscan
 from jsonschema import Draft202012Validator
 
-from tjscan.job.kinds import FILE_KINDS, kind_of_other_file
+from tjscan.job.reading import FILE_KINDS, kind_of_other_file
 
 ROOT = Path(__file__).parents[2]
 FILES = {

@@ -17,14 +17,14 @@ from documented import DOCUMENTS, ROOT, commands_of, fenced_blocks, without_bloc
 import tjscan as api
 from tjscan.cli import app
 from tjscan.cli.options.overrides import parse_overrides
-from tjscan.job import (
+from tjscan.job.crawl.job import read_crawl_job
+from tjscan.job.files import (
     has_recorded_profiles,
     read_calibration_job,
     read_laser_job,
     read_recorded_job,
     read_scan_job,
 )
-from tjscan.job.crawl.job import read_crawl_job
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.runs.chain import read_chain
 from tjscan.runs.tasks import study_backend_of_task

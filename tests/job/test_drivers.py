@@ -18,7 +18,7 @@ from ur_cell import address
 from tjscan.calibration.wizard.operator import JoggedProbe
 from tjscan.core.config import table_to_dict
 from tjscan.core.errors import ConfigurationError
-from tjscan.job import read_calibration_job, read_scan_job
+from tjscan.job.files import read_calibration_job, read_scan_job
 from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.robot.drivers import ARM_DRIVERS
 from tjscan.runs.calibration.run import make_calibration_cell

@@ -8,7 +8,7 @@ import pytest
 from tjscan.cli.options.overrides import parse_overrides
 from tjscan.core.errors import ConfigurationError
 from tjscan.groove.settings import DEFAULT_SETTINGS
-from tjscan.job import ScanJob, read_scan_job
+from tjscan.job.files import ScanJob, read_scan_job
 
 JOB = """
 [scan]

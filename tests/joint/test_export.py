@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tjscan.cli.joint import joint as joint_command
+from tjscan.cli.files import joint as joint_command
 from tjscan.core.errors import RecordingError
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.export import JointSidecar, build_and_write_joint

@@ -10,12 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cells import PAPER
-from laser_cell import (
-    laser_at,
-    loopback_laser,
-    require_broadcasts,
-    write_groove_profiles,
-)
+from laser_cell import laser_at, loopback_laser, require_broadcasts, write_groove_profiles
 
 from tjscan.core.config import validate_table
 from tjscan.core.errors import (
@@ -29,7 +24,7 @@ from tjscan.core.errors import (
     ProfileStale,
     WrongLaser,
 )
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.laser.genicam.gige import TAKEN_AGAIN
 from tjscan.laser.genicam.scancontrol_laser import ScanControlLaser
 from tjscan.laser.genicam.settings import ScanControlSettings

@@ -3,7 +3,6 @@
 import socket
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from cells import EXAMPLES
 from command import tjscan
 
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Question
-from tjscan.job import CalibrationJob, read_calibration_job
+from tjscan.job.files import CalibrationJob, read_calibration_job
 from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.listening import RunOnPage
 from tjscan.live.step import Step
@@ -23,7 +22,7 @@ JOB = EXAMPLES / "calibrate.toml"
 SHORT = {"board.touches": 4, "board.lines": 5}
 
 
-class Person(RunOnPage[Any]):
+class Person(RunOnPage):
     """Somebody who reads what is asked and presses a button."""
 
     def __init__(self, show: CalibrationShow, choose: Callable[[str], str]) -> None:

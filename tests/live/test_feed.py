@@ -5,7 +5,7 @@ from threading import Event
 
 import pytest
 
-from tjscan.live.feed import FEED_CAPACITY, LiveFeed
+from tjscan.live.listening import FEED_CAPACITY, LiveFeed
 
 
 def test_entries_come_in_their_order() -> None:

@@ -15,7 +15,7 @@ from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.job.crawl.job import read_crawl_job
-from tjscan.live.buttons import HOLD_RATE, HoldButton
+from tjscan.live.buttons import HOLD_RATE, Button
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import Setting
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
@@ -124,7 +124,7 @@ def test_a_browser_that_is_lost_stops_it_in_half_a_second(tmp_path: Path) -> Non
     hand = PageHandDrive.of_job(job)
     notes, cell = StopsOnceItStands(hand), make_crawl_cell(job)
     context = CrawlContext(job, file, notes, hand=hand)
-    button = HoldButton(FORWARD, lambda: notes.hear())
+    button = Button(FORWARD, lambda: notes.hear(), held=True)
     with Page([Setting("crawler")], PageAddress(port=0), [button]) as page, cell:
         browser = Thread(target=partial(hold_until_it_drives, page, notes.drives))
         browser.start()

@@ -10,7 +10,7 @@ from cells import PAPER, Notes, scan_example
 from command import tjscan
 
 from tjscan.core.errors import ScanInterrupted
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.page import Page, PageAddress
 from tjscan.recording.journal import RunEvent

@@ -27,8 +27,9 @@ from tjscan.live.page import Page, PageAddress
 from tjscan.live.replay import Replay
 from tjscan.live.step import STATE_FACT, RecordedShow, Setting
 from tjscan.recording.journal import RunEvent
-from tjscan.runs.live.crawl import TORCH_DEVIATION, CrawlEntry, CrawlPageJournal, CrawlShow
-from tjscan.runs.live.tow import CABLE_CLEARANCE, TowShow, clearance, vehicles_apart
+from tjscan.runs.live.crawl import TORCH_DEVIATION, CrawlPageJournal, CrawlShow
+from tjscan.runs.live.tow import CABLE_CLEARANCE, TowShow, vehicles_apart
+from tjscan.runs.tow.results import clearance_of_discs
 from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.shape.plan import PlanTerms, TowingPlan
@@ -65,7 +66,7 @@ def test_a_crawl_shows_where_the_vehicle_is_and_what_is_welded() -> None:
 def test_a_crawl_hands_over_twenty_cycles_a_second() -> None:
     show = CrawlShow(read_crawl_job(CRAWL), "crawl")
 
-    class Counted(RunOnPage[CrawlEntry]):
+    class Counted(RunOnPage):
         count = 0
 
         def post(self, entry: object) -> None:
@@ -117,7 +118,9 @@ def test_what_a_simulated_tow_records_of_the_truth_is_shown_too() -> None:
 
 def test_clearance_is_to_the_rim_of_the_nearest_disc() -> None:
     line = np.array([(0.0, 0.0), (1.0, 0.0)])
-    assert clearance(line, np.array([(1.0, 2.0, 0.5), (5.0, 0.0, 1.0)])) == pytest.approx(1.5)
+    assert clearance_of_discs(line, np.array([(1.0, 2.0, 0.5), (5.0, 0.0, 1.0)])) == pytest.approx(
+        1.5
+    )
 
 
 def test_vehicles_are_apart_from_rim_to_rim() -> None:

@@ -20,7 +20,7 @@ from tjscan.core.manifest import MANIFEST_FILE
 from tjscan.groove.read import read_groove
 from tjscan.joint.file import read_joint
 from tjscan.report.data import read_report_data
-from tjscan.report.design import designed_measures
+from tjscan.report.dimensions import designed_measures
 from tjscan.report.findings import report_findings
 from tjscan.report.write import render_report_page, write_run_report
 from tjscan.result.directory import BUDGET_FILE

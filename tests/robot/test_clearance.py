@@ -15,8 +15,8 @@ from tjscan.core.config import table_to_dict
 from tjscan.core.devices import DeviceBase
 from tjscan.core.errors import ArmFault, ConfigurationError, PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array, pose, rot_y, rot_z, transform_points
-from tjscan.job import read_scan_job
 from tjscan.job.arm import clear_path_planner_of_job
+from tjscan.job.files import read_scan_job
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import CHECK_RESOLUTION, ClearPathPlanner
 from tjscan.robot.collision import SCANNED_GROOVE, CollisionModel, check_ignored_links

@@ -13,7 +13,7 @@ from command import tjscan
 from taught import HALF_DIGIT, example, standing
 from ur_cell import address, client_processes
 
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan_loopback.process import UrLoopbackProcess
 
 pytest.importorskip("rtde_control")

@@ -9,7 +9,7 @@ from cells import EXAMPLES
 from command import tjscan
 
 from tjscan.core.config import table_to_dict
-from tjscan.job import read_calibration_job, read_scan_job
+from tjscan.job.files import read_calibration_job, read_scan_job
 from tjscan.runs.chain import KEYS_SWITCHING_OFF, read_chain
 from tjscan.study.file import flatten_to_dotted_keys
 
@@ -36,7 +36,7 @@ def test_both_jobs_are_of_one_cell_that_errs() -> None:
 def test_each_source_is_there_and_can_be_switched_off(source: str) -> None:
     chain = read_chain(CHAIN)
     as_it_is = flatten_to_dotted_keys(table_to_dict(read_scan_job(chain.scan, chain.both)))
-    without = chain.with_keys(dict(KEYS_SWITCHING_OFF[source]))
+    without = chain.with_keys(dict.fromkeys(KEYS_SWITCHING_OFF[source], 0.0))
     off = flatten_to_dotted_keys(table_to_dict(read_scan_job(chain.scan, without.both)))
     for key in KEYS_SWITCHING_OFF[source]:
         assert as_it_is[key] > 0

@@ -73,7 +73,7 @@ def test_an_arm_that_stands_at_a_start_pose_sees_its_groove() -> None:
     # Close to the first pose: the doctor tells what the laser sees from where the arm stands.
     from taught import standing
 
-    from tjscan.job import read_scan_job
+    from tjscan.job.files import read_scan_job
 
     T = read_scan_job(PAPER).start_poses[0].T
     home = [float(word) for word in standing(T).strip("[]").split(",")]

@@ -15,7 +15,7 @@ from ur_cell import address, output_is_on
 from tjscan.core.frames import Array
 from tjscan.core.pose_vector import pose_from_vector
 from tjscan.core.signals import press_ctrl_c
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.planning.wps import read_wps
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics

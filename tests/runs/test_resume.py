@@ -21,7 +21,7 @@ from mcap.writer import CompressionType, Writer
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.files import lock_and_clean_directory
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
 from tjscan.recording.parts import recording_files
 from tjscan.robot.kinematics import Kinematics

@@ -20,7 +20,7 @@ from written import content
 from tjscan.calibration.wizard.operator import Question
 from tjscan.core.config import read_toml
 from tjscan.core.frames import pose, rot_y
-from tjscan.job import ScanJob, read_scan_job
+from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.recording.journal import Journal
 from tjscan.recording.parts import recording_files
 from tjscan.report.write import write_run_report

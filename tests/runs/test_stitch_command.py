@@ -11,7 +11,8 @@ import pytest
 from cells import EXAMPLES
 from command import tjscan
 
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
+from tjscan.result.directory import JOINT_FILE
 from tjscan.result.table import read_sections_csv
 from tjscan.runs.run import make_run_directory
 from tjscan.runs.scan.context import RunContext
@@ -73,7 +74,7 @@ def test_a_run_of_several_stations_is_read_again_and_stitched(runs: Path, tmp_pa
     job = read_scan_job(EXAMPLE, {"scan.step_mm": 40.0})
     assert job.joint is not None
     whole, out = tmp_path / "whole", tmp_path / "again"
-    make_run_directory(whole, job, EXAMPLE, joint=EXAMPLE.parent / job.joint.file)
+    make_run_directory(whole, job, EXAMPLE, {JOINT_FILE: EXAMPLE.parent / job.joint.file})
     for name in job.station_names:
         shutil.copytree(runs / name, whole / name)
     assert tjscan("reprocess", whole, "--out", out, "--groove.noise-mm", "0.06") == 0

@@ -17,7 +17,7 @@ from taught import HALF_DIGIT, example, standing
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import pose, pose_from_euler_zyx, rot_y, rotation_angle_between
 from tjscan.core.units import MM
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.runs.teach import pose_for_job_file, write_start_pose
 
 

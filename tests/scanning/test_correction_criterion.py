@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array, pose
 from tjscan.groove.read import read_groove
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.recording.parts import recording_files
 from tjscan.scanning.correction_criterion import (
     CorrectionCriterion,

@@ -13,7 +13,7 @@ from command import tjscan
 
 from tjscan.core.frames import inverse_pose, transform_points
 from tjscan.groove.read import read_groove
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.recording.header import FORMAT_VERSION
 from tjscan.recording.reader import read_header
 from tjscan.scanning.reader import read_recorded_scan

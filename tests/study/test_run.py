@@ -1,6 +1,7 @@
 """Laws of a running study: the same table wherever it runs, and nothing lost on the way."""
 
 from collections.abc import Generator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from tjscan.runs.scan.study import ScanOutcome
 from tjscan.runs.tasks import study_backend_of_task
 from tjscan.study.file import plan_study
 from tjscan.study.run import run_study, run_trial
-from tjscan.study.schedule import CrashedTask, DaskScheduler, FinishedTask
+from tjscan.study.schedule import DaskScheduler, EndedTask
 from tjscan.study.store import ROWS_FILE, make_study_directory, read_rows
 from tjscan.study.trial import LOST_WORKER, StudyRow, Trial
 
@@ -51,7 +52,7 @@ def trials(study: Path) -> tuple[Trial, ...]:
 @pytest.fixture(scope="module")
 def rows(trials: tuple[Trial, ...]) -> tuple[StudyRow[Any], ...]:
     """What every run of the study shall give: made here, one after the other."""
-    return tuple(run_trial(trial, study_backend_of_task).without_wall_time for trial in trials)
+    return tuple(replace(run_trial(trial, study_backend_of_task), wall_s=0.0) for trial in trials)
 
 
 class Here:
@@ -60,16 +61,14 @@ class Here:
     def __init__(self, stop_after: int | None = None) -> None:
         self.stop_after, self.made = stop_after, 0
 
-    def __call__(
-        self, work: object, trials: object
-    ) -> Generator[FinishedTask[Trial, StudyRow[Any]]]:
+    def __call__(self, work: object, trials: object) -> Generator[EndedTask[Trial, StudyRow[Any]]]:
         assert callable(work)
         assert isinstance(trials, list)
         for trial in trials:
             if self.made == self.stop_after:
                 raise KeyboardInterrupt
             self.made += 1
-            yield FinishedTask(trial, work(trial))
+            yield EndedTask(trial, work(trial))
 
 
 def ignore(row: StudyRow[Any]) -> None:
@@ -77,7 +76,7 @@ def ignore(row: StudyRow[Any]) -> None:
 
 
 def timeless(rows: tuple[StudyRow[Any], ...]) -> tuple[StudyRow[Any], ...]:
-    return tuple(row.without_wall_time for row in rows)
+    return tuple(replace(row, wall_s=0.0) for row in rows)
 
 
 def test_a_failed_scan_is_a_row_with_its_reason(rows: tuple[StudyRow[Any], ...]) -> None:
@@ -123,9 +122,9 @@ def test_processes_change_nothing(
 
 
 def test_a_lost_task_is_a_row_that_says_so(trials: tuple[Trial, ...], tmp_path: Path) -> None:
-    def losing(work: object, trials: object) -> Generator[CrashedTask[Trial]]:
+    def losing(work: object, trials: object) -> Generator[EndedTask[Trial, StudyRow[Any]]]:
         assert isinstance(trials, list)
-        yield from (CrashedTask(trial, "its process died") for trial in trials)
+        yield from (EndedTask(trial, None, "its process died") for trial in trials)
 
     make_study_directory(tmp_path / "s", trials[:1])
     (row,) = run_study(tmp_path / "s", losing, ignore, study_backend_of_task)

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -20,7 +21,7 @@ from tjscan.core.errors import ComputeClusterFault, ConfigurationError
 from tjscan.runs.tasks import study_backend_of_task
 from tjscan.study.file import StudyFile, trials_of_study
 from tjscan.study.run import run_trial
-from tjscan.study.schedule import CrashedTask, DaskScheduler, FinishedTask, check_study_packages
+from tjscan.study.schedule import DaskScheduler, EndedTask, check_study_packages
 from tjscan.study.trial import StudyRow, Trial
 
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -51,9 +52,9 @@ def address() -> Iterator[str]:
 
 def made(scheduler: DaskScheduler, trials: tuple[Trial, ...]) -> list[StudyRow[Any]]:
     rows = [
-        e.result.without_wall_time
+        replace(e.result, wall_s=0.0)
         for e in scheduler(partial(run_trial, backend_of=study_backend_of_task), trials)
-        if isinstance(e, FinishedTask)
+        if e.result is not None
     ]
     return sorted(rows, key=lambda row: row.index)
 
@@ -90,7 +91,7 @@ def test_a_scheduler_that_is_not_there_is_reported(monkeypatch: pytest.MonkeyPat
 def test_a_scheduler_that_goes_away_is_reported_and_what_is_done_was_given() -> None:
     with cluster_of(1) as cluster:
         ended = DaskScheduler(address=cluster.scheduler_address)(once, (0, 1))
-        assert next(ended) == FinishedTask(0, 0)
+        assert next(ended) == EndedTask(0, 0)
         with suppress(TimeoutError):
             cluster.close()
         with pytest.raises(ComputeClusterFault, match="--resume"):
@@ -117,8 +118,8 @@ def test_workers_with_another_version_are_refused(
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_killed_process_costs_its_own_task(workers: int) -> None:
     ended = list(DaskScheduler(workers)(double_or_die, [0, 1, 2, 3, 4, 5]))
-    assert [e.task for e in ended if isinstance(e, CrashedTask)] == [1]
-    assert {e.task: e.result for e in ended if isinstance(e, FinishedTask)} == {
+    assert [e.task for e in ended if e.result is None] == [1]
+    assert {e.task: e.result for e in ended if e.result is not None} == {
         0: 0,
         2: 4,
         3: 6,
@@ -128,9 +129,7 @@ def test_a_killed_process_costs_its_own_task(workers: int) -> None:
 
 
 def test_a_worker_takes_one_thread() -> None:
-    assert [e.result for e in DaskScheduler(1)(threads, [0]) if isinstance(e, FinishedTask)] == [
-        "1"
-    ]
+    assert [e.result for e in DaskScheduler(1)(threads, [0])] == ["1"]
 
 
 def test_a_package_that_is_missing_is_named_with_its_extra(

@@ -19,7 +19,7 @@ from tjscan.core.provenance import Provenance
 from tjscan.groove.prior import GroovePrior
 from tjscan.groove.read import read_groove
 from tjscan.groove.section import GrooveSection
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile

@@ -56,7 +56,7 @@ def scan(
         measured until then.
     """
     from tjscan.core.config import add_file_to_errors
-    from tjscan.job import read_scan_job
+    from tjscan.job.files import read_scan_job
     from tjscan.runs.run import default_run_directory
     from tjscan.runs.scan.context import RunContext
     from tjscan.runs.scan.run import run_scan

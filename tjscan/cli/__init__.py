@@ -47,20 +47,22 @@ app.command(crawl_app)
 app.command(tow_app)
 
 COMMAND_GROUPS: Final = (
-    (app, "scan", "calibrate", "teach", "doctor", "laser", "reprocess", "groove", "stitch"),
-    (app, "chain", "compare", "export", "plan", "report", "view", "joint", "study"),
-    (app, "init", "schema"),
-    (crawl_app, "run", "size", "calibrate", "compare", "replay"),
-    (tow_app, "run", "replay"),
+    (app, "scan", ("scan", "teach", "doctor", "laser", "reprocess", "stitch")),
+    (app, "calibrate", ("calibrate",)),
+    (app, "results", ("groove", "compare", "export", "report", "view")),
+    (app, "plan", ("plan",)),
+    (app, "study", ("study", "chain")),
+    (app, "files", ("joint", "init", "schema")),
+    (crawl_app, "crawl", ("run", "size", "calibrate", "compare", "replay")),
+    (tow_app, "tow", ("run", "replay")),
 )
-"""Commands by group, each a function in the module of its name or of its group.
+"""Commands by group: the module, and the functions in it.
 
-The docstring of the function is the help of the command.
+The docstring of a function is the help of its command.
 """
 
-for group, *functions in COMMAND_GROUPS:
+for group, module, functions in COMMAND_GROUPS:
     for function in functions:
-        module = function if group is app else group.name[0]
         group.command(f"tjscan.cli.{module}:{function}", name=function)
 app.register_install_completion_command()
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
 
+from tjscan.cli.options.overrides import JobKeys, parse_overrides
 from tjscan.cli.options.page import LiveOptions
 from tjscan.core.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from tjscan.job import CalibrationJob, RecordedJob
+    from tjscan.job.files import CalibrationJob
 
 
 @Parameter(name="*")
@@ -38,7 +39,7 @@ class CalibrationMode:
 
 def calibrate(
     job: Path | None = None,
-    *overrides: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)],
+    *overrides: JobKeys,
     station: str | None = None,
     out: Path | None = None,
     resume: Path | None = None,
@@ -64,103 +65,48 @@ def calibrate(
     json
         Print the calibration as JSON on stdout.
     """
-    from tjscan.cli.options.overrides import parse_overrides
     from tjscan.core.config import add_file_to_errors
-    from tjscan.job import has_recorded_profiles, read_calibration_job, read_recorded_job
+    from tjscan.job.files import (
+        RecordedJob,
+        has_recorded_profiles,
+        read_calibration_job,
+        read_recorded_job,
+    )
+    from tjscan.result.directory import JOB_FILE
 
     mode, page, keys = mode or CalibrationMode(), page or LiveOptions(), parse_overrides(overrides)
     page.check()
     if page.live and (mode.unattended or (job is None and resume is None)):
         raise ConfigurationError("--live asks a person on a page, in the cell of a job")
-    if (job is None) == (resume is None):
+    file = job if resume is None else resume / JOB_FILE
+    if file is None or (job is not None and resume is not None):
         raise ConfigurationError(
             "calibrate takes either a job file, or --resume with a directory "
             f"(found: {'none of them' if job is None else 'both'})"
         )
+    parsed: CalibrationJob | RecordedJob
     if resume is not None:
         if mode.arm or mode.dry_run or out is not None:
             raise ConfigurationError("--resume goes on as it was begun: no --arm, --dry-run, --out")
-        _resume(resume, page, unattended=mode.unattended, json=json)
-    elif job is not None and has_recorded_profiles(job):
+        parsed = read_calibration_job(file)
+    elif has_recorded_profiles(file):
         if mode != CalibrationMode() or station is not None or page.live:
             raise ConfigurationError(
                 "has [[recorded]] profiles, so nothing moves: --dry-run, --live, --station and "
                 "--unattended have no meaning, and --arm is the key solve.calibrate_arm",
-                file=job,
+                file=file,
             )
-        _calibrate_recorded(read_recorded_job(job, keys), job, out, json=json)
-    elif job is not None:
-        with add_file_to_errors(job):
-            at_station = read_calibration_job(job, keys).job_at_station(station)
-        if not mode.dry_run:
-            _start(at_station, job, out, page, mode, json=json)
-        elif mode.arm or out is not None:
+        parsed = read_recorded_job(file, keys)
+    else:
+        with add_file_to_errors(file):
+            parsed = read_calibration_job(file, keys).job_at_station(station)
+        if mode.dry_run and (mode.arm or out is not None):
             raise ConfigurationError("--dry-run plans the lines of a job: no --out, no --arm")
-        else:
-            _check(at_station, job)
-
-
-def _check(job: CalibrationJob, file: Path) -> None:
-    """Check the job of a calibration, and plan its lines."""
-    from numpy import degrees
-
-    from tjscan.cli.output.console import print_message
-    from tjscan.runs.calibration.check import check_calibration_job
-
-    found = check_calibration_job(job, file)
-    print_message(
-        f"{file}: the job is sound, and the arm gets to all {job.board.lines} lines; their noise "
-        f"would leave the sensor's pose uncertain to {1e3 * found.position:.2f} mm and "
-        f"{degrees(found.rotation):.3f}°"
-    )
-
-
-def _start(
-    job: CalibrationJob,
-    file: Path,
-    out: Path | None,
-    page: LiveOptions,
-    mode: CalibrationMode,
-    *,
-    json: bool,
-) -> None:
-    """Calibrate the cell of a job."""
     # A job with a mistake in it is refused before anything heavy is loaded.
-    from tjscan.cli.operators import chosen_operator
-    from tjscan.cli.output.calibration import finish_calibration
-    from tjscan.runs.calibration.run import start_calibration
-    from tjscan.runs.run import default_run_directory
+    from tjscan.cli.output.calibration import calibrate_and_print, print_calibration_check
 
-    directory = out or default_run_directory(file)
-    with chosen_operator(job, file, page, unattended=mode.unattended) as operator:
-        done = start_calibration(job, file, directory, operator, arm=mode.arm)
-    finish_calibration(done, json=json)
-
-
-def _resume(directory: Path, page: LiveOptions, *, unattended: bool, json: bool) -> None:
-    """Go on with an interrupted calibration."""
-    from tjscan.cli.operators import chosen_operator
-    from tjscan.cli.output.calibration import finish_calibration
-    from tjscan.job import read_calibration_job
-    from tjscan.result.directory import JOB_FILE
-    from tjscan.runs.calibration.run import resume_calibration
-
-    file = directory / JOB_FILE
-    with chosen_operator(read_calibration_job(file), file, page, unattended=unattended) as operator:
-        done = resume_calibration(directory, operator)
-    finish_calibration(done, json=json)
-
-
-def _calibrate_recorded(job: RecordedJob, file: Path, out: Path | None, *, json: bool) -> None:
-    """Calibrate from the recorded profiles of a job."""
-    from tjscan.cli.output.calibration import finish_calibration
-    from tjscan.cli.output.console import print_message
-    from tjscan.runs.calibration.run import calibrate_recorded_job
-    from tjscan.runs.run import default_run_directory
-
-    done = calibrate_recorded_job(job, file, out or default_run_directory(file), print_message)
-    finish_calibration(done, json=json)
-    if job.arm.id is None or job.laser.id is None:
-        print_message(
-            "name the devices with the keys arm.id and laser.id, or a scan will refuse that file"
-        )
+    if mode.dry_run and not isinstance(parsed, RecordedJob):
+        print_calibration_check(parsed, file)
+    else:
+        again = resume is not None
+        calibrate_and_print(parsed, file, out, page, mode, resume=again, json=json)

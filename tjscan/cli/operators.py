@@ -18,7 +18,7 @@ from tjscan.core.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from tjscan.calibration.wizard.session import CalibrationProgress
-    from tjscan.job import CalibrationJob
+    from tjscan.job.files import CalibrationJob
 
 
 class PrintOnlyOperator(DefaultAnswerOperator):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +16,7 @@ from tjscan.cli.output.console import print_json, print_message
 from tjscan.cli.output.scan import print_scan_summary, print_stitched_groove, scan_progress_bar
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
-from tjscan.job import ScanJob
+from tjscan.job.files import ScanJob
 from tjscan.recording.journal import CombinedJournal
 from tjscan.report.write import write_run_report
 from tjscan.runs.scan import run as scan
@@ -26,7 +26,7 @@ from tjscan.runs.stations import run as stations
 
 def check_job_only(job: ScanJob, file: Path, station: str | None) -> None:
     """Check a job and the way to its taught poses, without a scan."""
-    scan.check_scan_job(RunContext(_at(job, file, station), file))
+    scan.check_scan_job(RunContext(_job_at_chosen_station(job, file, station), file))
     print_message(f"{file}: the job is sound, and the way to its taught poses is clear")
 
 
@@ -62,71 +62,67 @@ class ScanRequest:
     page: LiveScanOptions
     json: bool
 
-    @property
-    def job_there(self) -> ScanJob:
-        """The job at the one station, if one is chosen."""
-        return _at(self.job, self.file, self.station)
-
 
 def run_scan_request(request: ScanRequest) -> None:
     """Scan into a new directory, or go on in the directory of an interrupted scan."""
+    here = _job_at_chosen_station(request.job, request.file, request.station)
     # A resumed scan of several stations has a directory for each of them, whichever is chosen.
-    job = request.job if request.resume else request.job_there
-    if len(job.station) > 1:
-        _scan_from_stations(request, job)
-    else:
-        _scan_from_one_place(request)
-
-
-def _scan_from_one_place(request: ScanRequest) -> None:
-    directory = request.directory
-    with (
-        scan_progress_bar("sections", request.job_there.scan) as journal,
-        stop_request_on_ctrl_c() as stop,
-        _on_page(
-            RunContext(request.job_there, request.file, journal, write_run_report, stop),
-            request.page,
-            directory if request.resume else None,
-        ) as context,
-    ):
-        if request.resume:
-            summary = scan.resume_scan(context, request.keys)
+    whole = request.job if request.resume else here
+    with stop_request_on_ctrl_c() as stop:
+        context = RunContext(whole, request.file, stop=stop, finished=write_run_report)
+        if len(whole.station) > 1:
+            unfinished = _scan_from_stations(request, context)
         else:
-            summary = scan.run_scan(context, directory)
-    print_scan_summary(summary, directory, json=request.json)
-    if not summary.complete:
-        print_message(f"to go on: tjscan scan --resume {directory}")
+            unfinished = _scan_from_one_place(request, replace(context, job=here))
+    if unfinished is not None:
+        names = unfinished and f" with {', '.join(unfinished)}"
+        print_message(f"to go on{names or ''}: tjscan scan --resume {request.directory}")
         raise SystemExit(INTERRUPT_EXIT_CODE if stop.ends_after_section else 1)
 
 
-def _scan_from_stations(request: ScanRequest, job: ScanJob) -> None:
-    """Scan from all stations, or the one chosen, and stitch what they scanned once all have."""
+def _scan_from_one_place(request: ScanRequest, context: RunContext) -> list[str] | None:
+    """Scan, and print the summary; an empty list if the scan is not complete."""
+    with (
+        scan_progress_bar("sections", context.job.scan) as journal,
+        _shown_on_page(replace(context, journal=journal), request) as shown,
+    ):
+        if request.resume:
+            summary = scan.resume_scan(shown, request.keys)
+        else:
+            summary = scan.run_scan(shown, request.directory)
+    print_scan_summary(summary, request.directory, json=request.json)
+    return None if summary.complete else []
+
+
+def _scan_from_stations(request: ScanRequest, context: RunContext) -> list[str] | None:
+    """Scan from all stations, or the one chosen, and stitch what they scanned once all have.
+
+    Returns the names of those that are not complete, if any.
+    """
     if request.page.live:
         raise ConfigurationError("--live shows one station at a time: choose it with --station")
-    directory = request.directory
     operator: stations.StationOperator = DefaultAnswerOperator()
-    if job.arm.driver != "simulated":
+    if context.job.arm.driver != "simulated":
         operator = TerminalOperator("scan one station at a time, with --station")
-    with stop_request_on_ctrl_c() as stop:
-        context = RunContext(job, request.file, stop=stop, finished=write_run_report)
-        if request.resume:
-            scans = stations.resume_stations(
-                context, request.keys, operator, scan_progress_bar, request.station
-            )
-        else:
-            scans = stations.run_stations(context, directory, operator, scan_progress_bar)
+    watch, directory = scan_progress_bar, request.directory
+    if request.resume:
+        scans = stations.resume_stations(context, request.keys, operator, watch, request.station)
+    else:
+        scans = stations.run_stations(context, directory, operator, watch)
     if all(one.summary is not None for one in scans):
         stitched = stations.stitch_station_runs(directory, write_run_report)
         print_stitched_groove(stitched, directory, json=request.json)
+    elif request.json:
+        print_json({"stations": {one.name: one.summary for one in scans}})
     else:
-        _print_some(scans, json=request.json)
-    short = [one.name for one in scans if not one.is_complete]
-    if short:
-        print_message(f"to go on with {', '.join(short)}: tjscan scan --resume {directory}")
-        raise SystemExit(INTERRUPT_EXIT_CODE if stop.ends_after_section else 1)
+        for one in scans:
+            print_message(f"station {one.name}{'' if one.summary else ' is still to be scanned'}")
+            if one.summary is not None:
+                print_scan_summary(one.summary, one.directory, json=False)
+    return [one.name for one in scans if not one.is_complete] or None
 
 
-def _at(job: ScanJob, file: Path, station: str | None) -> ScanJob:
+def _job_at_chosen_station(job: ScanJob, file: Path, station: str | None) -> ScanJob:
     if station is None:
         return job
     with add_file_to_errors(file):
@@ -134,30 +130,17 @@ def _at(job: ScanJob, file: Path, station: str | None) -> ScanJob:
 
 
 @contextmanager
-def _on_page(
-    context: RunContext, page: LiveScanOptions, resumed: Path | None
-) -> Iterator[RunContext]:
+def _shown_on_page(context: RunContext, request: ScanRequest) -> Iterator[RunContext]:
     """Show a scan on the live page too, if that is asked for, while the block runs."""
+    page = request.page
     if not page.live:
         yield context
         return
     from tjscan.runs.live.scan import show_scan
 
-    job = context.job.job_at_station()
-    context_there = replace(context, job=job)
-    with show_scan(context_there, page.where, print_message, ctrl_c_presser(), resumed) as on_page:
+    there = replace(context, job=context.job.job_at_station())
+    resumed = request.directory if request.resume else None
+    with show_scan(there, page.where, print_message, ctrl_c_presser(), resumed) as on_page:
         if page.wait:
             on_page.run.wait_for_start()
         yield replace(context, journal=CombinedJournal(context.journal, on_page))
-
-
-def _print_some(scans: Sequence[stations.StationScan], *, json: bool) -> None:
-    """Print what was scanned so far, if that is not all."""
-    if json:
-        summaries = {one.name: one.summary for one in scans}
-        print_json({"stations": summaries})
-        return
-    for one in scans:
-        print_message(f"station {one.name}{'' if one.summary else ' is still to be scanned'}")
-        if one.summary is not None:
-            print_scan_summary(one.summary, one.directory, json=False)

@@ -10,7 +10,7 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, inverse_pose
-from tjscan.job import CellJob
+from tjscan.job.files import CellJob
 from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.robot.collision import CollisionModel, check_ignored_links
 from tjscan.robot.deviations import with_deviations
@@ -118,26 +118,22 @@ def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
     ConfigurationError
         If the calibration can't be read, or holds for another arm or laser.
     """
-    T_f_s = job.calibration.T_f_s
-    if T_f_s is not None:
+    if (T_f_s := job.calibration.T_f_s) is not None:
         return SensorMount(T_f_s, covariance=job.calibration.covariance)
     file = job_file.parent / str(job.calibration.file)
     # A recording does not name the laser that made it, unless the job does.
     laser = job.laser.id if job.laser.driver_kind is DriverKind.REPLAYED else job.laser.device_id
     found = read_calibration(file, arm=job.arm.device_id, laser=laser)
     by_laser, linearity = None, 0.0
-    if found.laser_response is not None:
-        by_laser = found.laser_response.by_draws_si
-        linearity = 1e-3 * found.laser_response.linearity_mm
-    if found.kinematics is None:
+    if (response := found.laser_response) is not None:
+        by_laser, linearity = response.by_draws_si, 1e-3 * response.linearity_mm
+    if (arm := found.kinematics) is None:
         return SensorMount(found.T_f_s, file, None, found.covariance_si, by_laser, linearity)
-    name = kinematics_of_job(job).name
-    if found.kinematics.model != name:
+    if arm.model != (name := kinematics_of_job(job).name):
         raise ConfigurationError(
-            f"holds the kinematics of a {found.kinematics.model!r}, but this cell has a "
-            f"{name!r}: calibrate this arm",
+            f"holds the kinematics of a {arm.model!r}, but this cell has a {name!r}: calibrate "
+            "this arm",
             file=file,
             key="kinematics.model",
         )
-    arm = found.kinematics
     return SensorMount(found.T_f_s, file, arm.deviations_si, arm.covariance_si, by_laser, linearity)

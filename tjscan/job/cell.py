@@ -12,10 +12,9 @@ from tjscan.core.devices import DriverKind, NoSettings
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.units import pose_from_rows_mm
-from tjscan.job import CellJob, LaserSettings, ScanJob
 from tjscan.job.arm import clear_path_planner_of_job, kinematics_of_job
-from tjscan.job.devices import DeviceGroup
-from tjscan.job.laser import laser_model_of_job
+from tjscan.job.devices import DeviceGroup, LaserSettings
+from tjscan.job.files import CellJob, ScanJob
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.joint.relief import make_relief_height_function
@@ -119,7 +118,7 @@ def make_cell(
     """
     clearance, simulation = clear_path_planner_of_job(job, deviations), job.simulation
     model = kinematics_of_job(job)
-    recording = cache(partial(_recording, job.laser))
+    recording = cache(partial(_read_recording, job.laser))
     arm_driver = ARM_DRIVERS.load(job.arm.driver)
     device: Arm = ARM_DRIVERS.make(
         job.arm.driver,
@@ -129,7 +128,7 @@ def make_cell(
             seed=0 if simulation is None else simulation.seed,
             simulation=None if simulation is None else simulation.arm,
             left=left,
-            recording=lambda: (recording()[0], recording()[1]),
+            recording=lambda: recording()[:2],
         ),
         job.arm.driver_settings,
     )
@@ -138,20 +137,10 @@ def make_cell(
         if deviations is not None:
             arm = CorrectedArm(arm, model, clearance.kinematics)
         arm = CollisionCheckedArm(arm, clearance, T_f_s, lifts=job.clearance.lifts)
-    rows = None if simulation is None else simulation.T_f_s_mm
     true_flange = partial(arm_driver.truth, device)
-    laser = LASER_DRIVERS.make(
-        job.laser.driver,
-        LaserDriverInputs(
-            laser_model_of_job(job),
-            LaserFlange.of_arm(true_flange, device.state),
-            T_f_s if rows is None else pose_from_rows_mm(rows),
-            scene,
-            seed=None if simulation is None else simulation.seed,
-            recording=lambda: (recording()[0], recording()[2]),
-        ),
-        job.laser.driver_settings,
-    )
+    flange = LaserFlange.of_arm(true_flange, device.state)
+    inputs = _laser_driver_inputs(job, flange, T_f_s, scene, lambda: recording()[::2])
+    laser = LASER_DRIVERS.make(job.laser.driver, inputs, job.laser.driver_settings)
     return Cell(arm, laser, T_f_s, clearance, true_flange)
 
 
@@ -182,23 +171,33 @@ def make_simulated_laser(
     ConfigurationError
         If the job has no [simulation] or no joint.
     """
-    simulation = job.simulation
-    rows = None if simulation is None else simulation.T_f_s_mm
-    laser: LineLaser = LASER_DRIVERS.load("simulated").make(
-        LaserDriverInputs(
-            laser_model_of_job(job),
-            LaserFlange(T_b_f, T_b_f, time),
-            T_f_s if rows is None else pose_from_rows_mm(rows),
-            partial(_joint_scene, job, joint),
-            seed=None if simulation is None else simulation.seed,
-            recording=lambda: _recording(job.laser)[::2],
-        ),
-        NoSettings(),
+    inputs = _laser_driver_inputs(
+        job,
+        LaserFlange(T_b_f, T_b_f, time),
+        T_f_s,
+        partial(_joint_scene, job, joint),
+        lambda: _read_recording(job.laser)[::2],
     )
+    laser: LineLaser = LASER_DRIVERS.load("simulated").make(inputs, NoSettings())
     return laser
 
 
-def _recording(
+def _laser_driver_inputs(
+    job: CellJob,
+    flange: LaserFlange,
+    T_f_s: Array,
+    scene: Callable[[], SimulatedScene],
+    recording: Callable[[], tuple[RecordedPoses, tuple[Profile, ...]]],
+) -> LaserDriverInputs:
+    """What a laser is made from, at its true pose on the flange if the job states that."""
+    simulation = job.simulation
+    rows = None if simulation is None else simulation.T_f_s_mm
+    true_pose = T_f_s if rows is None else pose_from_rows_mm(rows)
+    seed = None if simulation is None else simulation.seed
+    return LaserDriverInputs(job.laser_model, flange, true_pose, scene, seed, recording)
+
+
+def _read_recording(
     table: LaserSettings,
 ) -> tuple[RecordedPoses, tuple[ArmState, ...], tuple[Profile, ...]]:
     """Recorded poses of the flange, states of the arm and profiles, shared by replayed devices."""
@@ -218,11 +217,11 @@ def _joint_scene(job: ScanJob, joint: JointDefinition | None) -> SimulatedScene:
     """The joint of a job at its true pose."""
     if job.joint is None or joint is None:
         raise ConfigurationError("a simulated laser needs a [joint] table to look at", key="joint")
-    return SimulatedScene(_surface(joint), inverse_pose(job.T_w_b_true) @ job.joint.T_w_j)
+    return SimulatedScene(_joint_surface(joint), inverse_pose(job.T_w_b_true) @ job.joint.T_w_j)
 
 
 @lru_cache(maxsize=2)
-def _surface(joint: JointDefinition) -> RaycastSurface:
+def _joint_surface(joint: JointDefinition) -> RaycastSurface:
     """What light hits of a joint; kept, since many cells in a row may look at the same one."""
     mesh = build_joint_mesh(joint)
     return RaycastSurface(mesh.vertices, mesh.triangles, make_relief_height_function(joint))

@@ -1,4 +1,8 @@
-"""The tables of arm and laser, and of the pose of the laser on the arm."""
+"""The tables of arm and laser, of how they err, and of the pose of the laser on the arm.
+
+Every default of an uncertainty is an assumption. It holds for what the tables' documentation
+names, and a result calls it assumed.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +10,17 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field, replace
 from math import radians
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+from time import monotonic
+from typing import Annotated, Any, ClassVar, Final, Self
 
 import numpy as np
 from annotated_types import Ge, Le, MinLen, MultipleOf
-from pydantic import TypeAdapter
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
+from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
 from tjscan.core.config import table_to_dict, validate_table
-from tjscan.core.devices import DriverFactory, DriverKind
+from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.core.registry import Registry
@@ -28,13 +34,20 @@ from tjscan.core.units import (
     SettingsTable,
     pose_from_rows_mm,
 )
-from tjscan.job.uncertainty import ArmUncertaintySettings, LaserUncertaintySettings
-from tjscan.laser.drivers import LASER_DRIVERS
+from tjscan.joint.tubes.fit import ArmRepeatability
+from tjscan.laser.drivers import LASER_DRIVERS, LaserDriverInputs, LaserFlange
+from tjscan.laser.line_laser import LineLaser
+from tjscan.laser.model import LaserModel
 from tjscan.robot.drivers import ARM_DRIVERS
 
-if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
-    from pydantic.json_schema import JsonSchemaValue
+ASSUMED_LINEARITY: Final = 0.1e-3
+"""Metres: assumption, 0.1 % of a 100 mm range; data sheets of the class state 0.1 to 0.2 %."""
+
+ASSUMED_RANGE_BIAS: Final = 0.02e-3
+"""Metres: assumption, what the simulated laser has by default (`tjscan.laser.model`)."""
+
+EVIDENCE_STATED: Final = "stated"
+EVIDENCE_ASSUMED: Final = "assumed"
 
 
 class DeviceGroup:
@@ -87,8 +100,7 @@ class DeviceSettings(SettingsTable):
     @property
     def driver_kind(self) -> DriverKind:
         """Whether the device is real, simulated or replayed from a recording."""
-        driver: DriverFactory[Any, Any] = self.registry.load(self.driver)
-        return driver.kind
+        return DriverKind(self.registry.load(self.driver).kind)
 
     @property
     def driver_settings(self) -> Any:
@@ -180,6 +192,71 @@ class DeviceSettings(SettingsTable):
 
 def _with_drivers(table: DeviceSettings, write: Callable[[DeviceSettings], Any]) -> Any:
     return write(table) | {name: table_to_dict(own) for name, own in table.drivers.items()}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmUncertaintySettings(SettingsTable):
+    """The table [arm.uncertainty]: how far the arm may be from where it reports.
+
+    Parameters
+    ----------
+    absolute : float, optional
+        Root mean square distance of the flange from its reported position, because the links
+        deviate from the model; metres. If left out, joints deviate as
+        `tjscan.robot.settings.PlacementTolerance` assumes, some 0.4 mm at the flange of an arm
+        of a metre and more. An arm that was calibrated with its sensor has what its calibration
+        found instead.
+    repeatability, angular_repeatability : float, optional
+        Root mean square of the distance (metres) and the angle (radians) by which the arm does
+        not repeat; as in `tjscan.joint.tubes.fit.ArmRepeatability` if left out.
+    """
+
+    absolute: Annotated[float | None, Ge(0), Le(20), MM] = None
+    repeatability: Annotated[float | None, Ge(0), Le(5), MM] = None
+    angular_repeatability: Annotated[
+        float | None, Ge(0), Le(5), DEG.with_key("repeatability_deg")
+    ] = None
+
+    @property
+    def repeats(self) -> tuple[ArmRepeatability, str]:
+        """Repeatability, and whether any of it is stated or all assumed."""
+        assumed = ArmRepeatability()
+        position, evidence = _stated_or_assumed(self.repeatability, assumed.position)
+        angle, of_angle = _stated_or_assumed(self.angular_repeatability, assumed.angle)
+        stated = EVIDENCE_STATED in (evidence, of_angle)
+        return ArmRepeatability(position, angle), EVIDENCE_STATED if stated else EVIDENCE_ASSUMED
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LaserUncertaintySettings(SettingsTable):
+    """The table [laser.uncertainty]: how far the laser's profiles may be from the truth.
+
+    Parameters
+    ----------
+    linearity : float, optional
+        Largest deviation of the range over the window, as data sheets state it, metres;
+        `ASSUMED_LINEARITY` if left out.
+    range_bias : float, optional
+        Standard deviation of the range's error at 45° of incidence, which grows with the
+        tangent of the incidence, metres; `ASSUMED_RANGE_BIAS` if left out.
+    """
+
+    linearity: Annotated[float | None, Ge(0), Le(5), MM] = None
+    range_bias: Annotated[float | None, Ge(0), Le(5), MM] = None
+
+    @property
+    def linear(self) -> tuple[float, str]:
+        """Linearity in metres, and whether it is stated or assumed."""
+        return _stated_or_assumed(self.linearity, ASSUMED_LINEARITY)
+
+    @property
+    def bias(self) -> tuple[float, str]:
+        """Range bias in metres, and whether it is stated or assumed."""
+        return _stated_or_assumed(self.range_bias, ASSUMED_RANGE_BIAS)
+
+
+def _stated_or_assumed(value: float | None, default: float) -> tuple[float, str]:
+    return (default, EVIDENCE_ASSUMED) if value is None else (value, EVIDENCE_STATED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -293,3 +370,36 @@ class CalibrationSettings(SettingsTable):
         if self.sigma_position is None or self.sigma_rotation is None:
             return None
         return np.diag(np.repeat(np.square((self.sigma_position, self.sigma_rotation)) / 3, 3))
+
+
+def make_laser_without_arm(table: DeviceSettings) -> LineLaser:
+    """Make a real laser that no arm carries: it is alone, or sits on a vehicle.
+
+    Its profiles are timed by the monotonic clock of this machine.
+
+    Parameters
+    ----------
+    table : DeviceSettings
+        Which laser.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not a real one, or a package is missing that its driver needs.
+    """
+    if table.driver_kind is not DriverKind.REAL:
+        raise ConfigurationError(f"{table.driver!r} is no real laser", key="laser.driver")
+    flange = LaserFlange(_refuse_without_arm, _refuse_without_arm, monotonic)
+    inputs = LaserDriverInputs(
+        LaserModel(), flange, np.eye(4), _refuse_without_arm, None, _refuse_without_arm
+    )
+    laser: LineLaser = LASER_DRIVERS.make(table.driver, inputs, table.driver_settings)
+    return laser
+
+
+def _refuse_without_arm() -> Any:
+    raise ConfigurationError(
+        "this laser's driver asks for an arm's flange, and no arm carries the laser here: it needs "
+        "a driver that takes profiles alone",
+        key="laser.driver",
+    )

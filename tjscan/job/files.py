@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
 from annotated_types import MaxLen, MinLen
-from pydantic import model_validator
 
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.recorded_settings import RecordedSettings, SolveSettings
@@ -20,14 +20,15 @@ from tjscan.core.units import LIST_OR_WORD_IN_FILE, PoseSettings
 from tjscan.groove.settings import GROOVE_MODELS, GrooveSettings
 from tjscan.job.devices import ArmSettings, CalibrationSettings, LaserSettings
 from tjscan.job.reading import casefolded_name, read_job, replace_keys
-from tjscan.job.simulation import SimulationSettings
 from tjscan.job.surroundings import (
     BallSettings,
     BoardSettings,
     ClearanceSettings,
     JointSettings,
+    SimulationSettings,
     StationSettings,
 )
+from tjscan.laser.model import LaserModel
 from tjscan.scanning.plan import ScanPlan
 
 
@@ -44,42 +45,43 @@ class CellJob(StrictFileModel):
     clearance: ClearanceSettings = ClearanceSettings()
     simulation: SimulationSettings | None = None
 
-    @model_validator(mode="after")
-    def _drivers_fit_together(self) -> CellJob:
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """Yield key and message of drivers that do not fit, and of names of stations."""
         arm, laser = self.arm.driver_kind, self.laser.driver_kind
         if arm is DriverKind.REPLAYED and laser is not DriverKind.REPLAYED:
-            raise ConfigurationError(
+            yield (
+                "arm.driver",
                 'a replayed arm takes its poses from a recording: laser.driver must be "replay"',
-                key="arm.driver",
             )
         if laser is DriverKind.REAL and arm is not DriverKind.REAL:
-            raise ConfigurationError(
+            yield (
+                "arm.driver",
                 f"a real laser can't sit on a {arm} arm: name the arm that carries it",
-                key="arm.driver",
             )
-        return self
-
-    @model_validator(mode="after")
-    def _stations_have_names_of_their_own(self) -> CellJob:
         simulated = () if self.simulation is None else self.simulation.station
         for key, tables in (("station", self.station), ("simulation.station", simulated)):
             names = [casefolded_name(table.name) for table in tables]
-            for i, name in enumerate(names):
-                if name in names[:i]:
-                    raise ConfigurationError(
+            for i in range(len(names)):
+                if names[i] in names[:i]:
+                    yield (
+                        f"{key}.{i}.name",
                         f"two stations are called {tables[i].name!r}; each needs a name of its "
                         "own, and upper and lower case, - and _ are alike",
-                        key=f"{key}.{i}.name",
                     )
-        for i, table in enumerate(simulated):
-            if table.name not in self.station_names:
-                nearest = nearest_word(table.name, self.station_names)
-                raise ConfigurationError(
-                    f"there is no station {table.name!r}; did you mean: "
-                    f"{nearest or 'to name it under [[station]]'}?",
-                    key=f"simulation.station.{i}.name",
+        for i, name in enumerate(table.name for table in simulated):
+            if name not in self.station_names:
+                nearest = nearest_word(name, self.station_names) or "to name it under [[station]]"
+                yield (
+                    f"simulation.station.{i}.name",
+                    f"there is no station {name!r}; did you mean: {nearest}?",
                 )
-        return self
+
+    @property
+    def laser_model(self) -> LaserModel:
+        """The laser: the window of [laser], the faults of [simulation.laser]."""
+        faults = LaserModel() if self.simulation is None else self.simulation.laser
+        table = self.laser
+        return replace(faults, columns=table.points, near=table.near, far=table.far)
 
     @property
     def station_names(self) -> tuple[str, ...]:
@@ -122,22 +124,16 @@ class CellJob(StrictFileModel):
         ConfigurationError
             If there is no such station, or the job has several and none is named.
         """
-        if name is None and len(self.station) > 1:
+        names = self.station_names
+        if name is None and len(names) > 1:
             raise ConfigurationError(
-                f"has several stations; choose one with --station: {', '.join(self.station_names)}",
+                f"has several stations; choose one with --station: {', '.join(names)}",
                 key="station",
             )
-        if not self.station and name is None:
-            return self
-        if name is not None and name not in self.station_names:
-            known = (
-                f"did you mean: {nearest_word(name, self.station_names)}?"
-                if self.station
-                else "it has none"
-            )
+        if name is not None and name not in names:
+            known = f"did you mean: {nearest_word(name, names)}?" if names else "it has none"
             raise ConfigurationError(f"there is no station {name!r}; {known}", key="station")
-        i = 0 if name is None else self.station_names.index(name)
-        return self._at(i)
+        return self._job_at_number(names.index(name or names[0])) if names else self
 
     @property
     def jobs_at_stations(self) -> tuple[Self, ...]:
@@ -154,16 +150,15 @@ class CellJob(StrictFileModel):
             return tuple(self.job_at_station(name) for name in self.station_names)
         return (self.job_at_station(),)
 
-    def _at(self, i: int) -> Self:
+    def _job_at_number(self, i: int) -> Self:
         station, simulation = self.station[i], self.simulation
         if simulation is not None:
             truly = tuple(table for table in simulation.station if table.name == station.name)
-            home = truly[0].home if truly else None
             # Other errors of every move and profile, and yet the same arm and laser.
             simulation = simulation.with_seeds_of_devices()
             arm = simulation.arm
-            if arm is not None and home is not None:
-                arm = replace(arm, home=home)
+            if arm is not None and truly and truly[0].home is not None:
+                arm = replace(arm, home=truly[0].home)
             simulation = simulation.model_copy(
                 update={"seed": simulation.seed + i, "station": truly, "arm": arm}
             )
@@ -183,31 +178,25 @@ class ScanJob(CellJob):
     scan: ScanPlan
     groove: GrooveSettings = GrooveSettings()
 
-    @model_validator(mode="after")
-    def _groove_has_a_section(self) -> ScanJob:
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """Yield also what of the groove and the start poses does not fit a scan."""
+        yield from super().contradictions()
         if not self.groove.model.has_section_points:
-            able = ", ".join(
-                repr(name) for name, model in GROOVE_MODELS.items() if model.has_section_points
-            )
-            raise ConfigurationError(
+            able = [repr(name) for name, model in GROOVE_MODELS.items() if model.has_section_points]
+            yield (
+                "groove.model",
                 f"{self.groove.model.name!r} has no section of five points, which a scan needs; "
-                f"choose one of {able}",
-                key="groove.model",
+                f"choose one of {', '.join(able)}",
             )
-        return self
-
-    @model_validator(mode="after")
-    def _has_its_start_poses(self) -> ScanJob:
         for which in ("first", "second"):
             taught = getattr(self.scan, which) is not None
             if taught == bool(self.station):
-                raise ConfigurationError(
+                yield (
+                    f"scan.{which}",
                     f"each station has its own start poses: move it to [station.{which}]"
                     if taught
                     else "this key is required, or [[station]] tables with their own start poses",
-                    key=f"scan.{which}",
                 )
-        return self
 
     @property
     def start_poses(self) -> tuple[PoseSettings, PoseSettings]:
@@ -223,12 +212,11 @@ class ScanJob(CellJob):
             raise ConfigurationError("a taught pose is required here", key="scan")
         return table.first, table.second
 
-    def _at(self, i: int) -> Self:
-        job, station = super()._at(i), self.station[i]
+    def _job_at_number(self, i: int) -> Self:
+        job, station = super()._job_at_number(i), self.station[i]
         own = {key: getattr(station, key) for key in ("direction", "length", "sections")}
-        stated = {key: value for key, value in own.items() if value is not None}
+        scan = replace(self.scan, **{key: value for key, value in own.items() if value is not None})
         bare = replace(station, direction=None, length=None, sections=None)
-        scan = replace(self.scan, **stated)
         return job.model_copy(update={"scan": scan, "station": (bare,)})
 
 
@@ -250,22 +238,22 @@ class RecordedJob(StrictFileModel):
     noise: NoiseModel = NoiseModel()
 
 
-J = TypeVar("J", CellJob, ScanJob, CalibrationJob, RecordedJob)
+J = TypeVar("J", ScanJob, CalibrationJob, RecordedJob)
 
 
 def read_scan_job(file: Path, overrides: dict[str, Any] | None = None) -> ScanJob:
     """Read the job of a scan, with single keys replaced; see `read_job`."""
-    return _located(read_job(ScanJob, file, overrides), file.parent)
+    return _read_located_job(ScanJob, file, overrides)
 
 
 def read_calibration_job(file: Path, overrides: dict[str, Any] | None = None) -> CalibrationJob:
     """Read the job of a calibration, with single keys replaced; see `read_job`."""
-    return _located(read_job(CalibrationJob, file, overrides), file.parent)
+    return _read_located_job(CalibrationJob, file, overrides)
 
 
 def read_recorded_job(file: Path, overrides: dict[str, Any] | None = None) -> RecordedJob:
     """Read the job of a calibration from recorded profiles; see `read_job`."""
-    return _located(read_job(RecordedJob, file, overrides), file.parent)
+    return _read_located_job(RecordedJob, file, overrides)
 
 
 def has_recorded_profiles(file: Path) -> bool:
@@ -298,13 +286,13 @@ def read_laser_job(file: Path, overrides: dict[str, Any] | None = None) -> Laser
         return validate_table(LaserJob, {k: data[k] for k in LaserJob.model_fields if k in data})
 
 
-def _located(job: J, folder: Path) -> J:
-    """Seek an arm's URDF and a recording from the job's folder, as other files that a job names."""
-    if Path(job.arm.model).suffix == ".urdf":
-        arm = replace(job.arm, model=str(folder / job.arm.model))
-        job = job.model_copy(update={"arm": arm})
-    if job.laser.recording is not None:
+def _read_located_job(model: type[J], file: Path, overrides: dict[str, Any] | None) -> J:
+    """Read a job; its arm's URDF and its recording are sought from its folder, as other files."""
+    job = read_job(model, file, overrides)
+    arm, laser = job.arm, job.laser
+    if Path(arm.model).suffix == ".urdf":
+        arm = replace(arm, model=str(file.parent / arm.model))
+    if laser.recording is not None:
         # Absolute: the job is copied into its run directory, a recording is not.
-        recording = str((folder / job.laser.recording).absolute())
-        job = job.model_copy(update={"laser": replace(job.laser, recording=recording)})
-    return job
+        laser = replace(laser, recording=str((file.parent / laser.recording).absolute()))
+    return job.model_copy(update={"arm": arm, "laser": laser})

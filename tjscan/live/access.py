@@ -7,14 +7,13 @@ is in the path of the URL, for the page and for its socket alike.
 
 from __future__ import annotations
 
-import http.client
-import secrets
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from hmac import compare_digest
 from http import HTTPStatus
+from http.client import HTTPConnection
 from typing import Any, Final
 
 import rich
@@ -40,11 +39,6 @@ class UnsharedServer(viser.ViserServer):
         """Ask no relay for anything: no request leaves the machine."""
 
 
-def new_token() -> str:
-    """Return a token that can't be guessed."""
-    return secrets.token_urlsafe(18)
-
-
 def open_server(address: str, port: int, token: str, label: str) -> viser.ViserServer:
     """Open the page's server.
 
@@ -66,7 +60,7 @@ def open_server(address: str, port: int, token: str, label: str) -> viser.ViserS
         without the token.
     """
     _check_can_bind(address, port)
-    with _guarded(token):
+    with _token_required(token):
         server = UnsharedServer(host=address, port=port, label=label, verbose=False)
     try:
         if port and server.get_port() != port:
@@ -84,7 +78,7 @@ def open_server(address: str, port: int, token: str, label: str) -> viser.ViserS
 
 def close_server(server: viser.ViserServer) -> None:
     """End the page."""
-    with _quiet():
+    with _silenced_viser():
         server.stop()
 
 
@@ -97,8 +91,7 @@ def answer_without_token(address: str, port: int) -> int:
         If it does not answer.
     """
     try:
-        connection = http.client.HTTPConnection(address, port, timeout=ANSWER_TIMEOUT)
-        with closing(connection):
+        with closing(HTTPConnection(address, port, timeout=ANSWER_TIMEOUT)) as connection:
             connection.request("GET", "/")
             return connection.getresponse().status
     except OSError as error:
@@ -106,7 +99,7 @@ def answer_without_token(address: str, port: int) -> int:
 
 
 def _check_can_bind(address: str, port: int) -> None:
-    """Where a port is taken, viser would take the next one without a word."""
+    """If a port is taken, viser would take the next one without a word."""
     try:
         family = socket.AF_INET6 if ":" in address else socket.AF_INET
         with socket.socket(family, socket.SOCK_STREAM) as probe:
@@ -120,33 +113,32 @@ def _check_can_bind(address: str, port: int) -> None:
 
 
 @contextmanager
-def _guarded(token: str) -> Iterator[None]:
+def _token_required(token: str) -> Iterator[None]:
     """While the block runs, servers are made that ask for the token."""
     serve = websockets_server.serve
 
     def serve_guarded(*arguments: Any, process_request: HttpAnswer, **options: Any) -> Any:
-        return serve(*arguments, process_request=_asking_for(token, process_request), **options)
+        return serve(*arguments, process_request=_require_token(token, process_request), **options)
 
     websockets_server.serve = serve_guarded  # type: ignore[misc,assignment]
     try:
-        with _quiet():
+        with _silenced_viser():
             yield
     finally:
         websockets_server.serve = serve  # type: ignore[misc]
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def _silenced_viser() -> Iterator[None]:
     """While the block runs, viser prints nothing: stdout is for results."""
-    print_rich = rich.print
-    rich.print = _print_nothing
+    print_rich, rich.print = rich.print, lambda *_, **__: None
     try:
         yield
     finally:
         rich.print = print_rich
 
 
-def _asking_for(token: str, answer: HttpAnswer) -> HttpAnswer:
+def _require_token(token: str, answer: HttpAnswer) -> HttpAnswer:
     """Refuse what does not begin with the token, pages and sockets alike; pass the rest on."""
 
     def answer_with_token(connection: ServerConnection, request: Request) -> Response | None:
@@ -158,7 +150,3 @@ def _asking_for(token: str, answer: HttpAnswer) -> HttpAnswer:
         return answer(connection, replace(request, path=f"/{rest}"))
 
     return answer_with_token
-
-
-def _print_nothing(*_: object, **__: object) -> None:
-    """Print nothing."""

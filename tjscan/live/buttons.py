@@ -21,13 +21,16 @@ class Button:
     word : str
         On it.
     press : callable
-        What it does; called in a thread of the page.
+        What it does; called in a thread of the page. Of a button that is held it is called
+        `HOLD_RATE` times a second until the button is released, or the browser or its link is gone.
     tone : str
         Its colour.
     hint : str
         What it does, in a sentence.
     big : bool
         Whether it must be seen at once.
+    held : bool
+        Whether it acts as long as it is held.
     """
 
     word: str
@@ -35,32 +38,7 @@ class Button:
     tone: Tone = "blue"
     hint: str = ""
     big: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class HoldButton:
-    """A button of the page that does something as long as it is held.
-
-    Parameters
-    ----------
-    word : str
-        On it.
-    hold : callable
-        Is called as it is pressed, and `HOLD_RATE` times a second from then on until it is
-        released, or the browser or its link is gone; in a thread of the page.
-    tone : str
-        Its colour.
-    hint : str
-        What it does, in a sentence.
-    """
-
-    word: str
-    hold: Callable[[], object]
-    tone: Tone = "blue"
-    hint: str = ""
-
-
-PageButton = Button | HoldButton
+    held: bool = False
 
 
 def stop_button(interrupt: Callable[[], object], what: str) -> Sequence[Button]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
@@ -66,9 +65,7 @@ def round_ends(values: Iterable[float]) -> tuple[float, float]:
     low, high = (min(known), max(known)) if known else (0.0, 1.0)
     span = max(high - low, 0.02 * max(abs(low), abs(high)), 1e-6)
     power = 10.0 ** floor(log10(span / 4))
-    step = (
-        power * SCALE_STEPS[min(bisect_left(SCALE_STEPS, span / 4 / power), len(SCALE_STEPS) - 1)]
-    )
+    step = power * next((one for one in SCALE_STEPS if one >= span / 4 / power), SCALE_STEPS[-1])
     first = floor(low / step + 1e-9)
     last = max(-floor(-high / step + 1e-9), first + 1)
     return first * step, last * step

@@ -4,34 +4,75 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from threading import Event
-from typing import Generic, Protocol, TypeVar
+from queue import Full, Queue
+from threading import Event, Thread
+from typing import Any, Final
 
 from tjscan.core.errors import PageUnavailable
-from tjscan.live.buttons import PageButton
-from tjscan.live.feed import LiveFeed
+from tjscan.live.buttons import Button
 from tjscan.live.page import Page, PageAddress
-from tjscan.live.step import STATE_FACT, Setting, Step, merge_steps
+from tjscan.live.step import STATE_FACT, Show, Step, merge_steps
 
-Entry = TypeVar("Entry")
-Shown = TypeVar("Shown", contravariant=True)
-
-
-class Show(Protocol[Shown]):
-    """Turns what a run's journal receives into steps of the page."""
-
-    @property
-    def setting(self) -> Setting:
-        """What does not change."""
-        ...
-
-    def step(self, entry: Shown) -> Step:
-        """What an entry changes."""
-        ...
+FEED_CAPACITY: Final = 512
+"""Entries that wait for the page; what comes while it is full is not shown."""
+DRAW_INTERVAL: Final = 0.05
+"""Seconds between two looks: the page changes 20 times a second at most."""
+CLOSING_TIMEOUT: Final = 2.0
+"""Seconds that the end of a run leaves the page to show what is waiting."""
 
 
-class RunOnPage(Generic[Entry]):
-    """A run that is shown while it goes on; see `show_run`.
+class LiveFeed:
+    """Bounded queue between a run and its page, emptied by a thread of its own.
+
+    Parameters
+    ----------
+    show : callable
+        Shows entries, all that came since the last time at once. If it raises, the page is
+        dead: `report` hears of it once, and entries are dropped from then on.
+    report : callable
+        Receives messages, each a sentence.
+    """
+
+    def __init__(self, show: Callable[[list[Any]], None], report: Callable[[str], object]) -> None:
+        self._show, self._report = show, report
+        self._waiting: Queue[object] = Queue(FEED_CAPACITY)
+        self._over, self.dropped, self.is_dead = Event(), 0, False
+        self._thread = Thread(target=self._show_entries, name="live page", daemon=True)
+        self._thread.start()
+
+    def post(self, entry: object) -> None:
+        """Hand an entry over at once; drop it if the page is dead or does not keep up."""
+        if self.is_dead:
+            return
+        try:
+            self._waiting.put_nowait(entry)
+        except Full:
+            self.dropped += 1
+
+    def close(self) -> None:
+        """Show what is waiting, if that takes no longer than `CLOSING_TIMEOUT`, and end."""
+        self._over.set()
+        self._thread.join(CLOSING_TIMEOUT)
+        if self.dropped:
+            self._report(f"the page did not keep up: {self.dropped} entries are missing from it")
+
+    def _show_entries(self) -> None:
+        while True:
+            over = self._over.wait(DRAW_INTERVAL)
+            entries = [self._waiting.get_nowait() for _ in range(self._waiting.qsize())]
+            try:
+                if entries:
+                    self._show(entries)
+            except Exception as error:  # whatever it is, the run goes on
+                self.is_dead = True
+                self._report(f"the page is dead, the run goes on without: {error!r}")
+                return
+            if over:
+                return
+
+
+class RunOnPage:
+    """A run that is shown while it goes on, a journal of it; see `show_run`.
 
     Parameters
     ----------
@@ -42,19 +83,19 @@ class RunOnPage(Generic[Entry]):
         Receives, in a sentence, what becomes of the page.
     """
 
-    def __init__(
-        self, page: Page | None, show: Show[Entry], report: Callable[[str], object]
-    ) -> None:
+    def __init__(self, page: Page | None, show: Show, report: Callable[[str], object]) -> None:
         self.page, self._show = page, show
         self._started = Event()
-        self._feed: LiveFeed[Entry | Step] | None = None
-        if page is not None:
-            self._feed = LiveFeed(self._draw, report)
+        self._feed = None if page is None else LiveFeed(self._draw_entries, report)
 
-    def post(self, entry: Entry | Step) -> None:
+    def post(self, entry: object) -> None:
         """Hand an entry of the journal, or a step, to the page; never waits."""
         if self._feed is not None:
             self._feed.post(entry)
+
+    def record(self, message: object) -> None:
+        """Show a message of the run's journal."""
+        self.post(message)
 
     def show_state(self, state: str) -> None:
         """Show what the run is doing, in a few words."""
@@ -92,7 +133,7 @@ class RunOnPage(Generic[Entry]):
         if self._feed is not None:
             self._feed.close()
 
-    def _draw(self, entries: Sequence[Entry | Step]) -> None:
+    def _draw_entries(self, entries: Sequence[object]) -> None:
         if self.page is not None:
             steps = [one if isinstance(one, Step) else self._show.step(one) for one in entries]
             self.page.show(merge_steps(steps))
@@ -100,12 +141,12 @@ class RunOnPage(Generic[Entry]):
 
 @contextmanager
 def show_run(
-    show: Show[Entry],
+    show: Show,
     where: PageAddress,
     report: Callable[[str], object],
-    buttons: Callable[[RunOnPage[Entry]], Sequence[PageButton]],
+    buttons: Callable[[RunOnPage], Sequence[Button]],
     before: Callable[[], Iterable[Step]] = tuple,
-) -> Iterator[RunOnPage[Entry]]:
+) -> Iterator[RunOnPage]:
     """Show a run on a page while the block runs; it goes on without if there is none.
 
     Parameters
@@ -131,16 +172,10 @@ def show_run(
         run = RunOnPage(page, show, report)
         try:
             page.add_buttons(buttons(run))
-            _show_before(run, before, report)
+            try:
+                run.post(merge_steps([Step(), *before()]))
+            except Exception as error:  # whatever it is, the run goes on
+                report(f"what was there before is not on the page: {error}")
             yield run
         finally:
             run.close()
-
-
-def _show_before(
-    run: RunOnPage[Entry], before: Callable[[], Iterable[Step]], report: Callable[[str], object]
-) -> None:
-    try:
-        run.post(merge_steps([Step(), *before()]))
-    except Exception as error:  # whatever it is, the run goes on
-        report(f"what was there before is not on the page: {error}")

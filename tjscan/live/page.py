@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from threading import RLock
-from types import MappingProxyType
 from typing import Any, Final, Self
 
 import numpy as np
 import viser
 
 from tjscan.core.frames import Array
-from tjscan.live.access import LOOPBACK_ADDRESS, close_server, new_token, open_server
-from tjscan.live.buttons import HOLD_RATE, HoldButton, PageButton
+from tjscan.live.access import LOOPBACK_ADDRESS, close_server, open_server
+from tjscan.live.buttons import HOLD_RATE, Button
 from tjscan.live.colours import ColourScale, viridis
 from tjscan.live.drawables import MeasuredPiece
 from tjscan.live.panel import Panel
@@ -60,9 +60,8 @@ class RunView:
 
     def show(self, step: Step, measure: Measure | None) -> None:
         """Show what a step changes; colours span all values of the measure that ever came."""
-        self._values += [
-            one.values for one in step.drawn.values() if isinstance(one, MeasuredPiece)
-        ]
+        pieces = (one for one in step.drawn.values() if isinstance(one, MeasuredPiece))
+        self._values += [piece.values for piece in pieces]
         scale = self.colour_by(measure)
         self.stage.draw(step.drawn)
         self.panel.update(step, measure, scale)
@@ -70,7 +69,7 @@ class RunView:
     def colour_by(self, measure: Measure | None) -> ColourScale | None:
         """Colour the picture by a measure; gives the scale, which holds all its values so far.
 
-        None where nothing is coloured.
+        None if nothing is coloured.
         """
         if measure is None or not self._values:
             return None
@@ -87,7 +86,7 @@ class Page:
     settings : sequence of Setting
         Of the runs, side by side.
     where : PageAddress
-    buttons : sequence of Button or HoldButton
+    buttons : sequence of Button
         In their order.
 
     Raises
@@ -100,24 +99,22 @@ class Page:
         self,
         settings: Sequence[Setting],
         where: PageAddress | None = None,
-        buttons: Sequence[PageButton] = (),
+        buttons: Sequence[Button] = (),
     ) -> None:
-        where, self.token = where or PageAddress(), new_token()
+        where, self.token = where or PageAddress(), secrets.token_urlsafe(18)
         viridis()  # loads Matplotlib, which would hold up the first section
         self.server = open_server(where.address, where.port, self.token, "tjscan")
         host = f"[{where.address}]" if ":" in where.address else where.address
         self.url = f"http://{host}:{self.server.get_port()}/{self.token}/"
         self._buttons: dict[str, Any] = {}
         self._changing = RLock()
-        self._measures = list(
-            dict.fromkeys(one for setting in settings for one in setting.measures)
-        )
-        self._measure = self._measures[0] if self._measures else None
+        self._measures = {one.title: one for setting in settings for one in setting.measures}
+        self._measure = next(iter(self._measures.values()), None)
         try:
             with self.server.atomic():
-                self._prepare(settings)
+                self._prepare_scene(settings)
                 self.add_buttons(buttons)
-                self._add_choice()
+                self._add_choice_of_measure()
                 self.views = self._add_views(settings)
         except BaseException:
             close_server(self.server)
@@ -134,47 +131,37 @@ class Page:
         with self._changing, self.server.atomic():
             self.views[run].show(step, self._measure)
 
-    def enable(self, words: Mapping[str, bool] = MappingProxyType({})) -> None:
+    def enable(self, words: Mapping[str, bool]) -> None:
         """Let buttons be pressed, or not, by their words."""
         with self._changing:
             for word, enabled in words.items():
                 self._buttons[word].disabled = not enabled
 
-    def add_buttons(self, buttons: Sequence[PageButton]) -> None:
+    def add_buttons(self, buttons: Sequence[Button]) -> None:
         """Add buttons; none that is pressed acts on the others before they are there."""
         with self._changing, self.server.atomic():
             for button in buttons:
                 self._add_button(button)
 
-    def _add_button(self, button: PageButton) -> None:
-        handle = self.server.gui.add_button(
-            button.word,
-            color=button.tone,
-            hint=button.hint,
-            order=BUTTONS_ORDER + len(self._buttons),
-        )
+    def _add_button(self, button: Button) -> None:
+        gui, order = self.server.gui, BUTTONS_ORDER + len(self._buttons)
+        handle = gui.add_button(button.word, color=button.tone, hint=button.hint, order=order)
 
         def act(_: object) -> None:
-            act_on()
+            button.press()
 
-        if isinstance(button, HoldButton):
-            act_on = button.hold
+        if button.held:
             handle.on_hold(act, callback_hz=HOLD_RATE)
         else:
-            act_on = button.press
             handle.on_click(act)
-            if button.big:
-                self._enlarge(handle)
+        if button.big:  # as tall as four others
+            style = f"<style>[id='{handle._impl.uuid}']{{{BIG_BUTTON_STYLE}}}</style>"
+            gui.add_html(style, order=BUTTONS_ORDER)
         self._buttons[button.word] = handle
-
-    def _enlarge(self, button: Any) -> None:
-        """Make a button as tall as four others."""
-        style = f"<style>[id='{button._impl.uuid}']{{{BIG_BUTTON_STYLE}}}</style>"
-        self.server.gui.add_html(style, order=BUTTONS_ORDER)
 
     def choose_measure(self, title: str) -> None:
         """Colour and plot by a measure, by its title."""
-        self._measure = next(one for one in self._measures if one.title == title)
+        self._measure = self._measures[title]
         self.recolour()
 
     def recolour(self) -> None:
@@ -185,7 +172,7 @@ class Page:
             for view in self.views:
                 view.panel.plot(self._measure, view.colour_by(self._measure))
 
-    def _prepare(self, settings: Sequence[Setting]) -> None:
+    def _prepare_scene(self, settings: Sequence[Setting]) -> None:
         """Theme, lights that a machine without a graphics card can draw, and the camera."""
         server = self.server
         server.gui.configure_theme(
@@ -202,41 +189,32 @@ class Page:
         )
         first = settings[0]
         away = first.look_from - first.look_at
-        shifts = _shifts(settings)
-        server.initial_camera.fov = FIELD_OF_VIEW
-        server.initial_camera.look_at = first.look_at + shifts.mean(axis=0)
-        server.initial_camera.position = (
-            first.look_at + shifts.mean(axis=0) + away * (1 + 0.8 * (len(settings) - 1))
-        )
+        look_at = first.look_at + _positions_side_by_side(settings).mean(axis=0)
+        server.initial_camera.fov, server.initial_camera.look_at = FIELD_OF_VIEW, look_at
+        server.initial_camera.position = look_at + away * (1 + 0.8 * (len(settings) - 1))
 
-    def _add_choice(self) -> None:
-        if len(self._measures) < 2:
-            return
-        titles = [one.title for one in self._measures]
-        choice = self.server.gui.add_dropdown("Colour and plot", titles)
-        choice.on_update(lambda _: self.choose_measure(choice.value))
+    def _add_choice_of_measure(self) -> None:
+        if len(self._measures) > 1:
+            choice = self.server.gui.add_dropdown("Colour and plot", list(self._measures))
+            choice.on_update(lambda _: self.choose_measure(choice.value))
 
     def _add_views(self, settings: Sequence[Setting]) -> list[RunView]:
-        shifts = _shifts(settings)
+        shifts = _positions_side_by_side(settings)
         if len(settings) == 1:
             return [RunView(self.server, settings[0], "/run", shifts[0])]
         views, tabs = [], self.server.gui.add_tab_group()
         for k, setting in enumerate(settings):
             with tabs.add_tab(setting.title):
                 views.append(RunView(self.server, setting, f"/run_{k}", shifts[k]))
-            self.server.scene.add_label(
-                f"/run_{k}/title",
-                setting.title,
-                position=setting.look_at + np.array((0.0, 0.0, 0.6)),
-            )
+            above = setting.look_at + np.array((0.0, 0.0, 0.6))
+            self.server.scene.add_label(f"/run_{k}/title", setting.title, position=above)
         return views
 
 
-def _shifts(settings: Sequence[Setting]) -> Array:
+def _positions_side_by_side(settings: Sequence[Setting]) -> Array:
     """Positions of runs side by side, square to the line of sight, shape (n, 3)."""
     away = settings[0].look_from - settings[0].look_at
     aside = np.cross((0.0, 0.0, 1.0), away)
-    step = (
-        RUN_SPACING * float(np.linalg.norm(away)) * aside / max(float(np.linalg.norm(aside)), 1e-9)
-    )
+    spacing = RUN_SPACING * float(np.linalg.norm(away))
+    step = spacing * aside / max(float(np.linalg.norm(aside)), 1e-9)
     return np.outer(np.arange(len(settings)), 0.5 * step)

@@ -35,6 +35,7 @@ NO_FACTS: Final = {STATE_FACT: "", PRESS_FACT: ""}
 CHART_HEIGHT: Final = 200
 CHART_PADDING: Final = (8, 24, 0, 0)
 """Pixels above, to the right, below and to the left: half a number is above the axis."""
+PROFILE_AXES: Final = ("x / mm", "z / mm")
 LABEL_FONT: Final = "11px system-ui, sans-serif"
 LINE_COLOUR: Final = "#2a6fbb"
 BAND_COLOUR: Final = "rgba(42,111,187,0.35)"
@@ -66,31 +67,28 @@ class Panel:
         self._facts = dict(NO_FACTS)
         self.samples: list[Sample] = []
         self.events: list[tuple[str, str]] = []
-        self._state = gui.add_html(_html("facts", {}), order=STATE_ORDER)
+        self._state = gui.add_html(_render("facts", {}), order=STATE_ORDER)
         self._progress: Any = gui.add_progress_bar(0.0, visible=False)
         self._legend = gui.add_html("", visible=False)
-        self._plot: Any = None
-        self._profile: Any = None
-        if setting.measures:
-            self._plot = _add_chart(
-                gui,
-                setting.plot_axis,
-                "",
-                uplot.Series(label="value", stroke=LINE_COLOUR, width=0, points=LARGE_POINTS),
-                uplot.Series(label="+ sigma", stroke=BAND_COLOUR, width=0, points=SMALL_POINTS),
-                uplot.Series(label="- sigma", stroke=BAND_COLOUR, width=0, points=SMALL_POINTS),
-            )
-            self._profile = _add_chart(
-                gui,
-                *setting.profile_axes,
-                uplot.Series(label="profile", stroke=LINE_COLOUR, width=0, points=SMALL_POINTS),
-                uplot.Series(label="fitted", stroke=FIT_COLOUR, width=2, points={"show": False}),
-            )
+        self._plot = _add_chart(
+            gui,
+            setting.plot_axis,
+            "",
+            uplot.Series(label="value", stroke=LINE_COLOUR, width=0, points=LARGE_POINTS),
+            uplot.Series(label="+ sigma", stroke=BAND_COLOUR, width=0, points=SMALL_POINTS),
+            uplot.Series(label="- sigma", stroke=BAND_COLOUR, width=0, points=SMALL_POINTS),
+        )
+        self._profile = _add_chart(
+            gui,
+            *PROFILE_AXES,
+            uplot.Series(label="profile", stroke=LINE_COLOUR, width=0, points=SMALL_POINTS),
+            uplot.Series(label="fitted", stroke=FIT_COLOUR, width=2, points={"show": False}),
+        )
         self._table = gui.add_html("", visible=False)
         self._diagram = gui.add_html("", visible=False)
         self._drawn_diagram: StateDiagram | None = None
         with gui.add_folder("Events", expand_by_default=True):
-            self._log = gui.add_html(_html("events", ()))
+            self._log = gui.add_html(_render("events", ()))
 
     def update(self, step: Step, measure: Measure | None, scale: ColourScale | None) -> None:
         """Show what a step changes.
@@ -101,23 +99,23 @@ class Panel:
         measure : Measure or None
             Which one is plotted.
         scale : ColourScale or None
-            Of that measure; None where nothing in the picture is coloured by it.
+            Of that measure; None if nothing in the picture is coloured by it.
         """
         if step.facts:
             self._facts.update(step.facts)
-            self._state.content = _html("facts", self._facts)
+            self._state.content = _render("facts", self._facts)
         if step.progress is not None:
             self._progress.visible, self._progress.value = True, 100 * step.progress
         if step.events:
             self.events.extend(step.events)
-            self._log.content = _html("events", self.events[-MOST_EVENTS:])
+            self._log.content = _render("events", self.events[-MOST_EVENTS:])
         if step.table is not None:
-            self._table.visible, self._table.content = True, _html("table", step.table)
+            self._table.visible, self._table.content = True, _render("table", step.table)
         if step.diagram is not None and step.diagram != self._drawn_diagram:
             self._drawn_diagram = step.diagram
             self._diagram.visible = True
-            self._diagram.content = _html("diagram", step.diagram)
-        if step.profile is not None and self._profile is not None:
+            self._diagram.content = _render("diagram", step.diagram)
+        if step.profile is not None:
             x, *others = columns = profile_columns(step.profile)
             ends = round_ends(np.concatenate(others))
             _redraw(self._profile, columns, x_ends=round_ends(x), y={"range": ends})
@@ -142,26 +140,24 @@ class Panel:
         self._progress.value = 0.0
         self._table.visible = self._diagram.visible = False
         self._drawn_diagram = None
-        self._log.content = _html("events", ())
+        self._log.content = _render("events", ())
 
     def plot(self, measure: Measure, scale: ColourScale | None) -> None:
         """Plot a measure of all samples, and show its colours."""
-        if self._plot is None:
-            return
         columns = plot_columns(self.samples, measure.name)
         x_ends = self._setting.plot_range or round_ends(columns[0])
         ends = plot_range(*columns[1:3])
         scale_of_y: uplot.Scale = {"distr": 3} if measure.logarithmic else {"range": ends}
         _redraw(self._plot, columns, x_ends=x_ends, y=scale_of_y)
         self._plot.visible = bool(self.samples)
-        axes = _axes(self._setting.plot_axis, measure.title)
+        axes = _plot_axes(self._setting.plot_axis, measure.title)
         if self._plot.axes != axes:
             self._plot.axes = axes
         self._legend.visible = scale is not None
-        self._legend.content = "" if scale is None else _html("legend", measure.title, scale)
+        self._legend.content = "" if scale is None else _render("legend", measure.title, scale)
 
 
-def _html(macro: str, *values: object) -> str:
+def _render(macro: str, *values: object) -> str:
     return str(getattr(HTML_MACROS, macro)(*values))
 
 
@@ -170,7 +166,7 @@ def _add_chart(gui: viser.GuiApi, x: str, y: str, *series: uplot.Series) -> Any:
         data=(np.zeros(0),) * (1 + len(series)),
         series=(uplot.Series(label=x), *series),
         scales={"x": {"time": False}},
-        axes=_axes(x, y),
+        axes=_plot_axes(x, y),
         legend={"show": False},
         height=CHART_HEIGHT,
         padding=CHART_PADDING,
@@ -192,7 +188,7 @@ def _redraw(
         chart.scales = scales
 
 
-def _axes(x: str, y: str) -> tuple[uplot.Axis, uplot.Axis]:
+def _plot_axes(x: str, y: str) -> tuple[uplot.Axis, uplot.Axis]:
     return (
         uplot.Axis(label=x, labelFont=LABEL_FONT, labelSize=20, size=34),
         uplot.Axis(label=y, labelFont=LABEL_FONT, labelSize=20, size=56),
@@ -228,13 +224,11 @@ def plot_range(y: Array, above: Array | None = None) -> tuple[float, float]:
 
 def profile_columns(curve: PlaneCurve) -> tuple[Array, ...]:
     """Columns of the newest profile's plot: x, its points, and the corners fitted to them."""
-    known = np.isfinite(curve.x) & np.isfinite(curve.z)
-    x, z = curve.x[known], curve.z[known]
-    thin = slice(None, None, max(1, len(x) // PROFILE_POINTS))
-    x, z = x[thin], z[thin]
-    k = len(curve.fitted)
-    xs = np.concatenate((x, curve.fitted[:, 0]))
-    points = np.concatenate((z, np.full(k, np.nan)))
-    fitted = np.concatenate((np.full(len(x), np.nan), curve.fitted[:, 1]))
+    known = np.flatnonzero(np.isfinite(curve.x) & np.isfinite(curve.z))
+    thin = known[:: max(1, len(known) // PROFILE_POINTS)]
+    corners = curve.fitted
+    xs = np.concatenate((curve.x[thin], corners[:, 0]))
+    points = np.concatenate((curve.z[thin], np.full(len(corners), np.nan)))
+    fitted = np.concatenate((np.full(len(thin), np.nan), corners[:, 1]))
     order = np.argsort(xs, kind="stable")
     return xs[order], points[order], fitted[order]

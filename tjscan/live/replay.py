@@ -35,28 +35,25 @@ class Replay:
         gui = self.page.server.gui
         self._slider = gui.add_slider("Step", 0, max(last, 1), 1, last, order=0)
         self._shown = -1
-        self._slider.on_update(lambda _: self._follow_slider())
+        self._slider.on_update(lambda _: self.move_to())
         self.move_to(last)
 
-    def move_to(self, number: int) -> None:
-        """Show all runs as they were after a step, by its number."""
+    def move_to(self, number: int | None = None) -> None:
+        """Show all runs as they were after a step, by its number; by default the slider's.
+
+        A drag of the slider sends more places than can be shown.
+        """
         with self._moving:
-            self._move_all(number)
+            number = self._slider.value if number is None else number
+            if number == self._shown:
+                return
+            self._shown = number
+            with self.page.server.atomic():
+                for k, show in enumerate(self._shows):
+                    self._move_run(k, show, min(number, len(show.steps) - 1))
+                self.page.recolour()
 
-    def _follow_slider(self) -> None:
-        """Follow the slider: a drag sends more places than can be shown."""
-        with self._moving:
-            if self._slider.value != self._shown:
-                self._move_all(self._slider.value)
-
-    def _move_all(self, number: int) -> None:
-        self._shown = number
-        with self.page.server.atomic():
-            for k, show in enumerate(self._shows):
-                self._move(k, show, min(number, len(show.steps) - 1))
-            self.page.recolour()
-
-    def _move(self, k: int, show: RecordedShow, number: int) -> None:
+    def _move_run(self, k: int, show: RecordedShow, number: int) -> None:
         """Draw what differs: all that came until then counts, and what came later is hidden."""
         view, drawn = self.page.views[k], self._drawn[k]
         whole = merge_steps([Step(), *show.steps[: number + 1]])

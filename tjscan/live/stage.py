@@ -43,7 +43,7 @@ class Stage:
         self._scene.add_frame(root, show_axes=False, position=shift)
         self._frames: dict[str, Any] = {}
         self._nodes: dict[str, list[Any]] = {}
-        self.pieces: dict[str, MeasuredPiece] = {}
+        self._pieces: dict[str, MeasuredPiece] = {}
         self._colour_by, self._scale = "", ColourScale(0.0, 1.0)
         self._draw_arm(setting)
         self._draw_solids("solid", setting.solids, SOLID_COLOUR, SOLID_OPACITY)
@@ -77,8 +77,13 @@ class Stage:
         if (measure, scale) == (self._colour_by, self._scale):
             return
         self._colour_by, self._scale = measure, scale
-        for name, piece in self.pieces.items():
-            self._colour_nodes(self._nodes[name], self._colour_of(piece))
+        for name, piece in self._pieces.items():
+            colour = self._colour_of(piece)
+            for node in self._nodes[name]:
+                if isinstance(node, viser.PointCloudHandle):
+                    node.colors = np.array(colour, dtype=np.uint8)
+                else:
+                    node.color = colour
 
     def _draw(self, name: str, thing: Drawable) -> None:
         path = f"{self._root}/{name}"
@@ -86,16 +91,14 @@ class Stage:
             case Posture():
                 self._pose_arm(thing.q)
             case Placement():
-                self._place(name, thing.T)
+                self._place_frame(name, thing.T)
             case Lines():
-                self._nodes[name] = [self._lines(path, thing)]
-            case Surface():
-                self._nodes[name] = [
-                    self._mesh(path, thing.vertices, thing.triangles, thing.colour, thing.opacity)
-                ]
+                self._nodes[name] = [self._draw_lines(path, thing)]
+            case Surface(vertices, triangles, colour, opacity):
+                self._nodes[name] = [self._draw_mesh(path, vertices, triangles, colour, opacity)]
             case MeasuredPiece():
-                self.pieces[name] = thing
-                self._nodes[name] = self._piece(path, thing)
+                self._pieces[name] = thing
+                self._nodes[name] = self._draw_piece(path, thing)
 
     def _draw_arm(self, setting: Setting) -> None:
         """Links as meshes; the tool is a child of the flange."""
@@ -106,16 +109,15 @@ class Stage:
             self._add_hidden_frame(f"arm/{name}")
         for body in link_bodies(setting.arm.urdf):
             path = f"{self._root}/arm/{body.link}/body"
-            self._mesh(path, body.vertices, body.triangles, ARM_COLOUR)
+            self._draw_mesh(path, body.vertices, body.triangles, ARM_COLOUR)
         self._draw_solids(f"arm/{flange}/tool", setting.tool, TOOL_COLOUR)
 
     def _pose_arm(self, q: Array) -> None:
-        if self._arm is None:
-            return
-        for name, T in zip(self._arm.link_names, self._arm.link_poses(q), strict=True):
-            self._place(f"arm/{name}", T)
+        if self._arm is not None:
+            for name, T in zip(self._arm.link_names, self._arm.link_poses(q), strict=True):
+                self._place_frame(f"arm/{name}", T)
 
-    def _place(self, name: str, T: Array) -> None:
+    def _place_frame(self, name: str, T: Array) -> None:
         if name not in self._frames:
             self._add_hidden_frame(name)
         frame = self._frames[name]
@@ -134,9 +136,9 @@ class Stage:
         for k, solid in enumerate(solids):
             mesh = solid_mesh(solid)
             path = f"{self._root}/{name}/{k}"
-            self._mesh(path, np.asarray(mesh.vertices), mesh.faces, colour, opacity)
+            self._draw_mesh(path, np.asarray(mesh.vertices), mesh.faces, colour, opacity)
 
-    def _lines(self, path: str, lines: Lines) -> Any:
+    def _draw_lines(self, path: str, lines: Lines) -> Any:
         middle = lines.segments.reshape(-1, 3).mean(axis=0) if lines.segments.size else np.zeros(3)
         return self._scene.add_line_segments(
             path,
@@ -147,7 +149,7 @@ class Stage:
             position=middle,
         )
 
-    def _mesh(
+    def _draw_mesh(
         self, path: str, vertices: Array, triangles: Any, colour: Colour, opacity: float = 1.0
     ) -> Any:
         return self._scene.add_mesh_simple(
@@ -162,35 +164,27 @@ class Stage:
             receive_shadow=False,
         )
 
-    def _piece(self, path: str, piece: MeasuredPiece) -> list[Any]:
+    def _draw_piece(self, path: str, piece: MeasuredPiece) -> list[Any]:
         """Points about their own middle: half the bits are enough for a hundredth of a mm there."""
-        colour, nodes = self._colour_of(piece), []
+        colour, nodes = self._colour_of(piece), list[Any]()
         points = piece.points[np.isfinite(piece.points).all(axis=1)]
         if len(points):
             middle = points.mean(axis=0)
-            nodes.append(
-                self._scene.add_point_cloud(
-                    f"{path}/points",
-                    points - middle,
-                    colour,
-                    point_size=POINT_SIZE,
-                    point_shape="circle",
-                    point_shading="flat",
-                    position=middle,
-                )
+            cloud = self._scene.add_point_cloud(
+                f"{path}/points",
+                points - middle,
+                colour,
+                point_size=POINT_SIZE,
+                point_shape="circle",
+                point_shading="flat",
+                position=middle,
             )
+            nodes.append(cloud)
         if len(piece.vertices):
-            mesh = self._mesh(f"{path}/surface", piece.vertices, piece.triangles, colour)
-            nodes.append(mesh)
+            nodes.append(
+                self._draw_mesh(f"{path}/surface", piece.vertices, piece.triangles, colour)
+            )
         return nodes
 
     def _colour_of(self, piece: MeasuredPiece) -> Colour:
         return self._scale.colour_of(piece.values.get(self._colour_by, np.nan))
-
-    @staticmethod
-    def _colour_nodes(nodes: Iterable[Any], colour: Colour) -> None:
-        for node in nodes:
-            if isinstance(node, viser.PointCloudHandle):
-                node.colors = np.array(colour, dtype=np.uint8)
-            else:
-                node.color = colour

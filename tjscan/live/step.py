@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import nan
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, Protocol
+from typing import Any, Final, Protocol, Self
 
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.laser.profile import Profile
 from tjscan.live.drawables import Drawable, Lines, Surface
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.solids import Solid
@@ -85,6 +86,13 @@ class PlaneCurve:
     z: Array
     fitted: Array = field(default_factory=lambda: np.empty((0, 2)))
 
+    @classmethod
+    def of_profile(cls, profile: Profile, corners_s: Array | None = None) -> Self:
+        """Return a profile, and the corners that were fitted to it, shape (k, 3), metres."""
+        points = 1e3 * profile.points_s
+        fitted = np.empty((0, 2)) if corners_s is None else 1e3 * corners_s[:, [0, 2]]
+        return cls(points[:, 0], points[:, 2], fitted)
+
 
 @dataclass(frozen=True, slots=True)
 class StateDiagram:
@@ -155,18 +163,21 @@ class Step:
 
 def merge_steps(steps: Sequence[Step]) -> Step:
     """Merge steps into one: of what has the same name the last one counts."""
-    progress = [step.progress for step in steps if step.progress is not None]
-    profiles = [step.profile for step in steps if step.profile is not None]
+
+    def newest(name: str) -> Any:
+        values = (getattr(step, name) for step in reversed(steps))
+        return next((value for value in values if value is not None), None)
+
     return Step(
         next((step.label for step in reversed(steps) if step.label), ""),
         {name: thing for step in steps for name, thing in step.drawn.items()},
         {name: text for step in steps for name, text in step.facts.items()},
-        progress[-1] if progress else None,
+        newest("progress"),
         [sample for step in steps for sample in step.samples],
-        profiles[-1] if profiles else None,
+        newest("profile"),
         [event for step in steps for event in step.events],
-        next((step.table for step in reversed(steps) if step.table is not None), None),
-        next((step.diagram for step in reversed(steps) if step.diagram is not None), None),
+        newest("table"),
+        newest("diagram"),
     )
 
 
@@ -199,8 +210,6 @@ class Setting:
         Middle of the picture.
     look_from : ndarray, shape (3,)
         Where it is seen from.
-    profile_axes : tuple of str
-        Of the newest profile, with units.
     """
 
     title: str
@@ -215,7 +224,6 @@ class Setting:
     ghost: tuple[Lines | Surface, ...] = ()
     look_at: Array = field(default_factory=lambda: np.zeros(3))
     look_from: Array = field(default_factory=lambda: np.array((2.0, -2.0, 1.5)))
-    profile_axes: tuple[str, str] = ("x / mm", "z / mm")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,19 +242,19 @@ class RecordedShow:
     steps: tuple[Step, ...]
 
 
-class ShowReader(Protocol):
-    """A function that each algorithm registers: what the recording of its run has to show."""
+class Show(Protocol):
+    """Turns what a run's journal receives into steps of the page."""
 
-    def __call__(self, directory: Path) -> RecordedShow | None:
-        """Read what a run directory has to show; None if it holds no run of this algorithm.
+    @property
+    def setting(self) -> Setting:
+        """What does not change."""
+        ...
 
-        Parameters
-        ----------
-        directory : Path
-            Of the run, finished or not.
+    def step(self, entry: object) -> Step:
+        """What an entry changes: nothing if it is of an unknown type."""
+        ...
 
-        Raises
-        ------
-        ConfigurationError, RecordingError
-            If a file in it is wrong or damaged.
-        """
+
+ShowReader = Callable[[Path], tuple[Show, Iterable[object]]]
+"""A function that each task brings: what shows its runs, and what was recorded of a run, by the
+run's directory. It raises ConfigurationError or RecordingError if a file is wrong or damaged."""

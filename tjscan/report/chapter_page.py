@@ -10,8 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from tjscan.core.provenance import Provenance
-from tjscan.report.picture import ReportPicture, inline_figure, load_template, new_figure
-from tjscan.report.tables import MOST_EVENTS
+from tjscan.report.picture import (
+    MOST_EVENTS,
+    ReportPicture,
+    inline_figure,
+    load_template,
+    new_figure,
+)
 from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import job_label_of_run
 
@@ -41,10 +46,7 @@ def render_chapter_page(chapter: ReportChapter, title: str, directory: Path) -> 
         moving=chapter.animation,
         animation=None if chapter.animation is None else chapter.animation.as_json(),
         pictures=list(draw_chapter_charts(chapter.charts, narrow=chapter.sheet is not None)),
-        events=[
-            (f"{event.time:%H:%M:%S}", event.name, event.detail)
-            for event in chapter.events[:MOST_EVENTS]
-        ],
+        events=chapter.events[:MOST_EVENTS],
         provenance=head.header_entries,
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import cycle
+from math import ceil
 from typing import Final
 
 import numpy as np
@@ -12,9 +13,16 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array
 from tjscan.groove.measured import MeasuredSection
 from tjscan.report.data import ReportData
-from tjscan.report.design import designed_measures
+from tjscan.report.dimensions import designed_measures
 from tjscan.report.findings import describe_coverage
-from tjscan.report.picture import ReportPicture, inline_figure, new_figure
+from tjscan.report.picture import (
+    DOTTED_LINE,
+    ReportPicture,
+    inline_figure,
+    new_figure,
+    picture_from_png,
+)
+from tjscan.result.directory import STATIONS_PICTURE
 from tjscan.result.picture import (
     BAND_SIGMAS,
     CORNER_COLOUR,
@@ -23,12 +31,15 @@ from tjscan.result.picture import (
     ROOT_COLOUR,
     draw_groove_3d,
 )
-from tjscan.result.section import MEASURE_FIELDS, SIGMA_FIELDS, absent_corners, lengths_along_groove
+from tjscan.result.section import MEASURE_FIELDS, lengths_along_groove, measure_columns
 from tjscan.result.wireframe import joint_wireframe
 
 DESIGN_COLOUR: Final = "#d62728"
 STATION_COLOURS: Final = tuple(f"C{k}" for k in range(10))
 """Of stations that are drawn together."""
+
+MOST_PICTURE_BYTES: Final = 1_000_000
+"""A larger picture of stations would make the report too large to send."""
 
 BOX_MARGIN: Final = 50e-3
 """Metres about the corners that the view in space shows."""
@@ -40,9 +51,8 @@ def draw_groove_in_space(data: ReportData) -> ReportPicture:
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     low, high = _box_about_groove(data.sections)
     outline = () if data.joint is None else joint_wireframe(data.joint)
-    points = np.empty((0, 3)) if data.shape.points is None else data.shape.points
     # A ghost far off would make the groove small.
-    points = points[indices_near_groove(data.sections, points)]
+    points = data.cloud[indices_near_groove(data.sections, data.cloud)]
     lines = [_within(line, low, high) for line in outline]
     draw_groove_3d(axes, data.sections, points, data.summary.frame, lines, ())
     return inline_figure(
@@ -76,49 +86,35 @@ def _within(line: Array, low: Array, high: Array) -> Array:
 
 def draw_measure_charts(data: ReportData) -> ReportPicture:
     """Draw groove angle, root width, depth and area along the groove, with uncertainty."""
-    x, label = _along(data)
+    x, label = places_along_groove(data)
     order = np.argsort(x)
-    design = None
-    if data.joint is not None:
-        design = designed_measures(data.sections, data.joint)
+    x, sections = x[order], [data.sections[k] for k in order]
+    design = None if data.joint is None else designed_measures(sections, data.joint)
     figure = new_figure(12, 7)
     panels = figure.subplots(2, 2, sharex=True)
-    for k, (axes, field, spread) in enumerate(
-        zip(panels.flat, MEASURE_FIELDS, SIGMA_FIELDS, strict=True)
+    for k, (axes, (field, y, sigma)) in enumerate(
+        zip(panels.flat, measure_columns(sections), strict=True)
     ):
-        y = field.values(data.sections)[order]
-        sigma = BAND_SIGMAS * spread.values(data.sections)[order]
-        if k > 0:  # the angle needs no root
-            y = np.where(absent_corners(data.sections)[order].any(axis=1), np.nan, y)
-        axes.fill_between(
-            x[order], y - sigma, y + sigma, color=LASER_COLOUR, alpha=0.3, linewidth=0
-        )
-        axes.plot(
-            x[order], y, marker="o", markersize=3, linewidth=1, color=LASER_COLOUR, label="measured"
-        )
+        band = BAND_SIGMAS * sigma
+        axes.fill_between(x, y - band, y + band, color=LASER_COLOUR, alpha=0.3, linewidth=0)
+        axes.plot(x, y, linewidth=1, color=LASER_COLOUR, label="measured", **DOTTED_LINE)
         if design is not None:
-            axes.plot(
-                x[order],
-                design[order, k] / field.unit.factor,
-                "--",
-                color=DESIGN_COLOUR,
-                linewidth=1,
-                label="as designed",
-            )
+            drawn = design[:, k] / field.unit.factor
+            axes.plot(x, drawn, "--", color=DESIGN_COLOUR, linewidth=1, label="as designed")
         axes.set_ylabel(field.chart_title)
         axes.grid(alpha=0.3)
     for axes in panels[-1]:
         axes.set_xlabel(label)
     panels[0, 0].legend(fontsize=8)
-    designed = ""
-    if design is not None:
-        designed = " Dashed: the joint as designed, cut by the same planes."
+    designed = "" if design is None else " Dashed: the joint as designed, cut by the same planes."
+    every = ((field, field.values(sections)) for field in MEASURE_FIELDS)
+    ranges = (f"{field.chart_title} {y.min():.1f} to {y.max():.1f}" for field, y in every)
     return inline_figure(
         figure,
         "Groove angle, root width, depth and area",
         f"Measured in the laser's plane at each section; bands are ± {BAND_SIGMAS:g} standard "
         f"deviations. Where the root is not seen, only the angle is known.{designed}",
-        f"Four charts along the groove: {_ranges(data)}.",
+        f"Four charts along the groove: {', '.join(ranges)}.",
         vector=True,
     )
 
@@ -135,12 +131,13 @@ def draw_scan_charts(data: ReportData) -> ReportPicture | None:
     titles = list(dict.fromkeys(chart.title for _, chart in charts))
     if not titles:
         return None
-    figure = new_figure(12, 3 * -(-len(titles) // 2))
-    panels = figure.subplots(-(-len(titles) // 2), 2, squeeze=False)
+    rows = ceil(len(titles) / 2)
+    figure = new_figure(12, 3 * rows)
+    panels = figure.subplots(rows, 2, squeeze=False)
     for axes, title in zip(panels.flat, titles, strict=False):
         lines = [(name, chart) for name, chart in charts if chart.title == title]
         for (name, chart), colour in zip(lines, cycle(STATION_COLOURS)):
-            axes.plot(chart.x, chart.y, marker="o", markersize=3, color=colour, label=name)
+            axes.plot(chart.x, chart.y, color=colour, label=name, **DOTTED_LINE)
             if chart.nominal is not None:
                 axes.axhline(chart.nominal, color=DESIGN_COLOUR, linestyle="--", linewidth=1)
                 axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
@@ -164,26 +161,18 @@ def draw_scan_charts(data: ReportData) -> ReportPicture | None:
 
 def draw_corner_errors(data: ReportData) -> ReportPicture | None:
     """Draw distances of the corners from designed edges; None if these are not known."""
-    if data.comparison is None:
+    deviations = () if data.comparison is None else data.comparison.deviations
+    found = [one.distances for one in deviations if one.kind == "corners to feature edges"]
+    if data.comparison is None or not found:
         return None
-    found = [d for d in data.comparison.deviations if d.kind == "corners to feature edges"]
-    if not found:
-        return None
-    x, label = _along(data)
+    x, label = places_along_groove(data)
     order = np.argsort(x)
-    distances = 1e3 * found[0].distances.reshape(-1, 3)[order]
+    distances = 1e3 * found[0].reshape(-1, 3)[order]
     figure = new_figure(12, 3)
     axes = figure.add_subplot()
     for k, colour in enumerate((CORNER_COLOUR, ROOT_COLOUR, PATH_COLOUR)):
-        axes.plot(
-            x[order],
-            distances[:, k],
-            marker="o",
-            markersize=3,
-            linewidth=1,
-            color=colour,
-            label=f"$p_{k + 2}$",
-        )
+        name = f"$p_{k + 2}$"
+        axes.plot(x[order], distances[:, k], linewidth=1, color=colour, label=name, **DOTTED_LINE)
     if (tolerance := data.comparison.tolerance) is not None:
         axes.axhline(
             1e3 * tolerance, color=DESIGN_COLOUR, linestyle="--", linewidth=1, label="tolerance"
@@ -204,13 +193,7 @@ def draw_corner_errors(data: ReportData) -> ReportPicture | None:
     )
 
 
-def _ranges(data: ReportData) -> str:
-    """Smallest and largest of each measure, in words."""
-    every = ((field, field.values(data.sections)) for field in MEASURE_FIELDS)
-    return ", ".join(f"{one.chart_title} {y.min():.1f} to {y.max():.1f}" for one, y in every)
-
-
-def _along(data: ReportData) -> tuple[Array, str]:
+def places_along_groove(data: ReportData) -> tuple[Array, str]:
     """Where the sections are on a chart, and what that is called."""
     if (azimuths := data.unwrapped_azimuths) is not None:
         return azimuths, "azimuth about the brace / °"
@@ -235,22 +218,14 @@ def draw_deviation_map(data: ReportData) -> ReportPicture | None:
     )
 
 
-def deviation_table_rows(data: ReportData) -> list[tuple[str, ...]]:
-    """Kind, number and statistics of every kind of distance, in mm; the corners' first."""
-    if data.comparison is None:
-        return []
-    rows = []
-    # The corners first: a cloud holds ghosts too.
-    for deviation in reversed(data.comparison.deviations):
-        s = deviation.statistics
-        numbers = (s.mean, s.median, s.rms, s.p95, s.max)
-        within = "" if deviation.within is None else f"{100 * deviation.within:.1f} %"
-        rows.append(
-            (
-                deviation.kind,
-                str(len(deviation.known)),
-                *(f"{number:.3f}" for number in numbers),
-                within,
-            )
-        )
-    return rows
+def read_stations_picture(data: ReportData) -> ReportPicture | None:
+    """The picture that the stitching left; None if it is not there."""
+    file = data.directory / STATIONS_PICTURE
+    if not file.is_file() or file.stat().st_size > MOST_PICTURE_BYTES:
+        return None
+    return picture_from_png(
+        file.read_bytes(),
+        "Stations and their overlaps",
+        "Left, which station saw which part of the groove, overlaps shaded; right, what is left "
+        "between the stations' corners in each overlap once all are placed.",
+    )

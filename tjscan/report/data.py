@@ -20,7 +20,6 @@ from tjscan.groove.settings import GrooveSettings
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
-from tjscan.report.stations import station_folders
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import JOINT_FILE, RECORDING_FILE, SECTIONS_FILE, SUMMARY_FILE
 from tjscan.result.shapes import read_run_shape, read_shape
@@ -118,6 +117,11 @@ class ReportData:
         return self.directory.resolve().name
 
     @property
+    def cloud(self) -> Array:
+        """The scanned points, shape (n, 3), metres; none if there is no cloud."""
+        return np.empty((0, 3)) if self.shape.points is None else self.shape.points
+
+    @property
     def unwrapped_azimuths(self) -> Array | None:
         """Azimuths of the sections in degrees, without a jump; None if they are not known."""
         azimuths = np.array([section.azimuth for section in self.sections])
@@ -185,6 +189,20 @@ def read_report_data(
         stitching,
         caveats,
     )
+
+
+def station_folders(directory: Path, report: StitchingReport | None) -> dict[str, Path]:
+    """Run directories of the stations, wherever the result was moved to.
+
+    Parameters
+    ----------
+    directory : Path
+        The stitched run's.
+    report : StitchingReport or None
+        How it was stitched; None for a scan from one place, which has no stations.
+    """
+    stations = () if report is None else report.stations
+    return {station.name: directory / station.source for station in stations}
 
 
 def _joint_file(directory: Path, folders: Iterable[Path]) -> Path | None:

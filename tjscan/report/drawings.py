@@ -93,23 +93,18 @@ def draw_sections(data: ReportData) -> list[SectionDrawing]:
     leg_normals = section_directions(data.sections).leg[chosen]
     azimuths = data.unwrapped_azimuths
     size = 1e3 * float(np.median([np.linalg.norm(s.points[1] - s.points[3]) for s in sections]))
-    planes = [_plane(*one, size) for one in zip(sections, leg_normals, strict=True)]
+    planes = [_section_plane(*one, size) for one in zip(sections, leg_normals, strict=True)]
     half = 0.5 * max(float(plane.p[3, 1] - plane.p[1, 1]) for plane in planes) + 0.75 * size
-    cloud = np.empty((0, 3)) if data.shape.points is None else data.shape.points
     drawings = []
     for k, section, plane, dimensions in zip(
         chosen, sections, planes, section_dimensions(sections, data.joint), strict=True
     ):
         at = "" if azimuths is None else f"{clock_text(azimuths[k])}, "
-        bore = None
+        title, bore = f"{at}section {data.section_number(section)}", None
         if data.joint is not None:
             slant = abs(float(section.T_r_g[:3, 2] @ radial_direction(section.azimuth)))
             bore = -1e3 * data.joint.brace_wall / slant
-        drawings.append(
-            _drawing(
-                plane, f"{at}section {data.section_number(section)}", dimensions, bore, half, cloud
-            )
-        )
+        drawings.append(_draw_section(plane, title, dimensions, bore, half, data.cloud))
     return drawings
 
 
@@ -129,7 +124,7 @@ def describe_drawings(data: ReportData) -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Plane:
+class _SectionPlane:
     """A section's plane: p1 to p5 in it, (5, 2), unit vectors up the bevel and out on the leg."""
 
     T_g_r: Array
@@ -159,17 +154,19 @@ class _Plane:
         return f"{_xy(p4)}Q{_xy(p4 + half * self.leg)} {_xy(p5)}"
 
 
-def _plane(section: MeasuredSection, leg_normal: Array, size: float) -> _Plane:
+def _section_plane(section: MeasuredSection, leg_normal: Array, size: float) -> _SectionPlane:
     T_g_r = inverse_pose(section.T_r_g)
     p = 1e3 * transform_points(T_g_r, section.points)[:, [2, 1]] * (1, -1)
     normal = (T_g_r[:3, :3] @ leg_normal)[[2, 1]] * (1, -1)
     along = unit_vector(np.array((-normal[1], normal[0])))
     seen = (True, *(name not in section.absent for name in ("p2", "p3", "p4")), True)
-    return _Plane(T_g_r, p, seen, unit_vector(p[1] - p[2]), along * np.sign(along[0] or 1.0), size)
+    return _SectionPlane(
+        T_g_r, p, seen, unit_vector(p[1] - p[2]), along * np.sign(along[0] or 1.0), size
+    )
 
 
-def _drawing(
-    plane: _Plane,
+def _draw_section(
+    plane: _SectionPlane,
     title: str,
     dimensions: Sequence[Dimension],
     bore: float | None,
@@ -184,13 +181,13 @@ def _drawing(
     low, high = np.array((left, y - half)), np.array((p[1, 0] + 1.45 * s, y + half))
     dots = plane.flat(cloud)
     dots = dots[((dots > low) & (dots < high)).all(axis=1)]
-    marks: list[tuple[str, str, DrawnLabel]] = [_angle(plane, by_name["groove angle"])]
+    marks: list[tuple[str, str, DrawnLabel]] = [_angle_mark(plane, by_name["groove angle"])]
     rooted = all(plane.seen[1:4])
     if rooted:
         width = by_name.get("root opening") or by_name["root bead"]
-        marks += [_root(plane, width), _depth(plane, by_name["depth"])]
+        marks += [_root_mark(plane, width), _depth_mark(plane, by_name["depth"])]
         if bore is not None and not isnan(by_name["root face"].value):
-            marks.append(_root_face(plane, by_name["root face"], bore))
+            marks.append(_root_face_mark(plane, by_name["root face"], bore))
     sides = zip(plane.seen[:3], plane.seen[1:4], p, p[1:], strict=False)
     straight = "".join(_path(a, b) for one, other, a, b in sides if one and other)
     names = [
@@ -205,7 +202,7 @@ def _drawing(
         " ".join(f"{v:.2f}" for v in (*low, *(high - low))),
         round(0.13 * s, 2),
         {
-            "steel": _steel(plane, bore, is_open="root opening" in by_name) if rooted else "",
+            "steel": _steel_path(plane, bore, is_open="root opening" in by_name) if rooted else "",
             "outline": straight + ("M" + plane.bent_leg if plane.seen[3] else ""),
             "dots": "".join(
                 f"M{x:.2f} {y:.2f}h0" for x, y in dots[:: -(-len(dots) // MOST_DOTS) or 1]
@@ -217,7 +214,7 @@ def _drawing(
     )
 
 
-def _steel(plane: _Plane, bore: float | None, *, is_open: bool) -> str:
+def _steel_path(plane: _SectionPlane, bore: float | None, *, is_open: bool) -> str:
     """The brace down to its land, or with the bead that closes the root, and some of the leg."""
     p, s, leg = plane.p, plane.size, plane.leg
     inward = p[3] - 3 * s * leg
@@ -235,7 +232,7 @@ def _steel(plane: _Plane, bore: float | None, *, is_open: bool) -> str:
     return solid + _path(np.array((p[1, 0], top)), p[1], p[2], *rest, at_bore, (bore, top)) + "Z"
 
 
-def _angle(plane: _Plane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
+def _angle_mark(plane: _SectionPlane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
     apex, reach = plane.apex, float(np.linalg.norm(plane.p[1] - plane.apex))
     r = 0.7 * reach
     start, end = apex + r * plane.bevel, apex + r * plane.leg
@@ -245,7 +242,7 @@ def _angle(plane: _Plane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
     return thin, arc, _label(at, "start", dimension)
 
 
-def _root(plane: _Plane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
+def _root_mark(plane: _SectionPlane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
     p3, p4, s = plane.p[2], plane.p[3], plane.size
     along = unit_vector(p4 - p3)
     away = np.array((-along[1], along[0]))
@@ -259,7 +256,7 @@ def _root(plane: _Plane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
     )
 
 
-def _depth(plane: _Plane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
+def _depth_mark(plane: _SectionPlane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
     """From the middle of the root to the line along the brace's wall, which is x = 0."""
     middle, s = (plane.p[2] + plane.p[3]) / 2, plane.size
     y = plane.p[1, 1] - 0.2 * s
@@ -268,7 +265,9 @@ def _depth(plane: _Plane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
     return thin, _path(a, b), _label(b - (0.08 * s, 0.22 * s), "end", dimension)
 
 
-def _root_face(plane: _Plane, dimension: Dimension, bore: float) -> tuple[str, str, DrawnLabel]:
+def _root_face_mark(
+    plane: _SectionPlane, dimension: Dimension, bore: float
+) -> tuple[str, str, DrawnLabel]:
     """From the brace's bore to p3."""
     p3, s = plane.p[2], plane.size
     y = (plane.p[1, 1] + p3[1]) / 2  # away from the root's own dimension

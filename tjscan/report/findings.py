@@ -11,11 +11,14 @@ import numpy as np
 
 from tjscan.comparison.result import Comparison
 from tjscan.report.data import ReportData
-from tjscan.report.stations import stitching_findings
 from tjscan.result.directory import JOINT_FILE
+from tjscan.result.stitching import LOOP_OPEN, StitchingReport
 
 GAP_RATIO: Final = 2.5
 """Neighbouring sections farther apart than so many times the usual distance leave a gap."""
+
+UNFIT_CHI2: Final = 9.0
+"""Reduced chi-squared of an overlap above which a finding states it: three times the errors."""
 
 UNSURE_SIGMA_MM: Final = 0.2
 """Standard deviation of a corner's reading in mm above which a finding states it."""
@@ -38,7 +41,7 @@ def report_findings(data: ReportData) -> Iterator[str]:
     if not summary.complete:
         yield f"The scan is not complete: {summary.detail}."
     if data.stitching is not None:
-        yield from stitching_findings(data.stitching)
+        yield from _stitching_findings(data.stitching)
         missing = {one.name for one in data.stitching.stations} - {
             place.name for place in data.places
         }
@@ -60,6 +63,19 @@ def report_findings(data: ReportData) -> Iterator[str]:
         # What holds for every station is said once, without a name.
         named = "" if len(where) == len(data.places) else f"Station {', '.join(where)}: "
         yield f"{named}{words}"
+
+
+def _stitching_findings(report: StitchingReport) -> Iterator[str]:
+    if report.covered_deg < 360 - 0.5:
+        yield f"The stations cover {report.covered_deg:.0f}° without a gap, not all of the joint."
+    elif report.loop_gap_after_mm is None:
+        yield f"All of it was seen, but {LOOP_OPEN}."
+    for one in report.overlaps:
+        if one.misfit > UNFIT_CHI2:
+            yield (
+                f"Stations {' and '.join(one.stations)} fit at {one.azimuth_deg:.0f}° "
+                f"{np.sqrt(one.misfit):.1f} times worse than their errors explain."
+            )
 
 
 def describe_coverage(data: ReportData) -> str:

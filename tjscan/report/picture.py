@@ -13,6 +13,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 SCREEN_DPI: Final = 110
+MOST_EVENTS: Final = 200
+"""Events that a page lists; a run with more has other troubles."""
+
+DOTTED_LINE: Final[dict[str, Any]] = {"marker": "o", "markersize": 3}
+"""How a quantity is drawn along the groove: a line, with a dot at each section."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,11 +13,12 @@ from matplotlib.colors import to_hex
 from tjscan.comparison.distance import DeviationDistances
 from tjscan.comparison.maps import deviation_scale_mm
 from tjscan.core.frames import Array
+from tjscan.joint.definition import JointDefinition
 from tjscan.report.charts import indices_near_groove
 from tjscan.report.data import ReportData
 from tjscan.report.dimensions import clock_text
 from tjscan.report.findings import is_closed, wide_steps
-from tjscan.result.section import MEASURE_FIELDS, SIGMA_FIELDS, UNIT_SYMBOLS, absent_corners
+from tjscan.result.section import UNIT_SYMBOLS, absent_corners, measure_columns
 from tjscan.result.wireframe import ghost_of_joint, joint_wireframe
 
 MOST_POINTS: Final = 40_000
@@ -42,6 +43,7 @@ def view_data(data: ReportData) -> dict[str, Any]:
     corners = np.array([section.points for section in data.sections])
     absent = absent_corners(data.sections)
     azimuths = data.unwrapped_azimuths
+    stations = () if data.stitching is None else data.stitching.stations
     points, deviation = _points(data)
     quantities = [*_quantities(data)]
     if deviation is not None:
@@ -64,10 +66,8 @@ def view_data(data: ReportData) -> dict[str, Any]:
         "joined": _joined(data),
         "quantities": quantities,
         "points": points,
-        "ghost": None if data.joint is None else _ghost(data),
-        "stations": []
-        if data.stitching is None
-        else [{"name": one.name, "at": list(one.position_mm)} for one in data.stitching.stations],
+        "ghost": _ghost_of_joint(data.joint),
+        "stations": [{"name": one.name, "at": list(one.position_mm)} for one in stations],
     }
 
 
@@ -84,15 +84,10 @@ def _quantities(data: ReportData) -> Iterator[dict[str, Any]]:
         if deviation.kind.startswith("corners"):
             rows = np.nan_to_num(1e3 * deviation.distances.reshape(-1, 3), nan=-1).max(axis=1)
             yield _quantity(deviation.kind, "mm", np.where(rows < 0, np.nan, rows))
-    rootless = absent_corners(data.sections).any(axis=1)
-    for field, spread in zip(MEASURE_FIELDS, SIGMA_FIELDS, strict=True):
-        if field.name not in SHOWN_MEASURES:
-            continue
-        values = field.values(data.sections)
-        if field.name != "groove_angle":
-            values = np.where(rootless, np.nan, values)
-        symbol = UNIT_SYMBOLS.get(field.unit.suffix, field.unit.suffix)
-        yield _quantity(field.name_in_words, symbol, values, spread.values(data.sections))
+    for field, values, sigmas in measure_columns(data.sections):
+        if field.name in SHOWN_MEASURES:
+            symbol = UNIT_SYMBOLS.get(field.unit.suffix, field.unit.suffix)
+            yield _quantity(field.name_in_words, symbol, values, sigmas)
     opening = 1e3 * np.array([section.root_opening for section in data.sections])
     if not np.isnan(opening).all():
         edges = 1e3 * np.array([section.own_corner_sigmas[1] for section in data.sections])
@@ -114,16 +109,8 @@ def _quantity(name: str, unit: str, values: Array, sigmas: Array | None = None) 
 def _coloured(name: str, unit: str, limits: tuple[float, float], colours: str) -> dict[str, Any]:
     """A quantity without values, and its scale of colours."""
     shades = [to_hex(colour) for colour in colormaps[colours](np.linspace(0, 1, SHADE_COUNT))]
-    low, high = limits
-    return {
-        "name": name,
-        "unit": unit,
-        "low": low,
-        "high": high,
-        "colours": shades,
-        "values": None,
-        "sigmas": None,
-    }
+    scale = {"low": limits[0], "high": limits[1], "colours": shades}
+    return {"name": name, "unit": unit, **scale, "values": None, "sigmas": None}
 
 
 def _point_deviation(deviation: DeviationDistances) -> dict[str, Any]:
@@ -136,7 +123,7 @@ def _point_deviation(deviation: DeviationDistances) -> dict[str, Any]:
 
 def _points(data: ReportData) -> tuple[dict[str, Any], DeviationDistances | None]:
     """Points near the groove as 16-bit numbers, and the deviations that they carry."""
-    cloud = data.shape.points if data.shape.points is not None else np.empty((0, 3))
+    cloud = data.cloud
     chosen = indices_near_groove(data.sections, cloud)
     chosen = chosen[:: -(-len(chosen) // MOST_POINTS) or 1]
     points = 1e3 * cloud[chosen]
@@ -162,17 +149,13 @@ def _base64(numbers: Array) -> str:
     return b64encode(rounded.astype("<i2").tobytes()).decode("ascii")
 
 
-def _ghost(data: ReportData) -> dict[str, Any]:
-    """The joint as designed: triangles, and the lines of its edges and rings."""
-    if data.joint is None:
-        return {}
-    vertices, triangles = ghost_of_joint(data.joint)
-    lines = [line[::3] for line in joint_wireframe(data.joint) if len(line) > 2]
-    return {
-        "vertices": _mm(vertices, 1),
-        "triangles": triangles.tolist(),
-        "lines": [_mm(line, 1) for line in lines],
-    }
+def _ghost_of_joint(joint: JointDefinition | None) -> dict[str, Any] | None:
+    """The joint as designed, if known: triangles, and the lines of its edges and rings."""
+    if joint is None:
+        return None
+    vertices, triangles = ghost_of_joint(joint)
+    lines = [_mm(line[::3], 1) for line in joint_wireframe(joint) if len(line) > 2]
+    return {"vertices": _mm(vertices, 1), "triangles": triangles.tolist(), "lines": lines}
 
 
 def _mm(points: Array, decimals: int) -> list[list[float]]:

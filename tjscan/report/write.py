@@ -10,32 +10,20 @@ from tjscan.core.files import write_files_atomically
 from tjscan.core.provenance import Provenance
 from tjscan.report.chapter_page import draw_sheet_picture, render_chapter_page
 from tjscan.report.charts import (
-    deviation_table_rows,
     draw_corner_errors,
     draw_deviation_map,
     draw_groove_in_space,
     draw_measure_charts,
     draw_scan_charts,
+    read_stations_picture,
 )
-from tjscan.report.data import ReportData, read_report_data
+from tjscan.report.data import ReportData, read_report_data, station_folders
 from tjscan.report.drawings import describe_drawings, draw_sections
 from tjscan.report.findings import headline_numbers, name_of_reference, report_findings
 from tjscan.report.fit_up import draw_fit_up, fit_up_table
-from tjscan.report.picture import load_template
+from tjscan.report.picture import MOST_EVENTS, load_template
 from tjscan.report.profiles import draw_fitted_profiles
-from tjscan.report.stations import (
-    overlap_rows,
-    read_stations_picture,
-    station_folders,
-    station_rows,
-)
-from tjscan.report.tables import (
-    event_rows,
-    measure_rows,
-    scan_fact_rows,
-    scan_statistics_rows,
-    uncertainty_rows,
-)
+from tjscan.report.tables import measure_rows, scan_fact_rows
 from tjscan.report.view3d import view_data
 from tjscan.result.chapter import ReportSheet
 from tjscan.result.directory import job_label_of_run
@@ -44,6 +32,18 @@ from tjscan.runs.tasks import page_of_task, task_with_own_page
 
 ALIGNED_BY: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest points"}
 """What brought what was measured onto its reference."""
+
+REPORT_PICTURES: Final = {
+    "view": draw_groove_in_space,
+    "deviation": draw_deviation_map,
+    "corners": draw_corner_errors,
+    "measures": draw_measure_charts,
+    "fit_up": draw_fit_up,
+    "profiles": draw_fitted_profiles,
+    "steps": draw_scan_charts,
+    "stations": read_stations_picture,
+}
+"""What draws each picture of the page, if the run has what it shows."""
 
 
 def render_report_page(data: ReportData) -> str:
@@ -56,27 +56,18 @@ def render_report_page(data: ReportData) -> str:
     data : ReportData
         The run.
     """
-    template = load_template("report.html.jinja")
-    pictures = {
-        "view": draw_groove_in_space(data),
-        "deviation": draw_deviation_map(data),
-        "corners": draw_corner_errors(data),
-        "measures": draw_measure_charts(data),
-        "fit_up": draw_fit_up(data),
-        "profiles": draw_fitted_profiles(data),
-        "steps": draw_scan_charts(data),
-        "stations": read_stations_picture(data.directory),
-    }
-    stitching = data.stitching
+    stitching, comparison = data.stitching, data.comparison
     folders = (data.directory, *station_folders(data.directory, stitching).values())
-    comparison = data.comparison
-    return template.render(
+    provenance = Provenance.for_file_written_now(job_label_of_run(*folders), data.summary.frame)
+    several = len(data.places) > 1
+    scans = [(place.name, place.summary) for place in data.places if several]
+    return load_template("report.html.jinja").render(
         name=data.run_name,
         summary=data.summary,
         headline=list(headline_numbers(data)),
         scan_rows=list(scan_fact_rows(data)),
         findings=list(report_findings(data)),
-        pictures=pictures,
+        pictures={name: draw(data) for name, draw in REPORT_PICTURES.items()},
         scene=view_data(data),
         drawings=draw_sections(data),
         fit_up=fit_up_table(data),
@@ -84,16 +75,13 @@ def render_report_page(data: ReportData) -> str:
         comparison=comparison,
         compared_with="" if comparison is None else name_of_reference(comparison),
         aligned_by=ALIGNED_BY["none" if comparison is None else comparison.alignment.method],
-        deviations=deviation_table_rows(data),
-        going=scan_statistics_rows(data),
-        events=event_rows(data),
-        stations=[] if stitching is None else station_rows(stitching),
-        overlaps=[] if stitching is None else overlap_rows(stitching),
+        scans=[*scans, ("all" if several else "scan", data.summary)],
+        events=[(place.name, event) for place in data.places for event in place.events][
+            :MOST_EVENTS
+        ],
+        stitching=stitching,
         measures=measure_rows(data),
-        uncertainty=uncertainty_rows(data),
-        provenance=Provenance.for_file_written_now(
-            job_label_of_run(*folders), data.summary.frame
-        ).header_entries,
+        provenance=provenance.header_entries,
     )
 
 

@@ -186,6 +186,21 @@ def columns_of_sections(sections: Sequence[MeasuredSection]) -> dict[str, Any]:
     return columns
 
 
+def measure_columns(
+    sections: Sequence[MeasuredSection],
+) -> list[tuple[SectionQuantity, Array, Array]]:
+    """Each measure with its values and standard deviations of n sections, in mm and degrees.
+
+    A value is NaN if its root is not seen; the angle needs none.
+    """
+    rootless = absent_corners(sections).any(axis=1)
+    columns = []
+    for k, (field, sigma) in enumerate(zip(MEASURE_FIELDS, SIGMA_FIELDS, strict=True)):
+        values = np.where(rootless & (k > 0), np.nan, field.values(sections))
+        columns.append((field, values, sigma.values(sections)))
+    return columns
+
+
 def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
     """Build a section from the values of all quantities that are not derived.
 

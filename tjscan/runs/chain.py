@@ -11,9 +11,8 @@ import numpy as np
 from annotated_types import Gt, Le
 from pydantic import Field
 
-from tjscan.calibration.file import CalibrationFile
-from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Operator
-from tjscan.comparison.alignment import Alignment, align_icp
+from tjscan.calibration.wizard.operator import DefaultAnswerOperator
+from tjscan.comparison.alignment import align_icp
 from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.comparison.surface import MeshDistance
 from tjscan.core.config import StrictFileModel, read_toml, validate_table
@@ -21,7 +20,7 @@ from tjscan.core.errors import CalibrationRefused, ConfigurationError, Stitching
 from tjscan.core.frames import Array, transform_points
 from tjscan.core.pose_vector import boxminus
 from tjscan.core.units import DEG, MM, SettingsTable, pose_from_rows_mm
-from tjscan.job import ScanJob, read_calibration_job, read_scan_job
+from tjscan.job.files import read_calibration_job, read_scan_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.mesh import build_joint_mesh
@@ -149,10 +148,9 @@ class ChainOutcome:
     corner_errors : ndarray, shape (n,)
         The same once all that was seen is aligned to the joint as designed, metres.
     mount_error : ndarray, shape (6,)
-        Of T_f_s: translation (metres) and rotation (radians) in the axes of f; zero if it was
-        given.
-    mount_covariance : ndarray, shape (6, 6), or None
-        As the calibration states it; None where T_f_s was given.
+        Of T_f_s: translation (metres) and rotation (radians) in the axes of f.
+    mount_covariance : ndarray, shape (6, 6)
+        As the calibration states it.
     held_out : tuple of float or None
         RMS distance of the ball in postures that took no part, without and with the deviations of
         the arm found, metres; None if the arm was not calibrated.
@@ -162,7 +160,7 @@ class ChainOutcome:
     in_own_frame: Array
     corner_errors: Array
     mount_error: Array
-    mount_covariance: Array | None
+    mount_covariance: Array
     held_out: tuple[float, float] | None
 
     @property
@@ -181,22 +179,13 @@ class ChainOutcome:
         return float(np.percentile(self.corner_errors, 95))
 
     @property
-    def mount_nees(self) -> float | None:
+    def mount_nees(self) -> float:
         """Error of T_f_s squared over its covariance, by its six dimensions: about one if true."""
-        if self.mount_covariance is None:
-            return None
         d = self.mount_error
         return float(d @ np.linalg.solve(self.mount_covariance, d) / 6)
 
 
-def run_chain(
-    chain: Chain,
-    directory: Path,
-    *,
-    arm: bool,
-    mount_given: bool = False,
-    operator: Operator | None = None,
-) -> ChainOutcome:
+def run_chain(chain: Chain, directory: Path, *, arm: bool) -> ChainOutcome:
     """Calibrate, scan from all stations, stitch and compare.
 
     Parameters
@@ -207,71 +196,50 @@ def run_chain(
         Gets the calibration's run directory, `CALIBRATION_RUN`.
     arm : bool
         Whether the arm is calibrated with the sensor.
-    mount_given : bool
-        Whether the scan takes the true T_f_s, and nothing is calibrated.
-    operator : Operator, optional
-        Watches the calibration; none by default.
 
     Raises
     ------
     TjscanError
         As calibration, scan and stitching do.
     """
-    found, error, keys = None, np.zeros(6), dict(chain.both)
-    if not mount_given:
-        out = directory / CALIBRATION_RUN
-        job = read_calibration_job(chain.calibrate, chain.both | chain.calibration)
-        saved = start_calibration(
-            job, chain.calibrate, out, operator or DefaultAnswerOperator(), arm=arm
+    out, operator = directory / CALIBRATION_RUN, DefaultAnswerOperator()
+    job = read_calibration_job(chain.calibrate, chain.both | chain.calibration)
+    saved = start_calibration(job, chain.calibrate, out, operator, arm=arm)
+    truth = None if job.simulation is None else job.simulation.T_f_s_mm
+    if truth is None:
+        raise ConfigurationError(
+            "a chain compares with the truth: it needs it",
+            file=chain.calibrate,
+            key="simulation.T_f_s_mm",
         )
-        found = saved.calibration
-        keys["calibration.file"] = str(saved.file.absolute())
-        truth = None if job.simulation is None else job.simulation.T_f_s_mm
-        if truth is None:
-            raise ConfigurationError(
-                "a chain compares with the truth: it needs it",
-                file=chain.calibrate,
-                key="simulation.T_f_s_mm",
-            )
-        error = boxminus(found.T_f_s, pose_from_rows_mm(truth))
-    whole = read_scan_job(chain.scan, keys)
-    joint = RunContext(whole, chain.scan).joint
-    if joint is None:
+    keys = chain.both | {"calibration.file": str(saved.file.absolute())}
+    whole = RunContext(read_scan_job(chain.scan, keys), chain.scan)
+    if (joint := whole.joint) is None:
         raise ConfigurationError("a chain compares with the joint", file=chain.scan, key="joint")
-    stations = [_station(whole, name, chain.scan) for name in whole.station_names]
+    stations = [_scan_from_station(whole.at_station(name)) for name in whole.job.station_names]
     stitched = stitch_stations(stations, StitchSettings(repeatability=chain.repeatability))
-    aligned = align_to_joint(stitched, joint)
+    mesh = build_joint_mesh(joint)
+    surface = MeshDistance(mesh.vertices, mesh.triangles.astype(np.intp))
+    seen = stitched_profile_points(stitched)
+    aligned = align_icp(seen, surface.nearest_points_and_normals)
+    found, held_out = saved.calibration, None
+    if (kinematics := found.kinematics) is not None:
+        held_out = 1e-3 * kinematics.held_out_before_mm, 1e-3 * kinematics.held_out_after_mm
     return ChainOutcome(
         stitched,
         _corner_errors(stitched, np.eye(4), joint),
         _corner_errors(stitched, aligned.T, joint),
-        error,
-        None if found is None else found.covariance_si,
-        _held_out(found),
+        boxminus(found.T_f_s, pose_from_rows_mm(truth)),
+        found.covariance_si,
+        held_out,
     )
 
 
-def align_to_joint(stitched: StitchedGroove, joint: JointDefinition) -> Alignment:
-    """Align all points that were seen to the joint as designed, by iterated closest points."""
-    mesh = build_joint_mesh(joint)
-    surface = MeshDistance(mesh.vertices, mesh.triangles.astype(np.intp))
-    return align_icp(stitched_profile_points(stitched), surface.nearest_points_and_normals)
-
-
-def _held_out(found: CalibrationFile | None) -> tuple[float, float] | None:
-    if found is None or found.kinematics is None:
-        return None
-    arm = found.kinematics
-    return 1e-3 * arm.held_out_before_mm, 1e-3 * arm.held_out_after_mm
-
-
-def _station(whole: ScanJob, name: str, file: Path) -> Station:
-    job = whole.job_at_station(name)
-    context = RunContext(job, file)
-    result = scan_in_cell(context.make_cell(), job, CombinedJournal())
-    station = station_from_recording(
-        name, job.T_w_b, result.sections, result.views, groove_reader_of_job(job)
-    )
+def _scan_from_station(context: RunContext) -> Station:
+    job, read = context.job, groove_reader_of_job(context.job)
+    found = scan_in_cell(context.make_cell(), job, CombinedJournal())
+    name = job.station[0].name
+    station = station_from_recording(name, job.T_w_b, found.sections, found.views, read)
     causes = causes_of_job(job, context.sensor_mount, station.all_sections)
     return replace(station, causes=causes.shared)
 
@@ -291,31 +259,28 @@ def mount_error_in_words(outcome: ChainOutcome) -> str:
     return f"{position:.3f} mm, {turn:.3f}°"
 
 
-KEYS_SWITCHING_OFF: Final[Mapping[str, Mapping[str, float]]] = {
-    "arm: zeros, lengths, twists": {
-        "simulation.arm.errors.offset_deg": 0.0,
-        "simulation.arm.errors.length_mm": 0.0,
-        "simulation.arm.errors.twist_deg": 0.0,
-    },
-    "arm: gears": {
-        "simulation.arm.errors.eccentricity_deg": 0.0,
-        "simulation.arm.errors.backlash_deg": 0.0,
-    },
-    "arm: warmth": {"simulation.arm.errors.growth": 0.0},
-    "arm: repeatability": {
-        "simulation.arm.repeatability_mm": 0.0,
-        "simulation.arm.repeatability_deg": 0.0,
-    },
-    "laser: scale, tilt, lens": {"simulation.laser.linearity_mm": 0.0},
-    "laser: noise, bias, outliers": {
-        "simulation.laser.noise_mm": 0.0,
-        "simulation.laser.bias_mm": 0.0,
-        "simulation.laser.ghosts": 0.0,
-        "simulation.laser.flyers": 0.0,
-        "simulation.laser.missing": 0.0,
-    },
+KEYS_SWITCHING_OFF: Final[Mapping[str, tuple[str, ...]]] = {
+    "arm: zeros, lengths, twists": (
+        "simulation.arm.errors.offset_deg",
+        "simulation.arm.errors.length_mm",
+        "simulation.arm.errors.twist_deg",
+    ),
+    "arm: gears": (
+        "simulation.arm.errors.eccentricity_deg",
+        "simulation.arm.errors.backlash_deg",
+    ),
+    "arm: warmth": ("simulation.arm.errors.growth",),
+    "arm: repeatability": ("simulation.arm.repeatability_mm", "simulation.arm.repeatability_deg"),
+    "laser: scale, tilt, lens": ("simulation.laser.linearity_mm",),
+    "laser: noise, bias, outliers": (
+        "simulation.laser.noise_mm",
+        "simulation.laser.bias_mm",
+        "simulation.laser.ghosts",
+        "simulation.laser.flyers",
+        "simulation.laser.missing",
+    ),
 }
-"""Sources of error, and the keys that switch each of them off."""
+"""Sources of error, and the keys that switch each of them off if they are zero."""
 
 ALL_SOURCES: Final = "all together"
 NO_SOURCE: Final = "none: touches, reading and stitching alone"
@@ -366,17 +331,17 @@ def run_sources(
     alone : bool
         Whether to run each source alone, or all of them together and no more.
     """
-    everything = {key: value for keys in KEYS_SWITCHING_OFF.values() for key, value in keys.items()}
-    runs: dict[str, Mapping[str, float]] = {ALL_SOURCES: {}}
+    everything = [key for keys in KEYS_SWITCHING_OFF.values() for key in keys]
+    runs: dict[str, dict[str, Any]] = {ALL_SOURCES: {}}
     if alone:
         for source, keys in KEYS_SWITCHING_OFF.items():
             runs[source] = {key: 0.0 for key in everything if key not in keys}
-        runs[NO_SOURCE] = everything
-    for number, (source, keys) in enumerate(runs.items()):
+        runs[NO_SOURCE] = dict.fromkeys(everything, 0.0)
+    for number, (source, zeros) in enumerate(runs.items()):
         begin(source)
         own = directory / str(number)
         try:
-            outcome = run_chain(replace(chain, both=chain.both | dict(keys)), own, arm=arm)
+            outcome = run_chain(chain.with_keys(zeros), own, arm=arm)
             yield SourceRow(source, own, outcome)
         except (CalibrationRefused, StitchingRefused) as refused:
             yield SourceRow(source, own, None, str(refused))

@@ -6,7 +6,6 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from platform import machine
@@ -15,12 +14,12 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.config import add_file_to_errors
-from tjscan.core.devices import DeviceIdentity
 from tjscan.core.errors import ConfigurationError, TjscanError
 from tjscan.groove.section import GrooveSection
-from tjscan.job import LaserSettings, ScanJob, read_scan_job
 from tjscan.job.arm import clear_path_planner_of_job
 from tjscan.job.cell import Cell
+from tjscan.job.devices import LaserSettings
+from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.laser.line_laser import DescribedLaser
 from tjscan.laser.profile import Profile
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
@@ -53,7 +52,7 @@ class CheckResult:
     what : str
         What was checked.
     detail : str
-        What was found; where something is wrong, with the remedy.
+        What was found; if something is wrong, with the remedy.
     error : TjscanError or None
         What is wrong.
     """
@@ -84,7 +83,7 @@ def check_job_and_cell(
     station : str, optional
         The one station to look at; all by default.
     """
-    yield CheckResult("versions", ", ".join(_versions()))
+    yield CheckResult("versions", ", ".join(_library_versions()))
     jobs: list[ScanJob] = []
 
     def read() -> str:
@@ -93,25 +92,24 @@ def check_job_and_cell(
             jobs.extend(job.jobs_at_stations if station is None else (job.job_at_station(station),))
         return f"{job_file} is sound"
 
-    yield (finding := _look("job", read))
+    yield (finding := _check("job", read))
     if not finding.passed:
         return
-    job = jobs[0]
-    context = RunContext(job, job_file)
+    context = RunContext(jobs[0], job_file)
     named = [
-        _look("joint", partial(_joint, context)),
-        _look("calibration", partial(_calibration, context)),
-        _look("clearance", partial(_clearance, job)),
+        _check("joint", _describe_joint, context),
+        _check("calibration", _describe_calibration, context),
+        _check("clearance", _describe_clearance, jobs[0]),
     ]
     yield from named
     if all(finding.passed for finding in named):
-        for place in jobs:
-            where = f"{place.station[0].name}: " if len(jobs) > 1 else ""
-            for finding in _devices(place, job_file):
+        for job in jobs:
+            where = f"{job.station[0].name}: " if len(jobs) > 1 else ""
+            for finding in _check_devices(job, job_file):
                 yield replace(finding, what=f"{where}{finding.what}")
 
 
-def _devices(job: ScanJob, job_file: Path) -> Iterator[CheckResult]:
+def _check_devices(job: ScanJob, job_file: Path) -> Iterator[CheckResult]:
     try:
         cell = RunContext(job, job_file).make_cell()
     except TjscanError as error:
@@ -123,31 +121,32 @@ def _devices(job: ScanJob, job_file: Path) -> Iterator[CheckResult]:
             stack.enter_context(device)
             return name
 
-        yield (arm := _look("arm", lambda: connect(cell.arm, f"{job.arm.driver} {job.arm.model}")))
-        yield (laser := _look("laser", lambda: connect(cell.laser, job.laser.device_id)))
+        yield (arm := _check("arm", connect, cell.arm, f"{job.arm.driver} {job.arm.model}"))
+        yield (laser := _check("laser", connect, cell.laser, job.laser.device_id))
         if laser.passed and isinstance(cell.laser, DescribedLaser):
-            yield _look("laser's link", partial(_link, cell.laser, cell.laser.identity))
-            yield _look("laser's format", partial(_format, cell.laser))
-            yield _look("laser's range", partial(_range, cell.laser, job.laser))
+            yield _check("laser's link", _describe_link, cell.laser)
+            yield _check("laser's format", lambda device: device.describe().format, cell.laser)
+            yield _check("laser's range", _compare_range, cell.laser, job.laser)
         if arm.passed:
-            yield _look("model", partial(_model, cell))
-            yield _look("stance", partial(_stance, cell))
+            yield _check("model", _compare_model, cell)
+            yield _check("stance", _describe_stance, cell)
         if laser.passed and arm.passed:
-            yield _look("profile", partial(_profile, cell, groove_reader_of_job(job)))
+            yield _check("profile", _describe_profile, cell, groove_reader_of_job(job))
         if arm.passed:
             first, second = (start.T for start in job.start_poses)
-            yield _look("first pose", partial(_path, cell, first))
-            yield _look("second pose", partial(_path, cell, first, second))
+            yield _check("first pose", _check_path, cell, first)
+            yield _check("second pose", _check_path, cell, first, second)
 
 
-def _look(what: str, check: Callable[[], str]) -> CheckResult:
+def _check(what: str, look: Callable[..., str], *things: Any) -> CheckResult:
+    """What a look at some things finds, or what is wrong with them."""
     try:
-        return CheckResult(what, check())
+        return CheckResult(what, look(*things))
     except TjscanError as error:
         return CheckResult(what, str(error), error)
 
 
-def _versions() -> Iterator[str]:
+def _library_versions() -> Iterator[str]:
     for library in REPORTED_LIBRARIES:
         try:
             yield f"{library} {version(library)}"
@@ -155,29 +154,27 @@ def _versions() -> Iterator[str]:
             yield f"{library} not installed"
 
 
-def _joint(context: RunContext) -> str:
+def _describe_joint(context: RunContext) -> str:
     frame = f"results will be in frame {result_frame_of_job(context.job).letter}"
     return f"none named: {frame}" if context.joint is None else f"{context.joint_file}; {frame}"
 
 
-def _calibration(context: RunContext) -> str:
+def _describe_calibration(context: RunContext) -> str:
     mount = context.sensor_mount
     where = "as the job has it" if mount.file is None else f"{mount.file}"
-    return (
-        f"{where}; the sensor is {1e3 * np.linalg.norm(mount.T_f_s[:3, 3]):.0f} mm from the flange"
-    )
+    away = 1e3 * np.linalg.norm(mount.T_f_s[:3, 3])
+    return f"{where}; the sensor is {away:.0f} mm from the flange"
 
 
-def _clearance(job: ScanJob) -> str:
+def _describe_clearance(job: ScanJob) -> str:
     clear_path_planner_of_job(job)
     table = job.clearance
-    around, carried = (
-        ", ".join(one.name for one in solids) or "nothing" for solids in (table.solid, table.tool)
-    )
+    around = ", ".join(one.name for one in table.solid) or "nothing"
+    carried = ", ".join(one.name for one in table.tool) or "nothing"
     return f"keeps {1e3 * table.solids:g} mm from {around}; carries {carried}"
 
 
-def _model(cell: Cell) -> str:
+def _compare_model(cell: Cell) -> str:
     """Whether the arm is the one that the job names."""
     state = cell.arm.state()
     who = cell.arm.identity or "connected"
@@ -192,7 +189,7 @@ def _model(cell: Cell) -> str:
     return f"{who}; its flange is {1e3 * apart:.1f} mm from where the model has it"
 
 
-def _stance(cell: Cell) -> str:
+def _describe_stance(cell: Cell) -> str:
     nearest = cell.clearance.nearest_bodies(cell.arm.state().q)
     if nearest is None:
         return "nothing is known that the arm could touch"
@@ -200,16 +197,12 @@ def _stance(cell: Cell) -> str:
     return f"nearest to each other are {pair.moving} and {pair.other}, {1e3 * distance:.0f} mm"
 
 
-def _link(laser: DescribedLaser, identity: DeviceIdentity) -> str:
+def _describe_link(laser: Any) -> str:
     described = laser.describe()
-    return "; ".join(filter(None, (f"{identity} at {described.link}", described.advice)))
+    return "; ".join(filter(None, (f"{laser.identity} at {described.link}", described.advice)))
 
 
-def _format(laser: DescribedLaser) -> str:
-    return laser.describe().format
-
-
-def _range(laser: DescribedLaser, table: LaserSettings) -> str:
+def _compare_range(laser: DescribedLaser, table: LaserSettings) -> str:
     """Whether the laser can state every z of the job's measuring range."""
     described = laser.describe()
     wanted = f"{1e3 * table.near:g} to {1e3 * table.far:g} mm"
@@ -223,18 +216,19 @@ def _range(laser: DescribedLaser, table: LaserSettings) -> str:
     return f"{able}; the job expects {wanted}"
 
 
-def _profile(cell: Cell, read: Callable[[Profile], GrooveSection]) -> str:
+def _describe_profile(cell: Cell, read: Callable[[Profile], GrooveSection]) -> str:
     profile = cell.laser.capture()
     valid = int(profile.valid.sum())
+    points = f"{valid} of {len(profile)} points"
     if valid < FEWEST_POINTS:
-        return f"{valid} of {len(profile)} points: nothing in range of the arm's place"
+        return f"{points}: nothing in range of the arm's place"
     try:
         read(profile)
     except TjscanError:
-        return f"{valid} of {len(profile)} points, and no groove at the arm's place"
-    return f"{valid} of {len(profile)} points, and a groove at the arm's place"
+        return f"{points}, and no groove at the arm's place"
+    return f"{points}, and a groove at the arm's place"
 
 
-def _path(cell: Cell, *T_b_f: Any) -> str:
+def _check_path(cell: Cell, *T_b_f: Any) -> str:
     cell.arm.check_moves(*T_b_f)
     return "the way there is clear"

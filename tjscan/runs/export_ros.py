@@ -12,7 +12,7 @@ import numpy as np
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import inverse_pose
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.recording.ros import joint_trajectory_message, pose_array_message, write_ros_messages
 from tjscan.result.directory import JOB_FILE, SECTIONS_FILE, URDF_FILE
 from tjscan.result.export import EXPORT_STEM, sort_sections_by_azimuth
@@ -37,7 +37,7 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
     directory : Path
         The run directory of one scan.
     out : Path, optional
-        The folder to write; ``export.ros`` in the run directory where left out.
+        The folder to write; ``export.ros`` in the run directory if left out.
 
     Raises
     ------
@@ -66,19 +66,13 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
     arm, T_b_r = Kinematics.load(job.arm.model), inverse_pose(result_frame_of_job(job).T_r_b)
     sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
     views, time = _views_of_growing_time(directory)
+    T_b_g = np.array([T_b_r @ section.T_r_g for section in sections])
+    T_b_f, q = np.array([view.T_b_f for view in views]), np.array([view.q for view in views])
+    seconds = np.array([view.time - views[0].time for view in views])
     messages = {
-        "/sections": pose_array_message(
-            time, arm.base_name, np.array([T_b_r @ section.T_r_g for section in sections])
-        ),
-        "/flange": pose_array_message(
-            time, arm.base_name, np.array([view.T_b_f for view in views])
-        ),
-        "/joint_trajectory": joint_trajectory_message(
-            time,
-            arm.joint_names,
-            np.array([view.q for view in views]),
-            np.array([view.time - views[0].time for view in views]),
-        ),
+        "/sections": pose_array_message(time, arm.base_name, T_b_g),
+        "/flange": pose_array_message(time, arm.base_name, T_b_f),
+        "/joint_trajectory": joint_trajectory_message(time, arm.joint_names, q, seconds),
     }
     with write_files_atomically(folder) as draft:
         for topic, message in messages.items():

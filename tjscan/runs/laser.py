@@ -7,21 +7,19 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.groove.settings import GrooveSettings
-from tjscan.job import read_laser_job, read_scan_job
 from tjscan.job.cell import make_simulated_laser
-from tjscan.job.laser import make_laser_without_arm
+from tjscan.job.devices import make_laser_without_arm
+from tjscan.job.files import read_laser_job, read_scan_job
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.result.readings import ProfileReading, measure_grooves
-
-MM_PER_METRE: Final = 1e3
 
 
 @contextmanager
@@ -60,8 +58,7 @@ def open_laser_of_job(
         if job.laser.driver_kind is DriverKind.REAL:
             laser = make_laser_without_arm(job.laser)
         else:
-            _, make = prepare_simulated_laser(job_file, overrides)
-            laser = make()
+            laser = prepare_simulated_laser(job_file, overrides)[1]()
     with laser:
         yield laser, job.groove
 
@@ -122,44 +119,31 @@ def read_live_profiles(laser: LineLaser, settings: GrooveSettings) -> Iterator[P
         yield next(measure_grooves({f"profile {number}": laser.capture()}, settings))
 
 
-class ProfileFile:
-    """Text file of profiles, with columns profile, x and z: `tjscan groove` reads it.
+@contextmanager
+def open_profile_file(file: Path) -> Iterator[Callable[[Profile], None]]:
+    """Open a new text file of profiles, with columns profile, x and z: `tjscan groove` reads it.
 
-    A context manager. Each profile is in the file when `add` returns.
+    Gives the function that writes a profile, which is in the file when it returns. What has no
+    point stays empty.
 
-    Parameters
-    ----------
-    file : Path
-        A new file.
+    Raises
+    ------
+    ConfigurationError
+        If it is there already, or can't be made.
     """
+    try:
+        stream = file.open("x", encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(f"can't be written: {error.strerror}", file=file) from None
+    numbers = count(1)
 
-    def __init__(self, file: Path) -> None:
-        self._file, self._count = file, 0
-
-    def __enter__(self) -> ProfileFile:
-        """Make the file.
-
-        Raises
-        ------
-        ConfigurationError
-            If it is there already, or can't be made.
-        """
-        try:
-            self._stream = self._file.open("x", encoding="utf-8")
-        except OSError as error:
-            raise ConfigurationError(
-                f"can't be written: {error.strerror}", file=self._file
-            ) from None
-        self._stream.write("profile,x_mm,z_mm\n")
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._stream.close()
-
-    def add(self, profile: Profile) -> None:
-        """Write a profile; what has no point stays empty."""
-        self._count += 1
+    def write(profile: Profile) -> None:
+        number = next(numbers)
         for x, z, valid in zip(profile.x_s, profile.z_s, profile.valid, strict=True):
-            point = f"{MM_PER_METRE * x:.5f},{MM_PER_METRE * z:.5f}" if valid else ","
-            self._stream.write(f"{self._count},{point}\n")
-        self._stream.flush()
+            point = f"{1e3 * x:.5f},{1e3 * z:.5f}" if valid else ","
+            stream.write(f"{number},{point}\n")
+        stream.flush()
+
+    with stream:
+        stream.write("profile,x_mm,z_mm\n")
+        yield write

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 from hashlib import sha256
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final, Generic, TypeVar
 
 import tomli_w
@@ -30,8 +31,9 @@ from tjscan.core.files import (
 from tjscan.core.locks import lock_directory
 from tjscan.core.manifest import MANIFEST_FILE, changed_since_written, check_as_written
 from tjscan.core.provenance import Provenance
-from tjscan.job import CalibrationSettings, CellJob
 from tjscan.job.crawl.job import CrawlJob
+from tjscan.job.devices import CalibrationSettings
+from tjscan.job.files import CellJob
 from tjscan.job.tow.job import TowJob
 from tjscan.recording.header import JobSnapshot, job_snapshot_changes
 from tjscan.recording.journal import CombinedJournal, Journal, RunEvent
@@ -51,16 +53,21 @@ COPIED_FILES: Final = (JOB_FILE, JOINT_FILE, CALIBRATION_FILE, URDF_FILE)
 MOST_BYTES: Final = 50_000_000
 """A larger file is no result of a run: passes of an hour's welding take a tenth of it."""
 
+NO_COPIES: Final[Mapping[str, Path | None]] = MappingProxyType({})
+
 REPLAYED_TASKS: Final = ("crawl", "tow")
 """What is replayed into another run directory, as its recordings are named."""
 
 
-J = TypeVar("J")
+WhenFinished = Callable[[Path], object]
+"""What is called with a run directory once its results are written."""
+
 T = TypeVar("T")
+V = TypeVar("V", CrawlJob, TowJob)
 
 
-def do_nothing_when_finished(directory: Path) -> None:
-    """Do nothing when the results of a run directory are written."""
+def do_nothing(directory: Path) -> None:
+    """Do nothing with a run directory whose results are written."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +89,12 @@ class JobContext(Generic[T]):
     job: T
     job_file: Path
     journal: Journal = field(default_factory=CombinedJournal)
-    finished: Callable[[Path], object] = do_nothing_when_finished
+    finished: WhenFinished = do_nothing
+
+    @property
+    def calibration_file(self) -> Path | None:
+        """The calibration file that the job names, if it names one."""
+        return None
 
 
 def default_run_directory(job_file: Path, station: str | None = None) -> Path:
@@ -92,12 +104,7 @@ def default_run_directory(job_file: Path, station: str | None = None) -> Path:
 
 
 def make_run_directory(
-    directory: Path,
-    job: CellJob,
-    job_file: Path,
-    *,
-    joint: Path | None = None,
-    calibration: Path | None = None,
+    directory: Path, job: CellJob, job_file: Path, copies: Mapping[str, Path | None] = NO_COPIES
 ) -> None:
     """Make a run directory that holds the resolved job, and the files that it names.
 
@@ -111,8 +118,8 @@ def make_run_directory(
         The resolved job.
     job_file : Path
         The file that it was read from, whose name every file of the run states.
-    joint, calibration : Path, optional
-        The files that the job names.
+    copies : mapping of str to Path or None, optional
+        Files that the job names, by the names of their copies; None for one that it does not.
 
     Raises
     ------
@@ -122,57 +129,63 @@ def make_run_directory(
         If it can't be made, or a file that the job names is in a run directory and is not as
         it was written.
     """
-    check_as_written(*(file for file in (joint, calibration) if file is not None))
+    named = {name: file for name, file in copies.items() if file is not None}
+    check_as_written(*named.values())
+    if (model := Path(job.arm.model)).suffix == ".urdf":
+        named[URDF_FILE] = model
     with empty_run_directory(directory) as draft:
-        if joint is not None:
-            shutil.copyfile(joint, draft / JOINT_FILE)
-        if calibration is not None:
-            shutil.copyfile(calibration, draft / CALIBRATION_FILE)
-        if Path(job.arm.model).suffix == ".urdf":
-            shutil.copyfile(job.arm.model, draft / URDF_FILE)
-        write_job_copy(draft, _text(job, draft), job_file, "w" if job.station else "b")
+        for name, file in named.items():
+            shutil.copyfile(file, draft / name)
+        write_job_copy(draft, _job_naming_copies(job, draft), job_file, "w" if job.station else "b")
 
 
-def make_vehicle_run_directory(
-    directory: Path, job: CrawlJob | TowJob, job_file: Path, calibration: Path | None = None
-) -> None:
+def make_vehicle_run_directory(directory: Path, context: JobContext[V]) -> None:
     """Make the run directory of a crawl or a tow; see `make_run_directory`."""
+    job: CrawlJob | TowJob = context.job
     with empty_run_directory(directory) as draft:
-        if calibration is not None:
-            shutil.copyfile(calibration, draft / CALIBRATION_FILE)
+        if context.calibration_file is not None:
+            shutil.copyfile(context.calibration_file, draft / CALIBRATION_FILE)
             job = job.model_copy(update={"calibration": CALIBRATION_FILE})
-        write_job_copy(draft, tomli_w.dumps(table_to_dict(job)), job_file, "w")
+        write_job_copy(draft, tomli_w.dumps(table_to_dict(job)), context.job_file, "w")
+
+
+def job_snapshot_of_file(file: Path) -> JobSnapshot:
+    """Snapshot of the job of a crawl or a tow, as its run directory holds it."""
+    return JobSnapshot(file.read_text(encoding="utf-8"))
 
 
 @contextmanager
 def record_vehicle_run(
+    context: JobContext[V],
     directory: Path,
     recording: str,
-    record: Callable[[Path, JobSnapshot], AbstractContextManager[J]],
-    *afterwards: Callable[[Path], object],
-) -> Iterator[J]:
+    record: Callable[[Path, JobSnapshot], AbstractContextManager[Journal]],
+    write_results: Callable[[Path], object] | None = None,
+) -> Iterator[Journal]:
     """Record into a run directory while it is locked, and write results however the block ends.
 
     Parameters
     ----------
+    context : JobContext
+        Its journal receives everything too.
     directory : Path
         Which holds the job already.
     recording : str
         Name of its recordings.
     record : callable
         Opens the recording of a file and the job's snapshot; gives its journal.
-    *afterwards : callable
-        Are called in order with the directory when the recording is closed: they write results.
+    write_results : callable, optional
+        Is called with the directory when the recording is closed, before `context.finished`.
     """
-    snapshot = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
     file = next_recording_file(directory, recording)
     with lock_and_clean_directory(directory):
         try:
-            with record(file, snapshot) as journal:
-                yield journal
+            with record(file, job_snapshot_of_file(directory / JOB_FILE)) as journal:
+                yield CombinedJournal(journal, context.journal)
         finally:
-            for act in afterwards:
-                act(directory)
+            if write_results is not None:
+                write_results(directory)
+                context.finished(directory)
 
 
 def check_replay(
@@ -202,17 +215,12 @@ def check_replay(
     """
     refuse_links_outside(directory, JOB_FILE, CALIBRATION_FILE)
     check_as_written(directory / JOB_FILE, directory / CALIBRATION_FILE)
-    held = [
-        name
-        for name in REPLAYED_TASKS
-        if (directory / JOB_FILE).is_file() and recording_files(directory, name)[0].is_file()
-    ]
+    names = REPLAYED_TASKS if (directory / JOB_FILE).is_file() else ()
+    held = [name for name in names if recording_files(directory, name)[0].is_file()]
     if task not in held:
         advice = [f"it holds a {other}: tjscan {other} replay takes it" for other in held]
-        raise ConfigurationError(
-            f"holds no {task}: {', '.join(advice) or 'give the run directory of one'}",
-            file=directory,
-        )
+        what = ", ".join(advice) or "give the run directory of one"
+        raise ConfigurationError(f"holds no {task}: {what}", file=directory)
     why = f"is about how the {task} was done, and it is done"
     refuse_other_keys(keys, replayable, why, directory / JOB_FILE)
     refuse_directory_inside(out, directory)
@@ -308,10 +316,8 @@ def empty_run_directory(directory: Path) -> Iterator[Path]:
         files = {name for name in names if not name.startswith(DRAFT_PREFIX)}
         half_made = files < names and files <= {*COPIED_FILES, MANIFEST_FILE} - {JOB_FILE}
         if files and not half_made:  # of one killed in the making
-            raise ConfigurationError(
-                "is not empty; a run never overwrites another. Choose another --out",
-                file=directory,
-            )
+            full = "is not empty; a run never overwrites another. Choose another --out"
+            raise ConfigurationError(full, file=directory)
         yield draft
 
 
@@ -361,10 +367,8 @@ def table_to_csv(
     rows : iterable
         Of the table.
     """
-    stream = io.StringIO()
-    stream.write(
-        Provenance.for_file_written_now(job_label_of_run(directory), "w").comment_lines("#")
-    )
+    stream, job = io.StringIO(), job_label_of_run(directory)
+    stream.write(Provenance.for_file_written_now(job, "w").comment_lines("#"))
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows([cell(row) for cell in columns.values()] for row in rows)
@@ -392,9 +396,8 @@ def read_result_file(file: Path, what: str, parse: Callable[[str], T]) -> T:
     try:
         return parse(read_small_file(file, MOST_BYTES, what).decode())
     except (OSError, ValueError, TypeError, KeyError, RecursionError, csv.Error) as error:
-        raise ConfigurationError(
-            f"can't be read: {error}. A run directory holds {what} there", file=file
-        ) from None
+        reason = f"can't be read: {error}. A run directory holds {what} there"
+        raise ConfigurationError(reason, file=file) from None
 
 
 def nothing_recorded_yet(directory: Path) -> bool:
@@ -422,15 +425,17 @@ def take_job_snapshot(directory: Path, job: CellJob) -> JobSnapshot:
         arm = sha256(urdf.read_bytes()).hexdigest() if urdf.is_file() else ""
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(f"{directory}: can't be read: {error}") from error
-    return JobSnapshot(_text(job, directory), joint, calibration, arm)
+    return JobSnapshot(_job_naming_copies(job, directory), joint, calibration, arm)
 
 
-def _text(job: CellJob, directory: Path) -> str:
+def _job_naming_copies(job: CellJob, directory: Path) -> str:
     """A job as TOML that names the copies in a directory."""
+    named: dict[str, object] = {}
     if job.joint is not None and (directory / JOINT_FILE).is_file():
-        job = job.model_copy(update={"joint": replace(job.joint, file=JOINT_FILE)})
+        named["joint"] = replace(job.joint, file=JOINT_FILE)
     if (directory / CALIBRATION_FILE).is_file():
-        job = job.model_copy(update={"calibration": CalibrationSettings(file=CALIBRATION_FILE)})
+        named["calibration"] = CalibrationSettings(file=CALIBRATION_FILE)
     if (directory / URDF_FILE).is_file():
-        job = job.model_copy(update={"arm": replace(job.arm, model=URDF_FILE)})
+        named["arm"] = replace(job.arm, model=URDF_FILE)
+    job = job.model_copy(update=named)
     return tomli_w.dumps(table_to_dict(job))

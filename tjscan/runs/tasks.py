@@ -12,9 +12,13 @@ from typing import Any, Final
 
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.live.step import RecordedShow, ShowReader
+from tjscan.recording.parts import recording_files
 from tjscan.result.chapter import ChapterWriter
 from tjscan.result.directory import JOB_FILE
 from tjscan.study.backend import StudyBackend
+
+SHOWN_RECORDINGS: Final = ("measured", "crawl", "scan", "tow")
+"""What the names of the recordings begin with that the live page shows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +55,8 @@ def report_chapters() -> Mapping[str, ChapterWriter]:
     from tjscan.runs.scan.report import scan_chapter
     from tjscan.runs.tow.report import tow_chapter
 
-    return {
-        "calibrate": calibration_chapter,
-        "crawl": crawl_chapter,
-        "scan": scan_chapter,
-        "tow": tow_chapter,
-    }
+    chapters = (calibration_chapter, crawl_chapter, scan_chapter, tow_chapter)
+    return dict(zip((task.name for task in ALL_TASKS), chapters, strict=True))
 
 
 def page_of_task(task: Task) -> ChapterWriter:
@@ -93,20 +93,17 @@ def read_recorded_show(directory: Path) -> RecordedShow:
     """
     from tjscan.runs.live.calibration import read_calibration_show
     from tjscan.runs.live.crawl import read_crawl_show
-    from tjscan.runs.live.scan import read_recorded_scan_show
+    from tjscan.runs.live.scan import read_scan_show
     from tjscan.runs.live.tow import read_tow_show
 
-    readers: tuple[ShowReader, ...] = (
-        read_calibration_show,
-        read_crawl_show,
-        read_recorded_scan_show,
-        read_tow_show,
-    )
-    for read in readers:
-        if (show := read(directory)) is not None:
-            if not show.steps:
+    readers: list[ShowReader]
+    readers = [read_calibration_show, read_crawl_show, read_scan_show, read_tow_show]
+    for recording, read in zip(SHOWN_RECORDINGS, readers, strict=True):
+        if recording_files(directory, recording)[0].is_file():
+            show, entries = read(directory)
+            if not (steps := tuple(map(show.step, entries))):
                 raise ConfigurationError("nothing was recorded in it yet", file=directory)
-            return show
+            return RecordedShow(show.setting, steps)
     raise ConfigurationError(
         "holds no recording that can be shown: give the directory of a scan, a crawl, a tow or a "
         "calibration, or of one station",
@@ -126,11 +123,8 @@ def study_backend_of_task(task: str) -> StudyBackend[Any]:
     from tjscan.runs.scan.study import SCAN_STUDY
     from tjscan.runs.tow.study import TOW_STUDY
 
-    backends: dict[str, StudyBackend[Any]] = {
-        "crawl": CRAWL_STUDY,
-        "scan": SCAN_STUDY,
-        "tow": TOW_STUDY,
-    }
+    backends: dict[str, StudyBackend[Any]]
+    backends = {"crawl": CRAWL_STUDY, "scan": SCAN_STUDY, "tow": TOW_STUDY}
     names = [one.name for one in ALL_TASKS]
     if task not in names:
         raise ConfigurationError(

@@ -16,7 +16,7 @@ from tjscan.core.errors import ConfigurationError, GrooveNotFound, StartOnTack, 
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array, pose, pose_to_euler_zyx
 from tjscan.groove.section import GrooveSection
-from tjscan.job import ScanJob, read_scan_job
+from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.robot.rest import await_rest, check_not_moved
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 
@@ -99,10 +99,10 @@ def teach_pose(
             raise StartSeesNoGroove(which, error) from None
     if groove.on_tack:
         raise StartOnTack(which)
-    position_mm, euler_zyx_deg = pose_for_job_file(state.T_b_f)
-    key = (*(("station", job.station[0].name) if job.station else ("scan",)), which)
-    write_start_pose(job_file, key, position_mm, euler_zyx_deg)
-    return TaughtPose(key, position_mm, euler_zyx_deg, groove)
+    key = ("station", job.station[0].name, which) if job.station else ("scan", which)
+    taught = TaughtPose(key, *pose_for_job_file(state.T_b_f), groove)
+    write_start_pose(job_file, key, taught.position_mm, taught.euler_zyx_deg)
+    return taught
 
 
 def pose_for_job_file(T_b_f: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -144,7 +144,7 @@ def write_start_pose(
         raise ConfigurationError(f"can't be read again: {error}", file=job_file) from None
     table: Any = document
     for name in key:
-        table = _table(table, name, job_file)
+        table = _table_in(table, name, job_file)
     table["position_mm"] = list(position_mm)
     table["euler_zyx_deg"] = list(euler_zyx_deg)
     with write_files_atomically(file.parent) as folder:
@@ -157,7 +157,7 @@ def write_start_pose(
             raise ConfigurationError(error.message, file=job_file, key=error.key) from None
 
 
-def _table(parent: Any, name: str, job_file: Path) -> Any:
+def _table_in(parent: Any, name: str, job_file: Path) -> Any:
     """A table in a table, or in an array of tables by its name."""
     if isinstance(parent, MutableMapping):
         found = parent.get(name)

@@ -63,11 +63,9 @@ class StudyFile(StrictFileModel):
             If an axis has no values, values are no list, a key occurs twice, or lists that go
             together differ in length.
         """
-        axes = [
-            [{key: value} for value in _values(key, values)]
-            for key, values in flatten_to_dotted_keys(self.grid).items()
-        ]
-        axes += [_together(flatten_to_dotted_keys(table)) for table in self.together]
+        grid = flatten_to_dotted_keys(self.grid)
+        axes = [[{key: value} for value in _swept_values(key, grid[key])] for key in grid]
+        axes += [_settings_that_go_together(flatten_to_dotted_keys(one)) for one in self.together]
         if self.seeds is not None:
             key = backend_of(self.task).seed
             axes.append([{key: seed} for seed in range(1, self.seeds + 1)])
@@ -102,7 +100,7 @@ def flatten_to_dotted_keys(table: Mapping[str, Any], prefix: str = "") -> dict[s
     table : mapping
         As TOML gives it.
     prefix : str
-        Stands before every key.
+        Put before every key.
     """
     flat: dict[str, Any] = {}
     for key, value in table.items():
@@ -113,14 +111,14 @@ def flatten_to_dotted_keys(table: Mapping[str, Any], prefix: str = "") -> dict[s
     return flat
 
 
-def _values(key: str, values: Any) -> list[Any]:
+def _swept_values(key: str, values: Any) -> list[Any]:
     if not isinstance(values, list) or not values:
         raise ConfigurationError(f"is swept by a list of values (found {values!r})", key=key)
     return values
 
 
-def _together(table: dict[str, Any]) -> list[dict[str, Any]]:
-    columns = {key: _values(key, values) for key, values in table.items()}
+def _settings_that_go_together(table: dict[str, Any]) -> list[dict[str, Any]]:
+    columns = {key: _swept_values(key, values) for key, values in table.items()}
     lengths = {key: len(values) for key, values in columns.items()}
     if len(set(lengths.values())) != 1:
         raise ConfigurationError(f"lists that go together are equally long (found {lengths})")
@@ -155,18 +153,15 @@ def trials_of_study(
     jobs = [study_file.parent / name for name in names]
     count = len(jobs) * prod(map(len, axes))
     if count > MOST_TRIALS:
-        raise ConfigurationError(
-            f"makes {count} runs, {MOST_TRIALS} at most: vary less at once", file=study_file
-        )
+        reason = f"makes {count} runs, {MOST_TRIALS} at most: vary less at once"
+        raise ConfigurationError(reason, file=study_file)
     trials: list[Trial] = []
     for job, *settings in product(jobs, *axes):
-        varied: dict[str, Any] = {}
-        for setting in settings:
-            varied |= setting
+        varied = {key: value for setting in settings for key, value in setting.items()}
         with add_file_to_errors(study_file):
             resolved = kind.resolve_run(job, study.fixed_settings | varied)
         named = {"job": job.stem} if len(jobs) > 1 else {}
-        inputs = _cells(named | varied | dict(resolved.followed))
+        inputs = _table_cells(named | varied | dict(resolved.followed))
         trials.append(Trial(len(trials), inputs, study.task, resolved.settings))
     return tuple(trials)
 
@@ -176,7 +171,7 @@ def plan_study(file: Path, backend_of: BackendOfTask) -> tuple[Trial, ...]:
     return trials_of_study(read_study_file(file, backend_of), file, backend_of)
 
 
-def _cells(values: Mapping[str, Any]) -> dict[str, Value]:
+def _table_cells(values: Mapping[str, Any]) -> dict[str, Value]:
     """Values as a table's cells; lists and tables become JSON."""
     return {
         key: value if isinstance(value, bool | int | float | str) else canonical_json(value)

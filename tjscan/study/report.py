@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isnan
@@ -19,6 +19,8 @@ from tjscan.study.backend import ReportedQuantity, StudyBackend
 from tjscan.study.trial import RunOutcome, StudyRow, Value
 
 O = TypeVar("O", bound=RunOutcome)  # noqa: E741
+
+Rows = Sequence[StudyRow[Any]]
 
 REPORT_FILE: Final = "report.md"
 
@@ -60,9 +62,7 @@ class RowGroup(Generic[O]):
         return float(np.mean(known)) if known else float("nan")
 
 
-def write_study_report(
-    folder: Path, kind: StudyBackend[Any], rows: Sequence[StudyRow[Any]], *, planned: int
-) -> None:
+def write_study_report(folder: Path, kind: StudyBackend[Any], rows: Rows, *, planned: int) -> None:
     """Write the report of a study, and its pictures beside it.
 
     Parameters
@@ -82,20 +82,20 @@ def write_study_report(
         If a picture can't be written.
     """
     keys = keys_to_show(rows, kind.seed)
-    lines = [*_ended(rows, planned)]
+    lines = [*_lines_of_endings(rows, planned)]
     if len({row.inputs.get(kind.compared_key) for row in rows}) > 1:
         for quantity in kind.measures:
-            lines += _side_by_side(rows, keys, kind.compared_key, quantity)
+            lines += _lines_side_by_side(rows, keys, kind.compared_key, quantity)
     for key in keys:
-        lines += _overview(rows, key, kind)
+        lines += _lines_of_key(rows, key, kind)
     if keys:
         write_png(folder / OVERVIEW_PICTURE, _draw_overview(rows, keys, kind))
         lines += [f"![overview]({OVERVIEW_PICTURE})", ""]
-    lines += _causes(rows)
+    lines += _lines_of_failures(rows)
     (folder / REPORT_FILE).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def keys_to_show(rows: Sequence[StudyRow[Any]], seed: str) -> list[str]:
+def keys_to_show(rows: Rows, seed: str) -> list[str]:
     """Keys that a report shows: those with several values; of keys that vary together, the first.
 
     Parameters
@@ -114,12 +114,12 @@ def keys_to_show(rows: Sequence[StudyRow[Any]], seed: str) -> list[str]:
     return list(shown.values())
 
 
-def _groups_by_value(rows: Sequence[StudyRow[O]], key: str) -> dict[str, RowGroup[O]]:
+def _groups_by_value(rows: Rows, key: str) -> dict[str, RowGroup[Any]]:
     """Rows by a key's value as text, or by ranges of it if it has many; without rows lacking it."""
     rows = [row for row in rows if key in row.inputs]
     values = {row.inputs[key] for row in rows}
     numbers = [value for value in values if isinstance(value, int | float)]
-    members: dict[str, list[StudyRow[O]]]
+    members: dict[str, list[StudyRow[Any]]]
     if len(values) <= MOST_VALUES or len(numbers) < len(values):
         members = {_cell_text(value): [] for value in sorted(values, key=_sorting_key)}
         for row in rows:
@@ -142,43 +142,43 @@ def _cell_text(value: Value) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _ended(rows: Sequence[StudyRow[Any]], planned: int) -> Iterator[str]:
-    complete = sum(row.outcome.complete for row in rows)
-    yield "# Study"
+def _table_lines(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    """Lines of a table whose first column is text, and whose others are numbers."""
+    yield f"| {' | '.join(head)} |"
+    yield f"| --- |{' ---: |' * (len(head) - 1)}"
+    yield from (f"| {' | '.join(row)} |" for row in rows)
     yield ""
+
+
+def _lines_of_endings(rows: Rows, planned: int) -> Iterator[str]:
+    complete = sum(row.outcome.complete for row in rows)
+    yield from ("# Study", "")
     yield f"{complete} of {len(rows)} runs complete ({complete / len(rows):.2%})."
     if len(rows) < planned:
         yield f"{planned - len(rows)} runs are still to be made."
     yield ""
-    yield "| ended because | runs |"
-    yield "| --- | ---: |"
-    for reason, count in Counter(row.outcome.reason for row in rows).most_common():
-        yield f"| {reason} | {count} |"
-    yield ""
+    reasons = Counter(row.outcome.reason for row in rows).most_common()
+    yield from _table_lines(("ended because", "runs"), ((reason, f"{n}") for reason, n in reasons))
 
 
-def _side_by_side(
-    rows: Sequence[StudyRow[O]], keys: Sequence[str], compared: str, quantity: ReportedQuantity[O]
+def _lines_side_by_side(
+    rows: Rows, keys: Sequence[str], compared: str, quantity: ReportedQuantity[Any]
 ) -> Iterator[str]:
     """A table of one quantity with a column for each value of the key that is compared."""
     has_key = [row for row in rows if compared in row.inputs]
     columns = dict.fromkeys(_cell_text(row.inputs[compared]) for row in has_key)
-    yield f"| {quantity.name}: mean of complete runs | {' | '.join(columns)} |"
-    yield f"| --- |{' ---: |' * len(columns)}"
-    groups = {"all": RowGroup(tuple(rows))} | {
-        f"{key} {word}": group
-        for key in keys
-        if key != compared
-        for word, group in _groups_by_value(rows, key).items()
-    }
-    for name, group in groups.items():
+    groups = [("all", RowGroup(tuple(rows)))]
+    for key in keys:
+        if key != compared:
+            groups += [(f"{key} {v}", group) for v, group in _groups_by_value(rows, key).items()]
+    table = []
+    for name, group in groups:
         found = _groups_by_value(group.rows, compared)
-        cells = [_mean_cell(found.get(column), quantity) for column in columns]
-        yield f"| {name} | {' | '.join(cells)} |"
-    yield ""
+        table.append((name, *(_mean_cell(found.get(column), quantity) for column in columns)))
+    yield from _table_lines((f"{quantity.name}: mean of complete runs", *columns), table)
 
 
-def _mean_cell(group: RowGroup[O] | None, quantity: ReportedQuantity[O]) -> str:
+def _mean_cell(group: RowGroup[Any] | None, quantity: ReportedQuantity[Any]) -> str:
     if group is None:
         return "–"
     mean = group.mean_of_complete(quantity.value)
@@ -186,20 +186,16 @@ def _mean_cell(group: RowGroup[O] | None, quantity: ReportedQuantity[O]) -> str:
     return f"{text} ({len(group.complete_rows)} of {len(group.rows)})"
 
 
-def _overview(rows: Sequence[StudyRow[Any]], key: str, kind: StudyBackend[Any]) -> Iterator[str]:
+def _lines_of_key(rows: Rows, key: str, kind: StudyBackend[Any]) -> Iterator[str]:
     """A table of one key: how many runs of each value are complete, and what they measure."""
-    yield f"| {key} | runs | complete | {' | '.join(m.name for m in kind.measures)} |"
-    yield f"| --- | ---: | ---: |{' ---: |' * len(kind.measures)}"
+    table = []
     for word, group in _groups_by_value(rows, key).items():
         means = (f"{group.mean_of_complete(m.value):{m.form}}" for m in kind.measures)
-        share = f"{group.complete_share:.1%}"
-        yield f"| {word} | {len(group.rows)} | {share} | {' | '.join(means)} |"
-    yield ""
+        table.append((word, f"{len(group.rows)}", f"{group.complete_share:.1%}", *means))
+    yield from _table_lines((key, "runs", "complete", *(m.name for m in kind.measures)), table)
 
 
-def _draw_overview(
-    rows: Sequence[StudyRow[Any]], keys: Sequence[str], kind: StudyBackend[Any]
-) -> Figure:
+def _draw_overview(rows: Rows, keys: Sequence[str], kind: StudyBackend[Any]) -> Figure:
     """Bars of each key's values: how many runs are complete, and what they measure."""
     figure = Figure(figsize=(13, 2.1 * len(keys)), layout="constrained")
     FigureCanvasAgg(figure)
@@ -228,12 +224,11 @@ def _draw_bars(axes: Any, names: list[str], values: list[float]) -> None:
     axes.grid(axis="y", linewidth=0.3)
 
 
-def _causes(rows: Sequence[StudyRow[Any]]) -> Iterator[str]:
+def _lines_of_failures(rows: Rows) -> Iterator[str]:
     failed = [row for row in rows if not row.outcome.complete]
     if not failed:
         return
-    yield "Runs that are not complete:"
-    yield ""
+    yield from ("Runs that are not complete:", "")
     for row in failed[:MOST_CAUSES]:
         where = ", ".join(f"{key} {value}" for key, value in row.inputs.items())
         yield f"- row {row.index} ({where}): {row.outcome.detail}"

@@ -13,7 +13,7 @@ from tjscan.core.errors import TjscanError
 from tjscan.core.files import lock_and_clean_directory, write_files_atomically
 from tjscan.study.backend import BackendOfTask
 from tjscan.study.report import write_study_report
-from tjscan.study.schedule import CrashedTask, TaskScheduler
+from tjscan.study.schedule import TaskScheduler
 from tjscan.study.store import open_row_writer, read_rows, read_trials, write_study_tables
 from tjscan.study.trial import LOST_WORKER, StudyRow, Trial
 
@@ -63,12 +63,9 @@ def run_study(
                 closing(scheduler(partial(run_trial, backend_of=backend_of), left)) as all_ended,
             ):
                 for ended in all_ended:
-                    if isinstance(ended, CrashedTask):
-                        lost = backend_of(ended.task.task).outcome
-                        outcome = lost(False, LOST_WORKER, ended.cause)
-                        row = StudyRow.from_trial(ended.task, outcome)
-                    else:
-                        row = ended.result
+                    lost = backend_of(ended.task.task).outcome
+                    outcome = lost(False, LOST_WORKER, ended.cause_of_crash)
+                    row = ended.result or StudyRow.from_trial(ended.task, outcome)
                     keep(row)
                     rows[row.key] = row
                     watch(row)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import version as installed
 from importlib.util import find_spec
@@ -29,24 +29,20 @@ STUDY_PACKAGES: Final = ("distributed", "pyarrow")
 
 
 @dataclass(frozen=True, slots=True)
-class FinishedTask(Generic[T, R]):
-    """A scheduled task and the result of its work."""
+class EndedTask(Generic[T, R]):
+    """A scheduled task and the result of its work; or why it crashed, and no result.
+
+    It crashes if its process dies whenever it is tried.
+    """
 
     task: T
-    result: R
-
-
-@dataclass(frozen=True, slots=True)
-class CrashedTask(Generic[T]):
-    """A task whose process died whenever it was tried, and the cause as far as it is known."""
-
-    task: T
-    cause: str
+    result: R | None
+    cause_of_crash: str = ""
 
 
 TaskScheduler = Callable[
     [Callable[[Trial], StudyRow[Any]], Sequence[Trial]],
-    Generator[FinishedTask[Trial, StudyRow[Any]] | CrashedTask[Trial]],
+    Generator[EndedTask[Trial, StudyRow[Any]]],
 ]
 """A function that runs the trials of a study somewhere, and gives each back once it has ended."""
 
@@ -69,9 +65,7 @@ class DaskScheduler:
     workers: int = 1
     address: str | None = None
 
-    def __call__(
-        self, work: Callable[[T], R], tasks: Sequence[T]
-    ) -> Generator[FinishedTask[T, R] | CrashedTask[T]]:
+    def __call__(self, work: Callable[[T], R], tasks: Sequence[T]) -> Generator[EndedTask[T, R]]:
         """Run `work` on every task; for the parameters see `TaskScheduler`.
 
         Raises
@@ -84,9 +78,9 @@ class DaskScheduler:
         check_study_packages()
         if not tasks:
             return
-        workers = min(self.workers, len(tasks))
-        with _local(workers) if self.address is None else _cluster(self.address) as client:
-            yield from _run(client, work, tasks)
+        local = _start_local_cluster(min(self.workers, len(tasks)))
+        with local if self.address is None else _connect_to_cluster(self.address) as client:
+            yield from _run_tasks(client, work, tasks)
 
 
 def check_study_packages() -> None:
@@ -105,16 +99,23 @@ def check_study_packages() -> None:
             )
 
 
-def _run(
+SCHEDULER_GONE: Final = "the scheduler is gone; start one again, and go on with --resume"
+
+
+def _run_tasks(
     client: Any, work: Callable[[T], R], tasks: Sequence[T]
-) -> Generator[FinishedTask[T, R] | CrashedTask[T]]:
+) -> Generator[EndedTask[T, R]]:
     """Hand out one task per thread, so that a worker that dies is blamed on what it ran."""
     from distributed import KilledWorker, as_completed
 
     waiting, running, ended = iter(tasks), dict[Any, T](), as_completed()
 
     def hand_out() -> None:
-        for task in islice(waiting, max(_threads(client), 1) - len(running)):
+        try:
+            threads = sum(client.nthreads().values())
+        except OSError:
+            raise ComputeClusterFault(SCHEDULER_GONE) from None
+        for task in islice(waiting, max(threads, 1) - len(running)):
             future = client.submit(work, task, pure=False)
             running[future] = task
             ended.add(future)
@@ -123,42 +124,26 @@ def _run(
     for future in ended:
         task = running.pop(future)
         fault = future.exception() if future.status == "error" else None
-        if fault is None and future.status != "finished":
-            raise _gone()
         if isinstance(fault, KilledWorker):
-            over: FinishedTask[T, R] | CrashedTask[T] = CrashedTask(
-                task, "every worker that ran it died"
-            )
+            over = EndedTask[T, R](task, None, "every worker that ran it died")
         elif fault is not None:
             raise ComputeClusterFault(f"a worker failed: {fault!r}")
+        elif future.status != "finished":
+            raise ComputeClusterFault(SCHEDULER_GONE)
         else:
-            over = FinishedTask(task, future.result())
+            over = EndedTask(task, future.result())
         future.release()
         hand_out()
         yield over
 
 
-def _threads(client: Any) -> int:
-    try:
-        return sum(client.nthreads().values())
-    except OSError:
-        raise _gone() from None
-
-
-def _gone() -> ComputeClusterFault:
-    return ComputeClusterFault("the scheduler is gone; start one again, and go on with --resume")
-
-
 @contextmanager
-def _local(workers: int) -> Iterator[Any]:
+def _start_local_cluster(workers: int) -> Iterator[Any]:
     """Give the client of a scheduler with processes of this machine, which end with the block."""
     from dask import config
     from distributed import Client, LocalCluster
 
-    with (
-        config.set({"distributed.scheduler.allowed-failures": WORKER_DEATHS}),
-        ExitStack() as stack,
-    ):
+    with config.set({"distributed.scheduler.allowed-failures": WORKER_DEATHS}):
         cluster = LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
@@ -170,18 +155,16 @@ def _local(workers: int) -> Iterator[Any]:
             silence_logs=CRITICAL,
             preload=["tjscan.study.worker"],
         )
-        stack.callback(_close, cluster)
-        yield stack.enter_context(Client(cluster))
-
-
-def _close(cluster: Any) -> None:
-    """End the processes; where they take long, as on a busy machine, that harms no result."""
-    with suppress(TimeoutError):
-        cluster.close()
+        try:
+            with Client(cluster) as client:
+                yield client
+        finally:
+            with suppress(TimeoutError):  # processes that end late on a busy machine do no harm
+                cluster.close()
 
 
 @contextmanager
-def _cluster(address: str) -> Iterator[Any]:
+def _connect_to_cluster(address: str) -> Iterator[Any]:
     """Give the client of a scheduler somewhere, whose workers are as this machine."""
     from distributed import Client
 
@@ -193,29 +176,18 @@ def _cluster(address: str) -> Iterator[Any]:
             "scheduler`, and workers with `dask worker ADDRESS --nthreads 1`"
         ) from None
     with client:
-        _check_workers(client)
-        yield client
-
-
-def _check_workers(client: Any) -> None:
-    """Refuse a cluster without workers, or whose workers have another tjscan than this one.
-
-    Raises
-    ------
-    ClusterFault
-        If so.
-    """
-    try:
-        client.wait_for_workers(1, timeout=CLUSTER_TIMEOUT)
-    except TimeoutError:
-        raise ComputeClusterFault(
-            f"no worker has joined the scheduler within {CLUSTER_TIMEOUT:g} s; start one with "
-            "`dask worker ADDRESS --nthreads 1`, and go on with --resume"
-        ) from None
-    for worker, found in client.run(installed, "tjscan", on_error="return").items():
-        if found != PROGRAM_VERSION:
-            other = found if isinstance(found, str) else "not at all"
+        try:
+            client.wait_for_workers(1, timeout=CLUSTER_TIMEOUT)
+        except TimeoutError:
             raise ComputeClusterFault(
-                f"the worker {worker} has tjscan {other}, this machine {PROGRAM_VERSION}: the same "
-                "version everywhere makes the same rows; then go on with --resume"
-            )
+                f"no worker has joined the scheduler within {CLUSTER_TIMEOUT:g} s; start one with "
+                "`dask worker ADDRESS --nthreads 1`, and go on with --resume"
+            ) from None
+        for worker, found in client.run(installed, "tjscan", on_error="return").items():
+            if found != PROGRAM_VERSION:
+                other = found if isinstance(found, str) else "not at all"
+                raise ComputeClusterFault(
+                    f"the worker {worker} has tjscan {other}, this machine {PROGRAM_VERSION}: the "
+                    "same version everywhere makes the same rows; then go on with --resume"
+                )
+        yield client

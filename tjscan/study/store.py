@@ -130,9 +130,8 @@ def open_row_writer(directory: Path) -> Iterator[Callable[[StudyRow[Any]], None]
 
             yield keep
     except OSError as error:
-        raise RecordingError(
-            f"{directory / ROWS_FILE}: can't be written: {error.strerror}"
-        ) from error
+        reason = f"{directory / ROWS_FILE}: can't be written: {error.strerror}"
+        raise RecordingError(reason) from error
 
 
 def write_study_tables(folder: Path, rows: Sequence[StudyRow[Any]]) -> None:

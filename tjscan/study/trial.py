@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any, Generic, Self, TypeVar
 
@@ -132,11 +132,6 @@ class StudyRow(Generic[O]):
             How long it took, seconds.
         """
         return cls(trial.hash_key, trial.index, trial.inputs, outcome, wall_s)
-
-    @property
-    def without_wall_time(self) -> Self:
-        """The row without the time that the run took, which differs from machine to machine."""
-        return replace(self, wall_s=0.0)
 
     def to_json_line(self) -> str:
         """The row as one line of JSON."""

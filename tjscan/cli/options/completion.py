@@ -51,8 +51,8 @@ def options_of_job(kind: str) -> Iterator[tuple[str, tuple[str, ...]]]:
 
     Keys of arrays of tables, such as stations, are left out: they contain names.
     """
-    from tjscan.cli.schema import json_schema_of_kind
-    from tjscan.job.kinds import FILE_KINDS
+    from tjscan.cli.files import json_schema_of_kind
+    from tjscan.job.reading import FILE_KINDS
 
     schema = json_schema_of_kind(next(one for one in FILE_KINDS if one.word == kind))
     yield from _options(schema, schema.get("$defs", {}), "")

@@ -83,7 +83,7 @@ def groove_settings_for_file(file: Path, options: GrooveReadingOptions | None) -
     """Groove settings for a file: options before the job of a run directory before the defaults."""
     from tjscan.core.config import table_to_dict, validate_table
     from tjscan.groove.settings import GrooveSettings
-    from tjscan.job import read_scan_job
+    from tjscan.job.files import read_scan_job
     from tjscan.result.directory import JOB_FILE
 
     job = file / JOB_FILE

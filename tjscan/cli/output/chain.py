@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import json as json_library
 from collections.abc import Sequence
+from json import dumps
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
-from tjscan.cli.output.console import add_text_row, print_message, stderr
+from tjscan.cli.output.console import print_figures_table, print_message
 from tjscan.runs.chain import ChainOutcome, SourceRow, mount_error_in_words
 
 
 def print_sources(rows: Sequence[SourceRow], *, json: bool) -> None:
     """Print what each source of error leaves, on stderr, and as JSON on stdout if asked."""
-    table = Table(box=None, pad_edge=False)
-    names = ("source alone", "corners mean mm", "p95 mm", "in own frame mm", "T_f_s off by")
-    for name in names:
-        table.add_column(name, justify="left" if name == names[0] else "right")
-    for row in rows:
-        add_text_row(table, row.source, *_cells(row.outcome))
-    stderr.print(table)
+    head = ("source alone", "corners mean mm", "p95 mm", "in own frame mm", "T_f_s off by")
+    print_figures_table(head, [(row.source, *_cells(row.outcome)) for row in rows])
     for row in rows:
         if row.outcome is None:
             print_message(f"{row.source}: {row.refusal}")
@@ -32,7 +26,7 @@ def print_sources(rows: Sequence[SourceRow], *, json: bool) -> None:
                 f"{1e3 * after:.3f} mm calibrated"
             )
     if json:
-        print(json_library.dumps([_values(row) for row in rows], indent=2))
+        print(dumps([_values(row) for row in rows], indent=2))
 
 
 def one_line(row: SourceRow) -> str:
@@ -48,12 +42,8 @@ def one_line(row: SourceRow) -> str:
 def _cells(outcome: ChainOutcome | None) -> tuple[str, ...]:
     if outcome is None:
         return ("refused", "", "", "")
-    return (
-        f"{1e3 * outcome.corners_mean:.3f}",
-        f"{1e3 * outcome.corners_p95:.3f}",
-        f"{1e3 * outcome.in_own_frame_mean:.3f}",
-        mount_error_in_words(outcome),
-    )
+    errors = (outcome.corners_mean, outcome.corners_p95, outcome.in_own_frame_mean)
+    return (*(f"{1e3 * error:.3f}" for error in errors), mount_error_in_words(outcome))
 
 
 def _values(row: SourceRow) -> dict[str, Any]:
@@ -65,10 +55,7 @@ def _values(row: SourceRow) -> dict[str, Any]:
         "corners_mean_mm": 1e3 * one.corners_mean,
         "corners_p95_mm": 1e3 * one.corners_p95,
         "corners_in_own_frame_mean_mm": 1e3 * one.in_own_frame_mean,
-        "mount_error_mm_deg": [
-            *(1e3 * one.mount_error[:3]).tolist(),
-            *np.degrees(one.mount_error[3:]).tolist(),
-        ],
+        "mount_error_mm_deg": [*1e3 * one.mount_error[:3], *np.degrees(one.mount_error[3:])],
         "mount_nees": one.mount_nees,
         "held_out_mm": None if one.held_out is None else [1e3 * v for v in one.held_out],
     }

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING
 
-from pydantic_core import to_json
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 stderr = Console(stderr=True, highlight=False)
 
@@ -26,6 +28,8 @@ def show_phase(what: str) -> AbstractContextManager[object]:
 
 def print_json(value: object) -> None:
     """Print data, models and dataclasses among them, as JSON on stdout."""
+    from pydantic_core import to_json
+
     print(to_json(value, indent=2).decode())
 
 
@@ -50,9 +54,14 @@ def print_fields(
     stderr.print(table)
 
 
-def add_text_row(table: Table, *cells: str) -> None:
-    """Add a row to a table, its cells as they are: brackets are no markup."""
-    table.add_row(*map(Text, cells))
+def print_figures_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print rows of a name and figures on stderr, the figures to the right, without lines."""
+    table = Table(box=None, pad_edge=False)
+    for name in head:
+        table.add_column(name, justify="left" if name == head[0] else "right")
+    for row in rows:
+        table.add_row(*map(Text, row))
+    stderr.print(table)
 
 
 def print_table(rows: Sequence[Sequence[str]]) -> None:
@@ -64,6 +73,8 @@ def print_table(rows: Sequence[Sequence[str]]) -> None:
 
 def progress_bars() -> Progress:
     """Progress bars on stderr, each with a description, a count and the time it has taken."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),

@@ -18,8 +18,7 @@ from tjscan.job.tow.job import TowJob
 from tjscan.job.tow.sweep import sweep_seam
 from tjscan.recording.journal import CombinedJournal, RunEvent
 from tjscan.report.write import write_run_report
-from tjscan.runs.tow.figures import FIGURE_UNITS
-from tjscan.runs.tow.results import FIGURES_FILE, read_tow_figures
+from tjscan.runs.tow.results import FIGURE_UNITS, FIGURES_FILE, read_tow_figures
 from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import TowCycle
 from tjscan.towing.seam import Seam

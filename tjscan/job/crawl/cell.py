@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from time import monotonic
 from typing import Final
 
@@ -15,8 +16,7 @@ from tjscan.core.frames import Array
 from tjscan.crawler.journal import SimulatedPlace
 from tjscan.crawler.torch_axes import TorchAxes
 from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings
-from tjscan.job.devices import DeviceGroup
-from tjscan.job.laser import make_laser_without_arm
+from tjscan.job.devices import DeviceGroup, make_laser_without_arm
 from tjscan.job.torch_drivers import TORCH_DRIVERS, TorchDriverInputs
 from tjscan.joint.hull import joint_pose, laser_offset, place_beside_joint
 from tjscan.joint.hull_section import hull_section
@@ -37,7 +37,8 @@ class SimulatedWeld:
     Parameters
     ----------
     job : CrawlJob
-        With a [simulation].
+    world : CrawlSimulationSettings
+        The simulation of that job.
     pose : callable
         Gives the vehicle's true pose T_w_v, shape (4, 4).
     torch : TorchAxes
@@ -49,16 +50,12 @@ class SimulatedWeld:
     """
 
     job: CrawlJob
+    world: CrawlSimulationSettings
     pose: Callable[[], Array]
     torch: TorchAxes
     disturb: Callable[[bool], None]
     welded: list[list[float]] = field(default_factory=list)
-    _burned: bool = False
-
-    @property
-    def _world(self) -> CrawlSimulationSettings:
-        assert self.job.simulation is not None
-        return self.job.simulation
+    _arc_burned_before: bool = False
 
     def place(self, ahead: float) -> tuple[float, float, float]:
         """x, y and heading of a point ahead of the vehicle's centre, in frame w."""
@@ -67,20 +64,19 @@ class SimulatedWeld:
         x, y = T[:2, 3] + ahead * T[:2, 0]
         return float(x), float(y), heading
 
-    @property
-    def pose_w(self) -> tuple[float, float, float]:
-        """x, y and heading of the vehicle, in frame w, metres and radians."""
-        return self.place(0.0)
-
     def torch_place(self) -> tuple[float, float]:
         """Where the torch's zero truly is: along the joint, and to the right of it, metres."""
         x, y, _ = self.place(-self.job.vehicle.centre_to_torch)
-        return place_beside_joint(self._world.joint, x, y)
+        return place_beside_joint(self.world.joint, x, y)
+
+    def simulated_place(self) -> SimulatedPlace:
+        """True place of the vehicle and of its torch."""
+        return SimulatedPlace(self.place(0.0), self.torch_place())
 
     def view(self) -> tuple[Array, SectionLaserPose]:
         """Section below the laser, and the laser's pose over it."""
-        self._weld()
-        vehicle, joint = self.job.vehicle, self._world.joint
+        self._weld_below_torch()
+        vehicle, joint = self.job.vehicle, self.world.joint
         place = self.place(vehicle.laser_to_torch - vehicle.centre_to_torch)
         along, offset = laser_offset(joint, *place)
         relative = place[2] - joint_pose(joint, along)[2]
@@ -89,17 +85,16 @@ class SimulatedWeld:
 
     def laser_model(self) -> SectionLaserModel:
         """Optics of the laser: while the arc burns, it blinds some of its columns."""
-        arc = self._world.arc_points if self.torch.arc else 0.0
-        return replace(self._world.laser, arc=arc)
+        return replace(self.world.laser, arc=self.world.arc_points if self.torch.arc else 0.0)
 
-    def _weld(self) -> None:
+    def _weld_below_torch(self) -> None:
         self.disturb(self.torch.arc)
         if self.torch.arc:
             along, _ = self.torch_place()
-            if not self._burned:
+            if not self._arc_burned_before:
                 self.welded.append([along, along])
             self.welded[-1][1] = max(self.welded[-1][1], along)
-        self._burned = self.torch.arc
+        self._arc_burned_before = self.torch.arc
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,10 +140,7 @@ class CrawlCell(DeviceGroup):
     @property
     def simulated_place(self) -> Callable[[], SimulatedPlace] | None:
         """Function that returns the true place of a simulated vehicle; None for a real one."""
-        world = self.world
-        if world is None:
-            return None
-        return lambda: SimulatedPlace(world.pose_w, world.torch_place())
+        return None if self.world is None else self.world.simulated_place
 
     @property
     def devices(self) -> tuple[Vehicle, LineLaser, TorchAxes]:
@@ -170,19 +162,16 @@ def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> Craw
     ConfigurationError
         If the job lacks what a driver needs.
     """
-    world = job.simulation
-    factory: VehicleDriverFactory = VEHICLE_DRIVERS.load(job.vehicle.driver)
-    vehicle: Vehicle = VEHICLE_DRIVERS.make(
-        job.vehicle.driver,
-        VehicleDriverInputs(
-            job.vehicle.tracks,
-            seed=0 if world is None else world.seed,
-            simulation=None if world is None else world.vehicle,
-            left=None if left is None else (left.pose_w, left.time),
-            recording=_no_recording,
-        ),
-        job.vehicle.driver_settings,
+    world, driver = job.simulation, job.vehicle.driver
+    factory: VehicleDriverFactory = VEHICLE_DRIVERS.load(driver)
+    inputs = VehicleDriverInputs(
+        job.vehicle.tracks,
+        seed=0 if world is None else world.seed,
+        simulation=None if world is None else world.vehicle,
+        left=None if left is None else (left.pose_w, left.time),
+        recording=_refuse_recording,
     )
+    vehicle: Vehicle = VEHICLE_DRIVERS.make(driver, inputs, job.vehicle.driver_settings)
     torch: TorchAxes = TORCH_DRIVERS.make(
         job.torch.driver,
         TorchDriverInputs(
@@ -192,38 +181,23 @@ def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> Craw
     )
     if world is None:
         return CrawlCell(vehicle, make_laser_without_arm(job.laser), torch)
+    body = vehicle.body if isinstance(vehicle, SimulatedVehicle) else None
 
     def disturb(burning: bool) -> None:
-        if isinstance(vehicle, SimulatedVehicle):
-            vehicle.body.arc_burning = burning
+        if body is not None:
+            body.arc_burning = burning
 
     # Over a broker the loopback's vehicle reports its true place; a real one does not.
-    weld = SimulatedWeld(
-        job,
-        lambda: factory.truth(vehicle),
-        torch,
-        disturb,
-        [] if left is None else [list(ends) for ends in left.welded],
-    )
+    truth = partial(factory.truth, vehicle)
+    welded = [] if left is None else [list(ends) for ends in left.welded]
+    weld = SimulatedWeld(job, world, truth, torch, disturb, welded)
     if job.laser.driver_kind is not DriverKind.SIMULATED:
         return CrawlCell(vehicle, make_laser_without_arm(job.laser), torch, weld)
-    clock = _clock_of(vehicle)
-    laser = SimulatedSectionLaser(
-        weld.view,
-        weld.laser_model,
-        clock,
-        rng=np.random.default_rng([world.seed, RANDOM_STREAM]),
-    )
+    clock = monotonic if body is None else lambda: body.time
+    rng = np.random.default_rng([world.seed, RANDOM_STREAM])
+    laser = SimulatedSectionLaser(weld.view, weld.laser_model, clock, rng=rng)
     return CrawlCell(vehicle, laser, torch, weld, clock)
 
 
-def _clock_of(vehicle: Vehicle) -> Callable[[], float]:
-    """The clock of a simulated laser: its vehicle's, if that is simulated too."""
-    if isinstance(vehicle, SimulatedVehicle):
-        body = vehicle.body
-        return lambda: body.time
-    return monotonic
-
-
-def _no_recording() -> tuple[VehicleState, ...]:
+def _refuse_recording() -> tuple[VehicleState, ...]:
     raise ConfigurationError("a crawl names no recording to replay", key="vehicle.driver")

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import tan
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from tjscan.core.config import StrictFileModel
 from tjscan.core.devices import DriverKind
-from tjscan.core.errors import ConfigurationError
 from tjscan.core.registry import Registry
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, FileUnit, SettingsTable
 from tjscan.crawler.plan import (
@@ -128,6 +128,24 @@ class CrawlSimulationSettings(SettingsTable):
     laser: SectionLaserModel = field(default_factory=SectionLaserModel)
     vehicle: VehicleSimulationSettings = field(default_factory=VehicleSimulationSettings)
 
+    def contradictions(self, stated_radius: float | None) -> Iterator[tuple[str, str]]:
+        """Yield key and message of what of the joint does not fit the job or the laser."""
+        joint = self.joint
+        if (stated_radius or 0.0) * (joint.radius or 0.0) < 0:
+            yield (
+                "course.radius_m",
+                f"is {stated_radius:g} m, and the simulated joint bends the other way with "
+                f"{joint.radius:g} m: both are positive if the joint bends to the right",
+            )
+        line = 2 * STAND_OFF * tan(self.laser.half_angle)
+        if not joint.width + 2 * HULL_SEEN < line:
+            yield (
+                "simulation.joint.width_mm",
+                f"the joint is {1e3 * joint.width:g} mm wide, and the laser's line "
+                f"{1e3 * line:.0f} mm: it must see {1e3 * HULL_SEEN:g} mm of hull on both sides. "
+                "Take a wider simulation.laser.half_angle_deg",
+            )
+
 
 class CrawlJob(StrictFileModel):
     """A job file that describes a crawl."""
@@ -139,11 +157,7 @@ class CrawlJob(StrictFileModel):
     alignment: AlignmentSettings = AlignmentSettings()
     weld: WeldSettings = WeldSettings()
     passes: Annotated[
-        tuple[PassSettings, ...],
-        MinLen(1),
-        MaxLen(50),
-        LIST_OR_WORD_IN_FILE,
-        Field(alias="pass"),
+        tuple[PassSettings, ...], MinLen(1), MaxLen(50), LIST_OR_WORD_IN_FILE, Field(alias="pass")
     ] = (PassSettings(),)
     laser: CrawlLaserSettings = CrawlLaserSettings()
     torch: TorchSettings = TorchSettings()
@@ -154,67 +168,37 @@ class CrawlJob(StrictFileModel):
     size: SizeSettings = SizeSettings()
     simulation: CrawlSimulationSettings | None = None
 
-    @model_validator(mode="after")
-    def _simulated_devices_have_a_world(self) -> CrawlJob:
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """Yield key and message of devices, course, passes and simulation that do not fit."""
         for table in (self.vehicle, self.laser, self.torch):
+            registry = table.registry
             if self.simulation is None and table.driver_kind is DriverKind.SIMULATED:
-                kind = table.registry.kind
-                real = set(table.registry.names) - {table.driver, "replay"}
-                raise ConfigurationError(
-                    f"a simulated {kind} needs a [simulation] table; {table.registry.key} names a "
-                    f"real one: {', '.join(sorted(real))}",
-                    key="simulation",
+                real = set(registry.names) - {table.driver, "replay"}
+                yield (
+                    "simulation",
+                    f"a simulated {registry.kind} needs a [simulation] table; {registry.key} names "
+                    f"a real one: {', '.join(sorted(real))}",
                 )
             if table.driver_kind is DriverKind.REPLAYED:
-                raise ConfigurationError(
-                    "a crawl replays with tjscan crawl replay", key=table.registry.key
-                )
-        return self
-
-    @model_validator(mode="after")
-    def _turns_are_no_tighter_than_the_joint(self) -> CrawlJob:
-        radius = self.course.radius
-        if radius is not None and not abs(radius) > self.steering.least_radius:
-            raise ConfigurationError(
+                yield str(registry.key), "a crawl replays with tjscan crawl replay"
+        radius, least = self.course.radius, self.steering.least_radius
+        if radius is not None and not abs(radius) > least:
+            yield (
+                "course.radius_m",
                 f"the joint bends with {abs(radius):g} m, and the vehicle turns no tighter than "
-                f"steering.least_radius_mm allows, {self.steering.least_radius:g} m",
-                key="course.radius_m",
+                f"steering.least_radius_mm allows, {least:g} m",
             )
-        return self
-
-    @model_validator(mode="after")
-    def _torch_reaches_every_pass(self) -> CrawlJob:
         for number, one in enumerate(self.passes, start=1):
             farthest = abs(one.offset) + one.weave
             if farthest > self.torch.reach:
-                raise ConfigurationError(
+                yield (
+                    "torch.reach_mm",
                     f"pass {number} has the torch up to {1e3 * farthest:g} mm beside the joint, "
                     f"and its axis reaches {1e3 * self.torch.reach:g} mm: make offset_mm or "
                     "weave_mm of the pass smaller",
-                    key="torch.reach_mm",
                 )
-        return self
-
-    @model_validator(mode="after")
-    def _simulated_joint_is_that_of_the_job(self) -> CrawlJob:
-        if self.simulation is None:
-            return self
-        joint, stated = self.simulation.joint, self.course.radius
-        if stated is not None and joint.radius is not None and stated * joint.radius < 0:
-            raise ConfigurationError(
-                f"is {stated:g} m, and the simulated joint bends the other way with "
-                f"{joint.radius:g} m: both are positive if the joint bends to the right",
-                key="course.radius_m",
-            )
-        line = 2 * STAND_OFF * tan(self.simulation.laser.half_angle)
-        if not joint.width + 2 * HULL_SEEN < line:
-            raise ConfigurationError(
-                f"the joint is {1e3 * joint.width:g} mm wide, and the laser's line "
-                f"{1e3 * line:.0f} mm: it must see {1e3 * HULL_SEEN:g} mm of hull on both sides. "
-                "Take a wider simulation.laser.half_angle_deg",
-                key="simulation.joint.width_mm",
-            )
-        return self
+        if self.simulation is not None:
+            yield from self.simulation.contradictions(radius)
 
 
 def read_crawl_job(file: Path, overrides: dict[str, Any] | None = None) -> CrawlJob:

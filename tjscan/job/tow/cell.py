@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
@@ -14,7 +14,6 @@ from tjscan.core.errors import package_missing
 from tjscan.core.frames import Array
 from tjscan.job.devices import DeviceGroup
 from tjscan.job.tow.job import TOWING_EXTRA, TowJob
-from tjscan.job.tow.simulation import FaultyTeam, towing_world_of_job
 from tjscan.towing.journal import TowTruth
 from tjscan.towing.loop import Team
 from tjscan.towing.shape.area import DiscObstacle
@@ -59,6 +58,7 @@ class ConnectedTeam(Team, AbstractContextManager["ConnectedTeam"], Protocol):
     """A team that is a context manager: entering connects all vehicles."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class TowCell(DeviceGroup):
     """Vehicles and localisation of a tow; a context manager for the devices.
 
@@ -72,15 +72,10 @@ class TowCell(DeviceGroup):
         The truth of a simulation, which no algorithm sees.
     """
 
-    def __init__(
-        self,
-        team: ConnectedTeam,
-        localisation: Localisation,
-        fixed_obstacles: Sequence[DiscObstacle],
-        world: TowingWorld | None = None,
-    ) -> None:
-        self.team, self.localisation, self.world = team, localisation, world
-        self._fixed_obstacles = tuple(fixed_obstacles)
+    team: ConnectedTeam
+    localisation: Localisation
+    fixed_obstacles: Sequence[DiscObstacle]
+    world: TowingWorld | None = None
 
     @property
     def devices(self) -> tuple[ConnectedTeam, Localisation]:
@@ -100,7 +95,7 @@ class TowCell(DeviceGroup):
             late = min(max(0.0, time - disc.time), LONGEST_EXTRAPOLATION)
             x, y = disc.x + late * disc.vx, disc.y + late * disc.vy
             moving.append(DiscObstacle(x, y, disc.radius, (disc.vx, disc.vy)))
-        return [*self._fixed_obstacles, *moving]
+        return [*self.fixed_obstacles, *moving]
 
     @property
     def truth(self) -> Callable[[], TowTruth] | None:
@@ -126,40 +121,34 @@ def make_tow_cell(job: TowJob, angles: Array, left: TowTruth | None = None) -> T
         If the job lacks what a driver needs.
     """
     obstacles = fixed_obstacles(job)
-    settings = job.simulation
-    world = team = None
-    if job.vehicles.driver == "simulated":
-        try:
-            from tjscan.vehicle.cable.world import TowingWorld
-            from tjscan.vehicle.simulated_team import SimulatedTeam
-        except ModuleNotFoundError as error:
-            raise package_missing(error, "towing", TOWING_EXTRA, "vehicles.driver") from error
-        begin = 0.0
-        if left is not None:
-            steps, begin = np.diff(left.line, axis=0), left.time
-            headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-            angles = np.diff(headings, prepend=job.root.heading)
-        world = TowingWorld(towing_world_of_job(job), angles, seed=settings.seed, time=begin)
-        team = SimulatedTeam(world)
-    localisation = _localisation(job, world)
-    if team is None:
+    if job.vehicles.driver != "simulated":
+        localisation = _make_localisation(job, None)
         return TowCell(_mqtt_team(job), localisation, obstacles)
-    faulty = FaultyTeam(team, localisation, settings.faults)
-    return TowCell(faulty, localisation, obstacles, world)
+    try:
+        from tjscan.job.tow.simulation import FaultyTeam, towing_world_of_job
+        from tjscan.vehicle.cable.world import TowingWorld
+    except ModuleNotFoundError as error:
+        raise package_missing(error, "towing", TOWING_EXTRA, "vehicles.driver") from error
+    begin = 0.0
+    if left is not None:
+        steps, begin = np.diff(left.line, axis=0), left.time
+        headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+        angles = np.diff(headings, prepend=job.root.heading)
+    settings = job.simulation
+    world = TowingWorld(towing_world_of_job(job), angles, seed=settings.seed, time=begin)
+    localisation = _make_localisation(job, world)
+    team = FaultyTeam(world, localisation, settings.faults)
+    return TowCell(team, localisation, obstacles, world)
 
 
-def _localisation(job: TowJob, world: TowingWorld | None) -> Localisation:
+def _make_localisation(job: TowJob, world: TowingWorld | None) -> Localisation:
     """The localisation that a job names; on the vehicles' broker if it names none."""
     table, name = job.localisation, job.localisation.driver
     own = table.driver_settings
     if world is None and table.driver_kind is DriverKind.SIMULATED:
         link, name = job.vehicles.mqtt, "mqtt"
-        own = table.drivers.get(name) or MqttLocalisationSettings(
-            host=link.host,
-            port=link.port,
-            prefix=link.prefix,
-            connect_limit=link.connect_limit,
-        )
+        shared = {key: getattr(link, key) for key in ("host", "port", "prefix", "connect_limit")}
+        own = table.drivers.get(name) or MqttLocalisationSettings(**shared)
     inputs = LocalisationInputs(
         vehicles=job.vehicles.count,
         seed=job.simulation.seed,
@@ -177,12 +166,8 @@ def _mqtt_team(job: TowJob) -> ConnectedTeam:
     with VEHICLE_DRIVERS.explain_missing_package("mqtt"):
         from tjscan.vehicle.mqtt.vehicle import MqttVehicle
     link = job.vehicles.mqtt
-    return PacedTeam(
-        [
-            MqttVehicle(replace(link, prefix=f"{link.prefix}/{number}"))
-            for number in range(1, job.vehicles.count + 1)
-        ]
-    )
+    prefixes = [f"{link.prefix}/{number}" for number in range(1, job.vehicles.count + 1)]
+    return PacedTeam([MqttVehicle(replace(link, prefix=prefix)) for prefix in prefixes])
 
 
 def _truth_of(world: TowingWorld) -> TowTruth:

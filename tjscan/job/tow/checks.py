@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -40,55 +41,48 @@ def check_tow_job(job: TowJob) -> None:
     ConfigurationError
         With the key, and where and by how much.
     """
-    _check_held_links(job)
-    _check_sizes(job)
-    if job.seam.speed > job.vehicles.speed:
-        raise ConfigurationError(
-            f"{6e4 * job.seam.speed:g} mm/min is more than the vehicles' "
-            f"{6e4 * job.vehicles.speed:g}",
-            key="seam.speed_mm_min",
-        )
-    _check_faults(job)
-    from tjscan.job.tow.floor import check_floor  # needs shapely, which only a tow does
-
-    check_floor(job)
+    for key, message in _tow_contradictions(job):
+        raise ConfigurationError(message, key=key)
 
 
-def _check_sizes(job: TowJob) -> None:
-    """Refuse sizes that would change nothing.
+def _tow_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
+    """Yield key and message of what can't be towed."""
+    yield from _held_link_contradictions(job)
+    yield from _size_contradictions(job)
+    yield from _fault_contradictions(job)
+    from tjscan.job.tow.floor import floor_contradictions  # needs shapely, which only a tow does
 
-    Raises
-    ------
-    ConfigurationError
-        With the key, and what to write instead.
-    """
+    yield from floor_contradictions(job)
+
+
+def _size_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
+    """Yield sizes that would change nothing, with what to write instead, and too fast a seam."""
     gap, length = job.limits.cable_gap, job.cable.length
     if np.pi / 2 * gap >= length:
-        raise ConfigurationError(
+        yield (
+            "limits.cable_gap_mm",
             f"half a circle that wide, {5e2 * np.pi * gap:.0f} mm, is longer than the cable, and "
             f"no two links would be held apart: take less than {2e3 / np.pi * length:.0f}",
-            key="limits.cable_gap_mm",
         )
-    model, usual = job.simulation.towing_vehicle, TowingVehicleModel()
-    for key, value, default, ours, instead in (
-        ("body_radius_mm", model.body_radius, usual.body_radius, job.vehicles.radius, "radius_mm"),
-        ("force_n", model.force, usual.force, job.vehicles.force, "force_n"),
+    model, usual, ours = job.simulation.towing_vehicle, TowingVehicleModel(), job.vehicles
+    for key, value, allowed, instead in (
+        ("body_radius_mm", model.body_radius, (usual.body_radius, ours.radius), "radius_mm"),
+        ("force_n", model.force, (usual.force, ours.force), "force_n"),
     ):
-        if value not in (default, ours):
-            raise ConfigurationError(
+        if value not in allowed:
+            yield (
+                f"simulation.towing_vehicle.{key}",
                 f"simulated vehicles have vehicles.{instead}: set that, and leave this out",
-                key=f"simulation.towing_vehicle.{key}",
             )
+    if job.seam.speed > ours.speed:
+        yield (
+            "seam.speed_mm_min",
+            f"{6e4 * job.seam.speed:g} mm/min is more than the vehicles' {6e4 * ours.speed:g}",
+        )
 
 
-def _check_faults(job: TowJob) -> None:
-    """Refuse faults of vehicles and passers-by that the job does not have.
-
-    Raises
-    ------
-    ConfigurationError
-        With the key, and how many there are.
-    """
+def _fault_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
+    """Yield faults of vehicles and passers-by that the job does not have."""
     moving = sum(one.speed > 0 for one in job.obstacles)
     for number, fault in enumerate(job.simulation.faults):
         if fault.kind == "passer-by-stands":
@@ -96,55 +90,44 @@ def _check_faults(job: TowJob) -> None:
         else:
             count, found = job.vehicles.count, f"{job.vehicles.count} vehicles"
         if (fault.vehicle or 1) > count:
-            raise ConfigurationError(
+            yield (
+                f"simulation.faults.{number}.vehicle",
                 f"{fault.kind} is to happen to number {fault.vehicle or 1} of {found}",
-                key=f"simulation.faults.{number}.vehicle",
             )
 
 
-def _check_held_links(job: TowJob) -> None:
-    """Refuse links that can't be held, or vehicles that would touch one another.
-
-    Raises
-    ------
-    ConfigurationError
-        With the key and what is wrong.
-    """
-    held, last = job.held_links, job.cable.links - 1
-    key = "vehicles.count" if job.vehicles.links is None else "vehicles.links"
-    if job.vehicles.behind_welder is not None:
+def _held_link_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
+    """Yield what prevents the vehicles from holding their links, or from keeping apart."""
+    vehicles, last = job.vehicles, job.cable.links - 1
+    key = "vehicles.count" if vehicles.links is None else "vehicles.links"
+    if vehicles.behind_welder is not None:
         key = "vehicles.behind_welder_mm"
-        if job.vehicles.links is not None:
-            raise ConfigurationError(
+        if vehicles.links is not None:
+            yield (
+                key,
                 "vehicles.links give the length of the piece behind the welder: leave this key out",
-                key=key,
             )
-        count = job.vehicles.behind_welder / job.cable.link
+        count = vehicles.behind_welder / job.cable.link
         if abs(count - round(count)) > 1e-6 or not round(count):
-            raise ConfigurationError(
-                f"must be a whole number of links: it is {count:g} times cable.link_mm", key=key
-            )
-    if len(held) != job.vehicles.count:
-        raise ConfigurationError(
-            f"there are {job.vehicles.count} vehicles, and {len(held)} links to hold", key=key
-        )
+            yield key, f"must be a whole number of links: it is {count:g} times cable.link_mm"
+    held = job.held_links
+    if len(held) != vehicles.count:
+        yield key, f"there are {vehicles.count} vehicles, and {len(held)} links to hold"
     if held[-1] != last:
-        raise ConfigurationError(
+        yield (
+            key,
             f"the last vehicle is the welder, and holds the last link, {last} (found {held[-1]})",
-            key=key,
         )
     if held[0] < 0 or any(b <= a for a, b in pairwise(held)):
-        raise ConfigurationError(
-            f"the links must rise along the cable, from 0 at the root to {last}", key=key
-        )
-    need = 2 * job.vehicles.radius + job.limits.vehicle_gap
+        yield key, f"the links must rise along the cable, from 0 at the root to {last}"
+    need = 2 * vehicles.radius + job.limits.vehicle_gap
     for number, (a, b) in enumerate(pairwise(held), 1):
         length = (b - a) * job.cable.link
         if length < need:
-            raise ConfigurationError(
+            yield (
+                _cause_of_short_piece(job, number, need),
                 f"vehicles {number} and {number + 1} hold the cable {1e3 * length:.0f} mm apart, "
                 f"and need {1e3 * need:.0f} mm: two radii, and limits.vehicle_gap_mm",
-                key=_cause_of_short_piece(job, number, need),
             )
 
 

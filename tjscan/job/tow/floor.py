@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import shapely
 from scipy.sparse.csgraph import connected_components
 
-from tjscan.core.errors import ConfigurationError
 from tjscan.job.tow.job import TowJob
 from tjscan.towing.seam import Seam
 from tjscan.towing.tables import Point
@@ -21,57 +20,48 @@ ON_EDGE: Final = 1e-6
 """Metres within which a point counts as on an edge: work begins and ends at walls."""
 
 
-def check_floor(job: TowJob) -> None:
-    """Refuse an area, a root or a seam that can't be, obstacles on them, and ways too narrow.
-
-    Raises
-    ------
-    ConfigurationError
-        With the key, and where and by how much.
-    """
-    outline = _polygon(job.area.outline, "area.outline_mm")
+def floor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
+    """Yield key and message of areas, roots and seams that can't be, and of ways too narrow."""
+    outline = shapely.Polygon(job.area.outline)
+    yield from _crossing_contradictions(job.area.outline, "area.outline_mm")
     inside = outline.buffer(ON_EDGE)
     for hole in job.area.holes:
-        pillar = _polygon(hole, "area.holes_mm")
-        if not inside.contains(pillar):
-            raise ConfigurationError(
+        yield from _crossing_contradictions(hole, "area.holes_mm")
+        if not inside.contains(shapely.Polygon(hole)):
+            yield (
+                "area.holes_mm",
                 f"the pillar at {_mm(hole[0])} mm does not lie within the outline",
-                key="area.holes_mm",
             )
     solids = _solids(job)
     root = shapely.Point(job.root.position)
+    at_root = f"{_mm(job.root.position)} mm"
     if not inside.contains(root):
         off = 1e3 * inside.distance(root)
-        raise ConfigurationError(
-            f"{_mm(job.root.position)} mm lies {off:.0f} mm outside the area",
-            key="root.position_mm",
-        )
+        yield "root.position_mm", f"{at_root} lies {off:.0f} mm outside the area"
     for solid in solids:
         if solid.shape.buffer(-ON_EDGE).contains(root):
-            raise ConfigurationError(
-                f"{solid.name} stands on the root, at {_mm(job.root.position)} mm", key=solid.key
-            )
+            yield solid.key, f"{solid.name} stands on the root, at {at_root}"
     seam = Seam(job.seam)
     line: Any = (
         shapely.LineString(job.seam.points) if seam.length else shapely.Point(job.seam.points[0])
     )
     if not inside.contains(line):
         along, off = _farthest_outside(seam, inside)
-        raise ConfigurationError(
+        yield (
+            "seam.points_mm",
             f"the seam leaves the area: {1e3 * along:.0f} mm from its beginning it lies "
             f"{1e3 * off:.0f} mm outside",
-            key="seam.points_mm",
         )
-    blocked = line.difference(_floor(job, solids).buffer(ON_EDGE))
+    blocked = line.difference(_free_floor(job, solids).buffer(ON_EDGE))
     if not blocked.is_empty:
         along = min(line.project(shapely.Point(at)) for at in shapely.get_coordinates(blocked))
         first = shapely.Point(seam.path.point_at(along))
         solid = min(solids, key=lambda one: float(one.shape.distance(first)))
-        raise ConfigurationError(
+        yield (
+            solid.key,
             f"{solid.name} stands on the seam, {1e3 * along:.0f} mm from its beginning",
-            key=solid.key,
         )
-    _check_corridor(job)
+    yield from _corridor_contradictions(job)
 
 
 class _Solid(NamedTuple):
@@ -100,23 +90,18 @@ def _solids(job: TowJob) -> list[_Solid]:
     return pillars + obstacles
 
 
-def _floor(job: TowJob, solids: Sequence[_Solid]) -> Any:
+def _free_floor(job: TowJob, solids: Sequence[_Solid]) -> Any:
     """The area without pillars and obstacles; a wall and a pillar that touch leave no gap."""
     return shapely.Polygon(job.area.outline).difference(
         shapely.union_all([solid.shape for solid in solids])
     )
 
 
-def _check_corridor(job: TowJob) -> None:
-    """Refuse a floor too narrow for the vehicles somewhere between root and seam.
+def _corridor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
+    """Yield that the floor is too narrow for the vehicles somewhere between root and seam.
 
     A piece of cable between two vehicles may lie in a gap that no vehicle passes, so places for
     vehicles count as joined if the longest piece reaches from one to the other.
-
-    Raises
-    ------
-    ConfigurationError
-        With what they need, and how much there is.
     """
     radius = job.vehicles.radius + job.limits.vehicle_clearance
     if _is_passable(job, radius):
@@ -125,16 +110,16 @@ def _check_corridor(job: TowJob) -> None:
     while high - low > 1e-4:
         middle = (low + high) / 2
         low, high = (middle, high) if _is_passable(job, middle) else (low, middle)
-    raise ConfigurationError(
+    yield (
+        "area.outline_mm",
         f"between root and seam vehicles pass ways {2e3 * high:.0f} mm wide at most, and need "
         f"{2e3 * radius:.0f} mm: two radii, and limits.vehicle_clearance_mm on either side",
-        key="area.outline_mm",
     )
 
 
 def _is_passable(job: TowJob, radius: float) -> bool:
     """Whether bodies of a radius fit one after the other from the root to all of the seam."""
-    places = shapely.get_parts(_floor(job, _solids(job)).buffer(-radius))
+    places = shapely.get_parts(_free_floor(job, _solids(job)).buffer(-radius))
     pieces = job.cable.link * np.diff(job.held_links, prepend=-1)
     if len(pieces) < 2 or not len(places):
         return bool(len(places))
@@ -149,16 +134,14 @@ def _is_passable(job: TowJob, radius: float) -> bool:
     return bool(is_beside.any(axis=0).all())
 
 
-def _polygon(ring: Sequence[Point], key: str) -> Any:
+def _crossing_contradictions(ring: Sequence[Point], key: str) -> Iterator[tuple[str, str]]:
+    """Yield where a polygon crosses or touches itself."""
     polygon = shapely.Polygon(ring)
     why = shapely.is_valid_reason(polygon)
     if why != "Valid Geometry" or not polygon.area:
         place = why.partition("[")[2].rstrip("]").split()
         at = f" at {_mm(tuple(map(float, place)))} mm" if len(place) == 2 else ""
-        raise ConfigurationError(
-            f"the polygon that begins at {_mm(ring[0])} mm crosses or touches itself{at}", key=key
-        )
-    return polygon
+        yield key, f"the polygon that begins at {_mm(ring[0])} mm crosses or touches itself{at}"
 
 
 def _farthest_outside(seam: Seam, inside: Any) -> tuple[float, float]:

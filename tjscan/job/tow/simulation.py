@@ -1,22 +1,25 @@
-"""The world of a simulated tow, as a job describes it, and its faults as they happen."""
+"""The world of a simulated tow, as a job describes it, and its faults as they happen.
+
+MuJoCo is loaded with it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import Any, Final
 
 import numpy as np
 
+from tjscan.core.errors import VehicleFault
 from tjscan.core.frames import Array
 from tjscan.job.tow.job import FaultSettings, TowJob
 from tjscan.towing.tables import ObstacleSettings
 from tjscan.vehicle.cable.model import CableModel, PasserBy, TowingWorldModel
+from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.pose_disturbance import PoseFault
-
-if TYPE_CHECKING:
-    from tjscan.vehicle.simulated_team import SimulatedTeam
-    from tjscan.vehicle.vehicle import Vehicle
+from tjscan.vehicle.simulated_team import SimulatedTeam
+from tjscan.vehicle.vehicle import VehicleState
 
 ROUND_OBSTACLE_CORNERS: Final = 24
 """Of the polygon that replaces a round obstacle."""
@@ -37,7 +40,7 @@ def towing_world_of_job(job: TowJob) -> TowingWorldModel:
         held=job.held_links,
     )
     walls = [np.array(ring) for ring in (job.area.outline, *job.area.holes)]
-    walls += [_polygon_of(one) for one in job.obstacles if not one.speed]
+    walls += [_obstacle_polygon(one) for one in job.obstacles if not one.speed]
     return TowingWorldModel(
         cable=model,
         vehicle=replace(
@@ -55,66 +58,48 @@ def towing_world_of_job(job: TowJob) -> TowingWorldModel:
     )
 
 
-def _polygon_of(obstacle: ObstacleSettings) -> Array:
-    (x, y), turns = (
-        obstacle.points[0],
-        np.linspace(0, 2 * np.pi, ROUND_OBSTACLE_CORNERS, endpoint=False),
-    )
+def _obstacle_polygon(obstacle: ObstacleSettings) -> Array:
+    turns = np.linspace(0, 2 * np.pi, ROUND_OBSTACLE_CORNERS, endpoint=False)
+    x, y = obstacle.points[0]
     return np.column_stack(
         (x + obstacle.radius * np.cos(turns), y + obstacle.radius * np.sin(turns))
     )
 
 
-class FaultyTeam:
+class FaultyTeam(SimulatedTeam):
     """A simulated team in whose world the faults of a job happen; a context manager.
 
     Parameters
     ----------
-    team : SimulatedTeam
+    world : TowingWorld
     localisation : object
         The simulated one, which takes faults of poses.
     faults : sequence of FaultSettings
     """
 
     def __init__(
-        self, team: SimulatedTeam, localisation: Any, faults: Sequence[FaultSettings]
+        self, world: TowingWorld, localisation: Any, faults: Sequence[FaultSettings]
     ) -> None:
-        self._team, self._localisation = team, localisation
-        self._begin = sorted(faults, key=lambda fault: fault.at)
-        self._end: list[FaultSettings] = []
+        super().__init__(world)
+        self._localisation = localisation
+        self._to_begin = sorted(faults, key=lambda fault: fault.at)
+        self._to_end: list[FaultSettings] = []
 
-    def __enter__(self) -> Self:
-        self._team.__enter__()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._team.__exit__(*error)
-
-    @property
-    def vehicles(self) -> Sequence[Vehicle]:
-        """All of them."""
-        return self._team.vehicles
-
-    @property
-    def time(self) -> float:
-        """Seconds on the world's clock."""
-        return self._team.time
-
-    def advance_to(self, time: float) -> Any:
+    def advance_to(self, time: float) -> tuple[VehicleState | VehicleFault, ...]:
         """Let what is due go wrong, or right again, and the world go on."""
-        now = self._team.time
-        while self._begin and self._begin[0].at <= now:
-            fault = self._begin.pop(0)
-            self._set(fault, begins=True)
+        now = self.time
+        while self._to_begin and self._to_begin[0].at <= now:
+            fault = self._to_begin.pop(0)
+            self._switch_fault(fault, begins=True)
             if fault.seconds is not None:
-                self._end.append(fault)
-        for fault in [one for one in self._end if one.at + (one.seconds or 0.0) <= now]:
-            self._set(fault, begins=False)
-            self._end.remove(fault)
-        return self._team.advance_to(time)
+                self._to_end.append(fault)
+        for fault in [one for one in self._to_end if one.at + (one.seconds or 0.0) <= now]:
+            self._switch_fault(fault, begins=False)
+            self._to_end.remove(fault)
+        return super().advance_to(time)
 
-    def _set(self, fault: FaultSettings, *, begins: bool) -> None:
-        world = self._team.world
+    def _switch_fault(self, fault: FaultSettings, *, begins: bool) -> None:
+        world = self.world
         which = None if fault.vehicle is None else fault.vehicle - 1
         if fault.kind == "jam":
             (world.jam if begins else world.release)(which or 0)

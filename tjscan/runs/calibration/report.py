@@ -19,7 +19,7 @@ from tjscan.calibration.noise import NoiseModel
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.manifest import check_as_written
-from tjscan.job import read_calibration_job
+from tjscan.job.files import read_calibration_job
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportSheet
 from tjscan.result.directory import CALIBRATION_FILE, CALIBRATION_PICTURE, JOB_FILE
 from tjscan.runs.scan.results import calibration_label
@@ -29,30 +29,26 @@ def calibration_chapter(directory: Path) -> ReportChapter:
     """Make the calibration's chapter of a report; see `tjscan.result.chapter.ChapterWriter`."""
     file = directory / CALIBRATION_FILE
     if not file.is_file():
-        return ReportChapter(
-            facts=(("calibration", "stated in the job; its uncertainty is not known"),),
-            findings=(
-                "The sensor's pose on the flange is stated in the job and was not calibrated with "
-                "this program: its error is in every point, and is not known.",
-            ),
+        finding = (
+            "The sensor's pose on the flange is stated in the job and was not calibrated with this "
+            "program: its error is in every point, and is not known."
         )
+        fact = "stated in the job; its uncertainty is not known"
+        return ReportChapter(facts=(("calibration", fact),), findings=(finding,))
     found = read_calibration(file)
-    return ReportChapter(
-        facts=(
-            (
-                "calibration",
-                f"{calibration_label(directory)}, {found.lines} lines: the sensor's pose on the "
-                f"flange is known to {found.sigma_position_mm:.3f} mm and "
-                f"{found.sigma_rotation_deg:.4f}° (one standard deviation)",
-            ),
-        )
+    fact = (
+        f"{calibration_label(directory)}, {found.lines} lines: the sensor's pose on the flange is "
+        f"known to {found.sigma_position_mm:.3f} mm and {found.sigma_rotation_deg:.4f}° (one "
+        "standard deviation)"
     )
+    return ReportChapter(facts=(("calibration", fact),))
 
 
 MOST_NAMED: Final = 4
 """Profiles left out that the page names; the file names all."""
 
-USE_LABELS: Final = {True: "in use", False: "left out"}
+IN_USE: Final = "in use"
+LEFT_OUT: Final = "left out"
 
 
 def calibration_page(directory: Path) -> ReportChapter:
@@ -66,15 +62,10 @@ def calibration_page(directory: Path) -> ReportChapter:
         )
     check_as_written(directory / JOB_FILE, file)
     found = read_calibration(file)
-    fixed = found.T_b_s_mm is not None
-    return ReportChapter(
-        facts=tuple(_facts(found)),
-        findings=tuple(_findings(directory, found)),
-        charts=tuple(_charts(found)),
-        sheet=ReportSheet(
-            "Calibration", tuple(_headline(found)), CALIBRATION_PICTURE, "b" if fixed else "f"
-        ),
-    )
+    frame = "f" if found.T_b_s_mm is None else "b"
+    sheet = ReportSheet("Calibration", tuple(_headline(found)), CALIBRATION_PICTURE, frame)
+    facts, findings = tuple(_facts(found)), tuple(_findings(directory, found))
+    return ReportChapter(facts, findings, tuple(_charts(found)), sheet=sheet)
 
 
 def _headline(found: CalibrationFile) -> Iterator[tuple[str, str]]:
@@ -87,10 +78,8 @@ def _headline(found: CalibrationFile) -> Iterator[tuple[str, str]]:
         yield f"{axis} of the sensor {where}", f"{value:.3f} ± {spread:.3f} mm"
     for axis, value, spread in zip("xyz", turn, sigma[3:], strict=True):
         yield f"rotation vector, {axis}", f"{value:.4f} ± {spread:.4f}°"
-    yield (
-        "standard uncertainty, all axes together",
-        f"{found.sigma_position_mm:.3f} mm, {found.sigma_rotation_deg:.4f}°",
-    )
+    both = f"{found.sigma_position_mm:.3f} mm, {found.sigma_rotation_deg:.4f}°"
+    yield "standard uncertainty, all axes together", both
     if found.kinematics is not None:
         arm = found.kinematics
         yield (
@@ -124,25 +113,22 @@ def _facts(found: CalibrationFile) -> Iterator[tuple[str, str]]:
     if basis is not None:
         yield "poses read as", "; ".join(basis.poses_read_as)
     used = [residual for residual in found.residuals if residual.used]
-    offsets = np.array([residual.offset_mm for residual in used])
-    worst = used[int(np.argmax(np.abs(offsets)))]
-    yield (
-        "residuals in use",
-        f"{np.sqrt(np.mean(offsets**2)):.3f} mm RMS, largest {worst.offset_mm:+.3f} mm "
-        f"({worst.name})",
-    )
+    rms = np.sqrt(np.mean(np.array([residual.offset_mm for residual in used]) ** 2))
+    worst = max(used, key=lambda residual: abs(residual.offset_mm))
+    largest = f"largest {worst.offset_mm:+.3f} mm ({worst.name})"
+    yield "residuals in use", f"{rms:.3f} mm RMS, {largest}"
     if (fresh := found.verification) is not None:
         yield (
             "a fresh line",
             f"{fresh.offset_mm:+.3f} mm and {fresh.tilt_deg:+.4f}° off; {fresh.misfit:.1f} "
             f"standard deviations, {fresh.limit:.1f} may be",
         )
-    yield "errors stated", _noise(found.noise, found.geometry_mm)
+    yield "errors stated", _noise_in_words(found.noise, found.geometry_mm)
     if found.kinematics is not None:
-        yield "arm", _arm(found.kinematics)
+        yield "arm", _arm_in_words(found.kinematics)
 
 
-def _noise(noise: NoiseModel, geometry_mm: float) -> str:
+def _noise_in_words(noise: NoiseModel, geometry_mm: float) -> str:
     return (
         f"range {1e3 * noise.range:g} mm, pose {1e3 * noise.position:g} mm and "
         f"{np.degrees(noise.rotation):.3g}° each axis, touch {1e3 * noise.touch:g} mm; the arm's "
@@ -150,7 +136,7 @@ def _noise(noise: NoiseModel, geometry_mm: float) -> str:
     )
 
 
-def _arm(arm: ArmKinematicsEntry) -> str:
+def _arm_in_words(arm: ArmKinematicsEntry) -> str:
     left = arm.left_as_stated
     return (
         f"{arm.model}: six deviations of each of {len(arm.deviations)} joints; left as the maker "
@@ -167,9 +153,7 @@ def _findings(directory: Path, found: CalibrationFile) -> Iterator[str]:
     if found.T_b_s_mm is not None:
         yield "The sensor is fixed in the room: this is its pose in the arm's base."
     basis = found.basis or BasisEntry(target="")
-    for line in basis.caveats:
-        yield f"{line[:1].upper()}{line[1:]}."
-    for line in basis.left_out[:MOST_NAMED]:
+    for line in (*basis.caveats, *basis.left_out[:MOST_NAMED]):
         yield f"{line[:1].upper()}{line[1:]}."
     if (more := len(basis.left_out) - MOST_NAMED) > 0:
         yield f"{more} more were left out; {CALIBRATION_FILE} names them."
@@ -179,7 +163,8 @@ def _charts(found: CalibrationFile) -> Iterator[ReportChart]:
     used = np.array([residual.used for residual in found.residuals])
     misfit = np.array([residual.misfit for residual in found.residuals])
     numbers = np.arange(1, len(used) + 1)
-    for which, line in ((used, USE_LABELS[True]), (~used, USE_LABELS[False])):
+    caption = "Offset and tilt together, against what the noise stated lets one expect: dashed."
+    for which, line, expected in ((used, IN_USE, 1.0), (~used, LEFT_OUT, None)):
         if which.any():
             yield ReportChart(
                 "residual of each profile",
@@ -187,56 +172,46 @@ def _charts(found: CalibrationFile) -> Iterator[ReportChart]:
                 "residual / standard deviations",
                 numbers[which],
                 misfit[which],
-                nominal=1.0 if line == USE_LABELS[True] else None,
+                nominal=expected,
                 line=line,
-                caption="Offset and tilt together, against what the noise stated lets one expect: "
-                "dashed.",
+                caption=caption,
                 mark="bar",
             )
-    yield from _view_charts(found)
-    yield from _shrinking_charts(found)
+    yield from _charts_of_tilts(found)
+    yield from _charts_of_uncertainty(found)
 
 
-def _view_charts(found: CalibrationFile) -> Iterator[ReportChart]:
-    used = {residual.name: residual.used for residual in found.residuals}
-    views = () if found.basis is None else found.basis.views
+def _charts_of_tilts(found: CalibrationFile) -> Iterator[ReportChart]:
+    used = {one.name: IN_USE if one.used else LEFT_OUT for one in found.residuals}
     frame = "the arm's base" if found.T_b_s_mm is None else "the flange"
+    caption = (
+        f"A dot for each profile: its distance from the origin is the tilt from z of {frame}, its "
+        "direction the azimuth."
+    )
     # An arm's calibration solves with some of its profiles, and is checked by the others.
-    other = "left out" if found.kinematics is None else "others"
-    lines = [other if view.name not in used else USE_LABELS[used[view.name]] for view in views]
-    for line in dict.fromkeys((USE_LABELS[True], *lines)):
-        shown = [view for view, own in zip(views, lines, strict=True) if own == line]
-        if shown:
-            tilt = np.array([view.tilt_deg for view in shown])
-            azimuth = np.radians([view.azimuth_deg for view in shown])
+    other = LEFT_OUT if found.kinematics is None else "others"
+    shown: dict[str, list[tuple[float, float]]] = {IN_USE: []}
+    for view in () if found.basis is None else found.basis.views:
+        place = view.tilt_deg, np.radians(view.azimuth_deg)
+        shown.setdefault(used.get(view.name, other), []).append(place)
+    for line, places in shown.items():
+        if places:
+            tilt, azimuth = np.array(places).T
+            x, y = tilt * np.cos(azimuth), tilt * np.sin(azimuth)
+            title, words = "how the sensor was tilted", ("towards x / °", "towards y / °")
             yield ReportChart(
-                "how the sensor was tilted",
-                "towards x / °",
-                "towards y / °",
-                tilt * np.cos(azimuth),
-                tilt * np.sin(azimuth),
-                line=line,
-                caption="A dot for each profile: its distance from the origin is the tilt from z "
-                f"of {frame}, its direction the azimuth.",
-                plane=True,
-                mark="dot",
+                title, *words, x, y, line=line, caption=caption, plane=True, mark="dot"
             )
 
 
-def _shrinking_charts(found: CalibrationFile) -> Iterator[ReportChart]:
+def _charts_of_uncertainty(found: CalibrationFile) -> Iterator[ReportChart]:
     steps = () if found.basis is None else found.basis.shrinking
+    title, caption = "uncertainty over the number of lines", "Of the result, after each line."
+    lines = np.array([step.lines for step in steps])
     for line, values in (
-        ("position / mm", [step.sigma_position_mm for step in steps]),
-        ("rotation / °", [step.sigma_rotation_deg for step in steps]),
+        ("position / mm", np.array([step.sigma_position_mm for step in steps])),
+        ("rotation / °", np.array([step.sigma_rotation_deg for step in steps])),
     ):
         if steps:
-            yield ReportChart(
-                "uncertainty over the number of lines",
-                "lines",
-                "standard uncertainty",
-                np.array([step.lines for step in steps]),
-                np.array(values),
-                line=line,
-                caption="Of the result, after each line.",
-                log_y=True,
-            )
+            words = title, "lines", "standard uncertainty"
+            yield ReportChart(*words, lines, values, line=line, caption=caption, log_y=True)

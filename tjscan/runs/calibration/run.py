@@ -1,10 +1,11 @@
-"""Run a calibration: its wizard in the cell that a job describes, or from recorded profiles."""
+"""Run a calibration, check it before, or make it from recorded profiles."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Final, NoReturn
 
@@ -26,35 +27,38 @@ from tjscan.calibration.file import (
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.plucker import plane_through_point
 from tjscan.calibration.recorded import calibrate_recorded_sets
-from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.targets.plane import PlaneTarget
-from tjscan.calibration.wizard.logbook import CALIBRATION_RECORDING, Logbook, MeasurementsSoFar
+from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
+from tjscan.calibration.targets.target import PosedProfile
+from tjscan.calibration.targets.touched import fit_plane
+from tjscan.calibration.wizard.advice import BoardRectangle
+from tjscan.calibration.wizard.logbook import (
+    CALIBRATION_RECORDING,
+    LaserLineTaken,
+    Logbook,
+    MeasurementsSoFar,
+)
 from tjscan.calibration.wizard.operator import JoggedProbe, Operator, Question, TouchProbe
 from tjscan.calibration.wizard.session import CalibrationPlan
 from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
-from tjscan.calibration.wizard.wizard import CalibrationWizard
+from tjscan.calibration.wizard.wizard import CalibrationWizard, reaches_and_returns
 from tjscan.core.devices import DriverKind
-from tjscan.core.errors import CalibrationRefused, ConfigurationError
+from tjscan.core.errors import CalibrationRefused, ConfigurationError, PoseUnreachable
 from tjscan.core.files import lock_and_clean_directory
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import pose_to_rows_mm
-from tjscan.job import (
-    CalibrationJob,
-    CalibrationSettings,
-    RecordedJob,
-    SimulatedBoardSettings,
-    read_calibration_job,
-)
 from tjscan.job.arm import kinematics_of_job, sensor_mount_of_job
 from tjscan.job.cell import Cell, make_cell
-from tjscan.job.laser import laser_model_of_job
-from tjscan.job.surroundings import BallSettings
+from tjscan.job.devices import CalibrationSettings
+from tjscan.job.files import CalibrationJob, RecordedJob, read_calibration_job
+from tjscan.job.surroundings import BallSettings, SimulatedBoardSettings
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.drivers import SimulatedScene
 from tjscan.laser.optics import RaycastSurface
+from tjscan.laser.profile import Profile
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
+from tjscan.robot.arm import Arm
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.run import make_run_directory
 
@@ -62,129 +66,55 @@ BALL_SUBDIVISIONS: Final = 6
 """Of an icosahedron: its faces are then within 2 µm of a ball of 40 mm."""
 
 
-def calibrate_arm_in_cell(
-    job: CalibrationJob,
-    ball: BallSettings,
-    cell: Cell,
-    operator: Operator,
-    logbook: Logbook,
-    T_f_s: Array,
-    task: CalibrationPlan,
+def _calibrate_on_ball(
+    job: CalibrationJob, ball: BallSettings, wizard: CalibrationWizard
 ) -> tuple[HandEyeCalibration, BasisEntry]:
     """Look at a ball from many postures, and calibrate arm and sensor together.
 
-    Parameters
-    ----------
-    job : CalibrationJob
-        The job.
-    ball : BallSettings
-        Its ball.
-    cell : Cell
-        Connected.
-    operator : Operator
-        Is asked before every move.
-    logbook : Logbook
-        Gets every profile.
-    T_f_s : ndarray, shape (4, 4)
-        How the sensor sits, as lines on the board have it.
-    task : CalibrationPlan
-        What the sensor sees, and by what it may deviate.
-
-    Raises
-    ------
-    TjscanError
-        As `ArmWizard.run` does.
+    Lines on the board, which the wizard takes first, show how the sensor sits; raises as
+    `CalibrationWizard.take_lines` and `ArmWizard.run` do.
     """
-    kinematics = kinematics_of_job(job)
-    plan = BallPlan(
-        np.array(ball.position),
-        ball.radius,
-        T_f_s,
-        task.window,
-        ball.noise,
-        ball.tolerance,
-        ball.poses,
-        ball.held_out,
-        task.laser,
-    )
-    views = plan_views(plan, kinematics)
-    wizard = ArmWizard(
-        plan, views, kinematics, cell.arm, cell.laser, operator, logbook, cell.arm.state().q
-    )
-    found, arcs = wizard.run()
+    T_f_s = wizard.take_lines(*wizard.touch_board()).T_f_s
+    task, kinematics, logbook = wizard.task, kinematics_of_job(job), wizard.logbook
+    limits = ball.noise, ball.tolerance, ball.poses, ball.held_out, task.laser
+    plan = BallPlan(np.array(ball.position), ball.radius, T_f_s, task.window, *limits)
+    views, devices = plan_views(plan, kinematics), (wizard.arm, wizard.laser, wizard.operator)
+    q = wizard.arm.state().q
+    found, arcs = ArmWizard(plan, views, kinematics, *devices, logbook, q).run()
     result = as_hand_eye_calibration(found, [arc.name for arc in arcs], kinematics.name)
-    return result, basis_of_postures(logbook.measured, result, 1e3 * ball.radius)
+    shots = [taken.posed_profile for taken in logbook.measured.arm_poses.values()]
+    seen = {shot.name: shot.T_b_f for shot in shots if len(shot.profile)}
+    radius = "" if result.radius is None else f"radius found {1e3 * result.radius:.3f} mm, "
+    return result, BasisEntry(
+        target=f"ball, {radius}about {1e3 * ball.radius:g} mm stated",
+        left_out=tuple(f"{s.name} was not reached" for s in shots if not len(s.profile)),
+        caveats=result.caveats,
+        views=views_of_poses(seen, result.T_f_s),
+    )
 
 
-def basis_of_lines(
-    task: CalibrationPlan, measured: MeasurementsSoFar, result: HandEyeCalibration
-) -> BasisEntry:
-    """What a calibration on a touched board rests on.
-
-    Parameters
-    ----------
-    task : CalibrationPlan
-        What was to be done.
-    measured : MeasurementsSoFar
-        Touches and lines, all of them.
-    result : HandEyeCalibration
-        What they gave.
-
-    Raises
-    ------
-    CalibrationRefused
-        As `fit_plane` does.
-    """
+def _basis_of_lines(wizard: CalibrationWizard, result: HandEyeCalibration) -> BasisEntry:
+    """What a calibration on a touched board rests on; raises as `fit_plane` does."""
+    task, measured = wizard.task, wizard.measurements
     target, _ = task.fit_board(measured)
     off = 1e3 * float(np.sqrt(np.mean(target.residuals**2)))
     poses = {shot.name: shot.T_b_f for shot in measured.line_profiles}
+    shrinking = []
+    for count in range(1, len(measured.line_profiles) + 1):
+        first = replace(measured, line_profiles=measured.line_profiles[:count])
+        so_far = task.progress(first, target).result
+        if so_far is not None:  # the first lines give no result
+            mm = 1e3 * so_far.uncertainty.position
+            degrees = float(np.degrees(so_far.uncertainty.rotation))
+            shrinking.append(
+                ShrinkingEntry(lines=count, sigma_position_mm=mm, sigma_rotation_deg=degrees)
+            )
     return BasisEntry(
         target=f"board touched at {len(target.residuals)} places, {off:.3f} mm RMS off a plane",
         left_out=tuple(f"a pose was passed over: {one.reason}" for one in measured.skipped_poses),
         caveats=result.caveats,
         views=views_of_poses(poses, result.T_f_s),
-        shrinking=tuple(_shrinking(task, measured, target)),
-    )
-
-
-def _shrinking(
-    task: CalibrationPlan, measured: MeasurementsSoFar, target: PlaneTarget
-) -> Iterator[ShrinkingEntry]:
-    """Uncertainty after each line, from where the lines gave a result."""
-    for count in range(1, len(measured.line_profiles) + 1):
-        first = replace(measured, line_profiles=measured.line_profiles[:count])
-        result = task.progress(first, target).result
-        if result is not None:
-            sure = result.uncertainty
-            yield ShrinkingEntry(
-                lines=count,
-                sigma_position_mm=1e3 * sure.position,
-                sigma_rotation_deg=float(np.degrees(sure.rotation)),
-            )
-
-
-def basis_of_postures(
-    measured: MeasurementsSoFar, result: HandEyeCalibration, stated_mm: float
-) -> BasisEntry:
-    """What a calibration of the arm on a ball rests on.
-
-    Parameters
-    ----------
-    measured : MeasurementsSoFar
-        The postures.
-    result : HandEyeCalibration
-        What they gave.
-    stated_mm : float
-        The ball's radius, about, as the job has it.
-    """
-    shots = [taken.posed_profile for taken in measured.arm_poses.values()]
-    seen = {shot.name: shot.T_b_f for shot in shots if len(shot.profile)}
-    found = "" if result.radius is None else f"radius found {1e3 * result.radius:.3f} mm, "
-    return BasisEntry(
-        target=f"ball, {found}about {stated_mm:g} mm stated",
-        left_out=tuple(f"{s.name} was not reached" for s in shots if not len(s.profile)),
-        caveats=result.caveats,
-        views=views_of_poses(seen, result.T_f_s),
+        shrinking=tuple(shrinking),
     )
 
 
@@ -220,9 +150,8 @@ def start_calibration(
         until then is kept.
     """
     if (directory / f"{CALIBRATION_RECORDING}.mcap").exists():
-        raise ConfigurationError(
-            f"holds a calibration already; go on with it: --resume {directory}", file=directory
-        )
+        reason = f"holds a calibration already; go on with it: --resume {directory}"
+        raise ConfigurationError(reason, file=directory)
     if arm and job.ball is None:
         raise ConfigurationError("--arm looks at a ball: the job needs a table [ball]", key="ball")
     # The directory keeps the guess itself: the file it may come from is not its own result.
@@ -237,12 +166,10 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
     """Resume an interrupted calibration; raises as `start_calibration` does."""
     check_as_written(directory / JOB_FILE)
     job = read_calibration_job(directory / JOB_FILE)
-    file = directory / CALIBRATION_FILE
+    file, drivers = directory / CALIBRATION_FILE, {job.arm.driver_kind, job.laser.driver_kind}
     if file.exists():
         raise ConfigurationError("is finished already; there is nothing to resume", file=directory)
-    if not operator.present and {job.arm.driver_kind, job.laser.driver_kind} != {
-        DriverKind.SIMULATED
-    }:
+    if not operator.present and drivers != {DriverKind.SIMULATED}:
         raise ConfigurationError("a real arm moves only while a person watches: not unattended")
     T_f_s = sensor_mount_of_job(job, directory / JOB_FILE).T_f_s
     cell, probe = make_calibration_cell(job, T_f_s)
@@ -255,13 +182,10 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
         wizard = CalibrationWizard(task, cell.arm, cell.laser, probe, operator, logbook)
         if job.ball is None:
             (result, verification), noise = wizard.run(), job.board.noise
-            basis = basis_of_lines(task, logbook.measured, result)
+            basis = _basis_of_lines(wizard, result)
         else:
-            about, verification = wizard.take_lines(*wizard.touch_board()).T_f_s, None
-            noise = job.ball.noise
-            result, basis = calibrate_arm_in_cell(
-                job, job.ball, cell, operator, logbook, about, task
-            )
+            verification, noise = None, job.ball.noise
+            result, basis = _calibrate_on_ball(job, job.ball, wizard)
         found = to_calibration_file(
             result,
             noise,
@@ -274,9 +198,8 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
         )
     if not operator.confirm(Question(f"Save it as {file}?", True, yes="Finish", no="Skip")):
         raise CalibrationRefused("not saved", f"what was measured stays in {directory}")
-    write_calibration(
-        file, found, Provenance.for_file_written_now(job_label_of_run(directory), "f")
-    )
+    provenance = Provenance.for_file_written_now(job_label_of_run(directory), "f")
+    write_calibration(file, found, provenance)
     return SavedCalibration(file, found, result.caveats)
 
 
@@ -309,9 +232,8 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
         return cell, JoggedProbe(cell.arm)
     if simulation is None:
         _refuse_board_without_simulation()
-    truth = simulation.board or SimulatedBoardSettings(
-        position=board.position, euler_zyx=board.euler_zyx
-    )
+    as_stated = SimulatedBoardSettings(position=board.position, euler_zyx=board.euler_zyx)
+    truth = simulation.board or as_stated
     cell = make_cell(job, T_f_s, lambda: SimulatedScene(_targets_surface(job, truth.T), np.eye(4)))
     probe = SimulatedTouchProbe(
         cell.arm,
@@ -337,8 +259,7 @@ def _targets_surface(job: CalibrationJob, T_b_board: Array) -> RaycastSurface:
     plate.apply_transform(T_b_board)
     bodies = [plate]
     if job.ball is not None:
-        truth = None if job.simulation is None else job.simulation.ball
-        ball = truth or job.ball
+        ball = (job.simulation and job.simulation.ball) or job.ball
         sphere = trimesh.creation.icosphere(subdivisions=BALL_SUBDIVISIONS, radius=ball.radius)
         sphere.apply_translation(ball.position)
         bodies.append(sphere)
@@ -356,10 +277,14 @@ def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPla
     T_f_s : ndarray, shape (4, 4)
         Rough pose of the laser.
     """
-    board = job.board
-    model = laser_model_of_job(job)
+    board, model = job.board, job.laser_model
     # That other lasers of this class open their fan as the simulated one is an assumption.
     window = MeasuringRange(model.near, model.far, model.emitter_z, model.half_angle, model.columns)
+    largest, _ = job.laser.uncertainty.linear
+    deviation = None  # if the laser is stated to be exact
+    if largest:
+        apex = {"apex_z": window.apex_z, "half_angle": window.half_angle}
+        deviation = LaserDeviation.in_window(largest, near=window.near, far=window.far, **apex)
     return CalibrationPlan(
         board.T,
         0.5 * np.array(board.size),
@@ -370,21 +295,7 @@ def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPla
         board.touches,
         board.lines,
         ArmGeometry(kinematics_of_job(job)).moves,
-        laser_deviation_of_job(job, window),
-    )
-
-
-def laser_deviation_of_job(job: CalibrationJob, window: MeasuringRange) -> LaserDeviation | None:
-    """By what a job's laser may deviate in its window; none if it is stated to be exact."""
-    largest, _ = job.laser.uncertainty.linear
-    if largest == 0:
-        return None
-    return LaserDeviation.in_window(
-        largest,
-        near=window.near,
-        far=window.far,
-        apex_z=window.apex_z,
-        half_angle=window.half_angle,
+        deviation,
     )
 
 
@@ -437,3 +348,64 @@ def calibrate_recorded_job(
     frame = "b" if job.solve.fixed_sensor else "f"
     write_calibration(file, found, Provenance.for_file_written_now(job_file.name, frame))
     return SavedCalibration(file, found, result.caveats)
+
+
+NOT_TAKEN: Final = Profile(np.empty(0), np.empty(0))
+"""Of a line that is planned only."""
+
+
+def check_calibration_job(job: CalibrationJob, job_file: Path) -> HandEyeUncertainty:
+    """Plan all lines of a calibration on the board as the job places it; move nothing.
+
+    Parameters
+    ----------
+    job : CalibrationJob
+        The job; its devices are connected.
+    job_file : Path
+        Where it was read from.
+
+    Returns
+    -------
+    HandEyeUncertainty
+        That is to be expected of the calibration.
+
+    Raises
+    ------
+    ConfigurationError
+        If the job, or a file that it names, is wrong.
+    CalibrationRefused
+        If the arm can't get over the board, or too few poses that it reaches see it.
+    """
+    T_f_s = sensor_mount_of_job(job, job_file).T_f_s
+    task = calibration_plan_of_job(job, T_f_s)
+    cell, _ = make_calibration_cell(job, T_f_s)
+    with cell:
+        return _plan_lines(task, cell.arm, _find_start_pose(task, cell.arm))
+
+
+def _find_start_pose(task: CalibrationPlan, arm: Arm) -> Array:
+    """Flange pose square over the board that the arm gets to."""
+    reason = ""
+    for T_b_f in task.start_poses(arm.state().T_b_f):
+        try:
+            arm.check_moves(T_b_f)
+        except PoseUnreachable as error:
+            reason = str(error)
+        else:
+            return T_b_f
+    raise CalibrationRefused("the arm can't get square over the board", reason)
+
+
+def _plan_lines(task: CalibrationPlan, arm: Arm, ready: Array) -> HandEyeUncertainty:
+    """Plan lines one after the other, as the wizard would if each were as expected."""
+    touched, outside = task.touch_points, task.T_b_board[:3, 3] + task.T_b_board[:3, 2]
+    target = fit_plane(touched, task.noise.touch, outside, geometry=task.noise.geometry)
+    board = BoardRectangle.through_touched_points(touched, target)
+    measured = MeasurementsSoFar(datetime.now(UTC), {})
+    expected = task.predict_from(task.T_f_s, target).uncertainty(np.empty((0, 4, 4)))
+    reaches = partial(reaches_and_returns, arm, ready)
+    for number in range(1, task.lines + 1):
+        there = task.suggest_line_pose(measured, target, board, None, reaches)
+        shot = PosedProfile(f"line {number}", there.T_b_f, NOT_TAKEN)
+        measured, expected = measured.with_entry(LaserLineTaken(shot, False)), there.after
+    return expected

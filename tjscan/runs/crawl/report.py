@@ -62,8 +62,7 @@ def _facts(job: CrawlJob, found: RecordedCrawl) -> Iterator[tuple[str, str]]:
 def _findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
     if job.simulation is not None:
         yield "Simulated: no real crawler welded this joint."
-    missing = len(job.passes) - len(found.passes)
-    if missing:
+    if missing := len(job.passes) - len(found.passes):
         yield f"{missing} of {len(job.passes)} passes are not welded."
     for one in found.passes:
         if not one.is_whole(job.weld.length):
@@ -77,56 +76,38 @@ def _findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
             f"Its recording ends in the phase {phases[-1]!r}, before the crawl did: the program "
             "was killed, or the file cut."
         )
-    replays = [event.detail for event in found.events if event.name == REPLAY_EVENT]
-    if replays:
-        yield f"A replay, {replays[0]}: what the {job.method} method would have estimated."
-    for warning in dict.fromkeys(e.detail for e in found.events if e.name == WARNING_EVENT):
+    for replay in found.details_of(REPLAY_EVENT)[:1]:
+        yield f"A replay, {replay}: what the {job.method} method would have estimated."
+    for warning in dict.fromkeys(found.details_of(WARNING_EVENT)):
         yield f"{warning[:1].upper()}{warning[1:]}."
-    for event in found.events:
-        if event.name == Phase.STOP:
-            yield f"It was stopped: {event.detail}"
+    for reason in found.details_of(Phase.STOP):
+        yield f"It was stopped: {reason}"
 
 
 def _charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
-    where = "along the weld / mm"
+    along, beside = "along the weld / mm", "to the right / mm"
     for one in found.passes:
         for title, x, y in (
             ("vehicle beside the joint, as estimated", one.travel, one.offset),
             ("torch beside its path, as the simulation knows", one.true_travel, one.true_deviation),
         ):
             if len(x):
-                thin = slice(None, None, max(len(x) // MOST_POINTS, 1))
-                yield ReportChart(
-                    title,
-                    where,
-                    "to the right / mm",
-                    1e3 * x[thin],
-                    1e3 * y[thin],
-                    line=f"pass {one.number}",
-                )
+                every = max(len(x) // MOST_POINTS, 1)
+                x, y = 1e3 * x[::every], 1e3 * y[::every]
+                yield ReportChart(title, along, beside, x, y, line=f"pass {one.number}")
+    title, across = "cross-section of the joint, median of each pass", "across the joint / mm"
     histories = section_histories(found.profiles, job.weld.length, job.vehicle.laser_to_torch)
     for number, height in histories.items():
-        yield ReportChart(
-            "cross-section of the joint, median of each pass",
-            "across the joint / mm",
-            "over the hull / mm",
-            1e3 * PLACES_ACROSS,
-            1e3 * height,
-            line=f"after pass {number}" if number else "before welding",
-        )
+        line, x, y = f"after pass {number}", 1e3 * PLACES_ACROSS, 1e3 * height
+        line = line if number else "before welding"
+        yield ReportChart(title, across, "over the hull / mm", x, y, line=line)
     every = max(len(found.cycles) // MOST_POINTS, 1)
     slips = [(cycle.state.time, cycle.slip) for cycle in found.cycles[::every]]
     known = [(time, slip) for time, slip in slips if slip is not None]
+    times = np.array([time for time, _ in known])
     for which, title, label, scale in SLIP_CHARTS if known else ():
-        times = np.array([time for time, _ in known])
         values = np.array([slip.x[which] for _, slip in known])
         sigmas = np.array([slip.sigma(which) for _, slip in known])
         for line, off in (("estimate", 0.0), ("+ 2 sigma", 2.0), ("- 2 sigma", -2.0)):
-            yield ReportChart(
-                title,
-                "vehicle's clock / s",
-                label,
-                times,
-                scale * (values + off * sigmas),
-                line=line,
-            )
+            y = scale * (values + off * sigmas)
+            yield ReportChart(title, "vehicle's clock / s", label, times, y, line=line)

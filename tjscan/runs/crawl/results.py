@@ -68,6 +68,15 @@ class RecordedCrawl:
     places: tuple[tuple[CrawlCycle, SimulatedPlace], ...]
     was_stopped: bool
 
+    def details_of(self, event_name: str) -> list[str]:
+        """Details of all events of a name."""
+        return [event.detail for event in self.events if event.name == event_name]
+
+    @property
+    def crawling_cycles(self) -> list[CrawlCycle]:
+        """The cycles but for those in which it was driven by hand or waited to go on."""
+        return [cycle for cycle in self.cycles if cycle.phase is not Phase.MANUAL]
+
     @property
     def profiles(self) -> list[tuple[CrawlCycle, Profile]]:
         """The recorded profiles, each with its cycle."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -50,8 +50,7 @@ from tjscan.crawler.topics import (
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.recording.foxglove import event_log_message
-from tjscan.recording.header import JobSnapshot
-from tjscan.recording.journal import LOG_TOPIC, CombinedJournal, Journal, RunEvent
+from tjscan.recording.journal import LOG_TOPIC, Journal, RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.recording.topic import Topic
 from tjscan.recording.writer import RecordingWriter
@@ -59,9 +58,11 @@ from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl, write_crawl_results
 from tjscan.runs.run import (
     JobContext,
+    WhenFinished,
     accept_edited_copies,
     check_replay,
-    do_nothing_when_finished,
+    do_nothing,
+    job_snapshot_of_file,
     make_vehicle_run_directory,
     record_vehicle_run,
 )
@@ -126,12 +127,11 @@ class CrawlContext(JobContext[CrawlJob]):
             If the calibration that the job names can't be read, or is another vehicle's.
         """
         job, course = self.job, self.job.course
+        curve, sigma = course.curvature, course.curvature_sigma
         if self.calibration_file is None:
-            return SlipEstimate.before_any_reading(
-                job.slip, curvature=course.curvature, curvature_sigma=course.curvature_sigma
-            )
+            return SlipEstimate.before_any_reading(job.slip, curvature=curve, curvature_sigma=sigma)
         found = read_slip_calibration(self.calibration_file, job.vehicle.device_id)
-        return found.estimate_at_start(job.slip, course.curvature, course.curvature_sigma)
+        return found.estimate_at_start(job.slip, curve, sigma)
 
     def make_method(self, slip: SlipEstimate | None = None) -> FollowingMethod:
         """Make the method that the job names, with what is known of slip."""
@@ -158,21 +158,15 @@ def make_crawler(
     method : FollowingMethod
     journal : Journal
     reader : JointReader, optional
-        Which remembers the joint already; one that has seen nothing where left out.
+        Which remembers the joint already; one that has seen nothing if left out.
     """
     job = context.job
+    reader = reader or RememberingTracker()
+    devices = CrawlDevices(cell.vehicle, cell.laser, cell.torch, reader, cell.clock)
+    plan = CrawlPlan(job.alignment, job.weld, job.passes)
     corners = CornerPlaces(job.vehicle.body_length, job.vehicle.body_width)
-    return Crawler(
-        CrawlDevices(
-            cell.vehicle, cell.laser, cell.torch, reader or RememberingTracker(), cell.clock
-        ),
-        CrawlPlan(job.alignment, job.weld, job.passes),
-        method,
-        Guards(job.guards, ProximityFilter(job.proximity), corners),
-        context.operator,
-        journal,
-        context.hand,
-    )
+    guards = Guards(job.guards, ProximityFilter(job.proximity), corners)
+    return Crawler(devices, plan, method, guards, context.operator, journal, context.hand)
 
 
 def check_size(job: CrawlJob) -> None:
@@ -186,11 +180,9 @@ def check_size(job: CrawlJob) -> None:
     """
     size = replace(job.size, torque=min(job.size.torque, job.guards.torque))
     for one in broken_rules(size, job.vehicle.tracks, job.steering.least_radius):
-        raise ConfigurationError(
-            f"{one.name} is {one.value:.3g} {one.unit}".rstrip()
-            + f", and must be {one.rule}: {one.advice}. tjscan crawl size shows all",
-            key="size",
-        )
+        found = f"{one.name} is {one.value:.3g} {one.unit}".rstrip()
+        rule = f"must be {one.rule}: {one.advice}. tjscan crawl size shows all"
+        raise ConfigurationError(f"{found}, and {rule}", key="size")
 
 
 def short_way(job: CrawlJob, slip: SlipEstimate | None) -> str:
@@ -230,17 +222,21 @@ def run_crawl(context: CrawlContext, directory: Path) -> None:
         If the job is wrong, a guard stops the crawler or a device fails; the recording holds
         what happened until then, and the results are written from it.
     """
+    cell, method = _prepare_crawl(context, directory)
+    _record_crawl(context, directory, cell, method)
+
+
+def _prepare_crawl(context: CrawlContext, directory: Path) -> tuple[CrawlCell, FollowingMethod]:
+    """Make cell and method of a job that is sound, and the run directory."""
     with add_file_to_errors(context.job_file):
         check_size(context.job)
         method = context.make_method()
         cell = make_crawl_cell(context.job)
-        make_vehicle_run_directory(
-            directory, context.job, context.job_file, context.calibration_file
-        )
-    crawl_into(context, directory, cell, method)
+        make_vehicle_run_directory(directory, context)
+    return cell, method
 
 
-def crawl_into(
+def _record_crawl(
     context: CrawlContext,
     directory: Path,
     cell: CrawlCell,
@@ -262,17 +258,9 @@ def crawl_into(
     reader : JointReader, optional
         Which remembers the joint already.
     """
-    with (
-        record_vehicle_run(
-            directory,
-            CRAWL_RECORDING,
-            lambda file, job: CrawlRecording(file, job, cell.simulated_place),
-            partial(write_crawl_results, job=context.job),
-            context.finished,
-        ) as recording,
-        cell,
-    ):
-        journal = CombinedJournal(recording, context.journal)
+    record = partial(CrawlRecording, truth=cell.simulated_place)
+    results = partial(write_crawl_results, job=context.job)
+    with record_vehicle_run(context, directory, CRAWL_RECORDING, record, results) as journal, cell:
         accept_edited_copies(directory, journal)
         if short := short_way(context.job, method.slip):
             journal.record(RunEvent(WARNING_EVENT, short))
@@ -304,16 +292,14 @@ def resume_crawl(
     """
     directory = context.job_file.parent
     found = read_recorded_crawl(directory)
-    if any(event.name == REPLAY_EVENT for event in found.events):
-        raise ConfigurationError(
-            "is a replay: nothing was welded there. Resume the crawl itself", file=directory
-        )
+    if found.details_of(REPLAY_EVENT):
+        reason = "is a replay: nothing was welded there. Resume the crawl itself"
+        raise ConfigurationError(reason, file=directory)
     start = start_after_stop(found.cycles, context.job, overlap, directory)
     last, left = found.cycles[-1], None
-    # One that waits to go on, and is refused, may be at the place that it was moved to.
-    crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
     if place is None:
-        view = LastView.of_recording(crawled, stopped=found.was_stopped)
+        # One that waits to go on, and is refused, may be at the place that it was moved to.
+        view = LastView.of_recording(found.crawling_cycles, stopped=found.was_stopped)
         if view is None:
             raise ConfigurationError(
                 "no recorded profile shows the joint with enough hull beside it, so it can't be "
@@ -333,10 +319,8 @@ def resume_crawl(
         slip = slip_after_set_down(found, context.job)
     if found.places:
         arcs = [one.true_travel for one in found.passes if len(one.true_travel)]
-        pose_w = np.array(found.places[-1][1].pose_w)
-        left = InterruptedWorld(
-            pose_w, last.state.time, tuple((arc.min(), arc.max()) for arc in arcs)
-        )
+        welded = tuple((arc.min(), arc.max()) for arc in arcs)
+        left = InterruptedWorld(np.array(found.places[-1][1].pose_w), last.state.time, welded)
     with add_file_to_errors(context.job_file):
         check_size(context.job)
         cell = make_crawl_cell(context.job, left)
@@ -344,7 +328,7 @@ def resume_crawl(
     for cycle, profile in found.profiles:
         with suppress(GrooveNotFound):
             reader.read(profile, cycle.travel)
-    crawl_into(context, directory, cell, method, start, reader)
+    _record_crawl(context, directory, cell, method, start, reader)
 
 
 def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
@@ -353,7 +337,7 @@ def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
     None if its method knows of none, or it never crawled. An earlier version recorded the
     estimate now and then only: the way since the last one counts as unseen, too.
     """
-    crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
+    crawled = found.crawling_cycles
     if not crawled or (slip := crawled[-1].slip) is None:
         return None
     last = crawled[-1]
@@ -365,7 +349,7 @@ def slip_after_stop(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
 
 def slip_after_set_down(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | None:
     """What is known of slip when the vehicle was set down elsewhere; see `slip_after_stop`."""
-    crawled = [cycle for cycle in found.cycles if cycle.phase is not Phase.MANUAL]
+    crawled = found.crawling_cycles
     slip = crawled[-1].slip if crawled else None
     return None if slip is None else slip.at_new_start(job.slip)
 
@@ -388,21 +372,18 @@ def start_after_stop(
             file=directory / JOB_FILE,
             key="pass",
         )
-    burned = [cycle for cycle in cycles if cycle.arc]
-    if not burned:
-        raise ConfigurationError(
-            "no pass was begun: there is nothing to go on with. Start a new crawl", file=directory
-        )
-    cut = burned[-1]
-    end = job.weld.length
-    whole = cut.travel >= end - abs(cut.state.odometry.speed) * PASS_END
+    cut = next((cycle for cycle in reversed(cycles) if cycle.arc), None)
+    if cut is None:
+        reason = "no pass was begun: there is nothing to go on with. Start a new crawl"
+        raise ConfigurationError(reason, file=directory)
+    whole = cut.travel >= job.weld.length - abs(cut.state.odometry.speed) * PASS_END
     done = cut.number if whole else cut.number - 1
     if done >= len(job.passes):
         raise ConfigurationError("every pass is welded: nothing is left to do", file=directory)
     arc_from = 0.0 if whole else max(cut.travel - overlap, 0.0)
     # One that only waited to go on may have been given another place, and was not let go there.
-    crawled = [cycle for cycle in cycles if cycle.phase is not Phase.MANUAL]
-    return CrawlStart(done, crawled[-1].travel, arc_from)
+    last = next(cycle for cycle in reversed(cycles) if cycle.phase is not Phase.MANUAL)
+    return CrawlStart(done, last.travel, arc_from)
 
 
 def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
@@ -426,23 +407,11 @@ def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
         if context.job.method != "slip-aware":
             raise ConfigurationError("the paper's method learns no slip", key="method")
         if context.job.calibration is not None:
-            raise ConfigurationError(
-                "a calibration begins from nothing: leave this key out", key="calibration"
-            )
-        check_size(context.job)
-        method, cell = context.make_method(), make_crawl_cell(context.job)
-        make_vehicle_run_directory(
-            directory, context.job, context.job_file, context.calibration_file
-        )
-    with (
-        record_vehicle_run(
-            directory,
-            CRAWL_RECORDING,
-            lambda file, job: CrawlRecording(file, job, cell.simulated_place),
-        ) as recording,
-        cell,
-    ):
-        journal = CombinedJournal(recording, context.journal)
+            reason = "a calibration begins from nothing: leave this key out"
+            raise ConfigurationError(reason, key="calibration")
+    cell, method = _prepare_crawl(context, directory)
+    record = partial(CrawlRecording, truth=cell.simulated_place)
+    with record_vehicle_run(context, directory, CRAWL_RECORDING, record) as journal, cell:
         make_crawler(context, cell, method, journal).shuttle(SHUTTLE_LENGTH, SHUTTLE_TIMES)
     if method.slip is None:
         raise ConfigurationError("this method learns no slip", key="method")
@@ -458,10 +427,7 @@ TimedMessage = tuple[int, Topic[Any], Any]
 
 
 def replay_crawl(
-    directory: Path,
-    overrides: dict[str, Any],
-    out: Path,
-    finished: Callable[[Path], object] = do_nothing_when_finished,
+    directory: Path, overrides: dict[str, Any], out: Path, finished: WhenFinished = do_nothing
 ) -> None:
     """Feed what a crawl measured through another estimator, and write a run directory of it.
 
@@ -495,15 +461,15 @@ def replay_crawl(
         method = context.make_method()
     # Read to their ends before anything is made: what is no crawl, or damaged, is refused.
     set_down = [_was_set_down(part) for part in parts]
-    make_vehicle_run_directory(out, context.job, job_file, context.calibration_file)
-    origin = JobSnapshot((out / JOB_FILE).read_text(encoding="utf-8"))
+    make_vehicle_run_directory(out, context)
+    origin = job_snapshot_of_file(out / JOB_FILE)
     with lock_and_clean_directory(out):
         for number, part in enumerate(parts):
             if number:
                 known = slip_after_set_down if set_down[number] else slip_after_stop
                 method = context.make_method(known(read_recorded_crawl(out), context.job))
             with RecordingWriter(out / part.name, CRAWL_TOPICS, origin) as recording:
-                replayed = _replayed(part, method, f"{directory}")
+                replayed = _replayed_messages(part, method, f"{directory}")
                 while messages := list(islice(replayed, CYCLES_TOGETHER)):
                     recording.write_timed(messages)
         write_crawl_results(out)
@@ -516,7 +482,7 @@ def _was_set_down(part: Path) -> bool:
     return any(event.name == SET_DOWN_EVENT for event in events)
 
 
-def _replayed(part: Path, method: FollowingMethod, source: str) -> Iterator[TimedMessage]:
+def _replayed_messages(part: Path, method: FollowingMethod, source: str) -> Iterator[TimedMessage]:
     """Messages of a part of a recording, its estimates made by a method.
 
     Its estimate of slip is in the cycles in which the part has one, and in every

@@ -13,9 +13,8 @@ import numpy as np
 from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, CrawlStopped, LaserFault, VehicleFault
-from tjscan.core.frames import Array
 from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
-from tjscan.crawler.pass_record import PassRecord, pass_records, root_mean_square
+from tjscan.crawler.pass_record import pass_records, root_mean_square
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
@@ -65,7 +64,7 @@ class CrawlOutcome(RunOutcome):
     read_percent: float | None = None
 
 
-class CrawlKeeper:
+class CrawlCycleKeeper:
     """A crawl's journal that keeps in memory what its passes are judged by.
 
     Parameters
@@ -76,21 +75,15 @@ class CrawlKeeper:
 
     def __init__(self, truth: Callable[[], SimulatedPlace]) -> None:
         self._truth = truth
-        self._cycles: list[CrawlCycle] = []
-        self._places: list[tuple[CrawlCycle, SimulatedPlace]] = []
+        self.cycles: list[CrawlCycle] = []
+        self.places: list[tuple[CrawlCycle, SimulatedPlace]] = []
 
     def record(self, message: object) -> None:
         """Keep a cycle without its profile, and where the torch truly is while its arc burns."""
         if isinstance(message, CrawlCycle):
-            cycle = replace(message, profile=None)
-            self._cycles.append(cycle)
-            if cycle.arc:
-                self._places.append((cycle, self._truth()))
-
-    @property
-    def passes(self) -> tuple[PassRecord, ...]:
-        """Records of the passes in which the arc burned."""
-        return pass_records(self._cycles, self._places)
+            self.cycles.append(replace(message, profile=None))
+            if message.arc:
+                self.places.append((self.cycles[-1], self._truth()))
 
 
 def run_study_crawl(job: CrawlJob) -> CrawlOutcome:
@@ -109,7 +102,7 @@ def run_study_crawl(job: CrawlJob) -> CrawlOutcome:
     context, cell = CrawlContext(job, Path()), make_crawl_cell(job)
     if cell.simulated_place is None:
         raise ConfigurationError("a study simulates", key="vehicle.driver")
-    keeper = CrawlKeeper(cell.simulated_place)
+    keeper = CrawlCycleKeeper(cell.simulated_place)
     ended = True, "Complete", "every pass is welded"
     try:
         with cell:
@@ -117,25 +110,25 @@ def run_study_crawl(job: CrawlJob) -> CrawlOutcome:
     except (VehicleFault, LaserFault) as error:
         reason = error.guard if isinstance(error, CrawlStopped) else type(error).__name__
         ended = False, reason, str(error)
-    passes = keeper.passes
+    passes = pass_records(keeper.cycles, keeper.places)
     if not passes:
         return CrawlOutcome(*ended)
     last = passes[-1]
+    vehicle_p95, torch_p95 = (
+        float(np.percentile(np.abs(values), 95))
+        for values in (last.true_offset, last.true_deviation)
+    )
     return CrawlOutcome(
         *ended,
         passes=len(passes),
         vehicle_rms_mm=1e3 * root_mean_square(last.true_offset),
-        vehicle_p95_mm=1e3 * _p95(last.true_offset),
+        vehicle_p95_mm=1e3 * vehicle_p95,
         torch_rms_mm=1e3 * last.true_deviation_rms,
-        torch_p95_mm=1e3 * _p95(last.true_deviation),
+        torch_p95_mm=1e3 * torch_p95,
         error_rms_mm=1e3 * last.offset_error_rms,
         sigma_mm=1e3 * last.sigma_rms,
         read_percent=100 * last.read_share,
     )
-
-
-def _p95(values: Array) -> float:
-    return float(np.percentile(np.abs(values), 95))
 
 
 class CrawlStudyBackend(StudyBackend[CrawlOutcome]):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -13,7 +13,6 @@ import numpy as np
 
 from tjscan.calibration.targets.target import PosedProfile
 from tjscan.calibration.wizard.logbook import (
-    CALIBRATION_RECORDING,
     ArmPoseTaken,
     BoardTouch,
     CalibrationEntry,
@@ -27,25 +26,14 @@ from tjscan.calibration.wizard.session import CalibrationProgress
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import LaserFault, PageUnavailable
 from tjscan.core.frames import Array, rot_z, transform_points
-from tjscan.job import CalibrationJob, read_calibration_job
 from tjscan.job.arm import kinematics_of_job, sensor_mount_of_job, solids_in_base
-from tjscan.laser.profile import Profile
+from tjscan.job.files import CalibrationJob, read_calibration_job
 from tjscan.live.buttons import Button, Tone
 from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR, TOOL_COLOUR
 from tjscan.live.drawables import Drawable, Lines, Posture, Surface
 from tjscan.live.listening import RunOnPage, show_run
 from tjscan.live.page import PageAddress
-from tjscan.live.step import (
-    PRESS_FACT,
-    STATE_FACT,
-    Measure,
-    PlaneCurve,
-    RecordedShow,
-    Sample,
-    Setting,
-    Step,
-)
-from tjscan.recording.parts import recording_files
+from tjscan.live.step import PRESS_FACT, STATE_FACT, Measure, PlaneCurve, Sample, Setting, Step
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.calibration.run import calibration_plan_of_job
 
@@ -56,8 +44,6 @@ RESIDUALS_HEAD: Final = ("line", "offset / mm", "residual / σ", "")
 
 CROSS_HALF_SIZE: Final = 0.015
 """Metres, half the size of the mark on a touched place."""
-
-CalibrationNews = CalibrationEntry | CalibrationProgress
 
 
 class CalibrationShow:
@@ -73,27 +59,27 @@ class CalibrationShow:
     """
 
     def __init__(self, job: CalibrationJob, job_file: Path, title: str) -> None:
-        self._job, self._title = job, title
         self._plan = calibration_plan_of_job(job, sensor_mount_of_job(job, job_file).T_f_s)
         self._T_f_s = self._plan.T_f_s
-        self.setting = self._setting()
+        self.setting = self._make_setting(job, title)
 
-    def step(self, news: CalibrationNews) -> Step:
+    def step(self, entry: object) -> Step:
         """Return what an entry of the logbook, or the progress after a line, changes."""
-        match news:
+        match entry:
             case StartOrResumeEntry():
                 return Step("begun", facts={"lines": f"0 of {self._plan.lines}"})
             case BoardTouch():
-                return self._touch_step(news)
-            case LaserLineTaken():
-                what = "verification" if news.for_verification else news.posed_profile.name
-                return self._profile_step(what, news.posed_profile)
+                return self._touch_step(entry)
+            case LaserLineTaken(shot, for_verification):
+                return self._profile_step("verification" if for_verification else shot.name, shot)
             case ArmPoseTaken():
-                return self._profile_step(news.posed_profile.name, news.posed_profile, news.q)
+                shot = entry.posed_profile
+                return self._profile_step(shot.name, shot, entry.q)
             case SkippedPose():
-                return Step("skipped", events=(("passed over", news.reason),))
+                return Step("skipped", events=(("passed over", entry.reason),))
             case CalibrationProgress():
-                return self._progress_step(news)
+                return self._progress_step(entry)
+        return Step()
 
     def next_pose(self, T_b_f: Array | None) -> Step:
         """Draw the target of the next move: the flange's axes, and the laser's plane from there."""
@@ -107,17 +93,17 @@ class CalibrationShow:
         way = np.stack((T_b_f[:3, 3], T_b_s[:3, 3]))
         return Step(drawn={"next": Lines.through(fan, way, *axes, colour=FITTED_COLOUR, width=3.0)})
 
-    def _setting(self) -> Setting:
-        job, board, (x, y) = self._job, self._plan.T_b_board, self._plan.half_sizes
+    def _make_setting(self, job: CalibrationJob, title: str) -> Setting:
+        board, (x, y) = self._plan.T_b_board, self._plan.half_sizes
         corners = [(-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)]
         triangles = np.array([(0, 1, 2), (0, 2, 3)])
         face = Surface(transform_points(board, corners), triangles, NOMINAL_COLOUR, 0.6)
         at = 0.6 * board[:3, 3] + (0.0, 0.0, 0.2)
-        out = 3.2 * max(float(np.linalg.norm(at[:2])), 0.4)
-        towards = at[:2] / max(float(np.linalg.norm(at[:2])), 1e-6)
-        aside = rot_z(np.radians(-65)) @ np.array((*towards, 0.0))
+        away = float(np.linalg.norm(at[:2]))
+        out = 3.2 * max(away, 0.4)
+        aside = rot_z(np.radians(-65)) @ np.array((*(at[:2] / max(away, 1e-6)), 0.0))
         return Setting(
-            self._title,
+            title,
             (POSITION_SIGMA, ROTATION_SIGMA),
             "lines taken",
             None,
@@ -130,12 +116,13 @@ class CalibrationShow:
         )
 
     def _touch_step(self, touch: BoardTouch) -> Step:
-        label, drawn = f"place {touch.place_number + 1}", dict[str, Drawable]()
+        label = f"place {touch.place_number + 1}"
         if touch.T_b_f is None:
             return Step(label, events=(("passed over", label),))
         tip = transform_points(touch.T_b_f, self._plan.tip_f)
         marks = [np.stack((tip - arm, tip + arm)) for arm in CROSS_HALF_SIZE * np.eye(3)]
-        drawn[f"touch/{touch.place_number}"] = Lines.through(*marks, colour=TOOL_COLOUR, width=3.0)
+        cross = Lines.through(*marks, colour=TOOL_COLOUR, width=3.0)
+        drawn: dict[str, Drawable] = {f"touch/{touch.place_number}": cross}
         if touch.q is not None:
             drawn["arm"] = Posture(touch.q)
         return Step(label, drawn, {"touched": f"{label} of {self._plan.touches}"})
@@ -148,7 +135,7 @@ class CalibrationShow:
         if len(points) > 1:
             seen = transform_points(shot.T_b_f @ self._T_f_s, points[:: max(1, len(points) // 48)])
             drawn[f"line/{label}"] = Lines.through(seen, colour=LASER_COLOUR, width=2.5)
-        return Step(label, drawn, {"taken": label}, profile=plane_curve(shot.profile))
+        return Step(label, drawn, {"taken": label}, profile=PlaneCurve.of_profile(shot.profile))
 
     def _progress_step(self, progress: CalibrationProgress) -> Step:
         """How sure the pose is after each line; the lines in the table, and where they belong."""
@@ -157,50 +144,35 @@ class CalibrationShow:
             POSITION_SIGMA.name: 1e3 * sure.position,
             ROTATION_SIGMA.name: float(np.degrees(sure.rotation)),
         }
+        expected = "" if progress.result else " expected"
         facts = {
             "lines": f"{taken} of {progress.wanted}",
-            "certain to": "{:.3g} mm, {:.3g}°".format(*values.values())
-            + ("" if progress.result else " expected"),
+            "certain to": "{:.3g} mm, {:.3g}°".format(*values.values()) + expected,
         }
-        rows = [RESIDUALS_HEAD]
+        rows = [(sample.name, "", "", "") for sample in progress.samples]
         if (result := progress.result) is not None:
             self._T_f_s = result.T_f_s
-            rows += [
-                (
-                    one.name,
-                    f"{1e3 * one.offset:+.3f}",
-                    f"{one.misfit:.1f}",
-                    "" if one.used else "left out",
-                )
-                for one in result.residuals
-            ]
-        else:
-            rows += [(sample.name, "", "", "") for sample in progress.samples]
+            rows = []
+            for one in result.residuals:
+                note = "" if one.used else "left out"
+                rows.append((one.name, f"{1e3 * one.offset:+.3f}", f"{one.misfit:.1f}", note))
         return Step(
             f"{taken} lines",
             facts=facts,
             progress=min(taken / progress.wanted, 1.0),
             samples=(Sample(float(taken), values),),
-            table=rows,
+            table=[RESIDUALS_HEAD, *rows],
         )
 
 
-def plane_curve(profile: Profile) -> PlaneCurve:
-    """A profile as the page plots it."""
-    points = 1e3 * profile.points_s
-    return PlaneCurve(points[:, 0], points[:, 2])
-
-
-def read_calibration_show(directory: Path) -> RecordedShow | None:
+def read_calibration_show(directory: Path) -> tuple[CalibrationShow, Iterable[object]]:
     """Read what a calibration's recording has to show; see `tjscan.live.step.ShowReader`."""
-    if not recording_files(directory, CALIBRATION_RECORDING)[0].is_file():
-        return None
     job_file = directory / JOB_FILE
     show = CalibrationShow(read_calibration_job(job_file), job_file, directory.resolve().name)
-    return RecordedShow(show.setting, tuple(map(show.step, read_calibration_entries(directory))))
+    return show, read_calibration_entries(directory)
 
 
-LOOK_EVERY: Final = 0.2
+LOOK_INTERVAL: Final = 0.2
 """Seconds between two profiles of a real laser while an answer is awaited."""
 
 ANSWER_BUTTONS: Final[tuple[tuple[Answer, Tone, str], ...]] = (
@@ -229,12 +201,7 @@ class PageOperator:
     present = True
 
     def __init__(
-        self,
-        run: RunOnPage[CalibrationNews],
-        show: CalibrationShow,
-        report: Callable[[str], object],
-        *,
-        looks: bool,
+        self, run: RunOnPage, show: CalibrationShow, report: Callable[[str], object], *, looks: bool
     ) -> None:
         self._run, self._show, self._report, self._looks = run, show, report, looks
         self._pressed: SimpleQueue[Answer] = SimpleQueue()
@@ -255,10 +222,10 @@ class PageOperator:
         words = f"{question.yes} or {question.no}"
         self._run.post(Step(facts={STATE_FACT: question.text, PRESS_FACT: words}))
         self._run.post(self._show.next_pose(question.T_b_f))
-        self._enable(question.yes, question.no)
+        self._enable_buttons(question.yes, question.no)
         while (answer := self._next_press(question)) not in (question.yes, question.no):
             pass  # of a button that answers nothing now
-        self._enable()
+        self._enable_buttons()
         self._run.post(Step(facts={STATE_FACT: "working", PRESS_FACT: ""}))
         return answer == question.yes
 
@@ -275,27 +242,23 @@ class PageOperator:
         """Show what was measured."""
         self._run.post(entry)
 
-    def _enable(self, *words: Answer) -> None:
+    def _enable_buttons(self, *words: Answer) -> None:
         if self._run.page is not None:
             self._run.page.enable({word: word in words for word, _, _ in ANSWER_BUTTONS})
 
     def _next_press(self, question: Question) -> Answer:
         """Next button that is pressed; until then a real laser's profiles are shown."""
+        look = question.look if self._looks else None
+        if look is None:
+            return self._pressed.get()
         while True:
-            look = question.look if self._looks else None
+            with suppress(Empty):
+                return self._pressed.get(timeout=LOOK_INTERVAL)
             try:
-                return self._pressed.get(timeout=None if look is None else LOOK_EVERY)
-            except Empty:
-                if look is not None:
-                    self._show_profile(look)
-
-    def _show_profile(self, look: Callable[[], Profile]) -> None:
-        try:
-            profile = look()
-        except LaserFault as fault:
-            self._run.post(Step(facts={"laser": str(fault)}))
-            return
-        self._run.post(Step(facts={"laser": ""}, profile=plane_curve(profile)))
+                profile = PlaneCurve.of_profile(look())
+                self._run.post(Step(facts={"laser": ""}, profile=profile))
+            except LaserFault as fault:
+                self._run.post(Step(facts={"laser": str(fault)}))
 
 
 @contextmanager
@@ -328,7 +291,7 @@ def operator_on_page(
     looks = job.laser.driver_kind is DriverKind.REAL
     made: list[PageOperator] = []
 
-    def buttons(run: RunOnPage[CalibrationNews]) -> Sequence[Button]:
+    def buttons(run: RunOnPage) -> Sequence[Button]:
         made.append(PageOperator(run, show, report, looks=looks))
         return made[0].buttons(interrupt)
 

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from math import isfinite
 from pathlib import Path
@@ -16,10 +17,10 @@ import numpy as np
 from tjscan.core.frames import pose, rot_z
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import PHASE_TRANSITIONS, Event, Phase
-from tjscan.crawler.topics import CRAWL_RECORDING, read_crawl
+from tjscan.crawler.topics import read_crawl
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
-from tjscan.live.buttons import Button, HoldButton, PageButton, stop_button
+from tjscan.live.buttons import Button, stop_button
 from tjscan.live.colours import LASER_COLOUR, NOMINAL_COLOUR
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Placement, Surface
 from tjscan.live.listening import RunOnPage, show_run
@@ -29,14 +30,12 @@ from tjscan.live.step import (
     STATE_FACT,
     Measure,
     PlaneCurve,
-    RecordedShow,
     Sample,
     Setting,
     StateDiagram,
     Step,
 )
 from tjscan.recording.journal import RunEvent
-from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.solids import Box, Cylinder, Solid
 from tjscan.vehicle.vehicle import AT_REST, Twist
@@ -56,8 +55,6 @@ WELD_WIDTH: Final = 0.01
 """Metres, of the drawn weld."""
 SECONDS_BETWEEN_STEPS: Final = 0.25
 """Seconds of the vehicle's clock between two steps of a recording."""
-
-CrawlEntry = CrawlCycle | Profile | RunEvent
 
 SECONDS_BETWEEN_PAGE_CYCLES: Final = 0.05
 """Of the vehicle's clock, between two cycles that are handed to the page."""
@@ -84,28 +81,24 @@ class CrawlShow:
     def __init__(self, job: CrawlJob, title: str) -> None:
         self._job, self._piece = job, 0
         self._last: tuple[int, float, float] | None = None
-        self.setting = self._setting(title)
+        self.setting = self._make_setting(title)
 
-    def step(self, entry: CrawlEntry) -> Step:
+    def step(self, entry: object) -> Step:
         """Return what one entry of the journal changes on the page."""
         match entry:
             case CrawlCycle():
                 return self._cycle_step(entry)
             case Profile():
-                points = 1e3 * entry.points_s
-                return Step(profile=PlaneCurve(points[:, 0], points[:, 2]))
-            case RunEvent():
-                return self._event_step(entry)
+                return Step(profile=PlaneCurve.of_profile(entry))
+            case RunEvent(name, detail):
+                step = Step(name, events=((name, detail),))
+                if name not in set(Phase):
+                    return step
+                # An event that a phase begins with bears its name: no cycle follows a stop.
+                return replace(step, facts={STATE_FACT: name}, diagram=phase_diagram(Phase(name)))
+        return Step()
 
-    def _event_step(self, event: RunEvent) -> Step:
-        """Events that a phase begins with bear its name: no cycle follows a stop."""
-        news = ((event.name, event.detail),)
-        if event.name not in set(Phase):
-            return Step(event.name, events=news)
-        facts = {STATE_FACT: event.name}
-        return Step(event.name, facts=facts, events=news, diagram=phase_diagram(Phase(event.name)))
-
-    def _setting(self, title: str) -> Setting:
+    def _make_setting(self, title: str) -> Setting:
         job, length = self._job, self._job.weld.length
         before = job.alignment.length + job.weld.run_up
         size = (job.vehicle.body_length, job.vehicle.body_width, BODY_HEIGHT)
@@ -134,7 +127,7 @@ class CrawlShow:
 
     def _cycle_step(self, cycle: CrawlCycle) -> Step:
         torch, state = cycle.torch, cycle.state
-        at = cycle.travel, -(torch.offset + cycle.torch_y), 0.0
+        torch_place = cycle.travel, -(torch.offset + cycle.torch_y), 0.0
         values = {
             TORCH_DEVIATION.name: 1e3 * cycle.deviation,
             VEHICLE_OFFSET.name: 1e3 * torch.offset,
@@ -144,11 +137,12 @@ class CrawlShow:
             values[LARGEST_TORQUE.name] = max(map(abs, state.torques))
         drawn: dict[str, Drawable] = {
             "vehicle": Placement(pose(rot_z(-torch.heading), (cycle.travel, -torch.offset, 0.0))),
-            "torch": Placement(pose(p=at)),
+            "torch": Placement(pose(p=torch_place)),
         }
         samples: tuple[Sample, ...] = ()
-        if cycle.arc and (welded := self._welded(cycle, values)):
-            drawn.update(welded)
+        if cycle.arc and (piece := self._next_piece_of_weld(cycle, values)) is not None:
+            self._piece += 1
+            drawn[f"weld/{self._piece}"] = piece
             samples = (Sample(1e3 * cycle.travel, values),)
         progress = None
         if cycle.phase is Phase.WELDING and cycle.number:
@@ -178,43 +172,39 @@ class CrawlShow:
             "fault": cycle.state.fault,
         }
 
-    def _welded(self, cycle: CrawlCycle, values: dict[str, float]) -> dict[str, Drawable]:
+    def _next_piece_of_weld(
+        self, cycle: CrawlCycle, values: dict[str, float]
+    ) -> MeasuredPiece | None:
         """The weld since the last piece, once it is long enough; passes are on one another."""
-        y = -(cycle.torch.offset + cycle.torch_y)
-        number, x0, y0 = self._last or (cycle.number, cycle.travel, y)
-        if number != cycle.number or self._last is None:
-            self._last = cycle.number, cycle.travel, y
-            return {}
-        if abs(cycle.travel - x0) < PIECE_LENGTH:
-            return {}
-        self._last, self._piece = (cycle.number, cycle.travel, y), self._piece + 1
+        here = cycle.number, cycle.travel, -(cycle.torch.offset + cycle.torch_y)
+        number, x0, y0 = self._last or here
+        is_same_pass = self._last is not None and number == cycle.number
+        if is_same_pass and abs(cycle.travel - x0) < PIECE_LENGTH:
+            return None
+        self._last = here
+        if not is_same_pass:
+            return None
+        _, x, y = here
         z, half = 4e-3 * cycle.number, 0.5 * WELD_WIDTH
-        strip = [(x0, y0 - half, z), (x0, y0 + half, z)]
-        strip += [(cycle.travel, y - half, z), (cycle.travel, y + half, z)]
+        strip = [(x0, y0 - half, z), (x0, y0 + half, z), (x, y - half, z), (x, y + half, z)]
         triangles = np.array([(0, 1, 2), (1, 3, 2)])
-        piece = MeasuredPiece(np.empty((0, 3)), np.array(strip), triangles, values)
-        return {f"weld/{self._piece}": piece}
+        return MeasuredPiece(np.empty((0, 3)), np.array(strip), triangles, values)
 
 
 def phase_diagram(now: Phase) -> StateDiagram:
     """The phases and what leads from one to another, the present one marked."""
-    ways = [
-        (str(phase), str(after), str(event))
-        for (phase, event), after in PHASE_TRANSITIONS.items()
-        if event is not Event.DANGER
-    ]
-    return StateDiagram(tuple(map(str, Phase)), tuple(ways), str(now), str(Phase.STOP))
+    ways = ((phase, after, event) for (phase, event), after in PHASE_TRANSITIONS.items())
+    arrows = tuple((str(a), str(b), str(why)) for a, b, why in ways if why is not Event.DANGER)
+    return StateDiagram(tuple(map(str, Phase)), arrows, str(now), str(Phase.STOP))
 
 
-def read_crawl_show(directory: Path) -> RecordedShow | None:
+def read_crawl_show(directory: Path) -> tuple[CrawlShow, Iterator[object]]:
     """Read what a crawl's recording has to show; see `tjscan.live.step.ShowReader`."""
-    if not recording_files(directory, CRAWL_RECORDING)[0].is_file():
-        return None
     show = CrawlShow(read_crawl_job(directory / JOB_FILE), directory.resolve().name)
-    return RecordedShow(show.setting, tuple(map(show.step, _entries(directory))))
+    return show, _read_thinned_entries(directory)
 
 
-def _entries(directory: Path) -> Iterator[CrawlEntry]:
+def _read_thinned_entries(directory: Path) -> Iterator[object]:
     """Events, and a cycle with its profile now and then."""
     due, with_profile = -np.inf, False
     for entry in read_crawl(directory):
@@ -303,7 +293,7 @@ class CrawlPageJournal:
     run : RunOnPage
     """
 
-    def __init__(self, run: RunOnPage[CrawlEntry]) -> None:
+    def __init__(self, run: RunOnPage) -> None:
         self._run, self._due = run, float("-inf")
 
     def record(self, message: object) -> None:
@@ -348,7 +338,7 @@ def show_crawl(
         If there is no page, and it is to be driven on one.
     """
 
-    def buttons(run: RunOnPage[CrawlEntry]) -> Sequence[PageButton]:
+    def buttons(run: RunOnPage) -> Sequence[Button]:
         stop = stop_button(interrupt, "the crawler")
         return stop if hand is None else [*stop, *hand_drive_buttons(run, hand)]
 
@@ -358,7 +348,7 @@ def show_crawl(
         yield CrawlPageJournal(run)
 
 
-def hand_drive_buttons(run: RunOnPage[CrawlEntry], hand: PageHandDrive) -> Sequence[PageButton]:
+def hand_drive_buttons(run: RunOnPage, hand: PageHandDrive) -> Sequence[Button]:
     """Buttons that drive a crawler while they are held, and Start, which takes them away.
 
     Parameters
@@ -375,5 +365,5 @@ def hand_drive_buttons(run: RunOnPage[CrawlEntry], hand: PageHandDrive) -> Seque
 
     run.post(Step(facts={PRESS_FACT: "Start, or hold a button to drive"}))
     hint = "Drives slowly while it is held; released, or gone with the page, the crawler stops"
-    held = [HoldButton(word, partial(hand.hear, word), hint=hint) for word in hand.words]
+    held = [Button(word, partial(hand.hear, word), hint=hint, held=True) for word in hand.words]
     return [Button("Start", start, "green", "Let the crawl begin"), *held]

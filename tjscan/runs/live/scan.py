@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
+from time import monotonic
 from typing import Final
 
 import numpy as np
@@ -16,15 +16,15 @@ from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, transform_points
 from tjscan.groove.measured import MeasuredSection, section_to_result_frame
-from tjscan.job import read_scan_job
 from tjscan.job.arm import kinematics_of_job, solids_in_base
+from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.live.buttons import Button
 from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Posture, Surface
 from tjscan.live.listening import RunOnPage, show_run
 from tjscan.live.page import PageAddress
-from tjscan.live.step import Measure, PlaneCurve, RecordedShow, Sample, Setting, Step
+from tjscan.live.step import STATE_FACT, Measure, PlaneCurve, Sample, Setting, Step
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE, RECORDING_FILE
@@ -32,6 +32,7 @@ from tjscan.result.section import absent_corners
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
 from tjscan.scanning.journal import grid_triangles
+from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.reader import read_recording_entries
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.sections_before import read_section
@@ -44,7 +45,7 @@ GROOVE_DEPTH: Final = Measure("depth", "mm")
 CORNER_SIGMA: Final = Measure("sigma of the corners", "mm")
 """By the profile's noise alone: what all sections share is in the report's budget."""
 
-STANDING_EVENTS: Final = ("paused", "stop", "failed", "interrupted", "complete")
+EVENTS_AT_REST: Final = ("paused", "stop", "failed", "interrupted", "complete")
 """Events after which the arm does not move."""
 
 FAN_POINTS: Final = 32
@@ -53,18 +54,9 @@ FAN_POINTS: Final = 32
 
 @dataclass(frozen=True, slots=True)
 class UnreadSection:
-    """A recorded section whose profile is not read with the settings of now.
-
-    Parameters
-    ----------
-    section : ScannedSection
-        As it was read during the scan.
-    """
+    """A recorded section, as it was then, whose profile is not read with the settings of now."""
 
     section: ScannedSection
-
-
-ScanEntry = ProfileView | ScannedSection | UnreadSection | RunEvent
 
 
 class ScanShow:
@@ -84,7 +76,6 @@ class ScanShow:
     """
 
     def __init__(self, context: RunContext, title: str) -> None:
-        self._context, self._title = context, title
         self._frame = result_frame_of_job(context.job)
         self._last_b: Array | None = None
         self._joint = context.joint if self._frame.T_b_j is not None else None
@@ -93,28 +84,26 @@ class ScanShow:
         self.total = plan.sections
         if plan.sections is None and plan.length is not None:
             self.total = 2 + round(plan.length / plan.step)
+        self.setting = self._make_setting(context.job, title)
 
-    @cached_property
-    def setting(self) -> Setting:
-        """What does not change: arm, solids, tool and the joint as designed."""
-        job = self._context.job
+    def _make_setting(self, job: ScanJob, title: str) -> Setting:
         measures = (GROOVE_ANGLE, ROOT_OPENING, GROOVE_DEPTH, CORNER_SIGMA)
-        at, seen_from = self._camera()
+        look_at, look_from = self._camera_place(job.scan)
         known = self._joint is not None
         return Setting(
-            self._title,
+            title,
             (CORNER_DEVIATION, *measures) if known else measures,
             "clock position / h" if known else "section",
             (0.0, 12.0) if known else None,
             kinematics_of_job(job),
             solids_in_base(job),
             tuple(one.solid for one in job.clearance.tool),
-            ghost=tuple(self._ghost()),
-            look_at=at,
-            look_from=seen_from,
+            ghost=tuple(self._designed_groove()),
+            look_at=look_at,
+            look_from=look_from,
         )
 
-    def step(self, entry: ScanEntry) -> Step:
+    def step(self, entry: object) -> Step:
         """Return what one entry of the journal changes on the page."""
         match entry:
             case ProfileView():
@@ -123,98 +112,73 @@ class ScanShow:
                 return self._section_step(entry)
             case UnreadSection(section):
                 label = f"section {section.view.index}"
-                return Step(label, self._piece(section.view, section.points_b, {}))
-            case RunEvent():
-                state = (
-                    {"state": f"{entry.name}: {entry.detail}"}
-                    if entry.name in STANDING_EVENTS
-                    else {}
-                )
-                return Step(entry.name, facts=state, events=((entry.name, entry.detail),))
+                return Step(label, self._measured_piece(section.view, section.points_b, {}))
+            case RunEvent(name, detail):
+                state = {STATE_FACT: f"{name}: {detail}"} if name in EVENTS_AT_REST else {}
+                return Step(name, facts=state, events=((name, detail),))
+        return Step()
 
     def _view_step(self, view: ProfileView) -> Step:
         label = f"section {view.index}, {view.substep}"
-        profile = view.profile.points_s
-        return Step(
-            label,
-            {"arm": Posture(view.q), **laser_fan(view)},
-            {"doing": label, "arm's clock": f"{view.time:.1f} s"},
-            profile=PlaneCurve(1e3 * profile[:, 0], 1e3 * profile[:, 2]),
-        )
+        drawn = {"arm": Posture(view.q), **laser_fan(view)}
+        facts = {"doing": label, "arm's clock": f"{view.time:.1f} s"}
+        return Step(label, drawn, facts, profile=PlaneCurve.of_profile(view.profile))
 
     def _section_step(self, section: ScannedSection) -> Step:
-        groove, view = section.groove, section.view
-        measured = section_to_result_frame(
-            groove, self._frame.T_r_b @ view.T_b_s, self._frame.letter, index=view.index
-        )
-        values, sigmas = self._measures(measured)
+        groove, view, done = section.groove, section.view, section.view.index + 1
+        T_r_s = self._frame.T_r_b @ view.T_b_s
+        measured = section_to_result_frame(groove, T_r_s, self._frame.letter, index=view.index)
+        values, sigmas = self._values_of(measured)
         x = view.index if np.isnan(measured.azimuth) else np.degrees(measured.azimuth) % 360 / 30
-        profile, corners = 1e3 * view.profile.points_s, 1e3 * groove.points_s
-        form = ", ".join((groove.model, *groove.conditions))
-        done = view.index + 1
+        facts = {
+            "sections": f"{done} of {self.total}" if self.total else f"{done}",
+            "groove": ", ".join((groove.model, *groove.conditions)),
+        }
+        for measure in (CORNER_DEVIATION, GROOVE_ANGLE, ROOT_OPENING):
+            if measure is not CORNER_DEVIATION or self._joint is not None:
+                facts[measure.name] = _value_in_words(measure, values, sigmas)
+        drawn = self._measured_piece(view, section.points_b, values)
+        drawn["fitted"] = Lines.through(section.points_b, colour=FITTED_COLOUR, width=3.0)
         return Step(
             f"section {view.index}",
-            {
-                **self._piece(view, section.points_b, values),
-                "fitted": Lines.through(section.points_b, colour=FITTED_COLOUR, width=3.0),
-            },
-            {
-                "sections": f"{done} of {self.total}" if self.total else f"{done}",
-                "groove": form,
-                **{
-                    measure.name: _in_words(measure, values, sigmas)
-                    for measure in (
-                        *(() if self._joint is None else (CORNER_DEVIATION,)),
-                        GROOVE_ANGLE,
-                        ROOT_OPENING,
-                    )
-                },
-            },
+            drawn,
+            facts,
             None if self.total is None else min(done / self.total, 1.0),
             (Sample(float(x), values, sigmas),),
-            PlaneCurve(profile[:, 0], profile[:, 2], corners[:, [0, 2]]),
+            PlaneCurve.of_profile(view.profile, groove.points_s),
         )
 
-    def _measures(self, section: MeasuredSection) -> tuple[dict[str, float], dict[str, float]]:
+    def _values_of(self, section: MeasuredSection) -> tuple[dict[str, float], dict[str, float]]:
         """Values of the measures and their standard deviations, millimetres and degrees."""
-        angle, width, depth, _ = section.measures
-        angle_sigma, width_sigma, depth_sigma, _ = section.sigmas
-        is_open = np.isfinite(section.root_opening)
+        names = GROOVE_ANGLE.name, ROOT_OPENING.name, GROOVE_DEPTH.name
+        units = np.array((180 / np.pi, 1e3, 1e3))
+        values, sigmas = (
+            dict(zip(names, (units * known[:3]).tolist(), strict=True))
+            for known in (section.measures, section.sigmas)
+        )
+        if np.isfinite(section.root_opening):
+            values[ROOT_OPENING.name] = 1e3 * float(section.root_opening)
         corner_sigma = 1e3 * float(np.max(section.corner_sigmas))
-        values = {
-            GROOVE_ANGLE.name: float(np.degrees(angle)),
-            ROOT_OPENING.name: 1e3 * float(section.root_opening if is_open else width),
-            GROOVE_DEPTH.name: 1e3 * float(depth),
-            CORNER_SIGMA.name: corner_sigma,
-        }
-        sigmas = {
-            GROOVE_ANGLE.name: float(np.degrees(angle_sigma)),
-            ROOT_OPENING.name: 1e3 * float(width_sigma),
-            GROOVE_DEPTH.name: 1e3 * float(depth_sigma),
-        }
+        values[CORNER_SIGMA.name] = corner_sigma
         if self._edges is not None:
             absent = absent_corners([section])
             off = corner_to_edge_distances(section.points[None], self._edges, absent)
-            values[CORNER_DEVIATION.name] = (
-                1e3 * float(np.nanmax(off)) if np.isfinite(off).any() else np.nan
-            )
+            largest = float(np.nanmax(off)) if np.isfinite(off).any() else np.nan
+            values[CORNER_DEVIATION.name] = 1e3 * largest
             sigmas[CORNER_DEVIATION.name] = corner_sigma
         return values, sigmas
 
-    def _piece(
+    def _measured_piece(
         self, view: ProfileView, points_b: Array, values: dict[str, float]
     ) -> dict[str, Drawable]:
         last, self._last_b = self._last_b, points_b
-        joined = last is not None
-        piece = MeasuredPiece(
-            transform_points(view.T_b_s, view.profile.points_s),
-            np.concatenate((last, points_b)) if last is not None else np.empty((0, 3)),
-            grid_triangles(2, len(points_b)) if joined else np.empty((0, 3), dtype=np.int64),
-            values,
-        )
-        return {f"groove/{view.index}": piece}
+        vertices, triangles = np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
+        if last is not None:
+            vertices, triangles = np.concatenate((last, points_b)), grid_triangles(2, len(points_b))
+        seen_b = transform_points(view.T_b_s, view.profile.points_s)
+        return {f"groove/{view.index}": MeasuredPiece(seen_b, vertices, triangles, values)}
 
-    def _ghost(self) -> Iterator[Lines | Surface]:
+    def _designed_groove(self) -> Iterator[Lines | Surface]:
         T_b_j = self._frame.T_b_j
         if self._joint is None or T_b_j is None:
             return
@@ -222,9 +186,9 @@ class ScanShow:
         yield Lines.through(*lines[:3], colour=NOMINAL_COLOUR, width=2.0)  # the groove's edges
         yield Lines.through(*lines[3:], colour=NOMINAL_COLOUR, width=1.0)
 
-    def _camera(self) -> tuple[Array, Array]:
+    def _camera_place(self, plan: ScanPlan) -> tuple[Array, Array]:
         """Middle of the picture, and whence it is seen: over the taught pose, beside the arm."""
-        T_b_j, first = self._frame.T_b_j, self._context.job.scan.first
+        T_b_j, first = self._frame.T_b_j, plan.first
         flange = np.array((0.8, 0.0, 0.4)) if first is None else first.T[:3, 3]
         at = flange * (0.7, 0.7, 0.5) if T_b_j is None else T_b_j[:3, 3] + (0.0, 0.0, 0.2)
         out = (flange - at) * (1.0, 1.0, 0.0)
@@ -250,7 +214,7 @@ def laser_fan(view: ProfileView) -> dict[str, Drawable]:
     }
 
 
-def _in_words(measure: Measure, values: dict[str, float], sigmas: dict[str, float]) -> str:
+def _value_in_words(measure: Measure, values: dict[str, float], sigmas: dict[str, float]) -> str:
     """A value with its standard deviation; empty if it is not known."""
     value, sigma = values.get(measure.name, np.nan), sigmas.get(measure.name, np.nan)
     if not np.isfinite(value):
@@ -259,28 +223,15 @@ def _in_words(measure: Measure, values: dict[str, float], sigmas: dict[str, floa
     return f"{value:.3f}{spread} {measure.unit}"
 
 
-def read_recorded_scan_show(directory: Path) -> RecordedShow | None:
+def read_scan_show(directory: Path) -> tuple[ScanShow, Iterator[object]]:
     """Read what a scan's recording has to show; see `tjscan.live.step.ShowReader`."""
-    if not (directory / RECORDING_FILE).is_file():
-        return None
-    job = read_scan_job(directory / JOB_FILE)
-    context = RunContext(job.job_at_station(), directory / JOB_FILE)
-    show = ScanShow(context, directory.resolve().name)
-    return RecordedShow(
-        show.setting, tuple(show.step(entry) for entry in recorded_entries(directory, context))
-    )
+    job_file = directory / JOB_FILE
+    context = RunContext(read_scan_job(job_file), job_file).at_station()
+    return ScanShow(context, directory.resolve().name), read_entries(directory, context)
 
 
-def recorded_entries(directory: Path, context: RunContext) -> Iterator[ScanEntry]:
-    """Yield views, sections and events of a recording; sections are read again for their measures.
-
-    Parameters
-    ----------
-    directory : Path
-        Of the run.
-    context : RunContext
-        Its job.
-    """
+def read_entries(directory: Path, context: RunContext) -> Iterator[object]:
+    """Yield views, sections and events of a run; sections are read again for their measures."""
     read = groove_reader_of_job(context.job)
     found: list[ScannedSection] = []
     for file in recording_files(directory):
@@ -296,7 +247,7 @@ def recorded_entries(directory: Path, context: RunContext) -> Iterator[ScanEntry
                     yield entry
 
 
-class PageJournal:
+class ScanPageJournal:
     """Journal that hands everything to the page and waits for nothing.
 
     Parameters
@@ -305,26 +256,18 @@ class PageJournal:
         The scan on the page.
     total : int or None
         Sections to scan, if that is known.
-    clock : callable
-        Gives seconds.
     """
 
-    def __init__(
-        self,
-        run: RunOnPage[ScanEntry],
-        total: int | None,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self.run, self._total, self._clock = run, total, clock
+    def __init__(self, run: RunOnPage, total: int | None) -> None:
+        self.run, self._total = run, total
         self._first: tuple[int, float] | None = None
 
     def record(self, message: object) -> None:
         """Show a message; of a section also how long the rest takes at the pace until now."""
-        if isinstance(message, ProfileView | ScannedSection | RunEvent):
-            self.run.post(message)
+        self.run.post(message)
         if not isinstance(message, ScannedSection):
             return
-        number, now = message.view.index, self._clock()
+        number, now = message.view.index, monotonic()
         first, began = self._first = self._first or (number, now)
         if self._total is not None and number > first:
             left = (now - began) / (number - first) * max(self._total - 1 - number, 0)
@@ -338,7 +281,7 @@ def show_scan(
     report: Callable[[str], object],
     interrupt: Callable[[], object],
     resumed: Path | None = None,
-) -> Iterator[PageJournal]:
+) -> Iterator[ScanPageJournal]:
     """Show a scan on a page while the block runs; gives the journal that shows it.
 
     Parameters
@@ -359,16 +302,16 @@ def show_scan(
         if simulation is not None and simulation.arm is not None:
             yield Step(drawn={"arm": Posture(np.array(simulation.arm.home))})
         if resumed is not None and (resumed / RECORDING_FILE).is_file():
-            yield from map(show.step, recorded_entries(resumed, context))
+            yield from map(show.step, read_entries(resumed, context))
 
     show = ScanShow(context, context.job_file.stem)
     buttons = partial(scan_buttons, stop=context.stop, interrupt=interrupt)
     with show_run(show, where, report, buttons, before) as run:
-        yield PageJournal(run, show.total)
+        yield ScanPageJournal(run, show.total)
 
 
 def scan_buttons(
-    run: RunOnPage[ScanEntry], stop: StopRequest, interrupt: Callable[[], object]
+    run: RunOnPage, stop: StopRequest, interrupt: Callable[[], object]
 ) -> list[Button]:
     """Buttons of a scan: Start, which goes on too, Pause, Step and Stop.
 
@@ -381,27 +324,22 @@ def scan_buttons(
         Does what Ctrl-C does.
     """
 
-    def start() -> None:
-        stop.go_on()
-        run.start()
-        run.show_state("scanning")
+    def press(state: str, *actions: Callable[[], object]) -> Callable[[], object]:
+        def show_and_act() -> None:
+            run.show_state(state)
+            for act in actions:
+                act()
 
-    def pause() -> None:
-        stop.pause()
-        run.show_state("pausing after the section under way")
+        return show_and_act
 
-    def step() -> None:
-        stop.go_one_step()
-        run.start()
-        run.show_state("scanning one section")
-
-    def end() -> None:
-        run.show_state("stopping after the section under way; another Stop stops the arm at once")
-        interrupt()
-
+    start = press("scanning", stop.go_on, run.start)
+    pause = press("pausing after the section under way", stop.pause)
+    step = press("scanning one section", stop.go_one_step, run.start)
+    words = "stopping after the section under way; another Stop stops the arm at once"
+    hint = "As Ctrl-C: end after the section; twice, stop the arm at once"
     return [
         Button("Start", start, "green", "Begin, or go on after a pause"),
         Button("Pause", pause, "yellow", "Wait after the section under way"),
         Button("Step", step, "blue", "Scan one section, then wait"),
-        Button("Stop", end, "red", "As Ctrl-C: end after the section; twice, stop the arm at once"),
+        Button("Stop", press(words, interrupt), "red", hint),
     ]

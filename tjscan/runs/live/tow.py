@@ -24,14 +24,14 @@ from tjscan.live.colours import (
 from tjscan.live.drawables import Drawable, Lines, Placement
 from tjscan.live.listening import RunOnPage, show_run
 from tjscan.live.page import PageAddress
-from tjscan.live.step import STATE_FACT, Measure, RecordedShow, Sample, Setting, Step
+from tjscan.live.step import STATE_FACT, Measure, Sample, Setting, Step
 from tjscan.recording.journal import RunEvent
-from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.solids import Cylinder, Solid
+from tjscan.runs.tow.results import clearance_of_discs
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.seam import Seam
-from tjscan.towing.topics import TOW_RECORDING, read_tow
+from tjscan.towing.topics import read_tow
 
 CABLE_CLEARANCE: Final = Measure("cable's clearance of obstacles", "mm")
 VEHICLE_CLEARANCE: Final = Measure("vehicles' clearance", "mm")
@@ -49,8 +49,6 @@ CIRCLE_SIDES: Final = 40
 CYCLES_BETWEEN_STEPS: Final = 2
 """Cycles of a recording between two steps."""
 
-TowEntry = TowCycle | TowTruth | RunEvent
-
 
 class TowShow:
     """Turns what a tow's journal receives into steps of the page; frame w, z up.
@@ -65,25 +63,24 @@ class TowShow:
     def __init__(self, job: TowJob, title: str) -> None:
         self._job, self._chain, self._seam = job, job.chain, Seam(job.seam)
         self._began: float | None = None
-        self.setting = self._setting(title)
+        self.setting = self._make_setting(title)
 
-    def step(self, entry: TowEntry) -> Step:
+    def step(self, entry: object) -> Step:
         """Return what one entry of the journal changes on the page."""
         match entry:
             case TowCycle():
                 return self._cycle_step(entry)
             case TowTruth():
                 return self._truth_step(entry)
-            case RunEvent():
-                stopped = {STATE_FACT: f"stop: {entry.detail}"} if entry.name == "stop" else {}
-                return Step(entry.name, facts=stopped, events=((entry.name, entry.detail),))
+            case RunEvent(name, detail):
+                stopped = {STATE_FACT: f"stop: {detail}"} if name == "stop" else {}
+                return Step(name, facts=stopped, events=((name, detail),))
+        return Step()
 
-    def _setting(self, title: str) -> Setting:
+    def _make_setting(self, title: str) -> Setting:
         job = self._job
-        rings = [
-            _on_floor(np.array((*ring, ring[0])), height=0.0)
-            for ring in (job.area.outline, *job.area.holes)
-        ]
+        rings = (job.area.outline, *job.area.holes)
+        walls = [_on_floor(np.array((*ring, ring[0])), height=0.0) for ring in rings]
         outline = np.array(job.area.outline)
         middle = np.array((*(0.5 * (outline.min(axis=0) + outline.max(axis=0))), 0.0))
         size = float(np.linalg.norm(np.ptp(outline, axis=0)))
@@ -91,20 +88,14 @@ class TowShow:
         shape = Cylinder(job.vehicles.radius, VEHICLE_HEIGHT)
         names = [f"vehicle {k + 1}" for k in range(job.vehicles.count - 1)]
         seam = _on_floor(self._seam.path.points)
+        clearances, forces = (CABLE_CLEARANCE, VEHICLE_CLEARANCE), (WELDER_FORCE, VEHICLE_FORCE)
         return Setting(
             title,
-            (
-                LARGEST_BEND,
-                CABLE_CLEARANCE,
-                VEHICLE_CLEARANCE,
-                PLAN_OBJECTIVE,
-                WELDER_FORCE,
-                VEHICLE_FORCE,
-            ),
+            (LARGEST_BEND, *clearances, PLAN_OBJECTIVE, *forces),
             "time / s",
             bodies={name: (Solid(name, shape, upright),) for name in (*names, "welder")},
             ghost=(
-                Lines.through(*rings, colour=NOMINAL_COLOUR, width=2.0),
+                Lines.through(*walls, colour=NOMINAL_COLOUR, width=2.0),
                 Lines.through(seam, colour=LASER_COLOUR, width=2.5),
             ),
             look_at=middle,
@@ -114,24 +105,21 @@ class TowShow:
     def _cycle_step(self, cycle: TowCycle) -> Step:
         self._began = cycle.time if self._began is None else self._began
         plan, time = cycle.plan, cycle.time - self._began
-        estimate = self._chain.line(plan.estimate)
-        discs = cycle.obstacles[:, :3]
+        estimate, planned = self._chain.line(plan.estimate), self._chain.line(plan.angles)
+        discs, radius = cycle.obstacles[:, :3], self._job.vehicles.radius
         values = {
             LARGEST_BEND.name: float(np.degrees(np.abs(plan.angles).max())),
             PLAN_OBJECTIVE.name: plan.terms.paper,
-            VEHICLE_CLEARANCE.name: 1e3
-            * vehicles_apart(cycle.poses, self._job.vehicles.radius, discs),
+            VEHICLE_CLEARANCE.name: 1e3 * vehicles_apart(cycle.poses, radius, discs),
         }
         if len(discs):
-            values[CABLE_CLEARANCE.name] = 1e3 * clearance(estimate, discs)
+            values[CABLE_CLEARANCE.name] = 1e3 * clearance_of_discs(estimate, discs)
         bodies = zip(self.setting.bodies, cycle.poses, strict=True)
         drawn: dict[str, Drawable] = {
             **{name: Placement(pose(rot_z(a), (x, y, 0.0))) for name, (x, y, a) in bodies},
             "cable": Lines.through(_on_floor(estimate), colour=TOOL_COLOUR, width=4.0),
-            "planned": Lines.through(
-                _on_floor(self._chain.line(plan.angles)), colour=FITTED_COLOUR, width=2.0
-            ),
-            "obstacles": Lines.through(*map(_circle, discs), colour=SOLID_COLOUR, width=3.0),
+            "planned": Lines.through(_on_floor(planned), colour=FITTED_COLOUR, width=2.0),
+            "obstacles": Lines.through(*map(_ring, discs), colour=SOLID_COLOUR, width=3.0),
         }
         return Step(
             f"{time:.1f} s",
@@ -158,25 +146,17 @@ class TowShow:
 
     def _truth_step(self, truth: TowTruth) -> Step:
         """What a simulation knows too: the true cable, and its forces."""
-        time = truth.time if self._began is None else truth.time - self._began
+        cable = Lines.through(_on_floor(truth.line), colour=NOMINAL_COLOUR, width=2.0)
         values = {
             WELDER_FORCE.name: float(np.hypot(*truth.welder_force[:2])),
             VEHICLE_FORCE.name: float(truth.vehicle_forces.max(initial=0.0)),
         }
         return Step(
-            drawn={
-                "true cable": Lines.through(_on_floor(truth.line), colour=NOMINAL_COLOUR, width=2.0)
-            },
+            drawn={"true cable": cable},
             facts={name: f"{force:.1f} N" for name, force in values.items()},
-            samples=(Sample(time, values),),
+            samples=(Sample(truth.time - (self._began or 0.0), values),),
             events=[("touch", one) for one in truth.touches],
         )
-
-
-def clearance(line: Array, discs: Array) -> float:
-    """Least distance in metres of a line's corners, (n, 2), from discs x, y, radius, (m, 3)."""
-    apart = np.linalg.norm(line[:, None, :2] - discs[None, :, :2], axis=2)
-    return float((apart - discs[:, 2]).min())
 
 
 def vehicles_apart(poses: Array, radius: float, discs: Array) -> float:
@@ -200,43 +180,24 @@ def _on_floor(points: Array, height: float = CABLE_HEIGHT) -> Array:
     return np.column_stack((points[:, :2], np.full(len(points), height)))
 
 
-def _circle(disc: Array) -> Array:
+def _ring(disc: Array) -> Array:
     turn = np.linspace(0, 2 * np.pi, CIRCLE_SIDES + 1)
     return _on_floor(disc[:2] + disc[2] * np.column_stack((np.cos(turn), np.sin(turn))))
 
 
-def read_tow_show(directory: Path) -> RecordedShow | None:
+def read_tow_show(directory: Path) -> tuple[TowShow, Iterator[object]]:
     """Read what a tow's recording has to show; see `tjscan.live.step.ShowReader`."""
-    if not recording_files(directory, TOW_RECORDING)[0].is_file():
-        return None
     show = TowShow(read_tow_job(directory / JOB_FILE), directory.resolve().name)
-    return RecordedShow(show.setting, tuple(map(show.step, _entries(directory))))
+    return show, _read_thinned_entries(directory)
 
 
-def _entries(directory: Path) -> Iterator[TowEntry]:
+def _read_thinned_entries(directory: Path) -> Iterator[object]:
     """Events, and of cycles and truths every second one."""
-    seen = Counter[type[TowEntry]]()
+    seen = Counter[type]()
     for entry in read_tow(directory):
         seen[type(entry)] += 1
         if isinstance(entry, RunEvent) or seen[type(entry)] % CYCLES_BETWEEN_STEPS == 1:
             yield entry
-
-
-class TowPageJournal:
-    """A tow's journal that hands everything to the page, and what a simulation knows beside.
-
-    Parameters
-    ----------
-    run : RunOnPage
-    """
-
-    def __init__(self, run: RunOnPage[TowEntry]) -> None:
-        self._run = run
-
-    def record(self, message: object) -> None:
-        """Show a cycle or an event; or what a simulation knows: the cable, and its forces."""
-        if isinstance(message, TowCycle | TowTruth | RunEvent):
-            self._run.post(message)
 
 
 @contextmanager
@@ -246,9 +207,9 @@ def show_tow(
     where: PageAddress,
     report: Callable[[str], object],
     interrupt: Callable[[], object],
-) -> Iterator[TowPageJournal]:
+) -> Iterator[RunOnPage]:
     """Show a tow while the block runs; for the parameters see `show_crawl`."""
     stop = stop_button(interrupt, "all vehicles")
     with show_run(TowShow(job, title), where, report, lambda _: stop) as run:
         run.show_state("plans the whole seam before anything moves")
-        yield TowPageJournal(run)
+        yield run

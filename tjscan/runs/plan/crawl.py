@@ -69,7 +69,7 @@ def plan_crawl_run(
     gravity : ndarray, shape (3,)
         Downwards in frame c: x along the joint, y to the right, z into the hull.
     out : Path, optional
-        Where the files go; the run directory where left out.
+        Where the files go; the run directory if left out.
     after_pass : int
         Passes after which the joint is looked at: on the way back from the last of them.
 
@@ -81,7 +81,7 @@ def plan_crawl_run(
         If the files can't be written, or the recording is damaged.
     """
     wps, job = read_wps(wps_file), read_crawl_job(directory / JOB_FILE)
-    seen = _profiles(directory, job, after_pass)
+    seen = _profiles_along_weld(directory, job, after_pass)
     if after_pass and not seen:
         raise ConfigurationError(
             f"the crawl saw nothing on its way back from pass {after_pass}: did it weld so many?",
@@ -98,14 +98,10 @@ def plan_crawl_run(
         + f"# planned from what was seen of the weld from {begin:.0f} to {end:.0f} mm\n"
         + passes_to_toml(passes, wps.name)
     )
+    texts, without = {CRAWL_PASSES_FILE: text}, f"a crawl job takes {CRAWL_PASSES_FILE}"
+    divided = DividedPlan(plan)
     return write_plan(
-        directory,
-        out,
-        wps_file,
-        DividedPlan(plan, (), {}),
-        provenance,
-        {CRAWL_PASSES_FILE: text},
-        without_stations=f"a crawl job takes {CRAWL_PASSES_FILE}",
+        directory, out, wps_file, divided, provenance, texts, without_stations=without
     )
 
 
@@ -172,15 +168,14 @@ def butt_joint_edges(
     usual = [np.median(depths[np.abs(places - at) <= USUAL_DEPTH_RADIUS]) for at in places]
     higher = np.array(usual) - depths
     station = (places / STATION_LENGTH).astype(int)
-    tacks = {
-        int(k): bool(np.mean(higher[station == k] > BURIED_HEIGHT) > 0.5)
-        for k in np.unique(station)
-    }
-    bare = {
-        k: [readings[i] for i in np.flatnonzero((station == k) & (np.abs(higher) <= BURIED_HEIGHT))]
-        for k in tacks
-    }
-    rows = [bare[k] for k in tacks if len(bare[k]) >= FEWEST_PROFILES]
+    middles, tacked, rows = [], [], []
+    for k in np.unique(station):
+        is_there = station == k
+        middles.append(places[is_there].mean())
+        tacked.append(bool(np.mean(higher[is_there] > BURIED_HEIGHT) > 0.5))
+        bare = np.flatnonzero(is_there & (np.abs(higher) <= BURIED_HEIGHT))
+        if len(bare) >= FEWEST_PROFILES:
+            rows.append([readings[i] for i in bare])
     if len(rows) < FEWEST_PROFILES + 1:
         raise ConfigurationError(
             f"the joint's edges and root were read at {len(rows)} stations of "
@@ -190,7 +185,7 @@ def butt_joint_edges(
         )
     means, spreads, area_sigmas = [], [], []
     for row in rows:
-        flat = np.stack([_trapezoid(reading) for _, reading in row])
+        flat = np.stack([_trapezoid_of_reading(reading) for _, reading in row])
         areas = np.array([reading.area_left for _, reading in row])
         along = np.full((4, 1), np.mean([at for at, _ in row]))
         means.append(np.hstack((along, flat.mean(axis=0) * (1, -1))))
@@ -200,14 +195,10 @@ def butt_joint_edges(
     edges = fit_edges_to_corners(
         np.stack(means), np.stack(spreads), np.array(area_sigmas), longest_step
     )
-    middles = np.array([places[station == k].mean() for k in tacks])
-    root = replace(
-        edges.root,
-        s=middles - means[0][0, 0],
-        openness=np.zeros(len(middles)),
-        tacked=np.array(list(tacks.values())),
-    )
-    return replace(edges, root=root), float(means[0][0, 0])
+    start, openness = float(means[0][0, 0]), np.zeros(len(middles))
+    s = np.array(middles) - start
+    root = replace(edges.root, s=s, openness=openness, tacked=np.array(tacked))
+    return replace(edges, root=root), start
 
 
 def _read_joint(
@@ -215,9 +206,7 @@ def _read_joint(
 ) -> list[tuple[float, ButtJointReading]]:
     """Readings with edges along the weld; beside it the root is another."""
     tracker, found = JointTracker(), []
-    for at, profile in seen:
-        if not 0 <= at <= length:
-            continue
+    for at, profile in ((at, profile) for at, profile in seen if 0 <= at <= length):
         with suppress(GrooveNotFound):
             reading = tracker.read(profile)
             if np.isfinite(reading.edges).all() and reading.depth_left > 0:
@@ -225,29 +214,23 @@ def _read_joint(
     return found
 
 
-def _trapezoid(reading: ButtJointReading) -> Array:
+def _trapezoid_of_reading(reading: ButtJointReading) -> Array:
     """p3, p4, g and p2 across the joint from its centre, and out of the hull, shape (4, 2)."""
     across, into = reading.joint_coordinates(*reading.edges.T)
     width = float(across[1] - across[0])
-    bottom = max(2 * reading.area_left / reading.depth_left - width, 0.0)
-    middle, level = float(across.mean()), -float(into.mean())
-    low = level - reading.depth_left
-    return np.array(
-        [
-            (middle - 0.5 * bottom, low),
-            (middle + 0.5 * bottom, low),
-            (across[1], -into[1]),
-            (across[0], -into[0]),
-        ]
-    )
+    half = 0.5 * max(2 * reading.area_left / reading.depth_left - width, 0.0)
+    middle, low = float(across.mean()), -float(into.mean()) - reading.depth_left
+    bottom = [(middle - half, low), (middle + half, low)]
+    return np.array([*bottom, (across[1], -into[1]), (across[0], -into[0])])
 
 
-def _profiles(directory: Path, job: CrawlJob, after_pass: int) -> list[tuple[float, Profile]]:
+def _profiles_along_weld(
+    directory: Path, job: CrawlJob, after_pass: int
+) -> list[tuple[float, Profile]]:
     """Profiles along the weld, before the first pass or on the way back from one."""
     phases = {Phase.RETURN} if after_pass else {Phase.FORWARD_ALIGNMENT, Phase.BACKWARD_ALIGNMENT}
-    ahead = job.vehicle.laser_to_torch
     return [
-        (cycle.travel + ahead, profile)
+        (cycle.travel + job.vehicle.laser_to_torch, profile)
         for cycle, profile in read_recorded_crawl(directory).profiles
         if cycle.phase in phases and (not after_pass or cycle.number == after_pass)
     ]

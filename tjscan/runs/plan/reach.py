@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
@@ -20,9 +21,11 @@ from tjscan.core.frames import (
     rot_z,
     transform_points,
 )
-from tjscan.job import ScanJob, read_scan_job
+from tjscan.core.units import MM
 from tjscan.job.arm import kinematics_of_job, solids_in_base
+from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.planning.bead import PlannedBead
+from tjscan.planning.document import LengthEntry
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.stops import StationStretch
@@ -67,7 +70,7 @@ class WeldingStation:
     kinematics: Kinematics
     T_b_r: Array
 
-    def hindrance(self, torch: TorchSettings, groove: Array, reserve: float) -> Hindrance:
+    def make_hindrance(self, torch: TorchSettings, groove: Array, reserve: float) -> Hindrance:
         """What keeps the arm with a torch from a configuration.
 
         The solids of the job, whose frame w is known if the job states the joint's pose in
@@ -104,8 +107,7 @@ class WeldingStation:
                 return 0.0 if other == SCANNED_GROOVE else -np.inf
             return torch.margin if moving in of_torch else table.solids
 
-        pairs = model.pairs
-        margins = np.array([least(p.moving, p.other, own=p.own) for p in pairs])
+        margins = np.array([least(pair.moving, pair.other, own=pair.own) for pair in model.pairs])
         check = model.make_check(margins + reserve)
 
         def hindrance(q: Array) -> str:
@@ -138,35 +140,34 @@ def welding_stations(directory: Path, frame: str) -> tuple[WeldingStation, ...]:
     """
     report = read_stitching_report(directory)
     if report is None:
-        job = _job(directory)
-        T_b_r = np.eye(4)
+        job, T_b_r = _read_job(directory), np.eye(4)
         if frame == "j":
             if job.joint is None or job.station:
-                raise ConfigurationError("does not say where the joint stands", key="joint")
+                raise ConfigurationError("does not state the pose of the joint", key="joint")
             T_b_r = job.joint.T_w_j
-        return (
-            _station(job.station_names[0] if job.station else ARM_STATION, job, directory, T_b_r),
-        )
-    order = _job(directory).station_names if (directory / JOB_FILE).is_file() else ()
+        name = job.station_names[0] if job.station else ARM_STATION
+        return (_make_station(name, job, directory, T_b_r),)
+    order = _read_job(directory).station_names if (directory / JOB_FILE).is_file() else ()
     found = []
     for one in report.stations:
         folder = directory / one.source
         T_j_b = pose_from_euler_zyx(1e-3 * np.array(one.position_mm), np.radians(one.euler_zyx_deg))
-        found.append(_station(one.name, _job(folder), folder, inverse_pose(T_j_b)))
+        found.append(_make_station(one.name, _read_job(folder), folder, inverse_pose(T_j_b)))
     return tuple(sorted(found, key=lambda s: order.index(s.name) if s.name in order else 0))
 
 
-def _station(name: str, job: ScanJob, folder: Path, T_b_r: Array) -> WeldingStation:
-    with add_file_to_errors(folder / JOB_FILE):
+def _make_station(name: str, job: ScanJob, folder: Path, T_b_r: Array) -> WeldingStation:
+    file = folder / JOB_FILE
+    with add_file_to_errors(file):
         model = kinematics_of_job(job)
-        deviations = RunContext(job, folder / JOB_FILE).sensor_mount.deviations
+        deviations = RunContext(job, file).sensor_mount.deviations
     calibrated = model if deviations is None else with_deviations(model, deviations)
-    return WeldingStation(name, job, folder / JOB_FILE, model, calibrated, T_b_r)
+    return WeldingStation(name, job, file, model, calibrated, T_b_r)
 
 
-def _job(folder: Path) -> ScanJob:
+def _read_job(folder: Path) -> ScanJob:
     if not (folder / JOB_FILE).is_file():
-        raise ConfigurationError("the run holds no job that says where its arm stood", file=folder)
+        raise ConfigurationError("the run holds no job that states its arm's place", file=folder)
     return read_scan_job(folder / JOB_FILE)
 
 
@@ -180,21 +181,9 @@ SURFACE_STEP: Final = 10e-3
 """Metres between sections of the groove's surface: a tube's chords stay 0.1 mm off it."""
 
 
-@dataclass(frozen=True, slots=True)
-class UnreachedLength:
-    """A length of groove that a station does not reach.
-
-    Parameters
-    ----------
-    begin, end : float
-        Metres along the groove.
-    reason : str
-        What mostly prevents it.
-    """
-
-    begin: float
-    end: float
-    reason: str
+def to_mm(length: float) -> float:
+    """Metres along the groove as millimetres of a plan's document."""
+    return round(length / MM.factor, 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -233,23 +222,30 @@ class StationReach:
         found = self.longest
         if found is None or found[0] == found[1]:
             return None
-        return StationStretch(self.station.name, *(float(self._at(np.array(i))) for i in found))
+        return StationStretch(self.station.name, *(float(self._along(np.array(i))) for i in found))
 
     @property
-    def unreached(self) -> tuple[UnreachedLength, ...]:
+    def usual_hindrance(self) -> str:
+        """What prevents it at most places."""
+        return Counter(self.holds.hindrances).most_common(1)[0][0]
+
+    @property
+    def unreached(self) -> tuple[LengthEntry, ...]:
         """Lengths of groove beyond that stretch, and what prevents them."""
         first, last = self.longest or (0, -1)
         m, step = len(self.places), self.places[1] - self.places[0]
         reached = {i % m for i in range(first, last + 1)}
-        found = list[UnreachedLength]()
+        found = list[tuple[float, float, str]]()
         for i in (i for i in range(m) if i not in reached):
-            at = float(self.places[i])
+            begin = at = float(self.places[i])
             reason = self.holds.hindrances[i] or "a joint would have to jump"
-            if found and found[-1].reason == reason and at - found[-1].end < 1.5 * step:
-                found[-1] = UnreachedLength(found[-1].begin, at, reason)
-            else:
-                found.append(UnreachedLength(at, at, reason))
-        return tuple(found)
+            if found and found[-1][2] == reason and at - found[-1][1] < 1.5 * step:
+                begin, *_ = found.pop()
+            found.append((begin, at, reason))
+        return tuple(
+            LengthEntry(begin_mm=to_mm(begin), end_mm=to_mm(end), reason=reason)
+            for begin, end, reason in found
+        )
 
     def lead_torch(self, plan: WeldPlan) -> StationPath:
         """Lead the torch along this station's beads, one after the other.
@@ -268,41 +264,37 @@ class StationReach:
         """
         first, last = self.longest or (0, 0)
         spins, q = self.holds.path(first, last)
-        q = _within_limits(q, self.station)
-        at = self._at(np.arange(first, last + 1))
+        q = _turned_within_limits(q, self.station)
+        at = self._along(np.arange(first, last + 1))
         torch, arm = plan.wps.torch, self.station.kinematics
         T_tool_f, back = inverse_pose(torch.tcp.T), pose(p=(0.0, 0.0, -torch.retract))
-        leader = _Leader(self.station, torch.tcp.T, self.hindrance)
-        found, before = list[BeadPath](), None
+        leader = _TorchLeader(self.station, torch.tcp.T, self.hindrance)
+        found, before = list[BeadPath](), np.empty((0, 4, 4))
         for bead in (bead for bead in plan.beads if bead.station == self.station.name):
             turns = np.round((0.5 * (at[0] + at[-1]) - bead.s.mean()) / self.length)
             s = bead.s + turns * self.length * self.holds.closed
             spun = np.array([pose(rot_z(spin)) for spin in np.interp(s, at, spins)])
             T = self.station.T_b_r @ bead.T_r_torch @ spun
             where = f"bead {bead.number} of station {self.station.name}"
-            if before is None:
+            if not found:
                 near = q[int(np.argmin(np.abs(at - s[0])))]
-                leader.q = arm.inverse(T[0] @ back @ T_tool_f, near=near)
-                start = leader.q
-                way = np.empty((0, 4, 4))
-            else:
-                way = leader.way(before, where)
-            way = np.concatenate((way, leader.way(np.array([T[0] @ back, T[0]]), where)))
-            path = leader.bead(T, bead, where)
-            leave = leader.way(np.array([T[-1] @ back]), where)
+                start = leader.q = arm.inverse(T[0] @ back @ T_tool_f, near=near)
+            way = leader.lead_on_lines(np.concatenate((before, [T[0] @ back, T[0]])), where)
+            path = leader.lead_along_bead(T, bead, where)
+            leave = leader.lead_on_lines(np.array([T[-1] @ back]), where)
             found.append(BeadPath(bead, way, path, leave))
             # Points half a retraction apart: the way back needs no more.
             apart = bead.length / (len(bead.s) - 1)
             before = (T @ back)[:: -max(1, int(0.5 * torch.retract / apart))]
         return StationPath(self.station.name, start, tuple(found))
 
-    def _at(self, i: NDArray[np.int64]) -> Array:
+    def _along(self, i: NDArray[np.int64]) -> Array:
         """Metres along the groove of places, beyond its length after a turn."""
         m = len(self.places)
         return np.asarray(self.places[i % m] + self.length * (i // m))
 
 
-class _Leader:
+class _TorchLeader:
     """Leads an arm from pose to pose of its tool, and checks that nothing is in the way."""
 
     def __init__(self, station: WeldingStation, T_f_tool: Array, hindrance: Hindrance) -> None:
@@ -310,7 +302,7 @@ class _Leader:
         self._T_tool_f = inverse_pose(T_f_tool)
         self.q = np.zeros(6)
 
-    def way(self, poses: Array, where: str) -> Array:
+    def lead_on_lines(self, poses: Array, where: str) -> Array:
         """On lines to poses of the tool, shape (k, 4, 4); as the controller is commanded."""
         commanded = []
         for T in poses:
@@ -322,10 +314,10 @@ class _Leader:
             for q in path[1:]:
                 self._check(q, T_b_f, f"on the way to {where}")
             self.q = path[-1]
-            commanded.append(self._commanded(T_b_f))
+            commanded.append(self._commanded_tool_pose(T_b_f))
         return np.array(commanded)
 
-    def bead(self, poses: Array, bead: PlannedBead, where: str) -> Array:
+    def lead_along_bead(self, poses: Array, bead: PlannedBead, where: str) -> Array:
         """Along a bead's poses, shape (q, 4, 4); as the controller is commanded."""
         commanded = []
         for T, s in zip(poses, bead.s, strict=True):
@@ -335,7 +327,7 @@ class _Leader:
                 raise PoseUnreachable(f"{here}: a joint would have to swing at once", T_b_f)
             self._check(q, T_b_f, here)
             self.q = q
-            commanded.append(self._commanded(T_b_f))
+            commanded.append(self._commanded_tool_pose(T_b_f))
         return np.array(commanded)
 
     def _check(self, q: Array, T_b_f: Array, where: str) -> None:
@@ -344,7 +336,7 @@ class _Leader:
         if reason:
             raise PoseUnreachable(f"{where}: {reason}", T_b_f)
 
-    def _commanded(self, T_b_f: Array) -> Array:
+    def _commanded_tool_pose(self, T_b_f: Array) -> Array:
         return self._station.commanded_pose(T_b_f, self.q) @ self._T_f_tool
 
 
@@ -369,16 +361,16 @@ def find_station_reach(station: WeldingStation, plan: WeldPlan, groove: Array) -
     count = ceil(edges.length / PLACE_STEP)
     places = np.linspace(0.0, edges.length, count + 1)[: count if edges.closed else None]
     T = station.T_b_r @ torch_poses(plan, places)
-    hindrance = station.hindrance(torch, groove, MARGIN_RESERVE)
     holds = find_tool_holds(
         station.kinematics,
         torch.tcp.T,
         T,
-        hindrance,
+        station.make_hindrance(torch, groove, MARGIN_RESERVE),
         singular=station.job.clearance.singular,
         closed=edges.closed,
     )
-    return StationReach(station, station.hindrance(torch, groove, 0.0), places, edges.length, holds)
+    hindrance = station.make_hindrance(torch, groove, 0.0)
+    return StationReach(station, hindrance, places, edges.length, holds)
 
 
 def groove_surface(edges: GrooveEdges, sections: Array) -> Array:
@@ -399,11 +391,10 @@ def groove_surface(edges: GrooveEdges, sections: Array) -> Array:
     s = np.linspace(0.0, edges.length, ceil(edges.length / SURFACE_STEP) + 1)
     p3, p4, _, p2 = np.moveaxis(edges.corners(s), 1, 0)
     period = edges.length if edges.closed else None
-    beside = np.concatenate(
-        (sections[:, 0] - sections[:, 1], sections[:, 4] - sections[:, 3]), axis=1
+    wall, leg = (
+        np.transpose([np.interp(s, edges.sections, x, period=period) for x in beside.T])
+        for beside in (sections[:, 0] - sections[:, 1], sections[:, 4] - sections[:, 3])
     )
-    between = [np.interp(s, edges.sections, column, period=period) for column in beside.T]
-    wall, leg = np.split(np.transpose(between), 2, axis=1)
     return np.stack((p2 + wall, p2, p3, p4, p4 + leg), axis=1)
 
 
@@ -424,21 +415,21 @@ def torch_poses(plan: WeldPlan, places: Array) -> Array:
     ndarray, shape (m, n, 4, 4)
         In frame r; the first one of a place again where fewer beads pass.
     """
-    found = [_poses_at(plan, float(place)) for place in places]
+    found = [_torch_poses_at(plan, float(place)) for place in places]
     most = max(map(len, found))
     return np.array([poses + poses[:1] * (most - len(poses)) for poses in found])
 
 
-def _poses_at(plan: WeldPlan, s: float) -> list[Array]:
+def _torch_poses_at(plan: WeldPlan, s: float) -> list[Array]:
     back = pose(p=(0.0, 0.0, -plan.wps.torch.retract))
-    near = [(bead, _nearest(bead, s, plan.edges)) for bead in plan.beads]
+    near = [(bead, _nearest_point_of_bead(bead, s, plan.edges)) for bead in plan.beads]
     least = min(away for _, (_, away) in near)
     here = [(bead, bead.T_r_torch[i]) for bead, (i, away) in near if away <= max(least, PLACE_STEP)]
     outer = {here[0][0].layer, here[-1][0].layer}
     return [T for _, T in here] + [T @ back for bead, T in here if bead.layer in outer]
 
 
-def _nearest(bead: PlannedBead, s: float, edges: GrooveEdges) -> tuple[int, float]:
+def _nearest_point_of_bead(bead: PlannedBead, s: float, edges: GrooveEdges) -> tuple[int, float]:
     """Which point of a bead is nearest to a place, and how far away, metres."""
     away = np.abs(bead.s - s)
     if edges.closed:
@@ -447,7 +438,7 @@ def _nearest(bead: PlannedBead, s: float, edges: GrooveEdges) -> tuple[int, floa
     return i, float(away[i])
 
 
-def _within_limits(q: Array, station: WeldingStation) -> Array:
+def _turned_within_limits(q: Array, station: WeldingStation) -> Array:
     """Joint angles of a path, shape (k, n), whole turns on so that they are within their limits."""
     arm = station.kinematics
     middle = 0.5 * (arm.lower + arm.upper)

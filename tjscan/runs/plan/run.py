@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Final
@@ -17,18 +17,12 @@ from tjscan.core.errors import ConfigurationError, PoseUnreachable, TubesNotFoun
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
-from tjscan.core.units import MM, MM2
+from tjscan.core.units import MM2
 from tjscan.groove.measured import MeasuredSection
 from tjscan.joint.tubes.find import find_tubes_in_cloud
 from tjscan.joint.tubes.fit import dihedral_angles, dihedral_sigmas
 from tjscan.planning.details import DetailStretch, compare_with_details
-from tjscan.planning.document import (
-    LengthEntry,
-    PlanDocument,
-    StationEntry,
-    beads_to_csv,
-    plan_document,
-)
+from tjscan.planning.document import PlanDocument, StationEntry, beads_to_csv, plan_document
 from tjscan.planning.edges import GrooveEdges, fit_groove_edges
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.stops import NO_STATION, StationStretch, crowns_and_saddles
@@ -41,10 +35,10 @@ from tjscan.result.shapes import read_finished_summary, read_run_shape
 from tjscan.result.table import read_sections_csv
 from tjscan.runs.plan.reach import (
     ARM_STATION,
-    StationReach,
     WeldingStation,
     find_station_reach,
     groove_surface,
+    to_mm,
     welding_stations,
 )
 
@@ -77,9 +71,8 @@ def add_file_of_key(wps_file: Path, sections: Path) -> Iterator[None]:
         key = error.key or ""
         of_wps = key.split(".")[0] in WeldingProcedure.model_fields
         file = error.file or (wps_file if of_wps else sections)
-        raise ConfigurationError(
-            error.message, file=None if key.startswith("--") else file, key=error.key
-        ) from None
+        named = None if key.startswith("--") else file
+        raise ConfigurationError(error.message, file=named, key=error.key) from None
 
 
 def details_of_run(
@@ -118,12 +111,8 @@ def details_of_run(
             file=directory / CLOUD_FILE,
         ) from None
     origins = np.array([section.T_r_g[:3, 3] for section in sections])
-    return compare_with_details(
-        edges,
-        dihedral_angles(tubes.brace, tubes.leg, origins),
-        dihedral_sigmas(tubes, origins),
-        wps.detail,
-    )
+    angles = dihedral_angles(tubes.brace, tubes.leg, origins)
+    return compare_with_details(edges, angles, dihedral_sigmas(tubes, origins), wps.detail)
 
 
 Replan = Callable[[tuple[StationStretch, ...]], WeldPlan]
@@ -144,8 +133,8 @@ class DividedPlan:
     """
 
     plan: WeldPlan
-    stations: tuple[StationEntry, ...]
-    paths: dict[str, StationPath]
+    stations: tuple[StationEntry, ...] = ()
+    paths: dict[str, StationPath] = field(default_factory=dict)
 
 
 def divide_plan(
@@ -179,13 +168,9 @@ def divide_plan(
             reaches.append(find_station_reach(arm, plan, groove))
     stretches = tuple(stretch for reach in reaches if (stretch := reach.stretch) is not None)
     if not stretches:
+        reasons = "; ".join(f"{one.station.name}: {one.usual_hindrance}" for one in reaches)
         raise ConfigurationError(
-            "no station reaches any of the groove with this torch: "
-            + "; ".join(
-                f"{reach.station.name}: {Counter(reach.holds.hindrances).most_common(1)[0][0]}"
-                for reach in reaches
-            ),
-            key="torch",
+            f"no station reaches any of the groove with this torch: {reasons}", key="torch"
         )
     divided, paths, entries = replan(stretches), dict[str, StationPath](), []
     for reach in reaches:
@@ -196,26 +181,12 @@ def divide_plan(
                 paths[file] = reach.lead_torch(divided)
             except PoseUnreachable as error:
                 file, problem = "", error.reason
-        entries.append(_entry(reach, file, problem))
+        stretch, entry = reach.stretch, {"program": file, "without_program": problem}
+        reached = None if stretch is None else (to_mm(stretch.begin), to_mm(stretch.end))
+        entries.append(
+            StationEntry(name=name, reached_mm=reached, unreached=reach.unreached, **entry)
+        )
     return DividedPlan(divided, tuple(entries), paths)
-
-
-def _entry(reach: StationReach, file: str, problem: str) -> StationEntry:
-    stretch = reach.stretch
-    return StationEntry(
-        name=reach.station.name,
-        reached_mm=None if stretch is None else (_mm(stretch.begin), _mm(stretch.end)),
-        unreached=tuple(
-            LengthEntry(begin_mm=_mm(one.begin), end_mm=_mm(one.end), reason=one.reason)
-            for one in reach.unreached
-        ),
-        program=file,
-        without_program=problem,
-    )
-
-
-def _mm(value: float) -> float:
-    return round(value / MM.factor, 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,10 +231,11 @@ class WrittenPlan:
 
     @property
     def unreached_spans(self) -> tuple[tuple[float, float], ...]:
-        """Lengths that no station reaches, where that was looked for; metres."""
+        """Lengths that no station reaches, if that was looked for; metres."""
+        if not self.document.stations:
+            return ()
         found = [bead for bead in self.plan.beads if bead.station == NO_STATION and bead.layer == 1]
-        spans = tuple((float(bead.s.min()), float(bead.s.max())) for bead in found)
-        return spans if self.document.stations else ()
+        return tuple((float(bead.s.min()), float(bead.s.max())) for bead in found)
 
 
 def write_plan(
@@ -300,12 +272,10 @@ def write_plan(
     from tjscan.planning.picture import draw_plan
     from tjscan.result.picture import write_png
 
-    plan, folder = divided.plan, out or directory
+    plan, folder, name = divided.plan, out or directory, directory.resolve().name
     label = f"{plan.wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
-    name = directory.resolve().name
-    document = plan_document(
-        plan, provenance, name, label, details, divided.stations, without_stations
-    )
+    stations = divided.stations
+    document = plan_document(plan, provenance, name, label, details, stations, without_stations)
     with write_files_atomically(folder, last=PLAN_FILE, instead_of=EARLIER_FILES) as draft:
         for file, text in texts.items():
             (draft / file).write_text(text, encoding="utf-8")
@@ -343,7 +313,7 @@ def plan_run(
     switch : ArcSwitch
         How the arc is switched in the program.
     out : Path, optional
-        Where the files go; the run directory where left out.
+        Where the files go; the run directory if left out.
     after_pass : int
         Passes that were welded before the groove was measured.
     reach : bool
@@ -369,19 +339,16 @@ def plan_run(
         marks = crowns_and_saddles(edges, np.eye(4)) if summary.frame == "j" else np.empty(0)
         plan = plan_weld(edges, wps, gravity, marks, after_pass=after_pass)
         details = details_of_run(directory, sections, edges, wps)
+        divided, without = DividedPlan(plan), "" if reach else "reach was not asked for"
         arms: tuple[WeldingStation, ...] = ()
-        without = "" if reach else "reach was not asked for"
         if reach:
             try:
                 arms = welding_stations(directory, summary.frame)
             except ConfigurationError as error:
                 without = str(error)
-        divided = DividedPlan(plan, (), {})
         if arms:
-            divided = divide_plan(
-                arms, plan, sections, lambda s: plan_weld(edges, wps, gravity, marks, s, after_pass)
-            )
-            plan = divided.plan
+            replan = partial(plan_weld, edges, wps, gravity, marks, after_pass=after_pass)
+            divided = divide_plan(arms, plan, sections, replan)
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), summary.frame, "mm")
     head = "".join(provenance.comment_lines("#").splitlines(keepends=True)[:3])  # no frame, units
     programs = {

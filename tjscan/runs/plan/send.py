@@ -12,8 +12,8 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, inverse_pose
-from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.arm import kinematics_of_job, solids_in_base
+from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.planning.urscript import StationPath, path_to_urscript
 from tjscan.planning.wps import TorchSettings
 from tjscan.result.directory import JOB_FILE
@@ -74,18 +74,15 @@ def arm_for_program(job_file: Path, station: str | None, run: Path) -> ArmForPro
             )
         if (run / JOB_FILE).is_file():
             scanned = RunContext(read_scan_job(run / JOB_FILE), run / JOB_FILE)
-            model = scanned.job.arm.model
-            if job.arm.model != model:
-                raise ConfigurationError(
-                    f"is a {job.arm.model}, but the run was scanned with a {model}",
-                    key="arm.model",
-                )
+            if job.arm.model != (model := scanned.job.arm.model):
+                reason = f"is a {job.arm.model}, but the run was scanned with a {model}"
+                raise ConfigurationError(reason, key="arm.model")
             joints = scanned.joint, RunContext(job, job_file).joint
             if None not in joints and joints[0] != joints[1]:
-                raise ConfigurationError(
-                    "is another joint than the run's: plan a run of this joint, or name its job",
-                    key="joint.file",
+                reason = (
+                    "is another joint than the run's: plan a run of this joint, or name its job"
                 )
+                raise ConfigurationError(reason, key="joint.file")
             _check_place(job, scanned.job, station)
     return ArmForProgram(job, settings)
 
@@ -117,18 +114,16 @@ def path_of_station(paths: Mapping[str, StationPath], station: str | None) -> St
     ConfigurationError
         If there is none, or several and none is named.
     """
-    names = [path.station for path in paths.values()]
-    if station is None and len(names) == 1:
-        station = names[0]
-    for path in paths.values():
-        if path.station == station:
-            return path
-    if not names:
-        raise ConfigurationError(
-            "there is no program to send: the plan states why", key="--send-to"
-        )
+    by_station = {path.station: path for path in paths.values()}
+    if not by_station:
+        reason = "there is no program to send: the plan states why"
+        raise ConfigurationError(reason, key="--send-to")
+    if station is None and len(by_station) == 1:
+        (station,) = by_station
+    if station in by_station:
+        return by_station[station]
     wanted = f"there is no program of {station!r}" if station else "there are several programs"
-    raise ConfigurationError(f"{wanted}; choose one of: {', '.join(names)}", key="--station")
+    raise ConfigurationError(f"{wanted}; choose one of: {', '.join(by_station)}", key="--station")
 
 
 def send_program(
@@ -162,22 +157,21 @@ def send_program(
     ArmFault
         If the arm can't be reached, is not ready, or did not come to the program's end.
     """
-    job, model = arm.job, kinematics_of_job(arm.job)
-    tools = [one.solid for one in torch.solid]
+    job, model, table = arm.job, kinematics_of_job(arm.job), arm.job.clearance
     collisions = CollisionModel(
         model,
         solids_in_base(job),
-        tools,
-        self_collision=job.clearance.self_collision,
-        ignored=job.clearance.ignore,
+        [one.solid for one in torch.solid],
+        self_collision=table.self_collision,
+        ignored=table.ignore,
     )
-    clearance = ClearPathPlanner(model, collisions, job.clearance)
+    clearance = ClearPathPlanner(model, collisions, table)
     limits = MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration)
     device = UrArm(model, arm.settings, limits)
     off = f"def tjscan_arc_off():\n  set_standard_digital_out({output}, False)\nend\n"
     T_b_tcp: Array = path.beads[-1].retreat[-1]
     script = path_to_urscript(path, torch, output, arc=arc)
-    with CollisionCheckedArm(device, clearance, torch.tcp.T, lifts=job.clearance.lifts) as checked:
+    with CollisionCheckedArm(device, clearance, torch.tcp.T, lifts=table.lifts) as checked:
         start = path.beads[0].approach[0] @ inverse_pose(torch.tcp.T)
         checked.move_joint_to_pose(start, near=np.asarray(path.q))
         device.run_program(UrProgram(script, T_b_tcp, off), started)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -14,14 +14,14 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import JointOrBaseFrame
 from tjscan.groove.read import read_groove
-from tjscan.job import ScanJob
 from tjscan.job.arm import SensorMount, sensor_mount_of_job
 from tjscan.job.cell import Cell, make_scan_cell
+from tjscan.job.files import ScanJob
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.recording.journal import CombinedJournal, Journal
 from tjscan.recording.parts import next_recording_file
-from tjscan.result.directory import URDF_FILE
+from tjscan.result.directory import CALIBRATION_FILE, JOINT_FILE, URDF_FILE
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.run import JobContext, make_run_directory, take_job_snapshot
@@ -42,6 +42,10 @@ class RunContext(JobContext[ScanJob]):
     """
 
     stop: StopRequest = field(default_factory=StopRequest)
+
+    def at_station(self, name: str | None = None) -> RunContext:
+        """The same at one of the job's stations; raises as `ScanJob.job_at_station` does."""
+        return replace(self, job=self.job.job_at_station(name))
 
     @cached_property
     def joint_file(self) -> Path | None:
@@ -84,22 +88,16 @@ class RunContext(JobContext[ScanJob]):
         ConfigurationError
             If the job, or a file that it names, is wrong.
         """
+        state = None if left is None else ArmState(left.q, left.T_b_f, left.time)
         with add_file_to_errors(self.job_file):
-            joint = self.joint
-            state = None if left is None else ArmState(left.q, left.T_b_f, left.time)
-            mount = self.sensor_mount
+            joint, mount = self.joint, self.sensor_mount
             return make_scan_cell(self.job, mount.T_f_s, joint, state, mount.deviations)
 
     def make_run_directory(self, directory: Path) -> None:
         """Make a run directory with the job and the files that it names."""
         with add_file_to_errors(self.job_file):
-            make_run_directory(
-                directory,
-                self.job,
-                self.job_file,
-                joint=self.joint_file,
-                calibration=self.sensor_mount.file,
-            )
+            copies = {JOINT_FILE: self.joint_file, CALIBRATION_FILE: self.sensor_mount.file}
+            make_run_directory(directory, self.job, self.job_file, copies)
 
     @contextmanager
     def open_recording(self, directory: Path) -> Iterator[Journal]:

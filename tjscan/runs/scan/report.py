@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -11,7 +12,7 @@ import numpy as np
 
 from tjscan.core.devices import DriverKind
 from tjscan.core.manifest import check_as_written
-from tjscan.job import ScanJob, read_scan_job
+from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.recording.reader import RecordingDamage
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import JOB_FILE, RECORDING_FILE, SUMMARY_FILE
@@ -39,8 +40,10 @@ def scan_chapter(directory: Path) -> ReportChapter:
     check_recording_complete(directory, read_summary(directory / SUMMARY_FILE), len(log.sections))
     started = "" if log.started is None else f"{log.started:%Y-%m-%d %H:%M} UTC"
     events = tuple(ReportEvent(event.time, event.name, event.detail) for event in log.events)
+    arm, laser = (f"{one.device_id} ({one.driver})" for one in (job.arm, job.laser))
+    devices = f"arm {arm}, laser {laser}"
     return ReportChapter(
-        facts=(("scanned", started), ("devices", _devices(job)), ("job", _job(job))),
+        facts=(("scanned", started), ("devices", devices), ("job", _scan_in_words(job))),
         findings=(*map(str, damages), *_findings(job, events)),
         charts=tuple(_charts([log.sections[i] for i in sorted(log.sections)], job)),
         events=events,
@@ -49,12 +52,7 @@ def scan_chapter(directory: Path) -> ReportChapter:
     )
 
 
-def _devices(job: ScanJob) -> str:
-    arm = f"arm {job.arm.device_id} ({job.arm.driver})"
-    return f"{arm}, laser {job.laser.device_id} ({job.laser.driver})"
-
-
-def _job(job: ScanJob) -> str:
+def _scan_in_words(job: ScanJob) -> str:
     scan = job.scan
     until = "to the end of the arm's reach"
     if scan.length is not None:
@@ -68,13 +66,10 @@ def _job(job: ScanJob) -> str:
 
 
 def _findings(job: ScanJob, events: Sequence[ReportEvent]) -> Iterator[str]:
-    names = [
-        event.name for event in events if event.name not in (*ORDINARY_EVENTS, *COUNTED_EVENTS)
-    ]
-    for name in dict.fromkeys(names):
-        count = names.count(name)
-        times = "" if count == 1 else f", {count} times"
-        yield f"An event was recorded: {name}{times}. See the events."
+    for name, count in Counter(event.name for event in events).items():
+        if name not in (*ORDINARY_EVENTS, *COUNTED_EVENTS):
+            times = "" if count == 1 else f", {count} times"
+            yield f"An event was recorded: {name}{times}. See the events."
     kinds = {job.arm.driver_kind, job.laser.driver_kind}
     if kinds == {DriverKind.REPLAYED}:
         yield "Replayed from a recording: nothing moved."
@@ -89,15 +84,7 @@ def _charts(sections: Sequence[ScannedSection], job: ScanJob) -> Iterator[Report
     index = np.array([section.view.index for section in sections], dtype=float)
     origins = np.array([section.T_b_g[:3, 3] for section in sections]).reshape(-1, 3)
     steps = 1e3 * np.linalg.norm(np.diff(origins, axis=0), axis=1)
-    clock = np.array([section.view.time for section in sections])
-    yield ReportChart(
-        "distance from the section before",
-        "section",
-        "step / mm",
-        index[1:],
-        steps,
-        1e3 * job.scan.step,
-    )
-    yield ReportChart(
-        "time of each section", "section", "arm's clock / s", index, clock - clock[:1].sum()
-    )
+    title, asked = "distance from the section before", 1e3 * job.scan.step
+    yield ReportChart(title, "section", "step / mm", index[1:], steps, asked)
+    times = np.array([section.view.time - sections[0].view.time for section in sections])
+    yield ReportChart("time of each section", "section", "arm's clock / s", index, times)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -17,15 +17,16 @@ from tjscan.core.errors import ConfigurationError, GrooveNotFound, RecordingErro
 from tjscan.core.files import refuse_links_outside, write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
-from tjscan.job import ScanJob, read_scan_job
 from tjscan.job.arm import SensorMount
+from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import RecordingDamage
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.result.summary import ScanSummary
 from tjscan.runs.run import (
     COPIED_FILES,
-    do_nothing_when_finished,
+    WhenFinished,
+    do_nothing,
     refuse_directory_inside,
     refuse_other_keys,
 )
@@ -38,13 +39,8 @@ from tjscan.scanning.recorded import RecordedScan
 from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.sections_before import read_section
 
-REPROCESSABLE_KEYS: Final = (
-    "groove.",
-    "calibration.",
-    "joint.",
-    "arm.uncertainty.",
-    "laser.uncertainty.",
-)
+UNCERTAINTY_KEYS: Final = ("arm.uncertainty.", "laser.uncertainty.")
+REPROCESSABLE_KEYS: Final = ("groove.", "calibration.", "joint.", *UNCERTAINTY_KEYS)
 """Keys of how recorded profiles are read and reported, not of how they were taken."""
 
 FEWEST_SECTIONS: Final = 2
@@ -104,7 +100,7 @@ def reprocess_run(
     directory: Path,
     overrides: dict[str, Any],
     out: Path | None = None,
-    finished: Callable[[Path], object] = do_nothing_when_finished,
+    finished: WhenFinished = do_nothing,
 ) -> ReprocessedRun:
     """Read a run's recorded sections again with other settings, and write a new directory.
 
@@ -119,7 +115,7 @@ def reprocess_run(
     overrides : dict
         Dotted keys and values, from `REPROCESSABLE_KEYS` only.
     out : Path, optional
-        The directory to make, outside of the run's; beside it where left out.
+        The directory to make, outside of the run's; beside it if left out.
     finished : callable
         Is called with every directory whose results are written.
 
@@ -144,30 +140,22 @@ def reprocess_run(
     job = read_scan_job(job_file, overrides)
     context = RunContext(job, job_file, finished=finished)
     if len(job.station) < 2:
-        return ReprocessedRun(out, (_reprocess(replace(context, job=job.job_at_station()), out),))
-    refuse_links_outside(directory, *(station.name for station in job.station))
+        return ReprocessedRun(out, (_reprocess_station(context, out),))
+    refuse_links_outside(directory, *job.station_names)
     context.make_run_directory(out)
-    stations = tuple(
-        _reprocess(
-            replace(
-                context,
-                job=read_scan_job(run / JOB_FILE, overrides).job_at_station(),
-                job_file=run / JOB_FILE,
-            ),
-            out / run.name,
-        )
-        for run in (directory / station.name for station in job.station)
-        if (run / JOB_FILE).is_file()
-    )
+    stations = []
+    for name in job.station_names:
+        if (file := directory / name / JOB_FILE).is_file():
+            there = RunContext(read_scan_job(file, overrides), file, finished=finished)
+            stations.append(_reprocess_station(there, out / name))
     whole = len(stations) == len(job.station) and all(one.is_whole for one in stations)
-    return ReprocessedRun(
-        out, stations, stitch_run_directories([out], out, finished=finished) if whole else None
-    )
+    stitched = stitch_run_directories([out], out, finished=finished) if whole else None
+    return ReprocessedRun(out, tuple(stations), stitched)
 
 
-def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
+def _reprocess_station(context: RunContext, out: Path) -> ReprocessedStation:
     """The same for a single run."""
-    directory, job = context.job_file.parent, context.job
+    context, directory = context.at_station(), context.job_file.parent
     refuse_links_outside(directory, *COPIED_FILES)
     check_as_written(*(directory / name for name in COPIED_FILES))
     with add_file_to_errors(context.job_file):
@@ -177,19 +165,17 @@ def _reprocess(context: RunContext, out: Path) -> ReprocessedStation:
     damages: list[RecordingDamage] = []
     recorded = read_recorded_scan(directory, damages.append)
     lost: dict[int, GrooveNotFound] = {}
-    sections = tuple(_sections(job, recorded, T_f_s, lost))
+    sections = tuple(_read_sections_again(context.job, recorded, T_f_s, lost))
     if len(sections) < FEWEST_SECTIONS:
-        raise next(
-            iter(lost.values()),
-            RecordingError(f"{directory}: holds less than {FEWEST_SECTIONS} finished sections"),
-        )
+        few = f"{directory}: holds less than {FEWEST_SECTIONS} finished sections"
+        raise next(iter(lost.values()), RecordingError(few))
     context.make_run_directory(out)
     with write_files_atomically(out) as draft:
         for file in recording_files(directory):
             shutil.copyfile(file, draft / file.name)
     views = tuple(replace(view, T_b_s=view.T_b_f @ T_f_s) for view in recorded.views)
-    stop, detail = _end(recorded, len(sections), len(damages))
-    result = ScanResult(sections, views, stop, detail, recorded.retry_counts)
+    detail = _words_of_another_reading(recorded, len(sections), len(damages))
+    result = ScanResult(sections, views, recorded.stop, detail, recorded.retry_counts)
     summary = write_job_results(context, out, result)
     return ReprocessedStation(out, summary, lost, tuple(damages))
 
@@ -198,11 +184,8 @@ def _refuse_other_kinematics(mount: SensorMount, directory: Path) -> None:
     """Recorded flange poses hold for the arm's kinematics as they were then."""
     file = directory / CALIBRATION_FILE
     then = read_calibration(file).kinematics if file.is_file() else None
-    before, now = (
-        np.zeros(0) if found is None else found
-        for found in (None if then is None else then.deviations_si, mount.deviations)
-    )
-    if not np.array_equal(before, now):
+    before = np.zeros(0) if then is None else then.deviations_si
+    if not np.array_equal(before, np.zeros(0) if mount.deviations is None else mount.deviations):
         raise ConfigurationError(
             "holds other kinematics of the arm than the scan was made with, and its flange poses "
             "were recorded with those: scan again, or give a calibration of the sensor alone",
@@ -217,7 +200,7 @@ def dated_sibling_directory(directory: Path) -> Path:
     return whole.with_name(f"{whole.name}-{datetime.now():%Y%m%d-%H%M%S}")
 
 
-def _sections(
+def _read_sections_again(
     job: ScanJob, recorded: RecordedScan, T_f_s: Array, lost: dict[int, GrooveNotFound]
 ) -> Iterator[ScannedSection]:
     """The sections that are found again; of the others, why not."""
@@ -237,9 +220,9 @@ def _sections(
             yield replace(section, view=replace(one.view, T_b_s=one.view.T_b_f @ T_f_s))
 
 
-def _end(recorded: RecordedScan, found: int, damages: int) -> tuple[StopReason, str]:
+def _words_of_another_reading(recorded: RecordedScan, found: int, damages: int) -> str:
     """Why the scan ended, and that this is another reading of it."""
     again = f"{found} of {len(recorded.sections)} sections read again"
     if damages:
         again += f"; its recording is damaged in {damages} place{'s' if damages > 1 else ''}"
-    return recorded.stop, f"{recorded.stop_reason or StopReason.CUT.value}; {again}"
+    return f"{recorded.stop_reason or StopReason.CUT.value}; {again}"

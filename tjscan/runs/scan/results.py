@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -48,26 +50,29 @@ def sections_in_result_frame(
     sections: Sequence[ScannedSection], frame: JointOrBaseFrame, station: str = "1"
 ) -> tuple[MeasuredSection, ...]:
     """Transform every finished section into the frame of the result."""
+    transform = partial(section_to_result_frame, frame=frame.letter, station=station)
     return tuple(
-        section_to_result_frame(
-            scan.groove,
-            frame.T_r_b @ scan.view.T_b_s,
-            frame.letter,
-            index=scan.view.index,
-            station=station,
-        )
+        transform(scan.groove, frame.T_r_b @ scan.view.T_b_s, index=scan.view.index)
         for scan in sections
     )
 
 
 def all_profile_points(sections: Sequence[ScannedSection], frame: JointOrBaseFrame) -> Array:
     """All profile points of the sections, shape (n, 3), metres, in the result's frame."""
+    views = [scan.view for scan in sections]
     return np.concatenate(
-        [
-            transform_points(frame.T_r_b @ scan.view.T_b_s, scan.view.profile.points_s)
-            for scan in sections
-        ]
+        [transform_points(frame.T_r_b @ view.T_b_s, view.profile.points_s) for view in views]
     )
+
+
+def corner_errors(
+    sections: Sequence[MeasuredSection], joint: JointDefinition | None
+) -> Array | None:
+    """Distances of the corners from the edges of a joint in their frame, metres; None without."""
+    if joint is None:
+        return None
+    corners = np.array([section.points for section in sections])
+    return corner_to_edge_distances(corners, feature_edges(joint), absent_corners(sections))
 
 
 def flange_way(hops: Iterable[tuple[ProfileView, ProfileView]]) -> tuple[float, float]:
@@ -103,6 +108,7 @@ def summarise_scan(
     travel, rotation = flange_way(pairwise(views))
     taken = [view for view in result.views if view.substep is not Substep.TAUGHT]
     found = sum(s.view.substep is not Substep.TAUGHT for s in result.sections)
+    error = None if corner_error is None else DistanceStatistics.from_distances(corner_error)
     return ScanSummary(
         sections=len(result.sections),
         scans=len(result.views),
@@ -111,22 +117,16 @@ def summarise_scan(
         detail=result.detail,
         frame=frame.letter,
         groove_length_mm=1e3 * groove_length(result.sections),
-        half_steps=result.counts.half_steps,
         step_mm=StepStatistics.from_steps(1e3 * plan.step, steps),
         flange_travel_mm=travel,
         flange_rotation_deg=rotation,
         motion_time_s=views[-1].time - views[0].time,
-        corner_error_mm=None
-        if corner_error is None
-        else DistanceStatistics.from_distances(corner_error),
+        corner_error_mm=error,
         calibration=calibration,
         scans_per_section=len(taken) / found if found else None,
         corrections_skipped=sum(s.view.substep is Substep.PREDICTION for s in result.sections),
-        taken_again=result.counts.taken_again,
-        merged=result.counts.merged,
-        nudges=result.counts.nudges,
-        retreats=result.counts.retreats,
         uncertainty=uncertainty,
+        **asdict(result.counts),
     )
 
 
@@ -158,13 +158,12 @@ def write_scan_results(
     budget = budget_of_causes(causes.causes, frame.T_r_b, len(result.sections))
     sections = budget.stated_in(sections_in_result_frame(result.sections, frame, station))
     points = all_profile_points(result.sections, frame)
-    corners = np.array([section.points for section in sections])
-    error = None
-    if joint is not None:
-        error = corner_to_edge_distances(corners, feature_edges(joint), absent_corners(sections))
+    error, calibration = corner_errors(sections, joint), calibration_label(directory)
     uncertainty = summarise_budget(budget, ~absent_corners(sections), causes.left_out)
-    summary = summarise_scan(result, plan, frame, error, calibration_label(directory), uncertainty)
+    summary = summarise_scan(result, plan, frame, error, calibration, uncertainty)
     middle = result.sections[len(result.sections) // 2]
+    groove, view = middle.groove, middle.view
+    example = ProfileReading(f"section {view.index}", view.profile, groove.points_s, groove)
     picture = draw_groove_overview(
         sections,
         points,
@@ -172,13 +171,7 @@ def write_scan_results(
         title=f"{len(sections)} sections, {result.stop}",
         outline=() if joint is None else joint_wireframe(joint),
         paths=[transform_points(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])],
-        example=ProfileReading(
-            f"section {middle.view.index}",
-            middle.view.profile,
-            middle.groove.points_s,
-            middle.groove,
-        ),
+        example=example,
     )
-    return write_run_results(
-        directory, sections, points, summary, picture, job_label_of_run(directory), budget
-    )
+    job = job_label_of_run(directory)
+    return write_run_results(directory, sections, points, summary, picture, job, budget)

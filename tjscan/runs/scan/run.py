@@ -12,8 +12,8 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import RecordingError, ScanInterrupted, TjscanError, message_with_notes
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
-from tjscan.job import ScanJob
 from tjscan.job.cell import Cell
+from tjscan.job.files import ScanJob
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.journal import CombinedJournal, Journal, RunEvent, event_recorder
 from tjscan.recording.parts import recording_files
@@ -76,10 +76,10 @@ def check_scan_job(context: RunContext) -> None:
         If a taught pose is, or the way there is blocked.
     """
     with add_file_to_errors(context.job_file):
-        places = context.job.jobs_at_stations
-    for place in places:
-        with replace(context, job=place).make_cell() as cell:
-            cell.arm.check_moves(*(start.T for start in place.start_poses))
+        jobs = context.job.jobs_at_stations
+    for job in jobs:
+        with replace(context, job=job).make_cell() as cell:
+            cell.arm.check_moves(*(start.T for start in job.start_poses))
 
 
 def scan_in_cell(
@@ -131,7 +131,7 @@ def run_scan(context: RunContext, directory: Path) -> ScanSummary:
         If the job is wrong or a device fails; the recording holds what was measured until then.
     """
     with add_file_to_errors(context.job_file):
-        context = replace(context, job=context.job.job_at_station())
+        context = context.at_station()
         cell = context.make_cell()
         context.make_run_directory(directory)
         with lock_and_clean_directory(directory):
@@ -165,22 +165,20 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
     refuse_links_outside(directory, *COPIED_FILES)
     check_keys_replaceable(overrides, context.job_file)
     with add_file_to_errors(context.job_file), lock_and_clean_directory(directory):
-        context = replace(context, job=context.job.job_at_station())
+        context = context.at_station()
         changed, done, damages = [], None, list[RecordingDamage]()
         if not nothing_recorded_yet(directory):  # else it ended before it began to record
             done = read_recorded_scan(directory, damages.append)
-            check_can_go_on_from(directory, damages)
+            _check_can_go_on_from(directory, damages)
             now = take_job_snapshot(directory, context.job)
-            changed = changes_since_recording(directory, done, now)
+            changed = _changes_since_recording(directory, done, now)
         accept_edited_copies(directory, context.journal)
         if done is not None and not changed and plan_is_fulfilled(done.stop, context.job.scan):
             nothing_left = "nothing is left to scan; the results are written from the recording"
             context.journal.record(RunEvent(ScanEvent.COMPLETE, nothing_left))
             sections = done.reread_sections(groove_reader_of_job(context.job))
-            result = ScanResult(
-                sections, done.views, done.stop, done.stop_reason, done.retry_counts
-            )
-            return write_job_results(context, directory, result)
+            ended = done.stop, done.stop_reason, done.retry_counts
+            return write_job_results(context, directory, ScanResult(sections, done.views, *ended))
         left = done.views[-1] if done and done.views else None
         if left is not None:
             check_joint_angles(left, Kinematics.load(context.job.arm.model), directory)
@@ -216,7 +214,7 @@ def check_joint_angles(view: ProfileView, arm: Kinematics, directory: Path) -> N
         )
 
 
-def check_can_go_on_from(directory: Path, damages: Iterable[RecordingDamage]) -> None:
+def _check_can_go_on_from(directory: Path, damages: Iterable[RecordingDamage]) -> None:
     """Check that a damaged recording is whole up to where the scan goes on.
 
     Raises
@@ -245,7 +243,7 @@ def check_keys_replaceable(overrides: Iterable[str], job_file: Path) -> None:
     refuse_other_keys(overrides, RESUMABLE_KEYS, why, job_file)
 
 
-def changes_since_recording(
+def _changes_since_recording(
     directory: Path, done: RecordedScan, now: JobSnapshot
 ) -> list[tuple[str, str]]:
     """Keys of the job that changed since a run was recorded; refuse those that must not.
@@ -283,14 +281,9 @@ def write_job_results(context: RunContext, directory: Path, result: ScanResult) 
         If a file can't be written.
     """
     job, frame = context.job, result_frame_of_job(context.job)
-    summary = write_scan_results(
-        directory,
-        result,
-        job.scan,
-        frame,
-        None if frame.T_b_j is None else context.joint,
-        causes_of_job(job, context.sensor_mount, result.sections),
-        station=job.station[0].name if job.station else "1",
-    )
+    joint = None if frame.T_b_j is None else context.joint
+    causes = causes_of_job(job, context.sensor_mount, result.sections)
+    station = job.station[0].name if job.station else "1"
+    summary = write_scan_results(directory, result, job.scan, frame, joint, causes, station=station)
     context.finished(directory)
     return summary

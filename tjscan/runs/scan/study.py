@@ -19,9 +19,10 @@ from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array, JointOrBaseFrame, transform_points
 from tjscan.core.units import pose_from_rows_mm, pose_to_rows_mm
-from tjscan.job import JointSettings, ScanJob, read_scan_job
 from tjscan.job.arm import sensor_mount_of_job
 from tjscan.job.cell import make_scan_cell
+from tjscan.job.files import ScanJob, read_scan_job
+from tjscan.job.surroundings import JointSettings
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.joint.file import JointFile
@@ -63,12 +64,8 @@ class StudyScanSettings:
 
     def to_canonical_json_text(self) -> str:
         """The settings as canonical JSON text."""
-        return canonical_json(
-            {
-                "job": table_to_dict(self.job),
-                "joint": self.joint.model_dump(mode="json"),
-            }
-        )
+        joint = self.joint.model_dump(mode="json")
+        return canonical_json({"job": table_to_dict(self.job), "joint": joint})
 
     @classmethod
     def from_json_text(cls, text: str) -> Self:
@@ -154,15 +151,15 @@ def run_study_scan(settings: StudyScanSettings) -> ScanOutcome:
         raise ConfigurationError("a scan of a study holds its joint and its calibration")
     cell = make_scan_cell(job, pose_from_rows_mm(job.calibration.T_f_s_mm), joint)
     result = scan_in_cell(cell, job, CombinedJournal())
-    return _outcome(result, job.scan, JointOrBaseFrame(job.joint.T_w_j), joint)
+    return _outcome_of_scan(result, job.scan, JointOrBaseFrame(job.joint.T_w_j), joint)
 
 
-def _outcome(
+def _outcome_of_scan(
     result: ScanResult, plan: ScanPlan, frame: JointOrBaseFrame, joint: JointDefinition
 ) -> ScanOutcome:
     corners = np.array([transform_points(frame.T_r_b, s.points_b) for s in result.sections])
     absent = absent_corners([s.groove for s in result.sections])
-    errors = corner_to_edge_distances(corners, _edges(joint), absent)
+    errors = corner_to_edge_distances(corners, _cached_feature_edges(joint), absent)
     summary = summarise_scan(result, plan, frame, errors)
     step, error, own = summary.step_mm, summary.corner_error_mm, summary.sections - 2
     predicted, corrected = (
@@ -191,20 +188,22 @@ def _outcome(
         motion_time_s=summary.motion_time_s,
         corner_mean_mm=None if error is None else error.mean,
         corner_p95_mm=None if error is None else error.p95,
-        path=_path(result, frame),
+        path=_flange_path(result, frame),
     )
 
 
-def _path(result: ScanResult, frame: JointOrBaseFrame) -> tuple[tuple[float, float, float], ...]:
+def _flange_path(
+    result: ScanResult, frame: JointOrBaseFrame
+) -> tuple[tuple[float, float, float], ...]:
     """The flange's path in cylinder coordinates of frame j, degrees and mm, rounded for a plot."""
     flange = transform_points(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])
     azimuth = np.degrees(np.unwrap(np.arctan2(flange[:, 1], flange[:, 0])))
     distance = 1e3 * np.hypot(flange[:, 0], flange[:, 1])
     points: Array = np.round(np.column_stack((azimuth, distance, 1e3 * flange[:, 2])), 3)
-    return tuple((float(a), float(r), float(z)) for a, r, z in points)
+    return tuple((a, r, z) for a, r, z in points.tolist())
 
 
-_edges = lru_cache(maxsize=EDGES_KEPT)(feature_edges)
+_cached_feature_edges = lru_cache(maxsize=EDGES_KEPT)(feature_edges)
 
 
 STEP_KEY: Final = "scan.step_mm"
@@ -231,14 +230,11 @@ class ScanStudyBackend(StudyBackend[ScanOutcome]):
 
     def resolve_run(self, job_file: Path, keys: Mapping[str, Any]) -> ResolvedRun:
         """Resolve and check the settings of one scan; see `StudyBackend.resolve_run`."""
-        job_keys, joint_keys, rules = _sorted_out(keys)
+        job_keys, joint_keys, rules = _sort_keys(keys)
         with drop_file_from_study_key_errors(job_keys):
             job = read_scan_job(job_file, job_keys)
-        if (
-            job.joint is None
-            or job.simulation is None
-            or job.arm.driver_kind is not DriverKind.SIMULATED
-        ):
+        simulates = job.simulation is not None and job.arm.driver_kind is DriverKind.SIMULATED
+        if job.joint is None or not simulates:
             raise ConfigurationError("a study simulates: its jobs need [joint] and [simulation]")
         if job.station:
             raise ConfigurationError("a study's jobs scan from one place", key="station")
@@ -249,16 +245,12 @@ class ScanStudyBackend(StudyBackend[ScanOutcome]):
                 file=mount.file,
                 key="calibration.file",
             )
-        T_f_s = mount.T_f_s
-        joint = _joint(job_file.parent / job.joint.file, joint_keys, rules)
-        changed, followed = _followed(job, joint, rules, T_f_s)
+        joint = _read_joint_file(job_file.parent / job.joint.file, joint_keys, rules)
+        changed, followed = _apply_rules(job, joint, rules, mount.T_f_s)
         if job.calibration.file is not None:
-            changed["calibration"] = {"T_f_s_mm": pose_to_rows_mm(T_f_s)}
-        data = table_to_dict(job) | changed
-        return ResolvedRun(
-            StudyScanSettings(validate_table(ScanJob, data), joint).to_canonical_json_text(),
-            followed,
-        )
+            changed["calibration"] = {"T_f_s_mm": pose_to_rows_mm(mount.T_f_s)}
+        resolved = validate_table(ScanJob, table_to_dict(job) | changed)
+        return ResolvedRun(StudyScanSettings(resolved, joint).to_canonical_json_text(), followed)
 
     def execute_run(self, settings: str) -> ScanOutcome:
         """Execute one scan; see `StudyBackend.execute_run`."""
@@ -268,7 +260,7 @@ class ScanStudyBackend(StudyBackend[ScanOutcome]):
 SCAN_STUDY: Final = ScanStudyBackend()
 
 
-def _sorted_out(
+def _sort_keys(
     keys: Mapping[str, Any],
 ) -> tuple[dict[str, Any], dict[str, Any], DerivedKeySettings]:
     """The keys of the job, of the joint's file, and the rules."""
@@ -280,30 +272,29 @@ def _sorted_out(
         elif key.startswith(JOINT_PREFIX) and inner and table in JOINT_TABLES:
             joint[key.removeprefix(JOINT_PREFIX)] = value
         elif key.startswith(JOINT_PREFIX) and table not in JointSettings.file_key_types():
-            known = (*JOINT_TABLES, *JointSettings.file_key_types())
-            raise ConfigurationError(
-                f"unknown key; did you mean: {JOINT_PREFIX}{nearest_word(table, known)}?", key=key
-            )
+            nearest = nearest_word(table, (*JOINT_TABLES, *JointSettings.file_key_types()))
+            reason = f"unknown key; did you mean: {JOINT_PREFIX}{nearest}?"
+            raise ConfigurationError(reason, key=key)
         else:
             job[key] = value
-    with _below(RULE_PREFIX):
+    with _put_keys_below(RULE_PREFIX):
         return job, joint, validate_table(DerivedKeySettings, rule)
 
 
-def _joint(file: Path, keys: Mapping[str, Any], rules: DerivedKeySettings) -> JointFile:
+def _read_joint_file(file: Path, keys: Mapping[str, Any], rules: DerivedKeySettings) -> JointFile:
     if not file.is_file():
         raise ConfigurationError(f"there is no such file: {file}", key="joint.file")
     data = read_toml(file)
     for key, value in keys.items():
         table, _, name = key.partition(".")
         data[table] = {**data.get(table, {}), name: value}
-    with _below(JOINT_PREFIX):
+    with _put_keys_below(JOINT_PREFIX):
         joint = joint_with_derived_dimensions(validate_table(JointFile, data), rules)
         joint.definition(file.stem)  # refuses what can't be built
     return joint
 
 
-def _followed(
+def _apply_rules(
     job: ScanJob, joint: JointFile, rules: DerivedKeySettings, T_f_s: Array
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """What rules make of a job: whole tables that they change, and cells that show it."""
@@ -326,7 +317,7 @@ def _followed(
 
 
 @contextmanager
-def _below(table: str) -> Iterator[None]:
+def _put_keys_below(table: str) -> Iterator[None]:
     """Name keys as the study does: below the table's name."""
     try:
         yield

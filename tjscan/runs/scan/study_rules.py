@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 from pydantic import Field
+from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from tjscan.core.config import StrictFileModel
@@ -22,7 +23,7 @@ from tjscan.core.frames import (
     unit_vector,
 )
 from tjscan.core.units import pose_from_rows_mm
-from tjscan.job import ScanJob
+from tjscan.job.files import ScanJob
 from tjscan.joint.bevel import groove_sections
 from tjscan.joint.checks import CHECKED_AZIMUTHS
 from tjscan.joint.definition import JointDefinition
@@ -99,20 +100,21 @@ def joint_with_derived_dimensions(joint: JointFile, rules: DerivedKeySettings) -
         wall = rules.leg_wall_to_brace_wall * brace.wall_mm
         leg = leg.model_copy(update={"wall_mm": wall})
     joint = joint.model_copy(update={"leg": leg, "brace": brace})
-    return joint if rules.room_mm is None else _with_room(joint, rules.room_mm)
+    return joint if rules.room_mm is None else _joint_with_room(joint, rules.room_mm)
 
 
-def _with_room(joint: JointFile, room_mm: float) -> JointFile:
+def _joint_with_room(joint: JointFile, room_mm: float) -> JointFile:
     """The joint with as much leg and brace as leaves room beyond the groove."""
     longest = {"length_mm": LONGEST_MM}
     leg, brace = joint.leg.model_copy(update=longest), joint.brace.model_copy(update=longest)
-    up, along = _extent(joint.model_copy(update={"leg": leg, "brace": brace}).definition("joint"))
+    long_joint = joint.model_copy(update={"leg": leg, "brace": brace})
+    up, along = _groove_extent(long_joint.definition("joint"))
     leg = leg.model_copy(update={"length_mm": float(np.ceil(2 * (1e3 * along + room_mm)))})
     brace = brace.model_copy(update={"length_mm": float(np.ceil(1e3 * up + room_mm))})
     return joint.model_copy(update={"leg": leg, "brace": brace})
 
 
-def _extent(d: JointDefinition) -> tuple[float, float]:
+def _groove_extent(d: JointDefinition) -> tuple[float, float]:
     """How far the groove reaches up the brace and along the leg, metres from where axes cross."""
     s = groove_sections(d, CHECKED_AZIMUTHS)
     foot = d.leg_surface.points_j(s.phi, d.brace_radius) @ d.leg_surface.axis
@@ -180,11 +182,9 @@ def _work_angle(joint: JointDefinition, bevel: Array, azimuth: float, tangent: A
     y = unit_vector(np.array([0.0, 0.0, 1.0]) - tangent[2] * tangent)
     z = np.cross(tangent, y)
     around = tangential_direction(azimuth)
-    outward = np.array([around[1], -around[0], 0.0])
-    up = bevel[0] * outward + np.array([0.0, 0.0, bevel[1]])
-    leg = np.cross(
-        tangent, joint.leg_surface.normal(joint.leg_surface.points_j(azimuth, joint.brace_radius))
-    )
+    up = np.array([bevel[0] * around[1], -bevel[0] * around[0], bevel[1]])
+    surface = joint.leg_surface
+    leg = np.cross(tangent, surface.normal(surface.points_j(azimuth, joint.brace_radius)))
     gamma_1 = np.arctan2(up @ y, up @ z)
     gamma_2 = np.arctan2(-(leg @ y), leg @ z)
     return float(0.5 * (gamma_1 - gamma_2))
@@ -206,18 +206,12 @@ def azimuth_further_along(
     direction : ScanDirection
         Which way round.
     """
-    speed = np.linalg.norm(
-        joint.leg_surface.azimuth_derivative(TABULATED_AZIMUTHS, joint.brace_radius), axis=1
-    )
-    length = np.concatenate(
-        ([0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(TABULATED_AZIMUTHS)))
-    )
+    tangents = joint.leg_surface.azimuth_derivative(TABULATED_AZIMUTHS, joint.brace_radius)
+    speed = np.linalg.norm(tangents, axis=1)
+    length = cumulative_trapezoid(speed, TABULATED_AZIMUTHS, initial=0)
     signed = distance if direction is ScanDirection.COUNTERCLOCKWISE else -distance
-    return float(
-        np.interp(
-            np.interp(azimuth, TABULATED_AZIMUTHS, length) + signed, length, TABULATED_AZIMUTHS
-        )
-    )
+    place = np.interp(azimuth, TABULATED_AZIMUTHS, length) + signed
+    return float(np.interp(place, length, TABULATED_AZIMUTHS))
 
 
 def azimuths_at_plan_shares(
@@ -237,10 +231,8 @@ def azimuths_at_plan_shares(
     list of float
         Radians in frame j.
     """
-    whole = ((plan.sections or 1) - 1) * plan.step
-    return [
-        azimuth_further_along(joint, azimuth, share * whole, plan.direction) for share in shares
-    ]
+    whole, way = ((plan.sections or 1) - 1) * plan.step, plan.direction
+    return [azimuth_further_along(joint, azimuth, share * whole, way) for share in shares]
 
 
 def plan_with_centred_groove(
@@ -261,21 +253,14 @@ def plan_with_centred_groove(
         With stand-off and offset changed so that p2, p3 and p4, over the whole arc, are evenly
         about the middle of the window and of the line.
     """
-    corners = np.concatenate(
-        [
-            _corners_s(joint, phi, plan)
-            for phi in azimuths_at_plan_shares(joint, azimuth, plan, np.linspace(0, 1, 9))
-        ]
-    )
+    azimuths = azimuths_at_plan_shares(joint, azimuth, plan, np.linspace(0, 1, 9))
+    corners = np.concatenate([_corners_seen_s(joint, phi, plan) for phi in azimuths])
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
-    return replace(
-        plan,
-        offset=plan.offset - float(middle[0]),
-        standoff=plan.standoff + sum(window) / 2 - float(middle[2]),
-    )
+    standoff = plan.standoff + sum(window) / 2 - float(middle[2])
+    return replace(plan, offset=plan.offset - float(middle[0]), standoff=standoff)
 
 
-def _corners_s(joint: JointDefinition, azimuth: float, plan: ScanPlan) -> Array:
+def _corners_seen_s(joint: JointDefinition, azimuth: float, plan: ScanPlan) -> Array:
     """p2, p3, p4 of an azimuth as the sensor ideally sees them, shape (3, 3), metres."""
     sections = groove_sections(joint, [azimuth])
     rz = np.concatenate((sections.p2, sections.p3, sections.p4))
@@ -327,10 +312,8 @@ def teach_start_poses(
     if rules.centre_view:
         window = (job.laser.near, job.laser.far)
         plan = plan_with_centred_groove(definition, azimuth, plan, window)
-        scan = {
-            "view_offset_mm": round(1e3 * plan.offset, 1),
-            "standoff_mm": round(1e3 * plan.standoff, 1),
-        }
+        scan["view_offset_mm"] = round(1e3 * plan.offset, 1)
+        scan["standoff_mm"] = round(1e3 * plan.standoff, 1)
     if job.simulation.T_f_s_mm is not None:  # an operator teaches with the laser that is there
         T_f_s = pose_from_rows_mm(job.simulation.T_f_s_mm)
     off = 1e-3 * rules.hand_mm, float(np.radians(rules.hand_deg))
@@ -347,12 +330,12 @@ def teach_start_poses(
         # At home the arm looks at the middle of the arc.
         (middle,) = azimuths_at_plan_shares(definition, azimuth, plan, [0.5])
         T_b_j = T_b_s_home @ inverse_pose(ideal_sensor_pose(definition, middle, plan))
-        changed["joint"] = {"file": job.joint.file} | _pose(T_b_j)
-    first, second = (_pose(T_b_j @ T @ inverse_pose(T_f_s)) for T in T_j_s)
+        changed["joint"] = {"file": job.joint.file} | _pose_table(T_b_j)
+    first, second = (_pose_table(T_b_j @ T @ inverse_pose(T_f_s)) for T in T_j_s)
     return azimuth_deg, changed | {"scan": scan | {"first": first, "second": second}}
 
 
-def _pose(T: Array) -> dict[str, Any]:
+def _pose_table(T: Array) -> dict[str, Any]:
     """A pose as files write it, to a micrometre and a microdegree."""
     position, angles = pose_to_euler_zyx(T)
     return {

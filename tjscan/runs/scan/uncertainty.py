@@ -9,10 +9,9 @@ from math import isclose
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.job import CellJob
 from tjscan.job.arm import SensorMount, kinematics_of_job
-from tjscan.job.laser import laser_model_of_job
-from tjscan.job.uncertainty import EVIDENCE_ASSUMED, EVIDENCE_STATED
+from tjscan.job.devices import EVIDENCE_ASSUMED, EVIDENCE_STATED
+from tjscan.job.files import CellJob
 from tjscan.robot.deviations import deviation_jacobian, with_deviations
 from tjscan.robot.settings import PlacementTolerance
 from tjscan.scanning.section import ScannedSection
@@ -84,16 +83,15 @@ def causes_of_job(
     if mount.deviations is not None:
         kinematics = with_deviations(kinematics, mount.deviations)
     moved = np.array([deviation_jacobian(kinematics, one.view.q) for one in sections])
+    absolute = job.arm.uncertainty.absolute
     causes = [
         reading_cause(sections),
         repeatability_cause(sections, repeats, of_repeats),
-        *_causes_of_arm(
-            mount, sections, moved, job.arm.uncertainty.absolute, without_laser=is_same
-        ),
+        *_causes_of_arm(mount, sections, moved, absolute, without_laser=is_same),
     ]
     left_out = [UNKNOWN_MOUNT] if mount.covariance is None else []
     if linearity > 0:
-        cause = linearity_cause(sections, linearity, laser_model_of_job(job), of_linearity)
+        cause = linearity_cause(sections, linearity, job.laser_model, of_linearity)
         if is_same and mount.by_laser is not None:
             calibrated = None if mount.deviations is None else moved
             twists = calibration_twists(sections, mount.T_f_s, calibrated, mount.by_laser)

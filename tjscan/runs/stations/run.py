@@ -14,15 +14,16 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, RecordingError, StitchingRefused, TjscanError
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
-from tjscan.job import ScanJob, read_scan_job
+from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.recording.journal import Journal
 from tjscan.recording.reader import RecordingDamage
 from tjscan.result.directory import JOB_FILE, SUMMARY_FILE
 from tjscan.result.summary import ScanSummary, read_summary
 from tjscan.runs.run import (
     COPIED_FILES,
+    WhenFinished,
     accept_edited_copies,
-    do_nothing_when_finished,
+    do_nothing,
     nothing_recorded_yet,
 )
 from tjscan.runs.scan.context import RunContext
@@ -95,7 +96,7 @@ def run_stations(
     TjscanError
         As `run_scan` does; the stations that were scanned before are whole.
     """
-    _check(context)
+    _check_cells(context)
     context.make_run_directory(directory)
     made = replace(context, job=read_scan_job(directory / JOB_FILE), job_file=directory / JOB_FILE)
     return resume_stations(made, {}, operator, watch)
@@ -119,7 +120,7 @@ def resume_stations(
     operator, watch
         As of `run_stations`.
     only : str, optional
-        The one station to scan; all where left out.
+        The one station to scan; all if left out.
 
     Returns
     -------
@@ -136,34 +137,32 @@ def resume_stations(
     refuse_links_outside(directory, *COPIED_FILES)
     check_keys_replaceable(overrides, job_file)
     refuse_links_outside(directory, *job.station_names)
-    _check(context)
+    _check_cells(context)
     if only is not None:
         with add_file_to_errors(job_file):
             job.job_at_station(only)
     with lock_and_clean_directory(directory):
         for name in job.station_names if only is None else (only,):
-            found = _found(directory, name)
+            found = _read_station_scan(directory, name)
             if found.is_complete:
                 continue
-            if context.stop.ends_after_section or not _stands(job, found, operator):
+            if context.stop.ends_after_section or not _is_arm_there(job, found, operator):
                 break
-            there = job.job_at_station(name)
+            there = context.at_station(name)
             try:
-                with watch(name, there.scan) as journal:
+                with watch(name, there.job.scan) as journal:
                     accept_edited_copies(directory, journal)
-                    _scan(replace(context, job=there, journal=journal), found, overrides)
+                    _scan_from_station(replace(there, journal=journal), found, overrides)
             except TjscanError as error:
                 error.add_note(
                     f"Station {name} is not finished; what other stations scanned is whole. When "
                     f"this is put right: tjscan scan --resume {directory}"
                 )
                 raise
-    return tuple(_found(directory, name) for name in job.station_names)
+    return tuple(_read_station_scan(directory, name) for name in job.station_names)
 
 
-def stitch_station_runs(
-    directory: Path, finished: Callable[[Path], object] = do_nothing_when_finished
-) -> StitchedRun:
+def stitch_station_runs(directory: Path, finished: WhenFinished = do_nothing) -> StitchedRun:
     """Stitch the scans of all stations, and write the result beside their directories.
 
     Parameters
@@ -183,54 +182,50 @@ def stitch_station_runs(
             return stitch_run_directories([directory], directory, finished=finished)
         except StitchingRefused as error:
             error.add_note(
-                "What each station scanned is whole. Where an overlap is too small, scan further: "
+                "What each station scanned is whole. If an overlap is too small, scan further: "
                 f"tjscan scan --resume {directory}/STATION --scan.length-mm LENGTH; then "
                 f"tjscan scan --resume {directory}"
             )
             raise
 
 
-def _check(context: RunContext) -> None:
+def _check_cells(context: RunContext) -> None:
     """Check that a cell can be made at every station; connect none."""
-    job = context.job
-    if job.laser.driver_kind is DriverKind.REPLAYED:
+    if context.job.laser.driver_kind is DriverKind.REPLAYED:
         raise ConfigurationError(
             "a recording is of one station: replay them one by one, with --station",
             file=context.job_file,
             key="laser.driver",
         )
-    for name in job.station_names:
-        replace(context, job=job.job_at_station(name)).make_cell()
+    for name in context.job.station_names:
+        context.at_station(name).make_cell()
 
 
-def _found(directory: Path, name: str) -> StationScan:
-    folder = directory / name
-    file = folder / SUMMARY_FILE
-    return StationScan(name, folder, read_summary(file) if file.is_file() else None)
+def _read_station_scan(directory: Path, name: str) -> StationScan:
+    file = directory / name / SUMMARY_FILE
+    return StationScan(name, file.parent, read_summary(file) if file.is_file() else None)
 
 
-def _stands(job: ScanJob, station: StationScan, operator: StationOperator) -> bool:
+def _is_arm_there(job: ScanJob, station: StationScan, operator: StationOperator) -> bool:
     """Whether the arm is there: it is at the first station, and at one that was cut short."""
     i = job.station_names.index(station.name)
     if i == 0 or (station.directory / JOB_FILE).is_file():
         return True
-    before = _found(station.directory.parent, job.station_names[i - 1])
-    so_far = (
-        f"Station {before.name} is not scanned."
-        if before.summary is None
-        else f"Station {before.name}: {before.summary.sections} sections, {before.summary.detail}."
+    before = _read_station_scan(station.directory.parent, job.station_names[i - 1])
+    so_far = " is not scanned."
+    if before.summary is not None:
+        so_far = f": {before.summary.sections} sections, {before.summary.detail}."
+    text = (
+        f"Station {before.name}{so_far} Move the arm to station {station.name}. Is it there, "
+        "firmly, and is the way to its start poses free?"
     )
-    return operator.confirm(
-        Question(
-            f"{so_far} Move the arm to station {station.name}. Is it there, firmly, and is "
-            "the way to its start poses free?",
-            default=True,
-        )
-    )
+    return operator.confirm(Question(text, default=True))
 
 
-def _scan(context: RunContext, station: StationScan, overrides: dict[str, Any]) -> None:
-    """Scan from one station, or go on with its scan where two sections of it are finished."""
+def _scan_from_station(
+    context: RunContext, station: StationScan, overrides: dict[str, Any]
+) -> None:
+    """Scan from one station, or go on with its scan if two sections of it are finished."""
     file = station.directory / JOB_FILE
     if file.is_file():
         begun = not nothing_recorded_yet(station.directory)
@@ -241,11 +236,11 @@ def _scan(context: RunContext, station: StationScan, overrides: dict[str, Any]) 
             resume_scan(replace(context, job=job, job_file=file), overrides)
             return
         # Nothing to go on from: its start poses may have been taught again since.
-        _put_aside(station.directory)
+        _rename_aside(station.directory)
     run_scan(context, station.directory)
 
 
-def _put_aside(directory: Path) -> None:
+def _rename_aside(directory: Path) -> None:
     """Rename a folder to one that can be no station's."""
     aside = (directory.with_name(f"{directory.name}.{i}") for i in count(1))
     try:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
-from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.files import write_files_atomically
@@ -24,9 +23,8 @@ from tjscan.core.frames import (
 )
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
-from tjscan.job import read_scan_job
+from tjscan.job.files import read_scan_job
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.edges import feature_edges
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import (
     JOB_FILE,
@@ -53,9 +51,9 @@ from tjscan.result.summary import (
 )
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
-from tjscan.runs.run import COPIED_FILES, do_nothing_when_finished
+from tjscan.runs.run import COPIED_FILES, WhenFinished, do_nothing
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job
-from tjscan.runs.scan.results import all_profile_points
+from tjscan.runs.scan.results import all_profile_points, corner_errors
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.reader import read_recorded_scan
 from tjscan.stitching.picture import draw_stitching
@@ -101,30 +99,30 @@ def build_stitching_report(stitched: StitchedGroove, sources: Mapping[str, str])
         sigma_angle_deg=float(np.degrees(spread[2])),
         sigma_offset_mm=float(1e3 * spread[3]),
         out_of_round_mm=1e3 * stitched.out_of_round,
-        loop_gap_before_mm=_mm(stitched.gap_before),
-        loop_gap_after_mm=_mm(stitched.gap_after),
+        loop_gap_before_mm=_mm_if_known(stitched.gap_before),
+        loop_gap_after_mm=_mm_if_known(stitched.gap_after),
         stations=tuple(
-            _station(one, first, middle, sources.get(one.station.name, ""))
+            _station_report(one, first, middle, sources.get(one.station.name, ""))
             for one in stitched.stations
         ),
         overlaps=tuple(
-            _overlap(edge, names, gap)
+            _overlap_report(edge, names, gap)
             for edge, gap in zip(stitched.registrations, stitched.gaps, strict=True)
         ),
     )
 
 
-def _mm(length: float | None) -> float | None:
+def _mm_if_known(length: float | None) -> float | None:
     return None if length is None else 1e3 * length
 
 
-def _triple(values: np.ndarray) -> Triple:
-    a, b, c = (float(v) for v in values)
+def _as_triple(values: Array) -> Triple:
+    a, b, c = values.tolist()
     return a, b, c
 
 
-def _station(
-    one: PlacedStation, first: PlacedStation, middle: np.ndarray, source: str
+def _station_report(
+    one: PlacedStation, first: PlacedStation, middle: Array, source: str
 ) -> StationReport:
     position, angles = pose_to_euler_zyx(one.T_j_b)
     spread = np.sqrt(np.diag(one.covariance))
@@ -134,10 +132,10 @@ def _station(
     return StationReport(
         name=one.station.name,
         source=source,
-        position_mm=_triple(1e3 * position),
-        euler_zyx_deg=_triple(np.degrees(angles)),
-        sigma_position_mm=_triple(1e3 * spread[:3]),
-        sigma_rotation_deg=_triple(np.degrees(spread[3:])),
+        position_mm=_as_triple(1e3 * position),
+        euler_zyx_deg=_as_triple(np.degrees(angles)),
+        sigma_position_mm=_as_triple(1e3 * spread[:3]),
+        sigma_rotation_deg=_as_triple(np.degrees(spread[3:])),
         sigma_groove_mm=float(1e3 * np.sqrt(np.trace(at_groove) / 3)),
         azimuth_deg=(float(np.degrees(one.arc.start)), float(np.degrees(one.arc.end))),
         sections=len(one.station.sections),
@@ -149,7 +147,7 @@ def _station(
     )
 
 
-def _overlap(edge: StationRegistration, names: tuple[str, ...], gap: float) -> OverlapReport:
+def _overlap_report(edge: StationRegistration, names: tuple[str, ...], gap: float) -> OverlapReport:
     overlap = edge.overlap
     units = np.repeat((1e3, 180 / np.pi), 3)
     covariance = edge.covariance * np.outer(units, units)
@@ -163,7 +161,7 @@ def _overlap(edge: StationRegistration, names: tuple[str, ...], gap: float) -> O
         residual_rms_mm=1e3 * edge.residual_rms,
         misfit=edge.reduced_chi2,
         sigma_mm=1e3 * edge.position_sigma,
-        covariance=tuple(tuple(float(v) for v in row) for row in covariance),
+        covariance=tuple(map(tuple, covariance.tolist())),
         gap_mm=1e3 * gap,
     )
 
@@ -219,7 +217,7 @@ def stitch_run_directories(
     runs: Sequence[Path],
     directory: Path,
     settings: StitchSettings = DEFAULT_STITCH_SETTINGS,
-    finished: Callable[[Path], object] = do_nothing_when_finished,
+    finished: WhenFinished = do_nothing,
 ) -> StitchedRun:
     """Stitch run directories and write the result.
 
@@ -245,10 +243,14 @@ def stitch_run_directories(
     RecordingError
         If one can't be read, or the result can't be written.
     """
-    read = with_errors_of_devices_apart(
-        [read_station_run(run) for run in station_directories(runs)]
-    )
-    _check_names(read)
+    read = with_errors_of_devices_apart(list(map(read_station_run, station_directories(runs))))
+    for one, other in combinations(read, 2):
+        if one.station.name == other.station.name:
+            raise ConfigurationError(
+                f"is of station {one.station.name}, and so is {one.directory}: leave one out or, "
+                f"if they are two, rename one in its {JOB_FILE}",
+                file=other.directory,
+            )
     try:
         stitched = stitch_stations([one.station for one in read], settings)
     except StitchingRefused as error:
@@ -258,8 +260,8 @@ def stitch_run_directories(
             error.add_note(f"{directory / STATIONS_PICTURE} shows it")
         raise
     joint = read[0].joint if all(one.joint == read[0].joint for one in read) else None
-    _gather(directory, read, joint)
-    done = _write(directory, read, stitched, joint)
+    _copy_runs_from_elsewhere(directory, read, joint)
+    done = _write_stitched_run(directory, read, stitched, joint)
     finished(directory)
     return done
 
@@ -275,16 +277,6 @@ def with_errors_of_devices_apart(read: Sequence[StationRun]) -> list[StationRun]
         causes = tuple(replace(cause, name=cause.name + which) for cause in one.station.causes)
         apart.append(replace(one, station=replace(one.station, causes=causes)))
     return apart
-
-
-def _check_names(read: Sequence[StationRun]) -> None:
-    for one, other in combinations(read, 2):
-        if one.station.name == other.station.name:
-            raise ConfigurationError(
-                f"is of station {one.station.name}, and so is {one.directory}: leave one out or, "
-                f"where they are two, rename one in its {JOB_FILE}",
-                file=other.directory,
-            )
 
 
 def station_directories(runs: Sequence[Path]) -> list[Path]:
@@ -341,24 +333,26 @@ def read_station_run(directory: Path) -> StationRun:
     )
 
 
-def _gather(directory: Path, read: Sequence[StationRun], joint: JointDefinition | None) -> None:
+def _copy_runs_from_elsewhere(
+    directory: Path, read: Sequence[StationRun], joint: JointDefinition | None
+) -> None:
     """Copy the runs from elsewhere, and the joint, into the directory of the result."""
     with write_files_atomically(directory, listed=True) as draft:
         for one in read:
-            if not _lies_in(directory, one):
+            if not _is_inside(directory, one):
                 shutil.copytree(one.directory, draft / one.station.name)
         file = read[0].directory / JOINT_FILE
         if joint is not None and file.is_file() and not (directory / JOINT_FILE).exists():
             shutil.copyfile(file, draft / JOINT_FILE)
 
 
-def _lies_in(directory: Path, one: StationRun) -> bool:
+def _is_inside(directory: Path, one: StationRun) -> bool:
     return one.directory.resolve().parent == directory.resolve()
 
 
-def _folder(directory: Path, one: StationRun) -> str:
+def _folder_in_result(directory: Path, one: StationRun) -> str:
     """What a station's run is called inside the result, wherever that is moved to."""
-    return one.directory.resolve().name if _lies_in(directory, one) else one.station.name
+    return one.directory.resolve().name if _is_inside(directory, one) else one.station.name
 
 
 def stitched_profile_points(stitched: StitchedGroove) -> Array:
@@ -371,38 +365,31 @@ def stitched_profile_points(stitched: StitchedGroove) -> Array:
     )
 
 
-def _write(
+def _write_stitched_run(
     directory: Path,
     read: Sequence[StationRun],
     stitched: StitchedGroove,
     joint: JointDefinition | None,
 ) -> StitchedRun:
-    corners = np.array([section.points for section in stitched.sections])
+    sections, points = stitched.sections, stitched_profile_points(stitched)
+    left_out = list(dict.fromkeys(words for one in read for words in one.left_out))
     summary = summarise_stations(
         {one.station.name: one.summary for one in sorted(read, key=lambda one: one.station.name)},
-        stitched.sections,
+        sections,
         "j",
-        None
-        if joint is None
-        else corner_to_edge_distances(
-            corners, feature_edges(joint), absent_corners(stitched.sections)
-        ),
+        corner_errors(sections, joint),
         closed=stitched.is_closed,
-        uncertainty=summarise_budget(
-            stitched.budget,
-            ~absent_corners(stitched.sections),
-            list(dict.fromkeys(words for one in read for words in one.left_out)),
-        ),
+        uncertainty=summarise_budget(stitched.budget, ~absent_corners(sections), left_out),
     )
-    report = build_stitching_report(
-        stitched, {one.station.name: _folder(directory, one) for one in read}
-    )
-    points = stitched_profile_points(stitched)
+    job = job_label_of_run(directory, *(one.directory for one in read))
+    provenance = Provenance.for_file_written_now(job, "j")
+    sources = {one.station.name: _folder_in_result(directory, one) for one in read}
+    report = replace(build_stitching_report(stitched, sources), provenance=provenance)
     picture = draw_groove_overview(
-        stitched.sections,
+        sections,
         points,
         frame="j",
-        title=f"{len(stitched.sections)} sections from {len(stitched.stations)} stations, "
+        title=f"{len(sections)} sections from {len(stitched.stations)} stations, "
         f"{report.covered_deg:.0f}° covered",
         outline=() if joint is None else joint_wireframe(joint),
         paths=[
@@ -410,13 +397,9 @@ def _write(
             for one in stitched.stations
         ],
     )
-    job = job_label_of_run(directory, *(one.directory for one in read))
-    provenance = Provenance.for_file_written_now(job, "j")
-    report = replace(report, provenance=provenance)
     with write_files_atomically(directory, listed=True) as draft:
         write_stitching_report(draft / STATIONS_FILE, report)
         write_png(draft / STATIONS_PICTURE, draw_stitching(stitched.draft), provenance)
-    summary = write_run_results(
-        directory, stitched.sections, points, summary, picture, job, stitched.budget
-    )
+    budget = stitched.budget
+    summary = write_run_results(directory, sections, points, summary, picture, job, budget)
     return StitchedRun(summary, report, stitched)

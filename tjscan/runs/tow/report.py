@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
@@ -22,8 +21,13 @@ from tjscan.result.chapter import (
     ReportEvent,
 )
 from tjscan.result.directory import JOB_FILE
-from tjscan.runs.tow.figures import FIGURE_UNITS, TowFigures
-from tjscan.runs.tow.results import RecordedTow, read_recorded_tow
+from tjscan.runs.tow.results import (
+    FIGURE_UNITS,
+    RecordedTow,
+    TowFigures,
+    clearance_of_discs,
+    read_recorded_tow,
+)
 from tjscan.towing.seam import Seam
 from tjscan.towing.topics import REPLAY_EVENT, TOW_RECORDING
 
@@ -42,7 +46,14 @@ PAPER_OBJECTIVE: Final = 3.5
 PAPER_PLAN: Final = 1e3 / 22
 """Milliseconds of a plan in the paper, figure 10."""
 
-TIME_AXIS: Final = "time / s"
+OBJECTIVE_TERMS: Final = {
+    "paper": "f",
+    "bend": "bending",
+    "obstacle": "obstacles",
+    "change": "change",
+    "pace": "pace of the vehicles",
+}
+"""What the parts of the objective are called in its chart."""
 
 
 def tow_chapter(directory: Path) -> ReportChapter:
@@ -98,47 +109,37 @@ def _findings(job: TowJob, found: RecordedTow, figures: TowFigures) -> Iterator[
 def _charts(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
     cycles = found.cycles
     thin = slice(None, None, max(len(cycles) // MOST_POINTS, 1))
-    time = np.array([cycle.time for cycle in cycles])
-    time = time - time[0]
+    time = np.array([cycle.time - cycles[0].time for cycle in cycles])[thin]
 
-    def over_time(title: str, label: str, values: ArrayLike, **more: Any) -> ReportChart:
-        return ReportChart(title, TIME_AXIS, label, time[thin], np.asarray(values)[thin], **more)
+    def over_time(
+        title: str, label: str, values: Sequence[float] | Array, **more: Any
+    ) -> ReportChart:
+        return ReportChart(title, "time / s", label, time, np.array(values)[thin], **more)
 
-    yield from _snapshots(job, found)
-    terms = [cycle.plan.terms for cycle in cycles]
-    title = "objective of 100, as figures 9 (a) and 12 (a) of the paper"
-    for name, label in (("paper", "f"), ("bend", "bending"), ("obstacle", "obstacles")):
-        values = np.array([getattr(one, name) for one in terms])
-        nominal = PAPER_OBJECTIVE if name == "paper" else None
-        yield over_time(
-            title,
-            "weighted, of 100",
-            values,
-            line=label,
-            nominal=nominal,
-            caption="Dashed: the paper's mean in its simulation, whose loss functions are not "
-            "printed; absolute values can't be compared.",
-        )
-    for name, label in (("change", "change"), ("pace", "pace of the vehicles")):
-        yield over_time(
-            title, "weighted, of 100", [getattr(one, name) for one in terms], line=label
-        )
-    yield over_time(
-        "constraint, as figures 9 (b) and 12 (b) of the paper",
-        "largest residual / µm or µrad",
-        1e6 * np.array([cycle.plan.constraint for cycle in cycles]),
+    yield from _snapshot_charts(job, found)
+    title, of_100 = "objective of 100, as figures 9 (a) and 12 (a) of the paper", "weighted, of 100"
+    caption = (
+        "Dashed: the paper's mean in its simulation, whose loss functions are not printed; "
+        "absolute values can't be compared."
     )
+    for name, line in OBJECTIVE_TERMS.items():
+        values = [getattr(cycle.plan.terms, name) for cycle in cycles]
+        nominal = PAPER_OBJECTIVE if name == "paper" else None
+        yield over_time(title, of_100, values, line=line, nominal=nominal, caption=caption)
+    title = "constraint, as figures 9 (b) and 12 (b) of the paper"
+    residuals = [1e6 * cycle.plan.constraint for cycle in cycles]
+    yield over_time(title, "largest residual / µm or µrad", residuals)
     yield over_time(
         "time of a plan, as figure 10 of the paper",
         "time / ms",
-        1e3 * np.array([cycle.seconds for cycle in cycles]),
+        [1e3 * cycle.seconds for cycle in cycles],
         nominal=PAPER_PLAN,
         caption="Estimate and optimisation together. Dashed: the paper's mean, 22 Hz.",
     )
-    asked = np.array([np.hypot(c.asked[:, 0], c.asked[:, 2]) for c in cycles])
-    for v in range(asked.shape[1]):
-        name = "welder" if v == asked.shape[1] - 1 else f"vehicle {v + 1}"
-        yield over_time("speed asked", "speed / (mm/s)", 1e3 * asked[:, v], line=name)
+    *vehicles, welder = np.array([np.hypot(c.asked[:, 0], c.asked[:, 2]) for c in cycles]).T
+    named = {f"vehicle {number}": speeds for number, speeds in enumerate(vehicles, start=1)}
+    for name, speeds in (named | {"welder": welder}).items():
+        yield over_time("speed asked", "speed / (mm/s)", 1e3 * speeds, line=name)
     if found.truths:
         yield from _truth_charts(found, over_time)
 
@@ -147,56 +148,39 @@ def _truth_charts(found: RecordedTow, draw: Callable[..., ReportChart]) -> Itera
     force = np.array([np.hypot(*truth.welder_force[:2]) for truth in found.truths])
     pulls = np.array([truth.vehicle_forces for truth in found.truths])
     yield draw("force of the cable on the welder", "force / N", force)
-    for v in range(pulls.shape[1]):
-        yield draw("pull of the vehicles", "force / N", pulls[:, v], line=f"vehicle {v + 1}")
+    for number, pull in enumerate(pulls.T, start=1):
+        yield draw("pull of the vehicles", "force / N", pull, line=f"vehicle {number}")
     if all(len(truth.passers_by) for truth in found.truths):
-        near = [_nearest(truth.line, truth.passers_by) for truth in found.truths]
-        yield draw(
-            "distance of the cable from what moves, as figure 13 of the paper shows by pictures",
-            "distance / mm",
-            1e3 * np.array(near),
-        )
+        title = "distance of the cable from what moves, as figure 13 of the paper shows by pictures"
+        near = [clearance_of_discs(truth.line, truth.passers_by) for truth in found.truths]
+        yield draw(title, "distance / mm", 1e3 * np.array(near))
 
 
-def _nearest(line: Array, discs: Array) -> float:
-    off = np.linalg.norm(line[:, None] - discs[None, :, :2], axis=-1) - discs[:, 2]
-    return float(off.min())
-
-
-def _snapshots(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
+def _snapshot_charts(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
     """Shapes of the cable on its way, x and y changed so that the seam is across the page."""
     title = "shapes on the way, as figures 8, 11 and 13 of the paper"
-    picked = np.unique(np.linspace(0, len(found.cycles) - 1, SHAPE_SNAPSHOTS).astype(int))
-    begin = found.cycles[0].time
-    for polygon in (job.area.outline, *job.area.holes):
-        ring = np.array((*polygon, polygon[0]))
-        yield _in_plane(title, ring, "")
-    for k in picked:
+    caption = "The cable at evenly spaced times, in the area that it may use."
+    polygons = (job.area.outline, *job.area.holes)
+    lines = [("", np.array((*polygon, polygon[0]))) for polygon in polygons]
+    for k in _evenly_picked(found, SHAPE_SNAPSHOTS):
         cycle = found.cycles[k]
         line = found.truths[k].line if found.truths else job.chain.line(cycle.plan.angles)
-        yield _in_plane(title, line, f"{cycle.time - begin:.0f} s")
+        lines.append((f"{cycle.time - found.cycles[0].time:.0f} s", line))
+    for name, line in lines:
+        x, y = -line[:, 1], line[:, 0]
+        yield ReportChart(title, "-y / m", "x / m", x, y, line=name, caption=caption, plane=True)
 
 
-def _in_plane(title: str, points: Array, name: str) -> ReportChart:
-    return ReportChart(
-        title,
-        "-y / m",
-        "x / m",
-        -points[:, 1],
-        points[:, 0],
-        line=name,
-        plane=True,
-        caption="The cable at evenly spaced times, in the area that it may use.",
-    )
+def _evenly_picked(found: RecordedTow, count: int) -> Array:
+    return np.unique(np.linspace(0, len(found.cycles) - 1, count).astype(int))
 
 
 def _animation(job: TowJob, found: RecordedTow) -> PlaneAnimation:
-    picked = np.unique(np.linspace(0, len(found.cycles) - 1, ANIMATION_FRAMES).astype(int))
+    picked = _evenly_picked(found, ANIMATION_FRAMES)
     cycles = [found.cycles[k] for k in picked]
-    chain, radius = job.chain, job.vehicles.radius
-    planned = np.array([chain.line(cycle.plan.angles) for cycle in cycles])
-    estimate = np.array([chain.line(cycle.plan.estimate) for cycle in cycles])
-    lines = [MovingLine("planned", "#1f77b4", planned, dashed=True)]
+    planned = np.array([job.chain.line(cycle.plan.angles) for cycle in cycles])
+    estimate = np.array([job.chain.line(cycle.plan.estimate) for cycle in cycles])
+    cable = MovingLine("estimated", "#222222", estimate)
     poses = np.array([cycle.poses for cycle in cycles])
     values = [
         ("objective f of 100", np.array([cycle.plan.terms.paper for cycle in cycles])),
@@ -205,13 +189,11 @@ def _animation(job: TowJob, found: RecordedTow) -> PlaneAnimation:
     ]
     if found.truths:
         truths = [found.truths[k] for k in picked]
-        lines.insert(0, MovingLine("cable", "#222222", np.array([t.line for t in truths])))
+        cable = MovingLine("cable", "#222222", np.array([truth.line for truth in truths]))
         poses = np.array([truth.poses for truth in truths])
         force = np.array([np.hypot(*truth.welder_force[:2]) for truth in truths])
         values.append(("force on the welder / N", force))
-    else:
-        lines.insert(0, MovingLine("estimated", "#222222", estimate))
-    sizes = np.full((*poses.shape[:2], 1), radius)
+    sizes = np.full((*poses.shape[:2], 1), job.vehicles.radius)
     vehicles = np.concatenate((poses[..., :2], sizes), axis=2)
     most = max(len(cycle.obstacles) for cycle in cycles)
     moving = np.full((len(cycles), most, 3), -1e3)
@@ -224,14 +206,13 @@ def _animation(job: TowJob, found: RecordedTow) -> PlaneAnimation:
     ]
     if most:
         discs.append(MovingDiscs("obstacles", "#ff7f0e", moving))
-    begin = cycles[0].time
     return PlaneAnimation(
         "The tow",
         "Dotted red: the seam. Drag the slider, or press play.",
-        np.array([cycle.time - begin for cycle in cycles]),
+        np.array([cycle.time - cycles[0].time for cycle in cycles]),
         [np.array(ring) for ring in (job.area.outline, *job.area.holes)],
         Seam(job.seam).path.points,
-        lines,
+        [cable, MovingLine("planned", "#1f77b4", planned, dashed=True)],
         discs,
         values,
         [cycle.wait for cycle in cycles],

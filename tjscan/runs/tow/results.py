@@ -1,22 +1,29 @@
-"""What a tow leaves behind: ``tow.csv``, a row a plan, and ``tow.json``, its figures."""
+"""What a tow leaves behind: ``tow.csv``, a row a plan, and ``tow.json``, its figures.
+
+The figures hold a tow against the plan, and against the truth of a simulation.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from itertools import pairwise
+from math import nan
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from tjscan.core.files import write_files_atomically
+from tjscan.core.frames import Array
 from tjscan.job.tow.job import TowJob
 from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import job_label_of_run
 from tjscan.runs.run import read_result_file, table_to_csv
-from tjscan.runs.tow.figures import TowFigures, figures_of_tow
 from tjscan.towing.journal import WELDED_EVENT, TowCycle, TowTruth
+from tjscan.towing.seam import Seam
+from tjscan.towing.shape.plan import TowingPlan
 from tjscan.towing.topics import read_tow
 
 PLANS_FILE: Final = "tow.csv"
@@ -128,3 +135,225 @@ def read_tow_figures(directory: Path) -> dict[str, Any]:
         "the figures of a tow",
         lambda text: dict(json.loads(text)["figures"] or {}),
     )
+
+
+def _figure_field(words: str, unit: str = "", **more: Any) -> Any:
+    return field(metadata={"words": (words, unit)}, **more)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TowFigures:
+    """Figures of a tow. Figures of a simulation's truth are NaN without one.
+
+    Parameters
+    ----------
+    complete : bool
+        Whether the whole seam was welded.
+    welded_mm : float
+        Of the seam.
+    seconds, waited_s : float
+        Of the whole tow, and of it with the welder waiting.
+    plan_hz : float
+        Plans a second that one processor would make: 1 over the mean time of one.
+    plan_p99_ms : float
+        99th percentile of a plan's time.
+    real_time_factor : float
+        Seconds of the tow for each of a processor that it took.
+    objective, objective_max : float
+        The paper's f of 100, mean and largest.
+    constraint : float
+        Largest residual of a plan, metres or radians.
+    halts : int
+        Cycles without a plan.
+    asked_mm_s : float
+        Fastest that a towing vehicle was asked to drive.
+    planned_bend_deg, bend_deg : float
+        Largest angle of a joint, as planned and as it was.
+    force_mean_n, force_max_n : float
+        Of the cable on the welder.
+    pull_max_n : float
+        Largest with which a vehicle drove against the floor.
+    welder_off_mm : float
+        Largest distance of the welder from its line.
+    welder_late_mm : float
+        Largest along the line, from where it was to be.
+    followed_mm : float
+        Mean distance of the towing vehicles from where they were to be.
+    estimate_deg, estimate_mm : float
+        Mean error of the estimated cable, of a joint and of a link.
+    link_clearance_mm, body_clearance_mm : float
+        Least of links, but for those free of it, and of towing vehicles' bodies, to walls, pillars
+        and obstacles.
+    passer_by_mm : float
+        Least distance of cable and bodies from what moves.
+    vehicle_gap_mm : float
+        Least between two bodies.
+    touches : int
+        How often something touched.
+    """
+
+    complete: bool = _figure_field("whole seam welded")
+    welded_mm: float = _figure_field("seam welded", "mm")
+    seconds: float = _figure_field("time", "s")
+    waited_s: float = _figure_field("of it waiting", "s")
+    plan_hz: float = _figure_field("plans, mean rate", "Hz")
+    plan_p99_ms: float = _figure_field("a plan's time, 99 %", "ms")
+    real_time_factor: float = _figure_field("real-time factor")
+    objective: float = _figure_field("objective f, mean of 100")
+    objective_max: float = _figure_field("objective f, largest")
+    constraint: float = _figure_field("constraint, largest residual")
+    halts: int = _figure_field("cycles without a plan")
+    asked_mm_s: float = _figure_field("towing speed asked, fastest", "mm/s")
+    planned_bend_deg: float = _figure_field("joint angle planned, largest", "°")
+    bend_deg: float = _figure_field("joint angle, largest", "°", default=nan)
+    force_mean_n: float = _figure_field("force on the welder, mean", "N", default=nan)
+    force_max_n: float = _figure_field("force on the welder, largest", "N", default=nan)
+    pull_max_n: float = _figure_field("pull of a vehicle, largest", "N", default=nan)
+    welder_off_mm: float = _figure_field("welder off its line, largest", "mm", default=nan)
+    welder_late_mm: float = _figure_field("welder along its line, largest", "mm", default=nan)
+    followed_mm: float = _figure_field("vehicles off their poses, mean", "mm", default=nan)
+    estimate_deg: float = _figure_field("estimate of a joint, mean error", "°", default=nan)
+    estimate_mm: float = _figure_field("estimate of a link, mean error", "mm", default=nan)
+    link_clearance_mm: float = _figure_field("clearance of links, least", "mm", default=nan)
+    body_clearance_mm: float = _figure_field("clearance of bodies, least", "mm", default=nan)
+    passer_by_mm: float = _figure_field("distance to what moves, least", "mm", default=nan)
+    vehicle_gap_mm: float = _figure_field("gap between vehicles, least", "mm", default=nan)
+    touches: int | None = _figure_field("touches", default=None)
+
+    @property
+    def as_numbers(self) -> dict[str, float | int | bool | None]:
+        """Each figure by its name, None if it is not known."""
+        return {k: None if isinstance(v, float) and v != v else v for k, v in asdict(self).items()}
+
+
+FIGURE_UNITS: Final = {one.name: one.metadata["words"] for one in fields(TowFigures)}
+"""What each figure is, in words, and its unit."""
+
+
+def figures_of_tow(
+    job: TowJob, cycles: Sequence[TowCycle], truths: Sequence[TowTruth], *, complete: bool
+) -> TowFigures:
+    """Figures of a tow from what was recorded of it; one cycle at least.
+
+    Parameters
+    ----------
+    job : TowJob
+    cycles : sequence of TowCycle
+    truths : sequence of TowTruth
+        One for each cycle, or none.
+    complete : bool
+        Whether the whole seam was welded.
+    """
+    elapsed = cycles[-1].time - cycles[0].time
+    seconds = np.array([cycle.seconds for cycle in cycles])
+    asked = np.array([cycle.asked for cycle in cycles])
+    plans = [cycle.plan for cycle in cycles if not cycle.plan.halt]
+    terms = np.array([plan.terms.paper for plan in plans] or [nan])
+    # A part's processor time begins at zero.
+    host = sum(b.host - (a.host if a.host <= b.host else 0.0) for a, b in pairwise(cycles))
+    known = {} if not truths else _figures_against_truth(job, cycles, truths)
+    return TowFigures(
+        complete=complete,
+        welded_mm=1e3 * cycles[-1].along,
+        seconds=elapsed,
+        waited_s=float(sum(b.time - a.time for a, b in pairwise(cycles) if not b.pace)),
+        plan_hz=float(1 / seconds.mean()),
+        plan_p99_ms=float(1e3 * np.percentile(seconds, 99)),
+        real_time_factor=elapsed / host if host else nan,
+        objective=float(terms.mean()),
+        objective_max=float(terms.max()),
+        constraint=float(max((plan.constraint for plan in plans), default=nan)),
+        halts=len(cycles) - len(plans),
+        asked_mm_s=float(1e3 * np.hypot(asked[:, :-1, 0], asked[:, :-1, 2]).max(initial=0.0)),
+        planned_bend_deg=float(np.degrees(max(map(_largest_bend, plans), default=nan))),
+        **known,
+    )
+
+
+def _largest_bend(plan: TowingPlan) -> float:
+    return float(np.abs(plan.angles).max())
+
+
+def _figures_against_truth(
+    job: TowJob, cycles: Sequence[TowCycle], truths: Sequence[TowTruth]
+) -> dict[str, Any]:
+    force = np.array([np.hypot(*truth.welder_force[:2]) for truth in truths])
+    line = np.array([truth.line for truth in truths])
+    poses = np.array([truth.poses for truth in truths])
+    steps = np.diff(line, axis=1)
+    headings = np.unwrap(np.arctan2(steps[..., 1], steps[..., 0]), axis=1)
+    angles = np.diff(headings, axis=1, prepend=job.root.heading)
+    angles = (angles + np.pi) % (2 * np.pi) - np.pi
+    estimate = np.array([cycle.plan.estimate for cycle in cycles])
+    estimated = np.array([job.chain.poses(one)[:, :2] for one in estimate])
+    off, late = _welder_off_its_line(Seam(job.seam), cycles, poses)
+    targets = np.array([cycle.targets for cycle in cycles])[:-1, :-1, :2]
+    followed = np.linalg.norm(poses[1:, :-1, :2] - targets, axis=-1)
+    gaps = np.linalg.norm(poses[:, :, None, :2] - poses[:, None, :, :2], axis=-1)
+    gaps[:, *np.diag_indices(gaps.shape[1])] = np.inf
+    link, body = _clearances_of_what_is_fixed(job, line, poses)
+    passers = [_passer_by_distance(job, truth) for truth in truths if len(truth.passers_by)]
+    return {
+        "bend_deg": float(np.degrees(np.abs(angles).max())),
+        "force_mean_n": float(force.mean()),
+        "force_max_n": float(force.max()),
+        "pull_max_n": float(max(truth.vehicle_forces.max() for truth in truths)),
+        "welder_off_mm": 1e3 * off,
+        "welder_late_mm": 1e3 * late,
+        "followed_mm": float(1e3 * followed.mean()) if len(followed) else nan,
+        "estimate_deg": float(np.degrees(np.abs(estimate - angles).mean())),
+        "estimate_mm": float(1e3 * np.linalg.norm(estimated - line[:, 1:], axis=-1).mean()),
+        "link_clearance_mm": 1e3 * link,
+        "body_clearance_mm": 1e3 * body,
+        "passer_by_mm": 1e3 * min(passers, default=nan),
+        "vehicle_gap_mm": float(1e3 * (gaps.min() - 2 * job.vehicles.radius)),
+        "touches": sum(len(truth.touches) for truth in truths),
+    }
+
+
+def _welder_off_its_line(
+    seam: Seam, cycles: Sequence[TowCycle], poses: Array
+) -> tuple[float, float]:
+    """Largest distance of the welder from its line, and along it, metres."""
+    across, along = [0.0], [0.0]
+    for before, pose in zip(cycles, poses[1:, -1], strict=False):
+        target = seam.pose_at(before.along)
+        way = seam.pose_at(before.along + 1e-3)[:2] - seam.pose_at(before.along - 1e-3)[:2]
+        if not way.any():
+            across.append(float(np.hypot(*(pose - target)[:2])))
+            continue
+        x, y = way / np.hypot(*way)
+        dx, dy = (pose - target)[:2]
+        across.append(abs(float(x * dy - y * dx)))
+        along.append(abs(float(x * dx + y * dy)))
+    return max(across), max(along)
+
+
+def _clearances_of_what_is_fixed(job: TowJob, line: Array, poses: Array) -> tuple[float, float]:
+    """Least distance of links and of bodies from walls, pillars and obstacles that do not move."""
+    from shapely import Point, Polygon, distance, linestrings, points, union_all
+
+    fixed = [Point(o.points[0]).buffer(o.radius) for o in job.obstacles if not o.speed]
+    floor = Polygon(job.area.outline, job.area.holes).difference(union_all(fixed))
+    outside = Polygon(job.area.outline).buffer(10).difference(floor)
+    free = job.limits.free_links
+    link = distance(linestrings(line[:, free : line.shape[1] - free]), outside).min()
+    body = distance(points(poses[:, :-1, :2]), outside).min() - job.vehicles.radius
+    return float(link), float(body)
+
+
+def clearance_of_discs(line: Array, discs: Array) -> float:
+    """Least distance in metres of a line's corners, (n, 2), from discs x, y, radius, (m, 3)."""
+    apart = np.linalg.norm(line[:, None, :2] - discs[None, :, :2], axis=2) - discs[:, 2]
+    return float(apart.min())
+
+
+def _passer_by_distance(job: TowJob, truth: TowTruth) -> float:
+    """Least distance of cable and bodies from what moves, metres."""
+    from shapely import LineString, distance, points
+
+    at = points(truth.passers_by[:, :2])
+    cable = distance(LineString(truth.line), at) - truth.passers_by[:, 2]
+    apart = np.linalg.norm(truth.poses[:, None, :2] - truth.passers_by[None, :, :2], axis=-1)
+    bodies = apart - truth.passers_by[:, 2] - job.vehicles.radius
+    return float(min(cable.min(), bodies.min()))

@@ -19,16 +19,17 @@ from tjscan.job.tow.cell import TowCell, fixed_obstacles, make_planner, make_tow
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.job.tow.job import TowJob
 from tjscan.job.tow.sweep import sweep_seam
-from tjscan.recording.header import JobSnapshot
-from tjscan.recording.journal import CombinedJournal, Journal, RunEvent, event_recorder
+from tjscan.recording.journal import Journal, RunEvent, event_recorder
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.run import (
     JobContext,
+    WhenFinished,
     accept_edited_copies,
     changes_of_job,
     check_replay,
-    do_nothing_when_finished,
+    do_nothing,
+    job_snapshot_of_file,
     make_vehicle_run_directory,
     record_vehicle_run,
 )
@@ -86,9 +87,8 @@ class TowContext(JobContext[TowJob]):
 
 def make_tow(job: TowJob, cell: TowCell, planner: ShapePlanner, journal: Journal) -> CableTow:
     """Make the loop of a job for a cell whose devices are connected."""
-    setting = TowSetting(
-        job.chain, job.team, Seam(job.seam), job.localisation, job.following, cell.obstacles
-    )
+    line, obstacles = Seam(job.seam), cell.obstacles
+    setting = TowSetting(job.chain, job.team, line, job.localisation, job.following, obstacles)
     return CableTow(cell.team, cell.localisation, setting, planner, journal)
 
 
@@ -107,8 +107,8 @@ def run_tow(context: TowContext, directory: Path) -> None:
         sweep = sweep_seam(job, planner)
         sweep.refuse_if_blocked()
         cell = make_tow_cell(job, sweep.start.angles)
-        make_vehicle_run_directory(directory, job, context.job_file)
-    _tow(context, directory, cell, planner, 0.0, sweep.start)
+        make_vehicle_run_directory(directory, context)
+    _record_tow(context, directory, cell, planner, 0.0, sweep.start)
 
 
 def resume_tow(context: TowContext) -> None:
@@ -123,28 +123,26 @@ def resume_tow(context: TowContext) -> None:
     directory = context.job_file.parent
     recorded = read_recorded_tow(directory)
     if any(event.name == REPLAY_EVENT for event in recorded.events):
-        raise ConfigurationError(
-            "is a replay: nothing was towed there. Resume the tow itself", file=directory
-        )
+        reason = "is a replay: nothing was towed there. Resume the tow itself"
+        raise ConfigurationError(reason, file=directory)
     if recorded.complete:
         raise ConfigurationError("the whole seam is welded: nothing is left to do", file=directory)
     if not recorded.cycles:
-        raise ConfigurationError(
-            "nothing was towed: there is nothing to go on with. Start a new tow", file=directory
-        )
-    left = recorded.truths[-1] if recorded.truths else None
+        reason = "nothing was towed: there is nothing to go on with. Start a new tow"
+        raise ConfigurationError(reason, file=directory)
     last = next((c for c in reversed(recorded.cycles) if not c.plan.halt), recorded.cycles[-1])
-    edited = _is_edited(directory)
+    is_edited = _is_job_edited(directory)
     with add_file_to_errors(context.job_file):
         planner = make_planner(context.job)
-        if edited:
+        if is_edited:
             sweep_seam(context.job, planner, last.along, last.plan).refuse_if_blocked()
+        left = recorded.truths[-1] if recorded.truths else None
         cell = make_tow_cell(context.job, last.plan.angles, left)
     hauled = PLAN_PERIOD * sum(cycle.pace > 0 for cycle in recorded.cycles)
-    _tow(context, directory, cell, planner, last.along, last.plan, hauled)
+    _record_tow(context, directory, cell, planner, last.along, last.plan, hauled)
 
 
-def _is_edited(directory: Path) -> bool:
+def _is_job_edited(directory: Path) -> bool:
     """Whether the job of a tow is another than when it was recorded.
 
     Raises
@@ -155,7 +153,7 @@ def _is_edited(directory: Path) -> bool:
     before = read_job_snapshot(directory, TOW_RECORDING)
     if before is None:
         return False
-    now = JobSnapshot((directory / JOB_FILE).read_text(encoding="utf-8"))
+    now = job_snapshot_of_file(directory / JOB_FILE)
     advice = (
         "The cable has the shape in which it was left: put it back, or start a new tow. "
         f"What may change: {', '.join(RESUMABLE_KEYS)}"
@@ -163,7 +161,7 @@ def _is_edited(directory: Path) -> bool:
     return bool(changes_of_job(before, now, RESUMABLE_KEYS, advice, directory / JOB_FILE))
 
 
-def _tow(
+def _record_tow(
     context: TowContext,
     directory: Path,
     cell: TowCell,
@@ -173,14 +171,9 @@ def _tow(
     hauled: float = 0.0,
 ) -> None:
     """Tow, record, and write the results, however it ended."""
-    with record_vehicle_run(
-        directory,
-        TOW_RECORDING,
-        lambda file, job: TowRecording(file, job, context.truth_of(cell)),
-        partial(write_tow_results, job=context.job),
-        context.finished,
-    ) as recording:
-        journal = CombinedJournal(recording, context.journal)
+    record = partial(TowRecording, truth=context.truth_of(cell))
+    results = partial(write_tow_results, job=context.job)
+    with record_vehicle_run(context, directory, TOW_RECORDING, record, results) as journal:
         accept_edited_copies(directory, journal)
         cell.report_events_to(event_recorder(journal))
         with cell:
@@ -192,10 +185,7 @@ REPLAYABLE_KEYS: Final = ("method", "weights.", "targets.", "limits.")
 
 
 def replay_tow(
-    directory: Path,
-    overrides: dict[str, Any],
-    out: Path,
-    finished: Callable[[Path], object] = do_nothing_when_finished,
+    directory: Path, overrides: dict[str, Any], out: Path, finished: WhenFinished = do_nothing
 ) -> None:
     """Plan a recorded tow again from the poses as they were estimated, into a run directory.
 
@@ -226,21 +216,21 @@ def replay_tow(
     with add_file_to_errors(job_file):
         planner = make_planner(context.job)
     entries = list(read_tow(directory))
-    make_vehicle_run_directory(out, context.job, job_file)
-    origin = JobSnapshot((out / JOB_FILE).read_text(encoding="utf-8"))
-    truths = iter([entry for entry in entries if isinstance(entry, TowTruth)])
-    truth = (lambda: next(truths)) if any(isinstance(e, TowTruth) for e in entries) else None
+    make_vehicle_run_directory(out, context)
+    origin = job_snapshot_of_file(out / JOB_FILE)
+    truths = [entry for entry in entries if isinstance(entry, TowTruth)]
+    truth = partial(next, iter(truths)) if truths else None
     seam = Seam(context.job.seam)
     starts = planner.starts(seam.pose_at(0.0), fixed_obstacles(context.job))
     began = next((entry.poses for entry in entries if isinstance(entry, TowCycle)), None)
-    last = starts[0] if began is None else min(starts, key=partial(_apart, began))
+    last = starts[0] if began is None else min(starts, key=partial(_distance_of_poses, began))
     with lock_and_clean_directory(out):
         with TowRecording(out / f"{TOW_RECORDING}.mcap", origin, truth) as journal:
             journal.record(RunEvent(REPLAY_EVENT, f"planned anew from {directory}; nothing moved"))
             halted = False
             for entry in entries:
                 if isinstance(entry, TowCycle):
-                    cycle = _planned_anew(entry, planner, seam, last)
+                    cycle = _plan_again(entry, planner, seam, last)
                     halted |= bool(cycle.plan.halt)
                     last = last if cycle.plan.halt else cycle.plan
                     journal.record(cycle)
@@ -250,12 +240,12 @@ def replay_tow(
     finished(out)
 
 
-def _apart(poses: Array, start: TowingPlan) -> float:
+def _distance_of_poses(poses: Array, start: TowingPlan) -> float:
     """Mean distance of vehicles from the vehicles of a shape to begin with, metres."""
     return float(np.hypot(*(start.held_poses - poses)[:, :2].T).mean())
 
 
-def _planned_anew(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: TowingPlan) -> TowCycle:
+def _plan_again(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: TowingPlan) -> TowCycle:
     obstacles = [DiscObstacle(x, y, r, (vx, vy)) for x, y, r, vx, vy in np.array(cycle.obstacles)]
     began = host.thread_time()
     plan = planner.plan(

@@ -14,7 +14,7 @@ from tjscan.job.tow.cell import make_planner, make_tow_cell
 from tjscan.job.tow.checks import read_tow_job
 from tjscan.job.tow.job import TowJob
 from tjscan.job.tow.sweep import sweep_seam
-from tjscan.runs.tow.figures import figures_of_tow
+from tjscan.runs.tow.results import figures_of_tow
 from tjscan.runs.tow.run import make_tow
 from tjscan.study.backend import (
     ReportedQuantity,
@@ -60,7 +60,7 @@ class TowOutcome(RunOutcome):
     touches: int | None = None
 
 
-class TowKeeper:
+class TowCycleKeeper:
     """A tow's journal that keeps its cycles in memory.
 
     Parameters
@@ -99,7 +99,7 @@ def run_study_tow(job: TowJob) -> TowOutcome:
     sweep.refuse_if_blocked()
     cell = make_tow_cell(job, sweep.start.angles)
     assert cell.truth is not None
-    keeper = TowKeeper(cell.truth)
+    keeper = TowCycleKeeper(cell.truth)
     ended = True, "Complete", "the whole seam is welded"
     try:
         with cell:

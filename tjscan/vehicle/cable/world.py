@@ -105,6 +105,7 @@ class TowingWorld:
         turning += cable.link_mass * cable.link_length**2 / 3
         self._inertia = np.array((mass, mass, turning))
         self._forces = np.zeros((self.vehicles, 3))
+        self._summed, self._most_push = 0, np.zeros(self.vehicles)
         self._commanded = np.zeros((self.vehicles, 3))
         self._braked = np.ones(self.vehicles, dtype=bool)
         self._jammed = np.zeros(self.vehicles, dtype=bool)
