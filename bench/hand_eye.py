@@ -28,10 +28,9 @@ from tjscan.calibration.pose_files import pair_profiles_with_poses, read_flange_
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
 from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget, fit_circle
 from tjscan.calibration.targets.line import LineFit, fit_line, stack_lines
-from tjscan.calibration.targets.plane import PlaneTarget, SeenBoard
+from tjscan.calibration.targets.plane import PlaneTarget, SeenBoard, fit_plane
 from tjscan.calibration.targets.roof import RoofFit, SeenRoof, fit_roof
 from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
-from tjscan.calibration.targets.touched import fit_plane
 from tjscan.calibration.wizard.advice import BoardRectangle, LinePrediction
 from tjscan.calibration.wizard.logbook import LaserLineTaken, MeasurementsSoFar
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator

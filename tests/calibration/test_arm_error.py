@@ -24,9 +24,8 @@ from tjscan.calibration.checks.acceptance import verify_with_fresh_line
 from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.noise import ARM_REACH, NoiseModel, geometry_correlation
 from tjscan.calibration.targets.line import LineFit
-from tjscan.calibration.targets.plane import SeenBoard
+from tjscan.calibration.targets.plane import SeenBoard, fit_plane
 from tjscan.calibration.targets.target import PosedFit
-from tjscan.calibration.targets.touched import fit_plane
 from tjscan.core.frames import Array, pose, skew_matrix
 from tjscan.core.pose_vector import boxminus, boxplus
 from tjscan.robot.deviations import with_deviations

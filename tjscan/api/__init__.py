@@ -147,10 +147,9 @@ def calibrate(
     from tjscan.calibration.noise import NoiseModel
     from tjscan.calibration.recorded import see_targets
     from tjscan.calibration.targets.ball import SphereTarget
-    from tjscan.calibration.targets.plane import PlaneTarget
+    from tjscan.calibration.targets.plane import PlaneTarget, fit_plane
     from tjscan.calibration.targets.roof import UnknownRoof
     from tjscan.calibration.targets.target import PosedProfile
-    from tjscan.calibration.targets.touched import fit_plane
 
     poses = np.asarray(T_b_f, dtype=float)
     if poses.shape != (len(profiles), 4, 4):

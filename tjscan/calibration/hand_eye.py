@@ -106,7 +106,11 @@ def calibrate_on_targets(
     starts = problem.starts + ([] if T_f_s_guess is None else [T_f_s_guess])
     measured_radius = None
     if any(isinstance(one, SeenBall) for one in targets):
-        free = _with_free_radius(problem).solve(starts)
+        unstated = [
+            replace(one, sphere=SphereTarget()) if isinstance(one, SeenBall) else one
+            for one in problem.targets
+        ]
+        free = replace(problem, targets=unstated).solve(starts)
         measured_radius = _check_radius(targets, free)
         starts = [free.estimate.T_f_s]
     solution = problem.solve(starts)
@@ -140,14 +144,6 @@ def calibrate_on_targets(
         by_laser=estimate_by_laser(estimate),
         **_estimated_targets(solution),
     )
-
-
-def _with_free_radius(problem: CalibrationProblem) -> CalibrationProblem:
-    free = [
-        replace(one, sphere=SphereTarget()) if isinstance(one, SeenBall) else one
-        for one in problem.targets
-    ]
-    return replace(problem, targets=free)
 
 
 def _check_radius(targets: Targets, solution: Solution) -> MeasuredRadius:

@@ -24,10 +24,14 @@ from tjscan.calibration.recorded_settings import RecordedSettings
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.ball import SeenBall, SphereTarget, fit_circle
 from tjscan.calibration.targets.line import fit_line
-from tjscan.calibration.targets.plane import PlaneTarget, SeenBoard
+from tjscan.calibration.targets.plane import (
+    PlaneTarget,
+    SeenBoard,
+    fit_plane,
+    plane_stated_beforehand,
+)
 from tjscan.calibration.targets.roof import SeenRoof, UnknownRoof, fit_roof
 from tjscan.calibration.targets.target import PosedProfile, SeenTarget, fit_profiles
-from tjscan.calibration.targets.touched import fit_plane, plane_stated_beforehand
 from tjscan.core.errors import CalibrationRefused, ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.laser.files.format import ProfileFormat

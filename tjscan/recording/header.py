@@ -97,13 +97,13 @@ def _with_checksum(fields: Mapping[str, str]) -> dict[str, str]:
 
 
 def _check_metadata(metadata: Mapping[str, str]) -> None:
-    fields = {name: text for name, text in metadata.items() if name != CHECKSUM_KEY}
-    if metadata.get(CHECKSUM_KEY) != _checksum_of(fields):
+    if metadata.get(CHECKSUM_KEY) != _checksum_of(metadata):
         raise ValueError("the checksum of its head is another")
 
 
 def _checksum_of(fields: Mapping[str, str]) -> str:
-    return sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()
+    others = {name: text for name, text in fields.items() if name != CHECKSUM_KEY}
+    return sha256(json.dumps(others, sort_keys=True).encode()).hexdigest()
 
 
 def job_snapshot_changes(before: JobSnapshot, now: JobSnapshot) -> Iterator[tuple[str, str]]:

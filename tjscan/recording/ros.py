@@ -83,14 +83,11 @@ def pose_array_message(time: int, frame: str, poses: Array) -> RosMessage:
     poses : ndarray, shape (n, 4, 4)
         Metres.
     """
-    turns = [Rotation.from_matrix(T[:3, :3]).as_quat().tolist() for T in poses]
-    rows = [
-        {
-            "position": dict(zip("xyz", T[:3, 3].tolist(), strict=True)),
-            "orientation": dict(zip("xyzw", turn, strict=True)),
-        }
-        for T, turn in zip(poses, turns, strict=True)
-    ]
+    rows = []
+    for T in poses:
+        turn = Rotation.from_matrix(T[:3, :3]).as_quat().tolist()
+        position = dict(zip("xyz", T[:3, 3].tolist(), strict=True))
+        rows.append({"position": position, "orientation": dict(zip("xyzw", turn, strict=True))})
     return RosMessage(POSE_ARRAY, {"header": _message_header(time, frame), "poses": rows})
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import Final, Self
+from typing import Final
 
-from tjscan.core.devices import DeviceIdentity, EventListener
+from tjscan.core.devices import DeviceIdentity, EventListener, LocalDevice
 from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.localisation import TrackedDisc, VehiclePose
 from tjscan.vehicle.mqtt.wire import REPORTED_COUNTS
@@ -15,7 +15,7 @@ NOT_A_POSE: Final = "it holds NaN"
 OUT_OF_ORDER: Final = "it came after a later one"
 
 
-class SimulatedLocalisation:
+class SimulatedLocalisation(LocalDevice):
     """Sees the vehicles of a simulated world, behind the `Localisation` protocol.
 
     Its clock is the world's. Passers-by are seen as they are.
@@ -38,13 +38,6 @@ class SimulatedLocalisation:
         self._seen = world.time
         self._given = [-float("inf")] * world.vehicles
         self._listener: EventListener = lambda name, sentence: None
-
-    def __enter__(self) -> Self:
-        """Nothing to connect."""
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Nothing to disconnect."""
 
     @property
     def identity(self) -> DeviceIdentity:

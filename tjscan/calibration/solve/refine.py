@@ -134,7 +134,10 @@ def refine_by_least_squares(
         Find weights only once, with few evaluations of the residuals: to compare, not to keep.
     """
     information = model.prior_information
-    prior = _root_of_information(information)
+    # Rows that square to the information: as many as it has rank.
+    values, vectors = np.linalg.eigh(information)
+    kept = values > 1e-14 * max(values.max(initial=0.0), 1e-300)
+    prior = np.sqrt(values[kept])[:, None] * vectors[:, kept].T
     rounds, evaluations = (1, ROUGH_EVALUATIONS) if rough else (MAX_REWEIGHTINGS, MAX_EVALUATIONS)
     solver = {**SOLVER_TOLERANCES, "max_nfev": evaluations}
     T_f_s, target = solve_reweighted(
@@ -390,13 +393,6 @@ def covariance_from_information(information: Array) -> Array:
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
     values = np.maximum(values, 1e-15)
     return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
-
-
-def _root_of_information(information: Array) -> Array:
-    """Rows that square to the information: as many as it has rank, shape (r, m)."""
-    values, vectors = np.linalg.eigh(information)
-    kept = values > 1e-14 * max(values.max(initial=0.0), 1e-300)
-    return np.asarray(np.sqrt(values[kept])[:, None] * vectors[:, kept].T)
 
 
 def whiten(L: Array, v: Array) -> Array:

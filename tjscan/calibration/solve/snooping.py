@@ -60,7 +60,10 @@ def reject_outlying_profiles(
     geometry, cost = most_likely_geometry(estimate, stated)
     best, last = estimate, estimate
     if not (estimate.is_plausible and (refine.leave_one_out_changes(estimate)[0] <= prices).all()):
-        for size in range(1, _count_rejectable(estimate) + 1):
+        n, k = len(estimate.used), int(estimate.residuals_per_profile.max())
+        spare = int((1 - MIN_DOF_SHARE) * estimate.dof)
+        most = min(int(MAX_REJECTED_SHARE * n), n - MIN_PROFILES_KEPT, spare // k)
+        for size in range(1, most + 1):
             left_out = _find_worst_set(estimate, last, size)
             last = refine.refine_by_least_squares(
                 model, last.T_f_s, last.target, ~left_out, rough=True
@@ -79,13 +82,6 @@ def blame_prices(estimate: RefinedEstimate) -> Array:
     """By how much each profile must stand out to be blamed alone, shape (n,): a chi-squared."""
     sizes = estimate.residuals_per_profile
     return np.asarray(chdtri(sizes, refine.FALSE_ALARM_PROBABILITY / len(sizes)))
-
-
-def _count_rejectable(estimate: RefinedEstimate) -> int:
-    """How many profiles may be bad, from an estimate that uses all of them."""
-    n, k = len(estimate.used), int(estimate.residuals_per_profile.max())
-    spare = int((1 - MIN_DOF_SHARE) * estimate.dof)
-    return max(0, min(int(MAX_REJECTED_SHARE * n), n - MIN_PROFILES_KEPT, spare // k))
 
 
 def _find_worst_set(estimate: RefinedEstimate, last: RefinedEstimate, size: int) -> Mask:

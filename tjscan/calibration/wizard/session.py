@@ -15,9 +15,8 @@ from tjscan.calibration.noise import FlangeMoves, NoiseModel
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
 from tjscan.calibration.targets.consensus import Mask
 from tjscan.calibration.targets.line import LineFit, fit_line
-from tjscan.calibration.targets.plane import PlaneTarget
+from tjscan.calibration.targets.plane import PlaneTarget, fit_plane
 from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
-from tjscan.calibration.targets.touched import fit_plane
 from tjscan.calibration.wizard.advice import (
     BoardRectangle,
     CandidatePoseGrid,

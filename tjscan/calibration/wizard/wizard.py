@@ -12,9 +12,8 @@ import numpy as np
 from tjscan.calibration.checks.acceptance import Verification, verify_with_fresh_line
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.line import fit_line
-from tjscan.calibration.targets.plane import PlaneTarget, SeenBoard
+from tjscan.calibration.targets.plane import NOT_FLAT, PlaneTarget, SeenBoard
 from tjscan.calibration.targets.target import PosedProfile, fit_profiles
-from tjscan.calibration.targets.touched import NOT_FLAT
 from tjscan.calibration.wizard.advice import BoardRectangle
 from tjscan.calibration.wizard.logbook import (
     BoardTouch,

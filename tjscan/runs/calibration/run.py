@@ -28,8 +28,8 @@ from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.plucker import plane_through_point
 from tjscan.calibration.recorded import calibrate_recorded_sets
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
+from tjscan.calibration.targets.plane import fit_plane
 from tjscan.calibration.targets.target import PosedProfile
-from tjscan.calibration.targets.touched import fit_plane
 from tjscan.calibration.wizard.advice import BoardRectangle
 from tjscan.calibration.wizard.logbook import (
     CALIBRATION_RECORDING,
