@@ -27,7 +27,7 @@ PAPER_JOB: Final = Path(tjscan.__file__).parents[1] / "examples" / "paper.toml"
 TRACED_SECTION: Final = 3
 """Number of the section whose correction substep is traced, from 0."""
 
-FIRST_CALL, NEXT_CALL = "take_view", "_keep"
+FIRST_CALL, NEXT_CALL = "take_view", "_finish_section"
 """Names of the function that the way begins with, and of the one called once it has ended."""
 
 

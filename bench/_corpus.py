@@ -26,7 +26,7 @@ from tjscan.calibration.wizard.logbook import (
     read_calibration_entries,
 )
 from tjscan.cli.options.overrides import parse_overrides
-from tjscan.comparison.sidecar import StatedUnitAndFrame
+from tjscan.comparison.shapes import StatedUnitAndFrame
 from tjscan.core.config import validate_table
 from tjscan.core.provenance import Provenance
 from tjscan.groove.settings import DEFAULT_SETTINGS
@@ -50,9 +50,8 @@ from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan
 from tjscan.runs.scan.study import ScanOutcome
 from tjscan.runs.tasks import study_backend_of_task
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import ScanRecording, read_recorded_scan
 from tjscan.scanning.section import ScannedSection
-from tjscan.scanning.topics import ScanRecording
 from tjscan.study.file import plan_study, read_study_file
 from tjscan.study.store import PLAN_FILE, ROWS_FILE, make_study_directory, read_rows, read_trials
 from tjscan.study.trial import StudyRow

@@ -11,8 +11,8 @@ import manifold3d
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
+from tjscan.joint.edges import groove_sections
 from tjscan.joint.geometry import cylindrical_to_j
 from tjscan.planning.edges import GrooveEdges, fit_edges_to_corners
 

@@ -15,7 +15,7 @@ from typing import Final
 import trimesh
 from _fuzz import Tally
 
-from tjscan.comparison.sidecar import StatedUnitAndFrame
+from tjscan.comparison.shapes import StatedUnitAndFrame
 from tjscan.core.errors import TjscanError
 from tjscan.laser.files.format import ProfileFormat
 from tjscan.laser.files.read import read_profiles

@@ -12,7 +12,7 @@ from typing import Final
 
 import trimesh
 
-from tjscan.comparison.sidecar import StatedUnitAndFrame
+from tjscan.comparison.shapes import StatedUnitAndFrame
 from tjscan.core.mesh_files import MOST_MEMORY, memory_to_read
 from tjscan.result.shapes import read_shape
 

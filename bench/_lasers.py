@@ -25,7 +25,7 @@ from tjscan.core.errors import (
     WrongLaser,
 )
 from tjscan.groove.read import read_groove
-from tjscan.laser.genicam.laser import GenicamLaser
+from tjscan.laser.genicam.gige import GenicamLaser
 from tjscan.laser.genicam.settings import GenicamSettings
 from tjscan.laser.profile import Profile
 from tjscan_loopback.process import LaserLoopbackProcess

@@ -41,7 +41,7 @@ from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import Setting
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.tasks import read_recorded_show
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

@@ -21,7 +21,7 @@ from tjscan.result.directory import RECORDING_FILE
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan, scan_in_cell
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ProfileView
 
 FILE: Final = EXAMPLES / "paper.toml"

@@ -21,7 +21,7 @@ from tjscan.core.errors import TjscanError
 from tjscan.core.frames import Array
 from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 
 SECTIONS: Final = 8
 LASER_FAULTS: Final = ("noise_mm", "bias_mm", "dropout", "missing", "ghosts", "flyers")

@@ -13,7 +13,7 @@ from _table import Row
 from tjscan.job.files import read_scan_job
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import scan_in_cell
-from tjscan.scanning.topics import ScanRecording
+from tjscan.scanning.recording import ScanRecording
 
 
 class _Timed:

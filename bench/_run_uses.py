@@ -43,7 +43,7 @@ from tjscan.runs.tow.report import tow_chapter
 from tjscan.runs.tow.results import FIGURES_FILE, PLANS_FILE, read_recorded_tow, read_tow_figures
 from tjscan.runs.tow.run import TowContext, replay_tow, resume_tow, run_tow
 from tjscan.scanning.progress import StopReason
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 from tjscan.towing.topics import TOW_RECORDING
 
 SCANNED: Final = 3

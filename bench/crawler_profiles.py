@@ -25,8 +25,7 @@ from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.joint_tracking.registration import JointPlacement, ReferenceProfile
 from tjscan.crawler.joint_tracking.tracking import JointTracker
 from tjscan.crawler.paper_joint import read_joint_as_paper
-from tjscan.joint.hull import HullJoint, HullTack, WeldBead
-from tjscan.joint.hull_section import hull_section
+from tjscan.joint.hull import HullJoint, HullTack, WeldBead, hull_section
 from tjscan.laser.profile import Profile
 from tjscan.laser.section_laser import (
     SectionLaserModel,

@@ -31,7 +31,7 @@ from wire import measure as wire_faults
 
 from tjscan.core.errors import TjscanError
 from tjscan.core.frames import Array
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 
 WRONG_MM: Final = 1.0
 """A corner that is further from the true edge is a wrong one."""

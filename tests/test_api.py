@@ -14,7 +14,7 @@ from command import blank_pictures
 
 import tjscan
 from tjscan.api import Scan
-from tjscan.comparison.result import Comparison
+from tjscan.comparison.compare import Comparison
 from tjscan.core.errors import ConfigurationError, GrooveNotFound
 
 ROOT = Path(__file__).parents[1]

@@ -104,7 +104,7 @@ class RecordedProfiles:
             If there are none.
         """
         if file.is_dir() or file.suffix == ".mcap":
-            from tjscan.scanning.reader import read_views
+            from tjscan.scanning.recording import read_views
 
             profiles = [view.profile for view in read_views(file)]
         else:

@@ -18,7 +18,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.groove.read import read_groove
 from tjscan.job.files import read_scan_job
 from tjscan.result.table import RUN_COLUMNS
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 
 RUN_FILES = {
     "SHA256SUMS",

@@ -13,7 +13,7 @@ import trimesh
 from cells import FAULTLESS, PAPER
 from command import tjscan
 
-from tjscan.comparison.sidecar import StatedUnitAndFrame
+from tjscan.comparison.shapes import StatedUnitAndFrame
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.result.shapes import read_shape

@@ -6,10 +6,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.comparison.alignment import (
-    align_icp,
-    nearest_point_finder_in_cloud,
-)
+from tjscan.comparison.alignment import align_icp, nearest_point_finder_in_cloud
 from tjscan.comparison.compare import compare_shapes
 from tjscan.comparison.distance import DistanceStatistics
 from tjscan.comparison.shapes import Mesh, Shape, UnitAndFrame
@@ -62,7 +59,7 @@ def test_a_cloud_shifted_from_a_plane_has_the_shift_as_its_distance(d: float, se
     xy = np.random.default_rng(seed).uniform(-0.9, 0.9, (200, 2))
     points = np.column_stack((xy, np.full(200, d)))
     np.testing.assert_allclose(plane.signed_distances(points), d, atol=EXACT)
-    assert not plane.watertight
+    assert not plane.facets.watertight
 
 
 def test_distances_to_a_box_are_those_of_its_closed_form_inside_and_out() -> None:

@@ -7,8 +7,7 @@ import pytest
 
 from tjscan.comparison.maps import CornerCurves
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import groove_sections
-from tjscan.joint.edges import feature_edges
+from tjscan.joint.edges import feature_edges, groove_sections
 from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import cylindrical_to_j
 

@@ -19,7 +19,7 @@ from tjscan.core.files import check_file_size, refuse_links_outside, write_files
 from tjscan.joint.file import read_joint
 from tjscan.laser.files.format import ProfileFormat
 from tjscan.laser.files.read import read_profiles
-from tjscan.scanning.reader import read_views
+from tjscan.scanning.recording import read_views
 
 INPUTS = 25
 """Of each reader; `make soak` takes thousands."""

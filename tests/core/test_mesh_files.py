@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from tjscan.comparison.clouds import read_shape_file
-from tjscan.comparison.sidecar import StatedUnitAndFrame
+from tjscan.comparison.shapes import StatedUnitAndFrame
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.mesh_files import read_mesh_file
 

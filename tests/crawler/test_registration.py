@@ -13,14 +13,9 @@ from tjscan.crawler.joint_tracking.registration import (
     ReferenceProfile,
     register_profile,
 )
-from tjscan.joint.hull import HullJoint
-from tjscan.joint.hull_section import hull_section
+from tjscan.joint.hull import HullJoint, hull_section
 from tjscan.laser.profile import Profile
-from tjscan.laser.section_laser import (
-    SectionLaserModel,
-    SectionLaserPose,
-    cast_rays_on_section,
-)
+from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose, cast_rays_on_section
 
 NOISE = 0.06e-3
 

@@ -6,7 +6,18 @@ from itertools import count
 
 import numpy as np
 import pytest
-from hull_views import ARC_20, ARC_40, CAPPED, EXACT, FILLED_15_MM, mirrored, see, true_placement
+from hull_views import (
+    ARC_20,
+    ARC_40,
+    CAPPED,
+    EXACT,
+    FILLED_15_MM,
+    area_left_to_fill,
+    mirrored,
+    see,
+    top_edges,
+    true_placement,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -20,8 +31,7 @@ from tjscan.crawler.joint_tracking.tracking import (
     ButtJointReading,
     JointTracker,
 )
-from tjscan.joint.hull import HullJoint, HullTack
-from tjscan.joint.hull_section import area_left_to_fill, hull_section, top_edges
+from tjscan.joint.hull import HullJoint, HullTack, hull_section
 from tjscan.laser.profile import Profile
 from tjscan.laser.section_laser import (
     SectionLaserModel,

@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import brentq
 
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
+from tjscan.joint.edges import groove_sections
 from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import cylindrical_to_j
 

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import groove_sections
-from tjscan.joint.edges import ClosedPolyline, feature_edges
+from tjscan.joint.edges import ClosedPolyline, feature_edges, groove_sections
 from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import cylindrical_to_j
 
@@ -65,7 +64,7 @@ def test_distances_tell_the_edges_apart() -> None:
     assert distances.shape == (36, 3)
     np.testing.assert_allclose(distances[:, 1], 0, atol=EXACT)
     assert distances[:, [0, 2]].min() > 4e-3
-    np.testing.assert_allclose(edges.nearest_edge_distances(on_p3), 0, atol=EXACT)
+    np.testing.assert_allclose(edges.distances(on_p3).min(axis=1), 0, atol=EXACT)
 
 
 def test_a_point_off_the_edge_is_as_far_as_it_was_moved() -> None:

@@ -6,21 +6,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hull_views import area_left_to_fill, top_edges
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.core.config import table_to_dict, validate_table
+from tjscan.core.config import read_toml, table_to_dict, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.joint.hull import (
+    BEAD_NODES,
     HullJoint,
     HullTack,
     WeldBead,
+    hull_section,
     joint_pose,
     laser_offset,
     place_beside_joint,
-    read_hull_joint,
 )
-from tjscan.joint.hull_section import BEAD_NODES, area_left_to_fill, hull_section, top_edges
 
 NM2 = 1e-9 * 30e-3
 """Area in m² of a nanometre over a groove: what leaning faces leave."""
@@ -155,7 +156,7 @@ def test_file_comes_back_as_it_was(tmp_path: Path) -> None:
         "width_mm = 30.0\nopening_angle_deg = 70.0\nradius_m = -20.0\nlength_m = 3.0\n"
         "[[tacks]]\nat_m = 0.4\n[[beads]]\nlevel_mm = 5.0\ncrown_mm = 0.5\n"
     )
-    joint = read_hull_joint(file)
+    joint = validate_table(HullJoint, read_toml(file), file)
     assert joint.radius == -20.0
     assert joint.tacks == (HullTack(at=0.4),)
     assert joint.opening_angle == pytest.approx(radians(70))
@@ -176,4 +177,4 @@ def test_joints_that_cannot_be_are_refused(tmp_path: Path, line: str, word: str)
     file = tmp_path / "joint.toml"
     file.write_text(line + "\n")
     with pytest.raises(ConfigurationError, match=word):
-        read_hull_joint(file)
+        validate_table(HullJoint, read_toml(file), file)

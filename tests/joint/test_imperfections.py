@@ -18,17 +18,12 @@ from tjscan.comparison.distance import DistanceStatistics, corner_to_edge_distan
 from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import groove_sections
-from tjscan.joint.checks import check_buildable
-from tjscan.joint.definition import JointDefinition
-from tjscan.joint.edges import feature_edges, tack_spans, within_spans
-from tjscan.joint.file import JointFile, read_joint
-from tjscan.joint.geometry import LegSurface, cylindrical_to_j
-from tjscan.joint.imperfections import (
+from tjscan.joint.definition import (
     NO_IMPERFECTIONS,
     BevelAsCut,
     BraceMisfit,
     Imperfections,
+    JointDefinition,
     Ovality,
     RootAsFitted,
     SeamWeldCap,
@@ -36,8 +31,16 @@ from tjscan.joint.imperfections import (
     TackWeld,
     interpolate_around_joint,
 )
+from tjscan.joint.edges import feature_edges, groove_sections, tack_spans, within_spans
+from tjscan.joint.file import JointFile, check_buildable, read_joint
+from tjscan.joint.geometry import (
+    Ellipse,
+    LegSurface,
+    OvalLegSurface,
+    cylindrical_to_j,
+    semi_axes_same_circumference,
+)
 from tjscan.joint.mesh import TriangleMesh, build_joint_mesh
-from tjscan.joint.oval import Ellipse, OvalLegSurface, semi_axes_same_circumference
 from tjscan.laser.optics import RaycastSurface
 
 CAD = Path(__file__).parents[2] / "cad"

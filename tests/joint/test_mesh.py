@@ -13,11 +13,9 @@ from hypothesis import strategies as st
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import groove_sections
-from tjscan.joint.checks import check_buildable
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.edges import feature_edges
-from tjscan.joint.file import JointFile, read_joint
+from tjscan.joint.edges import feature_edges, groove_sections
+from tjscan.joint.file import JointFile, check_buildable, read_joint
 from tjscan.joint.geometry import cylindrical_to_j
 from tjscan.joint.mesh import (
     MOST_CHORD_ERROR,

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from tjscan.core.frames import Array, pose
-from tjscan.joint.bevel import groove_sections
-from tjscan.joint.definition import JointDefinition
-from tjscan.joint.file import read_joint
-from tjscan.joint.geometry import cylindrical_to_j
-from tjscan.joint.imperfections import (
+from tjscan.joint.definition import (
     NO_IMPERFECTIONS,
     BevelAsCut,
     Imperfections,
+    JointDefinition,
     MillScale,
     Ovality,
 )
+from tjscan.joint.edges import groove_sections
+from tjscan.joint.file import read_joint
+from tjscan.joint.geometry import cylindrical_to_j
 from tjscan.joint.relief import make_relief_height_function
 from tjscan.laser.model import LaserModel
 from tjscan.laser.optics import RaycastSurface, laser_ray_directions, trace_laser_rays

@@ -28,8 +28,13 @@ from tjscan.joint.geometry import cylindrical_to_j
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.joint.tubes.cylinder import Cylinder, cylinder_from_normals
 from tjscan.joint.tubes.find import find_tubes_in_cloud
-from tjscan.joint.tubes.fit import ArmRepeatability, WallPoints, fit_tubes_to_walls
-from tjscan.joint.tubes.frame import joint_frame_from_tubes, joint_pose_from_cylinders
+from tjscan.joint.tubes.fit import (
+    ArmRepeatability,
+    WallPoints,
+    fit_tubes_to_walls,
+    joint_frame_from_tubes,
+    joint_pose_from_cylinders,
+)
 from tjscan.runs.scan.results import all_profile_points
 
 CAD = Path(__file__).parent.parent.parent / "cad"

@@ -25,8 +25,7 @@ from tjscan.core.errors import (
     WrongLaser,
 )
 from tjscan.job.files import read_scan_job
-from tjscan.laser.genicam.gige import TAKEN_AGAIN
-from tjscan.laser.genicam.scancontrol_laser import ScanControlLaser
+from tjscan.laser.genicam.gige import TAKEN_AGAIN, ScanControlLaser
 from tjscan.laser.genicam.settings import ScanControlSettings
 from tjscan.laser.scan3d import COORDINATE_FORMATS
 from tjscan_loopback.process import LaserLoopbackProcess

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.laser.genicam.clock import (
+from tjscan.laser.genicam.messages import (
     CLOCK_DRIFT,
     HostInterval,
     cell_time_of_exposure,

@@ -11,7 +11,7 @@ import pytest
 from tjscan.core.config import validate_table
 from tjscan.core.devices import DeviceIdentity
 from tjscan.core.errors import ProfileFormatRefused
-from tjscan.laser.genicam.laser import scales_of_laser
+from tjscan.laser.genicam.gige import scales_of_laser
 from tjscan.laser.genicam.messages import ConnectedLaser, StatedAxis
 from tjscan.laser.genicam.settings import GenicamSettings
 

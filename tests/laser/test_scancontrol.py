@@ -14,16 +14,13 @@ from hypothesis import strategies as st
 from tjscan.core.errors import LaserFault, ProfileFormatRefused
 from tjscan.laser.genicam.settings import ScanControlSettings
 from tjscan.laser.profile import Profile
-from tjscan.laser.scancontrol import (
-    FIELD_WORDS,
-    MODEL_SCALES,
-    POINT_COUNTS,
-    parse_scancontrol,
-    row_bytes,
-)
+from tjscan.laser.scancontrol import FIELD_WORDS, MODEL_SCALES, parse_scancontrol, row_bytes
 
 SCALE = MODEL_SCALES["2600-100"]
 OFFSET_SECONDS = 1 / (8000 * 3072)
+
+POINT_COUNTS = (80, 160, 320, 640)
+"""How many points a profile may have."""
 
 
 def settings(**stated: Any) -> ScanControlSettings:

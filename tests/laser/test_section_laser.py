@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
-from tjscan.joint.hull import HullJoint, WeldBead
-from tjscan.joint.hull_section import hull_section
+from tjscan.joint.hull import HullJoint, WeldBead, hull_section
 from tjscan.laser.section_laser import (
     STAND_OFF,
     SectionLaserModel,

@@ -26,7 +26,7 @@ from tjscan.crawler.phases import Phase
 from tjscan.crawler.topics import read_crawl
 from tjscan.live.colours import ARM_COLOUR, TOOL_COLOUR, viridis
 from tjscan.recording.journal import RunEvent
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN
 
 if TYPE_CHECKING:

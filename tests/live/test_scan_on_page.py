@@ -17,7 +17,7 @@ from tjscan.recording.journal import RunEvent
 from tjscan.runs.live.scan import show_scan
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.tasks import read_recorded_show
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.stopping import StopRequest
 
 RUN = Path(__file__).parents[1] / "data" / "run-0.1.0"

@@ -9,8 +9,8 @@ import pytest
 
 from tjscan.core.frames import Array, pose
 from tjscan.groove.measured import MeasuredSection
-from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import FitUpTolerance, JointDefinition
+from tjscan.joint.edges import groove_sections
 from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import cylindrical_to_j, radial_direction, tangential_direction
 from tjscan.report.dimensions import Dimension, section_dimensions

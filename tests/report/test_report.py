@@ -34,7 +34,7 @@ from tjscan.result.stitching import (
 )
 from tjscan.result.summary import read_summary, summarise_stations, write_summary
 from tjscan.result.table import read_sections_csv, write_sections_csv
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 
 CAD = Path(__file__).parent.parent.parent / "cad" / "tjoint-600x457.toml"
 

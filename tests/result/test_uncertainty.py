@@ -11,8 +11,7 @@ from measured import ORIGIN, a_section
 from tjscan.core.errors import ConfigurationError
 from tjscan.result.section import absent_corners
 from tjscan.result.uncertainty import read_budget, write_budget
-from tjscan.uncertainty.budget import BudgetComponent, UncertaintyBudget
-from tjscan.uncertainty.summary import summarise_budget
+from tjscan.uncertainty.budget import BudgetComponent, UncertaintyBudget, summarise_budget
 
 COUNT = 7
 SECTIONS = [a_section(seed) for seed in range(COUNT)]

@@ -8,12 +8,10 @@ import numpy as np
 
 from tjscan.core.frames import Array, pose, rotation_angle_between
 from tjscan.robot.arm import Arm
-from tjscan.robot.corrected import CorrectedArm
-from tjscan.robot.deviations import with_deviations
+from tjscan.robot.deviations import CorrectedArm, with_deviations
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import PlacementTolerance
-from tjscan.robot.simulated import SimulatedArm
-from tjscan.robot.simulated_errors import SimulatedArmErrors
+from tjscan.robot.simulated import SimulatedArm, SimulatedArmErrors
 
 WELL = np.radians([10, -80, 100, -60, -80, 20])
 SOLVED = 1e-7

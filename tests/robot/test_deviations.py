@@ -12,8 +12,7 @@ from tjscan.core.pose_vector import boxminus
 from tjscan.robot.deviations import deviation_jacobian, length_growth, with_deviations
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import ArmErrorSettings, PlacementTolerance
-from tjscan.robot.simulated import SimulatedArm
-from tjscan.robot.simulated_errors import SimulatedArmErrors
+from tjscan.robot.simulated import SimulatedArm, SimulatedArmErrors
 from tjscan.robot.urdf import ARM_MODELS
 
 WELL = np.radians([10, -80, 100, -60, -80, 20])

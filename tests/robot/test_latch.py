@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from tjscan.core.errors import ArmFault
-from tjscan.robot.motion_lock import MotionLock
+from tjscan.robot.arm import MotionLock
 
 PATIENCE = 10.0
 """Seconds after which a thread that should have gone on has not."""

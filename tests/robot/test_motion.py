@@ -16,7 +16,7 @@ from tjscan.core.errors import ConfigurationError, PoseUnreachable
 from tjscan.core.frames import Array, pose, rot_x, rot_y, rot_z, rotation_angle_between
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import JointTrajectory, MotionLimits
-from tjscan.robot.path import joint_path, linear_path
+from tjscan.robot.path import PathPlanner
 
 WELL = np.radians([10, -80, 100, -60, -80, 20])
 LIMITS = MotionLimits()
@@ -73,13 +73,13 @@ def assert_within(path: JointTrajectory, limits: MotionLimits) -> None:
 def test_a_linear_path_keeps_every_limit(
     shift: Array, turn: list[float], limits: MotionLimits
 ) -> None:
-    assert_within(linear_path(arm(), WELL, moved(shift, turn), limits), limits)
+    assert_within(PathPlanner(arm(), limits).linear_path(WELL, moved(shift, turn)), limits)
 
 
 @given(step=st.lists(st.floats(-1.5, 1.5), min_size=6, max_size=6), limits=limits)
 @settings(max_examples=25, deadline=None)
 def test_a_joint_path_keeps_every_limit(step: list[float], limits: MotionLimits) -> None:
-    assert_within(joint_path(arm(), WELL, WELL + step, limits), limits)
+    assert_within(PathPlanner(arm(), limits).path_to_joint_angles(WELL, WELL + step), limits)
 
 
 @given(shift=shifts, turn=turns, limits=limits)
@@ -88,10 +88,10 @@ def test_doubling_a_limit_never_lengthens_a_move(
     shift: Array, turn: list[float], limits: MotionLimits
 ) -> None:
     T_b_f = moved(shift, turn)
-    duration = linear_path(arm(), WELL, T_b_f, limits).duration
+    duration = PathPlanner(arm(), limits).linear_path(WELL, T_b_f).duration
     for name in ("tcp_speed", "tcp_acceleration", "joint_speed", "joint_acceleration"):
         more = replace(limits, **{name: 2 * getattr(limits, name)})
-        assert linear_path(arm(), WELL, T_b_f, more).duration <= duration * (1 + 1e-12)
+        assert PathPlanner(arm(), more).linear_path(WELL, T_b_f).duration <= duration * (1 + 1e-12)
 
 
 @given(shift=shifts, turn=turns, factor=st.floats(1, 10))
@@ -104,8 +104,8 @@ def test_time_scales(shift: Array, turn: list[float], factor: float) -> None:
         LIMITS.joint_speed / factor,
         LIMITS.joint_acceleration / factor**2,
     )
-    quick = linear_path(arm(), WELL, moved(shift, turn), LIMITS)
-    scaled = linear_path(arm(), WELL, moved(shift, turn), slow)
+    quick = PathPlanner(arm(), LIMITS).linear_path(WELL, moved(shift, turn))
+    scaled = PathPlanner(arm(), slow).linear_path(WELL, moved(shift, turn))
     assert scaled.duration == pytest.approx(factor * quick.duration, rel=1e-9)
     np.testing.assert_allclose(
         scaled.joint_angles_at(factor * quick.duration / 3),
@@ -119,7 +119,7 @@ def test_time_scales(shift: Array, turn: list[float], factor: float) -> None:
 @settings(max_examples=25, deadline=None)
 def test_the_flange_stays_on_the_line_and_arrives(shift: Array, turn: list[float]) -> None:
     start, end = arm().forward(WELL), moved(shift, turn)
-    path = linear_path(arm(), WELL, end, LIMITS)
+    path = PathPlanner(arm(), LIMITS).linear_path(WELL, end)
     poses = [arm().forward(q) for q in path.joint_angles_at(np.linspace(0, path.duration, 50))]
     np.testing.assert_allclose(poses[0], start, rtol=0, atol=1e-9)
     np.testing.assert_allclose(poses[-1], end, rtol=0, atol=5e-9)
@@ -138,7 +138,7 @@ def test_the_flange_stays_on_the_line_and_arrives(shift: Array, turn: list[float
 def test_a_trapezoid_of_known_duration() -> None:
     # One joint by 1 rad at 0.5 rad/s and 1 rad/s²: 2 s of way and 0.5 s of ramp.
     limits = MotionLimits(10.0, 10.0, 0.5 / float(arm().velocity[5]), 1.0)
-    path = joint_path(arm(), WELL, WELL + np.eye(6)[5], limits)
+    path = PathPlanner(arm(), limits).path_to_joint_angles(WELL, WELL + np.eye(6)[5])
     assert path.duration == pytest.approx(2.5, rel=1e-9)
     assert path.ramp == pytest.approx(0.5, rel=1e-9)
     assert path.joint_angles_at(0.5)[5] - WELL[5] == pytest.approx(0.125, abs=1e-9)
@@ -148,15 +148,15 @@ def test_a_trapezoid_of_known_duration() -> None:
 def test_a_short_move_never_cruises() -> None:
     # By 0.04 rad at 1 rad/s²: up in 0.2 s, down in 0.2 s.
     limits = MotionLimits(10.0, 10.0, 0.5, 1.0)
-    path = joint_path(arm(), WELL, WELL + 0.04 * np.eye(6)[5], limits)
+    path = PathPlanner(arm(), limits).path_to_joint_angles(WELL, WELL + 0.04 * np.eye(6)[5])
     assert path.duration == pytest.approx(0.4, rel=1e-9)
     assert path.ramp == pytest.approx(0.2, rel=1e-9)
 
 
 def test_no_way_takes_no_time() -> None:
     for path in (
-        joint_path(arm(), WELL, WELL, LIMITS),
-        linear_path(arm(), WELL, arm().forward(WELL), LIMITS),
+        PathPlanner(arm(), LIMITS).path_to_joint_angles(WELL, WELL),
+        PathPlanner(arm(), LIMITS).linear_path(WELL, arm().forward(WELL)),
     ):
         assert path.duration == pytest.approx(0, abs=1e-3)
         np.testing.assert_allclose(
@@ -165,7 +165,7 @@ def test_no_way_takes_no_time() -> None:
 
 
 def test_waypoints_are_close_and_can_not_be_written_to() -> None:
-    path = linear_path(arm(), WELL, moved(np.array([0.04, 0, 0]), [0, 0, 0]), LIMITS)
+    path = PathPlanner(arm(), LIMITS).linear_path(WELL, moved(np.array([0.04, 0, 0]), [0, 0, 0]))
     points_b = [arm().forward(q)[:3, 3] for q in path.q]
     assert max(np.linalg.norm(b - a) for a, b in pairwise(points_b)) <= 5e-3 + 1e-8
     with pytest.raises(ValueError, match="read-only"):
@@ -175,7 +175,7 @@ def test_waypoints_are_close_and_can_not_be_written_to() -> None:
 def test_a_line_out_of_reach_says_how_far_it_gets() -> None:
     T_b_f = moved(np.array([2.0, 0, 0]), [0, 0, 0])
     with pytest.raises(PoseUnreachable, match=r"\d+% of the way there, .*reach") as caught:
-        linear_path(arm(), WELL, T_b_f, LIMITS)
+        PathPlanner(arm(), LIMITS).linear_path(WELL, T_b_f)
     np.testing.assert_array_equal(caught.value.T_b_f, T_b_f)
 
 
@@ -189,7 +189,7 @@ def test_a_line_through_a_singular_wrist_is_refused() -> None:
     start, end = arm().forward(q), arm().forward(beyond)
     assert rotation_angle_between(start, end) < 0.7
     with pytest.raises(PoseUnreachable, match="near a singularity"):
-        linear_path(arm(), q, end, LIMITS)
+        PathPlanner(arm(), LIMITS).linear_path(q, end)
 
 
 def test_a_joint_that_runs_into_its_limit_is_named() -> None:
@@ -197,7 +197,7 @@ def test_a_joint_that_runs_into_its_limit_is_named() -> None:
     q[5] = np.radians(358)
     T_b_f = arm().forward(q + np.radians([0, 0, 0, 0, 0, 10]))
     with pytest.raises(PoseUnreachable, match=r"wrist_3_joint runs into its limit"):
-        linear_path(arm(), q, T_b_f, LIMITS)
+        PathPlanner(arm(), LIMITS).linear_path(q, T_b_f)
 
 
 def test_a_line_beyond_a_narrow_limit_is_refused(tmp_path: Path) -> None:
@@ -209,7 +209,7 @@ def test_a_line_beyond_a_narrow_limit_is_refused(tmp_path: Path) -> None:
     q = np.array([0.4, -0.4, 1, 0.4, 0.4, 0.4])
     T_b_f = fenced.forward(q + np.array([0.2, 0, 0, 0, 0, 0]))
     with pytest.raises(PoseUnreachable, match=r"shoulder_pan_joint .* beyond its limit"):
-        linear_path(fenced, q, T_b_f, LIMITS)
+        PathPlanner(fenced, LIMITS).linear_path(q, T_b_f)
 
 
 @pytest.mark.parametrize(

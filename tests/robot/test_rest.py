@@ -12,17 +12,17 @@ from hypothesis import strategies as st
 
 from tjscan.core.errors import ArmFault
 from tjscan.core.frames import Array
-from tjscan.robot.arm import ArmState
-from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import MotionLimits
-from tjscan.robot.rest import (
+from tjscan.robot.arm import (
     READING_PAUSE,
     REST_LIMIT,
     STILL_DURATION,
     STILL_TOLERANCE,
+    ArmState,
     await_rest,
     check_not_moved,
 )
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.motion import MotionLimits
 from tjscan.robot.simulated import SimulatedArm
 
 FLICKER = 5e-5

@@ -13,7 +13,7 @@ from tjscan.core.frames import Array, pose, rotation_angle_between
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import MotionLimits
-from tjscan.robot.path import linear_path
+from tjscan.robot.path import PathPlanner
 from tjscan.robot.simulated import SimulatedArm
 
 WELL = np.radians([10, -80, 100, -60, -80, 20])
@@ -43,7 +43,7 @@ def test_it_fulfils_the_protocol_and_reports_what_it_was_told() -> None:
 
 
 def test_its_clock_runs_with_its_motion() -> None:
-    path = linear_path(kinematics(), WELL, ahead(), MotionLimits())
+    path = PathPlanner(kinematics(), MotionLimits()).linear_path(WELL, ahead())
     with SimulatedArm(kinematics(), WELL) as arm:
         assert arm.state().time == 0
         assert arm.move_linear(ahead()).time == path.duration

@@ -51,7 +51,7 @@ from tjscan.robot.ur.dashboard import DashboardClient
 from tjscan.robot.ur.faults import fault_from_state
 from tjscan.robot.ur.messages import PROGRAM_PLAYING, ControllerState, RobotMode, SafetyMode
 from tjscan.robot.ur.settings import UrSettings
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 from tjscan_loopback.process import UrLoopbackProcess
 from tjscan_loopback.ur.server import RTDE_PORT
 from tjscan_loopback.ur.wire import INPUTS, PACKAGE_HEADER

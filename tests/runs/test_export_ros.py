@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from tjscan.core.frames import Array, pose
 from tjscan.recording.ros import JOINT_TRAJECTORY, POSE_ARRAY
 from tjscan.robot.kinematics import Kinematics
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 
 RUN = Path(__file__).parents[1] / "data" / "run-0.1.0"
 

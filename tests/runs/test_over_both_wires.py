@@ -13,7 +13,7 @@ from command import tjscan
 from laser_cell import require_broadcasts
 from ur_cell import address
 
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 from tjscan_loopback.process import LaserLoopbackProcess, UrLoopbackProcess
 
 pytest.importorskip("rtde_control")

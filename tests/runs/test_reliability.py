@@ -9,7 +9,7 @@ from _fuzz import section_ends
 from cells import PAPER
 from command import tjscan
 
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 
 CUTS = 60
 WRONG_MM = 1.0

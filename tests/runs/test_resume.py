@@ -27,7 +27,7 @@ from tjscan.recording.parts import recording_files
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import check_joint_angles, scan_in_cell
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import Substep
 
 SAME = 1e-9

@@ -13,12 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.errors import SetPointRefused
 from tjscan.core.frames import Array, inverse_pose, pose, rot_x, rotation_angle_between
-from tjscan.scanning.checks import FARTHEST_STEPS, LARGEST_VIEW_SHIFT, check_set_point
-from tjscan.scanning.prediction import PREDICTION_CASES, paper_predictor
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.retries import LARGEST_SHIFT, NUDGE_TURN, ViewAdjustment
 from tjscan.scanning.section import ScannedSection, SetPoint, StepRequest, Substep
-from tjscan.scanning.target import ScanDirection
+from tjscan.scanning.sections_before import FARTHEST_STEPS, LARGEST_VIEW_SHIFT, check_set_point
+from tjscan.scanning.target import PREDICTION_CASES, ScanDirection, paper_predictor
 
 ANGLE = 2 * np.arcsin(PLAN.step / 2 / 0.2286)
 BEFORE, LAST = ring_section(-ANGLE), ring_section(0.0)

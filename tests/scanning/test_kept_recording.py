@@ -16,7 +16,7 @@ from tjscan.groove.read import read_groove
 from tjscan.job.files import read_scan_job
 from tjscan.recording.header import FORMAT_VERSION
 from tjscan.recording.reader import read_header
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 
 KEPT = Path(__file__).parents[1] / "data" / "run-0.1.0"
 READERS = 1.5e-3

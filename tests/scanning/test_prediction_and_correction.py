@@ -13,8 +13,12 @@ from tjscan.core.frames import (
     rotation_angle_between,
     transform_points,
 )
-from tjscan.scanning.prediction import PREDICTION_CASES, predicted_target_pose
-from tjscan.scanning.target import ScanDirection, correction_target_pose
+from tjscan.scanning.target import (
+    PREDICTION_CASES,
+    ScanDirection,
+    correction_target_pose,
+    predicted_target_pose,
+)
 
 EXACT = 1e-12
 RADIUS = 0.2286

@@ -6,8 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from seams import Noise, seam
 
-from tjscan.scanning.seam.fit import LocalWalls, fit_tubes_to_sections
-from tjscan.scanning.seam.track import MOST_SECTIONS, recent_section_arrays
+from tjscan.scanning.seam.fit import (
+    MOST_SECTIONS,
+    LocalWalls,
+    fit_tubes_to_sections,
+    recent_section_arrays,
+)
 from tjscan.scanning.target import ScanDirection
 
 

@@ -14,12 +14,16 @@ from tjscan.core.errors import GrooveNotFound, TubesNotFound
 from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between
 from tjscan.groove.section import section_from_points
 from tjscan.scanning import smooth
-from tjscan.scanning.checks import check_set_point
-from tjscan.scanning.correction_criterion import CorrectionCriterion, view_deviation
-from tjscan.scanning.prediction import PREDICTION_CASES, paper_predictor
+from tjscan.scanning.plan import CorrectionCriterion, view_deviation
 from tjscan.scanning.section import ScannedSection, SetPoint, StepRequest
+from tjscan.scanning.sections_before import check_set_point
 from tjscan.scanning.smooth import tube_fit_predictor
-from tjscan.scanning.target import ScanDirection, correction_target_pose
+from tjscan.scanning.target import (
+    PREDICTION_CASES,
+    ScanDirection,
+    correction_target_pose,
+    paper_predictor,
+)
 
 JOINTS = pytest.mark.parametrize(
     "joint", ["tjoint-600x457", "yjoint-600x457-60deg", "tjoint-406x324"]

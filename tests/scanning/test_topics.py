@@ -25,9 +25,8 @@ from tjscan.laser.profile import Profile
 from tjscan.recording.foxglove import PROFILE_TOPIC
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.writer import RecordingWriter
-from tjscan.scanning.reader import read_recorded_scan, read_views
+from tjscan.scanning.recording import SCAN_TOPICS, ScanRecording, read_recorded_scan, read_views
 from tjscan.scanning.section import ProfileView, Substep
-from tjscan.scanning.topics import SCAN_TOPICS, ScanRecording
 
 ROUNDING = 1e-12
 """Of a pose that is written as a quaternion, and multiplied a few times."""

@@ -6,8 +6,8 @@ import pytest
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.pose_vector import pose_from_vector
 from tjscan.stitching.graph import overlap_gap, spanning_tree_poses
-from tjscan.stitching.overlaps import AzimuthArc, StationOverlap
 from tjscan.stitching.registration import StationRegistration
+from tjscan.stitching.stations import AzimuthArc, StationOverlap
 
 EXACT = 1e-9
 

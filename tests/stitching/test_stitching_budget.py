@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from budgets import covariance_between
 from exact_stations import exact_station
 from free_stations import joint_named
 from scipy.spatial.transform import Rotation
@@ -19,8 +20,14 @@ from tjscan.scanning.section import ScannedSection
 from tjscan.stitching.sides import moves_of_walls
 from tjscan.stitching.stations import Station, StitchSettings, fit_tubes_to_stations
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
-from tjscan.uncertainty.causes import HAND_EYE_CAUSE, ViewCause, hand_eye_cause, motion_cause
-from tjscan.uncertainty.laser_causes import LINEARITY_CAUSE, linearity_cause
+from tjscan.uncertainty.causes import (
+    HAND_EYE_CAUSE,
+    LINEARITY_CAUSE,
+    ViewCause,
+    hand_eye_cause,
+    linearity_cause,
+    motion_cause,
+)
 
 T_F_S = inverse_pose(pose(p=(0.1, 0.0, -0.15)))
 """How `exact_stations` mounts its sensor."""
@@ -198,5 +205,5 @@ def test_causes_of_other_names_are_not_shared() -> None:
     first = [k for k, one in enumerate(apart.sections) if one.station == "left"]
     second = [k for k, one in enumerate(apart.sections) if one.station == "right"]
     pair = (first[3], 2), (second[3], 2)
-    alike, unlike = (one.budget.covariance_between(*pair) for one in (same, apart))
+    alike, unlike = (covariance_between(one.budget, *pair) for one in (same, apart))
     assert np.linalg.norm(alike - unlike) > 0.1 * np.linalg.norm(alike)

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_euler_zyx
 from tjscan.groove.section import section_from_points
-from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
+from tjscan.joint.edges import groove_sections
 from tjscan.joint.geometry import cylindrical_to_j, radial_direction
 from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.laser.profile import Profile

@@ -19,8 +19,8 @@ from scipy.spatial.transform import Rotation
 from tjscan.core.devices import DeviceBase
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_euler_zyx, unit_vector
 from tjscan.groove.read import read_groove
-from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
+from tjscan.joint.edges import groove_sections
 from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.laser.model import LaserModel

@@ -6,8 +6,7 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.crawler.joint_tracking.registration import JointPlacement
-from tjscan.joint.hull import HullJoint, WeldBead
-from tjscan.joint.hull_section import hull_section
+from tjscan.joint.hull import HullJoint, WeldBead, hull_section
 from tjscan.laser.profile import Profile
 from tjscan.laser.section_laser import (
     SectionLaserModel,
@@ -72,3 +71,25 @@ def true_placement(pose: SectionLaserPose = AHEAD) -> JointPlacement:
 def mirrored(profile: Profile) -> Profile:
     """The profile as the mirror image of the scene gives it."""
     return Profile(-profile.x_s[::-1], profile.z_s[::-1], time=profile.time)
+
+
+def top_edges(joint: HullJoint) -> Array:
+    """Left and right top edge of the groove, (across, height) in metres, shape (2, 2)."""
+    half, step = joint.width / 2, joint.high_low / 2
+    return np.array([(-half, -step), (half, step)])
+
+
+def area_left_to_fill(joint: HullJoint, section: Array) -> float:
+    """Area between a section and the line between the groove's top edges, in m².
+
+    Parameters
+    ----------
+    joint : HullJoint
+    section : ndarray, shape (n, 2)
+        As `hull_section` gives it.
+    """
+    (left, low), (right, high) = top_edges(joint).tolist()
+    inside = (section[:, 0] > left) & (section[:, 0] < right)
+    x = np.concatenate(([left], section[inside, 0], [right]))
+    below = low + (high - low) * (x - left) / (right - left) - np.interp(x, *section.T)
+    return float(np.trapezoid(np.maximum(below, 0.0), x))

@@ -12,7 +12,7 @@ import pytest
 from ur_cell import address
 
 from tjscan.core.config import validate_table
-from tjscan.laser.genicam.laser import GenicamLaser
+from tjscan.laser.genicam.gige import GenicamLaser
 from tjscan.laser.genicam.settings import GenicamSettings
 from tjscan_loopback.process import LaserLoopbackProcess
 

@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from tjscan.core.frames import Array
-from tjscan.uncertainty.alignment import aligned_budget
-from tjscan.uncertainty.budget import BudgetComponent, UncertaintyBudget, points_moved_by_twist
+from tjscan.uncertainty.budget import (
+    BudgetComponent,
+    UncertaintyBudget,
+    aligned_budget,
+    points_moved_by_twist,
+)
 
 AZIMUTHS = np.linspace(-2.0, 2.0, 15)
 

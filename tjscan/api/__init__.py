@@ -17,7 +17,7 @@ from tjscan.api.results import File, Recording, Scan
 
 if TYPE_CHECKING:
     from tjscan.calibration.result import HandEyeCalibration
-    from tjscan.comparison.result import Comparison
+    from tjscan.comparison.compare import Comparison
     from tjscan.groove.section import GrooveSection
     from tjscan.laser.profile import Profile
 
@@ -70,10 +70,7 @@ def scan(
 
 
 def read_groove(
-    points: ArrayLike | Profile,
-    *,
-    model: str = "tee",
-    **settings: Any,
+    points: ArrayLike | Profile, *, model: str = "tee", **settings: Any
 ) -> GrooveSection:
     """Read the groove's section in one profile.
 
@@ -214,7 +211,7 @@ def compare(
         If there is no such alignment.
     """
     from tjscan.comparison.compare import compare_shapes
-    from tjscan.comparison.sidecar import StatedUnitAndFrame
+    from tjscan.comparison.shapes import StatedUnitAndFrame
     from tjscan.result.shapes import read_shape
 
     _check_word("align", align, ("none", "joint", "icp"))

@@ -142,7 +142,7 @@ class Recording:
     """
 
     def __init__(self, path: File) -> None:
-        from tjscan.scanning.reader import read_views
+        from tjscan.scanning.recording import read_views
 
         self._name = Path(path).resolve().name
         self._views = tuple(read_views(Path(path)))

@@ -81,7 +81,7 @@ def _read_profiles(file: Path, options: ProfileFileOptions | None) -> FileProfil
     from tjscan.laser.files.format import FileProfiles
     from tjscan.laser.files.read import read_profiles
     from tjscan.result.directory import JOB_FILE
-    from tjscan.scanning.reader import load_profiles_of_run as read_recorded
+    from tjscan.scanning.recording import load_profiles_of_run as read_recorded
 
     o = options or ProfileFileOptions()
     is_run = (file / JOB_FILE).is_file()
@@ -152,7 +152,7 @@ def compare(
     from tjscan.cli.output.comparison import print_comparison
     from tjscan.comparison.compare import compare_shapes
     from tjscan.comparison.maps import check_map_file, write_map
-    from tjscan.comparison.sidecar import StatedUnitAndFrame
+    from tjscan.comparison.shapes import StatedUnitAndFrame
     from tjscan.result.shapes import read_shape
 
     if plot is not None:
@@ -240,7 +240,7 @@ def report(
         Frame of a reference that states none: j for the joint's own, or any name.
     """
     with show_phase("writing the report"):
-        from tjscan.comparison.sidecar import StatedUnitAndFrame
+        from tjscan.comparison.shapes import StatedUnitAndFrame
         from tjscan.report.plan_page import PLAN, write_plan_page
         from tjscan.report.write import write_run_report
         from tjscan.result.directory import SUMMARY_FILE

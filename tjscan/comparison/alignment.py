@@ -1,17 +1,32 @@
-"""Bringing what was measured onto its reference: iterated closest points with a robust kernel."""
+"""Bringing what was measured onto its reference: by closest points, or by both joints' tubes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from importlib import import_module
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from tjscan.core.errors import ComparisonRefused
-from tjscan.core.frames import Array, frozen_arrays, pose, rotation_angle_between, transform_points
+from tjscan.comparison.distance import distances_to_cloud
+from tjscan.comparison.shapes import Mesh, Shape
+from tjscan.comparison.surface import MeshDistance
+from tjscan.core.errors import ComparisonRefused, TubesNotFound
+from tjscan.core.frames import (
+    Array,
+    frozen_arrays,
+    inverse_pose,
+    pose,
+    rot_z,
+    rotation_angle_between,
+    transform_points,
+)
 from tjscan.core.robust import TUKEY_CUTOFF, mad_sigma
+from tjscan.joint.tubes.find import find_tubes_in_cloud
+from tjscan.joint.tubes.fit import JointFrame, joint_frame_from_tubes
 
 MOST_ALIGNED_POINTS: Final = 30_000
 """Points that are aligned; more would not make six numbers surer."""
@@ -142,22 +157,19 @@ def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
         apart = np.linalg.norm(moved - feet, axis=1)
         off = np.abs(np.sum((moved - feet) * normals, axis=1))
         near = apart < MOST_PARTNER_DISTANCE
-        if near.mean() < LEAST_FITNESS:
-            raise ComparisonRefused(
-                f"{100 * near.mean():.0f} % of the points lie within "
-                f"{1e3 * MOST_PARTNER_DISTANCE:.0f} mm of the "
-                f"reference, {100 * LEAST_FITNESS:.0f} % must: they overlap too little, or begin "
-                "too far apart to be aligned from where they are"
-            )
+        _check_fitness(
+            near,
+            "",
+            "they overlap too little, or begin too far apart to be aligned from where they are",
+        )
         width = 3 * max(mad_sigma(off[near]), NOISE_FLOOR)
         if move < CONVERGED_STEP or rounds == MOST_ROUNDS:
             break
         source = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(moved[near] - centre))
         target = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(feet[near] - centre))
         target.normals = o3d.utility.Vector3dVector(normals[near])
-        estimate = registration.TransformationEstimationPointToPlane(
-            registration.TukeyLoss(TUKEY_CUTOFF / 3 * width)
-        )
+        loss = registration.TukeyLoss(TUKEY_CUTOFF / 3 * width)
+        estimate = registration.TransformationEstimationPointToPlane(loss)
         same = np.arange(near.sum(), dtype=np.int32)
         pairs = o3d.utility.Vector2iVector(np.column_stack((same, same)))
         _check_stiffness(moved[near] - centre, normals[near])
@@ -177,6 +189,16 @@ def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
     return Alignment("icp", T, fitness, residual, rounds, far)
 
 
+def _check_fitness(near: NDArray[np.bool_], when: str, causes: str) -> None:
+    """Refuse points of which too few are near the reference."""
+    if near.mean() < LEAST_FITNESS:
+        raise ComparisonRefused(
+            f"{100 * near.mean():.0f} % of the points lie within "
+            f"{1e3 * MOST_PARTNER_DISTANCE:.0f} mm of the reference{when}, "
+            f"{100 * LEAST_FITNESS:.0f} % must: {causes}"
+        )
+
+
 def _check_stiffness(points: Array, normals: Array) -> None:
     """Refuse points that could slide or turn on the reference unnoticed."""
     radius = float(np.sqrt(np.mean(np.sum(points * points, axis=1))))
@@ -188,3 +210,130 @@ def _check_stiffness(points: Array, normals: Array) -> None:
             f"{LEAST_STIFFNESS:g} is needed): they hold no pose. Compare more of the surface, or "
             "with --align none"
         )
+
+
+MESH_SAMPLES: Final = 40_000
+"""Points drawn on a mesh to find its tubes in."""
+
+RAY_START_OFFSET: Final = 1e-4
+"""Metres that a ray begins off the surface it leaves."""
+
+MOST_DIAMETER_DIFFERENCE: Final = 5e-3
+"""Metres by which diameters may differ before two joints are two joints."""
+
+CLEAR_RESIDUAL_RATIO: Final = 0.8
+"""Ratio of residuals below which one of two turns is the right one."""
+
+TURN_SAMPLE: Final = 20_000
+"""Points that decide between both turns."""
+
+
+def align_joints(measured: Shape, reference: Shape, surface: MeshDistance | None) -> Alignment:
+    """Align the measured joint to the reference by the frames of their fitted tubes.
+
+    An upright brace leaves open which way x points along the leg. Both are tried and that with
+    the smaller residual is taken; where they are alike, the one that turns less.
+
+    Parameters
+    ----------
+    measured : Shape
+        With points.
+    reference : Shape
+        A mesh, a cloud or edges.
+    surface : MeshDistance, optional
+        Of the reference's mesh.
+
+    Raises
+    ------
+    ComparisonRefused
+        If tubes can't be found in either, they are of other sizes, or the points don't come to lie
+        on the reference.
+    """
+    points = measured.points
+    if points is None:
+        raise ComparisonRefused(f"{measured.name} holds no points to find its tubes in")
+    ours, theirs = _joint_frame_of_shape(measured), _joint_frame_of_shape(reference)
+    _check_sizes(measured, ours, reference, theirs)
+    T_m, T_r = (np.eye(4) if frame is None else frame.T for frame in (ours, theirs))
+    sample = points[:: max(1, len(points) // TURN_SAMPLE)]
+    far = _distances(reference, surface)
+    turns = [T_r @ pose(rot_z(angle)) @ inverse_pose(T_m) for angle in (0.0, np.pi)]
+    off = [np.abs(far(transform_points(T, sample))) for T in turns]
+    # Medians: ghosts and flyers must not decide.
+    medians = [float(np.median(distances)) for distances in off]
+    less = int(np.argmin([rotation_angle_between(np.eye(4), T) for T in turns]))
+    best = int(np.argmin(medians))
+    clear = medians[best] < CLEAR_RESIDUAL_RATIO * medians[1 - best]
+    chosen = best if clear else less
+    near = off[chosen] < MOST_PARTNER_DISTANCE
+    _check_fitness(
+        near,
+        " once the joints' own frames coincide",
+        "these are two different joints, or one of them was not seen well enough",
+    )
+    T = turns[chosen]
+    width = 3 * max(mad_sigma(off[chosen][near]), NOISE_FLOOR)
+    held = off[chosen] < width
+    residual = float(np.sqrt(np.mean(off[chosen][held] ** 2)))
+    moved = float(np.sqrt(np.mean(np.sum((transform_points(T, points) - points) ** 2, axis=1))))
+    note = "" if clear else "half a turn about the brace fits as well: azimuths may be off by 180°"
+    return Alignment("joint", T, float(held.mean()), residual, 0, moved, note)
+
+
+def _joint_frame_of_shape(shape: Shape) -> JointFrame | None:
+    """Frame j of a shape in its own frame; None if that is its frame already."""
+    if shape.is_in_joint_frame:
+        return None
+    try:
+        points = shape.points if shape.mesh is None else _points_on_outside(shape.mesh)
+        if points is None:
+            raise TubesNotFound("it holds edges alone")
+        return joint_frame_from_tubes(find_tubes_in_cloud(points), np.array((1.0, 0.0, 0.0)))
+    except TubesNotFound as error:
+        raise ComparisonRefused(
+            f"{shape.name}: leg and brace can't be found in it: {error}. Compare with --align none "
+            "or icp, or with a cloud that shows more of both tubes"
+        ) from error
+
+
+def _points_on_outside(mesh: Mesh) -> Array:
+    """Points on a mesh whose normals meet nothing: inner walls are no tubes to fit."""
+    o3d: Any = import_module("open3d")
+    import trimesh
+
+    solid = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
+    points, faces = trimesh.sample.sample_surface(solid, MESH_SAMPLES, seed=1)
+    normals = solid.face_normals[faces]
+    centre = mesh.vertices.mean(axis=0)
+    scene: Any = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(
+        o3d.core.Tensor(np.ascontiguousarray(mesh.vertices - centre, dtype=np.float32)),
+        o3d.core.Tensor(np.ascontiguousarray(mesh.triangles, dtype=np.uint32)),
+    )
+    start = points + RAY_START_OFFSET * normals - centre
+    rays = o3d.core.Tensor(np.concatenate((start, normals), axis=1).astype(np.float32))
+    free = np.isinf(scene.cast_rays(rays)["t_hit"].numpy())
+    return np.asarray(points[free])
+
+
+def _check_sizes(
+    measured: Shape, ours: JointFrame | None, reference: Shape, theirs: JointFrame | None
+) -> None:
+    if ours is None or theirs is None:
+        return
+    for name in ("brace", "leg"):
+        radius, other = (getattr(one.shape, f"{name}_radius") for one in (ours, theirs))
+        if 2 * abs(radius - other) > MOST_DIAMETER_DIFFERENCE:
+            raise ComparisonRefused(
+                f"the {name} of {measured.name} is {2e3 * radius:.1f} mm wide, that of "
+                f"{reference.name} {2e3 * other:.1f} mm: these are two different joints"
+            )
+
+
+def _distances(reference: Shape, surface: MeshDistance | None) -> Callable[[Array], Array]:
+    """Distances of points from the reference."""
+    if surface is not None:
+        return surface.signed_distances
+    if (points := reference.points) is not None:
+        return lambda moved: distances_to_cloud(moved, points)
+    raise ComparisonRefused(f"{reference.name} holds edges only: nothing to align to")

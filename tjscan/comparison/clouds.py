@@ -14,9 +14,11 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.comparison.pcd import read_pcd
-from tjscan.comparison.shapes import Mesh, Shape, UnitAndFrame
-from tjscan.comparison.sidecar import (
+from tjscan.comparison.shapes import (
+    Mesh,
+    Shape,
     StatedUnitAndFrame,
+    UnitAndFrame,
     find_sidecar,
     read_sidecar,
     resolve_unit_and_frame,
@@ -73,16 +75,11 @@ def read_shape_file(path: Path, options: StatedUnitAndFrame | None = None) -> Sh
         return _read_joint_sidecar(path)
     if kind not in READERS_BY_SUFFIX:
         known = " ".join(sorted(READERS_BY_SUFFIX))
-        raise ConfigurationError(
-            f"can't read {kind or 'a file without ending'}; {known}", file=path
-        )
+        message = f"can't read {kind or 'a file without ending'}; {known}"
+        raise ConfigurationError(message, file=path)
     if kind == ".csv" and (edges := _read_edges(path)) is not None:
-        return Shape(
-            path.name,
-            UnitAndFrame("mm", "the names of its columns", "j"),
-            edges=edges,
-            is_in_joint_frame=True,
-        )
+        stated = UnitAndFrame("mm", "the names of its columns", "j")
+        return Shape(path.name, stated, edges=edges, is_in_joint_frame=True)
     try:
         points, triangles, own = READERS_BY_SUFFIX[kind](path)
         points = points.reshape(-1, 3)
@@ -170,14 +167,14 @@ def _read_3mf(path: Path) -> FileContent:
 
 def _read_step(path: Path) -> FileContent:
     """STEP states its unit; it is triangulated to metres on the way in."""
-    _need("cascadio", "STEP", "step")
+    _check_package("cascadio", "STEP", "step")
     points, triangles, _ = _read_mesh(path)
     return points, triangles, ("m", "its conversion to triangles")
 
 
 def _read_e57(path: Path) -> FileContent:
     """E57 is in metres by its standard (ASTM E2807); all scans, each in its pose."""
-    _need("pye57", "E57", "e57")
+    _check_package("pye57", "E57", "e57")
     file = import_module("pye57").E57(str(path))
     points_of_all = sum(file.get_header(i).point_count for i in range(file.scan_count))
     refuse_memory(path, BYTES_PER_E57_POINT * points_of_all)
@@ -232,7 +229,7 @@ def _check_triangles(path: Path, points: Array, triangles: Array | Any) -> None:
         raise ConfigurationError("has triangles without vertices", file=path)
 
 
-def _need(package: str, what: str, extra: str) -> None:
+def _check_package(package: str, what: str, extra: str) -> None:
     if find_spec(package) is None:
         raise ConfigurationError(
             f"reading {what} needs the package {package}: pip install 'tjscan[{extra}]'"

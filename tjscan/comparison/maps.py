@@ -86,18 +86,16 @@ class CornerCurves:
         # Nearest of the four parts: brace, bevel, root, leg.
         brace = np.maximum(p[:, 1] - p2[:, 1], 0)
         leg = np.linalg.norm(p - p4, axis=1)
-        s = np.stack(
-            (length + brace, np.clip(up, 0, length), -np.clip(out, 0, width), -width - leg)
+        on_bevel, on_root = np.clip(up, 0, length), -np.clip(out, 0, width)
+        s = np.stack((length + brace, on_bevel, on_root, -width - leg))
+        apart = (
+            np.hypot(p[:, 0] - p2[:, 0], np.minimum(p[:, 1] - p2[:, 1], 0)),
+            np.linalg.norm(p - p3 - (on_bevel / length)[:, None] * bevel, axis=1),
+            np.linalg.norm(p - p3 + (on_root / width)[:, None] * root, axis=1),
+            self._from_leg(p, p4),
         )
-        apart = np.stack(
-            (
-                np.hypot(p[:, 0] - p2[:, 0], np.minimum(p[:, 1] - p2[:, 1], 0)),
-                np.linalg.norm(p - p3 - (s[1] / length)[:, None] * bevel, axis=1),
-                np.linalg.norm(p - p3 + (s[2] / width)[:, None] * root, axis=1),
-                self._from_leg(p, p4),
-            )
-        )
-        return np.asarray(np.take_along_axis(s, apart.argmin(axis=0)[None], axis=0)[0])
+        nearest = np.stack(apart).argmin(axis=0)
+        return np.asarray(np.take_along_axis(s, nearest[None], axis=0)[0])
 
     @staticmethod
     def _from_leg(p: Array, p4: Array) -> Array:
@@ -146,9 +144,8 @@ def deviation_map_figure(
             key="plot",
         )
     lines = groove_corner_curves(measured, reference)
-    points, mm = deviation.points, 1e3 * deviation.distances
-    azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
-    azimuth = _unbroken(azimuth)
+    points = deviation.points
+    azimuth = _from_widest_gap(np.degrees(np.arctan2(points[:, 1], points[:, 0])))
     if lines is None:
         along = points[:, 2] - np.hypot(points[:, 0], points[:, 1])
         label = "$z_j - \\rho$ / mm, up the brace and in from the leg"
@@ -159,10 +156,10 @@ def deviation_map_figure(
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(1, 2, width_ratios=(4, 1))
     axes, side = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
-    scale = deviation_scale_mm(deviation)
     corners = measured.corners
-    sections = None if corners is None else len(corners)
-    _draw_cells(figure, axes, deviation, azimuth, 1e3 * along, scale, sections)
+    sections = int(np.ptp(azimuth)) if corners is None else len(corners)
+    columns = min(MOST_MAP_CELLS[0], max(10, sections))
+    _draw_cells(axes, deviation, azimuth, 1e3 * along, columns)
     if lines is not None:
         _draw_lines(axes, lines, azimuth)
     axes.set_xlabel("azimuth / °")
@@ -173,11 +170,8 @@ def deviation_map_figure(
     clock.xaxis.set_major_formatter(lambda hour, _: f"{round(hour) % 12 or 12}")
     axes.set_ylabel(label)
     # Names of files are no formulas.
-    axes.set_title(
-        f"{deviation.kind}: {measured.name} and {reference.name}",
-        parse_math=False,
-    )
-    _draw_histogram(side, deviation, mm, scale, tolerance)
+    axes.set_title(f"{deviation.kind}: {measured.name} and {reference.name}", parse_math=False)
+    _draw_histogram(side, deviation, tolerance)
     return figure
 
 
@@ -225,7 +219,7 @@ def write_map(file: Path, figure: Figure) -> None:
         figure.savefig(draft / file.name, dpi=110, format="png")
 
 
-def _unbroken(azimuth: Array) -> Array:
+def _from_widest_gap(azimuth: Array) -> Array:
     """Azimuths in degrees counted from the widest gap, so that a scan is not cut in two."""
     taken = np.unique(np.floor(azimuth))
     gaps = np.diff(taken, append=taken[0] + 360)
@@ -235,41 +229,26 @@ def _unbroken(azimuth: Array) -> Array:
 
 
 def _draw_cells(
-    figure: Figure,
-    axes: Any,
-    deviation: DeviationDistances,
-    azimuth: Array,
-    along: Array,
-    scale: float,
-    sections: int | None,
+    axes: Any, deviation: DeviationDistances, azimuth: Array, along: Array, columns: int
 ) -> None:
     """Median of the distances in each cell; a cell without points stays grey."""
     from scipy.stats import binned_statistic_2d
 
+    scale = deviation_scale_mm(deviation)
+    name, sign, least, extend = "viridis", "unsigned", 0.0, "max"
+    if deviation.signed:
+        name, sign, least, extend = "RdBu_r", "positive outside", -scale, "both"
     low, high = np.percentile(along, (0.2, 99.8))
-    columns = min(
-        MOST_MAP_CELLS[0], max(10, int(np.ptp(azimuth)) if sections is None else sections)
-    )
     x_edges = np.linspace(azimuth.min(), azimuth.max() + 1e-9, columns + 1)
     y_edges = np.linspace(low, high + 1e-9, MOST_MAP_CELLS[1] + 1)
     # The mean would let a single flyer paint its cell.
-    medians, *_ = binned_statistic_2d(
-        azimuth, along, 1e3 * deviation.distances, "median", bins=[x_edges, y_edges]
-    )
-    colours = colormaps["RdBu_r" if deviation.signed else "viridis"].with_extremes(bad="#d0d0d0")
-    cells = axes.pcolormesh(
-        x_edges,
-        y_edges,
-        np.ma.masked_invalid(medians.T),
-        cmap=colours,
-        vmin=-scale if deviation.signed else 0,
-        vmax=scale,
-    )
+    mm, bins = 1e3 * deviation.distances, [x_edges, y_edges]
+    medians, *_ = binned_statistic_2d(azimuth, along, mm, "median", bins=bins)
+    cell_mm = np.ma.masked_invalid(medians.T)
+    colours = colormaps[name].with_extremes(bad="#d0d0d0")
+    cells = axes.pcolormesh(x_edges, y_edges, cell_mm, cmap=colours, vmin=least, vmax=scale)
     axes.set_facecolor("#d0d0d0")
-    sign = ", positive outside" if deviation.signed else ", unsigned"
-    figure.colorbar(
-        cells, ax=axes, extend="both" if deviation.signed else "max", label=f"deviation / mm{sign}"
-    )
+    axes.figure.colorbar(cells, ax=axes, extend=extend, label=f"deviation / mm, {sign}")
 
 
 def _draw_lines(axes: Any, lines: CornerCurves, azimuth: Array) -> None:
@@ -283,9 +262,8 @@ def _draw_lines(axes: Any, lines: CornerCurves, azimuth: Array) -> None:
         axes.annotate(name, (shown[-1], s[-1]), xytext=(3, -3), textcoords="offset points")
 
 
-def _draw_histogram(
-    axes: Any, deviation: DeviationDistances, mm: Array, scale: float, tolerance: float | None
-) -> None:
+def _draw_histogram(axes: Any, deviation: DeviationDistances, tolerance: float | None) -> None:
+    mm, scale = 1e3 * deviation.distances, deviation_scale_mm(deviation)
     low = -2 * scale if deviation.signed else 0.0
     inside = mm[(mm >= low) & (mm <= 2 * scale)]
     axes.hist(inside, bins=80, orientation="horizontal", color="#5b6b7b")

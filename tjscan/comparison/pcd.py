@@ -87,15 +87,10 @@ def _read_head(stream: BinaryIO) -> _Head:
         counts = [int(word) for word in words.get("COUNT", ["1"] * len(names))]
         (points,), (data,) = (int(w) for w in words["POINTS"]), words["DATA"]
         grid = prod(int(words[key][0]) for key in ("WIDTH", "HEIGHT"))
-        fields = [
-            (name if name in "xyz" else f"{name} {i}", NUMPY_TYPES[f"{kind}{size}"], (count,))
-            if count != 1
-            else (name if name in "xyz" else f"{name} {i}", NUMPY_TYPES[f"{kind}{size}"])
-            for i, (name, kind, size, count) in enumerate(
-                zip(names, kinds, sizes, counts, strict=True)
-            )
-        ]
-        layout = np.dtype(fields)
+        unique = [name if name in "xyz" else f"{name} {i}" for i, name in enumerate(names)]
+        types = [NUMPY_TYPES[kind + size] for kind, size in zip(kinds, sizes, strict=True)]
+        columns = zip(unique, types, counts, strict=True)
+        layout = np.dtype([(n, t) if count == 1 else (n, t, (count,)) for n, t, count in columns])
     except (KeyError, IndexError) as error:
         raise ValueError(f"its header lacks {error}, or has it wrong") from None
     if points != grid or points < 1 or data not in ("ascii", "binary", "binary_compressed"):

@@ -65,7 +65,7 @@ class MeshFacets:
         _, edges, shared = np.unique(keys, return_inverse=True, return_counts=True)
         features = np.column_stack((triangles, len(vertices) + edges.reshape(-1, 3)))
         total = len(vertices) + len(shared)
-        weights = np.column_stack((_angles(corners), np.ones((len(corners), 3))))
+        weights = np.column_stack((_corner_angles(corners), np.ones((len(corners), 3))))
         sums = np.zeros((total, 3))
         for axis in range(3):
             weighted = weights * normals[:, axis, None]
@@ -147,7 +147,7 @@ class MeshFacets:
         return away, feature
 
 
-def _angles(corners: Array) -> Array:
+def _corner_angles(corners: Array) -> Array:
     """Angles of triangles at their corners, radians, shape (m, 3)."""
     before, after = np.roll(corners, 1, axis=1) - corners, np.roll(corners, -1, axis=1) - corners
     sine = np.linalg.norm(np.cross(after, before), axis=2)
@@ -194,16 +194,11 @@ class MeshDistance:
         o3d: Any = import_module("open3d")
         self.facets = MeshFacets(vertices, triangles)
         self._centre = (self.facets.vertices.min(axis=0) + self.facets.vertices.max(axis=0)) / 2
-        pieces, self._whole = _cut(self.facets.corners)
+        pieces, self._whole = _cut_long_triangles(self.facets.corners)
         flat = np.ascontiguousarray(pieces.reshape(-1, 3) - self._centre, dtype=np.float32)
         self._scene: Any = o3d.t.geometry.RaycastingScene()
         index = np.arange(len(flat), dtype=np.uint32).reshape(-1, 3)
         self._scene.add_triangles(o3d.core.Tensor(flat), o3d.core.Tensor(index))
-
-    @property
-    def watertight(self) -> bool:
-        """Whether the mesh is closed, so that the sign of every distance means something."""
-        return self.facets.watertight
 
     def signed_distances(self, points: Array) -> Array:
         """Signed distances in metres of points, shape (k, 3), positive outside, shape (k,)."""
@@ -221,7 +216,7 @@ class MeshDistance:
             raise ConfigurationError("a distance needs finite points with three coordinates")
         if not len(points):
             return np.empty(0), np.empty(0, dtype=np.intp)
-        order = _by_place(points)
+        order = _order_by_place(points)
         points = points[order]
         query = o3d.core.Tensor((points - self._centre).astype(np.float32))
         found = self._scene.compute_closest_points(query)["primitive_ids"].numpy()
@@ -257,14 +252,14 @@ class MeshDistance:
         return signed, ids
 
 
-def _by_place(points: Array) -> IndexArray:
+def _order_by_place(points: Array) -> IndexArray:
     """An order in which points near each other in space come near each other: caches like it."""
     low, size = points.min(axis=0), np.ptp(points, axis=0)
     cell = (31 * (points - low) / np.where(size > 0, size, 1)).astype(np.uint16)
     return np.argsort(cell[:, 0] << 10 | cell[:, 1] << 5 | cell[:, 2], kind="stable")
 
 
-def _cut(corners: Array) -> tuple[Array, IndexArray]:
+def _cut_long_triangles(corners: Array) -> tuple[Array, IndexArray]:
     """Triangles, shape (k, 3, 3), cut at their longest edges, and the whole each is part of."""
     whole: IndexArray = np.arange(len(corners))
     most = max(PIECES_PER_TRIANGLE * len(corners), FEWEST_PIECES)

@@ -26,10 +26,10 @@ from tjscan.laser.replay import RecordedPoses
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.robot.collision_checked import CollisionCheckedArm
-from tjscan.robot.corrected import CorrectedArm
+from tjscan.robot.deviations import CorrectedArm
 from tjscan.robot.drivers import ARM_DRIVERS, ArmDriverInputs
 from tjscan.robot.motion import MotionLimits
-from tjscan.scanning.reader import read_views
+from tjscan.scanning.recording import read_views
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,17 +1,240 @@
-"""A joint's dimensions, as the core knows them: metres and radians."""
+"""A joint's dimensions, and its imperfections as built: metres and radians.
+
+A table ``[imperfections]`` of a joint file holds the imperfections; a joint without it is ideal.
+Azimuths run about the brace's axis as everywhere, and clock angles about the leg's axis, from
+the line next to the brace towards growing y.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
+from typing import Annotated, Final
 
 import numpy as np
+import scipy  # its parts are loaded at first use
+from annotated_types import Ge, Gt, Le, Len
 from numpy.typing import ArrayLike
 
 from tjscan.core.frames import Array
-from tjscan.joint.geometry import LegSurface
-from tjscan.joint.imperfections import NO_IMPERFECTIONS, Imperfections, interpolate_around_joint
-from tjscan.joint.oval import Ellipse, OvalLegSurface, semi_axes_same_circumference
+from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, FileUnit, SettingsTable
+from tjscan.joint.geometry import Ellipse, LegSurface, OvalLegSurface, semi_axes_same_circumference
+
+IN_PERCENT: Final = FileUnit("percent", 0.01)
+COUNT_PER_METRE: Final = FileUnit("per_m")
+
+Azimuth = Annotated[float, Ge(-360.0), Le(360.0), DEG]
+ValuesRoundJoint = Annotated[tuple[float, ...], Len(1, 360), MM]
+"""Values at even azimuths from 0 on, joined smoothly all round, in metres."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ovality(SettingsTable):
+    """A tube out of round: its section is an ellipse of the same circumference.
+
+    Parameters
+    ----------
+    ovality : float
+        Largest minus smallest outer diameter, as a share of the nominal one.
+    widest : float
+        Direction of the largest diameter, in radians: an azimuth for the brace, a clock angle
+        for the leg.
+    """
+
+    ovality: Annotated[float, Ge(0.0), Le(5.0), IN_PERCENT] = 0.0
+    widest: Azimuth = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BraceMisfit(SettingsTable):
+    """Misfit of the brace: its axis off its nominal place.
+
+    Parameters
+    ----------
+    offset : float
+        Shift square to the axis, in metres.
+    offset_towards : float
+        Azimuth of the shift, in radians.
+    tilt : float
+        Angle between the axis and its nominal direction, about the nominal crossing of the axes.
+        Sections square to the nominal axis stay what they are.
+    tilt_towards : float
+        Azimuth that the brace leans to, in radians.
+    """
+
+    offset: Annotated[float, Ge(0.0), Le(20.0), MM] = 0.0
+    offset_towards: Azimuth = 0.0
+    tilt: Annotated[float, Ge(0.0), Le(2.0), DEG] = 0.0
+    tilt_towards: Azimuth = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RootAsFitted(SettingsTable):
+    """Root gap as fitted up, which may differ from the drawing.
+
+    Parameters
+    ----------
+    is_open : bool
+        Whether there is no root bead yet: one looks through the root opening.
+    opening : tuple of float
+        What the root opening has more (or less) than the nominal one, round the joint.
+    bead_height : tuple of float
+        How far the root bead's face rises over (or sags below) its chord, round the joint.
+    """
+
+    is_open: bool = False
+    opening: ValuesRoundJoint = (0.0,)
+    bead_height: ValuesRoundJoint = (0.0,)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TackWeld(SettingsTable):
+    """A tack weld over the root.
+
+    Parameters
+    ----------
+    at : float
+        Azimuth of its middle, in radians.
+    length : float
+        Along the root, in metres.
+    height : float
+        How far it rises on bevel and leg beyond the root's corners, in metres.
+    """
+
+    at: Azimuth
+    length: Annotated[float, Ge(5.0), Le(500.0), MM] = 0.03
+    height: Annotated[float, Ge(1.0), Le(30.0), MM] = 0.005
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeamWeldCap(SettingsTable):
+    """The cap of a seam weld along the leg.
+
+    Parameters
+    ----------
+    at : float
+        Clock angle, in radians.
+    width, height : float
+        Of the cap, in metres.
+    """
+
+    at: Azimuth
+    width: Annotated[float, Ge(2.0), Le(60.0), MM] = 0.014
+    height: Annotated[float, Gt(0.0), Le(10.0), MM] = 0.0025
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BevelAsCut(SettingsTable):
+    """Bevel as cut, which may differ from the drawing.
+
+    Parameters
+    ----------
+    facet_angle : float
+        Angle between two facets, in radians; positive makes the bevel convex.
+    facet_at : float
+        Share of the bevel, from the root bead, at which they meet.
+    scallop_depth, scallop_length : float
+        Of the scallops that flame-cutting leaves, from crest to valley and from crest to crest
+        along the section, in metres.
+    """
+
+    facet_angle: Annotated[float, Ge(-20.0), Le(20.0), DEG] = 0.0
+    facet_at: Annotated[float, Ge(0.1), Le(0.9)] = 0.5
+    scallop_depth: Annotated[float, Ge(0.0), Le(2.0), MM] = 0.0
+    scallop_length: Annotated[float, Ge(0.5), Le(50.0), MM] = 0.004
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MillScale(SettingsTable):
+    """Mill scale on the tubes' outer sides that has partly flaked off.
+
+    Parameters
+    ----------
+    thickness : float
+        In metres.
+    patch : float
+        Typical size of a patch, in metres.
+    coverage : float
+        Share of the surface that it covers.
+    seed : int
+        Of the places.
+    """
+
+    thickness: Annotated[float, Ge(0.0), Le(2.0), MM] = 0.0
+    patch: Annotated[float, Ge(1.0), Le(500.0), MM] = 0.01
+    coverage: Annotated[float, Gt(0.0), Le(0.99)] = 0.4
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spatter(SettingsTable):
+    """Drops of weld metal on wall, bevel and leg.
+
+    Parameters
+    ----------
+    density : float
+        Drops per metre of groove.
+    radius : tuple of float
+        Smallest and largest, in metres.
+    reach : float
+        How far beside the groove they lie, in metres.
+    seed : int
+        Of the places.
+    """
+
+    density: Annotated[float, Ge(0.0), Le(2000.0), COUNT_PER_METRE] = 0.0
+    radius: Annotated[tuple[float, float], MM] = (0.0004, 0.0015)
+    reach: Annotated[float, Gt(0.0), Le(200.0), MM] = 0.03
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.radius[0] <= self.radius[1] <= 0.02:
+            raise ValueError("radius_mm is the smallest and the largest radius, at most 20 mm")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Imperfections(SettingsTable):
+    """All that makes a joint differ from its drawing; by default nothing does.
+
+    Parameters
+    ----------
+    leg_ovality, brace_ovality : Ovality
+    misfit : BraceMisfit
+    root : RootAsFitted
+    bevel : BevelAsCut
+    tacks : tuple of TackWeld
+    seams : tuple of SeamWeldCap
+    scale : MillScale
+    spatter : Spatter
+    """
+
+    leg_ovality: Ovality = Ovality()
+    brace_ovality: Ovality = Ovality()
+    misfit: BraceMisfit = BraceMisfit()
+    root: RootAsFitted = RootAsFitted()
+    bevel: BevelAsCut = BevelAsCut()
+    tacks: Annotated[tuple[TackWeld, ...], Len(0, 200), LIST_OR_WORD_IN_FILE] = ()
+    seams: Annotated[tuple[SeamWeldCap, ...], Len(0, 8), LIST_OR_WORD_IN_FILE] = ()
+    scale: MillScale = MillScale()
+    spatter: Spatter = Spatter()
+
+    @property
+    def is_brace_nominal(self) -> bool:
+        """Whether the brace is a round tube in its nominal place."""
+        return self.brace_ovality.ovality == self.misfit.offset == self.misfit.tilt == 0
+
+
+NO_IMPERFECTIONS: Final = Imperfections()
+"""A joint as drawn."""
+
+
+def interpolate_around_joint(values: tuple[float, ...], phi: Array) -> Array:
+    """Interpolate values at even azimuths to azimuths, shape (n,): a periodic cubic spline."""
+    if len(values) == 1:
+        return np.full_like(phi, values[0])
+    at = np.linspace(0, 2 * np.pi, len(values) + 1)
+    spline = scipy.interpolate.CubicSpline(at, (*values, values[0]), bc_type="periodic")
+    return np.asarray(spline(np.mod(phi, 2 * np.pi)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,18 +339,15 @@ class JointDefinition:
             return np.full_like(phi, self.brace_radius)
         oval, off = self.imperfections.brace_ovality, self.imperfections.misfit
         lean = np.tan(off.tilt) * np.broadcast_to(z, phi.shape)
-        centre = np.outer(
-            np.ones_like(phi),
-            off.offset * np.array((np.cos(off.offset_towards), np.sin(off.offset_towards))),
-        ) + np.outer(lean, (np.cos(off.tilt_towards), np.sin(off.tilt_towards)))
-        ellipse = Ellipse(
-            *semi_axes_same_circumference(self.brace_radius, oval.ovality), oval.widest
-        )
-        return ellipse.radius_in_direction(phi, centre)
+        towards = np.array((np.cos(off.offset_towards), np.sin(off.offset_towards)))
+        centre = np.outer(np.ones_like(phi), off.offset * towards)
+        centre = centre + np.outer(lean, (np.cos(off.tilt_towards), np.sin(off.tilt_towards)))
+        semi_axes = semi_axes_same_circumference(self.brace_radius, oval.ovality)
+        return Ellipse(*semi_axes, oval.widest).radius_in_direction(phi, centre)
 
     def root_opening_at(self, phi: Array) -> ArrayLike:
         """Distance of the land from the leg at azimuths, in metres, shape (n,) or ()."""
         more = self.imperfections.root.opening
-        return (
-            self.root_gap if more == (0.0,) else self.root_gap + interpolate_around_joint(more, phi)
-        )
+        if more == (0.0,):
+            return self.root_gap
+        return self.root_gap + interpolate_around_joint(more, phi)

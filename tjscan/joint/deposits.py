@@ -8,10 +8,9 @@ import manifold3d
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import groove_sections, leg_normal_rz
-from tjscan.joint.definition import JointDefinition
+from tjscan.joint.definition import JointDefinition, SeamWeldCap, TackWeld
+from tjscan.joint.edges import groove_sections, leg_normal_rz
 from tjscan.joint.geometry import cylindrical_to_j
-from tjscan.joint.imperfections import SeamWeldCap, TackWeld
 
 TACK_BOW: Final = 0.2
 """Height of a tack over the chord between its toes, by the chord's length (assumption)."""
@@ -53,9 +52,8 @@ def tack_solid(definition: JointDefinition, tack: TackWeld, span: Array) -> mani
     up = np.array((0.0, SINK_DEPTH))
     # Under the land, then inside the brace: it fills the root opening.
     foot = s.p4 - 0.5 * (s.land - s.land_inner) + 2 * into_leg
-    outline = np.stack(
-        (foot, on_leg + into_leg, *face, on_bevel + into_brace, s.land_inner + up + into_brace), 1
-    )
+    inner = s.land_inner + up + into_brace
+    outline = np.stack((foot, on_leg + into_leg, *face, on_bevel + into_brace, inner), 1)
     return _swept(cylindrical_to_j(phi[:, None], outline[..., 0], outline[..., 1]))
 
 
@@ -126,14 +124,12 @@ def spatter_solids(definition: JointDefinition) -> list[manifold3d.Manifold]:
     rho = s.p4[:, 0] + (place - 0.3) / 0.7 * table.reach
     rho = np.minimum(rho, 0.98 * definition.leg_radius)
     on_leg = np.column_stack((rho, definition.leg_surface.height(phi, rho)))
-    rz = np.where(
-        (place < -0.4)[:, None], on_wall, np.where((place < 0.3)[:, None], on_bevel, on_leg)
-    )
+    below_wall = np.where((place < 0.3)[:, None], on_bevel, on_leg)
+    rz = np.where((place < -0.4)[:, None], on_wall, below_wall)
     radii = rng.uniform(*table.radius, count)
     clear = ~((place >= -0.4) & (place < 0.3) & (radii > 0.2 * depth))
+    centres = cylindrical_to_j(phi, rz[:, 0], rz[:, 1])[clear]
     return [
         manifold3d.Manifold.sphere(float(radius), 16).translate(tuple(centre))
-        for radius, centre in zip(
-            radii[clear], cylindrical_to_j(phi, rz[:, 0], rz[:, 1])[clear], strict=True
-        )
+        for radius, centre in zip(radii[clear], centres, strict=True)
     ]

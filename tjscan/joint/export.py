@@ -11,9 +11,8 @@ import numpy as np
 from tjscan.core.config import StrictFileModel
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.edges import FeatureEdges, feature_edges
+from tjscan.joint.edges import FeatureEdges, feature_edges, groove_sections
 from tjscan.joint.file import JointFile
 from tjscan.joint.mesh import TriangleMesh, build_joint_mesh, largest_chord_error
 

@@ -1,22 +1,215 @@
-"""A joint's TOML file: millimetres and degrees, checked."""
+"""A joint's TOML file, millimetres and degrees, and what makes a joint one that can be built."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
 from math import inf, isfinite, radians
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Any, Final, NoReturn, Self
 
 import numpy as np
 from pydantic import Field, Strict
 
 from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
-from tjscan.joint.checks import check_buildable
-from tjscan.joint.definition import NOT_STATED, FitUpTolerance, JointDefinition
-from tjscan.joint.imperfections import NO_IMPERFECTIONS, Imperfections
+from tjscan.joint.definition import (
+    NO_IMPERFECTIONS,
+    NOT_STATED,
+    FitUpTolerance,
+    Imperfections,
+    JointDefinition,
+)
+from tjscan.joint.edges import JointGrooveSections, groove_sections
+from tjscan.joint.geometry import cylindrical_to_j
 
-METRES_PER_MM = 1e-3
+METRES_PER_MM: Final = 1e-3
+
+LENGTH_KEYS: Final = {
+    "leg_radius": ("leg", "outer_diameter_mm", METRES_PER_MM / 2),
+    "leg_length": ("leg", "length_mm", METRES_PER_MM),
+    "leg_wall": ("leg", "wall_mm", METRES_PER_MM),
+    "brace_radius": ("brace", "outer_diameter_mm", METRES_PER_MM / 2),
+    "brace_length": ("brace", "length_mm", METRES_PER_MM),
+    "brace_wall": ("brace", "wall_mm", METRES_PER_MM),
+    "root_gap": ("groove", "root_gap_mm", METRES_PER_MM),
+    "root_face": ("groove", "root_face_mm", METRES_PER_MM),
+    "root_bead": ("groove", "root_bead_mm", METRES_PER_MM),
+}
+"""Table, key and unit in the file, of each length of a definition."""
+
+MOST_RADIUS_RATIO: Final = 1 / 1.05 * (1 + 1e-9)  # room for rounding
+"""Largest ratio of brace to leg: at 1 the dihedral angle runs to 180° and the groove opens flat."""
+
+LEAST_BRACE_ANGLE, MOST_BRACE_ANGLE = np.deg2rad(45.0), np.deg2rad(90.0)
+LEAST_GROOVE_ANGLE, MOST_GROOVE_ANGLE = np.deg2rad(20.0), np.deg2rad(90.0)
+
+LEAST_BORE_RADIUS: Final = 5e-3
+"""Least radius of a tube's bore."""
+
+LEAST_BEVEL_ANGLE: Final = np.deg2rad(10.0)
+"""Least angle between the bevel and the brace's wall."""
+
+LEAST_FREE_BEVEL: Final = 2e-3
+"""Least length of bevel that the root bead must leave free."""
+
+LEAST_ROOT_WIDTH: Final = 1e-3
+"""Least width of the root bead's face."""
+
+LEAST_TUBE_BEYOND_GROOVE: Final = 20e-3
+"""Least length of brace and leg beyond the groove, for a scan to see a wall there."""
+
+LEAST_SEAM_TO_ROOT: Final = 2e-3
+"""Least distance of a seam weld's cap from the root's corner on the leg."""
+
+CHECKED_AZIMUTHS: Final = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+
+
+def check_buildable(definition: JointDefinition) -> None:
+    """Refuse a joint that can't be built.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming the key of the joint file that is wrong.
+    """
+    _check_tubes(definition)
+    _check_groove_table(definition)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sections = groove_sections(definition, CHECKED_AZIMUTHS)
+    _check_bevel(sections)
+    _check_root(definition, sections)
+    _check_lengths(definition, sections)
+    _check_seams(definition, sections)
+
+
+def _check_tubes(d: JointDefinition) -> None:
+    for name, (table, key, _) in LENGTH_KEYS.items():
+        value = getattr(d, name)
+        if not 0 <= value < np.inf and key != "wall_mm":
+            _refuse(f"{table}.{key}", f"{_mm(value)} is no length")
+    for key, radius, wall in (
+        ("leg.wall_mm", d.leg_radius, d.leg_wall),
+        ("brace.wall_mm", d.brace_radius, d.brace_wall),
+    ):
+        if not 0 < wall <= radius - LEAST_BORE_RADIUS:
+            most = _mm(radius - LEAST_BORE_RADIUS)
+            _refuse(key, f"a wall of {_mm(wall)} leaves no bore; stay at or below {most}")
+    if d.brace_radius > MOST_RADIUS_RATIO * d.leg_radius:
+        most = _mm(2 * MOST_RADIUS_RATIO * d.leg_radius)
+        _refuse(
+            "brace.outer_diameter_mm",
+            f"{_mm(2 * d.brace_radius)} is too wide for a leg of {_mm(2 * d.leg_radius)}: "
+            f"the groove opens flat at the saddle; stay at or below {most}",
+        )
+    if not LEAST_BRACE_ANGLE <= d.angle <= MOST_BRACE_ANGLE:
+        _refuse(
+            "brace.angle_deg",
+            f"{_deg(d.angle)} is out of range; the angle on the heel side lies between "
+            f"{_deg(LEAST_BRACE_ANGLE)} and {_deg(MOST_BRACE_ANGLE)}",
+        )
+
+
+def _check_groove_table(d: JointDefinition) -> None:
+    key = "groove.angle_deg"
+    table = np.asarray(d.groove_table, dtype=float)
+    if table.ndim != 2 or table.shape[1] != 2 or not np.isfinite(table).all():
+        _refuse(key, "is a list of at least one pair [dihedral_deg, groove_deg]")
+    if np.any(np.diff(table[:, 0]) <= 0):
+        _refuse(key, "its dihedral angles must grow from pair to pair")
+    for angle in table[:, 1]:
+        if not LEAST_GROOVE_ANGLE <= angle <= MOST_GROOVE_ANGLE:
+            _refuse(
+                key,
+                f"a groove angle of {_deg(angle)} is out of range; stay between "
+                f"{_deg(LEAST_GROOVE_ANGLE)} and {_deg(MOST_GROOVE_ANGLE)}",
+            )
+    widest = min(d.brace_wall, d.brace_inner_radius / 2)
+    if d.root_gap > widest:
+        _refuse(
+            "groove.root_gap_mm",
+            f"{_mm(d.root_gap)} is too wide for this brace; stay at or below {_mm(widest)}",
+        )
+    if d.root_face >= d.brace_wall - LEAST_FREE_BEVEL:
+        most = _mm(d.brace_wall - LEAST_FREE_BEVEL)
+        _refuse(
+            "groove.root_face_mm",
+            f"{_mm(d.root_face)} of a wall of {_mm(d.brace_wall)} leaves no bevel; "
+            f"stay below {most}",
+        )
+
+
+def _check_bevel(s: JointGrooveSections) -> None:
+    sharpness = np.arctan2(s.bevel[:, 0], s.bevel[:, 1])
+    i = int(np.argmin(sharpness))
+    if sharpness[i] < LEAST_BEVEL_ANGLE:
+        _refuse(
+            "groove.angle_deg",
+            f"a groove angle of {_deg(s.groove_angle[i])} where the local dihedral angle is "
+            f"{_deg(s.dihedral[i])} leaves no bevel on the brace; make it smaller there by at "
+            f"least {_deg(LEAST_BEVEL_ANGLE - sharpness[i])}",
+        )
+
+
+def _check_root(d: JointDefinition, s: JointGrooveSections) -> None:
+    free = float(np.min(s.bevel_length)) - d.root_bead
+    if free < LEAST_FREE_BEVEL:
+        most = _mm(d.root_bead + free - LEAST_FREE_BEVEL)
+        _refuse(
+            "groove.root_bead_mm",
+            f"{_mm(d.root_bead)} covers the bevel, which is {_mm(free + d.root_bead)} long; "
+            f"stay at or below {most}",
+        )
+    width = float(np.min(s.root_width))
+    if not width >= LEAST_ROOT_WIDTH:
+        _refuse(
+            "groove.root_gap_mm",
+            f"gap and bead leave a root only {_mm(width)} wide; open the gap or raise the bead "
+            f"until it is {_mm(LEAST_ROOT_WIDTH)}",
+        )
+
+
+def _check_lengths(d: JointDefinition, s: JointGrooveSections) -> None:
+    top = float(np.max(s.p2[:, 1])) + LEAST_TUBE_BEYOND_GROOVE
+    if d.brace_length < top:
+        _refuse(
+            "brace.length_mm",
+            f"{_mm(d.brace_length)} ends in the groove; from where the axes cross it takes at "
+            f"least {_mm(top)}",
+        )
+    foot = d.leg_surface.points_j(s.phi, d.brace_radius) @ d.leg_surface.axis
+    root = cylindrical_to_j(s.phi, s.p4[:, 0], s.p4[:, 1]) @ d.leg_surface.axis
+    least = 2 * (float(np.max(np.abs((foot, root)))) + LEAST_TUBE_BEYOND_GROOVE)
+    if d.leg_length < least:
+        _refuse(
+            "leg.length_mm",
+            f"{_mm(d.leg_length)} doesn't hold the intersection; it takes at least {_mm(least)}",
+        )
+
+
+def _check_seams(d: JointDefinition, s: JointGrooveSections) -> None:
+    reach = float(np.max(s.p4[:, 0])) + LEAST_SEAM_TO_ROOT
+    for i, seam in enumerate(d.imperfections.seams):
+        y = abs(d.leg_radius * np.sin(seam.at)) - seam.width / 2
+        if np.cos(seam.at) > 0 and y < reach:
+            least = np.arcsin(min(1.0, (reach + seam.width / 2) / d.leg_radius))
+            _refuse(
+                f"imperfections.seams.{i}.at_deg",
+                f"at {_deg(seam.at)} the cap runs into the groove, where it would be ground off; "
+                f"keep it {_deg(least)} or more from the top of the leg",
+            )
+
+
+def _refuse(key: str, message: str) -> NoReturn:
+    raise ConfigurationError(message, key=key)
+
+
+def _mm(metres: float) -> str:
+    return f"{1e3 * metres:.4g} mm"
+
+
+def _deg(radians: float) -> str:
+    return f"{np.rad2deg(radians):.4g}°"
+
 
 LengthMm = Annotated[float, Field(gt=0.0, le=20_000.0)]
 SmallLengthMm = Annotated[float, Field(ge=0.0, le=100.0)]
@@ -32,12 +225,9 @@ class LegDimensions(StrictFileModel):
     length_mm: LengthMm
 
 
-class BraceDimensions(StrictFileModel):
+class BraceDimensions(LegDimensions):
     """The table [brace] of a joint's file: the tube that is welded on."""
 
-    outer_diameter_mm: LengthMm
-    wall_mm: LengthMm
-    length_mm: LengthMm
     angle_deg: float = 90.0
 
 
@@ -64,8 +254,8 @@ class TolerancesOfFitUp(StrictFileModel):
         """Convert the definition's tolerance to its table."""
         stated = {name: value for name, value in asdict(tolerance).items() if isfinite(value)}
         angle = stated.pop("groove_angle", None)
-        lengths = {f"{name}_mm": _mm(value) for name, value in stated.items()}
-        return cls(groove_angle_deg=None if angle is None else _deg(angle), **lengths)
+        lengths = {f"{name}_mm": _rounded(value / METRES_PER_MM) for name, value in stated.items()}
+        return cls(groove_angle_deg=None if angle is None else _rounded_deg(angle), **lengths)
 
     def tolerance(self) -> FitUpTolerance:
         """Convert the table to the definition's tolerance, in metres and radians."""
@@ -88,29 +278,19 @@ class JointFile(StrictFileModel):
     def from_definition(cls, definition: JointDefinition) -> Self:
         """Convert a joint's definition to its file."""
         d = definition
-        return cls(
-            leg=LegDimensions(
-                outer_diameter_mm=_mm(2 * d.leg_radius),
-                wall_mm=_mm(d.leg_wall),
-                length_mm=_mm(d.leg_length),
-            ),
-            brace=BraceDimensions(
-                outer_diameter_mm=_mm(2 * d.brace_radius),
-                wall_mm=_mm(d.brace_wall),
-                length_mm=_mm(d.brace_length),
-                angle_deg=_deg(d.angle),
-            ),
-            groove=GrooveDimensions(
-                angle_deg=tuple((_deg(psi), _deg(groove)) for psi, groove in d.groove_table),
-                root_gap_mm=_mm(d.root_gap),
-                root_face_mm=_mm(d.root_face),
-                root_bead_mm=_mm(d.root_bead),
-            ),
-            tolerance=None
-            if d.tolerance == NOT_STATED
-            else TolerancesOfFitUp.from_tolerance(d.tolerance),
-            imperfections=None if d.imperfections == NO_IMPERFECTIONS else d.imperfections,
-        )
+        groove_table = tuple((_rounded_deg(a), _rounded_deg(b)) for a, b in d.groove_table)
+        tables: dict[str, Any] = {
+            "leg": {},
+            "brace": {"angle_deg": _rounded_deg(d.angle)},
+            "groove": {"angle_deg": groove_table},
+        }
+        for name, (table, key, metres) in LENGTH_KEYS.items():
+            tables[table][key] = _rounded(getattr(d, name) / metres)
+        if d.tolerance != NOT_STATED:
+            tables["tolerance"] = TolerancesOfFitUp.from_tolerance(d.tolerance)
+        if d.imperfections != NO_IMPERFECTIONS:
+            tables["imperfections"] = d.imperfections
+        return cls.model_validate(tables)
 
     def definition(self, name: str) -> JointDefinition:
         """Convert the file to the joint's definition, in metres and radians.
@@ -120,25 +300,20 @@ class JointFile(StrictFileModel):
         ConfigurationError
             If such a joint can't be built.
         """
-        leg, brace, groove = self.leg, self.brace, self.groove
+        lengths: dict[str, Any] = {
+            field: getattr(getattr(self, table), key) * metres
+            for field, (table, key, metres) in LENGTH_KEYS.items()
+        }
         definition = JointDefinition(
             name=name,
-            leg_radius=leg.outer_diameter_mm / 2 * METRES_PER_MM,
-            leg_wall=leg.wall_mm * METRES_PER_MM,
-            leg_length=leg.length_mm * METRES_PER_MM,
-            brace_radius=brace.outer_diameter_mm / 2 * METRES_PER_MM,
-            brace_wall=brace.wall_mm * METRES_PER_MM,
-            brace_length=brace.length_mm * METRES_PER_MM,
-            angle=float(np.deg2rad(brace.angle_deg)),
+            angle=float(np.deg2rad(self.brace.angle_deg)),
             groove_table=tuple(
                 (float(np.deg2rad(psi)), float(np.deg2rad(angle)))
-                for psi, angle in groove.angle_deg
+                for psi, angle in self.groove.angle_deg
             ),
-            root_gap=groove.root_gap_mm * METRES_PER_MM,
-            root_face=groove.root_face_mm * METRES_PER_MM,
-            root_bead=groove.root_bead_mm * METRES_PER_MM,
             imperfections=self.imperfections or NO_IMPERFECTIONS,
             tolerance=NOT_STATED if self.tolerance is None else self.tolerance.tolerance(),
+            **lengths,
         )
         check_buildable(definition)
         return definition
@@ -159,9 +334,9 @@ def read_joint(path: Path) -> JointDefinition:
         raise ConfigurationError(error.message, file=path, key=error.key) from None
 
 
-def _mm(metres: float) -> float:
-    return round(metres / METRES_PER_MM, 9)  # a picometre: undoes the rounding of the way in
+def _rounded(value: float) -> float:
+    return round(value, 9)  # a picometre: undoes the rounding of the way in
 
 
-def _deg(radians: float) -> float:
-    return round(float(np.rad2deg(radians)), 9)
+def _rounded_deg(radians: float) -> float:
+    return _rounded(float(np.rad2deg(radians)))

@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, frozen_arrays
-from tjscan.joint.bevel import JointGrooveSections, groove_sections, leg_normal_rz
-from tjscan.joint.definition import JointDefinition
+from tjscan.joint.definition import JointDefinition, interpolate_around_joint
 from tjscan.joint.deposits import seam_cap_solid, spatter_solids, tack_solid
-from tjscan.joint.edges import tack_spans
-from tjscan.joint.geometry import cylindrical_to_j, tangential_direction
-from tjscan.joint.imperfections import interpolate_around_joint
-from tjscan.joint.oval import OvalLegSurface
+from tjscan.joint.edges import JointGrooveSections, groove_sections, leg_normal_rz, tack_spans
+from tjscan.joint.geometry import OvalLegSurface, cylindrical_to_j, tangential_direction
 
 MOST_CHORD_ERROR: Final = 2e-6
 """Largest distance, in metres, of the triangles near the groove from the true surfaces."""

@@ -9,9 +9,8 @@ import numpy as np
 from scipy.special import ndtri
 
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import groove_sections
-from tjscan.joint.definition import JointDefinition
-from tjscan.joint.imperfections import MillScale
+from tjscan.joint.definition import JointDefinition, MillScale
+from tjscan.joint.edges import groove_sections
 
 ReliefHeight = Callable[[Array], Array]
 """Height over the solid's surface at points on it, shape (n, 3), in frame j: shape (n,), metres."""
@@ -55,9 +54,8 @@ def _mill_scale(definition: JointDefinition, scale: MillScale) -> ReliefHeight:
         rho = np.hypot(points_j[:, 0], points_j[:, 1])
         wall = np.abs(rho - definition.brace_wall_radius(phi, points_j[:, 2])) < ON_SURFACE_DISTANCE
         tubes = wall | (np.abs(leg.signed_distances(points_j)) < ON_SURFACE_DISTANCE)
-        return np.asarray(
-            tubes * scale.thickness * np.clip((field - limit) / RIM_SHARE + 0.5, 0, 1)
-        )
+        share = np.clip((field - limit) / RIM_SHARE + 0.5, 0, 1)
+        return np.asarray(tubes * scale.thickness * share)
 
     return height
 

@@ -131,9 +131,8 @@ class Distortion:
         rng = np.random.default_rng([make, RANDOM_STREAM])
         i = np.arange(HIGHEST_DEGREE + 1)
         degree = i[:, None] + i
-        weight = np.where(
-            (degree > 0) & (degree <= HIGHEST_DEGREE), 1.0 / np.maximum(degree, 1), 0.0
-        )
+        is_term = (degree > 0) & (degree <= HIGHEST_DEGREE)
+        weight = np.where(is_term, 1.0 / np.maximum(degree, 1), 0.0)
         width = (model.far - model.emitter_z) * np.tan(model.half_angle)
         field = cls(
             weight * rng.standard_normal((2, HIGHEST_DEGREE + 1, HIGHEST_DEGREE + 1)),

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final
 
 from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
 from tjscan.core.errors import ConfigurationError
+from tjscan.laser.genicam.settings import GenicamSettings, ScanControlSettings
 from tjscan.laser.line_laser import LineLaser
 
 if TYPE_CHECKING:
     from tjscan.core.frames import Array
+    from tjscan.laser.genicam.gige import GenicamLaser, ScanControlLaser
     from tjscan.laser.model import LaserModel
     from tjscan.laser.optics import RaycastSurface
     from tjscan.laser.profile import Profile
@@ -20,20 +22,6 @@ if TYPE_CHECKING:
 
 RANDOM_STREAM: Final = 1
 """Keeps the random numbers of the laser apart from the arm's, which has the bare seed."""
-
-
-class ReportedState(Protocol):
-    """What a flange needs of the state that an arm reports: its pose and the arm's clock."""
-
-    @property
-    def T_b_f(self) -> Array:
-        """Pose of the flange, shape (4, 4)."""
-        ...
-
-    @property
-    def time(self) -> float:
-        """Seconds on the arm's clock."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,8 +43,8 @@ class LaserFlange:
     time: Callable[[], float]
 
     @classmethod
-    def of_arm(cls, truth: Callable[[], Array], state: Callable[[], ReportedState]) -> LaserFlange:
-        """Flange of an arm that reports its pose and its clock together."""
+    def of_arm(cls, truth: Callable[[], Array], state: Callable[[], Any]) -> LaserFlange:
+        """The flange of an arm that reports its state, an `ArmState` of the room above."""
         return cls(truth, lambda: state().T_b_f, lambda: state().time)
 
 
@@ -136,16 +124,31 @@ def _replayed(context: LaserDriverInputs, settings: NoSettings) -> ReplayedLaser
     return ReplayedLaser(poses, profiles, context.carrier.T_b_f, context.carrier.time)
 
 
+def _genicam(inputs: LaserDriverInputs, settings: GenicamSettings) -> GenicamLaser:
+    from tjscan.laser.genicam.gige import GenicamLaser
+
+    return GenicamLaser(settings, inputs.carrier.time)
+
+
+def _scancontrol(inputs: LaserDriverInputs, settings: ScanControlSettings) -> ScanControlLaser:
+    from tjscan.laser.genicam.gige import ScanControlLaser
+
+    return ScanControlLaser(settings, inputs.carrier.time)
+
+
 SIMULATED_DRIVER: Final = LaserDriverFactory(_simulated, kind=DriverKind.SIMULATED)
 REPLAY_DRIVER: Final = LaserDriverFactory(_replayed, kind=DriverKind.REPLAYED)
+
+GENICAM_DRIVER: Final = LaserDriverFactory(_genicam, GenicamSettings)
+SCANCONTROL_DRIVER: Final = LaserDriverFactory(_scancontrol, ScanControlSettings)
 
 LASER_DRIVERS: Final[DriverRegistry[LaserDriverFactory]] = DriverRegistry(
     "laser",
     {
         "simulated": "tjscan.laser.drivers:SIMULATED_DRIVER",
         "replay": "tjscan.laser.drivers:REPLAY_DRIVER",
-        "genicam": "tjscan.laser.genicam.driver:GENICAM_DRIVER",
-        "scancontrol": "tjscan.laser.genicam.driver:SCANCONTROL_DRIVER",
+        "genicam": "tjscan.laser.drivers:GENICAM_DRIVER",
+        "scancontrol": "tjscan.laser.drivers:SCANCONTROL_DRIVER",
     },
     extras={"genicam": "genicam", "scancontrol": "genicam"},
     clients={"genicam": "viva_genicam", "scancontrol": "viva_genicam"},

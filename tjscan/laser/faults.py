@@ -7,6 +7,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, frozen_arrays
@@ -52,15 +53,15 @@ class SimulatedProfile:
 class FaultRandomStreams:
     """A random generator of its own for each fault: switching one off leaves the others alone."""
 
-    noise: np.random.Generator
-    dropout: np.random.Generator
-    missing: np.random.Generator
-    ghosts: np.random.Generator
-    flyers: np.random.Generator
-    strays: np.random.Generator
+    noise: Generator
+    dropout: Generator
+    missing: Generator
+    ghosts: Generator
+    flyers: Generator
+    strays: Generator
 
     @classmethod
-    def spawn(cls, rng: np.random.Generator) -> Self:
+    def spawn(cls, rng: Generator) -> Self:
         """Spawn fresh random streams from a generator."""
         streams = rng.spawn(5)
         # A child's child: the k-th profile's streams stay what they were without it.
@@ -95,18 +96,15 @@ def apply_faults(
     intensity[ghosts] *= model.ghost_intensity
 
     strays, offsets = _strays(hits, model, streams.strays)
-    strays, offsets = (
-        strays[kind[strays] == PointOrigin.TRUE],
-        offsets[kind[strays] == PointOrigin.TRUE],
-    )
+    are_true = kind[strays] == PointOrigin.TRUE
+    strays, offsets = strays[are_true], offsets[are_true]
     distance[strays] += offsets
     kind[strays] = PointOrigin.STRAY
 
-    count = _whole(model.missing * model.columns, streams.missing)
+    count = _whole_number_near(model.missing * model.columns, streams.missing)
     everywhere = np.arange(model.columns)
-    kind[choose_column_runs(streams.missing, everywhere, count, model.missing_run)] = (
-        PointOrigin.MISSING
-    )
+    missing = choose_column_runs(streams.missing, everywhere, count, model.missing_run)
+    kind[missing] = PointOrigin.MISSING
 
     distance += correlated_noise(streams.noise, model.columns, model.noise, model.noise_correlation)
     x_s = distance * hits.directions_s[:, 0]
@@ -120,9 +118,7 @@ def apply_faults(
     return SimulatedProfile(x_s, z_s, intensity, kind)
 
 
-def correlated_noise(
-    rng: np.random.Generator, count: int, sigma: float, correlation: float
-) -> Array:
+def correlated_noise(rng: Generator, count: int, sigma: float, correlation: float) -> Array:
     """Stationary Gaussian noise, shape (count,): each value has standard deviation `sigma`.
 
     White noise through a Gaussian window of unit energy. Two values k apart correlate by
@@ -138,10 +134,7 @@ def correlated_noise(
 
 
 def choose_column_runs(
-    rng: np.random.Generator,
-    eligible: NDArray[np.intp],
-    count: int,
-    run: tuple[int, int],
+    rng: Generator, eligible: NDArray[np.intp], count: int, run: tuple[int, int]
 ) -> NDArray[np.intp]:
     """Choose `count` of the eligible columns, in runs of random length and place.
 
@@ -184,23 +177,23 @@ def _bias(cosine: Array, model: LaserModel) -> Array:
     return np.minimum(model.bias * tangent, model.bias_limit)
 
 
-def _dropped(cosine: Array, model: LaserModel, rng: np.random.Generator) -> NDArray[np.bool_]:
+def _dropped(cosine: Array, model: LaserModel, rng: Generator) -> NDArray[np.bool_]:
     """Columns that lose their point to a grazing incidence."""
     ramp = (np.arccos(cosine) - model.dropout_start) / (model.dropout_end - model.dropout_start)
     return np.asarray(rng.random(len(cosine)) < model.dropout * np.clip(ramp, 0.0, 1.0))
 
 
-def _ghosts(hits: LaserRayHits, model: LaserModel, rng: np.random.Generator) -> NDArray[np.intp]:
+def _ghosts(hits: LaserRayHits, model: LaserModel, rng: Generator) -> NDArray[np.intp]:
     """Columns that show the mirror image instead of the face."""
     if model.ghosts == 0:
         return np.empty(0, dtype=np.intp)
     possible = np.flatnonzero(np.isfinite(hits.ghost))
     wanted = model.ghosts * np.count_nonzero(hits.seen)
-    count = _whole(min(wanted, model.ghost_share * len(possible)), rng)
+    count = _whole_number_near(min(wanted, model.ghost_share * len(possible)), rng)
     return choose_column_runs(rng, possible, count, model.ghost_run)
 
 
-def _flyers(hits: LaserRayHits, model: LaserModel, rng: np.random.Generator) -> Array:
+def _flyers(hits: LaserRayHits, model: LaserModel, rng: Generator) -> Array:
     """Distances of the points that fly, NaN for the others, shape (n,).
 
     They are somewhere between the two sides of an edge, and miss that span at random.
@@ -208,7 +201,7 @@ def _flyers(hits: LaserRayHits, model: LaserModel, rng: np.random.Generator) -> 
     columns = model.columns
     flies = rng.random(columns) < model.flyers
     share, overshoot = rng.random(columns), rng.normal(size=columns) * model.flyer_overshoot
-    edge = _edges(hits, model)
+    edge = _edges_between_columns(hits, model)
     right, left = np.append(edge, False), np.append(False, edge)
     flies &= hits.seen & (right | left)
     index = np.flatnonzero(flies)
@@ -220,11 +213,11 @@ def _flyers(hits: LaserRayHits, model: LaserModel, rng: np.random.Generator) -> 
 
 
 def _strays(
-    hits: LaserRayHits, model: LaserModel, rng: np.random.Generator
+    hits: LaserRayHits, model: LaserModel, rng: Generator
 ) -> tuple[NDArray[np.intp], Array]:
     """Columns that stray, rising, and how far along their rays; one distance for each run."""
     possible = np.flatnonzero(hits.seen)
-    count = _whole(model.strays * len(possible), rng)
+    count = _whole_number_near(model.strays * len(possible), rng)
     strays = choose_column_runs(rng, possible, count, model.stray_run)
     run = np.cumsum(np.diff(strays, prepend=-2) > 1) - 1
     runs = int(run[-1]) + 1 if len(run) else 0
@@ -253,7 +246,7 @@ def _interreflection(hits: LaserRayHits, model: LaserModel) -> Array:
     return np.where(hit, pull, 0.0)
 
 
-def _edges(hits: LaserRayHits, model: LaserModel) -> NDArray[np.bool_]:
+def _edges_between_columns(hits: LaserRayHits, model: LaserModel) -> NDArray[np.bool_]:
     """Whether a crease or a jump is between each column and the next, shape (n - 1,)."""
     hit = np.isfinite(hits.distance)
     points = np.where(hit, hits.distance, 0.0)[:, None] * hits.directions_s
@@ -273,6 +266,6 @@ def _quantised(values: Array, step: float) -> Array:
     return np.asarray(np.round(values / step) * step) if step > 0 else values
 
 
-def _whole(expected: float, rng: np.random.Generator) -> int:
+def _whole_number_near(expected: float, rng: Generator) -> int:
     """Whole number whose mean is `expected`."""
     return int(expected + rng.random())

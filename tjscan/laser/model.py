@@ -162,54 +162,37 @@ class LaserModel(SettingsTable):
     occlusion: bool = True
 
     def __post_init__(self) -> None:
-        self._check_numbers()
-        self._check_optics()
-        for name in (*_PROBABILITY_FIELDS, "ghost_share", "ghost_intensity"):
-            _require(0 <= getattr(self, name) <= 1, name, "is a fraction, from 0 to 1")
-        for name in _AMPLITUDE_FIELDS:
-            _require(getattr(self, name) >= 0, name, "can't be negative; 0 switches it off")
-        _require(
-            0 <= self.dropout_start < self.dropout_end <= math.pi / 2,
-            "dropout_end",
-            "must be above dropout_start and not above 90°",
-        )
-        _require(0 < self.flyer_crease < math.pi, "flyer_crease", "must be between 0 and 180°")
-        _require(self.flyer_jump > 0, "flyer_jump", "must be positive")
-        _require(
-            0 <= self.stray_offset[0] <= self.stray_offset[1],
-            "stray_offset",
-            "is the least and the largest distance",
-        )
-        _require(self.interreflection_reach > 0, "interreflection_reach", "must be positive")
-        _require(0 < self.notch < math.pi, "notch", "must be between 0 and 180°")
-        for name in ("missing_run", "ghost_run", "stray_run"):
-            shortest, longest = getattr(self, name)
-            _require(1 <= shortest <= longest, name, "is the shortest and the longest run, from 1")
-
-    def _check_numbers(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name) or 0.0
             values = value if isinstance(value, tuple) else (value,)
             _require(all(map(math.isfinite, values)), field.name, "must be finite")
-
-    def _check_optics(self) -> None:
-        _require(
-            80 <= self.columns <= 640 and self.columns % 80 == 0,
-            "columns",
-            "must be 80 to 640 in steps of 80",
-        )
+        in_steps = 80 <= self.columns <= 640 and self.columns % 80 == 0
+        _require(in_steps, "columns", "must be 80 to 640 in steps of 80")
         _require(0 < self.near < self.far, "near", "must be positive and smaller than far")
-        _require(self.emitter_z < self.near, "emitter_z", "must be before the range")
-        _require(self.detector_z < self.near, "detector_z", "must be before the range")
+        for name in ("emitter_z", "detector_z"):
+            _require(getattr(self, name) < self.near, name, "must be before the range")
         _require(0 < self.half_angle < math.pi / 2, "half_angle", "must be between 0 and 90°")
+        for name in (*_PROBABILITY_FIELDS, "ghost_share", "ghost_intensity"):
+            _require(0 <= getattr(self, name) <= 1, name, "is a fraction, from 0 to 1")
+        for name in _AMPLITUDE_FIELDS:
+            _require(getattr(self, name) >= 0, name, "can't be negative; 0 switches it off")
+        rising = 0 <= self.dropout_start < self.dropout_end <= math.pi / 2
+        _require(rising, "dropout_end", "must be above dropout_start and not above 90°")
+        for name in ("flyer_crease", "notch"):
+            _require(0 < getattr(self, name) < math.pi, name, "must be between 0 and 180°")
+        for name in ("flyer_jump", "interreflection_reach"):
+            _require(getattr(self, name) > 0, name, "must be positive")
+        least, largest = self.stray_offset
+        _require(0 <= least <= largest, "stray_offset", "is the least and the largest distance")
+        for name in ("missing_run", "ghost_run", "stray_run"):
+            shortest, longest = getattr(self, name)
+            _require(1 <= shortest <= longest, name, "is the shortest and the longest run, from 1")
 
     @classmethod
     def without_faults(cls, **changes: Any) -> Self:
         """Model without faults: all effects off except those given in `changes`."""
-        zeros = dict.fromkeys(
-            ("noise", "bias", "interreflection", *_PROBABILITY_FIELDS, "step"), 0.0
-        )
-        return cls(**{**zeros, **changes})
+        faults = ("noise", "bias", "interreflection", *_PROBABILITY_FIELDS, "step")
+        return cls(**{**dict.fromkeys(faults, 0.0), **changes})
 
 
 def _require(condition: bool, key: str, message: str) -> None:

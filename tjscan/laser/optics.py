@@ -124,9 +124,8 @@ class RaycastSurface:
         """
         start = points + RAY_START_OFFSET * normals
         way = eye - start
-        taken = self._scene.test_occlusions(
-            _rays(start - self._centre, way), tnear=0.0, tfar=1.0, nthreads=1
-        )
+        rays = _rays(start - self._centre, way)
+        taken = self._scene.test_occlusions(rays, tnear=0.0, tfar=1.0, nthreads=1)
         behind = np.einsum("ij,ij->i", way, normals) <= 0
         return np.asarray(taken.numpy() | behind)
 
@@ -225,10 +224,8 @@ def _mirror_images(
     """
     normals = hits.normals[index]
     turned = rays - 2.0 * np.einsum("ij,ij->i", rays, normals)[:, None] * normals
-    # Start where the ray has risen LIFT above the face it left.
-    start = RAY_START_OFFSET / np.maximum(
-        np.einsum("ij,ij->i", turned, normals), LEAST_PLANE_COSINE
-    )
+    rise = np.einsum("ij,ij->i", turned, normals)
+    start = RAY_START_OFFSET / np.maximum(rise, LEAST_PLANE_COSINE)
     second = start + surface.cast_rays(points + start[:, None] * turned, turned).distance
     image = hits.distance[index] + second
     return np.where(np.isfinite(second) & (second > LEAST_GHOST_DISTANCE), image, np.nan)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 from hashlib import sha256
 from typing import Final
@@ -73,8 +72,7 @@ class ProfileRepeats:
     """
 
     def __init__(self) -> None:
-        self._order: deque[bytes] = deque()
-        self._known: set[bytes] = set()
+        self._known: dict[bytes, None] = {}  # in the order in which they came
 
     def is_repeat(self, profile: Profile) -> bool:
         """Whether a profile is one of those before; it is one of them from now on."""
@@ -83,8 +81,7 @@ class ProfileRepeats:
         digest = profile.digest
         if digest in self._known:
             return True
-        self._order.append(digest)
-        self._known.add(digest)
-        if len(self._order) > REMEMBERED_PROFILES:
-            self._known.remove(self._order.popleft())
+        self._known[digest] = None
+        if len(self._known) > REMEMBERED_PROFILES:
+            del self._known[next(iter(self._known))]
         return False

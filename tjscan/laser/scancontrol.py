@@ -23,9 +23,6 @@ from tjscan.laser.profile import Profile
 if TYPE_CHECKING:
     from tjscan.laser.genicam.settings import ScanControlSettings
 
-POINT_COUNTS: Final = (80, 160, 320, 640)
-"""How many points a profile may have."""
-
 REFLECTION_COUNT: Final = 4
 BYTES_OF_REFLECTION: Final = 16
 TIME_STAMP_BYTES: Final = 16

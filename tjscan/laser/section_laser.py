@@ -12,6 +12,7 @@ from typing import Annotated, Final
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
+from numpy.random import Generator
 
 from tjscan.core.devices import LocalDevice
 from tjscan.core.errors import LaserFault
@@ -138,7 +139,7 @@ def simulate_section_profile(
     section: Array,
     pose: SectionLaserPose,
     model: SectionLaserModel,
-    rng: np.random.Generator,
+    rng: Generator,
     time: float = 0.0,
 ) -> Profile:
     """Take one profile of a section.
@@ -197,7 +198,7 @@ class SimulatedSectionLaser(LocalDevice):
         model: Callable[[], SectionLaserModel],
         time: Callable[[], float],
         *,
-        rng: np.random.Generator,
+        rng: Generator,
     ) -> None:
         self._view, self._model, self._time, self._rng = view, model, time, rng
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.random import Generator
 
 from tjscan.core.devices import LocalDevice
 from tjscan.core.errors import LaserFault
@@ -48,7 +49,7 @@ class SimulatedLaser(LocalDevice):
         pose: Callable[[], Array],
         *,
         model: LaserModel,
-        rng: np.random.Generator,
+        rng: Generator,
         clock: Callable[[], float],
         make: int = 0,
     ) -> None:

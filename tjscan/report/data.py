@@ -8,10 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tjscan.comparison.compare import AlignmentMethod, check_tolerance, compare_shapes
-from tjscan.comparison.result import Comparison
-from tjscan.comparison.shapes import Shape
-from tjscan.comparison.sidecar import StatedUnitAndFrame
+from tjscan.comparison.compare import AlignmentMethod, Comparison, check_tolerance, compare_shapes
+from tjscan.comparison.shapes import Shape, StatedUnitAndFrame
 from tjscan.core.errors import ComparisonRefused, ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written

@@ -13,10 +13,9 @@ from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, inverse_pose, transform_points, unit_vector
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.section import section_from_points
-from tjscan.joint.definition import NOT_STATED, JointDefinition
+from tjscan.joint.definition import NO_IMPERFECTIONS, NOT_STATED, JointDefinition
 from tjscan.joint.edges import ClosedPolyline, feature_edges
 from tjscan.joint.geometry import radial_direction
-from tjscan.joint.imperfections import NO_IMPERFECTIONS
 from tjscan.report.data import ReportData
 from tjscan.report.findings import is_closed
 from tjscan.result.section import absent_corners

@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from tjscan.comparison.result import Comparison
+from tjscan.comparison.compare import Comparison
 from tjscan.report.data import ReportData
 from tjscan.result.directory import JOINT_FILE
 from tjscan.result.stitching import LOOP_OPEN, StitchingReport

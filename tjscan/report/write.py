@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from tjscan.comparison.sidecar import StatedUnitAndFrame
+from tjscan.comparison.shapes import StatedUnitAndFrame
 from tjscan.core.files import write_files_atomically
 from tjscan.core.provenance import Provenance
 from tjscan.report.chapter_page import draw_sheet_picture, render_chapter_page

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tjscan.comparison.clouds import read_shape_file as read_file
-from tjscan.comparison.shapes import Shape, UnitAndFrame
-from tjscan.comparison.sidecar import StatedUnitAndFrame
+from tjscan.comparison.shapes import Shape, StatedUnitAndFrame, UnitAndFrame
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import refuse_links_outside
 from tjscan.core.frames import Array, readonly_copy

@@ -17,7 +17,7 @@ from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import lengths_along_groove
-from tjscan.uncertainty.summary import BudgetSummary, budget_in_words
+from tjscan.uncertainty.budget import BudgetSummary, budget_in_words
 
 MOST_SUMMARY_BYTES: Final = 1_000_000
 """A larger file is no summary."""

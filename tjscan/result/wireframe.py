@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.joint.bevel import groove_sections
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.edges import feature_edges
+from tjscan.joint.edges import feature_edges, groove_sections
 from tjscan.joint.geometry import cylindrical_to_j
 
 LINES_ALONG_TUBE = 24

@@ -1,11 +1,18 @@
-"""The protocol that every arm, real or simulated, fulfils."""
+"""The protocol that every arm, real or simulated, fulfils; its rest, and stops that hold."""
 
 from __future__ import annotations
 
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Final, Protocol
+
+import numpy as np
 
 from tjscan.core.devices import Device
+from tjscan.core.errors import ArmFault
 from tjscan.core.frames import Array, frozen_arrays
 
 
@@ -90,3 +97,143 @@ class Arm(Device, Protocol):
 
         Not from within a move's own thread while it moves: this waits for it.
         """
+
+
+STILL_TOLERANCE: Final = 2e-4
+"""Radians a joint may turn while the arm rests: more than encoders flicker, 0.2 mm at 1 m."""
+
+STILL_DURATION: Final = 0.25
+"""Seconds for which no joint may turn further."""
+
+REST_LIMIT: Final = 10.0
+"""Seconds within which the arm has to come to rest."""
+
+READING_PAUSE: Final = 0.02
+"""Seconds between two looks."""
+
+
+def await_rest(
+    arm: Arm,
+    *,
+    now: Callable[[], float] = time.monotonic,
+    pause: Callable[[float], object] = time.sleep,
+) -> ArmState:
+    """Wait until an arm has been still for a moment.
+
+    Parameters
+    ----------
+    arm : Arm
+        The arm, connected.
+    now, pause : callable, optional
+        The clock to go by, in seconds, and what waits some seconds on it.
+
+    Returns
+    -------
+    ArmState
+        Its state at rest.
+
+    Raises
+    ------
+    ArmFault
+        If it is not at rest within `REST_LIMIT`.
+    """
+    until, since, start = now() + REST_LIMIT, now(), arm.state()
+    while True:
+        pause(READING_PAUSE)
+        state, moment = arm.state(), now()
+        if largest_joint_rotation(start, state) > STILL_TOLERANCE:
+            since, start = moment, state
+        elif moment - since >= STILL_DURATION:
+            return state
+        if moment > until:
+            raise ArmFault(
+                f"the arm does not come to rest: it still moved after {REST_LIMIT:g} s. Let it "
+                "stand, leave freedrive, then start again."
+            )
+
+
+def check_not_moved(before: ArmState, after: ArmState) -> None:
+    """Check that an arm has not moved between two states.
+
+    Raises
+    ------
+    ArmFault
+        If it has.
+    """
+    if (angle := largest_joint_rotation(before, after)) > STILL_TOLERANCE:
+        raise ArmFault(
+            f"the arm moved while the laser looked: a joint turned by {np.degrees(angle):.2f} "
+            "deg. Let it stand, leave freedrive, then start again."
+        )
+
+
+def largest_joint_rotation(before: ArmState, after: ArmState) -> float:
+    """Largest angle in radians by which a joint turned from one state to another."""
+    return float(np.abs(after.q - before.q).max())
+
+
+class MotionLock:
+    """Lock that lets one move run at a time, and none after a stop until that is cleared.
+
+    A driver holds `hold_for_move` from the moment a move is ordered until it has ended, and
+    `begin_move` while it starts it. So a stop, given from any thread, finds one of two: the move
+    has not started, and never will; or it has, and `wait_for_stop` reports it.
+    """
+
+    def __init__(self) -> None:
+        self._stopped = threading.Event()
+        self._moving = threading.Lock()
+        self._starting = threading.RLock()  # a signal's handler may stop what it interrupted
+
+    @contextmanager
+    def hold_for_move(self) -> Iterator[None]:
+        """Hold the lock while the block orders a move and sees it to its end.
+
+        Raises
+        ------
+        ArmFault
+            If another move is under way, or the arm was stopped and that holds.
+        """
+        if not self._moving.acquire(blocking=False):
+            raise ArmFault("the arm is moving already: wait for that move or stop it")
+        try:
+            self.check_not_stopped()
+            yield
+        finally:
+            self._moving.release()
+
+    @contextmanager
+    def begin_move(self) -> Iterator[None]:
+        """Let the block set a move off unless the arm was stopped, see `check_not_stopped`."""
+        with self._starting:
+            self.check_not_stopped()
+            yield
+
+    def check_not_stopped(self) -> None:
+        """Refuse to go on if the arm was stopped and that was not cleared.
+
+        Raises
+        ------
+        ArmFault
+            If one does.
+        """
+        if self._stopped.is_set():
+            raise ArmFault(
+                "the arm was stopped, and begins no move until that is taken back. See that the "
+                "way is clear, then start again."
+            )
+
+    def stop(self) -> None:
+        """Forbid new moves; when this returns, none is about to start."""
+        self._stopped.set()
+        with self._starting:
+            pass
+
+    def clear_stop(self) -> None:
+        """Wait until the move under way has ended, then allow moves again."""
+        with self._moving:
+            self._stopped.clear()
+
+    def wait_for_stop(self, seconds: float) -> bool:
+        """Wait for a stop, up to a time; returns whether there was one."""
+        return self._stopped.wait(seconds)

@@ -11,7 +11,7 @@ from tjscan.core.errors import PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array
 from tjscan.robot.collision import BodyPair, CollisionModel
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.path import interpolate_joints, linear_waypoints
+from tjscan.robot.path import interpolate_joints, linear_waypoints, place_on_path
 from tjscan.robot.settings import ClearanceMargins
 
 CHECK_RESOLUTION: Final = 1e-3
@@ -119,9 +119,10 @@ class ClearPathPlanner:
         if short.any():
             i = int(short.argmax())
             raise PoseUnreachable(
-                f"{_where(i / (len(path) - 1))}the arm is too near to a singularity (smallest "
-                f"singular value {smallest.min():.3f}, at least {self.margins.singular:g} is "
-                "asked for). Move the base, or start from another configuration.",
+                f"{place_on_path(i / (len(path) - 1))}the arm is too near to a singularity "
+                f"(smallest singular value {smallest.min():.3f}, at least "
+                f"{self.margins.singular:g} is asked for). Move the base, or start from another "
+                "configuration.",
                 T_b_f,
             )
 
@@ -136,7 +137,7 @@ class ClearPathPlanner:
         distance = min(float(walk.distances(s)[i]) for s in (touched, *later))
         pair, share = self._model.pairs[i], touched / walk.end
         raise PathBlocked(
-            _say(pair, share, distance, float(self._margins_of_pairs[i])),
+            _describe_approach(pair, share, distance, float(self._margins_of_pairs[i])),
             T_b_f,
             moving=pair.moving,
             other=pair.other,
@@ -196,11 +197,7 @@ def _at(values: Array, s: float) -> Array:
     return np.asarray(values[i] + (s - i) * (values[i + 1] - values[i]))
 
 
-def _where(share: float) -> str:
-    return "" if share in (0, 1) else f"{share:.0%} of the way there, "
-
-
-def _say(pair: BodyPair, share: float, distance: float, margin: float) -> str:
+def _describe_approach(pair: BodyPair, share: float, distance: float, margin: float) -> str:
     if share == 0 and distance <= 0:
         return (
             f"where the arm is now, {pair.moving} already overlaps {pair.other} by "
@@ -213,6 +210,6 @@ def _say(pair: BodyPair, share: float, distance: float, margin: float) -> str:
         f"{1e3 * margin:g} mm are asked for"
     )
     return (
-        f"{_where(share)}{pair.moving} {how}. Teach a pose with more room, clear the way, or "
-        "correct the job's [clearance]."
+        f"{place_on_path(share)}{pair.moving} {how}. Teach a pose with more room, clear the way, "
+        "or correct the job's [clearance]."
     )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array
-from tjscan.robot.kinematics import Kinematics, PinocchioModel
+from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.solids import Box, Capsule, Cylinder, Solid, SolidShape
 
 TOOL_SOLIDS: Final = "tool"
@@ -110,12 +110,12 @@ class CollisionModel:
         self_collision: bool = True,
         ignored: Iterable[tuple[str, str]] = (),
     ) -> None:
-        self._chain = chain = kinematics.pinocchio_model
-        self._data = chain.model.createData()
+        self._kinematics = kinematics
+        self._data = kinematics.model.createData()
         self._ignored = {frozenset(pair) for pair in (*IGNORED_PAIRS, *ignored)}
         self._self_collision = self_collision
-        self._arm = [*_links(kinematics), *(_carried(chain, solid) for solid in tool)]
-        self._around = [_standing(chain, solid) for solid in solids]
+        self._arm = [*_links(kinematics), *(_carried(kinematics, solid) for solid in tool)]
+        self._around = [_fixed(kinematics, solid) for solid in solids]
         self._build(self._around)
 
     def distances(self, q: Array) -> Array:
@@ -123,7 +123,7 @@ class CollisionModel:
 
         Below zero two bodies overlap, about that deep.
         """
-        pin.computeDistances(self._chain.model, self._data, self._geometry, self._results, q)
+        pin.computeDistances(self._kinematics.model, self._data, self._geometry, self._results, q)
         return np.array([result.min_distance for result in self._results.distanceResults])
 
     def make_check(self, least: Array) -> Callable[[Array], BodyPair | None]:
@@ -140,11 +140,8 @@ class CollisionModel:
             For joint angles, shape (n,), a pair that is nearer, or None. It knows nothing of a
             surface that is given later.
         """
-        chain, geometry, results = (
-            self._chain.model,
-            self._geometry,
-            pin.GeometryData(self._geometry),
-        )
+        model, geometry = self._kinematics.model, self._geometry
+        results = pin.GeometryData(geometry)
         for i, distance in enumerate(least):
             if np.isfinite(distance):
                 results.collisionRequests[i].security_margin = float(distance)
@@ -153,8 +150,8 @@ class CollisionModel:
         pairs = self.pairs
 
         def check(q: Array) -> BodyPair | None:
-            pin.forwardKinematics(chain, self._data, q)
-            pin.updateGeometryPlacements(chain, self._data, geometry, results)
+            pin.forwardKinematics(model, self._data, q)
+            pin.updateGeometryPlacements(model, self._data, geometry, results)
             if not pin.computeCollisions(geometry, results, True):
                 return None
             found = (i for i, one in enumerate(results.collisionResults) if one.isCollision())
@@ -177,11 +174,9 @@ class CollisionModel:
         mesh.addVertices(np.asarray(vertices_b, dtype=float))
         mesh.addTriangles(np.asarray(triangles, dtype=np.int64))
         mesh.endModel()
-        T_root_b = pin.SE3(self._chain.T_root_b)
-        body = _Body(
-            pin.GeometryObject(SCANNED_GROOVE, 0, T_root_b, mesh), SCANNED_GROOVE, SCANNED_GROOVE
-        )
-        self._build([*self._around, body])
+        T_root_b = pin.SE3(self._kinematics.T_root_b)
+        groove = pin.GeometryObject(SCANNED_GROOVE, 0, T_root_b, mesh)
+        self._build([*self._around, _Body(groove, SCANNED_GROOVE, SCANNED_GROOVE)])
 
     def _build(self, around: Sequence[_Body]) -> None:
         self._geometry = geometry = pin.GeometryModel()
@@ -192,31 +187,31 @@ class CollisionModel:
         for i, first in enumerate(self._arm):
             for k, second in enumerate(bodies[i + 1 :], start=i + 1):
                 own = k < len(self._arm)
-                if first.joint == second.joint or (own and not self._kept_apart(first, second)):
+                kept_apart = not own or self._must_keep_apart(first, second)
+                if first.joint == second.joint or not kept_apart:
                     continue
                 geometry.addCollisionPair(pin.CollisionPair(i, k))
                 # What is carried comes last: it is the clearer name of the two.
                 moving, other = (second, first) if own else (first, second)
                 pairs.append(BodyPair(moving.name, other.name, own))
-                reach.append(self._reach(first, second))
+                reach.append(self._approach_by_joint(first, second))
         self.pairs = tuple(pairs)
-        self.reach = np.array(reach).reshape(len(pairs), self._chain.model.nq)
+        self.reach = np.array(reach).reshape(len(pairs), self._kinematics.model.nq)
         self._results = pin.GeometryData(geometry)
 
-    def _kept_apart(self, first: _Body, second: _Body) -> bool:
+    def _must_keep_apart(self, first: _Body, second: _Body) -> bool:
         """Whether two bodies of the arm are looked at: not those that one joint connects."""
         ignored = frozenset((first.ignored_as, second.ignored_as)) in self._ignored
         return self._self_collision and abs(first.joint - second.joint) > 1 and not ignored
 
-    def _reach(self, first: _Body, second: _Body) -> Array:
+    def _approach_by_joint(self, first: _Body, second: _Body) -> Array:
         """Farthest that a point of the outer body can be from each joint between the two."""
         inner, outer = sorted((first, second), key=lambda body: body.joint)
         shape = outer.geometry.geometry
         shape.computeLocalAABB()
-        farthest = float(
-            np.linalg.norm(outer.geometry.placement.act(shape.aabb_center)) + shape.aabb_radius
-        )
-        model = self._chain.model
+        centre = outer.geometry.placement.act(shape.aabb_center)
+        farthest = float(np.linalg.norm(centre) + shape.aabb_radius)
+        model = self._kinematics.model
         reach = np.zeros(model.nq)
         for joint in range(outer.joint, inner.joint, -1):
             reach[joint - 1] = farthest
@@ -238,27 +233,25 @@ def check_ignored_links(kinematics: Kinematics, pairs: Iterable[tuple[str, str]]
 
 
 def _links(kinematics: Kinematics) -> list[_Body]:
-    model, urdf = kinematics.pinocchio_model.model, kinematics.urdf
+    model, urdf = kinematics.model, kinematics.urdf
     try:
-        found = pin.buildGeomFromUrdf(
-            model, str(urdf), pin.GeometryType.COLLISION, package_dirs=str(urdf.parent)
-        )
+        kind = pin.GeometryType.COLLISION
+        found = pin.buildGeomFromUrdf(model, str(urdf), kind, package_dirs=str(urdf.parent))
     except (ValueError, RuntimeError) as error:
-        raise ConfigurationError(f"its collision geometry can't be read: {error}", file=urdf) from (
-            None
-        )
-    objects = [_rounded(one) for one in found.geometryObjects]
+        message = f"its collision geometry can't be read: {error}"
+        raise ConfigurationError(message, file=urdf) from None
+    objects = [_capsule_of_cylinder(one) for one in found.geometryObjects]
     capsules = [one for one in objects if isinstance(one.geometry, coal.Capsule)]
     bodies = []
     for one in objects:
-        if any(_is_end(one, capsule) for capsule in capsules):
+        if any(_is_end_of_capsule(one, capsule) for capsule in capsules):
             continue
         name = str(model.frames[one.parentFrame].name)
         bodies.append(_Body(one, name, name))
     return bodies
 
 
-def _rounded(one: Any) -> Any:
+def _capsule_of_cylinder(one: Any) -> Any:
     """A geometry object, its cylinder given round ends."""
     shape = one.geometry
     if not isinstance(shape, coal.Cylinder):
@@ -267,7 +260,7 @@ def _rounded(one: Any) -> Any:
     return pin.GeometryObject(one.name, one.parentJoint, one.parentFrame, one.placement, capsule)
 
 
-def _is_end(one: Any, capsule: Any) -> bool:
+def _is_end_of_capsule(one: Any, capsule: Any) -> bool:
     """Whether a geometry object is a sphere that a capsule of the same joint holds."""
     if not isinstance(one.geometry, coal.Sphere) or one.parentJoint != capsule.parentJoint:
         return False
@@ -276,16 +269,16 @@ def _is_end(one: Any, capsule: Any) -> bool:
     return bool(aside + one.geometry.radius <= capsule.geometry.radius + 1e-6)
 
 
-def _carried(chain: PinocchioModel, solid: Solid) -> _Body:
-    frame = chain.model.frames[chain.flange]
+def _carried(kinematics: Kinematics, solid: Solid) -> _Body:
+    flange, shape = kinematics.flange, _shape(solid.shape)
+    frame = kinematics.model.frames[flange]
     placement = frame.placement * pin.SE3(np.asarray(solid.T))
-    shape = _shape(solid.shape)
-    geometry = pin.GeometryObject(solid.name, frame.parentJoint, chain.flange, placement, shape)
+    geometry = pin.GeometryObject(solid.name, frame.parentJoint, flange, placement, shape)
     return _Body(geometry, solid.name, TOOL_SOLIDS)
 
 
-def _standing(chain: PinocchioModel, solid: Solid) -> _Body:
-    placement = pin.SE3(chain.T_root_b @ solid.T)
+def _fixed(kinematics: Kinematics, solid: Solid) -> _Body:
+    placement = pin.SE3(kinematics.T_root_b @ solid.T)
     geometry = pin.GeometryObject(solid.name, 0, placement, _shape(solid.shape))
     return _Body(geometry, solid.name, solid.name)
 

@@ -12,9 +12,8 @@ import numpy as np
 from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.errors import ArmFault, PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array
-from tjscan.robot.arm import Arm, ArmState
+from tjscan.robot.arm import Arm, ArmState, MotionLock
 from tjscan.robot.clearance import ClearPathPlanner
-from tjscan.robot.motion_lock import MotionLock
 from tjscan.robot.way_search import find_way
 
 DETOUR_LIFTS: Final = (0.05, 0.1, 0.2, 0.3)
@@ -121,7 +120,7 @@ class CollisionCheckedArm:
     ) -> None:
         self._arm, self.clearance, self._lifts = arm, clearance, tuple(lifts)
         self._back_f = -np.asarray(T_f_s)[:3, 2]
-        self._report: EventListener = _ignore
+        self._report: EventListener = lambda name, detail: None
         self._latch = MotionLock()
 
     def __enter__(self) -> Self:
@@ -248,7 +247,10 @@ class CollisionCheckedArm:
                     return ClearPath(segments, blocked)
                 except PoseUnreachable:
                     continue
-            raise _without_detour(blocked, self._lifts) from None
+            reason = blocked.reason
+            if self._lifts:
+                reason += f" No detour up to {1e3 * max(self._lifts):g} mm back keeps clear either."
+            raise PathBlocked(**(vars(blocked) | {"reason": reason})) from None
 
     def _detours(
         self, q: Array, T_b_f: Array, near: Array | None, *, straight: bool
@@ -326,10 +328,6 @@ class CollisionCheckedArm:
             return state
 
 
-def _ignore(name: str, detail: str) -> None:
-    """Listen to nothing."""
-
-
 def _check_near(q: Array, T_b_f: Array, near: Array) -> None:
     """Refuse a move that is short for the flange and long for a joint."""
     away = np.abs(q - near)
@@ -351,15 +349,3 @@ def _check_configuration(state: ArmState, segment: PathSegment) -> None:
             f"{int(off.argmax()) + 1} is {np.degrees(off.max()):.0f} deg off. Jog it back by hand "
             "before anything else moves."
         )
-
-
-def _without_detour(blocked: PathBlocked, lifts: tuple[float, ...]) -> PathBlocked:
-    tried = f" No detour up to {1e3 * max(lifts):g} mm back keeps clear either." if lifts else ""
-    return PathBlocked(
-        f"{blocked.reason}{tried}",
-        blocked.T_b_f,
-        moving=blocked.moving,
-        other=blocked.other,
-        share=blocked.share,
-        distance=blocked.distance,
-    )

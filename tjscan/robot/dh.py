@@ -34,26 +34,12 @@ class DhParameters:
         return T
 
 
-@dataclass(frozen=True, slots=True)
-class FlangeDifference:
-    """How far two descriptions of an arm have its flange apart, over its work space.
-
-    Parameters
-    ----------
-    rms, largest : float
-        Metres.
-    """
-
-    rms: float
-    largest: float
-
-
 COMPARED_POSTURES = 200
 """Joint angles at which two descriptions are compared, always the same ones."""
 
 
-def compare_with_model(dh: DhParameters, kinematics: Kinematics) -> FlangeDifference:
-    """Compare DH parameters with a model of the arm, the flange in the base frame.
+def compare_with_model(dh: DhParameters, kinematics: Kinematics) -> tuple[float, float]:
+    """Distances, RMS and largest, of the flange by DH parameters from where a model has it.
 
     Parameters
     ----------
@@ -66,4 +52,4 @@ def compare_with_model(dh: DhParameters, kinematics: Kinematics) -> FlangeDiffer
     q = rng.uniform(-np.pi, np.pi, (COMPARED_POSTURES, 6))
     off = [dh.forward(one)[:3, 3] - kinematics.forward(one)[:3, 3] for one in q]
     apart = np.linalg.norm(off, axis=1)
-    return FlangeDifference(float(np.sqrt(np.mean(apart**2))), float(apart.max()))
+    return float(np.sqrt(np.mean(apart**2))), float(apart.max())

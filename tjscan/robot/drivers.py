@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
 from tjscan.core.errors import ConfigurationError
-from tjscan.robot.arm import Arm, ArmState
+from tjscan.robot.arm import Arm
+from tjscan.robot.ur.settings import UrSettings
 
 if TYPE_CHECKING:
     from tjscan.core.frames import Array
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from tjscan.robot.replay import ReplayedArm
     from tjscan.robot.settings import ArmSimulationSettings
     from tjscan.robot.simulated import SimulatedArm
+    from tjscan.robot.ur.arm import UrArm
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,8 +71,7 @@ class ArmDriverFactory(DriverFactory[ArmDriverInputs, Arm]):
 def _simulated(context: ArmDriverInputs, settings: NoSettings) -> SimulatedArm:
     import numpy as np
 
-    from tjscan.robot.simulated import SimulatedArm
-    from tjscan.robot.simulated_errors import SimulatedArmErrors
+    from tjscan.robot.simulated import SimulatedArm, SimulatedArmErrors
 
     world, left = context.simulation, context.left
     if world is None:
@@ -98,17 +99,25 @@ def _replayed(context: ArmDriverInputs, settings: NoSettings) -> ReplayedArm:
     return ReplayedArm(*context.recording())
 
 
+def _ur(inputs: ArmDriverInputs, settings: UrSettings) -> UrArm:
+    from tjscan.robot.ur.arm import UrArm
+
+    return UrArm(inputs.kinematics, settings, inputs.limits)
+
+
 SIMULATED_DRIVER: Final = ArmDriverFactory(
     _simulated, kind=DriverKind.SIMULATED, truth=attrgetter("true_T_b_f")
 )
 REPLAY_DRIVER: Final = ArmDriverFactory(_replayed, kind=DriverKind.REPLAYED)
+
+UR_DRIVER: Final = ArmDriverFactory(_ur, UrSettings)
 
 ARM_DRIVERS: Final[DriverRegistry[ArmDriverFactory]] = DriverRegistry(
     "arm",
     {
         "simulated": "tjscan.robot.drivers:SIMULATED_DRIVER",
         "replay": "tjscan.robot.drivers:REPLAY_DRIVER",
-        "ur": "tjscan.robot.ur.driver:UR_DRIVER",
+        "ur": "tjscan.robot.drivers:UR_DRIVER",
     },
     extras={"ur": "ur"},
     clients={"ur": "rtde_control"},

@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 import pinocchio as pin
 
+from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, PoseUnreachable, nearest_word
 from tjscan.core.frames import Array, inverse_pose, pose_from_rounded_matrix, readonly_copy
 from tjscan.robot.closed_form import all_inverse_solutions, inverse_branches
@@ -78,25 +79,6 @@ class _Fit:
         return self.position <= POSITION_TOLERANCE and self.rotation <= ROTATION_TOLERANCE
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PinocchioModel:
-    """Pinocchio's model of an arm, its flange frame and base, for collision checks.
-
-    Parameters
-    ----------
-    model : pinocchio.Model
-        The arm.
-    flange : int
-        Number of its frame f.
-    T_root_b : ndarray, shape (4, 4)
-        Frame b in the root of the URDF.
-    """
-
-    model: Any
-    flange: int
-    T_root_b: Array
-
-
 class _Workspace(threading.local):
     """Pinocchio's scratch memory, one for each thread."""
 
@@ -124,6 +106,10 @@ class Kinematics:
         Joint limits in radians.
     velocity : ndarray, shape (n,)
         Joint speed limits in rad/s.
+    model : pinocchio.Model
+        Pinocchio's model of the arm, on which collision checks are built.
+    flange : int
+        Number of its frame f.
 
     Raises
     ------
@@ -132,27 +118,28 @@ class Kinematics:
     """
 
     def __init__(self, urdf: Path) -> None:
-        self._model = model = read_urdf(urdf)
-        self._base, self._flange = frames_b_and_f(model, urdf)
-        check_chain(model, self._flange, urdf)
+        with add_file_to_errors(urdf):
+            self.model = model = read_urdf(urdf)
+            base, self.flange = frames_b_and_f(model)
+            check_chain(model, self.flange)
         self._workspace = _Workspace(model)
         self.urdf = urdf
         self.name = str(model.name)
-        self.base_name = str(model.frames[self._base].name)
+        self.base_name = str(model.frames[base].name)
         self.joint_names = tuple(model.names)[1:]
         links = [i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY]
-        self._links = [i for i in links if i != self._flange] + [self._flange]
+        self._links = [i for i in links if i != self.flange] + [self.flange]
         self.link_names = tuple(str(model.frames[i].name) for i in self._links)
         self.lower = readonly_copy(model.lowerPositionLimit)
         self.upper = readonly_copy(model.upperPositionLimit)
         self.velocity = readonly_copy(model.velocityLimit)
-        self._T_b_root = inverse_pose(model.frames[self._base].placement.homogeneous)
+        self._T_b_root = inverse_pose(model.frames[base].placement.homogeneous)
         self._geometry = dh_lengths_of_chain(model)
 
     @property
-    def pinocchio_model(self) -> PinocchioModel:
-        """Pinocchio's model of the arm, on which collision checks are built."""
-        return PinocchioModel(self._model, self._flange, inverse_pose(self._T_b_root))
+    def T_root_b(self) -> Array:
+        """Frame b in the root of the URDF, shape (4, 4)."""
+        return inverse_pose(self._T_b_root)
 
     @classmethod
     def load(cls, model: str | Path) -> Kinematics:
@@ -177,25 +164,22 @@ class Kinematics:
     @property
     def joint_axes(self) -> Array:
         """Unit vectors along which the joints turn, each in its own frame, shape (n, 3)."""
-        data = self._model.createData()
-        q = np.zeros(self._model.nq)
-        pin.computeJointJacobians(self._model, data, q)
-        return np.array(
-            [
-                pin.getJointJacobian(self._model, data, i, pin.LOCAL)[3:, i - 1]
-                for i in range(1, self._model.njoints)
-            ]
-        )
+        data = self.model.createData()
+        q = np.zeros(self.model.nq)
+        pin.computeJointJacobians(self.model, data, q)
+        joints = range(1, self.model.njoints)
+        jacobians = [pin.getJointJacobian(self.model, data, i, pin.LOCAL) for i in joints]
+        return np.array([J[3:, i] for i, J in enumerate(jacobians)])
 
     @property
     def joint_placements(self) -> Array:
         """Frame of each joint, at zero, in the frame of the joint before it, shape (n, 4, 4)."""
-        return np.array([M.homogeneous for M in list(self._model.jointPlacements)[1:]])
+        return np.array([M.homogeneous for M in list(self.model.jointPlacements)[1:]])
 
     def with_joint_placements(self, placements: Array) -> Kinematics:
         """Return the same arm with its joints placed as in `placements`, shape (n, 4, 4)."""
         other = copy(self)
-        other._model = model = self._model.copy()
+        other.model = model = self.model.copy()
         for i, T in enumerate(placements, start=1):
             model.jointPlacements[i] = pin.SE3(np.asarray(T, dtype=float))
         other._workspace = _Workspace(model)
@@ -210,22 +194,21 @@ class Kinematics:
         ``computeFrameKinematicRegressor``.
         """
         data, q = self._workspace.data, np.asarray(q, dtype=float)
-        pin.computeJointJacobians(self._model, data, q)
-        pin.updateFramePlacements(self._model, data)
-        return np.asarray(
-            pin.computeFrameKinematicRegressor(self._model, data, self._flange, pin.LOCAL)
-        )
+        pin.computeJointJacobians(self.model, data, q)
+        pin.updateFramePlacements(self.model, data)
+        J = pin.computeFrameKinematicRegressor(self.model, data, self.flange, pin.LOCAL)
+        return np.asarray(J)
 
     def forward(self, q: Array) -> Array:
         """Flange pose ``T_b_f``, shape (4, 4), for joint angles, shape (n,), in radians."""
         data = self._workspace.data
-        pin.framesForwardKinematics(self._model, data, np.asarray(q, dtype=float))
-        return np.asarray(self._T_b_root @ data.oMf[self._flange].homogeneous)
+        pin.framesForwardKinematics(self.model, data, np.asarray(q, dtype=float))
+        return np.asarray(self._T_b_root @ data.oMf[self.flange].homogeneous)
 
     def link_poses(self, q: Array) -> Array:
         """Poses of the links named in `link_names` in frame b, shape (k, 4, 4)."""
         data = self._workspace.data
-        pin.framesForwardKinematics(self._model, data, np.asarray(q, dtype=float))
+        pin.framesForwardKinematics(self.model, data, np.asarray(q, dtype=float))
         return np.array([self._T_b_root @ data.oMf[i].homogeneous for i in self._links])
 
     def jacobian(self, q: Array) -> Array:
@@ -236,7 +219,7 @@ class Kinematics:
         """
         axes = pin.LOCAL_WORLD_ALIGNED
         q = np.asarray(q, dtype=float)
-        J = pin.computeFrameJacobian(self._model, self._workspace.data, q, self._flange, axes)
+        J = pin.computeFrameJacobian(self.model, self._workspace.data, q, self.flange, axes)
         R_b_root = self._T_b_root[:3, :3]
         return np.vstack([R_b_root @ J[:3], R_b_root @ J[3:]])
 
@@ -279,11 +262,8 @@ class Kinematics:
         """
         near = np.asarray(near, dtype=float)
         warm = self._descend(self._target(T_b_f), near)
-        if (
-            warm.solved
-            and np.abs(warm.q - near).max() < SEED_DISTANCE
-            and self.excess(warm.q).max() <= 0
-        ):
+        is_near = np.abs(warm.q - near).max() < SEED_DISTANCE
+        if warm.solved and is_near and self.excess(warm.q).max() <= 0:
             return warm.q
         return self.all_inverse_solutions(T_b_f, near)[0]
 
@@ -339,8 +319,8 @@ class Kinematics:
                 "inverse kinematics, as Universal Robots arms have one",
                 key="arm.model",
             )
-        T_0_root = inverse_pose(self._model.jointPlacements[1].homogeneous)
-        T_f_6 = inverse_pose(self._model.frames[self._flange].placement.homogeneous)
+        T_0_root = inverse_pose(self.model.jointPlacements[1].homogeneous)
+        T_f_6 = inverse_pose(self.model.frames[self.flange].placement.homogeneous)
         T_0_6 = T_0_root @ inverse_pose(self._T_b_root) @ T_b_f @ T_f_6
         q = inverse_branches(self._geometry, T_0_6)
         return np.asarray(q - 2 * np.pi * np.round(q / (2 * np.pi)))
@@ -359,7 +339,7 @@ class Kinematics:
         kinematics by the Levenberg-Marquardt method, IEEE Trans. Robotics 27(5)): it vanishes
         at a solution and holds the steps short if there is none.
         """
-        model, data, flange = self._model, self._workspace.data, self._flange
+        model, data, flange = self.model, self._workspace.data, self.flange
         q = np.array(seed, dtype=float)
         best, best_error, least = q, np.full(6, np.inf), np.inf
         eye = np.eye(6)
@@ -376,20 +356,17 @@ class Kinematics:
             step = J.T @ np.linalg.solve(J @ J.T + (0.5 * squared + LEAST_DAMPING) * eye, error)
             longest = np.abs(step).max()
             q = q + (step if longest < LONGEST_STEP else step * (LONGEST_STEP / longest))
-        return _Fit(
-            best, float(np.linalg.norm(best_error[:3])), float(np.linalg.norm(best_error[3:]))
-        )
+        position, rotation = (float(np.linalg.norm(e)) for e in (best_error[:3], best_error[3:]))
+        return _Fit(best, position, rotation)
 
     def _seeds(self, target: Any, near: Array) -> Iterable[Array]:
         """Where to begin a search for other configurations."""
         if self._geometry is not None:
             # Frame 6 is the last link's frame here; the flange is anywhere on it.
-            T_root_0 = self._model.jointPlacements[1]
-            T_6_f = self._model.frames[self._flange].placement
+            T_root_0 = self.model.jointPlacements[1]
+            T_6_f = self.model.frames[self.flange].placement
             T_0_6 = T_root_0.actInv(target) * T_6_f.inverse()
-            return all_inverse_solutions(
-                self._geometry, T_0_6.homogeneous, free_wrist=float(near[5])
-            )
+            return all_inverse_solutions(self._geometry, T_0_6.homogeneous, float(near[5]))
         random = np.random.default_rng(0)
         spread = np.linspace(0.2, np.pi, SEED_COUNT)[:, None]
         seeds = near + spread * random.standard_normal((SEED_COUNT, near.size))

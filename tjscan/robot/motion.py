@@ -91,9 +91,8 @@ class JointTrajectory:
         cruise = 1 / (self.duration - self.ramp)
         # Area under the trapezoid: both ramps as parabolas from their own end of the path.
         left = np.minimum(t, self.duration - t)
-        from_end = np.where(
-            left < self.ramp, cruise * left**2 / (2 * self.ramp), cruise * (left - self.ramp / 2)
-        )
+        ramped, cruised = cruise * left**2 / (2 * self.ramp), cruise * (left - self.ramp / 2)
+        from_end = np.where(left < self.ramp, ramped, cruised)
         u = np.where(2 * t <= self.duration, from_end, 1 - from_end)
         return np.asarray(_spline(self.q)(u))
 
@@ -122,9 +121,8 @@ def fastest_joint_path(
     first, second = _derivatives(q)
     first_p, second_p = (np.linalg.norm(d, axis=1).max() for d in _derivatives(points_b))
     first, second = np.abs(first).max(axis=0), np.abs(second).max(axis=0)
-    slowness = max(
-        float((first / (limits.joint_speed * velocity)).max()), float(first_p / limits.tcp_speed)
-    )
+    of_joints = float((first / (limits.joint_speed * velocity)).max())
+    slowness = max(of_joints, float(first_p / limits.tcp_speed))
     if slowness == 0:
         return JointTrajectory(q, 0.0, 0.0)
     fastest = 1 / slowness

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import ceil, radians
 from typing import Final
 
@@ -30,40 +31,7 @@ LARGEST_TURN: Final = radians(20)
 configuration because it ran into its limit."""
 
 
-def linear_path(
-    kinematics: Kinematics, q: Array, T_b_f: Array, limits: MotionLimits
-) -> JointTrajectory:
-    """Timed path of the flange's origin on a straight line, turning evenly about one axis.
-
-    Parameters
-    ----------
-    kinematics : Kinematics
-        The arm.
-    q : ndarray, shape (n,)
-        Where it starts, in radians.
-    T_b_f : ndarray, shape (4, 4)
-        Where the flange ends, in the base frame.
-    limits : MotionLimits
-        How fast it may go.
-
-    Raises
-    ------
-    PoseUnreachable
-        As `linear_waypoints` does.
-    """
-    waypoints, points_b = linear_waypoints(kinematics, q, T_b_f)
-    return fastest_joint_path(waypoints, points_b, kinematics.velocity, limits)
-
-
-def joint_path(
-    kinematics: Kinematics, q: Array, goal: Array, limits: MotionLimits
-) -> JointTrajectory:
-    """Timed path of all joints in proportion, `q` to `goal`, each of shape (n,), in radians."""
-    waypoints = interpolate_joints(q, goal)
-    points_b = np.array([kinematics.forward(q)[:3, 3] for q in waypoints])
-    return fastest_joint_path(waypoints, points_b, kinematics.velocity, limits)
-
-
+@dataclass(frozen=True, slots=True)
 class PathPlanner:
     """Planner of the moves of an arm that keeps its motion limits.
 
@@ -75,17 +43,37 @@ class PathPlanner:
         How fast it may go.
     """
 
-    def __init__(self, kinematics: Kinematics, limits: MotionLimits) -> None:
-        self._kinematics, self._limits = kinematics, limits
+    kinematics: Kinematics
+    limits: MotionLimits
 
     def linear_path(self, q: Array, T_b_f: Array) -> JointTrajectory:
-        """Timed path of the flange on a straight line to a pose; see `linear_path`."""
-        return linear_path(self._kinematics, q, T_b_f, self._limits)
+        """Timed path of the flange's origin on a straight line, turning evenly about one axis.
+
+        Parameters
+        ----------
+        q : ndarray, shape (n,)
+            Where it starts, in radians.
+        T_b_f : ndarray, shape (4, 4)
+            Where the flange ends, in the base frame.
+
+        Raises
+        ------
+        PoseUnreachable
+            As `linear_waypoints` does.
+        """
+        waypoints, points_b = linear_waypoints(self.kinematics, q, T_b_f)
+        return fastest_joint_path(waypoints, points_b, self.kinematics.velocity, self.limits)
+
+    def path_to_joint_angles(self, q: Array, goal: Array) -> JointTrajectory:
+        """Timed path on a straight line in joint space, both ends in radians, shape (n,)."""
+        waypoints = interpolate_joints(q, goal)
+        points_b = np.array([self.kinematics.forward(q)[:3, 3] for q in waypoints])
+        return fastest_joint_path(waypoints, points_b, self.kinematics.velocity, self.limits)
 
     def joint_path(self, q: Array, T_b_f: Array, near: Array | None = None) -> JointTrajectory:
         """Timed path to the configuration nearest to `near`, else to `q`, that holds a pose."""
-        goal = self._kinematics.inverse(T_b_f, near=q if near is None else near)
-        return joint_path(self._kinematics, q, goal, self._limits)
+        goal = self.kinematics.inverse(T_b_f, near=q if near is None else near)
+        return self.path_to_joint_angles(q, goal)
 
     def check_moves(self, q: Array, *T_b_f: Array) -> None:
         """Check a move in joint space and straight lines on from `q`; see `Arm.check_moves`."""
@@ -126,10 +114,10 @@ def linear_waypoints(kinematics: Kinematics, q: Array, T_b_f: Array) -> tuple[Ar
         try:
             following = kinematics.inverse(T, near=waypoints[-1])
         except PoseUnreachable as error:
-            raise PoseUnreachable(_on_the_way(share, error.reason), T_b_f) from None
+            raise PoseUnreachable(place_on_path(share) + error.reason, T_b_f) from None
         if np.abs(following - waypoints[-1]).max() > LARGEST_TURN:
-            reason = _jump(kinematics, waypoints[-1], following)
-            raise PoseUnreachable(_on_the_way(share, reason), T_b_f)
+            reason = _reason_of_jump(kinematics, waypoints[-1], following)
+            raise PoseUnreachable(place_on_path(share) + reason, T_b_f)
         waypoints.append(following)
     return np.array(waypoints), poses_b_f[:, :3, 3]
 
@@ -153,11 +141,12 @@ def _line(T_start: Array, T_end: Array) -> Array:
     return poses
 
 
-def _on_the_way(share: float, reason: str) -> str:
-    return reason if share == 1 else f"{share:.0%} of the way there, {reason}"
+def place_on_path(share: float) -> str:
+    """Where on the way something happens, to begin a sentence with; nothing for its two ends."""
+    return "" if share in (0, 1) else f"{share:.0%} of the way there, "
 
 
-def _jump(kinematics: Kinematics, q: Array, following: Array) -> str:
+def _reason_of_jump(kinematics: Kinematics, q: Array, following: Array) -> str:
     """Why two waypoints close to each other have joint angles far apart."""
     smallest = kinematics.smallest_singular_value(q)
     room = np.minimum(q - kinematics.lower, kinematics.upper - q)

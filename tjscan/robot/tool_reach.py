@@ -75,7 +75,7 @@ class ToolHolds:
         for first in range(m):
             if not self.can[first].any():
                 continue
-            last = self._farthest(first, first + 2 * m if self.closed else m - 1)
+            last = self._last_place_reached(first, first + 2 * m if self.closed else m - 1)
             if found and found[-1][1] >= last:
                 continue
             found.append((first, last))
@@ -116,13 +116,12 @@ class ToolHolds:
         spins = np.unwrap(2 * np.pi * np.array(chosen) / SPIN_COUNT)
         return spins, np.unwrap(self.q[places, chosen, branch], axis=0)
 
-    def _farthest(self, first: int, limit: int) -> int:
+    def _last_place_reached(self, first: int, limit: int) -> int:
         joined, alive = np.isfinite(self.turns), self.can[first]
         for place in range(first, limit):
             goes = joined[place % len(self.can)]
-            alive = np.logical_or.reduce(
-                [np.roll(alive, k, axis=0) & goes[i] for i, k in enumerate(_SPIN_CHANGES)]
-            )
+            reached = [np.roll(alive, k, axis=0) & goes[i] for i, k in enumerate(_SPIN_CHANGES)]
+            alive = np.logical_or.reduce(reached)
             if not alive.any():
                 return place
         return limit
@@ -183,10 +182,10 @@ def find_tool_holds(
         likely = (reason for reason, _ in reasons.most_common())
         hindrances.append("" if can[i].any() else next(likely, OUT_OF_REACH))
     held = np.array(first)
-    return ToolHolds(can, held, _turns(can, held), tuple(hindrances), closed)
+    return ToolHolds(can, held, _squared_turns(can, held), tuple(hindrances), closed)
 
 
-def _turns(can: NDArray[np.bool_], q: Array) -> Array:
+def _squared_turns(can: NDArray[np.bool_], q: Array) -> Array:
     """Squared turns from place to place, as `ToolHolds` has them; a last place leads to the first.
 
     That is not looked at if the line does not close.
@@ -197,9 +196,8 @@ def _turns(can: NDArray[np.bool_], q: Array) -> Array:
         for k in _SPIN_CHANGES:
             turn = q[b] - np.roll(q[a], k, axis=0)
             turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
+            both = np.roll(can[a], k, axis=0) & can[b]
             with np.errstate(invalid="ignore"):
-                goes = (
-                    np.roll(can[a], k, axis=0) & can[b] & (np.abs(turn).max(axis=2) <= JOINT_JUMP)
-                )
+                goes = both & (np.abs(turn).max(axis=2) <= JOINT_JUMP)
             found.append(np.where(goes, np.sum(turn**2, axis=2), np.inf))
     return np.array(found).reshape(len(can), len(_SPIN_CHANGES), SPIN_COUNT, 8)

@@ -40,15 +40,15 @@ def read_urdf(urdf: Path) -> Any:
         known = nearest_word(
             urdf.name, [*ARM_MODELS, *(f.name for f in urdf.parent.glob("*.urdf"))]
         )
-        raise ConfigurationError(f"there is no such URDF; did you mean: {known}?", file=urdf)
+        raise ConfigurationError(f"there is no such URDF; did you mean: {known}?")
     try:
         check_file_size(urdf, MOST_BYTES, "a URDF")
         return pin.buildModelFromXML(urdf.read_text(encoding="utf-8"))
     except (ValueError, RuntimeError, OSError) as error:
-        raise ConfigurationError(f"is not a URDF: {error}", file=urdf) from None
+        raise ConfigurationError(f"is not a URDF: {error}") from None
 
 
-def frames_b_and_f(model: Any, urdf: Path) -> tuple[int, int]:
+def frames_b_and_f(model: Any) -> tuple[int, int]:
     """Indices of the frames b and f.
 
     Raises
@@ -60,18 +60,17 @@ def frames_b_and_f(model: Any, urdf: Path) -> tuple[int, int]:
     kinds = [frame.type for frame in model.frames]
     base = names.index("base") if "base" in names else kinds.index(pin.FrameType.BODY)
     if model.frames[base].parentJoint != 0:
-        raise ConfigurationError("its frame 'base' moves with a joint", file=urdf)
+        raise ConfigurationError("its frame 'base' moves with a joint")
     for name in ("tool0", "flange"):
         if name in names:
             return base, names.index(name)
     raise ConfigurationError(
         "it has no link 'tool0' or 'flange': add one with a fixed joint, its z axis square to "
-        "the flange and pointing out",
-        file=urdf,
+        "the flange and pointing out"
     )
 
 
-def check_chain(model: Any, flange: int, urdf: Path) -> None:
+def check_chain(model: Any, flange: int) -> None:
     """Refuse what the inverse can't handle.
 
     Raises
@@ -79,29 +78,25 @@ def check_chain(model: Any, flange: int, urdf: Path) -> None:
     ConfigurationError
         If it is no open chain of six or more revolute joints that have limits.
     """
-    on_the_way = set(model.supports[model.frames[flange].parentJoint])
+    moving_joints = set(model.supports[model.frames[flange].parentJoint])
     for i in range(1, model.njoints):
         name, kind = model.names[i], model.joints[i].shortname()
         if not kind.startswith("JointModelR") or "UB" in kind or "Unbounded" in kind:
             raise ConfigurationError(
                 f"joint {name} is {kind.removeprefix('JointModel')}; tjscan knows revolute joints "
-                "with limits alone: make it fixed or revolute",
-                file=urdf,
+                "with limits alone: make it fixed or revolute"
             )
-        if i not in on_the_way:
-            raise ConfigurationError(
-                f"joint {name} does not move the flange: make it fixed", file=urdf
-            )
+        if i not in moving_joints:
+            raise ConfigurationError(f"joint {name} does not move the flange: make it fixed")
     if model.nq < 6:
         raise ConfigurationError(
-            f"it has {model.nq} joints between base and flange; six or more are needed", file=urdf
+            f"it has {model.nq} joints between base and flange; six or more are needed"
         )
     bad = ~(model.upperPositionLimit > model.lowerPositionLimit) | ~(model.velocityLimit > 0)
     if bad.any():
         name = model.names[1 + int(bad.argmax())]
         raise ConfigurationError(
-            f"joint {name} has no range or no speed: give it lower < upper and velocity > 0",
-            file=urdf,
+            f"joint {name} has no range or no speed: give it lower < upper and velocity > 0"
         )
 
 

@@ -20,7 +20,7 @@ from tjscan.result.shapes import read_finished_summary
 from tjscan.result.table import read_sections_csv
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.scan.context import result_frame_of_job
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ProfileView
 
 BAG_FILE: Final = f"{EXPORT_STEM}.mcap"

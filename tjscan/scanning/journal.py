@@ -1,20 +1,75 @@
-"""Journals of a scan itself: what it keeps so far, and what it scanned as an obstacle."""
+"""Journals of a scan: what it keeps so far, what its recording holds, and the scanned obstacle."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.recording.journal import Journal, RunEvent
-from tjscan.scanning.events import RetryCounts
-from tjscan.scanning.recorded import RecordedScan
+from tjscan.scanning.events import RetryCounts, ScanEvent
+from tjscan.scanning.progress import StopReason
 from tjscan.scanning.section import ProfileView, ScannedSection
+from tjscan.scanning.sections_before import GrooveReader, read_section
 
 if TYPE_CHECKING:
     from tjscan.robot.clearance import ClearPathPlanner
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedScan:
+    """The recording of a scan, all its parts together.
+
+    Parameters
+    ----------
+    started : datetime or None
+        When its first message was written, UTC; None if there is none.
+    views : tuple of ProfileView
+        Every profile taken, in order.
+    sections : mapping of int to ScannedSection
+        The finished sections by their number, in order, as they were read during the scan.
+    events : tuple of RunEvent
+        In order.
+    """
+
+    started: datetime | None
+    views: tuple[ProfileView, ...]
+    sections: Mapping[int, ScannedSection]
+    events: tuple[RunEvent, ...]
+
+    @property
+    def retry_counts(self) -> RetryCounts:
+        """How often each kind of retry was made."""
+        return RetryCounts.of_events(event.name for event in self.events)
+
+    @property
+    def stop_reason(self) -> str:
+        """Reason why the scan ended; empty if it did not."""
+        last = self.events[-1] if self.events else None
+        return last.detail if last is not None and last.name == ScanEvent.STOP else ""
+
+    @property
+    def stop(self) -> StopReason:
+        """Why the scan ended; `StopReason.CUT` if it did not."""
+        known = (reason for reason in StopReason if self.stop_reason.startswith(reason))
+        return next(known, StopReason.CUT)
+
+    def reread_sections(self, read: GrooveReader) -> tuple[ScannedSection, ...]:
+        """The finished sections, read again from their profiles.
+
+        Parameters
+        ----------
+        read : callable
+            Turns a profile into a groove section: the reader of the scan.
+        """
+        found: list[ScannedSection] = []
+        for one in self.sections.values():
+            found.append(read_section(read, one.view, one.T_s_t, found))
+        return tuple(found)
 
 
 class ScanResultsJournal:
@@ -110,9 +165,8 @@ class ScannedSurfaceObstacle:
     def _update(self) -> None:
         if len(self._points_b) > 1:
             points = np.array(self._points_b)
-            self._clearance.set_measured_surface(
-                points.reshape(-1, 3), grid_triangles(*points.shape[:2])
-            )
+            triangles = grid_triangles(*points.shape[:2])
+            self._clearance.set_measured_surface(points.reshape(-1, 3), triangles)
 
 
 def grid_triangles(rows: int, columns: int) -> NDArray[np.int64]:
@@ -129,7 +183,6 @@ def grid_triangles(rows: int, columns: int) -> NDArray[np.int64]:
         Numbers of each triangle's corners.
     """
     grid = np.arange(rows * columns, dtype=np.int64).reshape(rows, columns)
-    a, b, c, d = (
-        corner.ravel() for corner in (grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:])
-    )
+    corners = grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:]
+    a, b, c, d = (corner.ravel() for corner in corners)
     return np.vstack([np.column_stack([a, b, c]), np.column_stack([b, d, c])])

@@ -184,9 +184,8 @@ class ProfileTaker:
                     raise LaserFault(
                         f"{missed} profiles in a row were no good, the last one because: {error}"
                     ) from error
-                self._log.record_event(
-                    ScanEvent.TAKEN_AGAIN, f"section {index}, {substep}: {error}"
-                )
+                detail = f"section {index}, {substep}: {error}"
+                self._log.record_event(ScanEvent.TAKEN_AGAIN, detail)
 
 
 class FrozenProfileCheck:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from tjscan.scanning.events import RetryCounts
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.section import ProfileView, ScannedSection
+from tjscan.scanning.section import ProfileView, ScannedSection, Sections
 
 
 class StopReason(StrEnum):
@@ -26,13 +25,13 @@ class StopReason(StrEnum):
     CUT = "recording ends"
 
 
-def groove_length(sections: Sequence[ScannedSection]) -> float:
+def groove_length(sections: Sections) -> float:
     """Length of the chain of groove origins, metres."""
     origins = np.array([scan.T_b_g[:3, 3] for scan in sections])
     return float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum())
 
 
-def step_lengths(sections: Sequence[ScannedSection]) -> list[float]:
+def step_lengths(sections: Sections) -> list[float]:
     """Distances in metres between the groove origins of the steps that were not taught."""
     origins = np.array([scan.T_b_g[:3, 3] for scan in sections[1:]])
     lengths: list[float] = np.linalg.norm(np.diff(origins, axis=0), axis=1).tolist()
@@ -54,9 +53,7 @@ def plan_is_fulfilled(stop: StopReason, plan: ScanPlan) -> bool:
     return stop in (StopReason.LENGTH, StopReason.SECTIONS, StopReason.CLOSED)
 
 
-def reason_to_stop(
-    plan: ScanPlan, sections: Sequence[ScannedSection], step: float
-) -> StopReason | None:
+def reason_to_stop(plan: ScanPlan, sections: Sections, step: float) -> StopReason | None:
     """Reason why the scan is done; None while there is more to do.
 
     Parameters

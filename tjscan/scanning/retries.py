@@ -181,17 +181,13 @@ def view_adjustments(
     trend = last.groove.work_angle - before.groove.work_angle
     turn = NUDGE_TURN if trend >= 0 else -NUDGE_TURN
     turns = [ViewAdjustment(work_angle=turn), ViewAdjustment(work_angle=-turn)]
-    off = _further(seen, last.view.profile)
+    off = _distance_beyond_usual(seen, last.view.profile)
     if abs(off) > EVIDENT_OFFSET:
         shift = float(np.clip(-off, -LARGEST_SHIFT, LARGEST_SHIFT))
         return [ViewAdjustment(standoff=shift), *turns]
     if error.reason == "out of range":
-        return [
-            ViewAdjustment(offset=-NUDGE_SHIFT),
-            ViewAdjustment(offset=NUDGE_SHIFT),
-            nearer,
-            further,
-        ]
+        aside = [ViewAdjustment(offset=-NUDGE_SHIFT), ViewAdjustment(offset=NUDGE_SHIFT)]
+        return [*aside, nearer, further]
     if error.reason == TOO_FEW_POINTS:
         return [nearer, further, *turns]
     return [*turns, nearer, further]
@@ -229,7 +225,7 @@ def fallback_set_points(
     """
     if (predicted := step.predicted) is not None:
         T_b_s = to.T_b_t @ inverse_pose(to.T_s_t)
-        half = _halfway(predicted.view.T_b_s, T_b_s) @ to.T_s_t
+        half = _pose_halfway(predicted.view.T_b_s, T_b_s) @ to.T_s_t
         yield "half of the correction", replace(to, T_b_t=half)
         yield "none of the correction", SetPoint(predicted.T_b_t, predicted.T_s_t)
     elif isinstance(error, GrooveNotFound):
@@ -237,14 +233,14 @@ def fallback_set_points(
             yield str(nudge), nudge.adjusted_set_point(to, direction)
 
 
-def _halfway(T_1: Array, T_2: Array) -> Array:
+def _pose_halfway(T_1: Array, T_2: Array) -> Array:
     """The pose in the middle of two."""
     turn = pose_vector.rotation_to_vector(T_1[:3, :3].T @ T_2[:3, :3])
     R = T_1[:3, :3] @ pose_vector.rotation_from_vector(0.5 * turn)
     return pose(R, 0.5 * (T_1[:3, 3] + T_2[:3, 3]))
 
 
-def _further(seen: Profile, usual: Profile) -> float:
+def _distance_beyond_usual(seen: Profile, usual: Profile) -> float:
     """Metres by which a surface is further away than another; 0 if nothing shows it."""
     if min(seen.valid.sum(), usual.valid.sum()) < ENOUGH_POINTS:
         return 0.0

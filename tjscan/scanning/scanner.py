@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -20,13 +20,9 @@ from tjscan.core.frames import Array
 from tjscan.groove.section import GrooveSection
 from tjscan.recording.journal import Journal
 from tjscan.robot.arm import ArmState
-from tjscan.scanning.adaptive import adaptive_step_rule
-from tjscan.scanning.checks import check_set_point
-from tjscan.scanning.correction_criterion import view_deviation, view_deviation_sigmas
 from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.journal import ScanResultsJournal
-from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.prediction import PREDICTION_CASES, SMOOTH_PREDICTION, paper_predictor
+from tjscan.scanning.journal import RecordedScan, ScanResultsJournal
+from tjscan.scanning.plan import ScanPlan, adaptive_step_rule, view_deviation, view_deviation_sigmas
 from tjscan.scanning.profile_taker import ProfileTaker, ScanSetup
 from tjscan.scanning.progress import (
     ScanResult,
@@ -35,7 +31,6 @@ from tjscan.scanning.progress import (
     plan_is_fulfilled,
     reason_to_stop,
 )
-from tjscan.scanning.recorded import RecordedScan
 from tjscan.scanning.retries import (
     MERGED_PROFILES,
     REPEATED_PROFILES,
@@ -48,6 +43,7 @@ from tjscan.scanning.retries import (
 from tjscan.scanning.section import (
     ProfileView,
     ScannedSection,
+    Sections,
     SetPoint,
     SetPointPredictor,
     StepLengthRule,
@@ -59,6 +55,7 @@ from tjscan.scanning.sections_before import (
     check_measures_plausible,
     check_section_one_step_ahead,
     check_section_orientation,
+    check_set_point,
     largest_chance_differences,
     measures_are_plausible,
     read_section,
@@ -66,7 +63,13 @@ from tjscan.scanning.sections_before import (
 )
 from tjscan.scanning.smooth import tube_fit_predictor
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.target import ScanDirection, correction_target_pose
+from tjscan.scanning.target import (
+    PREDICTION_CASES,
+    SMOOTH_PREDICTION,
+    ScanDirection,
+    correction_target_pose,
+    paper_predictor,
+)
 
 
 class Scanner:
@@ -99,7 +102,8 @@ class Scanner:
     ) -> None:
         self._setup, self._plan = setup, plan
         self._predict = predictor or predictor_for_plan(plan)
-        self._step_length = step_rule or step_rule_for_plan(plan)
+        adaptive = None if plan.adaptive is None else adaptive_step_rule(plan.adaptive)
+        self._step_length = step_rule or adaptive or (lambda sections: plan.step)
         self._stop = stop or StopRequest()
         self._log = ScanResultsJournal(journal)
         self._taker = ProfileTaker(setup, self._log, self._stop)
@@ -132,7 +136,7 @@ class Scanner:
         self._check_direction()
         return self._scan_on()
 
-    def resume(self, done: RecordedScan, sections: Sequence[ScannedSection]) -> ScanResult:
+    def resume(self, done: RecordedScan, sections: Sections) -> ScanResult:
         """Go back to the last section of an interrupted scan, check that it lies there, and go on.
 
         Parameters
@@ -155,10 +159,8 @@ class Scanner:
         self._log.restore_from_recording(done, sections)
         self._taker.remember_views(done.views)
         moved = self._check_last_section(self._taker.return_to_view(sections[-1].view))
-        last = len(sections) - 1
-        self._log.record_event(
-            ScanEvent.RESUMED, f"after section {last}, moved {1e3 * moved:.3f} mm"
-        )
+        detail = f"after section {len(sections) - 1}, moved {1e3 * moved:.3f} mm"
+        self._log.record_event(ScanEvent.RESUMED, detail)
         return self._scan_on()
 
     def _scan_on(self) -> ScanResult:
@@ -168,15 +170,14 @@ class Scanner:
             d_st = self._step_length(sections)
             if (stop := reason_to_stop(self._plan, sections, d_st)) is not None:
                 return self._end(stop)
-            self._stand_while_paused()
+            after = f"after section {len(sections) - 1}"
+            self._stop.wait_while_paused(partial(self._log.record_event, ScanEvent.PAUSED, after))
             self._stop.raise_if_stop_now()
             if self._stop.ends_after_section:
-                self._log.record_event(
-                    ScanEvent.STOP_REQUESTED, f"after section {len(sections) - 1}"
-                )
+                self._log.record_event(ScanEvent.STOP_REQUESTED, after)
                 return self._end(StopReason.REQUESTED)
             try:
-                self._keep(self._step_with_retries(d_st))
+                self._finish_section(self._step_with_retries(d_st))
             except PoseUnreachable as error:
                 return self._end(StopReason.UNREACHABLE, str(error))
             except (GrooveNotFound, JointMoved) as error:
@@ -184,13 +185,7 @@ class Scanner:
             except SetPointRefused as error:
                 return self._end(StopReason.REFUSED, str(error))
 
-    def _stand_while_paused(self) -> None:
-        last = len(self._log.sections) - 1
-        self._stop.wait_while_paused(
-            lambda: self._log.record_event(ScanEvent.PAUSED, f"after section {last}")
-        )
-
-    def _keep(self, section: ScannedSection) -> None:
+    def _finish_section(self, section: ScannedSection) -> None:
         """Finish a section.
 
         From one on a tack weld the scan steps on: wall and leg, which lead it, are seen there.
@@ -437,10 +432,3 @@ def predictor_for_plan(plan: ScanPlan) -> SetPointPredictor:
     if plan.prediction == SMOOTH_PREDICTION:
         return tube_fit_predictor(plan)
     return paper_predictor(PREDICTION_CASES[plan.prediction], plan.direction)
-
-
-def step_rule_for_plan(plan: ScanPlan) -> StepLengthRule:
-    """The rule that a plan's steps follow: all of the same length, or as the groove allows."""
-    if plan.adaptive is not None:
-        return adaptive_step_rule(plan.adaptive)
-    return lambda sections: plan.step

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from math import radians
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
@@ -103,6 +103,10 @@ class ScannedSection:
         return transform_points(self.view.T_b_s, self.groove.points_s)
 
 
+Sections = Sequence[ScannedSection]
+"""Sections of one scan, in the order in which they were finished."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 @frozen_arrays
 class SetPoint:
@@ -157,9 +161,7 @@ class StepRequest:
         It starts from frame t or from the groove, whichever fits its length better: of a section
         that was taught, frame t lies beside the groove.
         """
-        steps = np.stack(
-            (self.p_b_ahead - self.last.T_b_t[:3, 3], self.p_b_ahead - self.groove_origin_b)
-        )
+        steps = self.p_b_ahead - np.stack((self.last.T_b_t[:3, 3], self.groove_origin_b))
         lengths = np.linalg.norm(steps, axis=1)
         best = int(np.abs(lengths - self.length).argmin())
         return np.asarray(steps[best] / lengths[best])
@@ -176,28 +178,12 @@ class StepRequest:
         return turn + EXTRA_TURN_TAUGHT if self.last.view.substep is Substep.TAUGHT else turn
 
 
-class SetPointPredictor(Protocol):
-    """Predicts the set-point of the next section from the finished ones, and from nothing else.
+SetPointPredictor = Callable[[Sections, float], SetPoint]
+"""Predicts the set-point of the next section from two or more that are finished, a step (metres)
+beyond the last one, and from nothing else.
 
-    It keeps no state: a scan that was interrupted goes on as if it had not been.
-    """
+It keeps no state: a scan that was interrupted goes on as if it had not been.
+"""
 
-    def __call__(self, sections: Sequence[ScannedSection], step: float) -> SetPoint:
-        """Predict.
-
-        Parameters
-        ----------
-        sections : sequence of ScannedSection
-            Two or more, the last one last.
-        step : float
-            How far beyond the last one, metres.
-        """
-        ...
-
-
-class StepLengthRule(Protocol):
-    """Chooses the length of the next step, from the finished sections and from nothing else."""
-
-    def __call__(self, sections: Sequence[ScannedSection]) -> float:
-        """Length of the step beyond the last of two or more sections, metres."""
-        ...
+StepLengthRule = Callable[[Sections], float]
+"""Chooses the length of the next step, metres, from the finished sections and from nothing else."""

@@ -2,20 +2,90 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from math import isnan, radians
 from typing import Final, Protocol
 
 import numpy as np
 
-from tjscan.core.errors import GrooveNotFound
-from tjscan.core.frames import Array, rotation_angle_between, unit_vector
+from tjscan.core.errors import GrooveNotFound, SetPointRefused
+from tjscan.core.frames import Array, inverse_pose, rotation_angle_between, unit_vector
 from tjscan.groove.prior import GroovePrior
 from tjscan.groove.root import BURIED_DEPTH_IN_CHORDS, WELD_IN_ROOT
 from tjscan.groove.section import TACK_WELD, GrooveSection, section_from_points
 from tjscan.laser.profile import Profile
-from tjscan.scanning.section import TIGHTEST_BEND, ProfileView, ScannedSection, StepRequest, Substep
+from tjscan.scanning.plan import ScanPlan
+from tjscan.scanning.section import (
+    TIGHTEST_BEND,
+    ProfileView,
+    ScannedSection,
+    Sections,
+    SetPoint,
+    StepRequest,
+    Substep,
+)
+
+FARTHEST_STEPS: Final = 2.0
+"""Steps that a set-point lies from the last section, at most."""
+
+LARGEST_VIEW_SHIFT: Final = 0.02
+"""Metres that the groove may be meant to appear from where the plan wants it in the sensor."""
+
+ORTHONORMAL_TOLERANCE: Final = 1e-6
+"""How far from orthonormal a rotation may be that was computed."""
+
+
+def check_set_point(to: SetPoint, step: StepRequest, plan: ScanPlan) -> None:
+    """Refuse a set-point that is further from the last section than its step allows.
+
+    Parameters
+    ----------
+    to : SetPoint
+        Of either substep.
+    step : StepRequest
+        The step under way.
+    plan : ScanPlan
+        Where in the sensor the groove shall appear.
+
+    Raises
+    ------
+    SetPointRefused
+        If it is no pose, too far away, turned too far, or at another stand-off than was planned.
+    """
+    for name, T in (("T_b_t", to.T_b_t), ("T_s_t", to.T_s_t)):
+        if not _is_rigid_pose(T):
+            raise SetPointRefused(f"its {name} is no pose")
+    p_b = to.T_b_t[:3, 3]
+    starts = (step.groove_origin_b, step.last.T_b_t[:3, 3])
+    away = min(float(np.linalg.norm(p_b - start)) for start in starts)
+    if not away <= FARTHEST_STEPS * step.length:  # a length that is no number allows none
+        raise SetPointRefused(
+            f"it lies {1e3 * away:.1f} mm from the last section, after a step of "
+            f"{1e3 * step.length:.1f} mm"
+        )
+    T_b_s = to.T_b_t @ inverse_pose(to.T_s_t)
+    turn = rotation_angle_between(step.last.view.T_b_s, T_b_s)
+    if turn > step.max_rotation:
+        raise SetPointRefused(
+            f"it turns the sensor by {np.degrees(turn):.0f}° from the last section, "
+            f"{np.degrees(step.max_rotation):.0f}° are plausible for a step of "
+            f"{1e3 * step.length:.1f} mm"
+        )
+    beside = float(np.linalg.norm(to.T_s_t[:3, 3] - (plan.offset, 0.0, plan.standoff)))
+    if beside > LARGEST_VIEW_SHIFT:
+        raise SetPointRefused(
+            f"the groove would appear {1e3 * beside:.1f} mm from where it is planned in the sensor"
+        )
+
+
+def _is_rigid_pose(T: Array) -> bool:
+    if T.shape != (4, 4) or not np.isfinite(T).all() or np.abs(T).max() > 1e6:
+        return False
+    R = T[:3, :3]
+    orthonormal = np.abs(R @ R.T - np.eye(3)).max() < ORTHONORMAL_TOLERANCE and np.linalg.det(R) > 0
+    return bool(orthonormal and (T[3] == (0.0, 0.0, 0.0, 1.0)).all())
+
 
 MOST_SECTIONS: Final = 30
 """Sections that are looked back upon."""
@@ -75,7 +145,7 @@ class GrooveReader(Protocol):
         ...
 
 
-def prior_for_view(view: ProfileView, sections: Sequence[ScannedSection]) -> GroovePrior:
+def prior_for_view(view: ProfileView, sections: Sections) -> GroovePrior:
     """What the finished sections show of the one that a view is taken for."""
     before = [one for one in sections if one.view.index < view.index][-MOST_SECTIONS:]
     if not before:
@@ -85,20 +155,15 @@ def prior_for_view(view: ProfileView, sections: Sequence[ScannedSection]) -> Gro
     # Ahead of the last section the sensor has gone as far as the groove.
     last = float(np.linalg.norm(view.T_b_s[:3, 3] - before[-1].view.T_b_s[:3, 3]))
     aways = np.append(steps, last)[::-1].cumsum()[::-1]
-    return GroovePrior.from_sections(
-        [
-            (one.groove.evidence, float(away))
-            for one, away in zip(before, aways, strict=True)
-            if one.groove.evidence is not None
-        ]
-    )
+    seen = ((one.groove.evidence, away) for one, away in zip(before, aways.tolist(), strict=True))
+    return GroovePrior.from_sections([(found, away) for found, away in seen if found is not None])
 
 
 def read_section(
     read: GrooveReader,
     view: ProfileView,
     T_s_t: Array | Callable[[GrooveSection], Array],
-    before: Sequence[ScannedSection],
+    before: Sections,
 ) -> ScannedSection:
     """Read a section as a scan does: with what the sections before it show, tack welds named.
 
@@ -134,7 +199,7 @@ def root_is_known(groove: GrooveSection) -> bool:
     return known if not groove.absent else root_is_seen(groove)
 
 
-def with_tack_named(found: ScannedSection, before: Sequence[ScannedSection]) -> ScannedSection:
+def with_tack_named(found: ScannedSection, before: Sections) -> ScannedSection:
     """Name a tack weld where weld metal lies higher in the root than before it.
 
     One profile shows a convex face in the root; whether that is the root bead or a tack over it
@@ -148,24 +213,20 @@ def with_tack_named(found: ScannedSection, before: Sequence[ScannedSection]) -> 
         The sections before it.
     """
     groove = found.groove
-    last = next(
-        (one for one in reversed(before) if not one.groove.absent and root_is_known(one.groove)),
-        None,
-    )
+    whole = (one for one in reversed(before) if not one.groove.absent)
+    last = next((one for one in whole if root_is_known(one.groove)), None)
     if last is None or WELD_IN_ROOT not in groove.conditions:
         return found
     away = float(np.linalg.norm(found.T_b_g[:3, 3] - last.T_b_g[:3, 3]))
     wider = groove.root_width - last.groove.root_width
     shallower = last.groove.depth - groove.depth
-    if (
-        wider < largest_root_width_change(last.groove, min(away, STEADY_LENGTH))
-        or shallower < BEAD_HEIGHT
-    ):
+    most_wider = largest_root_width_change(last.groove, min(away, STEADY_LENGTH))
+    if wider < most_wider or shallower < BEAD_HEIGHT:
         return found
-    return replace(found, groove=_buried(groove))
+    return replace(found, groove=_with_buried_root(groove))
 
 
-def _buried(groove: GrooveSection) -> GrooveSection:
+def _with_buried_root(groove: GrooveSection) -> GrooveSection:
     """The same section with its root under a tack weld."""
     covariance = np.zeros((8, 8))
     covariance[:6, :6], covariance[6:, 6:] = groove.covariance_s, groove.tangent_covariance
@@ -188,6 +249,10 @@ def _buried(groove: GrooveSection) -> GrooveSection:
         absent=("p3", "p4"),
         evidence=groove.evidence,
     )
+
+
+def _implausible_reading(evidence: str) -> GrooveNotFound:
+    return GrooveNotFound("implausible", evidence)
 
 
 def check_section_one_step_ahead(found: ScannedSection, step: StepRequest) -> None:
@@ -215,17 +280,15 @@ def check_section_one_step_ahead(found: ScannedSection, step: StepRequest) -> No
     bend = length * length / TIGHTEST_BEND
     most_aside = min(ASIDE_ANYWAY + bend, STEPS_ASIDE * length + ASIDE_ANYWAY)
     if not (STEPS_AHEAD[0] * length < ahead < STEPS_AHEAD[1] * length and aside < most_aside):
-        raise GrooveNotFound(
-            "implausible",
+        raise _implausible_reading(
             f"what was read lies {1e3 * ahead:.1f} mm ahead of the last section and "
-            f"{1e3 * aside:.1f} mm aside, a step of {1e3 * length:.1f} mm was made",
+            f"{1e3 * aside:.1f} mm aside, a step of {1e3 * length:.1f} mm was made"
         )
     turn = rotation_angle_between(step.last.T_b_g, found.T_b_g)
     if turn > step.max_rotation:
-        raise GrooveNotFound(
-            "implausible",
+        raise _implausible_reading(
             f"what was read is turned by {np.degrees(turn):.0f}° against the last section, over "
-            f"{1e3 * length:.1f} mm",
+            f"{1e3 * length:.1f} mm"
         )
 
 
@@ -239,10 +302,9 @@ def check_section_orientation(groove: GrooveSection) -> None:
     """
     up, towards = float(groove.T_s_g[0, 1]), -float(groove.T_s_g[2, 2])
     if min(up, towards) < LEAST_UPRIGHT_COSINE:
-        raise GrooveNotFound(
-            "implausible",
+        raise _implausible_reading(
             f"the brace's wall rises by {up:.2f} of its length along x_s and faces the sensor by "
-            f"{towards:.2f}: it is not above the groove",
+            f"{towards:.2f}: it is not above the groove"
         )
 
 
@@ -270,10 +332,9 @@ def check_measures_plausible(found: ScannedSection, step: StepRequest) -> None:
     k = int(beyond.argmax())
     name, unit = (("opening", "°"), ("root width", " mm"), ("depth", " mm"))[k]
     scale = np.degrees(1.0) if k == 0 else 1e3
-    raise GrooveNotFound(
-        "implausible",
+    raise _implausible_reading(
         f"the {name} jumps from {scale * before[k]:.1f} to {scale * after[k]:.1f}{unit} over "
-        f"{1e3 * step.length:.1f} mm, {scale * allowed[k]:.1f}{unit} are plausible",
+        f"{1e3 * step.length:.1f} mm, {scale * allowed[k]:.1f}{unit} are plausible"
     )
 
 
@@ -306,18 +367,14 @@ def check_agrees_with_prediction(found: ScannedSection, step: StepRequest) -> No
     step_b = unit_vector(found.T_b_g[:3, 3] - step.groove_origin_b)
     apart = (found.points_b - step.predicted.points_b)[1:4]  # the ends are not corners
     aside = np.linalg.norm(apart - np.outer(apart @ step_b, step_b), axis=1)
-    same = (
-        SAME_SECTION_DISTANCE
-        + TURNED_VIEW_DISTANCE
-        * rotation_angle_between(step.predicted.view.T_b_s, found.view.T_b_s) ** 2
-    )
+    turn = rotation_angle_between(step.predicted.view.T_b_s, found.view.T_b_s)
+    same = SAME_SECTION_DISTANCE + TURNED_VIEW_DISTANCE * turn**2
     allowed = np.maximum(same, largest_chance_differences(found.groove, step.predicted.groove))
     if (aside > allowed).any():
         k = int((aside - allowed).argmax())
-        raise GrooveNotFound(
-            "implausible",
+        raise _implausible_reading(
             f"its corners lie {1e3 * aside[k]:.1f} mm from where the prediction view showed them, "
-            f"{1e3 * allowed[k]:.1f} mm are plausible",
+            f"{1e3 * allowed[k]:.1f} mm are plausible"
         )
 
 

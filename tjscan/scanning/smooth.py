@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from math import hypot, sqrt
 from typing import Final
@@ -12,14 +11,12 @@ import numpy as np
 from tjscan.core import pose_vector
 from tjscan.core.errors import SetPointRefused, TubesNotFound
 from tjscan.core.frames import Array, pose
-from tjscan.scanning.checks import check_set_point
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.prediction import PREDICTION_CASES, paper_predictor
-from tjscan.scanning.seam.fit import fit_tubes_to_sections
+from tjscan.scanning.seam.fit import RecentSections, fit_tubes_to_sections, recent_section_arrays
 from tjscan.scanning.seam.next_section import ExpectedSection
-from tjscan.scanning.seam.track import RecentSections, recent_section_arrays
-from tjscan.scanning.section import ScannedSection, SetPoint, SetPointPredictor, StepRequest
-from tjscan.scanning.target import ScanDirection
+from tjscan.scanning.section import Sections, SetPoint, SetPointPredictor, StepRequest
+from tjscan.scanning.sections_before import check_set_point
+from tjscan.scanning.target import PREDICTION_CASES, ScanDirection, paper_predictor
 
 MOST_ROUNDS: Final = 30
 SETTLED_STEP: Final = 1e-7
@@ -46,13 +43,12 @@ def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
     """
     otherwise = paper_predictor(PREDICTION_CASES[3], plan.direction)
 
-    def predictor(sections: Sequence[ScannedSection], step: float) -> SetPoint:
+    def predictor(sections: Sections, step: float) -> SetPoint:
         track, last = recent_section_arrays(sections), sections[-1]
         R_b_now = last.view.T_b_s[:3, :3]
         try:
-            ahead = ExpectedSection.from_track(
-                track, fit_tubes_to_sections(track), last.T_b_g, step
-            )
+            seam = fit_tubes_to_sections(track)
+            ahead = ExpectedSection.from_track(track, seam, last.T_b_g, step)
             guess = ahead.initial_section(track, R_b_now)
             section, ideal = _settle(ahead, plan, guess, R_b_now, R_b_now, (0.0, 0.0))
             covariance = ahead.covariance(section, _R_b_s(ideal))
@@ -119,22 +115,18 @@ def _slack(
     plan: ScanPlan, covariance: Array, track: RecentSections, step: float
 ) -> tuple[float, float]:
     """What the doubt of prediction and reading leaves of the tolerances, radians."""
-    if plan.correction_criterion is None:
+    criterion = plan.correction_criterion
+    if criterion is None:
         return 0.0, 0.0
     turns = -1.0 if plan.direction is ScanDirection.COUNTERCLOCKWISE else 1.0
     about = covariance[3, 3] + covariance[6, 6] + 2 * turns * covariance[3, 6]
     aside = max(covariance[4, 4], covariance[5, 5])
     origin, opening = track.shape_sigmas[-1, [0, 2]]
+    work_angle_doubt = KEPT_SIGMAS * hypot(sqrt(max(about, 0.0)), 0.5 * opening)
+    rotation_doubt = KEPT_SIGMAS * hypot(sqrt(aside), origin / step)
     return (
-        max(
-            0.0,
-            plan.correction_criterion.work_angle
-            - KEPT_SIGMAS * hypot(sqrt(max(about, 0.0)), 0.5 * opening),
-        ),
-        max(
-            0.0,
-            plan.correction_criterion.rotation - KEPT_SIGMAS * hypot(sqrt(aside), origin / step),
-        ),
+        max(0.0, criterion.work_angle - work_angle_doubt),
+        max(0.0, criterion.rotation - rotation_doubt),
     )
 
 

@@ -14,24 +14,21 @@ class StopRequest:
     """Asks a scan to stop, from another thread: after the section under way, or at once.
 
     It may also be asked to pause between two sections, and to go on by one or altogether.
+
+    Attributes
+    ----------
+    ends_after_section : bool
+        Whether the scan shall end after the section under way.
+    must_stop_now : bool
+        Whether nothing shall move any more.
     """
 
     def __init__(self) -> None:
-        self._wanted = self._at_once = False
+        self.ends_after_section = self.must_stop_now = False
         self._halt: Callable[[], None] | None = None
         self._may_go = Condition()
         self._paused = False
         self._steps = self._let_go = 0
-
-    @property
-    def ends_after_section(self) -> bool:
-        """Whether the scan shall end after the section under way."""
-        return self._wanted
-
-    @property
-    def must_stop_now(self) -> bool:
-        """Whether nothing shall move any more."""
-        return self._at_once
 
     @property
     def scan_is_running(self) -> bool:
@@ -41,7 +38,7 @@ class StopRequest:
     @property
     def is_paused(self) -> bool:
         """Whether the scan pauses, or shall pause, after the section under way."""
-        return self._paused and not self._steps and not self._wanted
+        return self._paused and not self._steps and not self.ends_after_section
 
     def pause(self) -> None:
         """Let the scan pause after the section under way."""
@@ -85,12 +82,12 @@ class StopRequest:
     def request_stop_after_section(self) -> None:
         """Ask for an end after the section under way."""
         with self._may_go:
-            self._wanted = True
+            self.ends_after_section = True
             self._may_go.notify_all()
 
     def request_stop_now(self) -> None:
         """Ask for an end now, and stop the arm."""
-        self._at_once = True
+        self.must_stop_now = True
         self.request_stop_after_section()
         if (halt := self._halt) is not None:
             halt()
@@ -103,7 +100,7 @@ class StopRequest:
         Interrupted
             If it was.
         """
-        if self._at_once:
+        if self.must_stop_now:
             raise ScanInterrupted
 
     @contextmanager

@@ -1,14 +1,20 @@
-"""Frame t, the paper's s': fixed in the sensor, laid on the groove to be scanned, eq. (12)-(15)."""
+"""Frame t, the paper's s': fixed in the sensor, laid on the groove to be scanned, eq. (12)-(15).
+
+The prediction substep lays it on the next section, from the last two, eq. (6)-(11).
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
 from math import pi
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tjscan.core.frames import Array, cross, pose, rot_x, rot_y, rot_z, unit_vector
+from tjscan.scanning.section import Sections, SetPoint, SetPointPredictor
 
 
 class ScanDirection(StrEnum):
@@ -86,3 +92,96 @@ def correction_target_pose(T_b_g_last: Array, T_b_g_predicted: Array) -> Array:
     y_b = unit_vector(cross(cross(x_b, T_b_g_predicted[:3, 1]), x_b))
     z_b = cross(x_b, y_b)
     return pose(np.column_stack((x_b, y_b, z_b)), T_b_g_predicted[:3, 3])
+
+
+@dataclass(frozen=True, slots=True)
+class PredictionCase:
+    """One of the paper's cases: how the motion between the last two sections is extrapolated.
+
+    Parameters
+    ----------
+    turns_frame : bool
+        Turn frame t as the last two sections turned, eq. (9); else keep its orientation.
+    turns_step : bool
+        Turn the step as the last two sections turned, eq. (10); else step straight on.
+    """
+
+    turns_frame: bool
+    turns_step: bool
+
+
+PREDICTION_CASES = {
+    1: PredictionCase(turns_frame=False, turns_step=False),
+    2: PredictionCase(turns_frame=True, turns_step=True),
+    3: PredictionCase(turns_frame=False, turns_step=True),
+    4: PredictionCase(turns_frame=True, turns_step=False),
+}
+"""The four cases of the paper, section 4.2."""
+
+SMOOTH_PREDICTION: Final = "smooth"
+"""The fifth: see `tjscan.scanning.smooth`."""
+
+
+def predicted_target_pose(
+    T_b_t: Array,
+    T_b_g_before: Array,
+    T_b_g_last: Array,
+    step: float,
+    prediction: PredictionCase,
+    direction: ScanDirection,
+) -> Array:
+    """Set-point of frame t for the prediction substep.
+
+    Parameters
+    ----------
+    T_b_t : ndarray, shape (4, 4)
+        Frame t as it is after the last correction.
+    T_b_g_before, T_b_g_last : ndarray, shape (4, 4)
+        Frames g of the sections i-2 and i-1.
+    step : float
+        d_st, metres.
+    prediction : PredictionCase
+        What is carried on.
+    direction : ScanDirection
+        Which way round.
+
+    Returns
+    -------
+    ndarray, shape (4, 4)
+        T_b_t of substep i1.
+
+    Notes
+    -----
+    Cibicik et al. 2022, eq. (7)-(11), and (27) for the clockwise scan.
+    """
+    R_before, R_last = T_b_g_before[:3, :3], T_b_g_last[:3, :3]
+    v_b = step * unit_vector(T_b_g_last[:3, 3] - T_b_g_before[:3, 3])  # (11)
+    p_b = R_last @ R_before.T @ v_b if prediction.turns_step else v_b  # (10)
+    T_I = pose(p=p_b)  # (8)
+    if not prediction.turns_frame:
+        return T_I @ T_b_t
+    R_t = R_before.T @ R_last  # (9)
+    if direction is ScanDirection.CLOCKWISE:
+        R_t = R_REVERSED.T @ R_t @ R_REVERSED  # (27)
+    return T_I @ T_b_t @ pose(R_t)  # (7)
+
+
+def paper_predictor(prediction: PredictionCase, direction: ScanDirection) -> SetPointPredictor:
+    """Predictor of set-points by a case of the paper.
+
+    Parameters
+    ----------
+    prediction : PredictionCase
+        The case.
+    direction : ScanDirection
+        Which way round.
+    """
+
+    def predictor(sections: Sections, step: float) -> SetPoint:
+        before, last = sections[-2:]
+        T_b_t = predicted_target_pose(
+            last.T_b_t, before.T_b_g, last.T_b_g, step, prediction, direction
+        )
+        return SetPoint(T_b_t, last.T_s_t)
+
+    return predictor

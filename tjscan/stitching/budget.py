@@ -17,9 +17,9 @@ import numpy as np
 from tjscan.core.frames import Array, inverse_pose, transform_points
 from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.stitching.graph import StationErrors, StationPoses
-from tjscan.stitching.registration import StationRegistration
+from tjscan.stitching.registration import Registrations
 from tjscan.stitching.sides import NODES_PER_SIDE, moves_of_walls
-from tjscan.stitching.stations import StationTubeFit
+from tjscan.stitching.stations import StationTubeFit, TubeFits
 from tjscan.uncertainty.budget import (
     CORNER_POINTS,
     BudgetComponent,
@@ -80,9 +80,7 @@ class SharedCauses:
         )
 
 
-def shared_causes(
-    fits: Sequence[StationTubeFit], registrations: Sequence[StationRegistration]
-) -> SharedCauses:
+def shared_causes(fits: TubeFits, registrations: Registrations) -> SharedCauses:
     """How tube fits and overlaps of stations err with what all their views share.
 
     Parameters
@@ -93,21 +91,14 @@ def shared_causes(
         Of all overlaps.
     """
     names = tuple(dict.fromkeys(cause.name for fit in fits for cause in fit.station.causes))
-    found = [
-        tuple(
-            next((cause for cause in fit.station.causes if cause.name == name), None)
-            for fit in fits
-        )
-        for name in names
-    ]
+    by_station = [{cause.name: cause for cause in fit.station.causes} for fit in fits]
+    found = [tuple(causes.get(name) for causes in by_station) for name in names]
     errors = (_errors(causes, fits, registrations) for causes in found)
     return SharedCauses(names, tuple(found), tuple(errors))
 
 
 def _errors(
-    causes: Sequence[ViewCause | None],
-    fits: Sequence[StationTubeFit],
-    registrations: Sequence[StationRegistration],
+    causes: Sequence[ViewCause | None], fits: TubeFits, registrations: Registrations
 ) -> StationErrors:
     """Errors of all that is fitted, by one cause."""
     m = next(cause.twists.shape[-1] for cause in causes if cause is not None)
@@ -149,8 +140,8 @@ def _by_view(fit: StationTubeFit, corners: Array, walls: Array) -> Array:
 
 
 def stitching_budget(
-    fits: Sequence[StationTubeFit],
-    registrations: Sequence[StationRegistration],
+    fits: TubeFits,
+    registrations: Registrations,
     placement: StationPoses,
     shared: SharedCauses,
     repeatability: ArmRepeatability,
@@ -172,24 +163,14 @@ def stitching_budget(
     """
     T_j_b = [T @ inverse_pose(fit.frame.T) for T, fit in zip(placement.T, fits, strict=True)]
     scans = [fit.station.sections for fit in fits]
-    components = [
-        _joined(
-            [
-                cause.component(T[:3, :3], len(cause.points))
-                for cause, T in zip(own, T_j_b, strict=True)
-            ]
-        )
-        for own in (
-            [reading_cause(sections) for sections in scans],
-            [repeatability_cause(sections, repeatability, "assumed") for sections in scans],
-        )
-    ]
-    k = len(fits)
-    noise = placement.noise_covariance
+    readings = [reading_cause(sections) for sections in scans]
+    moves = [repeatability_cause(sections, repeatability, "assumed") for sections in scans]
+    k, noise = len(fits), placement.noise_covariance
     places = np.split(covariance_factor(noise[: 6 * k, : 6 * k]), k)
-    components.append(
-        _joined([_moved(fit, T, L) for fit, T, L in zip(fits, T_j_b, places, strict=True)])
-    )
+    components = [
+        *(_in_joint_frame(causes, T_j_b) for causes in (readings, moves)),
+        _joined([_moved(fit, T, L) for fit, T, L in zip(fits, T_j_b, places, strict=True)]),
+    ]
     stations, shape = placement.covariance, np.array(noise[6 * k :, 6 * k :])
     for causes, errors in zip(shared.of_station, shared.errors, strict=True):
         found = placement.by_residuals @ errors.residuals(registrations)
@@ -200,10 +181,17 @@ def stitching_budget(
             stations[i] += place @ place.T
             part = _moved(fit, T, place)
             if cause is not None:
-                part = _sum(cause.component(T[:3, :3], len(fit.station.sections)), part)
+                own = cause.component(T[:3, :3], len(fit.station.sections))
+                points, measures = own.points + part.points, own.measures + part.measures
+                part = replace(own, points=points, measures=measures)
             parts.append(part)
         components.append(_joined(parts).compressed())
     return StitchingBudget(UncertaintyBudget(tuple(components)), stations, shape)
+
+
+def _in_joint_frame(causes: Sequence[ViewCause], T_j_b: Sequence[Array]) -> BudgetComponent:
+    pairs = zip(causes, T_j_b, strict=True)
+    return _joined([cause.component(T[:3, :3], len(cause.points)) for cause, T in pairs])
 
 
 def _moved(fit: StationTubeFit, T_j_b: Array, twists: Array) -> BudgetComponent:
@@ -212,10 +200,6 @@ def _moved(fit: StationTubeFit, T_j_b: Array, twists: Array) -> BudgetComponent:
     moved = points_moved_by_twist(transform_points(T_j_b, points), twists)
     measures = np.zeros((len(points), 4, twists.shape[-1]))
     return BudgetComponent(STATION_PLACES, "observed", True, moved, measures)
-
-
-def _sum(one: BudgetComponent, other: BudgetComponent) -> BudgetComponent:
-    return replace(one, points=one.points + other.points, measures=one.measures + other.measures)
 
 
 def _joined(parts: Sequence[BudgetComponent]) -> BudgetComponent:

@@ -13,11 +13,9 @@ from tjscan.core.frames import Array, pose, rot_z, transform_points
 from tjscan.core.gaussian_process import PeriodicKernel, SimpleKriging
 from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.joint.geometry import LegSurface, cylindrical_to_j
-from tjscan.joint.tubes.fit import ArmRepeatability
-from tjscan.joint.tubes.frame import TubeDimensions
-from tjscan.stitching.overlaps import FULL_TURN
+from tjscan.joint.tubes.fit import ArmRepeatability, TubeDimensions
 from tjscan.stitching.registration import SMOOTH_AZIMUTH, point_covariance_from_pose
-from tjscan.stitching.stations import Station
+from tjscan.stitching.stations import FULL_TURN, Station
 from tjscan.stitching.unrolled_views import WIDEST_SHARE
 from tjscan.uncertainty.budget import SectionShare
 
@@ -128,10 +126,11 @@ def fuse_sections(
     for group in _groups(places, near):
         members = [(azimuth, unrolled[k][i]) for azimuth, k, i in group]
         numbers = [int(first[k]) + i for _, k, i in group]
-        alone = FusedSection(
-            stations[group[0][1]][group[0][2]], (SectionShare.whole_section(numbers[0]),)
-        )
-        fused.append(_one(members, numbers, curves, shape) if len(group) > 1 else alone)
+        if len(group) > 1:
+            fused.append(_fused_section(members, numbers, curves, shape))
+        else:
+            share = SectionShare.whole_section(numbers[0])
+            fused.append(FusedSection(members[0][1].section, (share,)))
     return tuple(sorted(fused, key=lambda one: one.section.azimuth))
 
 
@@ -203,7 +202,7 @@ def _height(azimuth: Array, out: Array, shape: TubeDimensions) -> Array:
     return surface.height(azimuth, np.minimum(out, WIDEST_SHARE * shape.leg_radius))
 
 
-def _one(
+def _fused_section(
     members: Sequence[tuple[float, UnrolledSection]],
     numbers: Sequence[int],
     curves: Sequence[SimpleKriging],
@@ -219,9 +218,8 @@ def _one(
         by = places - start
         starts = [*start[ROOT_AND_BEVEL], *start[ROOT_AND_BEVEL], *np.repeat(azimuth, 4)]
         ways = [*by[ROOT_AND_BEVEL], *by[ROOT_AND_BEVEL], *np.repeat(middle - azimuth, 4)]
-        grown = np.array(
-            [c.predict_change(*way) for c, *way in zip(curves, starts, ways, strict=True)]
-        )
+        along = zip(curves, starts, ways, strict=True)
+        grown = np.array([curve.predict_change(*way) for curve, *way in along])
         out, up = one.out.copy(), one.up.copy()
         out[ROOT_AND_BEVEL] += grown[:3]
         up[ROOT_AND_BEVEL] += grown[3:6]
@@ -244,13 +242,12 @@ def _one(
     for k, number in enumerate(numbers):
         weights = np.tile(np.eye(3) / len(numbers), (5, 1, 1))
         weights[ROOT_AND_BEVEL] = covariances @ corner_info[k]
-        shares.append(
-            SectionShare(number, weights @ turns[k], measure_covariance @ measure_info[k])
-        )
+        by_measures = measure_covariance @ measure_info[k]
+        shares.append(SectionShare(number, weights @ turns[k], by_measures))
     R = Rotation.from_matrix([T[:3, :3] for T in frames]).mean().as_matrix()
     sections = [one.section for _, one in members]
     first = min(sections, key=lambda section: section.station)
-    fused_section = replace(
+    section = replace(
         first,
         station="+".join(sorted(section.station for section in sections)),
         azimuth=float(np.angle(np.exp(1j * middle))),
@@ -262,4 +259,4 @@ def _one(
         work_angle=float(np.mean([section.work_angle for section in sections])),
         rms=float(np.sqrt(np.mean([section.rms**2 for section in sections]))),
     )
-    return FusedSection(fused_section, tuple(shares))
+    return FusedSection(section, tuple(shares))

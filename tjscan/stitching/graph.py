@@ -19,8 +19,8 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from tjscan.core import pose_vector
 from tjscan.core.frames import Array, frozen_arrays, inverse_pose, transform_points
-from tjscan.joint.tubes.frame import JointFrame, TubeDimensions
-from tjscan.stitching.registration import StationRegistration
+from tjscan.joint.tubes.fit import JointFrame, TubeDimensions
+from tjscan.stitching.registration import Registrations, StationRegistration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +71,7 @@ class StationErrors:
     frames: Array
     overlaps: Array
 
-    def residuals(self, registrations: Sequence[StationRegistration]) -> Array:
+    def residuals(self, registrations: Registrations) -> Array:
         """What `solve_station_poses` would be left with at the truth, shape (10 k + 6 e, m).
 
         Each station has taken its own frame for j: at the truth, it is put right by its error.
@@ -84,9 +84,7 @@ class StationErrors:
 
 
 def solve_station_poses(
-    frames: Sequence[JointFrame],
-    registrations: Sequence[StationRegistration],
-    shared: StationErrors | None = None,
+    frames: Sequence[JointFrame], registrations: Registrations, shared: StationErrors | None = None
 ) -> StationPoses:
     """Solve the poses of all stations by least squares, from tube fits and overlaps.
 
@@ -108,17 +106,12 @@ def solve_station_poses(
     origin = np.mean([frame.shape.as_array for frame in frames], axis=0)
 
     def residuals(x: Array) -> Array:
-        T, shape = (
-            [pose_vector.pose_from_vector(v) for v in x[: 6 * k].reshape(k, 6)],
-            x[6 * k :] + origin,
-        )
-        off = [
+        T = [pose_vector.pose_from_vector(v) for v in x[: 6 * k].reshape(k, 6)]
+        shape = x[6 * k :] + origin
+        off = list[Array]()
+        for T_own, frame in zip(T, frames, strict=True):
             # The station takes its own frame for j: it finds j at the identity.
-            np.concatenate(
-                (pose_vector.pose_to_vector(inverse_pose(T_own)), shape - frame.shape.as_array)
-            )
-            for T_own, frame in zip(T, frames, strict=True)
-        ]
+            off += [pose_vector.pose_to_vector(inverse_pose(T_own)), shape - frame.shape.as_array]
         for edge in registrations:
             between = inverse_pose(T[edge.overlap.first]) @ T[edge.overlap.second]
             off.append(pose_vector.pose_to_vector(between) - pose_vector.pose_to_vector(edge.T))
@@ -158,7 +151,7 @@ def overlap_gap(edge: StationRegistration, T: Sequence[Array] | Array) -> float:
 
 
 def spanning_tree_poses(
-    count: int, registrations: Sequence[StationRegistration]
+    count: int, registrations: Registrations
 ) -> tuple[Array, list[StationRegistration]]:
     """Poses of stations from overlaps alone, along the spanning tree of the surest ones.
 
@@ -179,10 +172,8 @@ def spanning_tree_poses(
     """
     by_sigma = sorted(registrations, key=lambda edge: edge.position_sigma)
     surest = {(e.overlap.first, e.overlap.second): e for e in reversed(by_sigma)}
-    links = coo_array(
-        ([edge.position_sigma for edge in surest.values()], np.transpose(list(surest))),
-        (count, count),
-    )
+    sigmas = [edge.position_sigma for edge in surest.values()]
+    links = coo_array((sigmas, np.transpose(list(surest))), (count, count))
     tree = minimum_spanning_tree(links)
     order, predecessors = breadth_first_order(tree, 0, directed=False)
     T, used = np.tile(np.eye(4), (count, 1, 1)), set()

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from tjscan.stitching.overlaps import arc_of_azimuths
 from tjscan.stitching.registration import StationRegistration, StitchingDraft
+from tjscan.stitching.stations import arc_of_azimuths
 
 STATION_COLOURS: Final = ("#2f7ed8", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf")
 OVERLAP_COLOUR: Final = "#9aa5b1"
@@ -28,9 +28,8 @@ def draw_stitching(draft: StitchingDraft) -> Figure:
     _draw_arcs(figure.add_subplot(grid[0], projection="polar"), draft)
     if not draft.registrations:
         beside = figure.add_subplot(grid[1])
-        lines = [draft.describe_overlap(overlap) for overlap in draft.overlaps] or [
-            draft.describe_coverage()
-        ]
+        lines = [draft.describe_overlap(overlap) for overlap in draft.overlaps]
+        lines = lines or [draft.describe_coverage()]
         beside.text(0.0, 0.5, "\n".join(lines).replace(" overlap at", "\noverlap at"), wrap=True)
         beside.set_axis_off()
         return figure
@@ -40,26 +39,22 @@ def draw_stitching(draft: StitchingDraft) -> Figure:
     return figure
 
 
-def _colour(station: int) -> str:
+def _station_colour(station: int) -> str:
     return STATION_COLOURS[station % len(STATION_COLOURS)]
 
 
 def _draw_arcs(axes: Any, draft: StitchingDraft) -> None:
     for overlap in draft.overlaps:
         arc = overlap.arc
-        axes.bar(
-            arc.start + 0.5 * arc.span_angle,
-            1.6,
-            arc.span_angle,
-            color=OVERLAP_COLOUR,
-            alpha=0.35,
-            linewidth=0,
-        )
+        middle, width = arc.start + 0.5 * arc.span_angle, arc.span_angle
+        axes.bar(middle, 1.6, width, color=OVERLAP_COLOUR, alpha=0.35, linewidth=0)
     for k, (name, azimuths) in enumerate(zip(draft.names, draft.azimuths, strict=True)):
-        arc, radius = arc_of_azimuths(azimuths), 1 + RING_SPACING * k
+        arc, radius, colour = arc_of_azimuths(azimuths), 1 + RING_SPACING * k, _station_colour(k)
         turn = np.linspace(arc.start, arc.end, 200)
-        axes.plot(turn, np.full(200, radius), color=_colour(k), linewidth=1.5, label=name)
-        axes.plot(azimuths, np.full(len(azimuths), radius), ".", color=_colour(k), markersize=5)
+        axes.plot(turn, np.full(200, radius), color=colour, linewidth=1.5, label=name)
+        axes.plot(
+            azimuths, np.full(len(azimuths), radius), ".", color=_station_colour(k), markersize=5
+        )
     axes.set_rlim(0, 1.6)
     axes.set_yticks([])
     axes.legend(loc="center", frameon=False)
@@ -72,20 +67,12 @@ def _draw_residuals(axes: Any, draft: StitchingDraft, edge: StationRegistration)
     for k, second in ((edge.overlap.first, False), (edge.overlap.second, True)):
         mine = edge.of_second == second
         for corner, mark in enumerate(CORNER_MARKS):
-            for axis, filled in ((0, True), (1, False)):
-                axes.plot(
-                    at[mine],
-                    1e3 * edge.residual[mine, 2 * corner + axis],
-                    mark,
-                    color=_colour(k),
-                    fillstyle="full" if filled else "none",
-                    markersize=4,
-                )
+            for axis, fill in ((0, "full"), (1, "none")):
+                off, colour = 1e3 * edge.residual[mine, 2 * corner + axis], _station_colour(k)
+                axes.plot(at[mine], off, mark, color=colour, fillstyle=fill, markersize=4)
     axes.plot(at[~edge.counted], np.zeros(int((~edge.counted).sum())), "x", color="black")
-    half = 0.5 * np.degrees(edge.overlap.arc.span_angle)
-    axes.axvspan(
-        np.degrees(middle) - half, np.degrees(middle) + half, color=OVERLAP_COLOUR, alpha=0.35
-    )
+    centre, half = np.degrees(middle), 0.5 * np.degrees(edge.overlap.arc.span_angle)
+    axes.axvspan(centre - half, centre + half, color=OVERLAP_COLOUR, alpha=0.35)
     axes.axhline(0, color="black", linewidth=0.6)
     axes.set_ylabel("residual / mm")
     axes.set_xlabel("azimuth / °")

@@ -8,6 +8,7 @@ the arm's error that all its points share, and less if it contradicts the others
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import radians
 from typing import Final
@@ -20,7 +21,7 @@ from tjscan.core import pose_vector
 from tjscan.core.frames import Array, frozen_arrays, skew_matrix, unit_vector
 from tjscan.core.gaussian_process import PeriodicKernel
 from tjscan.core.robust import tukey_weights
-from tjscan.stitching.overlaps import StationOverlap, arc_of_azimuths
+from tjscan.stitching.stations import StationOverlap, arc_of_azimuths
 from tjscan.stitching.unrolled_views import CORNER_VALUES, VALUES_PER_VIEW, UnrolledViews
 
 SMOOTH_AZIMUTH: Final = radians(30.0)
@@ -105,9 +106,11 @@ class StationRegistration:
 
         Root mean square over the three directions.
         """
-        return float(
-            np.sqrt(np.trace(point_covariance_from_pose(self.covariance, self.centre)) / 3)
-        )
+        covariance = point_covariance_from_pose(self.covariance, self.centre)
+        return float(np.sqrt(np.trace(covariance) / 3))
+
+
+Registrations = Sequence[StationRegistration]
 
 
 def point_covariance_from_pose(covariance: Array, points: Array) -> Array:
@@ -144,7 +147,7 @@ def align_second_to_first(
     StationRegistration
         If the views leave a direction free, one whose covariance is that of no knowledge.
     """
-    views, of_second = _near(overlap, first, second)
+    views, of_second = _views_near_overlap(overlap, first, second)
     azimuth = overlap.arc.offset_from_middle(views.azimuth)
     value = views.value - views.value.mean(axis=0)
     shape = value.shape
@@ -155,13 +158,13 @@ def align_second_to_first(
     residual = np.zeros(shape)
     for _ in range(REWEIGHTING_ROUNDS):
         noise = views.covariance / weights[:, None, None]
-        factor = cho_factor(_total(kernel, noise), lower=True)
+        factor = cho_factor(_covariance_of_all_values(kernel, noise), lower=True)
         # Moved points are compared with the groove at their new azimuth.
         by_motion = by_pose - slope[:, :, None] * azimuth_by_pose
         design = (by_motion * of_second[:, None, None]).reshape(-1, 6)
         solved = cho_solve(factor, np.column_stack((design, value.ravel())))
         information = design.T @ solved[:, :6]
-        if not np.linalg.cond(information / _scale(information)) < MOST_CONDITION:
+        if not np.linalg.cond(information / _diagonal_scale(information)) < MOST_CONDITION:
             spread, motion = FREE_VARIANCE * np.eye(6), np.zeros(6)
             by_value = np.zeros((len(value), 6, VALUES_PER_VIEW))
             break
@@ -171,13 +174,15 @@ def align_second_to_first(
         pull = (solved[:, 6] + solved[:, :6] @ motion).reshape(shape)
         slope = np.einsum("lmc,mc->lc", slope_kernel, pull)
         residual = np.einsum("nij,nj->ni", noise, pull)
-        weights = _weights(_mahalanobis_sq(residual, views.covariance))
+        weights = _robust_view_weights(_mahalanobis_sq(residual, views.covariance))
     counted = weights > 0.1
     # A view's own noise shows in its residual as far as the groove could not follow it.
     inverse = cho_solve(factor, np.eye(value.size)).reshape(*shape, *shape)
     own = np.einsum("ninj,nij->n", inverse, noise)
     degrees = max(float(own[counted].sum()) - 6, 1.0)
     reduced_chi2 = float(_mahalanobis_sq(residual, noise)[counted].sum()) / degrees
+    centred = by_value - by_value.mean(axis=0)  # values count from their mean over the views
+    by_points = views.by_points - slope[:, :, None, None] * views.azimuth_by_points
     return StationRegistration(
         overlap,
         pose_vector.pose_from_vector(motion),
@@ -189,12 +194,7 @@ def align_second_to_first(
         of_second,
         counted,
         views.number.astype(np.intp),
-        # Values count from their mean over the views.
-        np.einsum(
-            "niv,nvkc->nikc",
-            by_value - by_value.mean(axis=0),
-            views.by_points - slope[:, :, None, None] * views.azimuth_by_points,
-        ),
+        np.einsum("niv,nvkc->nikc", centred, by_points),
     )
 
 
@@ -204,7 +204,7 @@ def _mahalanobis_sq(residual: Array, covariance: Array) -> Array:
     return np.asarray(np.sum(residual * standard, axis=1))
 
 
-def _weights(mahalanobis_sq: Array) -> Array:
+def _robust_view_weights(mahalanobis_sq: Array) -> Array:
     """Tukey's weights of views, shape (n,).
 
     If most are larger than stated the kernel widens: those are no outliers.
@@ -223,19 +223,17 @@ def _middle_of(overlap: StationOverlap, seen: UnrolledViews) -> tuple[Array, Arr
     return centre, unit_vector(seen.middle[order[np.argmax(far)]] - centre)
 
 
-def _near(
+def _views_near_overlap(
     overlap: StationOverlap, first: UnrolledViews, second: UnrolledViews
 ) -> tuple[UnrolledViews, NDArray[np.bool_]]:
     """The views of both stations in and beside the overlap, and which are the second's."""
     reach = 0.5 * overlap.arc.span_angle + AZIMUTH_BEYOND_OVERLAP
-    one, other = (
-        o.select_views(np.abs(overlap.arc.offset_from_middle(o.place)) < reach)
-        for o in (first, second)
-    )
+    away = (np.abs(overlap.arc.offset_from_middle(o.place)) for o in (first, second))
+    one, other = (o.select_views(off < reach) for o, off in zip((first, second), away, strict=True))
     return one.joined_with(other), np.repeat((False, True), (len(one), len(other)))
 
 
-def _total(kernel: Array, noise: Array) -> Array:
+def _covariance_of_all_values(kernel: Array, noise: Array) -> Array:
     """Covariance of all values: the groove's, each value by itself, and the views', each apart."""
     n = len(noise)
     total = np.zeros((n, VALUES_PER_VIEW, n, VALUES_PER_VIEW))
@@ -246,7 +244,7 @@ def _total(kernel: Array, noise: Array) -> Array:
     return total.reshape(n * VALUES_PER_VIEW, n * VALUES_PER_VIEW)
 
 
-def _scale(information: Array) -> Array:
+def _diagonal_scale(information: Array) -> Array:
     """What makes an information matrix free of its units."""
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     return np.outer(size, size)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.polynomial import Polynomial
 
 from tjscan.core.frames import Array, transform_points
 from tjscan.joint.tubes.fit import WallPoints
-from tjscan.scanning.section import ScannedSection
+from tjscan.scanning.section import ScannedSection, Sections
 from tjscan.uncertainty.causes import ViewCause
 
 NODES_PER_SIDE: Final = 4
@@ -39,7 +38,7 @@ CORRELATED_POINTS: Final = 8
 """Neighbouring points whose noise is alike: an assumption about speckle on ground steel."""
 
 
-def wall_points_of_views(sections: Sequence[ScannedSection]) -> WallPoints:
+def wall_points_of_views(sections: Sections) -> WallPoints:
     """Points on the walls of brace and leg as all views of a station saw them.
 
     Parameters
@@ -52,25 +51,17 @@ def wall_points_of_views(sections: Sequence[ScannedSection]) -> WallPoints:
     WallPoints
         In the station's base frame.
     """
-    points, on_brace, sigma, view = [], [], [], []
+    sides = []
     for number, section in enumerate(sections):
-        for is_brace, (nodes_s, spread) in zip((True, False), side_nodes(section), strict=True):
-            points.append(transform_points(section.view.T_b_s, nodes_s))
-            on_brace.append(np.full(len(spread), is_brace))
-            sigma.append(spread)
-            view.append(np.full(len(spread), number))
-    return WallPoints(
-        np.concatenate(points),
-        np.concatenate(on_brace),
-        np.concatenate(sigma),
-        np.concatenate(view),
-        np.array([section.view.T_b_f[:3, 3] for section in sections]),
-    )
+        for is_brace, (nodes_s, sigma) in zip((True, False), side_nodes(section), strict=True):
+            nodes_b, n = transform_points(section.view.T_b_s, nodes_s), len(sigma)
+            sides.append((nodes_b, np.full(n, is_brace), sigma, np.full(n, number)))
+    pivots = np.array([section.view.T_b_f[:3, 3] for section in sections])
+    points, on_brace, sigma, view = (np.concatenate(column) for column in zip(*sides, strict=True))
+    return WallPoints(points, on_brace, sigma, view, pivots)
 
 
-def moves_of_walls(
-    walls: WallPoints, sections: Sequence[ScannedSection], cause: ViewCause
-) -> Array:
+def moves_of_walls(walls: WallPoints, sections: Sections, cause: ViewCause) -> Array:
     """How wall points move with a cause of error, in the station's base frame.
 
     Parameters
@@ -115,33 +106,32 @@ def side_nodes(section: ScannedSection) -> tuple[tuple[Array, Array], tuple[Arra
     p1, p2, _, p4, p5 = groove.points_s[:, [0, 2]]
     points = section.view.profile.points_s[:, [0, 2]]
     return (
-        _nodes(points, p2, -groove.wall_s[[0, 2]], p1),
-        _nodes(points, p4, groove.leg_s[[0, 2]], p5),
+        _nodes_of_side(points, p2, -groove.wall_s[[0, 2]], p1),
+        _nodes_of_side(points, p4, groove.leg_s[[0, 2]], p5),
     )
 
 
-def _nodes(points: Array, corner: Array, tangent: Array, end: Array) -> tuple[Array, Array]:
+def _nodes_of_side(points: Array, corner: Array, tangent: Array, end: Array) -> tuple[Array, Array]:
     """Nodes along a side that leaves its corner along a tangent and bends to its end."""
     normal = np.array((-tangent[1], tangent[0]))
     length, off = (end - corner) @ tangent, (end - corner) @ normal
     s, d = (points - corner) @ tangent, (points - corner) @ normal
     on = (s > FROM_CORNER) & (s <= length) & (np.abs(d - off * (s / length) ** 2) < FAR_OFF_SIDE)
     s, d = s[on], d[on]
-    share = np.minimum(
-        (BINS_PER_SIDE * (s - FROM_CORNER) / (length - FROM_CORNER)).astype(int), BINS_PER_SIDE - 1
-    )
+    bins = (BINS_PER_SIDE * (s - FROM_CORNER) / (length - FROM_CORNER)).astype(int)
+    share = np.minimum(bins, BINS_PER_SIDE - 1)
     filled = [chosen for k in range(BINS_PER_SIDE) if (chosen := share == k).sum() >= FEWEST_POINTS]
     if len(filled) <= SIDE_DEGREE + 1:
         return np.empty((0, 3)), np.empty(0)
     # Medians first: they take no notice of reflections. Then all points beside their curve.
     medians = np.array([(np.median(s[k]), np.median(d[k])) for k in filled])
-    rough = _curve(medians[:, 0], medians[:, 1], float(length))
+    rough = _side_curve(medians[:, 0], medians[:, 1], float(length))
     on = np.abs(d - rough(s)) < OFF_SIDE
     s, d, share = s[on], d[on], share[on] * NODES_PER_SIDE // BINS_PER_SIDE
     count = np.bincount(share, minlength=NODES_PER_SIDE)
     if (count < FEWEST_POINTS).any():
         return np.empty((0, 3)), np.empty(0)
-    curve = _curve(s, d, float(length))
+    curve = _side_curve(s, d, float(length))
     # Averaged along the curve, not across it: the mean of a bent line lies beside it.
     at = np.bincount(share, s, NODES_PER_SIDE) / count
     height = curve(at) + np.bincount(share, d - curve(s), NODES_PER_SIDE) / count
@@ -151,6 +141,6 @@ def _nodes(points: Array, corner: Array, tangent: Array, end: Array) -> tuple[Ar
     return in_s, noise * np.sqrt(np.minimum(CORRELATED_POINTS / count, 1.0))
 
 
-def _curve(s: Array, d: Array, length: float) -> Polynomial:
+def _side_curve(s: Array, d: Array, length: float) -> Polynomial:
     """Least-squares polynomial of heights along a side."""
     return Polynomial.fit(s, d, SIDE_DEGREE, domain=(0.0, length))

@@ -1,21 +1,36 @@
-"""Stations: their sections and views, and the tubes fitted to them."""
+"""Stations: their sections, the tubes fitted to them, and where two saw the same groove."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from math import radians
+from itertools import combinations
+from math import pi, radians
+from typing import Final
 
 import numpy as np
 
 from tjscan.core.errors import GrooveNotFound, StitchingRefused, TubesNotFound
-from tjscan.core.frames import Array, frozen_arrays, rotation_angle_between, unit_vector
+from tjscan.core.frames import (
+    Array,
+    frozen_arrays,
+    inverse_pose,
+    rotation_angle_between,
+    transform_points,
+    unit_vector,
+)
 from tjscan.groove.section import GrooveSection
 from tjscan.joint.tubes.cylinder import Cylinder, cylinder_from_normals
-from tjscan.joint.tubes.fit import ArmRepeatability, FittedTubes, WallPoints, fit_tubes_to_walls
-from tjscan.joint.tubes.frame import JointFrame, joint_frame_from_tubes
+from tjscan.joint.tubes.fit import (
+    ArmRepeatability,
+    FittedTubes,
+    JointFrame,
+    WallPoints,
+    fit_tubes_to_walls,
+    joint_frame_from_tubes,
+)
 from tjscan.laser.profile import Profile
-from tjscan.scanning.section import ProfileView, ScannedSection
+from tjscan.scanning.section import ProfileView, ScannedSection, Sections
 from tjscan.stitching.sides import moves_of_walls, wall_points_of_views
 from tjscan.uncertainty.causes import ViewCause
 
@@ -114,7 +129,7 @@ def _fingerprint(view: ProfileView) -> bytes:
 def station_from_recording(
     name: str,
     T_w_b: Array,
-    sections: Sequence[ScannedSection],
+    sections: Sections,
     views: Sequence[ProfileView],
     read: Callable[[Profile], GrooveSection],
 ) -> Station:
@@ -167,6 +182,9 @@ class StationTubeFit:
     frame: JointFrame
 
 
+TubeFits = Sequence[StationTubeFit]
+
+
 def fit_tubes_to_stations(
     stations: Sequence[Station], settings: StitchSettings
 ) -> list[StationTubeFit]:
@@ -188,18 +206,12 @@ def fit_tubes_to_stations(
     side_w = SIDE_W
     for station in stations:
         try:
-            brace, leg = _start(station)
-            walls = wall_points_of_views(station.all_sections)
-            shared = [
-                moves_of_walls(walls, station.all_sections, cause) for cause in station.causes
-            ]
-            tubes = fit_tubes_to_walls(
-                walls,
-                settings.repeatability,
-                brace,
-                leg,
-                np.concatenate(shared, axis=2) if shared else None,
-            )
+            brace, leg = _initial_tubes(station)
+            sections = station.all_sections
+            walls = wall_points_of_views(sections)
+            shared = [moves_of_walls(walls, sections, cause) for cause in station.causes]
+            moves = np.concatenate(shared, axis=2) if shared else None
+            tubes = fit_tubes_to_walls(walls, settings.repeatability, brace, leg, moves)
             found = joint_frame_from_tubes(tubes, station.T_w_b[:3, :3].T @ side_w)
         except TubesNotFound as error:
             raise StitchingRefused(
@@ -226,7 +238,7 @@ def _check_nominal(first: StationTubeFit, other: StationTubeFit) -> None:
         )
 
 
-def _start(station: Station) -> tuple[Cylinder, Cylinder]:
+def _initial_tubes(station: Station) -> tuple[Cylinder, Cylinder]:
     """Rough brace and leg: tangents across and along the groove span the walls' planes."""
     sections = station.sections
     corners = np.array([scan.points_b[[1, 3]] for scan in sections])
@@ -242,8 +254,7 @@ def _start(station: Station) -> tuple[Cylinder, Cylinder]:
         normals = np.cross(along[:, k], across)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         cylinders.append(cylinder_from_normals(corners[1:-1, k], normals))
-    brace, leg = cylinders
-    return brace, leg
+    return cylinders[0], cylinders[1]
 
 
 def widen_for_out_of_round(frame: JointFrame, out_of_round: float) -> JointFrame:
@@ -260,3 +271,108 @@ def widen_for_out_of_round(frame: JointFrame, out_of_round: float) -> JointFrame
     allowance = np.repeat((out_of_round, out_of_round / radius, out_of_round), (3, 3, 4))
     allowance[8] = out_of_round / radius  # the angle between the axes
     return replace(frame, covariance=frame.covariance + np.diag(allowance**2))
+
+
+FULL_TURN: Final = 2 * pi
+
+GAP_IN_STEPS: Final = 1.6
+"""Steps between neighbouring sections of which a gap between stations is one, not a step."""
+
+
+@dataclass(frozen=True, slots=True)
+class AzimuthArc:
+    """An arc of azimuths, from start to end.
+
+    Parameters
+    ----------
+    start, end : float
+        Radians; the end is beyond the start.
+    """
+
+    start: float
+    end: float
+
+    @property
+    def span_angle(self) -> float:
+        """Angle of the arc from start to end, radians."""
+        return self.end - self.start
+
+    @property
+    def middle_azimuth(self) -> float:
+        """Azimuth of the arc's middle, radians, -pi to pi."""
+        return float(np.angle(np.exp(0.5j * (self.start + self.end))))
+
+    def offset_from_middle(self, azimuth: Array) -> Array:
+        """Angles of azimuths from the arc's middle, -pi to pi."""
+        return np.asarray(np.angle(np.exp(1j * (azimuth - 0.5 * (self.start + self.end)))))
+
+    def contains(self, azimuth: Array) -> Array:
+        """Whether azimuths lie within the arc."""
+        return np.asarray(np.abs(self.offset_from_middle(azimuth)) <= 0.5 * self.span_angle + 1e-9)
+
+
+@dataclass(frozen=True, slots=True)
+class StationOverlap:
+    """Two stations and the arc of azimuths that both saw.
+
+    Parameters
+    ----------
+    first, second : int
+        Which stations.
+    arc : AzimuthArc
+        The azimuth that both saw.
+    sections : tuple of (int, int)
+        How many sections each has there.
+    """
+
+    first: int
+    second: int
+    arc: AzimuthArc
+    sections: tuple[int, int]
+
+
+def section_azimuths(fit: StationTubeFit) -> Array:
+    """Azimuths of a station's sections in their order, without jumps, shape (n,)."""
+    T_j_b = inverse_pose(fit.frame.T)
+    middle = np.array([scan.points_b[2:4].mean(axis=0) for scan in fit.station.sections])
+    x, y, _ = transform_points(T_j_b, middle).T
+    return np.unwrap(np.arctan2(y, x))
+
+
+def arc_of_azimuths(azimuths: Array) -> AzimuthArc:
+    """Arc that a station's section azimuths reach over."""
+    return AzimuthArc(float(azimuths.min()), float(azimuths.max()))
+
+
+def find_overlaps(azimuths: Sequence[Array]) -> list[StationOverlap]:
+    """Find every arc that two stations share, however short; two stations may share two.
+
+    Parameters
+    ----------
+    azimuths : sequence of ndarray
+        Of each station's sections.
+    """
+    overlaps = []
+    for a, b in combinations(range(len(azimuths)), 2):
+        one, other = arc_of_azimuths(azimuths[a]), arc_of_azimuths(azimuths[b])
+        for turn in range(-3, 4):
+            shift = turn * FULL_TURN
+            start, end = max(one.start, other.start + shift), min(one.end, other.end + shift)
+            shared = AzimuthArc(start, end)
+            if shared.span_angle > 0:
+                first, second = (int(shared.contains(azimuths[k]).sum()) for k in (a, b))
+                overlaps.append(StationOverlap(a, b, shared, (first, second)))
+    return overlaps
+
+
+def azimuth_coverage(azimuths: Sequence[Array]) -> tuple[float, list[AzimuthArc]]:
+    """How much of the full turn stations cover, in radians, and the gaps.
+
+    Neighbouring sections further apart than `GAP_IN_STEPS` usual steps have a gap between them.
+    """
+    around = np.sort(np.concatenate(azimuths) % FULL_TURN)
+    steps = np.diff(np.append(around, around[0] + FULL_TURN))
+    usual = float(np.median(np.concatenate([np.abs(np.diff(a)) for a in azimuths])))
+    gaps = [AzimuthArc(float(around[k]), float(around[k] + steps[k])) for k in range(len(around))]
+    gaps = [gap for gap in gaps if gap.span_angle > GAP_IN_STEPS * usual]
+    return FULL_TURN - sum(gap.span_angle for gap in gaps), gaps

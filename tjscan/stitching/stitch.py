@@ -15,7 +15,7 @@ from tjscan.core import pose_vector
 from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.frames import Array, frozen_arrays, inverse_pose
 from tjscan.groove.measured import MeasuredSection
-from tjscan.joint.tubes.frame import TubeDimensions
+from tjscan.joint.tubes.fit import TubeDimensions
 from tjscan.stitching.budget import shared_causes, stitching_budget
 from tjscan.stitching.fusion import fuse_sections, sections_in_joint_frame
 from tjscan.stitching.graph import (
@@ -25,22 +25,25 @@ from tjscan.stitching.graph import (
     solve_station_poses,
     spanning_tree_poses,
 )
-from tjscan.stitching.overlaps import (
+from tjscan.stitching.registration import (
+    Registrations,
+    StationRegistration,
+    StitchingDraft,
+    align_second_to_first,
+)
+from tjscan.stitching.stations import (
+    DEFAULT_STITCH_SETTINGS,
     FULL_TURN,
     AzimuthArc,
+    Station,
     StationOverlap,
+    StitchSettings,
+    TubeFits,
     arc_of_azimuths,
     azimuth_coverage,
     find_overlaps,
-    section_azimuths,
-)
-from tjscan.stitching.registration import StationRegistration, StitchingDraft, align_second_to_first
-from tjscan.stitching.stations import (
-    DEFAULT_STITCH_SETTINGS,
-    Station,
-    StationTubeFit,
-    StitchSettings,
     fit_tubes_to_stations,
+    section_azimuths,
     widen_for_out_of_round,
 )
 from tjscan.stitching.unrolled_views import UnrolledViews, unroll_views
@@ -163,17 +166,17 @@ def stitch_stations(
     fits = fit_tubes_to_stations(stations, settings)
     azimuths = [section_azimuths(fit) for fit in fits]
     overlaps = find_overlaps(azimuths)
-    draft = StitchingDraft(
-        tuple(station.name for station in stations), tuple(azimuths), tuple(overlaps)
-    )
+    names = tuple(station.name for station in stations)
+    draft = StitchingDraft(names, tuple(azimuths), tuple(overlaps))
     try:
-        held = _held(draft, settings)
+        held = _overlaps_that_count(draft, settings)
         registrations = register_overlaps(fits, held, settings)
         draft = replace(draft, registrations=tuple(registrations))
         _check_registrations(draft, settings)
         shared = shared_causes(fits, registrations)
+        errors = shared.all_errors
         placement, out_of_round = place_stations_with_out_of_round(
-            fits, registrations, settings, shared.all_errors
+            fits, registrations, settings, errors
         )
         _check_placement(draft, placement, settings)
     except StitchingRefused as error:
@@ -217,7 +220,7 @@ def stitch_stations(
 
 
 def register_overlaps(
-    fits: Sequence[StationTubeFit], overlaps: Sequence[StationOverlap], settings: StitchSettings
+    fits: TubeFits, overlaps: Sequence[StationOverlap], settings: StitchSettings
 ) -> list[StationRegistration]:
     """Align the two stations of every overlap; raises as `align_second_to_first` does.
 
@@ -253,8 +256,8 @@ def register_overlaps(
 
 
 def place_stations_with_out_of_round(
-    fits: Sequence[StationTubeFit],
-    registrations: Sequence[StationRegistration],
+    fits: TubeFits,
+    registrations: Registrations,
     settings: StitchSettings,
     shared: StationErrors | None = None,
 ) -> tuple[StationPoses, float]:
@@ -304,14 +307,12 @@ def _check_apart(stations: Sequence[Station]) -> None:
             )
 
 
-def _held(draft: StitchingDraft, settings: StitchSettings) -> list[StationOverlap]:
+def _overlaps_that_count(draft: StitchingDraft, settings: StitchSettings) -> list[StationOverlap]:
     """The overlaps that are large enough; refuse if one that is needed is not."""
 
     def enough(overlap: StationOverlap) -> bool:
-        return (
-            overlap.arc.span_angle >= settings.least_overlap
-            and min(overlap.sections) >= settings.fewest_sections
-        )
+        wide = overlap.arc.span_angle >= settings.least_overlap
+        return wide and min(overlap.sections) >= settings.fewest_sections
 
     held = [overlap for overlap in draft.overlaps if enough(overlap)]
     small = [overlap for overlap in draft.overlaps if not enough(overlap)]
@@ -321,21 +322,14 @@ def _held(draft: StitchingDraft, settings: StitchSettings) -> list[StationOverla
         "again"
     )
     # What only just meets is needed where nothing else bridges that place.
-    bridged = [o.arc for o in held]
     for overlap in small:
-        if not any(
-            abs(float(arc.offset_from_middle(np.array(overlap.arc.middle_azimuth))))
-            < 0.5 * arc.span_angle
-            for arc in bridged
-        ):
-            raise StitchingRefused(
-                "overlap too small", f"{draft.describe_overlap(overlap)}; {needed}"
-            )
-    count = len(draft.names)
-    pairs = [(overlap.first, overlap.second) for overlap in held]
-    links = coo_array(
-        (np.ones(len(pairs)), np.reshape(np.array(pairs, dtype=int), (-1, 2)).T), (count, count)
-    )
+        middle, arcs = np.array(overlap.arc.middle_azimuth), [o.arc for o in held]
+        if not any(abs(arc.offset_from_middle(middle)) < 0.5 * arc.span_angle for arc in arcs):
+            evidence = f"{draft.describe_overlap(overlap)}; {needed}"
+            raise StitchingRefused("overlap too small", evidence)
+    count, pairs = len(draft.names), [(overlap.first, overlap.second) for overlap in held]
+    ends = np.reshape(np.array(pairs, dtype=int), (-1, 2)).T
+    links = coo_array((np.ones(len(pairs)), ends), (count, count))
     _, part_of = connected_components(links, directed=False)
     parts = [np.flatnonzero(part_of == part) for part in range(part_of.max() + 1)]
     if len(parts) > 1:
@@ -350,10 +344,8 @@ def _check_registrations(draft: StitchingDraft, settings: StitchSettings) -> Non
     """Refuse overlaps that contradict themselves, or that hold too little."""
     for edge in draft.registrations:
         described = draft.describe_overlap(edge.overlap)
-        if (
-            edge.reduced_chi2 > settings.largest_reduced_chi2
-            or edge.counted_share < settings.least_counted
-        ):
+        contradicts = edge.reduced_chi2 > settings.largest_reduced_chi2
+        if contradicts or edge.counted_share < settings.least_counted:
             raise StitchingRefused(
                 "overlap contradicts itself",
                 f"{described}: {100 * edge.counted_share:.0f} % of its views fit each other, "

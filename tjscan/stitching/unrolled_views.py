@@ -8,7 +8,6 @@ points of such lines would be tenths of a millimetre wrong.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -19,9 +18,8 @@ from tjscan.core import pose_vector
 from tjscan.core.errors import StitchingRefused
 from tjscan.core.frames import Array, frozen_arrays, pose, transform_points
 from tjscan.joint.geometry import LegSurface
-from tjscan.joint.tubes.fit import ArmRepeatability
-from tjscan.joint.tubes.frame import TubeDimensions
-from tjscan.scanning.section import ScannedSection
+from tjscan.joint.tubes.fit import ArmRepeatability, TubeDimensions
+from tjscan.scanning.section import ScannedSection, Sections
 from tjscan.stitching.sides import side_nodes
 from tjscan.uncertainty.budget import points_moved_by_twist
 
@@ -100,10 +98,7 @@ class UnrolledViews:
 
 
 def unroll_views(
-    sections: Sequence[ScannedSection],
-    T_j_b: Array,
-    shape: TubeDimensions,
-    repeatability: ArmRepeatability,
+    sections: Sections, T_j_b: Array, shape: TubeDimensions, repeatability: ArmRepeatability
 ) -> UnrolledViews:
     """Unroll the sections read in views; those with too little of a wall are left out.
 

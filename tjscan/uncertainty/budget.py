@@ -5,6 +5,8 @@ draws, to first order. A shared component is drawn once for all sections, so tha
 another one is drawn again for each. All covariances follow, also those between sections, without a
 matrix that is as large as the number of points squared.
 
+It is summarised in a few numbers, and states what an alignment to the joint leaves of it.
+
 References
 ----------
 .. [1] JCGM 100:2008, Evaluation of measurement data - Guide to the expression of uncertainty in
@@ -13,13 +15,15 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, frozen_arrays, skew_matrix
+from tjscan.core.units import DEG, MM, MM2
 from tjscan.groove.measured import MeasuredSection
 
 COVERAGE_FACTOR: Final = 2.0
@@ -146,23 +150,11 @@ class UncertaintyBudget:
     def __len__(self) -> int:
         return len(self.components[0].points)
 
-    def covariance_between(self, one: tuple[int, int], other: tuple[int, int]) -> Array:
-        """Covariance of two points, shape (3, 3), m².
-
-        Parameters
-        ----------
-        one, other : tuple of (int, int)
-            Which section, and which of its points, 0 for p1.
-        """
-        total = np.zeros((3, 3))
-        for part in self.components:
-            if part.is_shared or one[0] == other[0]:
-                total += part.points[one] @ part.points[other].T
-        return total
-
     def rotated(self, R: Array) -> UncertaintyBudget:
         """The same budget in a frame in which this one's axes are the columns of R, (3, 3)."""
-        return self._with_points(lambda points: np.einsum("ij,nkjm->nkim", R, points))
+        turned = (np.einsum("ij,nkjm->nkim", R, one.points) for one in self.components)
+        pairs = zip(self.components, turned, strict=True)
+        return UncertaintyBudget(tuple(replace(one, points=points) for one, points in pairs))
 
     def made_of(self, shares: Sequence[Sequence[SectionShare]]) -> UncertaintyBudget:
         """The budget of sections each of which is made of one or several of these.
@@ -172,38 +164,31 @@ class UncertaintyBudget:
         shares : sequence of sequence of SectionShare
             What each new section is made of.
         """
-        return UncertaintyBudget(tuple(_made_of(one, shares) for one in self.components))
+        return UncertaintyBudget(tuple(_component_made_of(one, shares) for one in self.components))
 
     def stated_in(self, sections: Sequence[MeasuredSection]) -> tuple[MeasuredSection, ...]:
         """The sections, in their order, with the covariances that the budget gives them."""
-        corners, measures = self.corner_covariances, self.measure_covariances
-        shared = self.shared_corner_sigmas
+        stated = zip(
+            sections,
+            self.corner_covariances,
+            self.measure_covariances,
+            self.shared_corner_sigmas,
+            strict=True,
+        )
         return tuple(
-            replace(
-                section,
-                covariances=corners[k],
-                measure_covariance=measures[k],
-                shared_sigmas=shared[k],
-            )
-            for k, section in enumerate(sections)
-        )
-
-    def _with_points(self, change: Callable[[Array], Array]) -> UncertaintyBudget:
-        return UncertaintyBudget(
-            tuple(replace(one, points=change(one.points)) for one in self.components)
+            replace(section, covariances=C, measure_covariance=M, shared_sigmas=sigmas)
+            for section, C, M, sigmas in stated
         )
 
 
-def _made_of(
+def _component_made_of(
     component: BudgetComponent, shares: Sequence[Sequence[SectionShare]]
 ) -> BudgetComponent:
     """A component of sections made of others: what is not shared keeps draws of its own."""
     m = component.points.shape[-1]
     copies = 1 if component.is_shared else max(len(parts) for parts in shares)
-    points, measures = (
-        np.zeros((len(shares), 5, 3, copies * m)),
-        np.zeros((len(shares), 4, copies * m)),
-    )
+    points = np.zeros((len(shares), 5, 3, copies * m))
+    measures = np.zeros((len(shares), 4, copies * m))
     for k, parts in enumerate(shares):
         for i, share in enumerate(parts):
             first = 0 if component.is_shared else i * m
@@ -237,3 +222,178 @@ def covariance_factor(covariance: Array) -> Array:
     """
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])
+
+
+ALIGNMENT_CAUSE: Final = "alignment"
+
+ON_WALLS: Final = (0, 1, 3, 4)
+"""p1 and p2 lie on the brace's wall, p4 and p5 on the leg."""
+
+
+def aligned_budget(
+    budget: UncertaintyBudget, points: Array, normals: Array, *, by_tubes: bool
+) -> UncertaintyBudget:
+    """Budget of sections that were brought onto a reference by their walls.
+
+    What the components share moves the walls, too, and the alignment takes back what of it looks
+    like a motion of all: that part is gone. What each section has for itself moves the alignment
+    a little, which all sections then share. The alignment counts as a least-squares fit of the
+    walls' distances at p1, p2, p4 and p5, all alike.
+
+    Parameters
+    ----------
+    budget : UncertaintyBudget
+        Of n sections, before.
+    points : ndarray, shape (n, 5, 3)
+        p1 to p5, in the frame of the budget, metres; that of the joint if tubes are fitted.
+    normals : ndarray, shape (n, 2, 3)
+        Of the brace's wall and of the leg, at each section.
+    by_tubes : bool
+        Whether tubes of any size were fitted, as they are to find a joint's own frame; else what
+        was measured was laid on the reference as it is.
+    """
+    n = len(points)
+    at = points[:, ON_WALLS].reshape(-1, 3)
+    across = normals[:, (0, 0, 1, 1)].reshape(-1, 3)
+    turned = np.cross(at, across)
+    columns = [across, turned]
+    if by_tubes:
+        # Radii, and how the leg lies beside and under the brace: offset along y, turn about it.
+        on_leg = np.tile((0.0, 0.0, 1.0, 1.0), n)
+        columns.append(
+            np.column_stack((1 - on_leg, on_leg, on_leg * across[:, 1], on_leg * turned[:, 1]))
+        )
+    taken_back = -np.linalg.pinv(np.concatenate(columns, axis=1))[:6]
+    components, own = [], np.zeros((6, 6))
+    for one in budget.components:
+        m = one.points.shape[-1]
+        off = np.einsum("kc,kcm->km", across, one.points[:, ON_WALLS].reshape(-1, 3, m))
+        if one.is_shared:
+            moved = points_moved_by_twist(points, taken_back @ off)
+            one = replace(one, points=one.points + moved)
+        else:
+            by_section = taken_back.reshape(6, n, 4).transpose(1, 0, 2) @ off.reshape(n, 4, m)
+            own += np.einsum("nim,njm->ij", by_section, by_section)
+        components.append(one)
+    place = points_moved_by_twist(points, covariance_factor(own))
+    found = BudgetComponent(ALIGNMENT_CAUSE, "observed", True, place, np.zeros((n, 4, 6)))
+    return UncertaintyBudget((*components, found))
+
+
+TYPICAL_QUANTILES: Final = (0.4, 0.6)
+"""Quantiles between which a corner's combined uncertainty counts as typical."""
+
+COMBINED_ROW: Final = "combined"
+
+MEASURE_UNITS: Final = np.array((DEG.factor, MM.factor, MM.factor, MM2.factor))
+
+
+@dataclass(frozen=True, slots=True)
+class BudgetRow:
+    """Standard uncertainties of typical corners and measures by one cause, or all together.
+
+    Parameters
+    ----------
+    name, evidence : str
+        The cause, and where its size comes from: observed, calibrated, stated or assumed.
+    shared : bool
+        Whether all sections err alike by it.
+    corner_mm : float
+        Of the place of a corner, all directions together.
+    groove_angle_deg, root_width_mm, depth_mm, area_mm2 : float
+        Of the measures.
+    """
+
+    name: str
+    evidence: str
+    shared: bool
+    corner_mm: float
+    groove_angle_deg: float
+    root_width_mm: float
+    depth_mm: float
+    area_mm2: float
+
+
+@dataclass(frozen=True, slots=True)
+class BudgetSummary:
+    """A budget in a few numbers: those of the middle fifth of all corners and measures.
+
+    Squares of the components add up to the square of what is combined.
+
+    Parameters
+    ----------
+    components : tuple of BudgetRow
+        By cause.
+    combined, expanded : BudgetRow
+        Combined standard uncertainty, and that times the coverage factor.
+    coverage_factor : float
+        k.
+    left_out : tuple of str
+        What may err and is not in the budget, since nothing states how far.
+    """
+
+    components: tuple[BudgetRow, ...]
+    combined: BudgetRow
+    expanded: BudgetRow
+    coverage_factor: float = COVERAGE_FACTOR
+    left_out: tuple[str, ...] = ()
+
+
+def budget_in_words(budget: BudgetSummary) -> str:
+    """The combined and expanded uncertainty of a corner, and what makes most of it."""
+    most = max(budget.components, key=lambda one: one.corner_mm)
+    return (
+        f"a corner is known to {budget.combined.corner_mm:.3f} mm (standard uncertainty), "
+        f"{budget.expanded.corner_mm:.3f} mm expanded with k = {budget.coverage_factor:g}; most of "
+        f"it by {most.name} ({most.evidence}, {most.corner_mm:.3f} mm)"
+    )
+
+
+def summarise_budget(
+    budget: UncertaintyBudget, seen: NDArray[np.bool_], left_out: Sequence[str] = ()
+) -> BudgetSummary:
+    """Summarise a budget.
+
+    Parameters
+    ----------
+    budget : UncertaintyBudget
+        Of n sections.
+    seen : ndarray of bool, shape (n, 3)
+        Which of p2, p3 and p4 count: those that are absent don't.
+    left_out : sequence of str
+        What is not in the budget.
+    """
+    total = _typical(np.trace(budget.corner_covariances, axis1=-2, axis2=-1), seen)
+    whole = np.diagonal(budget.measure_covariances, axis1=-2, axis2=-1)
+    typical = [_typical(whole[:, k], np.ones(len(whole), bool)) for k in range(4)]
+    combined = np.zeros(5)
+    rows = []
+    for one in budget.components:
+        corners = np.trace(one.corner_covariances, axis1=-2, axis2=-1)[total].mean()
+        by_measure = np.diagonal(one.measure_covariances, axis1=-2, axis2=-1)
+        variances = [corners, *(by_measure[which, k].mean() for k, which in enumerate(typical))]
+        combined += variances
+        rows.append(_row(one.name, one.evidence, one.is_shared, np.sqrt(variances)))
+    sigma = np.sqrt(combined)
+    return BudgetSummary(
+        tuple(rows),
+        _row(COMBINED_ROW, "", False, sigma),
+        _row(f"expanded, k = {COVERAGE_FACTOR:g}", "", False, COVERAGE_FACTOR * sigma),
+        left_out=tuple(left_out),
+    )
+
+
+def _typical(variances: Array, counted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which of the variances that count lie in the middle; all that count if none does."""
+    chosen = variances[counted] if counted.any() else variances
+    low = np.quantile(chosen, TYPICAL_QUANTILES[0], method="lower")
+    high = np.quantile(chosen, TYPICAL_QUANTILES[1], method="higher")
+    amid = (variances >= low) & (variances <= high)
+    return np.asarray(amid & counted if counted.any() else amid)
+
+
+def _row(name: str, evidence: str, shared: bool, sigmas: Array) -> BudgetRow:
+    corner, *measures = sigmas.tolist()
+    return BudgetRow(
+        name, evidence, shared, corner / MM.factor, *(np.array(measures) / MEASURE_UNITS).tolist()
+    )

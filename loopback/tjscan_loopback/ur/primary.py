@@ -35,7 +35,7 @@ def nominal_dh_parameters(model: str) -> DhParameters | None:
     if lengths is None:
         raise ConfigurationError(f"the URDF of {model} is not of the Universal Robots type")
     a = (0.0, lengths.a2, lengths.a3, 0.0, 0.0, 0.0)
-    _, flange = frames_b_and_f(chain, urdf)
+    _, flange = frames_b_and_f(chain)
     d6 = lengths.d6 + chain.frames[flange].placement.translation[2]
     d = (lengths.d1, 0.0, 0.0, lengths.d4, lengths.d5, d6)
     return DhParameters(np.zeros(6), np.array(a), np.array(d), np.array(UR_TWISTS))

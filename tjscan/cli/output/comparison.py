@@ -7,8 +7,8 @@ from json import dumps
 import numpy as np
 
 from tjscan.cli.output.console import print_message
-from tjscan.comparison.result import Comparison, comparison_to_dict
-from tjscan.uncertainty.summary import budget_in_words
+from tjscan.comparison.compare import Comparison, comparison_to_dict
+from tjscan.uncertainty.budget import budget_in_words
 
 
 def print_comparison(comparison: Comparison, *, json: bool) -> None:

@@ -18,8 +18,7 @@ from tjscan.crawler.torch_axes import TorchAxes
 from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings
 from tjscan.job.devices import DeviceGroup, make_laser_without_arm
 from tjscan.job.torch_drivers import TORCH_DRIVERS, TorchDriverInputs
-from tjscan.joint.hull import joint_pose, laser_offset, place_beside_joint
-from tjscan.joint.hull_section import hull_section
+from tjscan.joint.hull import hull_section, joint_pose, laser_offset, place_beside_joint
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose, SimulatedSectionLaser
 from tjscan.vehicle.drivers import VEHICLE_DRIVERS, VehicleDriverFactory, VehicleDriverInputs

@@ -32,9 +32,8 @@ class Cylinder:
     radius: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "axis", readonly_copy(unit_vector(np.asarray(self.axis, dtype=float)))
-        )
+        axis = unit_vector(np.asarray(self.axis, dtype=float))
+        object.__setattr__(self, "axis", readonly_copy(axis))
 
     def signed_distances(self, points: Array) -> Array:
         """Distances of points, shape (..., 3), outside the cylinder, in metres."""
@@ -64,9 +63,8 @@ class Cylinder:
             these (radians), growth of the radius (metres).
         """
         across = perpendicular_pair(self.axis)
-        return Cylinder(
-            self.point + step[:2] @ across, self.axis + step[2:4] @ across, self.radius + step[4]
-        )
+        point, axis = self.point + step[:2] @ across, self.axis + step[2:4] @ across
+        return Cylinder(point, axis, self.radius + step[4])
 
     def jacobian(self, points: Array) -> Array:
         """Derivatives of `distance` by `boxplus`'s numbers, shape (n, 5)."""
@@ -124,19 +122,17 @@ def cylinder_from_normals(points: Array, normals: Array) -> Cylinder:
     """
     if len(points) < 3:
         raise TubesNotFound(f"{len(points)} places on a wall are too few for a cylinder")
-    _, spread, rows = np.linalg.svd(normals, full_matrices=False)
+    _, spread, directions = np.linalg.svd(normals, full_matrices=False)
     if spread[1] < LEAST_TURN * spread[0]:
         raise TubesNotFound(
             "the wall was seen over too little of its circumference to show where its axis lies: "
             "scan farther round"
         )
-    axis = rows[2]
+    axis = directions[2]
     plane = perpendicular_pair(axis)
     p, n = points @ plane.T, normals @ plane.T
-    system = np.concatenate(
-        [np.column_stack((np.tile(np.eye(2)[k], (len(p), 1)), n[:, k])) for k in (0, 1)]
-    )
-    (*centre, radius), *_ = np.linalg.lstsq(system, p.T.ravel(), rcond=None)
+    rows = [np.column_stack((np.tile(np.eye(2)[k], (len(p), 1)), n[:, k])) for k in (0, 1)]
+    (*centre, radius), *_ = np.linalg.lstsq(np.concatenate(rows), p.T.ravel(), rcond=None)
     if radius < 0:  # the normals pointed inwards
         radius = -radius
     return Cylinder(np.array(centre) @ plane, axis, float(radius)).recentred_beside(points)

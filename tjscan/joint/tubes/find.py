@@ -17,8 +17,7 @@ from scipy.spatial import KDTree
 from tjscan.core.errors import TubesNotFound
 from tjscan.core.frames import Array
 from tjscan.joint.tubes.cylinder import Cylinder, fit_cylinder, refine_cylinder
-from tjscan.joint.tubes.fit import FittedTubes
-from tjscan.joint.tubes.frame import LEAST_AXES_ANGLE
+from tjscan.joint.tubes.fit import LEAST_AXES_ANGLE, FittedTubes
 
 VOXELS_ALONG_DIAGONAL: Final = 70
 """Voxels along the cloud's diagonal, one point of each of which is used."""
@@ -81,17 +80,14 @@ def find_tubes_in_cloud(points: Array, *, seed: int = 0) -> FittedTubes:
     # Means of voxels lie off curved walls; their nearest points lie on them.
     thin = points[np.unique(KDTree(points).query(voxels)[1])]
     rng = np.random.default_rng(seed)
-    first = _best(thin, thin, rng, None)
+    first = _best_cylinder(thin, thin, rng, None)
     rest = thin[np.abs(first.signed_distances(thin)) > 2 * ON_TUBE_DISTANCE]
-    second = _best(rest, thin, rng, first)
+    second = _best_cylinder(rest, thin, rng, first)
     # Each again on the points that are its own.
     apart = np.abs(np.stack((first.signed_distances(thin), second.signed_distances(thin))))
-    first, _ = fit_cylinder(
-        first, thin[(apart[0] < ON_TUBE_DISTANCE) & (apart[1] > 3 * ON_TUBE_DISTANCE)], LOSS_SCALE
-    )
-    second, _ = fit_cylinder(
-        second, thin[(apart[1] < ON_TUBE_DISTANCE) & (apart[0] > 3 * ON_TUBE_DISTANCE)], LOSS_SCALE
-    )
+    on, off = apart < ON_TUBE_DISTANCE, apart > 3 * ON_TUBE_DISTANCE
+    first, _ = fit_cylinder(first, thin[on[0] & off[1]], LOSS_SCALE)
+    second, _ = fit_cylinder(second, thin[on[1] & off[0]], LOSS_SCALE)
     chosen = points[:: max(1, len(points) // MOST_POLISHED)]
     first, second = refine_cylinder(first, chosen), refine_cylinder(second, chosen)
     brace, leg = sorted((first, second), key=lambda tube: tube.radius)
@@ -102,16 +98,16 @@ def find_tubes_in_cloud(points: Array, *, seed: int = 0) -> FittedTubes:
     return _with_covariance(brace, leg, thin)
 
 
-def _best(
+def _best_cylinder(
     points: Array, everything: Array, rng: np.random.Generator, other: Cylinder | None
 ) -> Cylinder:
     """The cylinder that explains most points, refined."""
     which = "first" if other is None else "second"
     if len(points) < LEAST_SHARE * len(everything) or len(points) <= NORMAL_NEIGHBOURS:
         raise TubesNotFound(f"nothing is left of the cloud in which a {which} tube could be")
-    centres, axes, radii = _trials(points, rng)
+    centres, axes, radii = _cylinders_through_triples(points, rng)
     if other is not None:
-        crossing = _cross(axes, other)
+        crossing = _crosses_tube(axes, other)
         centres, axes, radii = centres[crossing], axes[crossing], radii[crossing]
     if not len(radii):
         raise TubesNotFound(f"no {which} tube is to be seen in the cloud")
@@ -125,10 +121,9 @@ def _best(
         rough = Cylinder(centres[trial], axes[trial], float(radii[trial]))
         near = points[np.abs(rough.signed_distances(points)) < 2 * TRIAL_REACH * rough.radius]
         refined, held = fit_cylinder(rough, near, LOSS_SCALE)
-        held = held and (other is None or bool(_cross(refined.axis, other)))
-        supporters = (
-            int((np.abs(refined.signed_distances(points)) < ON_TUBE_DISTANCE).sum()) if held else 0
-        )
+        held = held and (other is None or bool(_crosses_tube(refined.axis, other)))
+        on_tube = np.abs(refined.signed_distances(points)) < ON_TUBE_DISTANCE
+        supporters = int(on_tube.sum()) if held else 0
         if supporters > most and LEAST_RADIUS < refined.radius < MOST_RADIUS:
             best, most = refined, supporters
     if best is None or most < LEAST_SHARE * len(everything):
@@ -140,7 +135,9 @@ def _best(
     return best
 
 
-def _trials(points: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+def _cylinders_through_triples(
+    points: Array, rng: np.random.Generator
+) -> tuple[Array, Array, Array]:
     """Cylinders through pairs of places: points on the axes, axes and radii."""
     around = np.asarray(KDTree(points).query(points, k=NORMAL_NEIGHBOURS + 1)[1])
     place = rng.integers(len(points), size=2 * CYLINDER_TRIALS)
@@ -170,7 +167,7 @@ def _trials(points: Array, rng: np.random.Generator) -> tuple[Array, Array, Arra
     return p - r[:, None] * n, axes[good], np.abs(r)
 
 
-def _cross(axes: Array, other: Cylinder) -> NDArray[np.bool_]:
+def _crosses_tube(axes: Array, other: Cylinder) -> NDArray[np.bool_]:
     """Whether axes, shape (..., 3), are far from parallel to that of another tube."""
     return np.asarray(np.abs(axes @ other.axis) < np.cos(LEAST_AXES_ANGLE))
 

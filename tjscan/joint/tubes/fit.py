@@ -3,18 +3,22 @@
 Every view has an error of its own, the arm's, that all its points share. It is larger than the
 points' own noise, so that views are weighed, not points: the residuals of a view are whitened
 with their common covariance.
+
+The joint's own frame j is made of these two tubes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import radians
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tjscan.core import pose_vector
 from tjscan.core.errors import TubesNotFound
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, frozen_arrays, inverse_pose, pose, unit_vector
 from tjscan.core.robust import mad_sigma, tukey_weights
 from tjscan.joint.tubes.cylinder import Cylinder
 
@@ -143,19 +147,17 @@ def fit_tubes_to_walls(
     if len(views := walls.indices_by_view()) < FEWEST_VIEWS:
         raise TubesNotFound(f"{len(views)} views of the walls are too few for two cylinders")
     common = repeatability.covariance
-    brace, leg = (
-        tube.recentred_beside(walls.points[walls.on_brace == is_brace])
-        for tube, is_brace in ((brace, True), (leg, False))
-    )
+    brace = brace.recentred_beside(walls.points[walls.on_brace])
+    leg = leg.recentred_beside(walls.points[~walls.on_brace])
     weights = np.ones(len(walls))
     for count in range(MOST_ROUNDS):
-        residuals, jacobian, shared = _linear(walls, brace, leg)
+        residuals, jacobian, shared = _linearised_distances(walls, brace, leg)
         own = np.einsum("ij,jk,ik->i", shared, common, shared) + walls.sigma**2
         if count:
             weights = _robust_weights(residuals / np.sqrt(own))
         own_variance = walls.sigma**2 / weights
         rows = np.column_stack((jacobian, residuals))
-        white = _whitened(rows, shared, own_variance, common, views)
+        white = _whitened_rows(rows, shared, own_variance, common, views)
         solved, _, rank, _ = np.linalg.lstsq(white[:, :-1], -white[:, -1], rcond=1e-10)
         step = np.asarray(solved, dtype=float)
         if rank < 10 or not np.abs(step).max() < 1.0:
@@ -173,20 +175,22 @@ def fit_tubes_to_walls(
     normals, A = shared[:, :3], white[:, :-1]
     weighed = np.empty_like(jacobian)
     for chosen in views:
-        factor = _factor(shared[chosen], own_variance[chosen], common)
+        factor = _covariance_factor(shared[chosen], own_variance[chosen], common)
         weighed[chosen] = np.linalg.solve(factor.T, A[chosen])
     by_points = (-weighed @ spread)[:, :, None] * normals[:, None]
     expected = 1.0
     if shared_moves is not None:
         across = np.einsum("ni,nik->nk", normals, shared_moves)
-        moved = _whitened(across, shared, own_variance, common, views)
+        moved = _whitened_rows(across, shared, own_variance, common, views)
         left = (moved - A @ (spread @ (A.T @ moved)))[counted]
         expected += float(np.sum(left**2)) / max(int(counted.sum()) - 10, 1)
     reduced_chi2 /= expected
     return FittedTubes(brace, leg, max(1.0, reduced_chi2) * spread, reduced_chi2, rms, by_points)
 
 
-def _linear(walls: WallPoints, brace: Cylinder, leg: Cylinder) -> tuple[Array, Array, Array]:
+def _linearised_distances(
+    walls: WallPoints, brace: Cylinder, leg: Cylinder
+) -> tuple[Array, Array, Array]:
     """Distances (n,), their derivatives by the tubes (n, 10) and by their view's pose (n, 6)."""
     distance, normals = np.empty(len(walls)), np.empty((len(walls), 3))
     jacobian = np.zeros((len(walls), 10))
@@ -201,17 +205,18 @@ def _linear(walls: WallPoints, brace: Cylinder, leg: Cylinder) -> tuple[Array, A
     return distance, jacobian, np.column_stack((normals, np.cross(levers, normals)))
 
 
-def _whitened(
+def _whitened_rows(
     rows: Array, shared: Array, own: Array, common: Array, views: list[np.ndarray]
 ) -> Array:
     """Rows (n, k) made independent and of unit variance, view by view."""
     white = np.empty_like(rows)
     for chosen in views:
-        white[chosen] = np.linalg.solve(_factor(shared[chosen], own[chosen], common), rows[chosen])
+        factor = _covariance_factor(shared[chosen], own[chosen], common)
+        white[chosen] = np.linalg.solve(factor, rows[chosen])
     return white
 
 
-def _factor(shared: Array, own: Array, common: Array) -> Array:
+def _covariance_factor(shared: Array, own: Array, common: Array) -> Array:
     """Cholesky factor of the covariance of a view's residuals."""
     return np.asarray(np.linalg.cholesky(shared @ common @ shared.T + np.diag(own)))
 
@@ -257,12 +262,135 @@ def dihedral_sigmas(tubes: FittedTubes, points: Array, step: float = 1e-6) -> Ar
     """
     columns = []
     for change in step * np.eye(10):
-        up, down = (
-            dihedral_angles(
-                tubes.brace.boxplus(sign * change[:5]), tubes.leg.boxplus(sign * change[5:]), points
-            )
-            for sign in (1, -1)
-        )
+        moves = change, -change
+        ends = ((tubes.brace.boxplus(m[:5]), tubes.leg.boxplus(m[5:])) for m in moves)
+        up, down = (dihedral_angles(brace, leg, points) for brace, leg in ends)
         columns.append((up - down) / (2 * step))
     jacobian = np.column_stack(columns)
     return np.asarray(np.sqrt(np.sum((jacobian @ tubes.covariance) * jacobian, axis=1)))
+
+
+MOST_UPRIGHT_TILT: Final = radians(2.0)
+"""A brace that leans less has no heel: x may point either way along the leg."""
+
+LEAST_AXES_ANGLE: Final = radians(15.0)
+"""Tubes nearer to parallel than this make no joint."""
+
+
+@dataclass(frozen=True, slots=True)
+class TubeDimensions:
+    """Dimensions of a pair of tubes: radii, angle between the axes, and their offset.
+
+    Parameters
+    ----------
+    brace_radius, leg_radius : float
+        Metres.
+    angle : float
+        Between the axes, on the heel's side, radians.
+    offset : float
+        How far the leg's axis passes the brace's, along y of j, metres.
+    """
+
+    brace_radius: float
+    leg_radius: float
+    angle: float
+    offset: float
+
+    @property
+    def as_array(self) -> Array:
+        """The four numbers as an array, shape (4,)."""
+        return np.array((self.brace_radius, self.leg_radius, self.angle, self.offset))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
+class JointFrame:
+    """Frame j as fitted tubes define it: its pose and covariance.
+
+    Parameters
+    ----------
+    T : ndarray, shape (4, 4)
+        Frame j in the frame of the tubes.
+    shape : TubeDimensions
+        Radii, angle and offset of the tubes.
+    covariance : ndarray, shape (10, 10)
+        Of the pose, as translation and rotation vector in j (metres, radians), then of the
+        shape's four numbers.
+    by_points : ndarray, shape (n, 10, 3)
+        How these change as each wall point moves in the frame of the tubes, see `FittedTubes`.
+    """
+
+    T: Array
+    shape: TubeDimensions
+    covariance: Array
+    by_points: Array = field(default_factory=lambda: np.zeros((0, 10, 3)))
+
+
+def joint_frame_from_tubes(tubes: FittedTubes, towards: Array) -> JointFrame:
+    """Frame j of two tubes, with its covariance.
+
+    Parameters
+    ----------
+    tubes : FittedTubes
+        Brace and leg; the brace's `point` lies on the brace's side of the leg.
+    towards : ndarray, shape (3,)
+        For an upright brace: x points along the leg to the side that this vector points to. Half
+        a turn about the brace changes nothing else. A leaning brace has a heel, which decides.
+
+    Raises
+    ------
+    TubesNotFound
+        If the tubes are all but parallel.
+    """
+    T, shape = joint_pose_from_cylinders(tubes.brace, tubes.leg, towards)
+    step = 1e-6  # a micrometre, a microradian: deep in the linear range
+
+    def around(k: int, sign: int) -> Array:
+        moved = np.zeros(10)
+        moved[k] = sign * step
+        brace, leg = tubes.brace.boxplus(moved[:5]), tubes.leg.boxplus(moved[5:])
+        T_moved, there = joint_pose_from_cylinders(brace, leg, T[:3, 0])
+        motion = pose_vector.pose_to_vector(inverse_pose(T) @ T_moved)
+        return np.concatenate((motion, there.as_array))
+
+    jacobian = np.column_stack([(around(k, 1) - around(k, -1)) / (2 * step) for k in range(10)])
+    covariance = jacobian @ tubes.covariance @ jacobian.T
+    return JointFrame(T, shape, covariance, jacobian @ tubes.by_points)
+
+
+def joint_pose_from_cylinders(
+    brace: Cylinder, leg: Cylinder, towards: Array
+) -> tuple[Array, TubeDimensions]:
+    """Pose of frame j, and the tubes' dimensions, from two cylinders.
+
+    Parameters
+    ----------
+    brace, leg : Cylinder
+        In one frame; the brace's `point` lies on the brace's side of the leg.
+    towards : ndarray, shape (3,)
+        The side that x points to if the brace is upright, see `joint_frame_from_tubes`.
+
+    Returns
+    -------
+    T : ndarray, shape (4, 4)
+        Pose of frame j in the frame of the cylinders.
+    shape : TubeDimensions
+        Radii, angle and offset of the tubes.
+    """
+    cosine = float(brace.axis @ leg.axis)
+    if 1 - cosine * cosine < np.sin(LEAST_AXES_ANGLE) ** 2:
+        raise TubesNotFound(
+            "the two tubes that were found are all but parallel: they make no joint"
+        )
+    # Where the axes come nearest: the joining line is square to both.
+    between = leg.point - brace.point
+    along = (between @ brace.axis - cosine * (between @ leg.axis)) / (1 - cosine * cosine)
+    origin = brace.point + along * brace.axis
+    z = -np.sign(along) * brace.axis
+    leaning = abs(np.arccos(abs(cosine)) - np.pi / 2) > MOST_UPRIGHT_TILT
+    to_heel = leg.axis * (np.sign(leg.axis @ z) if leaning else np.sign(leg.axis @ towards) or 1.0)
+    x = unit_vector(to_heel - (to_heel @ z) * z)
+    y = np.cross(z, x)
+    angle = float(np.arctan2(to_heel @ x, to_heel @ z))
+    shape = TubeDimensions(brace.radius, leg.radius, angle, float((leg.point - origin) @ y))
+    return pose(np.column_stack((x, y, z)), origin), shape

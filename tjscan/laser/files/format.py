@@ -1,10 +1,16 @@
-"""What the user states of a profile file, and what is read from one."""
+"""What a profile file means: as the user states it, in metres from the sensor, and mistakes."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Final
 
+import numpy as np
+
+from tjscan.core.errors import ConfigurationError
+from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
 
 METRES_PER_UNIT: Final = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
@@ -60,3 +66,130 @@ class FileProfiles:
     profiles: dict[str, Profile] = field(default_factory=dict)
     bad: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+
+
+ENOUGH_HEIGHTS: Final = 20
+"""Heights that show what is usual among them."""
+
+CODE_DISTANCE: Final = 10.0
+"""A code of no point is this many times as far from all heights as these are from each other."""
+
+SMALLEST_SPAN, LARGEST_SPAN = 2e-4, 10.0
+"""Metres that a profile spans: less or more is a mistaken unit."""
+
+MOST_HEIGHT_OVER_WIDTH: Final = 5.0
+"""Range of heights over width of a profile: more is a mistaken scale or pitch."""
+
+NOTED_ZERO_SHARE: Final = 0.02
+"""Share of heights that are exactly zero, among others near it, that is worth a note."""
+
+MIDDLE_TAKEN: Final = (
+    f"heights count from mid-range, which is taken to be {1e3 * ASSUMED_MID_RANGE:g} mm "
+    "from the sensor; --z-offset states it"
+)
+
+
+def heights_from_sensor(
+    values: Array, scale: float, form: ProfileFormat, table: FileProfiles
+) -> Array:
+    """Distances from the sensor in metres of a file's numbers, NaN for no point.
+
+    Heights of either sign count from mid-range. A zero among them is a height; far from all
+    others it is what sensors write where they see nothing.
+    """
+    z = without_codes(values, form.invalid)
+    zero = z == 0
+    others = z[~zero & np.isfinite(z)]
+    if _is_apart(others):
+        z = np.where(zero, np.nan, z)
+    elif zero.mean() > NOTED_ZERO_SHARE:
+        table.notes.append(
+            f"{100 * zero.mean():.0f} % of the heights are exactly 0; if that means no point, "
+            "state --invalid 0"
+        )
+    _check_codes(z)
+    z = scale * form.z_scale * z
+    if form.z_offset is not None:
+        return np.asarray(z + scale * form.z_offset)
+    if np.nanmin(z, initial=np.inf) > 0:
+        return z
+    table.notes.append(MIDDLE_TAKEN)
+    # Nothing is behind the sensor, however long its range.
+    return np.asarray(z + max(ASSUMED_MID_RANGE, -1.2 * float(np.nanmin(z))))
+
+
+def profile_of_columns(x_s: Array, z_s: Array) -> Profile:
+    """A profile whose points have both coordinates or neither."""
+    gone = np.isnan(x_s) | np.isnan(z_s)
+    return Profile(np.where(gone, np.nan, x_s), np.where(gone, np.nan, z_s))
+
+
+def without_codes(values: Array, invalid: Sequence[float]) -> Array:
+    """The same values with NaN for the codes of no point."""
+    return np.where(np.isin(values, invalid), np.nan, values)
+
+
+def metres_per_number(file: Path, unit: str | None, what: str) -> float:
+    """Metres of one of a file's numbers.
+
+    Raises
+    ------
+    ConfigurationError
+        If its unit is stated nowhere.
+    """
+    if unit is None:
+        raise ConfigurationError(f"{what} needs its unit: --units mm, um or m", file=file)
+    return METRES_PER_UNIT[unit]
+
+
+def check_unit(file: Path, profiles: Iterable[Profile]) -> None:
+    """Refuse profiles of a size that only a mistaken unit explains."""
+    spans = [np.ptp(p.points_s[:, [0, 2]], axis=0).max() for p in profiles if p.valid.any()]
+    if spans and not SMALLEST_SPAN <= (span := float(np.median(spans))) <= LARGEST_SPAN:
+        raise ConfigurationError(
+            f"its profiles span {1e3 * span:.3g} mm: is the unit right? It is stated in the names "
+            "of the columns (x_mm, x_um, x_m) or with --units",
+            file=file,
+        )
+
+
+def check_scale(file: Path, profiles: Iterable[Profile]) -> None:
+    """Refuse heights that only a mistaken scale, or a mistaken pitch, explains."""
+    steep = []
+    for profile in profiles:
+        points = profile.points_s
+        if len(points) > 2:
+            low, high = np.percentile(points[:, 2], (5, 95))
+            steep.append((high - low) / max(np.ptp(points[:, 0]), 1e-12))
+    if steep and (ratio := float(np.median(steep))) > MOST_HEIGHT_OVER_WIDTH:
+        raise ConfigurationError(
+            f"heights span {ratio:.3g} times the width of the profiles: are their units the "
+            "same? --pitch states the distance of columns, --z-scale what one of the heights' "
+            "numbers is",
+            file=file,
+        )
+
+
+def _check_codes(heights: Array) -> None:
+    """Refuse heights among which a number comes again and again far from all others."""
+    known = heights[np.isfinite(heights)]
+    if known.size < ENOUGH_HEIGHTS:
+        return
+    for code in (known.min(), known.max()):
+        others = known[known != code]
+        share = 1 - others.size / known.size
+        if others.size and share > NOTED_ZERO_SHARE:
+            away = np.abs(others - code).min()
+            if away > CODE_DISTANCE * max(np.ptp(others), 1e-9 * away):
+                raise ConfigurationError(
+                    f"{100 * share:.0f} % of the heights are exactly {code:g}, far from all "
+                    f"others; if that means no point, state --invalid {code:g}"
+                )
+
+
+def _is_apart(others: Array) -> bool:
+    """Whether zero is farther from numbers, a few strays aside, than they are from each other."""
+    if not len(others):
+        return False
+    low, high = np.percentile(others, (5, 95))
+    return bool(min(abs(low), abs(high)) > high - low and (low > 0) == (high > 0))

@@ -11,10 +11,14 @@ import numpy as np
 
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import check_file_size
-from tjscan.laser.files.arrays import read_npy, read_ply
-from tjscan.laser.files.format import METRES_PER_UNIT, FileProfiles, ProfileFormat
-from tjscan.laser.files.heights import check_scale, check_unit
-from tjscan.laser.files.tables import read_text
+from tjscan.laser.files.format import (
+    METRES_PER_UNIT,
+    FileProfiles,
+    ProfileFormat,
+    check_scale,
+    check_unit,
+)
+from tjscan.laser.files.tables import read_npy, read_ply, read_text
 from tjscan.laser.files.text import read_text_table
 from tjscan.laser.profile import Profile
 

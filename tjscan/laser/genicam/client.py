@@ -3,18 +3,343 @@
 Its calls wait for four seconds and more on a laser that fell silent, one after the other, and so
 does its end. Here the main process ends it at any time. When the main process is gone, this one
 gives the laser back and ends.
+
+This is the only file that knows the client library, viva-genicam.
 """
 
 from __future__ import annotations
 
 import os
 import sys
+import time
+from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
+from typing import Any, Final
 
+import viva_genicam
+
+from tjscan.core.devices import DeviceIdentity
+from tjscan.core.errors import (
+    LaserFault,
+    LaserInUse,
+    LaserNotConnected,
+    LaserNotResponding,
+    ProfileFormatRefused,
+    ProfileNotReceived,
+    ProfileStale,
+)
 from tjscan.core.process import ClientRequest
 from tjscan.core.signals import ignore_ctrl_c
-from tjscan.laser.genicam.camera import GenicamClient
+from tjscan.laser.genicam.messages import (
+    ConnectedLaser,
+    HostInterval,
+    ReceivedBlock,
+    StatedAxis,
+    StreamSetup,
+    host_time_of_exposure,
+)
+from tjscan.laser.genicam.settings import FeatureValue, GigeSettings
+
+DISCOVERY_MS: Final = (100, 300, 900)
+"""Milliseconds to wait for lasers to answer each broadcast, until one that does not is given up.
+
+Most answer at once; a datagram may get lost, and GigE Vision lets an answer take up to a second.
+"""
+
+IN_USE_PATIENCE: Final = 3.2
+"""Seconds for which a laser stays with a program that was killed: GigE Vision's usual heartbeat."""
+
+CLOCK_READINGS: Final = 10
+"""Readings of a laser's clock; two must differ. Together they take milliseconds."""
+
+TRIGGER_SELECTORS: Final = ("FrameStart", "LineStart", "FrameBurstStart")
+"""What a trigger may start, the first that there is."""
+
+PREFERRED_FORMATS: Final = ("Coord3D_AC16", "Coord3D_AC32f", "Coord3D_C16")
+
+# GigE Vision's bootstrap registers, which every device has at the same place.
+VENDOR, MODEL, VERSION, SERIAL = (0x48, 32), (0x68, 32), (0x88, 32), (0xD8, 16)
+TICKS_PER_SECOND, TIME_CONTROL, LATCHED_TIME = 0x93C, 0x944, 0x948
+PRIVILEGE, PACKET_SIZE = 0xA00, 0xD04
+LATCH_COMMAND: Final = (2).to_bytes(4, "big")
+
+GenicamError: Any = viva_genicam.GenicamError
+
+
+class GenicamClient:
+    """A laser, and the stream of its blocks."""
+
+    def __init__(self) -> None:
+        self._camera: Any = None
+        self._stream: Any = None
+        self._setup = StreamSetup("software")
+        self._ticks_per_second = 0
+        self._latches = False
+        self._exposure: float | None = None
+
+    def connect(self, settings: GigeSettings, setup: StreamSetup) -> ConnectedLaser:
+        """Connect, set everything up, and begin to stream."""
+        self._setup = setup
+        address = self._open(settings.address, settings.serial)
+        for name, value in settings.features.items():
+            self._set(name, value)
+        for register, number in setup.registers.items():
+            self._camera.write_register(register, number.to_bytes(4))
+        if setup.exposure is not None:
+            self._camera.set_exposure_time(1e6 * setup.exposure)
+        chosen = self._choose_format(setup.pixel_format) if setup.chooses_format else ""
+        if setup.rows is not None:
+            self._set("Height", setup.rows)
+        if setup.trigger == "software":
+            self._camera.enable_trigger(self._choose_trigger(), "Software")
+        elif "TriggerMode" in self._names:
+            self._camera.disable_trigger(self._choose_trigger())
+        with suppress(GenicamError):
+            self._exposure = 1e-6 * self._camera.exposure_time()
+        self._ticks_per_second = int.from_bytes(self._camera.read_register(TICKS_PER_SECOND, 8))
+        self._latches = self._ticks_per_second > 0 and self._clock_runs()
+        if settings.packet_size is not None:
+            self._camera.write_register(PACKET_SIZE, settings.packet_size.to_bytes(4))
+        laser = ConnectedLaser(
+            identity=self.identity(),
+            address=address,
+            pixel_format=chosen,
+            columns=self._read("Width", self._camera.get_integer) or 0,
+            rows=self._read("Height", self._camera.get_integer) or 0,
+            packet_size=int.from_bytes(self._camera.read_register(PACKET_SIZE)) & 0xFFFF,
+            unit=self._read("Scan3dDistanceUnit", self._camera.get_enum),
+            output_mode=self._read("Scan3dOutputMode", self._camera.get_enum),
+            x=self._axis("CoordinateA"),
+            z=self._axis("CoordinateC"),
+            exposure=self._exposure,
+            latches=self._latches,
+        )
+        self._stream = self._camera.stream()  # from here on features may be locked
+        self._stream.__enter__()
+        return laser
+
+    def identity(self) -> DeviceIdentity:
+        """Read who the laser is."""
+        places = (VENDOR, MODEL, VERSION, SERIAL)
+        vendor, model, version, serial = (_read_text(self._camera, place) for place in places)
+        return DeviceIdentity(f"{vendor} {model}".strip(), serial, version)
+
+    def capture(self, attempts: int, timeout: float) -> ReceivedBlock:
+        """Take a block that was exposed after this call; trigger again while none comes."""
+        latched, latched_at = self._latch()
+        stale, began = 0, time.monotonic()
+        for attempt in range(1, attempts + 1):
+            until = time.monotonic() + timeout
+            if self._setup.trigger == "software":
+                self._camera.trigger_software()
+            while (wait := until - time.monotonic()) > 0:
+                try:
+                    frame = self._stream.next_frame(max(1, round(1e3 * wait)))
+                except viva_genicam.TransportError:
+                    break
+                if frame is None:
+                    raise LaserNotResponding("the laser's stream has ended. Connect again.")
+                came, exposed = time.monotonic(), frame.ts_dev or 0
+                if self._latches and exposed < latched + self._ticks_before_fresh:
+                    stale += 1
+                    continue
+                when, later = HostInterval(began, came), exposed - latched
+                if self._latches:
+                    when = host_time_of_exposure(later, self._ticks_per_second, latched_at)
+                return ReceivedBlock(
+                    data=frame.payload(),
+                    pixel_format=frame.pixel_format,
+                    columns=frame.width,
+                    rows=frame.height,
+                    exposed=when.middle,
+                    uncertainty=when.half,
+                    attempts=attempt,
+                )
+        if stale:
+            raise ProfileStale(
+                f"{stale} profiles came in {attempts} attempts, all exposed before they were asked "
+                "for. See that nothing else triggers the laser, and that its buffer is off."
+            )
+        raise ProfileNotReceived(
+            f"no whole profile came in {attempts} attempts of {1e3 * timeout:.0f} ms. See that "
+            "the cable, the switch and the packet size carry the stream, and that the laser is "
+            "not waiting for another trigger."
+        )
+
+    def close(self) -> None:
+        """Stop the stream and give the laser back."""
+        if self._stream is not None:
+            with suppress(GenicamError):
+                self._stream.__exit__(None, None, None)
+        if self._camera is not None:
+            with suppress(GenicamError):
+                self._camera.close()
+        self._stream = self._camera = None
+
+    def explain(self, error: Exception) -> LaserFault:
+        """Fault that an error means: a fault itself, or one that the library raised."""
+        if isinstance(error, LaserFault):
+            return error
+        said = str(error)
+        if "ACCESS_DENIED" in said or "control of the camera was lost" in said:
+            if self._is_held_by_another():
+                return LaserInUse(
+                    "another program has taken control of the laser. Close it there, then start "
+                    "again."
+                )
+            return LaserNotResponding(
+                "the laser no longer takes commands: it was restarted, or its connection broke. "
+                "Start again."
+            )
+        if isinstance(error, viva_genicam.GenApiError) and "timeout" not in said:
+            return ProfileFormatRefused(f"the laser does not do as it is set up: {said}")
+        return LaserNotResponding(f"the laser does not answer: {said}. See its power and cable.")
+
+    @property
+    def _names(self) -> set[str]:
+        return set(self._camera.nodes())
+
+    @property
+    def _ticks_before_fresh(self) -> float:
+        """Device time from the call to the first exposure that counts.
+
+        A trigger exposes after the call. What runs free may state when the exposure ended.
+        """
+        if self._setup.trigger == "software":
+            return 0.0
+        margin = self._exposure if self._setup.margin is None else self._setup.margin
+        return (margin or 0.0) * self._ticks_per_second
+
+    def _open(self, address: str | None, serial: str | None) -> str:
+        """Find and control the laser; gives its address."""
+        seen: dict[str, str] = {}
+        for patience in DISCOVERY_MS:
+            for info in viva_genicam.discover(timeout_ms=patience, all=True):
+                seen[info.ip] = f"{info.manufacturer} {info.model} at {info.ip}"
+                # Which laser it is that has the address is judged later.
+                if info.ip == address or (address is None and _serial_of(info) == serial):
+                    self._camera = self._control(info)
+                    return str(info.ip)
+        others = f"; there is {', '.join(seen.values())}" if seen else ""
+        wanted = f"at {address}" if address is not None else f"with serial number {serial}"
+        raise LaserNotConnected(
+            f"no laser {wanted} answers{others}. See that it is on, that its cable sits, and that "
+            "this computer has an address in its subnet."
+        )
+
+    def _control(self, info: Any) -> Any:
+        """Take control of a laser; one that was left to its heartbeat comes free by itself."""
+        until = time.monotonic() + IN_USE_PATIENCE
+        while True:
+            try:
+                return viva_genicam.connect_gige(info)
+            except GenicamError as error:
+                if "ACCESS_DENIED" not in str(error):
+                    raise LaserNotConnected(f"the laser at {info.ip} fails: {error}") from error
+                if time.monotonic() > until:
+                    raise LaserInUse(
+                        f"another program controls the laser at {info.ip}. Close it there."
+                    ) from error
+            time.sleep(0.1)
+
+    def _is_held_by_another(self) -> bool:
+        with suppress(GenicamError):
+            return any(self._camera.read_register(PRIVILEGE))
+        return False
+
+    def _choose_format(self, wanted: str | None) -> str:
+        there = self._camera.available_enum_entries("PixelFormat")
+        candidates = PREFERRED_FORMATS if wanted is None else (wanted,)
+        chosen = next((name for name in candidates if name in there), None)
+        if chosen is None:
+            raise ProfileFormatRefused(
+                f"the laser has no {' or '.join(candidates)}; it has {', '.join(there)}. Choose "
+                "one with laser.genicam.pixel_format"
+            )
+        self._camera.set_enum("PixelFormat", chosen)
+        return chosen
+
+    def _choose_trigger(self) -> str:
+        there = self._read("TriggerSelector", self._camera.available_enum_entries) or ()
+        return next((name for name in TRIGGER_SELECTORS if name in there), TRIGGER_SELECTORS[0])
+
+    def _set(self, name: str, value: FeatureValue) -> None:
+        text = str(value).lower() if isinstance(value, bool) else str(value)
+        try:
+            if isinstance(value, bool):
+                self._camera.set_bool(name, value)
+            elif isinstance(value, float):
+                self._camera.set_float(name, value)
+            else:
+                self._camera.set(name, text)
+        except GenicamError as error:
+            raise ProfileFormatRefused(
+                f"the laser's feature {name} can't be set to {text}: {error}"
+            ) from error
+
+    def _read(self, name: str, read: Callable[[str], Any]) -> Any:
+        """A feature's value; None if the laser lacks it."""
+        with suppress(GenicamError):
+            return read(name)
+        return None
+
+    def _axis(self, coordinate: str) -> StatedAxis:
+        if "Scan3dCoordinateSelector" not in self._names:
+            return StatedAxis()
+        with suppress(GenicamError):
+            self._camera.set_enum("Scan3dCoordinateSelector", coordinate)
+            number = self._camera.get_float
+            marks = self._read("Scan3dInvalidDataFlag", self._camera.get_bool)
+            return StatedAxis(
+                scale=self._read("Scan3dCoordinateScale", number),
+                offset=self._read("Scan3dCoordinateOffset", number),
+                low=self._read("Scan3dAxisMin", number),
+                high=self._read("Scan3dAxisMax", number),
+                invalid=self._read("Scan3dInvalidDataValue", number) if marks else None,
+            )
+        return StatedAxis()
+
+    def _clock_runs(self) -> bool:
+        """Whether the laser's clock can be read: two readings differ."""
+        readings = set()
+        for _ in range(CLOCK_READINGS):
+            with suppress(GenicamError):
+                self._camera.write_register(TIME_CONTROL, LATCH_COMMAND)
+                readings.add(self._camera.read_register(LATCHED_TIME, 8))
+        return len(readings) > 1
+
+    def _latch(self) -> tuple[int, HostInterval]:
+        """Read the laser's clock now, and when that was; without a clock, restart the stream.
+
+        What an acquisition that has just begun brings was exposed after that.
+        """
+        if not self._latches:
+            self._camera.acquisition_stop()
+            with suppress(viva_genicam.TransportError):
+                while self._stream.next_frame(1) is not None:
+                    pass
+            self._camera.acquisition_start()
+            return 0, HostInterval(0.0, 0.0)
+        before = time.monotonic()
+        self._camera.write_register(TIME_CONTROL, LATCH_COMMAND)
+        after = time.monotonic()
+        ticks = int.from_bytes(self._camera.read_register(LATCHED_TIME, 8))
+        return ticks, HostInterval(before, after)
+
+
+def _serial_of(info: Any) -> str:
+    """Serial number of a laser that was discovered, read without taking control of it."""
+    try:
+        with viva_genicam.connect_gige(info, monitor=True) as camera:
+            return _read_text(camera, SERIAL)
+    except GenicamError:
+        return ""  # it was there a moment ago
+
+
+def _read_text(camera: Any, place: tuple[int, int]) -> str:
+    text: bytes = camera.read_register(*place)
+    return text.split(b"\0")[0].decode(errors="replace")
 
 
 def main() -> None:

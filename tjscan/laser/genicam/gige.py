@@ -1,24 +1,36 @@
-"""What all lasers behind GigE Vision share as a `LineLaser`: connection, triggers, times."""
+"""Lasers behind GigE Vision as a `LineLaser`: with Scan3d features, and scanCONTROL."""
 
 from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from math import inf
 from typing import Final, Generic, Self, TypeVar
 
 from tjscan.core.devices import DeviceIdentity, EventListener
-from tjscan.core.errors import (
-    LaserFault,
-    LaserNotResponding,
-    ProfileFormatRefused,
-    WrongLaser,
-)
+from tjscan.core.errors import LaserFault, LaserNotResponding, ProfileFormatRefused, WrongLaser
 from tjscan.core.process import ClientClosed, ClientDied, ClientProcess, ClientSilent
-from tjscan.laser.genicam.clock import HostInterval, cell_time_of_exposure
-from tjscan.laser.genicam.messages import ConnectedLaser, ReceivedBlock, StreamSetup
-from tjscan.laser.genicam.settings import GigeSettings
+from tjscan.laser.genicam.messages import (
+    ConnectedLaser,
+    HostInterval,
+    ReceivedBlock,
+    StatedAxis,
+    StreamSetup,
+    cell_time_of_exposure,
+)
+from tjscan.laser.genicam.settings import GenicamSettings, GigeSettings, ScanControlSettings
+from tjscan.laser.line_laser import LaserDescription
 from tjscan.laser.profile import Profile
+from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, points
+from tjscan.laser.scancontrol import (
+    GREATEST_RAW,
+    MODEL_SCALES,
+    RAW_ZERO,
+    ScanControlScale,
+    parse_scancontrol,
+    row_bytes,
+)
 
 S = TypeVar("S", bound=GigeSettings)
 T = TypeVar("T")
@@ -63,18 +75,11 @@ class GigeLaser(ABC, Generic[S]):
         ProfileFormatRefused
             If its numbers can't be turned into millimetres.
         """
-        table = self.settings
+        limit = self.settings.connect_limit
         self._process = ClientProcess("tjscan.laser.genicam.client")
         try:
             self._laser = self._call(
-                ConnectedLaser,
-                "connect",
-                limit=table.connect_limit,
-                address=table.address,
-                serial=table.serial,
-                features=dict(table.features),
-                packet_size=table.packet_size,
-                setup=self._setup(),
+                ConnectedLaser, "connect", self.settings, self._setup(), limit=limit
             )
             self._check_identity(self._laser.identity)
             self._understand(self._laser)
@@ -128,13 +133,9 @@ class GigeLaser(ABC, Generic[S]):
         before = time.monotonic()
         cell = self._time()
         read = HostInterval(before, time.monotonic())
-        block = self._call(
-            ReceivedBlock,
-            "capture",
-            limit=table.attempts * table.timeout + ANSWER_SLACK,
-            attempts=table.attempts,
-            timeout=table.timeout,
-        )
+        attempts, timeout = table.attempts, table.timeout
+        limit = attempts * timeout + ANSWER_SLACK
+        block = self._call(ReceivedBlock, "capture", attempts, timeout, limit=limit)
         if block.attempts > 1:
             self._listener(TAKEN_AGAIN, f"it came with attempt {block.attempts}")
         if laser.pixel_format and block.pixel_format != laser.pixel_format:
@@ -159,12 +160,9 @@ class GigeLaser(ABC, Generic[S]):
 
     def _link(self, size: int) -> str:
         """Its link in words, for profiles of so many bytes."""
-        laser = self.connected
-        clock = (
-            "its clock can be read"
-            if laser.latches
-            else "its clock can't be read, so that its stream restarts for each profile"
-        )
+        laser, clock = self.connected, "its clock can be read"
+        if not laser.latches:
+            clock = "its clock can't be read, so that its stream restarts for each profile"
         count = -(-size // max(laser.packet_size, 1))
         return (
             f"{laser.address}, about {count} packets of at most {laser.packet_size} bytes a "
@@ -186,8 +184,8 @@ class GigeLaser(ABC, Generic[S]):
             raise LaserFault("the laser is not connected: capture inside a `with` block")
         return self._process
 
-    def _call(self, kind: type[T], name: str, *, limit: float, **arguments: object) -> T:
-        """Call a method of `camera.GenicamClient` in its process, and return what it returns.
+    def _call(self, kind: type[T], name: str, *arguments: object, limit: float) -> T:
+        """Call a method of `client.GenicamClient` in its process, and return what it returns.
 
         Raises
         ------
@@ -197,11 +195,10 @@ class GigeLaser(ABC, Generic[S]):
             What the method raised.
         """
         try:
-            answer = self._client.ask(name, limit=limit, **arguments)
+            answer = self._client.ask(name, *arguments, limit=limit)
         except ClientClosed:
-            raise LaserNotResponding(
-                "the connection to the laser has ended. Connect again."
-            ) from None
+            message = "the connection to the laser has ended. Connect again."
+            raise LaserNotResponding(message) from None
         except ClientDied as died:
             raise LaserNotResponding(f"the laser's client has ended.{died} Start again.") from None
         except ClientSilent:
@@ -228,3 +225,181 @@ class GigeLaser(ABC, Generic[S]):
                 "calibration holds for one laser alone."
             )
         self._known = found
+
+
+MILLIMETER_UNIT: Final = "Millimeter"
+METRES_PER_MM: Final = 1e-3
+
+STATE_THEM: Final = (
+    "State laser.genicam.scale_mm and laser.genicam.offset_mm, for x and z, from its manual"
+)
+
+
+def scales_of_laser(laser: ConnectedLaser, settings: GenicamSettings) -> Scan3dScales:
+    """Scale, offset, limits and invalid value of both axes.
+
+    Parameters
+    ----------
+    laser : ConnectedLaser
+        What it states.
+    settings : GenicamSettings
+        What the job states.
+
+    Raises
+    ------
+    ProfileFormatRefused
+        If neither states what the numbers mean, or the laser states that they are no millimetres.
+    """
+    layout = COORDINATE_FORMATS.get(laser.pixel_format)
+    if layout is None:
+        raise ProfileFormatRefused(
+            f"the laser is set to {laser.pixel_format}; what can be read is "
+            f"{', '.join(COORDINATE_FORMATS)}"
+        )
+    if settings.scale is not None and settings.offset is not None:
+        pairs = list(zip(settings.scale, settings.offset, strict=True))
+    else:
+        _check_states_millimetres(laser)
+        pairs = [_stated_scale_and_offset(axis, laser) for axis in (laser.x, laser.z)]
+    axes, flips = [], (settings.flip_x, settings.flip_z)
+    for (scale, offset), axis, flip in zip(pairs, (laser.x, laser.z), flips, strict=True):
+        limits = _raw_limits(axis) if settings.axis_limits else (-inf, inf)
+        found = AxisScale(scale, offset, *limits)
+        axes.append(found.flipped() if flip else found)
+    invalid = laser.z.invalid if settings.invalid is None else settings.invalid
+    return Scan3dScales(axes[0], axes[1], invalid)
+
+
+def _check_states_millimetres(laser: ConnectedLaser) -> None:
+    if laser.output_mode is not None and laser.output_mode.startswith("Uncalibrated"):
+        raise ProfileFormatRefused(
+            f"the laser's Scan3dOutputMode is {laser.output_mode}: its numbers are no lengths. Set "
+            "a calibrated or rectified one, with laser.genicam.features.Scan3dOutputMode"
+        )
+    if laser.unit != MILLIMETER_UNIT:
+        what = "does not state it" if laser.unit is None else f"states {laser.unit}"
+        raise ProfileFormatRefused(
+            f"the laser {what}: its Scan3dDistanceUnit should be {MILLIMETER_UNIT}. {STATE_THEM}"
+        )
+
+
+def _stated_scale_and_offset(axis: StatedAxis, laser: ConnectedLaser) -> tuple[float, float]:
+    """Scale and offset in metres, as the laser states them."""
+    if axis.scale is None or axis.offset is None:
+        raise ProfileFormatRefused(
+            f"the laser does not state Scan3dCoordinateScale and Scan3dCoordinateOffset of its "
+            f"{laser.pixel_format}. {STATE_THEM}"
+        )
+    return METRES_PER_MM * axis.scale, METRES_PER_MM * axis.offset
+
+
+def _raw_limits(axis: StatedAxis) -> tuple[float, float]:
+    """Least and greatest raw number, where they bound anything."""
+    if axis.low is None or axis.high is None or not axis.low < axis.high:
+        return -inf, inf
+    return axis.low, axis.high
+
+
+class GenicamLaser(GigeLaser[GenicamSettings]):
+    """A `LineLaser` that speaks GigE Vision with GenICam's Scan3d features.
+
+    Parameters
+    ----------
+    settings : GenicamSettings
+        How to reach it, and what its numbers mean if it does not state that.
+    time : callable
+        Gives the seconds on the clock of the cell.
+    """
+
+    @property
+    def scales(self) -> Scan3dScales:
+        """How its numbers become metres; raises as `connected` does."""
+        return scales_of_laser(self.connected, self.settings)
+
+    def describe(self) -> LaserDescription:
+        """Describe the laser and its link; raises as `connected` does."""
+        laser, scales, table = self.connected, self.scales, self.settings
+        layout = COORDINATE_FORMATS[laser.pixel_format]
+        axes = ", ".join(
+            f"{name} = {1e3 * axis.scale:.6g} mm * raw {1e3 * axis.offset:+.6g} mm"
+            for name, axis in (("x", scales.x), ("z", scales.z))
+        )
+        stated = "as the laser states" if table.scale is None else "as the job states"
+        ends = [scales.z.scale * raw + scales.z.offset for raw in layout.raw_range(scales.z)]
+        return LaserDescription(
+            link=self._link(layout.point_size * laser.columns * laser.rows),
+            format=f"{laser.pixel_format}, {laser.columns} points, rows: {laser.rows}, {axes}, "
+            f"{stated}",
+            near=min(ends),
+            far=max(ends),
+            advice=self._advice(),
+        )
+
+    def _setup(self) -> StreamSetup:
+        table = self.settings
+        return StreamSetup(
+            trigger=table.trigger,
+            pixel_format=table.pixel_format,
+            chooses_format=True,
+            exposure=table.exposure,
+            rows=table.rows,
+        )
+
+    def _understand(self, laser: ConnectedLaser) -> None:
+        scales_of_laser(laser, self.settings)  # refuses what it can't read
+
+    def _profile(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
+        row = COORDINATE_FORMATS[block.pixel_format].point_size * block.columns
+        if len(block.data) < row:
+            raise ProfileFormatRefused(
+                f"a block of {len(block.data)} bytes holds no {block.columns} points in "
+                f"{block.pixel_format}"
+            )
+        return points(block.data[:row], block.pixel_format, self.scales, time, uncertainty)
+
+
+class ScanControlLaser(GigeLaser[ScanControlSettings]):
+    """A `LineLaser` with the transport of GigE Vision and a payload of its own.
+
+    It runs free, and what its stream stamps earlier than the call, and the margin after it, is
+    thrown away. No such sensor was at hand: the payload is read as its documents have it.
+
+    Parameters
+    ----------
+    settings : ScanControlSettings
+        How to reach it, and how it is set up.
+    time : callable
+        Gives the seconds on the clock of the cell.
+    """
+
+    @property
+    def scale(self) -> ScanControlScale:
+        """Scale and offset of its model, or those that the job states."""
+        table = self.settings
+        if table.scale is not None and table.offset is not None:
+            return ScanControlScale(table.scale, table.offset)
+        return MODEL_SCALES[str(table.model)]
+
+    def describe(self) -> LaserDescription:
+        """Describe the laser and its link; raises as `connected` does."""
+        table, scale = self.settings, self.scale
+        raw = (GREATEST_RAW - 1, 0) if table.flip_z else (1, GREATEST_RAW)  # 0 as sent is no point
+        near, far = (scale.scale * (end - RAW_ZERO) + scale.offset for end in sorted(raw))
+        return LaserDescription(
+            link=self._link(row_bytes(table)),
+            format=f"{table.layout} profiles, {table.points} points, {1e3 * scale.scale:g} mm a "
+            f"count about x 0 and z {1e3 * scale.offset:g} mm, as the job states",
+            near=near,
+            far=far,
+            advice=self._advice(),
+        )
+
+    def _setup(self) -> StreamSetup:
+        registers = {int(at, 16): value for at, value in self.settings.registers.items()}
+        return StreamSetup(trigger="fresh", registers=registers, margin=self.settings.margin)
+
+    def _understand(self, laser: ConnectedLaser) -> None:
+        """Nothing is asked: the job states how it is set up."""
+
+    def _profile(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
+        return parse_scancontrol(block.data, self.settings, self.scale, time, uncertainty)

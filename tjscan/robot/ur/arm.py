@@ -4,30 +4,203 @@ The client library ur-rtde runs in a process of its own (`client`); this one ask
 longer than a time limit, and keeps the dashboard at hand to stop the arm without it. Every
 move is begun and then followed, so that it can be stopped; the state that the arm reports is
 watched with it. After a fault the arm takes no more commands: nothing resumes by itself.
+
+Connecting sets the controller up for poses of the flange.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any, Self
+from types import NoneType
+from typing import Any, Final, Self
 
+import numpy as np
+
+from tjscan.core import pose_vector
 from tjscan.core.devices import DeviceBase, EventListener
-from tjscan.core.errors import ArmFault
-from tjscan.core.frames import Array
-from tjscan.robot.arm import ArmState
+from tjscan.core.errors import (
+    ArmBusy,
+    ArmFault,
+    ArmNotConnected,
+    ConfigurationError,
+    ProgramStopped,
+    RegistersInUse,
+)
+from tjscan.core.frames import Array, inverse_pose
+from tjscan.robot.arm import ArmState, MotionLock
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.motion import JointTrajectory, MotionLimits
-from tjscan.robot.motion_lock import MotionLock
 from tjscan.robot.path import PathPlanner
-from tjscan.robot.ur.commands import MoveCommand, joint_command, linear_command
-from tjscan.robot.ur.connecting import connect_to_controller
-from tjscan.robot.ur.dashboard import UrIdentity, read_ur_identity
-from tjscan.robot.ur.kinematics_info import read_controller_kinematics
-from tjscan.robot.ur.moving import POLL_PERIOD, await_arrival, check_target_is_safe, execute_move
+from tjscan.robot.ur.dashboard import DashboardClient, UrIdentity, read_ur_identity
+from tjscan.robot.ur.faults import connection_start_fault, fault_from_state
+from tjscan.robot.ur.kinematics_info import describe_difference, read_controller_kinematics
+from tjscan.robot.ur.messages import ControllerState
+from tjscan.robot.ur.moving import (
+    POLL_PERIOD,
+    MoveCommand,
+    await_arrival,
+    check_target_is_safe,
+    execute_move,
+    joint_command,
+    linear_command,
+)
 from tjscan.robot.ur.program import UrProgram, run_program
-from tjscan.robot.ur.session import ControllerSession
+from tjscan.robot.ur.session import ClientLibraryError, ControllerSession, not_ready_fault
 from tjscan.robot.ur.settings import UrSettings
+
+SETTING_LIMIT: Final = 2.0
+"""Seconds within which a program starts or ends, and a value that was set is shown."""
+
+READ_BACK_TOLERANCE: Final = 1e-6
+"""Metres, radians or kilograms between a value that was set and the same read back."""
+
+OTHER_ARM: Final = 0.005
+"""Metres between the flange as the controller and as the model has it, beyond calibration.
+
+Less than the clearance's default margins: what is planned on the model holds for the arm.
+"""
+
+
+def connect_to_controller(
+    settings: UrSettings, kinematics: Kinematics, latch: MotionLock, note: EventListener
+) -> ControllerSession:
+    """Connect to the controller, set TCP and payload, and read them back; nothing moves.
+
+    Parameters
+    ----------
+    settings : UrSettings
+        Where it is, and how long to wait for it.
+    kinematics : Kinematics
+        Which arm it should be.
+    latch : MotionLock
+        Keeps its moves apart, and stops them.
+    note : callable
+        Receives the events of the session.
+
+    Raises
+    ------
+    ArmFault
+        If the arm can't be reached or is not ready, each cause by its own error.
+    ConfigurationError
+        If it is another model than it should be.
+    """
+    dashboard = DashboardClient(settings.host)
+    try:
+        if (fault := not_ready_fault(dashboard)) is not None:
+            raise fault
+        _await_end_of_other_program(dashboard, latch)
+        session = ControllerSession(dashboard, settings, latch, note)
+    except BaseException:
+        dashboard.close()
+        raise
+    try:
+        _begin_session(session, kinematics)
+    except BaseException as error:
+        if session.fault is None and not isinstance(error, (RegistersInUse, ArmNotConnected)):
+            session.stop_program(error)  # ours runs, or may
+        session.disconnect()
+        raise
+    return session
+
+
+def _begin_session(session: ControllerSession, kinematics: Kinematics) -> None:
+    host, limit = session.settings.host, session.settings.connect_limit
+    try:
+        session.ask_client(NoneType, "connect", host, limit=limit)
+        _await_control_script(session)
+        session.call_client_method(bool, "start_watchdog")
+        _set_tcp(session)
+        _set_payload(session)
+        _check_model(session, kinematics)
+    except ClientLibraryError as failed:
+        words = str(failed)
+        raise not_ready_fault(session.dashboard) or connection_start_fault(host, words) from None
+
+
+def _polls_until_limit(latch: MotionLock) -> Iterator[bool]:
+    """Let a moment pass between two polls; true once the limit is over."""
+    limit = time.monotonic() + SETTING_LIMIT
+    while True:
+        yield time.monotonic() > limit
+        latch.wait_for_stop(POLL_PERIOD)
+
+
+def _await_end_of_other_program(dashboard: DashboardClient, latch: MotionLock) -> None:
+    """See that no program runs: the client library would end it without asking.
+
+    The dashboard is slow to report a program's end.
+    """
+    for late in _polls_until_limit(latch):
+        if dashboard.ask_value("running").lower() != "true":
+            return
+        if late:
+            raise ArmBusy(
+                "another program runs on the arm's controller. End it on the pendant, or end "
+                "the program that sent it, then start again."
+            )
+
+
+def _await_control_script(session: ControllerSession) -> None:
+    """Let both links show the program that was started."""
+    for late in _polls_until_limit(session.latch):
+        now = session.ask_client(ControllerState, "read_state", limit=SETTING_LIMIT)
+        fault = fault_from_state(now)
+        if fault is None:
+            return
+        if late or not isinstance(fault, ProgramStopped):
+            raise fault
+
+
+def _set_tcp(session: ControllerSession) -> None:
+    """Put the TCP on the flange itself: poses mean the flange, whatever the pendant had set."""
+    session.call_client_method(bool, "set_tcp", (0.0,) * 6)
+    offset = session.call_client_method(list, "active_tcp_offset")
+    if len(offset) != 6 or np.abs(offset).max() > READ_BACK_TOLERANCE:
+        session.read_state()  # the true reason, if the arm is not well
+        raise _disobeyed("TCP", "zero", offset)
+    session.T_tcp_f = inverse_pose(pose_vector.pose_from_vector(offset))
+
+
+def _set_payload(session: ControllerSession) -> None:
+    mass, centre = session.settings.payload, session.settings.payload_centre
+    if mass is None:
+        return
+    session.call_client_method(bool, "set_payload", mass, centre)
+    for late in _polls_until_limit(session.latch):
+        now = session.read_state()
+        if _reports_payload(now, np.array([mass, *centre])):
+            return
+        if late:
+            raise _disobeyed("payload", f"{mass:g} kg", now.payload)
+
+
+def _reports_payload(now: ControllerState, wanted: Array) -> bool:
+    """Whether the payload is the one asked for, or is not reported at all."""
+    if now.payload is None or now.centre_of_gravity is None:
+        return True
+    carried = np.array([now.payload, *now.centre_of_gravity])
+    return bool(np.abs(carried - wanted).max() < READ_BACK_TOLERANCE)
+
+
+def _check_model(session: ControllerSession, kinematics: Kinematics) -> None:
+    state = session.arm_state()
+    apart = np.linalg.norm(kinematics.forward(state.q)[:3, 3] - state.T_b_f[:3, 3])
+    if apart > OTHER_ARM:
+        raise ConfigurationError(
+            f"the controller has its flange {1e3 * apart:.0f} mm from where a "
+            f"{kinematics.name} with these joint angles has it: name the "
+            "right arm, or check the mounting in its installation",
+            key="arm.model",
+        )
+
+
+def _disobeyed(what: str, wanted: str, found: object) -> ArmFault:
+    return ArmFault(
+        f"the controller was asked to set its {what} to {wanted} and reports {found}. See "
+        "that no other program works with it, then start again."
+    )
 
 
 class UrArm(DeviceBase):
@@ -50,7 +223,7 @@ class UrArm(DeviceBase):
         self.kinematics, self.settings = kinematics, settings
         self._planner = PathPlanner(kinematics, MotionLimits() if limits is None else limits)
         self._session: ControllerSession | None = None
-        self._identity: UrIdentity | None = None
+        self._identity = UrIdentity()
         self._latch = MotionLock()
         self._listener: EventListener | None = None
 
@@ -66,17 +239,14 @@ class UrArm(DeviceBase):
         """
         self._latch.clear_stop()
         session = connect_to_controller(
-            self.settings,
-            self.kinematics,
-            partial(self._latch.wait_for_stop, POLL_PERIOD),
-            self._note,
+            self.settings, self.kinematics, self._latch, self._report_event
         )
         try:
             stated = read_controller_kinematics(self.settings.host)
             self._identity = read_ur_identity(
                 session.dashboard,
                 session.read_state().payload,
-                "" if stated is None else stated.compared_with(self.kinematics),
+                "" if stated is None else describe_difference(stated, self.kinematics),
             )
         except BaseException as error:
             session.end_program_and_disconnect(error)
@@ -87,15 +257,14 @@ class UrArm(DeviceBase):
     def __exit__(self, *error: Any) -> None:
         """Stop, end the program on the controller, and disconnect."""
         self.stop()
-        session, self._session, self._identity = self._session, None, None
+        session, self._session = self._session, None
         if session is not None:
             session.end_program_and_disconnect(error[1])
 
     @property
     def identity(self) -> UrIdentity:
         """Which arm it is; known while connected."""
-        if self._identity is None:
-            raise ArmFault("the arm is not connected: use it inside a 'with' block")
+        self._connected  # noqa: B018 - refuses
         return self._identity
 
     def report_events_to(self, listener: EventListener) -> None:
@@ -120,8 +289,9 @@ class UrArm(DeviceBase):
         PoseNotReached
             If the arm came to rest somewhere else. It takes no more commands then.
         """
-        order = partial(linear_command, self.kinematics)
-        return self._move(T_b_f, self._planner.linear_path, order)
+        return self._move(
+            T_b_f, self._planner.linear_path, partial(linear_command, self.kinematics)
+        )
 
     def move_joint_to_pose(
         self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
@@ -146,7 +316,7 @@ class UrArm(DeviceBase):
         """
         session = self._connected
         with self._latch.hold_for_move():
-            run_program(session, self._latch, self.settings, program, started)
+            run_program(session, program, started)
 
     def stop(self) -> None:
         """Bring the arm to rest, and begin nothing more. See `Arm.stop`."""
@@ -156,7 +326,7 @@ class UrArm(DeviceBase):
         """Take commands again after a stop. See `Arm.accept_moves_again`."""
         self._latch.clear_stop()
 
-    def _note(self, name: str, detail: str) -> None:
+    def _report_event(self, name: str, detail: str) -> None:
         if self._listener is not None:
             self._listener(name, detail)
 
@@ -170,12 +340,12 @@ class UrArm(DeviceBase):
         self,
         T_b_f: Array,
         plan: Callable[[Array, Array], JointTrajectory],
-        order: Callable[[ControllerSession, JointTrajectory, Array], MoveCommand],
+        command: Callable[[ControllerSession, JointTrajectory, Array], MoveCommand],
     ) -> ArmState:
         session = self._connected
         with self._latch.hold_for_move():
             path = plan(session.arm_state().q, T_b_f)
             if path.duration > 0:
                 check_target_is_safe(session, T_b_f)
-                execute_move(session, self._latch, order(session, path, T_b_f), T_b_f)
-            return await_arrival(session, self._latch, self.settings, T_b_f)
+                execute_move(session, command(session, path, T_b_f), T_b_f)
+            return await_arrival(session, T_b_f)

@@ -18,12 +18,7 @@ from typing import Any, Final
 
 from tjscan.core.process import ClientAnswer, ClientRequest
 from tjscan.core.signals import ignore_ctrl_c
-from tjscan.robot.ur.messages import (
-    HOST_GONE,
-    WATCHDOG_PERIOD,
-    ControllerState,
-    SixNumbers,
-)
+from tjscan.robot.ur.messages import HOST_GONE, WATCHDOG_PERIOD, ControllerState, SixNumbers
 
 RTDE_HZ: Final = 125.0
 """Hz at which the controller publishes to this client: what every controller can do."""
@@ -183,10 +178,6 @@ class RtdeClient:
         self._watched, self._before = False, None
         self._control.stopScript()
 
-    def give_way(self) -> None:
-        """End the control script, for another program to run."""
-        self.stop_control_script()
-
     def feed_foreign_watchdog(self) -> None:
         """Feed the watchdog of the program that runs in place of the control script."""
         self._watched = self._foreign = True
@@ -245,7 +236,7 @@ def serve_main_process(connection: Connection, client: RtdeClient) -> None:
             client.stop_arm_and_script()
             return
         try:
-            connection.send(request.answered_by(client, _in_words))
+            connection.send(request.answered_by(client, lambda e: str(e) or type(e).__name__))
         except OSError:
             continue  # the main process is gone: the next poll finds out
         client.feed_watchdog()
@@ -255,10 +246,6 @@ def serve_main_process(connection: Connection, client: RtdeClient) -> None:
         while True:
             request = connection.recv()
             connection.send(ClientAnswer(request.number, failure=HOST_GONE))
-
-
-def _in_words(error: Exception) -> str:
-    return str(error) or type(error).__name__
 
 
 def main() -> None:

@@ -112,10 +112,8 @@ class DashboardClient:
         """
         answer = self.ask("stop")
         # Whether a controller on which nothing runs confirms is not known: that it runs counts.
-        if (
-            not answer.lower().startswith("stopped")
-            and self.ask_value("running").lower() != "false"
-        ):
+        confirmed = answer.lower().startswith("stopped")
+        if not confirmed and self.ask_value("running").lower() != "false":
             raise ArmFault(
                 f"the controller did not end the program when it was asked to ({answer!r})."
             )
@@ -169,15 +167,11 @@ def read_ur_identity(
     dashboard: DashboardClient, payload: float | None, kinematics: str = ""
 ) -> UrIdentity:
     """Read the arm's identity from the dashboard; raises as `DashboardClient.ask` does."""
-    return UrIdentity(
-        model=_told(dashboard.ask("get robot model")),
-        serial=_told(dashboard.ask("get serial number")),
-        software=_told(dashboard.ask("PolyscopeVersion")),
-        payload=payload,
-        kinematics=kinematics,
-    )
+    questions = ("get robot model", "get serial number", "PolyscopeVersion")
+    model, serial, software = (_answer_if_understood(dashboard.ask(q)) for q in questions)
+    return UrIdentity(model, serial, software, payload, kinematics)
 
 
-def _told(answer: str) -> str:
+def _answer_if_understood(answer: str) -> str:
     """An answer, or nothing if the dashboard does not know the question."""
     return "" if "understand" in answer.lower() or "not supported" in answer.lower() else answer

@@ -27,54 +27,25 @@ from tjscan.robot.ur.messages import (
 TOO_SILENT: Final = 0.7 * WATCHDOG_PERIOD
 """Seconds of silence that may be why a program ended; the rest was lost on the way there."""
 
-_EMERGENCY_MESSAGE: Final = (
-    "an emergency stop is pressed. Release it, switch the arm on, then start again."
-)
-_PROTECTIVE_MESSAGE: Final = (
-    "the arm made a protective stop. Find out what stopped it and clear the way, wait five "
-    "seconds, unlock it on its pendant, then start again."
-)
-_SAFEGUARD_MESSAGE: Final = "a safeguard input stops the arm. Close the guard, then start again."
-_POWER_ADVICE: Final = "Switch it on and release its brakes on the pendant, then start again."
 _REMOTE_MESSAGE: Final = (
     "the arm is in local control. Choose remote control at the upper right of its pendant, "
     "then start again."
-)
-_PROGRAM_MESSAGE: Final = (
-    "the program on the arm's controller was stopped or paused, and neither by this program nor by "
-    "a silence between the two: by a person at its pendant or over the network, or by the "
-    "controller itself, whose log then states why. Make sure that no one works at the arm, then "
-    "start again."
-)
-_HELD_UP_MESSAGE: Final = (
-    "this computer was held up, and sent the arm's controller nothing for {:.1f} s: most likely "
-    "that is why the controller stopped the arm and ended its program, as it does when it hears "
-    "nothing for {:g} s. See that the way is clear and that nothing else keeps this computer busy, "
-    "then start again."
-)
-_CUT_OFF_MESSAGE: Final = (
-    "nothing came from the arm's controller for {:.1f} s, and its program has ended: most likely "
-    "the network between the two was interrupted, or the controller hung. See that the arm is "
-    "at rest and its network cable sits, then start again."
-)
-_REGISTERS_MESSAGE: Final = (
-    "another client writes the RTDE inputs of the arm's controller. Switch off EtherNet/IP, "
-    "PROFINET and MODBUS on its pendant and end other programs that use it, then start again."
-)
-_LINK_MESSAGE: Final = (
-    "the connection to the arm's controller broke. See that the arm is at rest and its network "
-    "cable sits, then start again."
 )
 
 
 def safety_fault(mode: str) -> ArmFault | None:
     """Fault that a safety mode means, None if it means none; by the dashboard's name."""
     if "EMERGENCY" in mode:
-        return EmergencyStop(_EMERGENCY_MESSAGE)
+        return EmergencyStop(
+            "an emergency stop is pressed. Release it, switch the arm on, then start again."
+        )
     if mode == "PROTECTIVE_STOP":
-        return ProtectiveStop(_PROTECTIVE_MESSAGE)
+        return ProtectiveStop(
+            "the arm made a protective stop. Find out what stopped it and clear the way, wait five "
+            "seconds, unlock it on its pendant, then start again."
+        )
     if "SAFEGUARD" in mode:
-        return ProtectiveStop(_SAFEGUARD_MESSAGE)
+        return ProtectiveStop("a safeguard input stops the arm. Close the guard, then start again.")
     if mode in ("VIOLATION", "FAULT", "RECOVERY"):
         return ProtectiveStop(
             f"the arm's safety system is in {mode.lower()}. Follow its pendant, then start again."
@@ -86,7 +57,10 @@ def power_fault(mode: str) -> ArmFault | None:
     """Fault that a robot mode means, None if it means none; by the dashboard's name."""
     if mode == RobotMode.RUNNING.name:
         return None
-    return ArmNotPowered(f"the arm is not ready to move (its mode is {mode}). {_POWER_ADVICE}")
+    return ArmNotPowered(
+        f"the arm is not ready to move (its mode is {mode}). Switch it on and release its brakes "
+        "on the pendant, then start again."
+    )
 
 
 def remote_fault(answer: str) -> ArmFault | None:
@@ -100,27 +74,49 @@ def program_fault(now: ControllerState) -> ArmFault:
     A computer that was held up saw nothing either: that nothing was sent is reported first.
     """
     if now.unheard >= TOO_SILENT:
-        return MoveSupervisionLost(_HELD_UP_MESSAGE.format(now.unheard, WATCHDOG_PERIOD))
+        return MoveSupervisionLost(
+            f"this computer was held up, and sent the arm's controller nothing for "
+            f"{now.unheard:.1f} s: most likely that is why the controller stopped the arm and "
+            f"ended its program, as it does when it hears nothing for {WATCHDOG_PERIOD:g} s. See "
+            "that the way is clear and that nothing else keeps this computer busy, then start "
+            "again."
+        )
     if now.unseen >= TOO_SILENT:
-        return ArmConnectionLost(_CUT_OFF_MESSAGE.format(now.unseen))
-    return ProgramStopped(_PROGRAM_MESSAGE)
+        return ArmConnectionLost(
+            f"nothing came from the arm's controller for {now.unseen:.1f} s, and its program has "
+            "ended: most likely the network between the two was interrupted, or the controller "
+            "hung. See that the arm is at rest and its network cable sits, then start again."
+        )
+    return ProgramStopped(
+        "the program on the arm's controller was stopped or paused, and neither by this program "
+        "nor by a silence between the two: by a person at its pendant or over the network, or by "
+        "the controller itself, whose log then states why. Make sure that no one works at the arm, "
+        "then start again."
+    )
 
 
 def fault_from_state(now: ControllerState) -> ArmFault | None:
     """Fault that a snapshot of the controller's state shows, the cause before its consequences."""
     if not now.connected:
-        return ArmConnectionLost(_LINK_MESSAGE)
-    if (fault := safety_fault(_name(SafetyMode, now.safety_mode))) is not None:
-        return fault
-    if (fault := power_fault(_name(RobotMode, now.robot_mode))) is not None:
-        return fault
-    return None if now.runtime_state == PROGRAM_PLAYING else program_fault(now)
+        return ArmConnectionLost(
+            "the connection to the arm's controller broke. See that the arm is at rest and its "
+            "network cable sits, then start again."
+        )
+    return (
+        safety_fault(_mode_name(SafetyMode, now.safety_mode))
+        or power_fault(_mode_name(RobotMode, now.robot_mode))
+        or (None if now.runtime_state == PROGRAM_PLAYING else program_fault(now))
+    )
 
 
 def connection_start_fault(host: str, words: str) -> ArmFault:
     """Fault that kept the client library from connecting, from the library's own words."""
     if "already in use" in words:
-        return RegistersInUse(_REGISTERS_MESSAGE)
+        return RegistersInUse(
+            "another client writes the RTDE inputs of the arm's controller. Switch off "
+            "EtherNet/IP, PROFINET and MODBUS on its pendant and end other programs that use it, "
+            "then start again."
+        )
     if "remote control" in words:
         return ArmNotInRemoteMode(_REMOTE_MESSAGE)
     return ArmNotConnected(
@@ -129,5 +125,5 @@ def connection_start_fault(host: str, words: str) -> ArmFault:
     )
 
 
-def _name(modes: type[RobotMode] | type[SafetyMode], number: int) -> str:
+def _mode_name(modes: type[RobotMode] | type[SafetyMode], number: int) -> str:
     return modes(number).name if number in list(modes) else str(number)

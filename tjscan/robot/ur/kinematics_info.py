@@ -12,7 +12,6 @@ from __future__ import annotations
 import socket
 import struct
 import time
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -35,35 +34,20 @@ SAME_KINEMATICS: Final = 1e-5
 """Metres within which a controller's calibration is the model itself."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ControllerKinematics:
-    """What a controller states of its arm's kinematics.
-
-    Parameters
-    ----------
-    checksums : tuple of int
-        Of each joint: they name the calibration.
-    dh : DhParameters
-        As calibrated.
-    """
-
-    checksums: tuple[int, ...]
-    dh: DhParameters
-
-    def compared_with(self, kinematics: Kinematics) -> str:
-        """Where this and a model of the arm disagree, in words."""
-        off = compare_with_model(self.dh, kinematics)
-        if off.largest < SAME_KINEMATICS:
-            return f"the controller's kinematics are those of the model {kinematics.name}"
-        return (
-            f"the controller's own calibration has the flange {1e3 * off.rms:.2f} mm RMS, "
-            f"{1e3 * off.largest:.2f} mm at most from where the model {kinematics.name} has it; "
-            "poses are the controller's"
-        )
+def describe_difference(dh: DhParameters, kinematics: Kinematics) -> str:
+    """Where a controller's own calibration and a model of the arm disagree, in words."""
+    rms, largest = compare_with_model(dh, kinematics)
+    if largest < SAME_KINEMATICS:
+        return f"the controller's kinematics are those of the model {kinematics.name}"
+    return (
+        f"the controller's own calibration has the flange {1e3 * rms:.2f} mm RMS, "
+        f"{1e3 * largest:.2f} mm at most from where the model {kinematics.name} has it; "
+        "poses are the controller's"
+    )
 
 
-def read_controller_kinematics(host: str, limit: float = READ_LIMIT) -> ControllerKinematics | None:
-    """Read what a controller states of its kinematics; None if it states nothing in time.
+def read_controller_kinematics(host: str, limit: float = READ_LIMIT) -> DhParameters | None:
+    """Read how a controller's arm is calibrated; None if it states nothing in time.
 
     Parameters
     ----------
@@ -74,22 +58,24 @@ def read_controller_kinematics(host: str, limit: float = READ_LIMIT) -> Controll
     """
     end = time.monotonic() + limit
     try:
-        with socket.create_connection((host, PRIMARY_PORT), timeout=limit) as stream:
+        with (
+            socket.create_connection((host, PRIMARY_PORT), timeout=limit) as link,
+            link.makefile("rb") as stream,
+        ):
             while (left := end - time.monotonic()) > 0:
-                stream.settimeout(left)
-                size, kind = PACKAGE_HEAD.unpack(_exactly(stream, PACKAGE_HEAD.size))
+                link.settimeout(left)
+                size, kind = PACKAGE_HEAD.unpack(stream.read(PACKAGE_HEAD.size))
                 if not PACKAGE_HEAD.size <= size <= MOST_BYTES:
-                    return None
-                body = _exactly(stream, size - PACKAGE_HEAD.size)
-                found = find_kinematics(body) if kind == ROBOT_STATE else None
-                if found is not None:
+                    break
+                body = stream.read(size - PACKAGE_HEAD.size)
+                if kind == ROBOT_STATE and (found := find_kinematics(body)) is not None:
                     return found
-    except (OSError, EOFError):
-        return None
+    except (OSError, struct.error):  # no controller, too late, or it hung up within a package
+        pass
     return None
 
 
-def find_kinematics(body: bytes) -> ControllerKinematics | None:
+def find_kinematics(body: bytes) -> DhParameters | None:
     """Find the kinematics among the packages of a robot state, without its own head.
 
     A package that can't be, or holds no numbers, is as good as none.
@@ -104,17 +90,6 @@ def find_kinematics(body: bytes) -> ControllerKinematics | None:
             numbers = np.array(values[6:]).reshape(4, 6)
             if not np.isfinite(numbers).all():
                 return None
-            theta, a, d, alpha = numbers
-            return ControllerKinematics(values[:6], DhParameters(theta, a, d, alpha))
+            return DhParameters(*numbers)
         at += size
     return None
-
-
-def _exactly(stream: socket.socket, count: int) -> bytes:
-    data = b""
-    while len(data) < count:
-        part = stream.recv(count - len(data))
-        if not part:
-            raise EOFError
-        data += part
-    return data

@@ -1,4 +1,4 @@
-"""A move on a controller: set off, followed to its end, and judged there."""
+"""A move on a controller: its command, set off, followed to its end, and judged there."""
 
 from __future__ import annotations
 
@@ -14,13 +14,90 @@ from tjscan.core.errors import (
     ProgramStopped,
     TargetRefused,
 )
-from tjscan.core.frames import Array, rotation_angle_between
+from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
-from tjscan.robot.motion_lock import MotionLock
-from tjscan.robot.ur.commands import MoveCommand
+from tjscan.robot.kinematics import Kinematics
+from tjscan.robot.motion import JointTrajectory
 from tjscan.robot.ur.messages import ControllerState
 from tjscan.robot.ur.session import ControllerSession
-from tjscan.robot.ur.settings import UrSettings
+
+NO_LENGTH: Final = 1e-6
+"""Metres: a shorter line is none."""
+
+LARGEST_SWING: Final = 0.005
+"""Metres that the flange may swing aside while it turns on the spot, within any margin."""
+
+OTHER_CONFIGURATION: Final = 0.1
+"""Radians between the controller's inverse and ours, beyond calibration."""
+
+FASTEST_JOINT: Final = 3.0
+"""rad/s: the client library refuses more than 3.14."""
+
+LARGEST_ACCELERATION: Final = 39.0
+"""rad/s²: the client library refuses more than 40."""
+
+
+MoveCommand = tuple[str, tuple[float, ...], float, float]
+"""A move as the client takes it: a method of `client.RtdeClient`, its target (pose of the TCP, or
+joint angles), then speed and acceleration of the flange in m/s and m/s², or of the leading joint in
+rad/s and rad/s²."""
+
+
+def linear_command(
+    kinematics: Kinematics, session: ControllerSession, path: JointTrajectory, T_b_f: Array
+) -> MoveCommand:
+    """Command that moves the flange on a straight line along a path that ends at a pose.
+
+    Raises
+    ------
+    TargetRefused
+        If it turns on the spot, and swings the flange aside.
+    """
+    end, start = (kinematics.forward(path.q[i])[:3, 3] for i in (-1, 0))
+    length = float(np.linalg.norm(end - start))
+    if length < NO_LENGTH:
+        return _turn_command(kinematics, session, path, T_b_f)
+    return ("move_linear", session.active_tcp_pose(T_b_f), *_speed_and_acceleration(path, length))
+
+
+def joint_command(session: ControllerSession, path: JointTrajectory, T_b_f: Array) -> MoveCommand:
+    """Command that moves in joint space along a path that ends at a pose.
+
+    The controller knows how its arm differs from the drawing; ours is the configuration.
+
+    Raises
+    ------
+    TargetRefused
+        If the controller has the pose in another configuration.
+    """
+    goal, tcp = path.q[-1], session.active_tcp_pose(T_b_f)
+    q = np.array(session.call_client_method(list, "inverse", tcp, tuple(goal.tolist())))
+    if q.shape != goal.shape or np.abs(q - goal).max() > OTHER_CONFIGURATION:
+        session.read_state()  # the true reason, if the arm is not well
+        raise TargetRefused("it finds no configuration near the one planned.", T_b_f)
+    speed, acceleration = _speed_and_acceleration(path, float(np.abs(goal - path.q[0]).max()))
+    limited = min(speed, FASTEST_JOINT), min(acceleration, LARGEST_ACCELERATION)
+    return ("move_joint", tuple(q.tolist()), *limited)
+
+
+def _turn_command(
+    kinematics: Kinematics, session: ControllerSession, path: JointTrajectory, T_b_f: Array
+) -> MoveCommand:
+    """A line without length: a speed of the flange bounds no turn, speeds of joints do."""
+    straight = path.q[0] + np.linspace(0, 1, 9)[:, None] * (path.q[-1] - path.q[0])
+    places = np.array([kinematics.forward(q)[:3, 3] for q in straight])
+    if np.linalg.norm(places - places[0], axis=1).max() > LARGEST_SWING:
+        raise TargetRefused(
+            "a turn this wide on the spot would swing the flange aside; turn in parts.", T_b_f
+        )
+    return joint_command(session, path, T_b_f)
+
+
+def _speed_and_acceleration(path: JointTrajectory, length: float) -> tuple[float, float]:
+    """Speed and acceleration along a path of this length that take as long as it does."""
+    speed = length / (path.duration - path.ramp)
+    return speed, speed / path.ramp
+
 
 POLL_PERIOD: Final = 0.004
 """Seconds between two looks at a move."""
@@ -68,9 +145,7 @@ def check_target_is_safe(session: ControllerSession, T_b_f: Array) -> None:
         )
 
 
-def execute_move(
-    session: ControllerSession, latch: MotionLock, order: MoveCommand, T_b_f: Array
-) -> None:
+def execute_move(session: ControllerSession, command: MoveCommand, T_b_f: Array) -> None:
     """Start a move and wait for its end; whatever interrupts it leaves the arm at rest.
 
     Raises
@@ -83,26 +158,23 @@ def execute_move(
     session.keep_dashboard()
     before = session.read_state()
     try:
-        with latch.begin_move():
-            begun = session.call_client_method(
-                bool, order.name, order.target, order.speed, order.acceleration
-            )
+        with session.latch.begin_move():
+            begun = session.call_client_method(bool, *command)
         if not begun:
             session.read_state()
             session.check_commands_are_answered()
             raise TargetRefused("it did not begin the move. Read its pendant's log.", T_b_f)
-        _follow(session, latch, before)
+        _follow_move_to_its_end(session, before)
     except BaseException:
         session.stop_move()
         raise
 
 
-def _follow(session: ControllerSession, latch: MotionLock, before: ControllerState) -> None:
-    """Watch a move until it has ended."""
+def _follow_move_to_its_end(session: ControllerSession, before: ControllerState) -> None:
     began, moved, last = time.monotonic(), time.monotonic(), np.array(before.q)
     while True:
-        stopping = latch.wait_for_stop(POLL_PERIOD)
-        now, moment = session.read_state_supervising_move(), time.monotonic()
+        stopping = session.latch.wait_for_stop(POLL_PERIOD)
+        now, moment = session.read_state(supervising_move=True), time.monotonic()
         if stopping:
             raise ArmFault(
                 "the arm was stopped on its way. See that the way is clear, then move again "
@@ -128,9 +200,7 @@ def _follow(session: ControllerSession, latch: MotionLock, before: ControllerSta
             )
 
 
-def await_arrival(
-    session: ControllerSession, latch: MotionLock, settings: UrSettings, T_b_f: Array
-) -> ArmState:
+def await_arrival(session: ControllerSession, T_b_f: Array) -> ArmState:
     """Wait until the arm rests, and check that it is where it was sent.
 
     Raises
@@ -145,9 +215,7 @@ def await_arrival(
         # A look later than the one that saw the end: both links have the end by then.
         newer, state = now.time > first, session.arm_state_from(now)
         rests = newer and np.abs(now.speed).max() < REST_SPEED
-        distance = float(np.linalg.norm(state.T_b_f[:3, 3] - T_b_f[:3, 3]))
-        angle = rotation_angle_between(state.T_b_f, T_b_f)
-        near = distance <= settings.position_tolerance and angle <= settings.rotation_tolerance
+        distance, angle, near = session.settings.miss(state.T_b_f, T_b_f)
         if rests and near:
             return state
         if newer and time.monotonic() > limit:
@@ -160,4 +228,4 @@ def await_arrival(
                     state.T_b_f,
                 )
             )
-        latch.wait_for_stop(POLL_PERIOD)
+        session.latch.wait_for_stop(POLL_PERIOD)

@@ -17,12 +17,10 @@ import numpy as np
 
 from tjscan.core import pose_vector
 from tjscan.core.errors import ArmFault, ArmNotConnected, PoseNotReached, ProgramStopped
-from tjscan.core.frames import Array, rotation_angle_between
-from tjscan.robot.motion_lock import MotionLock
-from tjscan.robot.ur.messages import PROGRAM_PLAYING, WATCHDOG_PERIOD, ControllerState
+from tjscan.core.frames import Array
+from tjscan.robot.ur.messages import PROGRAM_PLAYING, WATCHDOG_PERIOD
 from tjscan.robot.ur.moving import START_LIMIT
 from tjscan.robot.ur.session import ControllerSession
-from tjscan.robot.ur.settings import UrSettings
 
 PROGRAM_PORT: Final = 30002
 """Of the secondary interface, which takes programs."""
@@ -33,7 +31,7 @@ LOOK_PERIOD: Final = 0.05
 WATCHDOG_STATEMENT: Final = (
     f'  rtde_set_watchdog("input_int_register_0", {1 / WATCHDOG_PERIOD:g}, "stop")'
 )
-"""First statement of a program: to end where nothing is heard of this computer any more."""
+"""First statement of a program: to end when nothing is heard of this computer any more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +45,7 @@ class UrProgram:
     T_b_tcp : ndarray, shape (4, 4)
         Where it leaves the TCP that it sets, in frame b.
     leave : str
-        Another program, that is run where this one does not come to its end: to switch off what it
+        Another program, that is run if this one does not come to its end: to switch off what it
         has switched on.
     """
 
@@ -57,11 +55,7 @@ class UrProgram:
 
 
 def run_program(
-    session: ControllerSession,
-    latch: MotionLock,
-    settings: UrSettings,
-    program: UrProgram,
-    started: Callable[[], object],
+    session: ControllerSession, program: UrProgram, started: Callable[[], object]
 ) -> None:
     """Run a program and watch it to its end.
 
@@ -69,10 +63,6 @@ def run_program(
     ----------
     session : ControllerSession
         The session; its control script ends.
-    latch : MotionLock
-        Stops it.
-    settings : UrSettings
-        Tolerances.
     program : UrProgram
         The program.
     started : callable
@@ -90,33 +80,30 @@ def run_program(
     session.keep_dashboard()
     session.read_state()
     try:
-        with latch.begin_move():
-            session.call_client_method(NoneType, "give_way")
-            _await_program(session, latch, runs=False)
-            _send(settings.host, _watched(program.script))
-        _await_program(session, latch, runs=True)
+        with session.latch.begin_move():
+            session.call_client_method(NoneType, "stop_control_script")
+            _await_program(session, runs=False)
+            head, _, rest = program.script.partition("\n")
+            _send_script(session, "\n".join((head, WATCHDOG_STATEMENT, rest)))
+        _await_program(session, runs=True)
         session.call_client_method(NoneType, "feed_foreign_watchdog")
         started()
-        while session.read_state_beside_program().runtime_state == PROGRAM_PLAYING:
-            if latch.wait_for_stop(LOOK_PERIOD):
+        while session.read_state(beside_program=True).runtime_state == PROGRAM_PLAYING:
+            if session.latch.wait_for_stop(LOOK_PERIOD):
                 raise ArmFault("the program was stopped on its way. See that the way is clear.")
             session.keep_dashboard_connected()
-        _check_end(session, settings, program.T_b_tcp)
+        _check_end(session, program.T_b_tcp)
     except BaseException as error:
         session.stop_program(error)
         try:
-            _send(settings.host, program.leave)
+            _send_script(session, program.leave)
         except ArmFault as unsent:
             error.add_note(f"What is more, its outputs could not be reset: {unsent}")
         raise
 
 
-def _watched(script: str) -> str:
-    head, _, rest = script.partition("\n")
-    return "\n".join((head, WATCHDOG_STATEMENT, rest))
-
-
-def _send(host: str, script: str) -> None:
+def _send_script(session: ControllerSession, script: str) -> None:
+    host = session.settings.host
     try:
         with socket.create_connection((host, PROGRAM_PORT), START_LIMIT) as link:
             link.sendall(f"{script.rstrip()}\n".encode())
@@ -130,22 +117,20 @@ def _send(host: str, script: str) -> None:
         ) from None
 
 
-def _await_program(session: ControllerSession, latch: MotionLock, *, runs: bool) -> None:
+def _await_program(session: ControllerSession, *, runs: bool) -> None:
     """Wait until a program runs, or none does."""
     limit = time.monotonic() + START_LIMIT
-    while (session.read_state_beside_program().runtime_state == PROGRAM_PLAYING) != runs:
+    while (session.read_state(beside_program=True).runtime_state == PROGRAM_PLAYING) != runs:
         if time.monotonic() > limit:
             verb = "begin the program" if runs else "end the program before"
             raise ProgramStopped(f"the controller does not {verb}. Read its log.")
-        latch.wait_for_stop(LOOK_PERIOD)
+        session.latch.wait_for_stop(LOOK_PERIOD)
 
 
-def _check_end(session: ControllerSession, settings: UrSettings, T_b_tcp: Array) -> None:
-    now: ControllerState = session.read_state_beside_program()
-    there = pose_vector.pose_from_vector(np.array(now.tcp))
-    distance = float(np.linalg.norm(there[:3, 3] - T_b_tcp[:3, 3]))
-    angle = rotation_angle_between(there, T_b_tcp)
-    if distance > settings.position_tolerance or angle > settings.rotation_tolerance:
+def _check_end(session: ControllerSession, T_b_tcp: Array) -> None:
+    there = pose_vector.pose_from_vector(np.array(session.read_state(beside_program=True).tcp))
+    distance, angle, near = session.settings.miss(there, T_b_tcp)
+    if not near:
         raise PoseNotReached(
             f"the program ended {1e3 * distance:.1f} mm and {np.degrees(angle):.1f} deg from where "
             "it leads: it was stopped on its way, by a person or by the controller, whose log then "

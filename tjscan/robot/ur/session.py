@@ -21,15 +21,11 @@ from tjscan.core.errors import (
 )
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.process import ClientClosed, ClientDied, ClientProcess, ClientSilent
-from tjscan.robot.arm import ArmState
+from tjscan.robot.arm import ArmState, MotionLock
 from tjscan.robot.ur.dashboard import DashboardClient
-from tjscan.robot.ur.faults import (
-    fault_from_state,
-    power_fault,
-    remote_fault,
-    safety_fault,
-)
+from tjscan.robot.ur.faults import fault_from_state, power_fault, remote_fault, safety_fault
 from tjscan.robot.ur.messages import HOST_GONE, PROGRAM_PLAYING, ControllerState
+from tjscan.robot.ur.settings import UrSettings
 
 T = TypeVar("T")
 
@@ -54,13 +50,75 @@ class ClientLibraryError(Exception):
     """The client library raised an error, which the driver interprets."""
 
 
-class UrClientProcess(ClientProcess):
-    """Process that runs `client.RtdeClient`, and the link to it."""
+class ControllerSession:
+    """Session with a controller: reads and commands; none is passed on after a fault.
 
-    def __init__(self) -> None:
-        super().__init__("tjscan.robot.ur.client")
+    Parameters
+    ----------
+    dashboard : DashboardClient
+        To stop the arm without the client.
+    settings : UrSettings
+        Its address, limits and tolerances.
+    latch : MotionLock
+        Keeps moves apart, and stops them.
+    note : callable
+        Receives events.
+    """
 
-    def call_client_method(
+    def __init__(
+        self,
+        dashboard: DashboardClient,
+        settings: UrSettings,
+        latch: MotionLock,
+        note: EventListener,
+    ) -> None:
+        self.dashboard, self.settings, self.latch, self._note = dashboard, settings, latch, note
+        self.link = ClientProcess("tjscan.robot.ur.client")
+        self.fault: ArmFault | None = None
+        self.T_tcp_f = np.eye(4)
+        """The flange in the active TCP, shape (4, 4)."""
+        self._clock: float | None = None
+        self._advanced = self._seen = 0.0
+
+    def read_state(
+        self, *, supervising_move: bool = False, beside_program: bool = False
+    ) -> ControllerState:
+        """Read the controller's state; raises the arm's fault if there is one.
+
+        Parameters
+        ----------
+        supervising_move : bool, optional
+            During a move: the client stops the arm if this is not done for long.
+        beside_program : bool, optional
+            While a program of ours runs in place of the control script, or has ended.
+
+        Raises
+        ------
+        ArmFault
+            What is wrong with it; the session has ended then.
+        """
+        self._check_no_fault()
+        limit = self.settings.silence_limit + ANSWER_SLACK
+        name = "read_state_supervising_move" if supervising_move else "read_state"
+        try:
+            now = self.ask_client(ControllerState, name, limit=limit)
+            self._check_clock_advances(now)
+            fault = fault_from_state(
+                replace(now, runtime_state=PROGRAM_PLAYING) if beside_program else now
+            )
+            if isinstance(fault, ProgramStopped):  # blames people: confirm it first
+                time.sleep(NEXT_READING)
+                now = self.ask_client(ControllerState, name, limit=limit)
+                fault = fault_from_state(now)
+        except ArmFault as found:
+            fault = found
+        except ClientLibraryError as failed:
+            fault = ArmConnectionLost(f"the connection to the arm's controller broke ({failed}).")
+        if fault is not None:
+            raise self.end_for_fault(fault)
+        return now
+
+    def ask_client(
         self, kind: type[T], name: str, *arguments: object, limit: float = ANSWER_LIMIT
     ) -> T:
         """Call a method of the client in its process, and return what it returns.
@@ -88,7 +146,7 @@ class UrClientProcess(ClientProcess):
             If the client library raised something.
         """
         try:
-            answer = self.ask(name, *arguments, limit=limit)
+            answer = self.link.ask(name, *arguments, limit=limit)
         except ClientClosed:
             raise ArmConnectionLost("the client's process has ended. Connect again.") from None
         except ClientDied as died:
@@ -112,61 +170,6 @@ class UrClientProcess(ClientProcess):
         if not isinstance(answer.value, kind):
             raise ClientLibraryError(f"{name} gave {answer.value!r}")
         return answer.value
-
-
-class ControllerSession:
-    """Session with a controller: reads and commands; none is passed on after a fault.
-
-    Parameters
-    ----------
-    dashboard : DashboardClient
-        To stop the arm without the client.
-    link : UrClientProcess
-        The client.
-    silence_limit : float
-        Seconds for which the controller's clock may not advance.
-    note : callable
-        Receives events.
-    """
-
-    def __init__(
-        self,
-        dashboard: DashboardClient,
-        link: UrClientProcess,
-        silence_limit: float,
-        note: EventListener,
-    ) -> None:
-        self.dashboard, self.link, self._note = dashboard, link, note
-        self.fault: ArmFault | None = None
-        self.T_tcp_f = np.eye(4)
-        """The flange in the active TCP, shape (4, 4)."""
-        self._silence_limit = silence_limit
-        self._clock: float | None = None
-        self._advanced = self._seen = 0.0
-
-    def read_state(self) -> ControllerState:
-        """Read the controller's state; raises the arm's fault if there is one.
-
-        Raises
-        ------
-        ArmFault
-            What is wrong with it; the session has ended then.
-        """
-        return self._look("read_state")
-
-    def read_state_supervising_move(self) -> ControllerState:
-        """Read the state during a move; the client stops the arm if that is not done for long."""
-        return self._look("read_state_supervising_move")
-
-    def read_state_beside_program(self) -> ControllerState:
-        """Read the state while a program of ours runs in place of the control script, or has ended.
-
-        Raises
-        ------
-        ArmFault
-            What is wrong with the arm; the session has ended then.
-        """
-        return self._look("read_state", beside_program=True)
 
     def arm_state(self) -> ArmState:
         """Read joint angles, flange pose and time; raises as `read_state` does."""
@@ -221,7 +224,7 @@ class ControllerSession:
 
     def _reconnect_dashboard(self, lost: ArmFault) -> None:
         try:
-            self.dashboard.connect_again(RECONNECT_SHARE * self._silence_limit)
+            self.dashboard.connect_again(RECONNECT_SHARE * self.settings.silence_limit)
         except ArmFault:
             self.stop_move()
             raise self.end_for_fault(
@@ -236,7 +239,8 @@ class ControllerSession:
     def call_client_method(self, kind: type[T], name: str, *arguments: object) -> T:
         """Call a method of the client process; what the client raises becomes the arm's fault."""
         try:
-            return self._working.call_client_method(kind, name, *arguments)
+            self._check_no_fault()
+            return self.ask_client(kind, name, *arguments)
         except ClientLibraryError as failed:
             self.read_state()  # the true reason, if the arm is not well
             raise self.end_for_fault(
@@ -249,11 +253,11 @@ class ControllerSession:
         """Stop the move under way; the session goes on if the arm is well."""
         if self.fault is None:
             try:
-                self.link.call_client_method(NoneType, "stop_move", STOP_DECELERATION)
-            except ArmFault as fault:
-                self.end_for_fault(fault)
-            except ClientLibraryError as failed:
-                self.end_for_fault(ArmFault(str(failed)))
+                self.ask_client(NoneType, "stop_move", STOP_DECELERATION)
+            except (ArmFault, ClientLibraryError) as failed:
+                self.end_for_fault(
+                    failed if isinstance(failed, ArmFault) else ArmFault(str(failed))
+                )
 
     def end_for_fault(self, fault: ArmFault) -> ArmFault:
         """End the session for a fault: stop the arm by whatever still works; returns the fault."""
@@ -287,7 +291,12 @@ class ControllerSession:
         """
         try:
             if self.fault is None:
-                self._end_program(because)
+                self.ask_client(NoneType, "stop_control_script")
+        except (ArmFault, ClientLibraryError):
+            if because is None:
+                self.dashboard.stop_program()
+            else:
+                self.stop_program(because)
         finally:
             self.disconnect()
 
@@ -296,35 +305,13 @@ class ControllerSession:
         self.link.close()
         self.dashboard.close()
 
-    @property
-    def _working(self) -> UrClientProcess:
+    def _check_no_fault(self) -> None:
         if self.fault is not None:
             raise self.fault
-        return self.link
-
-    def _look(self, name: str, *, beside_program: bool = False) -> ControllerState:
-        link, limit = self._working, self._silence_limit + ANSWER_SLACK
-        try:
-            now = link.call_client_method(ControllerState, name, limit=limit)
-            self._check_clock_advances(now)
-            fault = fault_from_state(
-                replace(now, runtime_state=PROGRAM_PLAYING) if beside_program else now
-            )
-            if isinstance(fault, ProgramStopped):  # blames people: confirm it first
-                time.sleep(NEXT_READING)
-                now = link.call_client_method(ControllerState, name, limit=limit)
-                fault = fault_from_state(now)
-        except ArmFault as found:
-            fault = found
-        except ClientLibraryError as failed:
-            fault = ArmConnectionLost(f"the connection to the arm's controller broke ({failed}).")
-        if fault is not None:
-            raise self.end_for_fault(fault)
-        return now
 
     def _check_clock_advances(self, now: ControllerState) -> None:
         """Check that the controller's clock advances: stale readings still return."""
-        moment, limit = time.monotonic(), self._silence_limit
+        moment, limit = time.monotonic(), self.settings.silence_limit
         # Between two readings nothing is known: a pause between them counts for nothing.
         if now.time != self._clock or moment - self._seen > limit / 4:
             self._clock, self._advanced = now.time, moment
@@ -347,15 +334,6 @@ class ControllerSession:
                     )
                 return found or fault
         return fault
-
-    def _end_program(self, because: BaseException | None) -> None:
-        try:
-            self.link.call_client_method(NoneType, "stop_control_script")
-        except (ArmFault, ClientLibraryError):
-            if because is None:
-                self.dashboard.stop_program()
-            else:
-                self.stop_program(because)
 
 
 def not_ready_fault(dashboard: DashboardClient) -> ArmFault | None:

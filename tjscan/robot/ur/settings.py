@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from math import radians
 from typing import Annotated
 
+import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
 
+from tjscan.core.frames import Array, rotation_angle_between
 from tjscan.core.units import DEG, KG, MM, SECONDS, Position, SettingsTable
 
 
@@ -42,3 +44,10 @@ class UrSettings(SettingsTable):
     def __post_init__(self) -> None:
         if self.payload is None and any(self.payload_centre):
             raise ValueError("payload_centre_mm needs payload_kg beside it")
+
+    def miss(self, T: Array, T_wanted: Array) -> tuple[float, float, bool]:
+        """Distance, metres, and angle, radians, between two poses; whether both are tolerated."""
+        distance = float(np.linalg.norm(T[:3, 3] - T_wanted[:3, 3]))
+        angle = rotation_angle_between(T, T_wanted)
+        near = distance <= self.position_tolerance and angle <= self.rotation_tolerance
+        return distance, angle, near

@@ -33,7 +33,7 @@ from tjscan.result.wireframe import joint_wireframe
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
 from tjscan.scanning.journal import grid_triangles
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.reader import read_recording_entries
+from tjscan.scanning.recording import read_recording_entries
 from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.sections_before import read_section
 from tjscan.scanning.stopping import StopRequest

@@ -25,10 +25,10 @@ from tjscan.result.directory import CALIBRATION_FILE, JOINT_FILE, URDF_FILE
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.run import JobContext, make_run_directory, take_job_snapshot
+from tjscan.scanning.recording import ScanRecording
 from tjscan.scanning.section import ProfileView
 from tjscan.scanning.sections_before import GrooveReader
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.topics import ScanRecording
 
 
 @dataclass(frozen=True, eq=False)

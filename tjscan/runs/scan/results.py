@@ -27,8 +27,8 @@ from tjscan.runs.scan.uncertainty import StatedCauses
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.progress import ScanResult, groove_length, plan_is_fulfilled, step_lengths
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
+from tjscan.uncertainty.budget import BudgetSummary, summarise_budget
 from tjscan.uncertainty.causes import budget_of_causes
-from tjscan.uncertainty.summary import BudgetSummary, summarise_budget
 
 
 def calibration_label(directory: Path) -> str:

@@ -24,10 +24,9 @@ from tjscan.core.frames import (
 )
 from tjscan.core.units import pose_from_rows_mm
 from tjscan.job.files import ScanJob
-from tjscan.joint.bevel import groove_sections
-from tjscan.joint.checks import CHECKED_AZIMUTHS
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.file import JointFile
+from tjscan.joint.edges import groove_sections
+from tjscan.joint.file import CHECKED_AZIMUTHS, JointFile
 from tjscan.joint.geometry import cylindrical_to_j, tangential_direction
 from tjscan.robot.kinematics import Kinematics
 from tjscan.scanning.plan import ScanPlan

@@ -21,10 +21,11 @@ from tjscan.uncertainty.causes import (
     calibrated_arm_cause,
     calibration_twists,
     hand_eye_cause,
+    linearity_cause,
+    range_bias_cause,
     reading_cause,
     repeatability_cause,
 )
-from tjscan.uncertainty.laser_causes import linearity_cause, range_bias_cause
 
 UNKNOWN_MOUNT = (
     "where the laser sits on the hand: the job states it without its uncertainty "

@@ -30,7 +30,7 @@ from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import check_keys_replaceable, resume_scan, run_scan
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 
 Watch = Callable[[str, ScanPlan], AbstractContextManager[Journal]]
 """Gives a journal that shows the scan of a station while it runs."""

@@ -55,7 +55,7 @@ from tjscan.runs.run import COPIED_FILES, WhenFinished, do_nothing
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 from tjscan.runs.scan.results import all_profile_points, corner_errors
 from tjscan.runs.scan.uncertainty import causes_of_job
-from tjscan.scanning.reader import read_recorded_scan
+from tjscan.scanning.recording import read_recorded_scan
 from tjscan.stitching.picture import draw_stitching
 from tjscan.stitching.registration import (
     StationRegistration,
@@ -69,7 +69,7 @@ from tjscan.stitching.stations import (
     station_from_recording,
 )
 from tjscan.stitching.stitch import PlacedStation, StitchedGroove, stitch_stations
-from tjscan.uncertainty.summary import summarise_budget
+from tjscan.uncertainty.budget import summarise_budget
 
 
 def build_stitching_report(stitched: StitchedGroove, sources: Mapping[str, str]) -> StitchingReport:

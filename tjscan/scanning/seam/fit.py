@@ -2,6 +2,8 @@
 
 A few sections do not hold two cylinders: two taught ones give eight numbers for ten. What is
 missing is taken from what joints of tubes are like, as a prior, and its doubt is kept.
+
+`RecentSections` holds what the finished sections show of the walls, as arrays.
 """
 
 from __future__ import annotations
@@ -15,7 +17,105 @@ import numpy as np
 
 from tjscan.core.frames import Array, cross, frozen_arrays, unit_vector
 from tjscan.core.gaussian_process import Matern52
-from tjscan.scanning.seam.track import RecentSections
+from tjscan.scanning.section import Sections
+
+MOST_SECTIONS: Final = 30
+"""Sections that are looked back upon: at the shortest steps still half a saddle."""
+
+ARM_REPEATABILITY: Final = 0.05e-3 / np.sqrt(3)
+"""Metres, standard deviation on one axis by which an arm misses the pose it reports: assumption,
+after the ±0.05 mm that makers state. No section knows of it, yet it outweighs what they state."""
+
+ANGULAR_REPEATABILITY: Final = 1e-4 / np.sqrt(3)
+"""Radians about one axis: assumption, the above over half a metre of arm."""
+
+END_SIGMA: Final = 0.15e-3
+"""Metres by which p1 and p5 lie off their walls, standard deviation: assumption. The curve that
+is fitted between them and p2 or p4 is a parabola, or where that is doubtful a line."""
+
+LEAST_SIGMA: Final = 1e-6
+"""Metres and radians: nothing is known better, not even without any noise."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
+class RecentSections:
+    """The last sections, the oldest first, in frame b. n sections; k = 0 brace, 1 leg.
+
+    Parameters
+    ----------
+    along : ndarray, shape (n,)
+        Length of the groove up to each, metres, counted from the last: never above 0.
+    origins : ndarray, shape (n, 3)
+        Origins of frame g, metres.
+    points : ndarray, shape (2, n, 3)
+        p2 on the brace's wall, p4 on the leg, metres.
+    ends : ndarray, shape (2, n, 3)
+        p1 at the end of what was seen of the brace, p5 of the leg, metres.
+    tangents : ndarray, shape (2, n, 3)
+        Unit vectors in the laser plane along the brace's wall at p2 (down) and along the leg at
+        p4 (out).
+    shape : ndarray, shape (n, 3)
+        Distances of p2 and p4 from the origin along these tangents (metres), groove angle
+        (radians): what is left of a section once both tangents are known.
+    sigmas : ndarray, shape (6, n)
+        Standard deviations of where p2, p4 and p1, p5 lie across their walls (metres), and of
+        the directions of both tangents (radians), the arm's repeatability included.
+    shape_sigmas : ndarray, shape (n, 3)
+        Of `shape`.
+    """
+
+    along: Array
+    origins: Array
+    points: Array
+    ends: Array
+    tangents: Array
+    shape: Array
+    sigmas: Array
+    shape_sigmas: Array
+
+
+def recent_section_arrays(sections: Sections) -> RecentSections:
+    """Arrays of the last `MOST_SECTIONS` of two or more sections."""
+    last = sections[-MOST_SECTIONS:]
+    grooves = [scan.groove for scan in last]
+    R = np.array([scan.view.T_b_s[:3, :3] for scan in last])
+    p = np.array([scan.view.T_b_s[:3, 3] for scan in last])
+    ends_s = np.array([g.points_s[[0, 4]] for g in grooves])
+    corners_s = np.array([g.points_s[[1, 3]] for g in grooves])
+    origins_s = np.array([g.T_s_g[:3, 3] for g in grooves])
+    tangents_s = np.array([(g.wall_s, g.leg_s) for g in grooves])
+    origins = (R @ origins_s[..., None])[..., 0] + p
+    chords = np.linalg.norm(np.diff(origins, axis=0), axis=1)
+
+    # Square to a tangent, in the laser plane.
+    normals = tangents_s[..., [2, 0]] * (-1, 1)
+    corners = np.array([g.corner_covariances_s[[0, 2]] for g in grooves])
+    across = np.einsum("nki,nkij,nkj->nk", normals, corners, normals)
+    turned = np.array([np.diag(g.tangent_covariance) for g in grooves])
+    read = across.T + ARM_REPEATABILITY**2
+    tilts = turned.T + ANGULAR_REPEATABILITY**2 + LEAST_SIGMA**2
+    lengths = np.sum((corners_s - origins_s[:, None]) * tangents_s, axis=-1)
+    # The origin is found along a tangent by both: their noise over the distance between them.
+    reached = across.sum(axis=1) + (lengths**2 * turned).sum(axis=1) + ARM_REPEATABILITY**2
+    # A corner that is not seen lies somewhere along its tangent.
+    along = np.einsum("nki,nkij,nkj->nk", tangents_s[..., [0, 2]], corners, tangents_s[..., [0, 2]])
+    absent = np.array([[corner in g.absent for corner in ("p2", "p4")] for g in grooves])
+    unseen = np.where(absent, along, 0.0)
+    openings = np.array([(g.groove_angle, g.measure_covariance[0, 0]) for g in grooves])
+    return RecentSections(
+        along=np.concatenate((-chords[::-1].cumsum()[::-1], [0.0])),
+        origins=origins,
+        points=np.moveaxis(corners_s @ np.swapaxes(R, 1, 2) + p[:, None], 1, 0),
+        ends=np.moveaxis(ends_s @ np.swapaxes(R, 1, 2) + p[:, None], 1, 0),
+        tangents=np.moveaxis(tangents_s @ np.swapaxes(R, 1, 2), 1, 0),
+        shape=np.column_stack((lengths, openings[:, 0])),
+        sigmas=np.sqrt(np.concatenate((read + LEAST_SIGMA**2, read + END_SIGMA**2, tilts))),
+        shape_sigmas=np.sqrt(
+            np.column_stack((reached[:, None] + unseen, openings[:, 1])) + LEAST_SIGMA**2
+        ),
+    )
+
 
 BRACE_RADIUS: Final = (0.2, 0.7)
 """Median in metres, and standard deviation of the logarithm: braces of some 0.2 to 0.8 m."""
@@ -178,9 +278,8 @@ class LocalTubeFit:
             Derivatives of the values by `theta`: what is estimated of the tubes and what they
             leave are wrong together.
         """
-        towards = np.array(
-            [Matern52(a, OUT_OF_ROUND_WAVE)(self.along - at) for a in _RESIDUAL_SIGMAS]
-        )
+        kernels = (Matern52(sigma, OUT_OF_ROUND_WAVE) for sigma in _RESIDUAL_SIGMAS)
+        towards = np.array([kernel(self.along - at) for kernel in kernels])
         white = np.einsum("cmn,cn->cm", self.whiten, towards)
         weights = np.einsum("cmn,cm->cn", self.whiten, white)
         variances = np.array(_RESIDUAL_SIGMAS) ** 2 - np.sum(white**2, axis=1)
@@ -221,29 +320,23 @@ def fit_tubes_to_sections(track: RecentSections) -> LocalTubeFit:
 def _fit(track: RecentSections, sigmas: Array) -> LocalTubeFit:
     bases = _bases(track)
     between = track.along[:, None] - track.along
-    whiten = np.array(
-        [
-            np.linalg.inv(
-                np.linalg.cholesky(Matern52(a, OUT_OF_ROUND_WAVE)(between) + np.diag(s**2))
-            )
-            for a, s in zip(_RESIDUAL_SIGMAS, sigmas, strict=True)
-        ]
-    )
+    covariances = [
+        Matern52(out, OUT_OF_ROUND_WAVE)(between) + np.diag(own**2)
+        for out, own in zip(_RESIDUAL_SIGMAS, sigmas, strict=True)
+    ]
+    whiten = np.array([np.linalg.inv(np.linalg.cholesky(C)) for C in covariances])
 
     def residuals(thetas: Array) -> Array:
         walls = _walls(bases, thetas)
-        seen = _residuals(walls, track)
-        white = np.einsum("cmn,...cn->...cm", whiten, seen)
-        return np.concatenate(
-            (white.reshape(*thetas.shape[:-1], -1), _prior(walls, thetas)), axis=-1
-        )
+        white = np.einsum("cmn,...cn->...cm", whiten, _residuals(walls, track))
+        flat = white.reshape(*thetas.shape[:-1], -1)
+        return np.concatenate((flat, _prior(walls, thetas)), axis=-1)
 
     theta, jacobian = _search(residuals, _starts())
     spread = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
     # Ten of the prior's and the sections' residuals are spent on the parameters.
     reduced_chi2 = float(np.sum(residuals(theta) ** 2)) / (6 * len(track.along) + 1)
-    around = theta + np.concatenate((np.zeros((1, 10)), _DIFFERENCE_STEP * np.eye(10)))
-    lefts = _residuals(_walls(bases, around), track)
+    lefts = _residuals(_walls(bases, with_small_steps(theta, _DIFFERENCE_STEP)), track)
     by_theta = np.moveaxis((lefts[1:] - lefts[0]) / _DIFFERENCE_STEP, 0, -1)
     return LocalTubeFit(
         bases, theta, spread * max(1.0, reduced_chi2), track.along, whiten, lefts[0], by_theta
@@ -258,6 +351,12 @@ def _residuals(walls: LocalWalls, track: RecentSections) -> Array:
         np.concatenate((track.tangents, track.tangents), axis=1),
     )
     return np.concatenate((distances[..., :n], distances[..., n:], slopes[..., :n]), axis=-2)
+
+
+def with_small_steps(values: Array, step: float) -> Array:
+    """Values, shape (n,), and below them n times the same with one a step larger: (n + 1, n)."""
+    n = len(values)
+    return np.asarray(values + np.concatenate((np.zeros((1, n)), step * np.eye(n))))
 
 
 def _starts() -> Array:
@@ -299,21 +398,13 @@ def _prior(walls: LocalWalls, thetas: Array) -> Array:
     common = cross(axes[..., 0, :], axes[..., 1, :])
     sine = np.sqrt(np.sum(common**2, axis=-1) + _LEAST_ROOT)
     apart = np.sum((middles[..., 0, :] - middles[..., 1, :]) * common, axis=-1) / sine
-    return np.concatenate(
-        (
-            thetas * _PRIOR_MASK,
-            np.stack(
-                (
-                    np.log(radii[..., 0] / BRACE_RADIUS[0]) / BRACE_RADIUS[1],
-                    np.log(radii[..., 1] / radii[..., 0] / RADIUS_RATIO[0]) / RADIUS_RATIO[1],
-                    np.sum(axes[..., 0, :] * axes[..., 1, :], axis=-1) / np.sin(AXES_LEAN),
-                    apart / (AXES_OFFSET * radii[..., 0]),
-                ),
-                axis=-1,
-            ),
-        ),
-        axis=-1,
+    shape = (
+        np.log(radii[..., 0] / BRACE_RADIUS[0]) / BRACE_RADIUS[1],
+        np.log(radii[..., 1] / radii[..., 0] / RADIUS_RATIO[0]) / RADIUS_RATIO[1],
+        np.sum(axes[..., 0, :] * axes[..., 1, :], axis=-1) / np.sin(AXES_LEAN),
+        apart / (AXES_OFFSET * radii[..., 0]),
     )
+    return np.concatenate((thetas * _PRIOR_MASK, np.stack(shape, axis=-1)), axis=-1)
 
 
 def _search(residuals: Callable[[Array], Array], starts: Array) -> tuple[Array, Array]:
@@ -326,7 +417,7 @@ def _search(residuals: Callable[[Array], Array], starts: Array) -> tuple[Array, 
     jacobian : ndarray, shape (m, 10)
         Of the residuals there.
     """
-    beside = np.concatenate((np.zeros((1, 10)), _DIFFERENCE_STEP * np.eye(10)))
+    beside = with_small_steps(np.zeros(10), _DIFFERENCE_STEP)
     theta, damping = starts, np.full(len(starts), 1e-2)
     values = residuals(theta[:, None] + beside)
     cost = np.sum(values[:, 0] ** 2, axis=-1)

@@ -11,8 +11,7 @@ import numpy as np
 from tjscan.core import pose_vector
 from tjscan.core.frames import Array, cross, inverse_pose, unit_vector
 from tjscan.core.gaussian_process import Matern52, OrdinaryKriging
-from tjscan.scanning.seam.fit import LocalTubeFit, LocalWalls
-from tjscan.scanning.seam.track import RecentSections
+from tjscan.scanning.seam.fit import LocalTubeFit, LocalWalls, RecentSections, with_small_steps
 from tjscan.scanning.target import correction_target_pose
 
 SHAPE_SPREAD: Final = (4e-3, 4e-3, radians(8))
@@ -76,14 +75,10 @@ class ExpectedSection:
         """
         at = np.array([step])
         kernels = (Matern52(spread, SHAPE_WAVE) for spread in SHAPE_SPREAD)
-        shape = np.array(
-            [
-                np.concatenate(OrdinaryKriging(track.along, *one).predict(at))
-                for one in zip(track.shape.T, track.shape_sigmas.T, kernels, strict=True)
-            ]
-        )
+        rows = zip(track.shape.T, track.shape_sigmas.T, kernels, strict=True)
+        shape = [np.concatenate(OrdinaryKriging(track.along, *row).predict(at)) for row in rows]
         left = (values[[0, 1, 4, 5]] for values in seam.expected_residuals_at(step))
-        return cls(T_b_g, seam, step, *shape.T, *left)
+        return cls(T_b_g, seam, step, *np.array(shape).T, *left)
 
     def initial_section(self, track: RecentSections, R_b_s: Array) -> Array:
         """A section straight on along the seam, shape (5,), to start from.
@@ -99,9 +94,8 @@ class ExpectedSection:
         t = unit_vector(cross(*self.seam.walls().normals))
         t = t if t @ forward > 0 else -t
         flat = track.tangents[:, -1] @ R_b_s
-        return np.concatenate(
-            (track.origins[-1] + self.step * t, np.arctan2(flat[:, 2], flat[:, 0]))
-        )
+        angles = np.arctan2(flat[:, 2], flat[:, 0])
+        return np.concatenate((track.origins[-1] + self.step * t, angles))
 
     def after_newton_step(self, section: Array, R_b_s: Array) -> Array:
         """Section after one Newton step towards what a plane of this orientation cuts, shape (5,).
@@ -113,7 +107,7 @@ class ExpectedSection:
         R_b_s : ndarray, shape (3, 3)
             Orientation of the sensor.
         """
-        around = section + np.concatenate((np.zeros((1, 5)), _DIFFERENCE_STEP * np.eye(5)))
+        around = with_small_steps(section, _DIFFERENCE_STEP)
         values = self._misses(self.seam.walls(), around, R_b_s)
         J = (values[1:] - values[0]).T / _DIFFERENCE_STEP
         return np.asarray(section - np.linalg.solve(J, values[0]))
@@ -144,22 +138,16 @@ class ExpectedSection:
         R_b_s : ndarray, shape (3, 3)
             Orientation of the sensor.
         """
-        around = section + np.concatenate((np.zeros((1, 5)), _DIFFERENCE_STEP * np.eye(5)))
-        thetas = self.seam.theta + np.concatenate(
-            (np.zeros((1, 10)), _DIFFERENCE_STEP * np.eye(10))
+        around, thetas, shapes = (
+            with_small_steps(values, _DIFFERENCE_STEP)
+            for values in (section, self.seam.theta, self.shape[:2])
         )
         walls = self.seam.walls()
         by_section = _difference(self._misses(walls, around, R_b_s))
         by_theta = _difference(self._misses(self.seam.walls(thetas), section, R_b_s))
         by_theta[:4] -= self.residual_jacobian
-        by_shape = _difference(
-            np.array(
-                [
-                    self._misses(walls, section, R_b_s, self.shape[:2] + away)
-                    for away in np.concatenate((np.zeros((1, 2)), _DIFFERENCE_STEP * np.eye(2)))
-                ]
-            )
-        )
+        misses = [self._misses(walls, section, R_b_s, lengths) for lengths in shapes]
+        by_shape = _difference(np.array(misses))
         spread = by_theta @ self.seam.covariance @ by_theta.T
         spread += (by_shape * self.shape_sigmas[:2] ** 2) @ by_shape.T
         spread[range(4), range(4)] += self.residual_sigmas**2
@@ -184,10 +172,8 @@ class ExpectedSection:
 
     def _seven(self, section: Array, other: Array, R_b_s: Array) -> Array:
         """Position, rotation vector and work angle of another section's ideal in this one's t."""
-        (T, _), (T_other, work_angle) = (
-            self.ideal_frame_and_work_angle(section, R_b_s),
-            self.ideal_frame_and_work_angle(other, R_b_s),
-        )
+        T, _ = self.ideal_frame_and_work_angle(section, R_b_s)
+        T_other, work_angle = self.ideal_frame_and_work_angle(other, R_b_s)
         return np.append(pose_vector.pose_to_vector(inverse_pose(T) @ T_other), work_angle)
 
 
