@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from tjscan.core.devices import DriverRegistry
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.registry import Registry
 
-KNOWN: Registry[object] = Registry("thing", {"pi": "math:pi", "tau": "math:tau"})
+KNOWN: DriverRegistry[object] = DriverRegistry("thing", {"pi": "math:pi", "tau": "math:tau"})
 
 
 def test_an_entry_is_loaded_when_it_is_asked_for() -> None:
@@ -28,27 +28,27 @@ def test_a_missing_package_is_named_with_what_to_install(
     monkeypatch.syspath_prepend(tmp_path)
     own = {"needy": "needy_driver:DRIVER"}
     with pytest.raises(ConfigurationError, match=r"no_such_package.*pip install 'tjscan\[xy\]'"):
-        Registry("thing", own, {"needy": "xy"}).load("needy")
+        DriverRegistry("thing", own, {"needy": "xy"}).load("needy")
     sys.modules.pop("needy_driver", None)
     with pytest.raises(ConfigurationError, match="pip install no_such_package"):
-        Registry("thing", own).load("needy")
+        DriverRegistry("thing", own).load("needy")
 
 
 def test_what_a_package_registered_wrongly_is_named() -> None:
     with pytest.raises(ConfigurationError, match="registered as math:pie, which can't be loaded"):
-        Registry("thing", {"pi": "math:pie"}).load("pi")
+        DriverRegistry("thing", {"pi": "math:pie"}).load("pi")
     with pytest.raises(ConfigurationError, match="registered as math:pi, which is no str"):
-        Registry("thing", {"pi": "math:pi"}, type=str).load("pi")
+        DriverRegistry("thing", {"pi": "math:pi"}, type=str).load("pi")
     with pytest.raises(ConfigurationError, match="pip install tjscan_acme"):
-        Registry("thing", {"acme": "tjscan_acme:DRIVER"}).load("acme")
+        DriverRegistry("thing", {"acme": "tjscan_acme:DRIVER"}).load("acme")
 
 
 def test_another_package_adds_an_entry(monkeypatch: pytest.MonkeyPatch) -> None:
     point = EntryPoint("e", "math:e", "tjscan.thing")
     monkeypatch.setattr(
-        "tjscan.core.registry.entry_points",
+        "tjscan.core.devices.entry_points",
         lambda group: [point] if group == "tjscan.thing" else [],
     )
-    registry: Registry[float] = Registry("thing", {"pi": "math:pi"})
+    registry: DriverRegistry[float] = DriverRegistry("thing", {"pi": "math:pi"})
     assert registry.names == ("e", "pi")
     assert registry.load("e") == pytest.approx(2.71828, abs=1e-5)

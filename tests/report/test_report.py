@@ -25,14 +25,16 @@ from tjscan.report.findings import report_findings
 from tjscan.report.write import render_report_page, write_run_report
 from tjscan.result.directory import BUDGET_FILE
 from tjscan.result.section import MEASURE_FIELDS
-from tjscan.result.stitching import (
+from tjscan.result.summary import (
     OverlapReport,
     StationReport,
     StitchingReport,
     read_stitching_report,
+    read_summary,
+    summarise_stations,
     write_stitching_report,
+    write_summary,
 )
-from tjscan.result.summary import read_summary, summarise_stations, write_summary
 from tjscan.result.table import read_sections_csv, write_sections_csv
 from tjscan.scanning.recording import read_recorded_scan
 

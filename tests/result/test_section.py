@@ -12,7 +12,7 @@ from measured import ORIGIN, a_section
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.document import sections_to_json
+from tjscan.result.document import build_sections_document
 from tjscan.result.ply import sections_to_ply
 from tjscan.result.section import (
     FIELD_BY_NAME,
@@ -52,7 +52,7 @@ def table(length: LengthUnit) -> dict[str, list[str]]:
 def document(length: LengthUnit) -> dict[str, Any]:
     """The JSON."""
     found: dict[str, Any] = json.loads(
-        sections_to_json(SECTIONS, provenance(length), "run", "known")
+        build_sections_document(SECTIONS, provenance(length), "run", "known").model_dump_json()
     )
     return found
 
@@ -169,7 +169,7 @@ def test_each_column_stands_once() -> None:
 def test_an_unknown_azimuth_is_left_empty() -> None:
     sections = [a_section(1, azimuth=float("nan")), a_section(2)]
     assert FIELD_BY_NAME["azimuth"].formatted_columns(sections)[0] == [""]
-    text = sections_to_json(sections, ORIGIN, "run", "known")
+    text = build_sections_document(sections, ORIGIN, "run", "known").model_dump_json()
     assert json.loads(text)["sections"][0]["azimuth"] is None
 
 

@@ -119,9 +119,9 @@ def drop(column: str) -> Callable[[list[list[str]]], None]:
         (cell("corr_depth_area", "1.5"), "line 8, column corr_depth_area: 1.5"),
         (cell("cov_p3_yy_mm2", "-1"), "line 8, column cov_p3_yy_mm2: a variance"),
         (cell("p1x_mm", "p1z_mm", line=6), "line 6, column p1x_mm: is missing"),
-        (lambda rows: rows[5].append("p1x_mm"), "line 6, column p1x_mm: stands there twice"),
+        (lambda rows: rows[5].append("p1x_mm"), "line 6, column p1x_mm: is there twice"),
         (drop("gx_mm"), "line 6, column gx_mm: is missing"),
-        (lambda rows: rows[7].pop(), f"line 8: {len(RUN_COLUMNS) - 1} cells stand under"),
+        (lambda rows: rows[7].pop(), f"line 8: {len(RUN_COLUMNS) - 1} cells are under"),
         (lambda rows: rows.clear(), "line 1, column index: is missing"),
     ],
 )

@@ -119,12 +119,12 @@ def plan(
                 "without --arc only"
             )
             raise SystemExit(OUT_OF_WPS)
-        _send(done, arm, program)
+        _send_program_to_arm(done, arm, program)
     if wanting:
         raise SystemExit(OUT_OF_WPS)
 
 
-def _send(done: WrittenPlan, arm: ArmForProgram, program: ProgramOptions) -> None:
+def _send_program_to_arm(done: WrittenPlan, arm: ArmForProgram, program: ProgramOptions) -> None:
     from tjscan.cli.output.console import print_message
     from tjscan.runs.plan.send import path_of_station, send_program
 

@@ -206,16 +206,16 @@ def laser(
     from contextlib import ExitStack
     from itertools import islice
 
-    from tjscan.cli.output.laser import LiveProfiles, print_description
+    from tjscan.cli.output.laser import live_profiles, print_description
     from tjscan.runs.laser import open_laser_of_job, open_profile_file, read_live_profiles
 
     with ExitStack() as stack:
         device, settings = stack.enter_context(open_laser_of_job(job, parse_overrides(overrides)))
         keep = None if write is None else stack.enter_context(open_profile_file(write))
         print_description(device)
-        show = stack.enter_context(LiveProfiles(json=json))
+        show_reading = stack.enter_context(live_profiles(json=json))
         for reading in islice(read_live_profiles(device, settings), profiles):
-            show.show_reading(reading)
+            show_reading(reading)
             if keep is not None:
                 keep(reading.profile)
 
@@ -301,13 +301,13 @@ def stitch(
         raise ConfigurationError(
             "is not empty; a result never overwrites another. Choose another --out", file=directory
         )
-    settings = _settings(repeatability_mm, repeatability_deg, out_of_round_mm)
+    settings = _stitch_settings(repeatability_mm, repeatability_deg, out_of_round_mm)
     with show_phase("stitching"):
         done = stitch_run_directories((run, *runs), directory, settings, write_run_report)
     print_stitched_groove(done, directory, json=json)
 
 
-def _settings(
+def _stitch_settings(
     repeatability_mm: float, repeatability_deg: float, out_of_round_mm: float
 ) -> StitchSettings:
     from tjscan.joint.tubes.fit import ArmRepeatability

@@ -95,7 +95,7 @@ def read_toml(file: Path) -> dict[str, Any]:
         raise ConfigurationError(f"is not valid TOML: {error}", file=file) from None
     except NotADirectoryError:
         raise ConfigurationError(
-            "is a file; give the directory it stands in", file=file.parent
+            "is a file; give the directory that it is in", file=file.parent
         ) from None
     except OSError as error:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
@@ -124,7 +124,7 @@ def validate_table(model: type[M], data: Mapping[str, Any], file: Path | None = 
         # A misspelt key is both unknown and missing: report the former.
         first = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN_KEY_ERRORS)
         key = ".".join(str(part) for part in first["loc"])
-        message = _counted(first["loc"]) + _explain(model, first)
+        message = _list_entries_in_words(first["loc"]) + _explain_error(model, first)
         raise ConfigurationError(message, file=file, key=key or None) from None
 
 
@@ -190,30 +190,30 @@ def add_file_to_errors(file: Path | None = None, *, key: str | None = None) -> I
         ) from None
 
 
-def _explain(model: Any, detail: ErrorDetails) -> str:
+def _explain_error(model: Any, detail: ErrorDetails) -> str:
     """One sentence that states what is wrong with a key and what would be right."""
     if detail["type"] in UNKNOWN_KEY_ERRORS:
-        known = _keys_at(model, [str(part) for part in detail["loc"][:-1]])
+        known = _known_keys_at(model, [str(part) for part in detail["loc"][:-1]])
         return f"unknown key; did you mean: {nearest_word(str(detail['loc'][-1]), known)}?"
     if detail["type"] in ("model_type", "model_attributes_type", "dataclass_type"):
-        return f"must be a table (found {_shown(detail['input'])})"
+        return f"must be a table (found {_shortened_repr(detail['input'])})"
     if detail["type"] == "missing":
         return "this key is required"
     if detail["type"] == "literal_error":
-        return f"{_shown(detail['input'])} is none of {detail['ctx']['expected']}"
+        return f"{_shortened_repr(detail['input'])} is none of {detail['ctx']['expected']}"
     message = detail["msg"].removeprefix("Value error, ")
     message = f"{message[:1].lower()}{message[1:]}"
     found = detail["input"]
-    return message if isinstance(found, dict) else f"{message} (found {_shown(found)})"
+    return message if isinstance(found, dict) else f"{message} (found {_shortened_repr(found)})"
 
 
-def _counted(path: Sequence[int | str]) -> str:
+def _list_entries_in_words(path: Sequence[int | str]) -> str:
     """Which entries of lists a path leads through, counted from 1; a key counts them from 0."""
     pairs = pairwise(path)
     return "".join(f"{name} number {i + 1}: " for name, i in pairs if isinstance(i, int))
 
 
-def _shown(value: Any) -> str:
+def _shortened_repr(value: Any) -> str:
     """A value in a message, cut short; nests of any depth and numbers of any length."""
     try:
         text = repr(value)
@@ -222,15 +222,15 @@ def _shown(value: Any) -> str:
     return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}…"
 
 
-def _keys_at(model: Any, path: Sequence[str]) -> list[str]:
+def _known_keys_at(model: Any, path: Sequence[str]) -> list[str]:
     """Known keys of the table at a dotted path."""
     for part in path:
-        inner = list(_tables(_fields(model).get(part)))
+        inner = list(_tables_in_type(_types_of_keys(model).get(part)))
         model = inner[0] if inner else model
-    return list(_fields(model))
+    return list(_types_of_keys(model))
 
 
-def _fields(model: Any) -> Mapping[str, Any]:
+def _types_of_keys(model: Any) -> Mapping[str, Any]:
     """Type of each key of a table."""
     if issubclass(model, SettingsTable):
         found: Mapping[str, Any] = model.file_key_types()
@@ -238,9 +238,9 @@ def _fields(model: Any) -> Mapping[str, Any]:
     return {name: field.annotation for name, field in model.model_fields.items()}
 
 
-def _tables(hint: Any) -> Iterator[type[StrictFileModel | SettingsTable]]:
+def _tables_in_type(hint: Any) -> Iterator[type[StrictFileModel | SettingsTable]]:
     """The tables that are in a type, however deep."""
     if isinstance(hint, type) and issubclass(hint, StrictFileModel | SettingsTable):
         yield hint
     for part in get_args(hint):
-        yield from _tables(part)
+        yield from _tables_in_type(part)

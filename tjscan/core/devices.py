@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
+from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
-from types import TracebackType
 from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
-from tjscan.core.errors import TjscanError
-from tjscan.core.registry import Registry
+from tjscan.core.errors import ConfigurationError, TjscanError, nearest_word
 from tjscan.core.units import SettingsTable
 
 C = TypeVar("C")
@@ -48,13 +49,7 @@ class Device(Protocol):
     def __enter__(self) -> Self:
         """Connect."""
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-        /,
-    ) -> None:
+    def __exit__(self, *error: Any) -> None:
         """Bring it to rest and disconnect."""
 
     @property
@@ -142,21 +137,109 @@ class DriverFactory(Generic[C, D]):
     kind: DriverKind = DriverKind.REAL
 
 
-F = TypeVar("F", bound=DriverFactory[Any, Any])
+F = TypeVar("F")
 
 
 @dataclass(frozen=True)
-class DriverRegistry(Registry[F]):
-    """Every driver of a kind of device by name; see `DriverFactory` for how to add one.
+class DriverRegistry(Generic[F]):
+    """Every driver of a kind of device by name; each is imported only when it is loaded.
+
+    Another package adds to it by an entry point in the group ``tjscan.<kind>``; see
+    `DriverFactory`.
 
     Parameters
     ----------
+    kind : str
+        What its entries are, in one word for messages, for instance ``arm``.
+    own : mapping of str to str
+        Name of each entry of this package, and where it is: ``module:attribute``.
+    extras : mapping of str to str
+        For an entry that needs more than a plain install: the extra to install.
+    key : str, optional
+        Where a job file names an entry, for messages, for instance ``arm.driver``.
+    type : type, optional
+        What every entry is an instance of.
     clients : mapping of str to str, optional
         For a driver whose client library is imported in a process of its own alone: the library's
         module.
     """
 
+    kind: str
+    own: Mapping[str, str]
+    extras: Mapping[str, str] = field(default_factory=dict)
+    key: str | None = None
+    type: type[Any] = object
     clients: Mapping[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def _places(self) -> dict[str, str]:
+        added = entry_points(group=f"tjscan.{self.kind}")
+        return {**{point.name: point.value for point in added}, **self.own}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all entries, in alphabetical order."""
+        return tuple(sorted(self._places))
+
+    def load(self, name: str) -> F:
+        """Import and return the entry of a name.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is none, what it needs is not installed, or a package registered something
+            else by that name.
+        """
+        if name not in self._places:
+            raise self._error_at_key(
+                f"there is no {self.kind} {name!r}; did you mean: "
+                f"{nearest_word(name, self.names)}? Known: {', '.join(self.names)}"
+            )
+        place = self._places[name]
+        registered = f"the {self.kind} {name!r} is registered as {place}, which"
+        try:
+            with self.explain_missing_package(name):
+                loaded: F = EntryPoint(name, place, f"tjscan.{self.kind}").load()
+        except AttributeError as error:
+            raise self._error_at_key(f"{registered} can't be loaded: {error}") from error
+        if not isinstance(loaded, self.type):
+            raise self._error_at_key(f"{registered} is no {self.type.__name__}")
+        return loaded
+
+    def _error_at_key(self, message: str) -> ConfigurationError:
+        return ConfigurationError(message, key=self.key)
+
+    @contextmanager
+    def explain_missing_package(self, name: str) -> Iterator[None]:
+        """Name the extra to install if the block can't import a package that an entry needs.
+
+        Raises
+        ------
+        ConfigurationError
+            If a package is missing that is not this program's own.
+        """
+        try:
+            yield
+        except ModuleNotFoundError as error:
+            if (error.name or "").split(".")[0] == "tjscan":
+                raise
+            raise self.missing_package_error(name, error.name or "") from error
+
+    def missing_package_error(self, name: str, package: str) -> ConfigurationError:
+        """Error that states what to install for an entry whose package is missing.
+
+        Parameters
+        ----------
+        name : str
+            Name of the entry.
+        package : str
+            Top-level module that is missing.
+        """
+        what = f"'tjscan[{self.extras[name]}]'" if name in self.extras else package
+        return self._error_at_key(
+            f"the {self.kind} {name!r} needs the package {package}, which is not installed: "
+            f"pip install {what}"
+        )
 
     def make(self, name: str, inputs: Any, settings: Any) -> Any:
         """Make the device of a driver, not yet connected.
@@ -175,9 +258,8 @@ class DriverRegistry(Registry[F]):
         ConfigurationError
             If there is no such driver, or a package is missing that it needs.
         """
-        factory = self.load(name)
-        client = self.clients.get(name)
-        if client is not None and find_spec(client) is None:
+        factory: Any = self.load(name)
+        if (client := self.clients.get(name)) is not None and find_spec(client) is None:
             raise self.missing_package_error(name, client)
         with self.explain_missing_package(name):
             return factory.make(inputs, settings)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 if TYPE_CHECKING:
     import numpy as np
@@ -48,24 +48,30 @@ class ArmFault(TjscanError):
     """The arm can't do, or did not do, what it was asked."""
 
 
-class PoseUnreachable(ArmFault):
-    """No joint configuration within limits puts the flange there.
+class FlangePoseRefused(ArmFault):
+    """Base of the errors about a flange pose that was asked for.
 
     Parameters
     ----------
     reason : str
-        What is in the way, and what to do about it.
+        What is in the way, or what the controller reports, and what to do about it.
     T_b_f : array_like, shape (4, 4)
         The flange pose asked for, in the base frame.
     """
 
+    refusal: ClassVar[str]
+
     def __init__(self, reason: str, T_b_f: ArrayLike) -> None:
-        self.reason = reason
-        self.T_b_f = _copy_of(T_b_f)
+        self.reason, self.T_b_f = reason, _copy_of(T_b_f)
         x, y, z = 1e3 * self.T_b_f[:3, 3]
-        super().__init__(
-            f"the flange can't reach ({x:.1f}, {y:.1f}, {z:.1f}) mm in the base frame: {reason}"
-        )
+        place = f"({x:.1f}, {y:.1f}, {z:.1f}) mm in the base frame"
+        super().__init__(f"{self.refusal} {place}: {reason}")
+
+
+class PoseUnreachable(FlangePoseRefused):
+    """No joint configuration within limits puts the flange there."""
+
+    refusal = "the flange can't reach"
 
 
 class PathBlocked(PoseUnreachable):
@@ -151,25 +157,10 @@ class ArmNotResponding(ArmFault):
     """The arm's controller no longer answers, or shows the same state again and again."""
 
 
-class TargetRefused(ArmFault):
-    """The arm's controller does not go where it was sent.
+class TargetRefused(FlangePoseRefused):
+    """The arm's controller does not go where it was sent."""
 
-    Parameters
-    ----------
-    reason : str
-        What it reports, and what to do about it.
-    T_b_f : array_like, shape (4, 4)
-        The flange pose asked for, in the base frame.
-    """
-
-    def __init__(self, reason: str, T_b_f: ArrayLike) -> None:
-        self.reason = reason
-        self.T_b_f = _copy_of(T_b_f)
-        x, y, z = 1e3 * self.T_b_f[:3, 3]
-        super().__init__(
-            f"the controller refuses to move the flange to ({x:.1f}, {y:.1f}, {z:.1f}) mm in the "
-            f"base frame: {reason}"
-        )
+    refusal = "the controller refuses to move the flange to"
 
 
 class ProgramStopped(ArmFault):
@@ -192,8 +183,7 @@ class PoseNotReached(ArmFault):
     """
 
     def __init__(self, detail: str, asked: ArrayLike, reached: ArrayLike) -> None:
-        self.asked = _copy_of(asked)
-        self.reached = _copy_of(reached)
+        self.asked, self.reached = _copy_of(asked), _copy_of(reached)
         super().__init__(f"the arm did not arrive where it was sent: {detail}")
 
 
@@ -312,7 +302,7 @@ class ScanInterrupted(TjscanError):
     def __init__(self) -> None:
         super().__init__(
             "interrupted. See that the way is clear, then go on with --resume: after the last "
-            "recorded section, or from the start where there is none."
+            "recorded section, or from the start if there is none."
         )
 
 
@@ -344,20 +334,30 @@ class StartOnTack(LaserFault):
         )
 
 
-class CalibrationRefused(TjscanError):
-    """A calibration can't be trusted, so there is none.
+class ResultRefused(TjscanError):
+    """Base of the errors for a result that can't be trusted, so there is none.
 
     Parameters
     ----------
     reason : str
-        In a few words, for instance ``too few lines`` or ``turns about one axis only``.
+        In a few words, for instance ``too few lines`` or ``overlap too small``.
     evidence : str
-        What was measured, with numbers, and what to do next.
+        What was measured and where, with numbers, and what to do next.
+    draft : object, optional
+        What was known until then, to be drawn: a `tjscan.stitching.registration.StitchingDraft`.
     """
 
-    def __init__(self, reason: str, evidence: str) -> None:
-        self.reason, self.evidence = reason, evidence
-        super().__init__(f"calibration refused ({reason}): {evidence}")
+    subject: ClassVar[str]
+
+    def __init__(self, reason: str, evidence: str, draft: object = None) -> None:
+        self.reason, self.evidence, self.draft = reason, evidence, draft
+        super().__init__(f"{self.subject} refused ({reason}): {evidence}")
+
+
+class CalibrationRefused(ResultRefused):
+    """A calibration can't be trusted."""
+
+    subject = "calibration"
 
 
 class JointMoved(LaserFault):
@@ -379,22 +379,10 @@ class TubesNotFound(TjscanError):
     """Points do not hold the two tubes of a joint."""
 
 
-class StitchingRefused(TjscanError):
-    """Stations can't be stitched with confidence, so there is no result.
+class StitchingRefused(ResultRefused):
+    """Stations can't be stitched with confidence."""
 
-    Parameters
-    ----------
-    reason : str
-        In a few words, for instance ``overlap too small`` or ``not connected``.
-    evidence : str
-        Which stations and where, by how much, and what to do next.
-    draft : object, optional
-        What was known until then, to be drawn: a `tjscan.stitching.registration.StitchingDraft`.
-    """
-
-    def __init__(self, reason: str, evidence: str, draft: object = None) -> None:
-        self.reason, self.evidence, self.draft = reason, evidence, draft
-        super().__init__(f"stitching refused ({reason}): {evidence}")
+    subject = "stitching"
 
 
 class ComputeClusterFault(TjscanError):
@@ -439,7 +427,7 @@ def package_missing(
     Parameters
     ----------
     error : ModuleNotFoundError
-        Of the import; raised again where it is of a module of tjscan itself.
+        Of the import; raised again if it is of a module of tjscan itself.
     what : str
         What needs the package, in words.
     extra : str

@@ -154,7 +154,9 @@ class OrdinaryKriging:
     def predict(self, x_star: Array) -> tuple[Array, Array]:
         """Values expected at inputs, shape (m,), and their standard deviations."""
         k_star = self.kernel(self.x[:, None] - x_star)
-        return self._predict(k_star, np.full(len(x_star), self.kernel.sigma_f**2), 1.0)
+        return self._predict_linear_functions(
+            k_star, np.full(len(x_star), self.kernel.sigma_f**2), 1.0
+        )
 
     def predict_change(self, x_star: Array, start: float) -> tuple[Array, Array]:
         """Predict how much the value changes from one input to others, with standard deviations.
@@ -173,9 +175,11 @@ class OrdinaryKriging:
         """
         k_star = self.kernel(self.x[:, None] - x_star) - self.kernel(self.x[:, None] - start)
         k_star_star = 2 * (self.kernel.sigma_f**2 - self.kernel(x_star - start))
-        return self._predict(k_star, k_star_star, 0.0)
+        return self._predict_linear_functions(k_star, k_star_star, 0.0)
 
-    def _predict(self, k_star: Array, k_star_star: Array, h_star: float) -> tuple[Array, Array]:
+    def _predict_linear_functions(
+        self, k_star: Array, k_star_star: Array, h_star: float
+    ) -> tuple[Array, Array]:
         """Mean and deviation of linear functions of the process, [1]_ eq. 2.41-2.42.
 
         `h_star` is what the function makes of a constant: 1 for a value, 0 for a change.

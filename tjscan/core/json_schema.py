@@ -58,14 +58,16 @@ def describe_table(
             del value["default"]  # a table's keys have their own
         elif "default" in value and to_file and key in to_file:
             value["default"] = to_file[key](value["default"])
-    if said := _parsed(table).description:
-        schema["description"] = _UNITS_INSIDE.sub("", said.strip())
-    for entry in (entry for base in reversed(table.__mro__) for entry in _parsed(base).params):
+    if text := _parsed_docstring(table).description:
+        schema["description"] = _UNITS_INSIDE.sub("", text.strip())
+    for entry in (
+        entry for base in reversed(table.__mro__) for entry in _parsed_docstring(base).params
+    ):
         for name in entry.arg_name.split(", "):
             if name in keys and keys[name] in properties:
                 text = _UNITS_INSIDE.sub("", " ".join((entry.description or "").split()))
                 properties[keys[name]]["description"] = text
 
 
-def _parsed(table: type[Any]) -> Docstring:
+def _parsed_docstring(table: type[Any]) -> Docstring:
     return parse(table.__doc__ or "", DocstringStyle.NUMPYDOC)

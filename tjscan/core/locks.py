@@ -27,11 +27,11 @@ def lock_directory(directory: Path) -> Iterator[None]:
         If another process does so already, or the directory can't be opened.
     """
     try:
-        handle = _open(directory)
+        handle = _open_lock(directory)
     except OSError as error:
         raise RecordingError(f"{directory}: can't be opened: {error.strerror}") from error
     try:
-        _lock(handle)
+        _lock_exclusively(handle)
     except OSError as error:
         os.close(handle)
         if isinstance(error, BlockingIOError):
@@ -51,13 +51,13 @@ def lock_file_of(directory: Path) -> Path:
     return whole.with_name(f".{whole.name}.lock")
 
 
-def _open(directory: Path) -> int:
+def _open_lock(directory: Path) -> int:
     if fcntl is None:
         return os.open(lock_file_of(directory), os.O_RDWR | os.O_CREAT)
     return os.open(directory, os.O_RDONLY)
 
 
-def _lock(handle: int) -> None:
+def _lock_exclusively(handle: int) -> None:
     if fcntl is None:
         import msvcrt
 

@@ -7,7 +7,7 @@ Recordings are not in it: they grow, and check themselves.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from hashlib import file_digest
 from pathlib import Path
 from typing import Final
@@ -61,7 +61,13 @@ def changed_since_written(*files: Path) -> list[Path]:
         If one can't be read.
     """
     try:
-        return [file for file in files if file.is_file() and _is_changed(file)]
+        return [
+            file
+            for file in files
+            if file.is_file()
+            and (manifest := file.parent / MANIFEST_FILE).is_file()
+            and _read_manifest(manifest).get(file.name) != _sha256(file)
+        ]
     except OSError as error:
         raise RecordingError(f"{error.filename}: can't be read: {error.strerror}") from error
 
@@ -78,30 +84,21 @@ def manifest_text(directory: Path, written: Path, removed: Sequence[Path] = ()) 
     removed : sequence of Path
         Files that are removed from it.
     """
-    kept = dict(_read(directory / MANIFEST_FILE)) if (directory / MANIFEST_FILE).is_file() else {}
+    kept = _read_manifest(directory / MANIFEST_FILE)
     for file in removed:
         kept.pop(file.name, None)
     new = {file.name: _sha256(file) for file in written.iterdir() if file.is_file()}
-    return "".join(f"{sha256}  {name}\n" for name, sha256 in sorted({**kept, **new}.items()))
+    return "".join(f"{sha256}  {name}\n" for name, sha256 in sorted((kept | new).items()))
 
 
-def _is_changed(file: Path) -> bool:
-    manifest = file.parent / MANIFEST_FILE
+def _read_manifest(manifest: Path) -> dict[str, str]:
+    """SHA-256 of each file that a list names; nothing if there is no list."""
     if not manifest.is_file():
-        return False
-    return _read(manifest).get(file.name) != _sha256(file)
-
-
-def _read(manifest: Path) -> Mapping[str, str]:
+        return {}
     with manifest.open("rb") as stream:
         text = stream.read(MOST_MANIFEST_BYTES).decode(errors="replace")
-    return dict(_entries(text))
-
-
-def _entries(text: str) -> Iterator[tuple[str, str]]:
-    for line in text.splitlines():
-        if match := MANIFEST_LINE.fullmatch(line):
-            yield match[2], match[1]
+    matches = map(MANIFEST_LINE.fullmatch, text.splitlines())
+    return {match[2]: match[1] for match in matches if match}
 
 
 def _sha256(file: Path) -> str:

@@ -116,7 +116,7 @@ def _memory_of_3mf(path: Path) -> float:
     with zipfile.ZipFile(path) as archive:
         for part in archive.infolist():
             with archive.open(part) as stream:
-                for chunk in _chunks(stream):
+                for chunk in _file_chunks(stream):
                     needed += MODEL_ELEMENT * chunk.count(b"<")
                     needed += MODEL_ATTRIBUTE * chunk.count(b"=")
     return float(needed)
@@ -124,10 +124,10 @@ def _memory_of_3mf(path: Path) -> float:
 
 def _count_words(path: Path) -> int:
     with path.open("rb") as stream:
-        return sum(len(chunk.translate(WORD_SEPARATORS).split()) for chunk in _chunks(stream))
+        return sum(len(chunk.translate(WORD_SEPARATORS).split()) for chunk in _file_chunks(stream))
 
 
-def _chunks(stream: IO[bytes]) -> Iterator[bytes]:
+def _file_chunks(stream: IO[bytes]) -> Iterator[bytes]:
     return iter(lambda: stream.read(CHUNK_BYTES), b"")
 
 
@@ -170,7 +170,7 @@ def read_mesh_file(path: Path) -> tuple[Array, np.ndarray[Any, np.dtype[np.intp]
 
     kind = path.suffix.lower()
     if kind == ".3mf":
-        _check_archive(path)
+        _check_unpacked_size(path)
     check_memory_to_read(path)
     nothing = trimesh.resolvers.ZipResolver({})
     loaded = trimesh.load(path, process=False, resolver=nothing)
@@ -179,11 +179,11 @@ def read_mesh_file(path: Path) -> tuple[Array, np.ndarray[Any, np.dtype[np.intp]
     points = np.asarray(loaded.vertices, dtype=float).reshape(-1, 3)
     faces = getattr(loaded, "faces", np.empty((0, 3)))
     if kind == ".ply":
-        _check_vertices(path, len(points))
+        _check_vertex_count(path, len(points))
     return points, np.asarray(faces, dtype=np.intp).reshape(-1, 3)
 
 
-def _check_vertices(path: Path, count: int) -> None:
+def _check_vertex_count(path: Path, count: int) -> None:
     lines = [line.split() for line in read_ply_header(path)]
     stated = [words[2] for words in lines if words[:2] == ["element", "vertex"] and words[2:]]
     if stated != [str(count)]:
@@ -193,7 +193,7 @@ def _check_vertices(path: Path, count: int) -> None:
         )
 
 
-def _check_archive(path: Path) -> None:
+def _check_unpacked_size(path: Path) -> None:
     with zipfile.ZipFile(path) as archive:
         size = sum(part.file_size for part in archive.infolist())
     most = min(MOST_UNPACKED_BYTES, MOST_UNPACKED_SHARE * path.stat().st_size + ROOM_FOR_HEADERS)

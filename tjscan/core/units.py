@@ -42,7 +42,7 @@ class FileUnit:
     factor : float
         What one of it is in SI units.
     key : str, optional
-        The whole key in the file, where it is not the field's name and the suffix.
+        The whole key in the file, if it is not the field's name and the suffix.
     """
 
     suffix: str
@@ -79,14 +79,14 @@ class FileUnit:
 
         return core_schema.no_info_after_validator_function(
             self.to_si,
-            _as_written(handler(source)),
+            _accept_lists_and_words(handler(source)),
             serialization=core_schema.plain_serializer_function_ser_schema(self.to_file),
         )
 
 
 @dataclass(frozen=True, slots=True)
 class FileKey:
-    """Key in the file of a field without a unit, where it is not the field's name."""
+    """Key in the file of a field without a unit, if it is not the field's name."""
 
     name: str
 
@@ -129,7 +129,7 @@ class ListOrWordInFile:
         """Make an exception from being strict about types."""
         schema: Any = dict(handler.resolve_ref_schema(handler(source)))
         schema.pop("ref", None)  # a schema of its own: elsewhere the type stays strict
-        return _as_written(schema)  # type: ignore[no-any-return]
+        return _accept_lists_and_words(schema)  # type: ignore[no-any-return]
 
 
 MM: Final = FileUnit("mm", 1e-3)
@@ -166,7 +166,7 @@ class SettingsTable:
     @classmethod
     def file_key_types(cls) -> dict[str, Any]:
         """Type of each key that the table has in a file."""
-        return {_key(name, hint): hint for name, hint in cls._types_in_file().items()}
+        return {_key_in_file(name, hint): hint for name, hint in cls._types_in_file().items()}
 
     @classmethod
     def _types_in_file(cls) -> dict[str, Any]:
@@ -193,7 +193,7 @@ class SettingsTable:
             if NOT_IN_FILE in getattr(hint, "__metadata__", ()):
                 field["init"], field["serialization_exclude"] = False, True
             else:
-                key = _key(field["name"], hint)
+                key = _key_in_file(field["name"], hint)
                 field["validation_alias"] = field["serialization_alias"] = key
         return schema  # type: ignore[no-any-return]
 
@@ -206,31 +206,31 @@ class SettingsTable:
 
         schema = handler(core_schema)
         types = cls._types_in_file()
-        keys = {name: _key(name, hint) for name, hint in types.items()}
-        marks = {key: _mark(types[name]) for name, key in keys.items()}
+        keys = {name: _key_in_file(name, hint) for name, hint in types.items()}
+        marks = {key: _unit_or_key_of(types[name]) for name, key in keys.items()}
         to_file = {key: mark.to_file for key, mark in marks.items() if isinstance(mark, FileUnit)}
         describe_table(handler.resolve_ref_schema(schema), cls, keys, to_file)
         return schema
 
 
-def _key(name: str, hint: Any) -> str:
+def _key_in_file(name: str, hint: Any) -> str:
     """A field's key in a file."""
-    mark = _mark(hint)
+    mark = _unit_or_key_of(hint)
     if isinstance(mark, FileUnit):
         return mark.key or f"{name}_{mark.suffix}"
     return name if mark is None else mark.name
 
 
-def _mark(hint: Any) -> FileUnit | FileKey | None:
+def _unit_or_key_of(hint: Any) -> FileUnit | FileKey | None:
     """The unit or key that is in a type, however deep."""
     for part in (*getattr(hint, "__metadata__", ()), *get_args(hint)):
-        found = part if isinstance(part, FileUnit | FileKey) else _mark(part)
+        found = part if isinstance(part, FileUnit | FileKey) else _unit_or_key_of(part)
         if found is not None:
             return found
     return None
 
 
-def _as_written(schema: Any) -> Any:
+def _accept_lists_and_words(schema: Any) -> Any:
     """A schema whose tuples a file may hold as lists, and whose enumerations as words."""
     inner = schema
     while inner["type"] not in ("tuple", "enum") and "schema" in inner:
@@ -238,7 +238,7 @@ def _as_written(schema: Any) -> Any:
     if inner["type"] in ("tuple", "enum"):
         inner["strict"] = False
     for item in inner.get("items_schema", ()):
-        _as_written(item)
+        _accept_lists_and_words(item)
     return schema
 
 
@@ -312,7 +312,9 @@ class _IsPose:
             pose_from_rows_mm(rows)
             return rows
 
-        return core_schema.no_info_after_validator_function(check, _as_written(handler(source)))
+        return core_schema.no_info_after_validator_function(
+            check, _accept_lists_and_words(handler(source))
+        )
 
 
 PoseRows = Annotated[tuple[MatrixRow, MatrixRow, MatrixRow, MatrixRow], _IsPose()]

@@ -20,10 +20,9 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
 from tjscan.core.config import table_to_dict, validate_table
-from tjscan.core.devices import DriverKind
+from tjscan.core.devices import DriverKind, DriverRegistry
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.core.registry import Registry
 from tjscan.core.units import (
     DEG,
     MM,
@@ -91,7 +90,7 @@ class DeviceSettings(SettingsTable):
         The settings of each driver that has a table.
     """
 
-    registry: ClassVar[Registry[Any]]
+    registry: ClassVar[DriverRegistry[Any]]
 
     driver: str = "simulated"
     id: Annotated[str | None, MinLen(1)] = None
@@ -134,9 +133,9 @@ class DeviceSettings(SettingsTable):
     ) -> core_schema.CoreSchema:
         """The schema of a table with the drivers' tables in it."""
         return core_schema.no_info_wrap_validator_function(
-            cls._read,
+            cls._read_table,
             super().__get_pydantic_core_schema__(source, handler),
-            serialization=core_schema.wrap_serializer_function_ser_schema(_with_drivers),
+            serialization=core_schema.wrap_serializer_function_ser_schema(_dump_with_drivers),
         )
 
     @classmethod
@@ -158,7 +157,7 @@ class DeviceSettings(SettingsTable):
         return schema
 
     @classmethod
-    def _read(cls, data: Any, read: Callable[[Any], Self]) -> Self:
+    def _read_table(cls, data: Any, read: Callable[[Any], Self]) -> Self:
         if not isinstance(data, dict):
             return read(data)
         driver, keys = data.get("driver"), super().file_key_types()
@@ -172,14 +171,14 @@ class DeviceSettings(SettingsTable):
         if isinstance(driver, str):
             cls.registry.load(driver)  # before its table is taken for an unknown key
         names = [name for name in cls.registry.names if name in data and name not in keys]
-        own = {name: cls._settings(name, data[name]) for name in names}
+        own = {name: cls._validate_driver_table(name, data[name]) for name in names}
         table = read({key: value for key, value in data.items() if key not in own})
         table = replace(table, drivers=own)
         table.driver_settings  # noqa: B018 - refuses a driver that needs a table and has none
         return table
 
     @classmethod
-    def _settings(cls, name: str, data: Any) -> Any:
+    def _validate_driver_table(cls, name: str, data: Any) -> Any:
         key = f"{cls.registry.kind}.{name}"
         if not isinstance(data, dict):
             raise ConfigurationError(f"must be a table (found {data!r})", key=key)
@@ -190,7 +189,7 @@ class DeviceSettings(SettingsTable):
             raise ConfigurationError(error.message, key=inner) from None
 
 
-def _with_drivers(table: DeviceSettings, write: Callable[[DeviceSettings], Any]) -> Any:
+def _dump_with_drivers(table: DeviceSettings, write: Callable[[DeviceSettings], Any]) -> Any:
     return write(table) | {name: table_to_dict(own) for name, own in table.drivers.items()}
 
 
@@ -273,7 +272,7 @@ class ArmSettings(DeviceSettings):
         How far it may be from where it reports.
     """
 
-    registry: ClassVar[Registry[Any]] = ARM_DRIVERS
+    registry: ClassVar[DriverRegistry[Any]] = ARM_DRIVERS
 
     model: str = "ur10e"
     speed: Annotated[float, Ge(1), Le(3000), MM_S] = 0.25
@@ -305,7 +304,7 @@ class LaserSettings(DeviceSettings):
         How far its profiles may be from the truth.
     """
 
-    registry: ClassVar[Registry[Any]] = LASER_DRIVERS
+    registry: ClassVar[DriverRegistry[Any]] = LASER_DRIVERS
 
     recording: Annotated[str | None, MinLen(1)] = None
     replay_tolerance: Annotated[float, Ge(0), Le(1000), MM] = 5e-3

@@ -14,8 +14,8 @@ from tjscan.core.errors import ConfigurationError, nearest_word
 
 def examples() -> dict[str, str]:
     """Names of the examples, and the first sentence of each."""
-    found = {file.stem: file for file in _folder("examples").glob("*.toml")}
-    return {name: _beginning(found[name]) for name in sorted(found)}
+    found = {file.stem: file for file in _examples_folder("examples").glob("*.toml")}
+    return {name: _first_sentence(found[name]) for name in sorted(found)}
 
 
 def files_of_example(name: str) -> dict[str, str]:
@@ -31,7 +31,7 @@ def files_of_example(name: str) -> dict[str, str]:
     ConfigurationError
         If there is none of that name.
     """
-    folder, known = _folder("examples"), list(examples())
+    folder, known = _examples_folder("examples"), list(examples())
     if name not in known:
         raise ConfigurationError(
             f"there is no example {name!r}; did you mean: {nearest_word(name, known)}? "
@@ -42,7 +42,7 @@ def files_of_example(name: str) -> dict[str, str]:
     while left:
         file = left.pop()
         text = file.read_text(encoding="utf-8")
-        named = [entry for entry in _strings(tomllib.loads(text)) if entry.endswith(".toml")]
+        named = [entry for entry in _strings_in(tomllib.loads(text)) if entry.endswith(".toml")]
         left += [other for entry in named if (other := folder / entry).name not in texts]
         for place in ("../cad/", "examples/"):
             text = text.replace(place, "")
@@ -50,7 +50,7 @@ def files_of_example(name: str) -> dict[str, str]:
     return texts
 
 
-def _folder(name: str) -> Path:
+def _examples_folder(name: str) -> Path:
     """The examples: in ``share/tjscan`` of an installed package, else in the checkout."""
     for file in files("tjscan") or ():
         if file.parts[-3:-1] == ("tjscan", name) and file.suffix == ".toml":
@@ -58,15 +58,15 @@ def _folder(name: str) -> Path:
     return Path(__file__).parents[2] / name
 
 
-def _strings(value: Any) -> Iterator[str]:
+def _strings_in(value: Any) -> Iterator[str]:
     if isinstance(value, str):
         yield value
     elif isinstance(value, dict | list):
         for inner in value.values() if isinstance(value, dict) else value:
-            yield from _strings(inner)
+            yield from _strings_in(inner)
 
 
-def _beginning(file: Path) -> str:
+def _first_sentence(file: Path) -> str:
     """First sentence of the comment at the head of a file, up to a full stop or a colon."""
     lines = []
     for line in file.read_text(encoding="utf-8").splitlines():

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorchDriverInputs:
-    """What a torch's driver makes its torch from, besides its own settings.
+    """What a torch's driver makes its torch from, beside its own settings.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class TorchDriverInputs:
 TorchDriverFactory = DriverFactory[TorchDriverInputs, TorchAxes]
 
 
-def _over_mqtt(context: TorchDriverInputs, settings: NoSettings) -> MqttTorch:
+def _make_mqtt_torch(context: TorchDriverInputs, settings: NoSettings) -> MqttTorch:
     if not isinstance(context.vehicle, MqttSettings):
         raise ConfigurationError(
             'the torch "mqtt" hangs on the link of its vehicle: vehicle.driver must be "mqtt" too',
@@ -52,7 +52,7 @@ SIMULATED_DRIVER: Final = TorchDriverFactory(
     kind=DriverKind.SIMULATED,
 )
 FIXED_DRIVER: Final = TorchDriverFactory(lambda context, settings: FixedTorch())
-MQTT_DRIVER: Final = TorchDriverFactory(_over_mqtt)
+MQTT_DRIVER: Final = TorchDriverFactory(_make_mqtt_torch)
 
 TORCH_DRIVERS: Final[DriverRegistry[TorchDriverFactory]] = DriverRegistry(
     "torch",

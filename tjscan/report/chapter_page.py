@@ -58,7 +58,7 @@ def draw_chapter_charts(
     for title, lines in _charts_by_title(charts).items():
         size = NARROW_SIZE if narrow else (12, 5.5 if lines[0].plane else 3.6)
         figure = new_figure(*size)
-        _draw_lines(figure.add_subplot(), lines)
+        _draw_charts_of_one_title(figure.add_subplot(), lines)
         yield inline_figure(figure, title[:1].upper() + title[1:], lines[0].caption)
 
 
@@ -79,7 +79,7 @@ def draw_sheet_picture(chapter: ReportChapter) -> Figure:
         figure.suptitle("\n".join((chapter.sheet.title, *rows)), fontsize=10, parse_math=False)
     panels = figure.subplots(1, max(len(charts), 1), squeeze=False)[0]
     for axes, (title, lines) in zip(panels, charts.items(), strict=False):
-        _draw_lines(axes, lines)
+        _draw_charts_of_one_title(axes, lines)
         axes.set_title(title, fontsize=10)
     return figure
 
@@ -89,7 +89,7 @@ def _charts_by_title(charts: tuple[ReportChart, ...]) -> dict[str, list[ReportCh
     return {title: [chart for chart in charts if chart.title == title] for title in titles}
 
 
-def _draw_lines(axes: Any, lines: list[ReportChart]) -> None:
+def _draw_charts_of_one_title(axes: Any, lines: list[ReportChart]) -> None:
     """Draw the charts of one title, what was asked for as a dashed line."""
     for chart in lines:
         label = chart.line or None

@@ -53,7 +53,7 @@ def draw_groove_in_space(data: ReportData) -> ReportPicture:
     outline = () if data.joint is None else joint_wireframe(data.joint)
     # A ghost far off would make the groove small.
     points = data.cloud[indices_near_groove(data.sections, data.cloud)]
-    lines = [_within(line, low, high) for line in outline]
+    lines = [_line_with_gaps_outside_box(line, low, high) for line in outline]
     draw_groove_3d(axes, data.sections, points, data.summary.frame, lines, ())
     return inline_figure(
         figure,
@@ -76,7 +76,7 @@ def _box_about_groove(sections: Sequence[MeasuredSection]) -> tuple[Array, Array
     return corners.min(axis=0) - BOX_MARGIN, corners.max(axis=0) + BOX_MARGIN
 
 
-def _within(line: Array, low: Array, high: Array) -> Array:
+def _line_with_gaps_outside_box(line: Array, low: Array, high: Array) -> Array:
     """A line with gaps where it leaves a box."""
     if len(line) == 2:
         line = line[0] + np.linspace(0, 1, 80)[:, None] * (line[1] - line[0])

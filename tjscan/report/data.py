@@ -21,8 +21,7 @@ from tjscan.laser.profile import Profile
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import JOINT_FILE, RECORDING_FILE, SECTIONS_FILE, SUMMARY_FILE
 from tjscan.result.shapes import read_run_shape, read_shape
-from tjscan.result.stitching import StitchingReport, read_stitching_report
-from tjscan.result.summary import ScanSummary, read_summary
+from tjscan.result.summary import ScanSummary, StitchingReport, read_stitching_report, read_summary
 from tjscan.result.table import read_sections_csv
 from tjscan.runs.tasks import report_chapters
 
@@ -171,14 +170,14 @@ def read_report_data(
     folders = station_folders(directory, stitching) or {sections[0].station: directory}
     file = _joint_file(directory, folders.values()) if summary.frame == "j" else None
     other = None if reference is None else read_shape(reference, options)
-    comparison, caveats = _compared(shape, file, other, tolerance)
+    comparison, caveats = _compare_with_reference(shape, file, other, tolerance)
     return ReportData(
         directory,
         summary,
         sections,
         shape,
         tuple(
-            _place(name, folder)
+            _read_station_run(name, folder)
             for name, folder in folders.items()
             if (folder / RECORDING_FILE).is_file() and (folder / SUMMARY_FILE).is_file()
         ),
@@ -212,7 +211,7 @@ def _joint_file(directory: Path, folders: Iterable[Path]) -> Path | None:
     return file
 
 
-def _compared(
+def _compare_with_reference(
     shape: Shape, joint: Path | None, other: Shape | None, tolerance: float | None
 ) -> tuple[Comparison | None, tuple[str, ...]]:
     """The comparison, or why there is none."""
@@ -233,6 +232,6 @@ def _compared(
         return None, (f"It was not compared with the joint that the job names: {error}",)
 
 
-def _place(name: str, directory: Path) -> StationRunData:
+def _read_station_run(name: str, directory: Path) -> StationRunData:
     chapters = tuple(write(directory) for write in report_chapters().values())
     return StationRunData(name, read_summary(directory / SUMMARY_FILE), chapters)

@@ -108,20 +108,14 @@ def sections_by_the_clock(data: ReportData) -> list[int]:
     if azimuths is None:
         count = min(SECTIONS_WITHOUT_CLOCK, n)
         return [int((k + 0.5) * n / count) for k in range(count)]
+    hours = np.round(azimuths / DEGREES_PER_HOUR)
+    off = np.abs(azimuths - hours * DEGREES_PER_HOUR)
     nearest: dict[int, int] = {}
-    for k in np.argsort(azimuths, kind="stable"):
-        hour = round(azimuths[k] / DEGREES_PER_HOUR)
-        before = nearest.get(hour % CLOCK_HOURS)
-        off = abs(azimuths[k] - hour * DEGREES_PER_HOUR)
-        if before is None or off < _off_hour(azimuths[before]):
-            nearest[hour % CLOCK_HOURS] = int(k)
+    for k in np.lexsort((azimuths, off)):
+        nearest.setdefault(int(hours[k]) % CLOCK_HOURS, int(k))
     if is_closed(data):  # all of a joint is counted from 12 o'clock on
         return [nearest[hour] for hour in sorted(nearest)]
     return sorted(nearest.values(), key=lambda k: float(azimuths[k]))
-
-
-def _off_hour(azimuth: float) -> float:
-    return abs(azimuth - round(azimuth / DEGREES_PER_HOUR) * DEGREES_PER_HOUR)
 
 
 def section_dimensions(
@@ -142,7 +136,7 @@ def section_dimensions(
     if drawing is not None:
         design = designed_measures(sections, drawing)
     return [
-        tuple(_dimensions(section, hidden, designed, drawing))
+        tuple(_dimensions_of_section(section, hidden, designed, drawing))
         for section, hidden, designed in zip(sections, absent, design, strict=True)
     ]
 
@@ -153,53 +147,55 @@ def as_drawn(joint: JointDefinition) -> JointDefinition:
     return replace(joint, imperfections=replace(NO_IMPERFECTIONS, root=root))
 
 
-def _dimensions(
+def _dimensions_of_section(
     section: MeasuredSection, hidden: Array, designed: Array, drawing: JointDefinition | None
 ) -> Iterator[Dimension]:
     allowed = NOT_STATED if drawing is None else drawing.tolerance
     is_open, rootless = not isnan(section.root_opening), bool(hidden[1:].any())
     measures, sigmas = section.measures, section.sigmas
-    yield _dimension("groove angle", measures[0], sigmas[0], designed[0], allowed.groove_angle)
+    yield _dimension_from_si(
+        "groove angle", measures[0], sigmas[0], designed[0], allowed.groove_angle
+    )
     width = section.root_opening if is_open else measures[1]
     name = "root opening" if is_open else "root bead"
     lost = nan if rootless else 0.0
-    yield _dimension(name, width + lost, sigmas[1], designed[1], allowed.root_opening)
+    yield _dimension_from_si(name, width + lost, sigmas[1], designed[1], allowed.root_opening)
     if drawing is not None:
         # An open root's p3 is the outer edge of its face, which ends at the brace's bore.
-        face, sigma = _along(section, 1, _outward(section.points[2]))
+        face, sigma = _place_along(section, 1, _outward_from_brace(section.points[2]))
         unseen = 0.0 if is_open and not hidden[1] else nan
         depth = face - drawing.brace_inner_radius + unseen
-        yield _dimension("root face", depth, sigma, drawing.root_face, allowed.root_face)
-    yield _dimension("depth", measures[2] + lost, sigmas[2], designed[2], allowed.depth)
+        yield _dimension_from_si("root face", depth, sigma, drawing.root_face, allowed.root_face)
+    yield _dimension_from_si("depth", measures[2] + lost, sigmas[2], designed[2], allowed.depth)
     if drawing is not None:
-        yield from _high_low(section, hidden, drawing)
+        yield from _high_low_dimensions(section, hidden, drawing)
 
 
-def _high_low(
+def _high_low_dimensions(
     section: MeasuredSection, hidden: Array, drawing: JointDefinition
 ) -> Iterator[Dimension]:
     """How far the brace at p2 and the leg at p4 stand out of where they are drawn."""
-    wall, sigma = _along(section, 0, _outward(section.points[1]))
+    wall, sigma = _place_along(section, 0, _outward_from_brace(section.points[1]))
     off = wall - drawing.brace_radius + (nan if hidden[0] else 0.0)
-    yield _dimension("high-low, brace", off, sigma, 0.0, drawing.tolerance.high_low)
+    yield _dimension_from_si("high-low, brace", off, sigma, 0.0, drawing.tolerance.high_low)
     leg = drawing.leg_surface
-    _, sigma = _along(section, 2, leg.normal(section.points[3]))
+    _, sigma = _place_along(section, 2, leg.normal(section.points[3]))
     off = float(leg.signed_distances(section.points[3])) + (nan if hidden[2] else 0.0)
-    yield _dimension("high-low, leg", off, sigma, 0.0, drawing.tolerance.high_low)
+    yield _dimension_from_si("high-low, leg", off, sigma, 0.0, drawing.tolerance.high_low)
 
 
-def _outward(point: Array) -> Array:
+def _outward_from_brace(point: Array) -> Array:
     """Unit vector out of the brace's wall at a point in frame j."""
     return radial_direction(float(np.arctan2(point[1], point[0])))
 
 
-def _along(section: MeasuredSection, corner: int, direction: Array) -> tuple[float, float]:
+def _place_along(section: MeasuredSection, corner: int, direction: Array) -> tuple[float, float]:
     """Place of p2, p3 or p4 along a unit vector, and its standard deviation, metres."""
     place = float(section.points[corner + 1] @ direction)
     return place, float(np.sqrt(direction @ section.covariances[corner] @ direction))
 
 
-def _dimension(
+def _dimension_from_si(
     name: str, value: float, sigma: float, designed: float, tolerance: float
 ) -> Dimension:
     """A dimension from radians or metres."""

@@ -108,21 +108,6 @@ def draw_sections(data: ReportData) -> list[SectionDrawing]:
     return drawings
 
 
-def describe_drawings(data: ReportData) -> str:
-    """What to see in the drawings, for their caption."""
-    clock = (
-        "the section nearest to a full hour of the clock (12 at the crown, 3 at azimuth 90°)"
-        if data.unwrapped_azimuths is not None
-        else "one of the sections, evenly chosen"
-    )
-    design = "" if data.joint is None else " Below each dimension stands what is drawn."
-    return (
-        f"Each looks along the groove, brace above and leg below, at {clock}. Blue is what the "
-        f"laser saw.{design} At the root stands its opening, or the face of the bead that closes "
-        "it."
-    )
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _SectionPlane:
     """A section's plane: p1 to p5 in it, (5, 2), unit vectors up the bevel and out on the leg."""
@@ -151,7 +136,7 @@ class _SectionPlane:
         """The leg from p4 to p5 as a path, which leaves p4 along its tangent."""
         p4, p5 = self.p[3:]
         half = np.dot(p5 - p4, p5 - p4) / 2 / max(np.dot(p5 - p4, self.leg), 1e-9)
-        return f"{_xy(p4)}Q{_xy(p4 + half * self.leg)} {_xy(p5)}"
+        return f"{_svg_point(p4)}Q{_svg_point(p4 + half * self.leg)} {_svg_point(p5)}"
 
 
 def _section_plane(section: MeasuredSection, leg_normal: Array, size: float) -> _SectionPlane:
@@ -189,7 +174,7 @@ def _draw_section(
         if bore is not None and not isnan(by_name["root face"].value):
             marks.append(_root_face_mark(plane, by_name["root face"], bore))
     sides = zip(plane.seen[:3], plane.seen[1:4], p, p[1:], strict=False)
-    straight = "".join(_path(a, b) for one, other, a, b in sides if one and other)
+    straight = "".join(_svg_path(a, b) for one, other, a, b in sides if one and other)
     names = [
         DrawnLabel(float(x + 0.05 * s), float(y - 0.04 * s), "start", f"p{k}")
         for k, (x, y) in enumerate(p[1:4], start=2)
@@ -219,27 +204,31 @@ def _steel_path(plane: _SectionPlane, bore: float | None, *, is_open: bool) -> s
     p, s, leg = plane.p, plane.size, plane.leg
     inward = p[3] - 3 * s * leg
     deep = 0.35 * s * np.array((-leg[1], leg[0]))
-    solid = f"M{plane.bent_leg}" + _path(p[4] + deep, p[3] + deep, inward + deep, inward).replace(
-        "M", "L"
-    )
-    solid += f"L{_xy(p[3])}Z"
+    solid = f"M{plane.bent_leg}" + _svg_path(
+        p[4] + deep, p[3] + deep, inward + deep, inward
+    ).replace("M", "L")
+    solid += f"L{_svg_point(p[3])}Z"
     if bore is None:
         return solid
     foot = p[2] if is_open else p[3]
     at_bore = foot - leg * (foot[0] - bore) / leg[0]
     top = p[0, 1] - s
     rest = () if is_open else (p[3],)
-    return solid + _path(np.array((p[1, 0], top)), p[1], p[2], *rest, at_bore, (bore, top)) + "Z"
+    return (
+        solid + _svg_path(np.array((p[1, 0], top)), p[1], p[2], *rest, at_bore, (bore, top)) + "Z"
+    )
 
 
 def _angle_mark(plane: _SectionPlane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
     apex, reach = plane.apex, float(np.linalg.norm(plane.p[1] - plane.apex))
     r = 0.7 * reach
     start, end = apex + r * plane.bevel, apex + r * plane.leg
-    thin = _path(plane.p[1], apex, plane.p[3]) + _path(plane.p[3], apex + 1.2 * r * plane.leg)
-    arc = f"M{_xy(start)}A{r:.2f} {r:.2f} 0 0 1 {_xy(end)}"
+    thin = _svg_path(plane.p[1], apex, plane.p[3]) + _svg_path(
+        plane.p[3], apex + 1.2 * r * plane.leg
+    )
+    arc = f"M{_svg_point(start)}A{r:.2f} {r:.2f} 0 0 1 {_svg_point(end)}"
     at = apex + 1.02 * reach * unit_vector(plane.bevel + plane.leg)
-    return thin, arc, _label(at, "start", dimension)
+    return thin, arc, _dimension_label(at, "start", dimension)
 
 
 def _root_mark(plane: _SectionPlane, dimension: Dimension) -> tuple[str, str, DrawnLabel]:
@@ -250,9 +239,9 @@ def _root_mark(plane: _SectionPlane, dimension: Dimension) -> tuple[str, str, Dr
     a, b = p3 + 0.3 * s * away, p4 + 0.3 * s * away
     at = np.array((min(a[0], b[0]) - 0.08 * s, p4[1] + 0.1 * s))
     return (
-        _path(p3, a + 0.05 * s * away) + _path(p4, b + 0.05 * s * away),
-        _path(a, b),
-        _label(at, "end", dimension),
+        _svg_path(p3, a + 0.05 * s * away) + _svg_path(p4, b + 0.05 * s * away),
+        _svg_path(a, b),
+        _dimension_label(at, "end", dimension),
     )
 
 
@@ -261,8 +250,8 @@ def _depth_mark(plane: _SectionPlane, dimension: Dimension) -> tuple[str, str, D
     middle, s = (plane.p[2] + plane.p[3]) / 2, plane.size
     y = plane.p[1, 1] - 0.2 * s
     a, b = np.array((middle[0], y)), np.array((0.0, y))
-    thin = _path(middle, a - (0, 0.05 * s))
-    return thin, _path(a, b), _label(b - (0.08 * s, 0.22 * s), "end", dimension)
+    thin = _svg_path(middle, a - (0, 0.05 * s))
+    return thin, _svg_path(a, b), _dimension_label(b - (0.08 * s, 0.22 * s), "end", dimension)
 
 
 def _root_face_mark(
@@ -272,21 +261,21 @@ def _root_face_mark(
     p3, s = plane.p[2], plane.size
     y = (plane.p[1, 1] + p3[1]) / 2  # away from the root's own dimension
     a, b = np.array((bore, y)), np.array((p3[0], y))
-    thin = _path(p3, b - (0, 0.05 * s))
-    return thin, _path(a, b), _label(a - (0.08 * s, 0.05 * s), "end", dimension)
+    thin = _svg_path(p3, b - (0, 0.05 * s))
+    return thin, _svg_path(a, b), _dimension_label(a - (0.08 * s, 0.05 * s), "end", dimension)
 
 
-def _label(at: Array, anchor: str, dimension: Dimension) -> DrawnLabel:
+def _dimension_label(at: Array, anchor: str, dimension: Dimension) -> DrawnLabel:
     designed = dimension.designed_text
     under = f"({designed})" if designed else ""
     x, y = (round(float(v), 2) for v in at)
     return DrawnLabel(x, y, anchor, dimension.text, under, dimension.verdict)
 
 
-def _path(*points: ArrayLike) -> str:
-    return "M" + "L".join(_xy(point) for point in points)
+def _svg_path(*points: ArrayLike) -> str:
+    return "M" + "L".join(_svg_point(point) for point in points)
 
 
-def _xy(point: ArrayLike) -> str:
+def _svg_point(point: ArrayLike) -> str:
     x, y = np.asarray(point, dtype=float)
     return f"{x:.2f} {y:.2f}"

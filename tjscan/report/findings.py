@@ -12,7 +12,7 @@ import numpy as np
 from tjscan.comparison.compare import Comparison
 from tjscan.report.data import ReportData
 from tjscan.result.directory import JOINT_FILE
-from tjscan.result.stitching import LOOP_OPEN, StitchingReport
+from tjscan.result.summary import LOOP_OPEN, StitchingReport
 
 GAP_RATIO: Final = 2.5
 """Neighbouring sections farther apart than so many times the usual distance leave a gap."""
@@ -52,15 +52,15 @@ def report_findings(data: ReportData) -> Iterator[str]:
             )
     yield from data.caveats
     if data.comparison is not None:
-        yield from _compared(data.comparison)
-    yield from _gaps(data)
+        yield from _comparison_findings(data.comparison)
+    yield from _gap_findings(data)
     if summary.half_steps:
         times = "once" if summary.half_steps == 1 else f"{summary.half_steps} times"
         yield f"The groove was not found at the full step {times}, and sought at half of it."
-    yield from _unsure(data)
+    yield from _uncertain_corner_findings(data)
     for words in dict.fromkeys(words for place in data.places for words in place.findings):
         where = [place.name for place in data.places if words in place.findings]
-        # What holds for every station is said once, without a name.
+        # What holds for every station is stated once, without a name.
         named = "" if len(where) == len(data.places) else f"Station {', '.join(where)}: "
         yield f"{named}{words}"
 
@@ -104,7 +104,7 @@ def is_closed(data: ReportData) -> bool:
     return bool(steps.max() <= max(GAP_RATIO * np.median(steps), 5.0))
 
 
-def _compared(comparison: Comparison) -> Iterator[str]:
+def _comparison_findings(comparison: Comparison) -> Iterator[str]:
     if not comparison.passed and comparison.tolerance is not None:
         yield f"Outside the tolerance of {1e3 * comparison.tolerance:g} mm (95th percentile)."
     for deviation in comparison.deviations:
@@ -128,7 +128,7 @@ def wide_steps(data: ReportData) -> dict[int, float]:
     return {int(k): float(steps[k]) for k in np.flatnonzero(steps > GAP_RATIO * np.median(steps))}
 
 
-def _gaps(data: ReportData) -> Iterator[str]:
+def _gap_findings(data: ReportData) -> Iterator[str]:
     for k, step in wide_steps(data).items():
         first, second = data.sections[k], data.sections[k + 1]
         where = ""
@@ -138,7 +138,7 @@ def _gaps(data: ReportData) -> Iterator[str]:
         yield f"Between two sections {step:.0f} mm of groove were not seen{where}."
 
 
-def _unsure(data: ReportData) -> Iterator[str]:
+def _uncertain_corner_findings(data: ReportData) -> Iterator[str]:
     # What all sections share has a chapter of its own.
     sigma = 1e3 * np.array([section.own_corner_sigmas.max() for section in data.sections])
     if (bad := int((sigma > UNSURE_SIGMA_MM).sum())) > 0:
@@ -150,7 +150,7 @@ def _unsure(data: ReportData) -> Iterator[str]:
 
 @dataclass(frozen=True, slots=True)
 class HeadlineNumber:
-    """A number of the headline: its text, what it says, and whether that is good or bad.
+    """A number of the headline: its text, what it means, and whether that is good or bad.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ class HeadlineNumber:
 
 
 def headline_numbers(data: ReportData) -> Iterator[HeadlineNumber]:
-    """Give the headline's numbers: the deviation where there is one, then the groove itself.
+    """Give the headline's numbers: the deviation if there is one, then the groove itself.
 
     Corners speak for a deviation, for a cloud's extremes are the laser's ghosts. Where a cloud
     alone was compared, the half of it that lies closest does.
@@ -182,7 +182,7 @@ def headline_numbers(data: ReportData) -> Iterator[HeadlineNumber]:
     """
     summary = data.summary
     if data.comparison is not None:
-        yield _deviation(data.comparison)
+        yield _deviation_headline(data.comparison)
     yield HeadlineNumber(
         f"{summary.groove_length_mm:.0f} mm of groove",
         f"{summary.sections} sections, {describe_coverage(data)}",
@@ -203,7 +203,7 @@ def name_of_reference(comparison: Comparison) -> str:
     return "the joint as designed" if name == Path(JOINT_FILE).stem else name
 
 
-def _deviation(comparison: Comparison) -> HeadlineNumber:
+def _deviation_headline(comparison: Comparison) -> HeadlineNumber:
     reference = name_of_reference(comparison)
     corners = [d for d in comparison.deviations if d.kind.startswith("corners")]
     if corners:

@@ -103,7 +103,7 @@ class FitUpCell(NamedTuple):
 
 
 def fit_up_table(data: ReportData) -> dict[str, Any]:
-    """Make the head, rows and note of the table of the sections nearest to the full hours.
+    """Make the head and rows of the table of the sections nearest to the full hours.
 
     Parameters
     ----------
@@ -123,19 +123,6 @@ def fit_up_table(data: ReportData) -> dict[str, Any]:
         where = f"{lengths[k]:.0f} mm" if azimuths is None else clock_text(azimuths[k])
         cells = [FitUpCell(one.text, one.designed_text, one.verdict) for one in dimensions]
         rows.append([FitUpCell(where), FitUpCell(data.section_number(section)), *cells])
-    stated = any(one.verdict for row in every for one in row)
-    note = f"± is {COVERAGE_SIGMAS:g} standard deviations. "
-    if data.joint is not None:
-        tolerance = ", and its tolerance" if stated else ""
-        note += (
-            f"In brackets what is drawn, in the section's own plane{tolerance}; the root face is "
-            "what remains of the drawn wall. "
-        )
-    if stated:
-        note += (
-            "Green keeps its tolerance with all of its uncertainty, red breaks it so, and what is "
-            "amber may do either (ISO 14253-1)."
-        )
-    elif data.joint is not None:
-        note += "The joint's file states no [tolerance] to hold it against."
-    return {"head": ["at", "section", *head], "rows": rows, "note": note}
+    has_tolerances = any(one.verdict for row in every for one in row)
+    head = ["at", "section", *head]
+    return {"head": head, "rows": rows, "sigmas": COVERAGE_SIGMAS, "has_tolerances": has_tolerances}

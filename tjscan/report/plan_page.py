@@ -13,8 +13,6 @@ from tjscan.core.files import read_small_file, write_files_atomically
 from tjscan.planning.document import (
     BEAD_COLUMNS,
     BeadCourse,
-    PlanDocument,
-    StationEntry,
     bead_rows,
     read_beads_csv,
     read_plan,
@@ -61,16 +59,17 @@ def write_plan_page(directory: Path) -> Path:
     """
     plan = read_plan(directory / PLAN)
     courses = read_beads_csv(directory / BEADS)
+    filled = picture_from_png(
+        read_small_file(directory / PICTURE, MOST_PICTURE_BYTES, "a picture"),
+        "Three sections filled, speed and heat input along each bead",
+        "Beads are numbered in the order of welding. Dashed: the windows of the WPS. Where a bead "
+        "overlaps its start, s goes on beyond the groove's length.",
+    )
     page = load_template("plan.html.jinja").render(
         plan=plan,
-        facts=list(_facts(plan)),
         beads=list(bead_rows(plan)),
         bead_head=tuple(BEAD_COLUMNS),
-        details=list(_detail_rows(plan)),
-        pictures=[
-            _filled_sections(directory / PICTURE),
-            draw_positions(courses),
-        ],
+        pictures=[filled, draw_positions(courses)],
         provenance=plan.provenance.header_entries,
     )
     with write_files_atomically(directory) as draft:
@@ -84,7 +83,7 @@ def draw_positions(courses: Sequence[BeadCourse]) -> ReportPicture:
     axes = figure.add_subplot()
     seen: set[str] = set()
     for bead in courses:
-        for name, start, end in _runs(bead):
+        for name, start, end in _stretches_of_one_position(bead):
             axes.barh(
                 bead.number, end - start, left=start, height=0.8, color=POSITION_COLOURS[name]
             )
@@ -103,69 +102,10 @@ def draw_positions(courses: Sequence[BeadCourse]) -> ReportPicture:
     )
 
 
-def _runs(bead: BeadCourse) -> Iterator[tuple[str, float, float]]:
+def _stretches_of_one_position(bead: BeadCourse) -> Iterator[tuple[str, float, float]]:
     """Positions, with the lengths from where to where each stays the same."""
     first = 0
     for name, group in groupby(bead.positions):
         end = first + len(list(group))
         yield name, float(bead.s[first]), float(bead.s[min(end, len(bead.s) - 1)])
         first = end
-
-
-def _filled_sections(file: Path) -> ReportPicture:
-    return picture_from_png(
-        read_small_file(file, MOST_PICTURE_BYTES, "a picture"),
-        "Three sections filled, speed and heat input along each bead",
-        "Beads are numbered in the order of welding. Dashed: the windows of the WPS. Where a bead "
-        "overlaps its start, s goes on beyond the groove's length.",
-    )
-
-
-def _facts(plan: PlanDocument) -> Iterator[tuple[str, str]]:
-    yield "run", plan.run
-    yield "WPS", plan.wps
-    yield "groove", f"{plan.groove_mm:.0f} mm{', closed' if plan.closed else ''}"
-    layers = [zone.beads_in_layers for zone in plan.zones]
-    yield "beads in layers", "; ".join(" + ".join(map(str, counts)) for counts in layers)
-    if plan.after_pass:
-        yield "planned after pass", str(plan.after_pass)
-    if plan.root.opening_mm is not None:
-        backing = "with backing" if plan.root.backing else "without backing"
-        low, high = plan.root.opening_mm
-        yield "open root", f"{low:.1f} to {high:.1f} mm, {backing}"
-    if plan.root.tack_spans_mm:
-        spans = "; ".join(
-            "s = {:.0f} to {:.0f} mm".format(*span) for span in plan.root.tack_spans_mm
-        )
-        yield "tack welds", f"{spans}: {'fused' if plan.root.tacks == 'fuse' else 'skipped'}"
-    for station in plan.stations:
-        yield f"station {station.name}", "; ".join(_reach_words(station))
-    if plan.without_stations:
-        yield "stations", plan.without_stations
-    yield "downwards", " ".join(f"{x:g}" for x in plan.gravity)
-    yield "weld metal", f"{1e-3 * plan.volume_mm3:.0f} cm³"
-    yield "overlap of stops", f"{plan.overlap_mm:g} mm"
-    yield "stick-out", f"{plan.stick_out_mm:g} mm"
-    yield "interpass temperature", f"{plan.interpass_temperature_C:g} °C"
-
-
-def _reach_words(station: StationEntry) -> Iterator[str]:
-    reached = station.reached_mm
-    yield (
-        "reaches nothing" if reached is None else "reaches s = {:.0f} to {:.0f} mm".format(*reached)
-    )
-    for length in station.unreached:
-        yield f"not s = {length.begin_mm:.0f} to {length.end_mm:.0f} mm: {length.reason}"
-    yield station.program or f"no program: {station.without_program or 'no bead is its own'}"
-
-
-def _detail_rows(plan: PlanDocument) -> Iterator[tuple[str, ...]]:
-    for one in plan.details:
-        yield (
-            f"{one.begin_mm:.0f}",
-            f"{one.end_mm:.0f}",
-            "{:.1f}–{:.1f}".format(*one.dihedral_deg),
-            f"{one.sigma_dihedral_deg:.2f}",
-            ", ".join(one.details),
-            "; ".join(one.out_of_table),
-        )

@@ -29,7 +29,7 @@ POINTS_ALONG_SIDE: Final = 40
 
 def draw_fitted_profiles(data: ReportData) -> ReportPicture | None:
     """Draw profiles with their fitted sides; None if no recording is there."""
-    chosen = _chosen(data)
+    chosen = _evenly_chosen_profiles(data)
     if not chosen:
         return None
     columns = 3
@@ -42,7 +42,7 @@ def draw_fitted_profiles(data: ReportData) -> ReportPicture | None:
         found = ", ".join((f"rms {1e3 * section.rms:.3f} mm", *section.conditions))
         title = f"{at}section {section.index}{where}, {found}"
         axes.set_title(title, fontsize=10, parse_math=False)
-        _draw(axes, profile, settings, section.absent)
+        _draw_fitted_profile(axes, profile, settings, section.absent)
         if i == 1:
             axes.legend(loc="best", fontsize=8, markerscale=3)
     return inline_figure(
@@ -56,7 +56,7 @@ def draw_fitted_profiles(data: ReportData) -> ReportPicture | None:
     )
 
 
-def _chosen(
+def _evenly_chosen_profiles(
     data: ReportData,
 ) -> list[tuple[MeasuredSection, StationRunData, Profile, GrooveSettings]]:
     """Sections whose profiles are there, evenly chosen."""
@@ -71,7 +71,9 @@ def _chosen(
     return [there[int(k)] for k in places]
 
 
-def _draw(axes: Any, profile: Profile, settings: GrooveSettings, absent: tuple[str, ...]) -> None:
+def _draw_fitted_profile(
+    axes: Any, profile: Profile, settings: GrooveSettings, absent: tuple[str, ...]
+) -> None:
     axes.set_xlabel("← away from the sensor   $z_s$ / mm", fontsize=8)
     axes.set_ylabel("$x_s$ / mm   up the brace →", fontsize=8)
     axes.tick_params(labelsize=8)
@@ -91,7 +93,7 @@ def _draw(axes: Any, profile: Profile, settings: GrooveSettings, absent: tuple[s
     )
     near = ~keep & (row.points > low).all(axis=1) & (row.points < high).all(axis=1)
     for part, colour, name in ((keep, LASER_COLOUR, "fitted"), (near, LEFT_OUT_COLOUR, "left out")):
-        axes.plot(*_zx(row.points[part]), ".", color=colour, markersize=3, label=name)
+        axes.plot(*_z_and_x_mm(row.points[part]), ".", color=colour, markersize=3, label=name)
     starts = [np.nan, *(after for _, after in fitted.places)]
     ends = [*(before for before, _ in fitted.places), np.nan]
     for k, curve in enumerate(fitted.curves):
@@ -101,16 +103,16 @@ def _draw(axes: Any, profile: Profile, settings: GrooveSettings, absent: tuple[s
         line = np.array(
             [curve.point_on_curve(float(s)) for s in np.linspace(first, last, POINTS_ALONG_SIDE)]
         )
-        axes.plot(*_zx(line), color=CORNER_COLOUR, linewidth=0.8)
+        axes.plot(*_z_and_x_mm(line), color=CORNER_COLOUR, linewidth=0.8)
     for number, point in enumerate(section.points_s[1:4, [0, 2]], start=2):
         if f"p{number}" in absent:
             continue
-        z, x = _zx(point[None])
+        z, x = _z_and_x_mm(point[None])
         axes.plot(z, x, "o", color=ROOT_COLOUR, markersize=7, fillstyle="none")
         axes.annotate(
             f"$p_{number}$", (z[0], x[0]), xytext=(7, 0), textcoords="offset points", fontsize=9
         )
 
 
-def _zx(points: Array) -> tuple[Array, Array]:
+def _z_and_x_mm(points: Array) -> tuple[Array, Array]:
     return 1e3 * points[:, 1], 1e3 * points[:, 0]

@@ -44,10 +44,10 @@ def view_data(data: ReportData) -> dict[str, Any]:
     absent = absent_corners(data.sections)
     azimuths = data.unwrapped_azimuths
     stations = () if data.stitching is None else data.stitching.stations
-    points, deviation = _points(data)
-    quantities = [*_quantities(data)]
+    points, deviation = _encoded_points(data)
+    quantities = [*_section_quantities(data)]
     if deviation is not None:
-        quantities.append(_point_deviation(deviation))
+        quantities.append(_point_deviation_quantity(deviation))
     middle = np.nan_to_num(data.sections[len(data.sections) // 2].azimuth)
     return {
         "frame": data.summary.frame,
@@ -58,12 +58,12 @@ def view_data(data: ReportData) -> dict[str, Any]:
                 "name": data.section_number(section),
                 "where": "" if azimuths is None else f"at {clock_text(azimuths[k])} o'clock",
                 "conditions": list(section.conditions),
-                "corners": _mm(corners[k], 3),
+                "corners": _rounded_mm(corners[k], 3),
                 "seen": [True, *(~absent[k]).tolist(), True],
             }
             for k, section in enumerate(data.sections)
         ],
-        "joined": _joined(data),
+        "joined": _seen_neighbour_pairs(data),
         "quantities": quantities,
         "points": points,
         "ghost": _ghost_of_joint(data.joint),
@@ -71,57 +71,61 @@ def view_data(data: ReportData) -> dict[str, Any]:
     }
 
 
-def _joined(data: ReportData) -> list[list[int]]:
+def _seen_neighbour_pairs(data: ReportData) -> list[list[int]]:
     """Pairs of neighbouring sections between which the groove was seen."""
     n, wide = len(data.sections), wide_steps(data)
     pairs = [[k, k + 1] for k in range(n - 1) if k not in wide]
     return [*pairs, [n - 1, 0]] if is_closed(data) else pairs
 
 
-def _quantities(data: ReportData) -> Iterator[dict[str, Any]]:
+def _section_quantities(data: ReportData) -> Iterator[dict[str, Any]]:
     """What sections are coloured by: a value and its standard deviation for each."""
     for deviation in () if data.comparison is None else data.comparison.deviations:
         if deviation.kind.startswith("corners"):
             rows = np.nan_to_num(1e3 * deviation.distances.reshape(-1, 3), nan=-1).max(axis=1)
-            yield _quantity(deviation.kind, "mm", np.where(rows < 0, np.nan, rows))
+            yield _section_quantity(deviation.kind, "mm", np.where(rows < 0, np.nan, rows))
     for field, values, sigmas in measure_columns(data.sections):
         if field.name in SHOWN_MEASURES:
             symbol = UNIT_SYMBOLS.get(field.unit.suffix, field.unit.suffix)
-            yield _quantity(field.name_in_words, symbol, values, sigmas)
+            yield _section_quantity(field.name_in_words, symbol, values, sigmas)
     opening = 1e3 * np.array([section.root_opening for section in data.sections])
     if not np.isnan(opening).all():
         edges = 1e3 * np.array([section.own_corner_sigmas[1] for section in data.sections])
-        yield _quantity("root opening", "mm", opening, edges)
+        yield _section_quantity("root opening", "mm", opening, edges)
     sigmas = 1e3 * np.array([section.corner_sigmas.max() for section in data.sections])
-    yield _quantity("standard deviation of the corners", "mm", sigmas)
+    yield _section_quantity("standard deviation of the corners", "mm", sigmas)
 
 
-def _quantity(name: str, unit: str, values: Array, sigmas: Array | None = None) -> dict[str, Any]:
+def _section_quantity(
+    name: str, unit: str, values: Array, sigmas: Array | None = None
+) -> dict[str, Any]:
     known = values[~np.isnan(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     limits = (round(low, 4), round(max(high, low + 1e-3), 4))
-    return _coloured(name, unit, limits, SEQUENTIAL) | {
+    return _quantity_with_scale(name, unit, limits, SEQUENTIAL) | {
         "values": [None if np.isnan(value) else round(float(value), 4) for value in values],
         "sigmas": None if sigmas is None else [round(float(sigma), 4) for sigma in sigmas],
     }
 
 
-def _coloured(name: str, unit: str, limits: tuple[float, float], colours: str) -> dict[str, Any]:
+def _quantity_with_scale(
+    name: str, unit: str, limits: tuple[float, float], colours: str
+) -> dict[str, Any]:
     """A quantity without values, and its scale of colours."""
     shades = [to_hex(colour) for colour in colormaps[colours](np.linspace(0, 1, SHADE_COUNT))]
     scale = {"low": limits[0], "high": limits[1], "colours": shades}
     return {"name": name, "unit": unit, **scale, "values": None, "sigmas": None}
 
 
-def _point_deviation(deviation: DeviationDistances) -> dict[str, Any]:
+def _point_deviation_quantity(deviation: DeviationDistances) -> dict[str, Any]:
     """What points are coloured by."""
     scale = round(deviation_scale_mm(deviation), 3)
     limits = (-scale if deviation.signed else 0.0, scale)
     colours = DIVERGING if deviation.signed else SEQUENTIAL
-    return _coloured(f"deviation, {deviation.kind}", "mm", limits, colours)
+    return _quantity_with_scale(f"deviation, {deviation.kind}", "mm", limits, colours)
 
 
-def _points(data: ReportData) -> tuple[dict[str, Any], DeviationDistances | None]:
+def _encoded_points(data: ReportData) -> tuple[dict[str, Any], DeviationDistances | None]:
     """Points near the groove as 16-bit numbers, and the deviations that they carry."""
     cloud = data.cloud
     chosen = indices_near_groove(data.sections, cloud)
@@ -137,12 +141,12 @@ def _points(data: ReportData) -> tuple[dict[str, Any], DeviationDistances | None
     return {
         "middle": np.round(middle, 3).tolist(),
         "unit": unit,
-        "at": _base64((points - np.round(middle, 3)) / unit),
-        "micrometres": _base64(values),
+        "at": _base64_of_int16((points - np.round(middle, 3)) / unit),
+        "micrometres": _base64_of_int16(values),
     }, carried
 
 
-def _base64(numbers: Array) -> str:
+def _base64_of_int16(numbers: Array) -> str:
     """Numbers rounded to 16 bits, little-endian; what is beyond ends there."""
     limits = np.iinfo(np.int16)
     rounded = np.clip(np.nan_to_num(np.round(numbers)), limits.min + 1, limits.max)
@@ -154,10 +158,10 @@ def _ghost_of_joint(joint: JointDefinition | None) -> dict[str, Any] | None:
     if joint is None:
         return None
     vertices, triangles = ghost_of_joint(joint)
-    lines = [_mm(line[::3], 1) for line in joint_wireframe(joint) if len(line) > 2]
-    return {"vertices": _mm(vertices, 1), "triangles": triangles.tolist(), "lines": lines}
+    lines = [_rounded_mm(line[::3], 1) for line in joint_wireframe(joint) if len(line) > 2]
+    return {"vertices": _rounded_mm(vertices, 1), "triangles": triangles.tolist(), "lines": lines}
 
 
-def _mm(points: Array, decimals: int) -> list[list[float]]:
+def _rounded_mm(points: Array, decimals: int) -> list[list[float]]:
     rounded: list[list[float]] = np.round(1e3 * points, decimals).tolist()
     return rounded

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from tjscan.comparison.shapes import StatedUnitAndFrame
 from tjscan.core.files import write_files_atomically
-from tjscan.core.provenance import Provenance
+from tjscan.core.provenance import FRAME_DESCRIPTIONS, Provenance
+from tjscan.joint.definition import JointDefinition
 from tjscan.report.chapter_page import draw_sheet_picture, render_chapter_page
 from tjscan.report.charts import (
     draw_corner_errors,
@@ -18,16 +22,21 @@ from tjscan.report.charts import (
     read_stations_picture,
 )
 from tjscan.report.data import ReportData, read_report_data, station_folders
-from tjscan.report.drawings import describe_drawings, draw_sections
-from tjscan.report.findings import headline_numbers, name_of_reference, report_findings
+from tjscan.report.drawings import draw_sections
+from tjscan.report.findings import (
+    describe_coverage,
+    headline_numbers,
+    name_of_reference,
+    report_findings,
+)
 from tjscan.report.fit_up import draw_fit_up, fit_up_table
 from tjscan.report.picture import MOST_EVENTS, load_template
 from tjscan.report.profiles import draw_fitted_profiles
-from tjscan.report.tables import measure_rows, scan_fact_rows
 from tjscan.report.view3d import view_data
 from tjscan.result.chapter import ReportSheet
 from tjscan.result.directory import job_label_of_run
 from tjscan.result.picture import write_png
+from tjscan.result.section import MEASURE_FIELDS, SIGMA_FIELDS
 from tjscan.runs.tasks import page_of_task, task_with_own_page
 
 ALIGNED_BY: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest points"}
@@ -65,13 +74,16 @@ def render_report_page(data: ReportData) -> str:
         name=data.run_name,
         summary=data.summary,
         headline=list(headline_numbers(data)),
-        scan_rows=list(scan_fact_rows(data)),
+        joint=_joint_in_words(data.joint),
+        coverage=describe_coverage(data),
+        frames=FRAME_DESCRIPTIONS,
+        station_facts=list(_station_fact_rows(data)),
         findings=list(report_findings(data)),
         pictures={name: draw(data) for name, draw in REPORT_PICTURES.items()},
         scene=view_data(data),
         drawings=draw_sections(data),
         fit_up=fit_up_table(data),
-        drawn_sections=describe_drawings(data),
+        by_the_clock=data.unwrapped_azimuths is not None,
         comparison=comparison,
         compared_with="" if comparison is None else name_of_reference(comparison),
         aligned_by=ALIGNED_BY["none" if comparison is None else comparison.alignment.method],
@@ -80,8 +92,40 @@ def render_report_page(data: ReportData) -> str:
             :MOST_EVENTS
         ],
         stitching=stitching,
-        measures=measure_rows(data),
+        measures=_measure_rows(data),
         provenance=provenance.header_entries,
+    )
+
+
+def _station_fact_rows(data: ReportData) -> Iterator[tuple[str, str]]:
+    """Rows of name and value: what the stations' chapters state, once if it is the same for all."""
+    for name in dict.fromkeys(name for place in data.places for name in place.facts):
+        values = {place.name: place.facts.get(name, "") for place in data.places}
+        if len(set(values.values())) == 1:
+            yield name, next(iter(values.values()))
+        else:
+            yield from ((f"{name}, {station}", value) for station, value in values.items())
+
+
+def _measure_rows(data: ReportData) -> list[tuple[str, ...]]:
+    """A row for each measure of the groove: smallest, mean, largest, median standard deviation."""
+    table = []
+    for field, sigma in zip(MEASURE_FIELDS, SIGMA_FIELDS, strict=True):
+        values = field.values(data.sections)
+        spread = np.median(sigma.values(data.sections))
+        numbers = (f"{value:.2f}" for value in (values.min(), values.mean(), values.max()))
+        table.append((field.chart_title, *numbers, f"{spread:.2g}"))
+    return table
+
+
+def _joint_in_words(joint: JointDefinition | None) -> str:
+    """The measures of a joint as designed; empty if it is not known."""
+    if joint is None:
+        return ""
+    leg, brace = 2e3 * joint.leg_radius, 2e3 * joint.brace_radius
+    return (
+        f"{joint.name}: leg {leg:g} × {1e3 * joint.leg_wall:g} mm, brace {brace:g} × "
+        f"{1e3 * joint.brace_wall:g} mm, {np.degrees(joint.angle):g}° between them"
     )
 
 

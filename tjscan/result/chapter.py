@@ -7,7 +7,7 @@ report renders chapters, and knows no algorithm.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
@@ -92,19 +92,13 @@ class PlaneAnimation:
         """The same as JSON holds it, in whole millimetres."""
         return {
             "times": [round(float(time), 1) for time in self.times],
-            "polygons": [_mm(polygon) for polygon in self.polygons],
-            "path": _mm(self.path),
+            "polygons": [_rows_in_whole_mm(polygon) for polygon in self.polygons],
+            "path": _rows_in_whole_mm(self.path),
             "lines": [
-                {
-                    "name": line.name,
-                    "colour": line.colour,
-                    "dashed": line.dashed,
-                    "points": _mm(line.points),
-                }
-                for line in self.lines
+                asdict(line) | {"points": _rows_in_whole_mm(line.points)} for line in self.lines
             ],
             "discs": [
-                {"name": discs.name, "colour": discs.colour, "circles": _mm(discs.circles)}
+                asdict(discs) | {"circles": _rows_in_whole_mm(discs.circles)}
                 for discs in self.discs
             ],
             "values": [
@@ -115,7 +109,7 @@ class PlaneAnimation:
         }
 
 
-def _mm(values: Array) -> list[Any]:
+def _rows_in_whole_mm(values: Array) -> list[Any]:
     """Metres as whole millimetres, each frame in one row."""
     whole = np.rint(1e3 * np.asarray(values)).astype(int)
     flat: list[Any] = whole.reshape(len(whole), -1).tolist()
@@ -239,7 +233,7 @@ class ChapterWriter(Protocol):
     """A function that makes a task's chapter of the report on a run directory."""
 
     def __call__(self, directory: Path) -> ReportChapter:
-        """Give the chapter of a run directory, an empty one where it has nothing to report.
+        """Give the chapter of a run directory, an empty one if it has nothing to report.
 
         Parameters
         ----------

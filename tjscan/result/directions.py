@@ -74,9 +74,9 @@ def section_directions(sections: Sequence[MeasuredSection]) -> SectionDirections
     leg = np.cos(gamma_2) * z - np.sin(gamma_2) * y
     return SectionDirections(
         tangent=along[1],
-        wall=_units(np.cross(along[0], y)),
-        bevel=_units(np.cross(along[1], bevel)),
-        leg=_units(np.cross(leg, along[2])),
+        wall=_unit_rows(np.cross(along[0], y)),
+        bevel=_unit_rows(np.cross(along[1], bevel)),
+        leg=_unit_rows(np.cross(leg, along[2])),
     )
 
 
@@ -86,7 +86,7 @@ def tangents_along_line(points: Array, x: Array) -> Array:
     Parameters
     ----------
     points : ndarray, shape (n, 3)
-        In their order along the line; closed where the last lies about a step from the first.
+        In their order along the line; closed if the last lies about a step from the first.
     x : ndarray, shape (n, 3)
         To whose side each direction goes.
 
@@ -105,12 +105,12 @@ def tangents_along_line(points: Array, x: Array) -> Array:
         points = np.tile(points, (3, 1))
     n = len(x)
     first = n if closed else 0
-    directions = np.array([_slope(s, points, i) for i in range(first, first + n)])
+    directions = np.array([_local_slope(s, points, i) for i in range(first, first + n)])
     sides = np.sign(np.sum(directions * x, axis=1))[:, None]
-    return _units(np.where(sides == 0, 1.0, sides) * directions)
+    return _unit_rows(np.where(sides == 0, 1.0, sides) * directions)
 
 
-def _slope(s: Array, points: Array, i: int) -> Array:
+def _local_slope(s: Array, points: Array, i: int) -> Array:
     """Derivative at ``s[i]`` of a polynomial through the points about it."""
     away = np.abs(s - s[i])
     reach = max(NEIGHBOUR_DISTANCE, float(np.sort(away)[min(FEWEST_NEIGHBOURS, len(s)) - 1]))
@@ -123,5 +123,5 @@ def _slope(s: Array, points: Array, i: int) -> Array:
     return np.asarray(coefficients[1])
 
 
-def _units(v: Array) -> Array:
+def _unit_rows(v: Array) -> Array:
     return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))

@@ -22,7 +22,7 @@ class SectionFieldDescription(StrictFileModel):
     meaning: str
 
 
-def _type(field: SectionQuantity) -> Any:
+def _type_in_json(field: SectionQuantity) -> Any:
     """The type of a field's value in JSON."""
     if field.text or field.name == "index":
         return str if field.text else int
@@ -34,7 +34,8 @@ def _type(field: SectionQuantity) -> Any:
 
 
 SECTION_KEYS: Final[dict[str, Any]] = {
-    field.name: (_type(field), Described(description=field.meaning)) for field in SECTION_FIELDS
+    field.name: (_type_in_json(field), Described(description=field.meaning))
+    for field in SECTION_FIELDS
 }
 SECTION_MODEL: Final[Any] = create_model("Section", __base__=StrictFileModel, **SECTION_KEYS)
 HEAD_KEYS: Final[dict[str, Any]] = {
@@ -55,10 +56,10 @@ GROOVE_DOCUMENT: Final[type[BaseModel]] = create_model(
 """The document's model, whose schema is ``docs/export.schema.json``."""
 
 
-def sections_to_json(
+def build_sections_document(
     sections: Sequence[MeasuredSection], provenance: Provenance, run: str, calibration: str
-) -> bytes:
-    """Sections as JSON, validated against `GROOVE_DOCUMENT`.
+) -> BaseModel:
+    """Build the model of the sections' JSON document, validated against `GROOVE_DOCUMENT`.
 
     Parameters
     ----------
@@ -71,18 +72,9 @@ def sections_to_json(
     calibration : str
         Where the sensor's pose on the flange comes from.
     """
-    return (
-        build_sections_document(sections, provenance, run, calibration).model_dump_json(indent=1)
-        + "\n"
-    ).encode()
-
-
-def build_sections_document(
-    sections: Sequence[MeasuredSection], provenance: Provenance, run: str, calibration: str
-) -> BaseModel:
-    """Build the model of the sections' JSON document; parameters as of `sections_to_json`."""
     unit = provenance.length
-    columns = {field.name: _values(field, sections, unit) for field in SECTION_FIELDS}
+    columns = {field.name: _json_values(field, sections, unit) for field in SECTION_FIELDS}
+    rows = zip(*columns.values(), strict=True)
     return GROOVE_DOCUMENT.model_validate(
         {
             "run": run,
@@ -94,14 +86,12 @@ def build_sections_document(
                 )
                 for field in SECTION_FIELDS
             },
-            "sections": [
-                {name: values[k] for name, values in columns.items()} for k in range(len(sections))
-            ],
+            "sections": [dict(zip(columns, row, strict=True)) for row in rows],
         }
     )
 
 
-def _values(
+def _json_values(
     field: SectionQuantity, sections: Sequence[MeasuredSection], unit: LengthUnit
 ) -> list[Any]:
     """A field's value of each section, to the digits that tables print."""

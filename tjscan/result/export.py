@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
+from pydantic import BaseModel
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import write_files_atomically
@@ -16,7 +17,7 @@ from tjscan.core.frames import inverse_pose, pose_from_rounded_matrix, transform
 from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.directory import SECTIONS_FILE, job_label_of_run
-from tjscan.result.document import build_sections_document, sections_to_json
+from tjscan.result.document import build_sections_document
 from tjscan.result.ply import sections_to_ply
 from tjscan.result.shapes import read_finished_summary
 from tjscan.result.table import read_sections_csv, sections_to_csv
@@ -71,9 +72,11 @@ def export_run(
             case "ply":
                 made.write_bytes(sections_to_ply(sections, provenance))
             case "json":
-                made.write_bytes(sections_to_json(sections, provenance, run, calibration))
+                document = build_sections_document(sections, provenance, run, calibration)
+                made.write_bytes(f"{document.model_dump_json(indent=1)}\n".encode())
             case "weldx":
-                write_weldx(made, sections, provenance, run, calibration)
+                document = build_sections_document(sections, provenance, run, calibration)
+                write_weldx(made, sections, provenance, document)
     return file
 
 
@@ -96,11 +99,7 @@ WELDX_ROOTS = {"j": "joint", "b": "arm base"}
 
 
 def write_weldx(
-    file: Path,
-    sections: Sequence[MeasuredSection],
-    provenance: Provenance,
-    run: str,
-    calibration: str,
+    file: Path, sections: Sequence[MeasuredSection], provenance: Provenance, document: BaseModel
 ) -> None:
     """Write section frames and points as a weldx file, with the JSON document beside them.
 
@@ -112,8 +111,10 @@ def write_weldx(
     ----------
     file : Path
         The file to write.
-    sections, provenance, run, calibration
-        As of `tjscan.result.document.sections_to_json`.
+    sections, provenance
+        As of `tjscan.result.document.build_sections_document`.
+    document : BaseModel
+        The sections as JSON holds them.
 
     Raises
     ------
@@ -136,6 +137,6 @@ def write_weldx(
         frames.add_cs(name, root, where)
         points = per_metre * transform_points(inverse_pose(T), section.points)
         frames.assign_data(weldx.SpatialData(weldx.Q_(points, unit)), f"points of {name}", name)
-    groove = build_sections_document(sections, provenance, run, calibration).model_dump(mode="json")
+    groove = document.model_dump(mode="json")
     with weldx.WeldxFile(tree={"groove": groove, "coordinate_systems": frames}, mode="rw") as made:
         made.write_to(file)

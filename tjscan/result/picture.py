@@ -21,7 +21,7 @@ from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.settings import GrooveSettings
 from tjscan.result.readings import ProfileReading, fitted_side_polylines
-from tjscan.result.section import MEASURE_FIELDS, SIGMA_FIELDS, absent_corners, lengths_along_groove
+from tjscan.result.section import MEASURE_FIELDS, lengths_along_groove, measure_columns
 
 STEEL_COLOUR: Final = "#9aa5b1"
 LASER_COLOUR: Final = "#2f7ed8"
@@ -79,12 +79,10 @@ def draw_groove_3d(
     scale = Normalize(angles.min(), max(angles.max(), angles.min() + 1e-3))
     for section, angle in zip(corners, angles, strict=True):
         axes.plot(*section.T, color=colormaps[ANGLE_COLOURS](scale(angle)), linewidth=1.6)
-    for section, one in list(zip(corners, sections, strict=True))[
-        :: ceil(len(sections) / MOST_NUMBERS_DRAWN)
-    ]:
-        outward = section[4] - section[3]
-        at = section[4] + 14 * outward / max(float(np.linalg.norm(outward)), 1e-9)
-        axes.text(*at, str(one.index), fontsize="small", ha="center", va="center")
+    for k in range(0, len(sections), ceil(len(sections) / MOST_NUMBERS_DRAWN)):
+        p4, p5 = corners[k, 3:]
+        at = p5 + 14 * (p5 - p4) / max(float(np.linalg.norm(p5 - p4)), 1e-9)
+        axes.text(*at, str(sections[k].index), fontsize="small", ha="center", va="center")
     for path in paths:
         axes.plot(*(1e3 * path.T), color=PATH_COLOUR, linewidth=0.8, marker=".", markersize=3)
     everything = np.concatenate((*corners, *(1e3 * line for line in (*outline, *paths))))
@@ -93,21 +91,18 @@ def draw_groove_3d(
     low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
     rightward = np.array((-np.sin(np.radians(towards)), np.cos(np.radians(towards)), 1.0))
     foot = np.where(rightward > 0, low, high)
-    _draw_axes(axes, frame, foot)
-    _look(axes, towards, np.vstack((everything, foot + AXIS_NAME_DISTANCE * np.eye(3))))
-    bar = axes.figure.colorbar(
-        ScalarMappable(scale, ANGLE_COLOURS),
-        ax=axes,
-        location="bottom",
-        shrink=0.5,
-        pad=0.02,
-        aspect=30,
+    _draw_coordinate_axes(axes, frame, foot)
+    _look_from_outside(
+        axes, towards, np.vstack((everything, foot + AXIS_NAME_DISTANCE * np.eye(3)))
     )
+    colours = ScalarMappable(scale, ANGLE_COLOURS)
+    place = {"location": "bottom", "shrink": 0.5, "pad": 0.02, "aspect": 30}
+    bar = axes.figure.colorbar(colours, ax=axes, **place)
     bar.set_label(MEASURE_FIELDS[0].chart_title)
     bar.outline.set_visible(False)
 
 
-def _look(axes: Any, towards: float, everything: Array) -> None:
+def _look_from_outside(axes: Any, towards: float, everything: Array) -> None:
     """Look from outside, from an azimuth in degrees, as near as all that is drawn allows."""
     axes.set_proj_type("ortho")
     axes.view_init(elev=25, azim=towards)
@@ -125,17 +120,13 @@ def _look(axes: Any, towards: float, everything: Array) -> None:
         artist.set_in_layout(False)
 
 
-def _draw_axes(axes: Any, frame: str, low: Array) -> None:
+def _draw_coordinate_axes(axes: Any, frame: str, low: Array) -> None:
     """Axes of 100 mm from the lower left corner: direction and scale at once."""
-    for k, name in enumerate("xyz"):
-        tip = low + 100 * np.eye(3)[k]
-        axes.plot(*np.column_stack((low, tip)), color=CORNER_COLOUR, linewidth=0.9)
-        axes.text(
-            *(low + AXIS_NAME_DISTANCE * np.eye(3)[k]),
-            f"${name}_{frame}$",
-            ha="center",
-            va="center",
-        )
+    for name, axis in zip("xyz", np.eye(3), strict=True):
+        line = np.column_stack((low, low + 100 * axis))
+        axes.plot(*line, color=CORNER_COLOUR, linewidth=0.9)
+        at = low + AXIS_NAME_DISTANCE * axis
+        axes.text(*at, f"${name}_{frame}$", ha="center", va="center")
     axes.text(*(low - (0, 0, 110)), "axes: 100 mm", fontsize="small", ha="center", va="center")
 
 
@@ -252,24 +243,19 @@ def draw_profile(axes: Any, reading: ProfileReading) -> None:
 def _draw_measures(axes: Any, sections: Sequence[MeasuredSection], which: tuple[int, int]) -> None:
     """Draw two of the measures along the groove with their bands, each with its own scale."""
     along = 1e3 * lengths_along_groove(sections)
-    rootless = absent_corners(sections).any(axis=1)
-    fields = [MEASURE_FIELDS[i] for i in which]
-    for i, part, colour in zip(
-        which, (axes, axes.twinx()), (CORNER_COLOUR, ROOT_COLOUR), strict=True
+    measures = [measure_columns(sections)[i] for i in which]
+    for (field, values, sigmas), part, colour in zip(
+        measures, (axes, axes.twinx()), (CORNER_COLOUR, ROOT_COLOUR), strict=True
     ):
-        values, sigmas = (
-            which_of[i].values(sections) for which_of in (MEASURE_FIELDS, SIGMA_FIELDS)
-        )
-        if i > 0:  # the angle needs no root
-            values = np.where(rootless, np.nan, values)
         low, high = values - BAND_SIGMAS * sigmas, values + BAND_SIGMAS * sigmas
         part.fill_between(along, low, high, color=colour, alpha=0.15, linewidth=0)
         part.plot(along, values, marker="o", markersize=2.5, color=colour)
-        part.set_ylabel(MEASURE_FIELDS[i].chart_title, color=colour)
+        part.set_ylabel(field.chart_title, color=colour)
         part.tick_params(axis="y", colors=colour)
         part.spines["top"].set_visible(False)
     axes.set_xlabel("along the groove / mm")
-    axes.set_title(f"{' and '.join(f.name_in_words for f in fields)}, ± {BAND_SIGMAS:g} σ")
+    names = " and ".join(field.name_in_words for field, _, _ in measures)
+    axes.set_title(f"{names}, ± {BAND_SIGMAS:g} σ")
 
 
 def draw_profiles_with_fits(readings: Sequence[ProfileReading], settings: GrooveSettings) -> Figure:

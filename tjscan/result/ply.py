@@ -30,7 +30,7 @@ SECTION_PROPERTIES: Final = (
 def write_cloud_ply(file: Path, points: Array, provenance: Provenance) -> None:
     """Write ``groove.ply``: points, shape (n, 3) in metres, as binary PLY in mm."""
     properties = [("float", axis) for axis in "xyz"]
-    head = _head("binary_little_endian", provenance, len(points), properties)
+    head = _ply_head("binary_little_endian", provenance, len(points), properties)
     file.write_bytes(head + (1e3 * points).astype("<f4").tobytes())
 
 
@@ -67,10 +67,12 @@ def sections_to_ply(sections: Sequence[MeasuredSection], provenance: Provenance)
         np.tile(np.arange(1, 6), n)[:, None],
     )
     lines = [" ".join(f"{value:.10g}" for value in row) for row in np.hstack(columns)]
-    return _head("ascii", provenance, 5 * n, SECTION_PROPERTIES) + "\n".join([*lines, ""]).encode()
+    return (
+        _ply_head("ascii", provenance, 5 * n, SECTION_PROPERTIES) + "\n".join([*lines, ""]).encode()
+    )
 
 
-def _head(
+def _ply_head(
     form: str, provenance: Provenance, count: int, properties: Sequence[tuple[str, str]]
 ) -> bytes:
     lines = [

@@ -49,11 +49,8 @@ class ProfileReading:
         """The form and the conditions of a section, or why there is none; empty for butt joints."""
         if self.refusal is not None:
             return self.refusal.reason
-        return (
-            ""
-            if self.section is None
-            else ", ".join((self.section.model, *self.section.conditions))
-        )
+        found = () if self.section is None else (self.section.model, *self.section.conditions)
+        return ", ".join(found)
 
     @property
     def is_seen(self) -> tuple[bool, ...]:
@@ -80,9 +77,8 @@ def measure_grooves(
                 section = read_groove(profile, settings)
                 yield ProfileReading(name, profile, section.points_s, section)
             else:
-                fitted = fit_groove(profile, settings).fitted
-                xz = fitted.corners
-                yield ProfileReading(name, profile, np.insert(xz, 1, 0.0, axis=1))
+                corners = fit_groove(profile, settings).fitted.corners
+                yield ProfileReading(name, profile, np.insert(corners, 1, 0.0, axis=1))
         except GrooveNotFound as refusal:
             yield ProfileReading(name, profile, np.empty((0, 3)), refusal=refusal)
 
@@ -149,13 +145,9 @@ def measures_with_sigmas(section: GrooveSection) -> list[tuple[str, float, float
     section : GrooveSection
         As it was read.
     """
-    values = (getattr(section, field.name) for field in MEASURE_FIELDS)
+    rows = []
     sigmas = np.sqrt(np.diag(section.measure_covariance))
-    return [
-        (
-            field.column_names()[0],
-            float(value / field.unit.factor),
-            float(sigma / field.unit.factor),
-        )
-        for field, value, sigma in zip(MEASURE_FIELDS, values, sigmas, strict=True)
-    ]
+    for field, sigma in zip(MEASURE_FIELDS, sigmas, strict=True):
+        value, factor = getattr(section, field.name), field.unit.factor
+        rows.append((field.column_names()[0], float(value / factor), float(sigma / factor)))
+    return rows

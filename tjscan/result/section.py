@@ -129,10 +129,13 @@ class SectionQuantity:
         if decimals is not None:
             decimals += round(np.log10(unit.factor / self.unit.factor))
         rows = self.raw_values(sections).reshape(len(sections), len(self.labels))
-        return [[_printed(value, unit.factor, decimals) for value in row] for row in rows.tolist()]
+        return [
+            [_formatted_value(value, unit.factor, decimals) for value in row]
+            for row in rows.tolist()
+        ]
 
 
-def _printed(value: float | str, factor: float, decimals: int | None) -> str:
+def _formatted_value(value: float | str, factor: float, decimals: int | None) -> str:
     """A value in its unit, without a minus before a zero."""
     if isinstance(value, str):
         return value
@@ -229,31 +232,31 @@ def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
         rms=float(values["rms"]),
         model=str(values["model"]),
         model_probability=float(values["model_probability"]),
-        conditions=_words(values["conditions"]),
-        absent=_words(values["absent"]),
+        conditions=_split_words(values["conditions"]),
+        absent=_split_words(values["absent"]),
         root_opening=float(values["root_opening"]),
         shared_sigmas=np.broadcast_to(values["shared_sigmas"], 3),
     )
 
 
-def _words(text: str) -> tuple[str, ...]:
+def _split_words(text: str) -> tuple[str, ...]:
     return tuple(text.split(WORD_SEPARATOR)) if text else ()
 
 
-def _text(name: str, meaning: str) -> SectionQuantity:
+def _text_field(name: str, meaning: str) -> SectionQuantity:
     """A text that files of earlier versions lack."""
     return SectionQuantity(name, meaning, NO_UNIT, text=True, blank=True, later=True)
 
 
-def _measure(k: int) -> TakeValues:
+def _take_measure(k: int) -> TakeValues:
     return lambda sections: np.array([section.measures[k] for section in sections])
 
 
-def _sigma(k: int) -> TakeValues:
+def _take_sigma(k: int) -> TakeValues:
     return lambda sections: np.array([section.sigmas[k] for section in sections])
 
 
-def _correlations(sections: Sequence[MeasuredSection]) -> Array:
+def _take_correlations(sections: Sequence[MeasuredSection]) -> Array:
     """Correlations of pairs of measures, shape (n, 6); zero if nothing varies."""
     covariances = np.array([s.measure_covariance[MEASURE_PAIRS] for s in sections]).reshape(-1, 6)
     scales = np.array([np.outer(s.sigmas, s.sigmas)[MEASURE_PAIRS] for s in sections]).reshape(
@@ -264,36 +267,39 @@ def _correlations(sections: Sequence[MeasuredSection]) -> Array:
     return np.asarray(np.clip(ratios, -1, 1))
 
 
-def _direction(name: str) -> TakeValues:
+def _take_direction(name: str) -> TakeValues:
     return lambda sections: getattr(section_directions(sections), name)
 
 
-def _vector(name: str, meaning: str, side: str) -> SectionQuantity:
+def _unit_vector_field(name: str, meaning: str, side: str) -> SectionQuantity:
     labels = tuple(f"{name}_{axis}" for axis in "xyz")
     return SectionQuantity(
-        name, meaning, NO_UNIT, _direction(side), labels, (3,), 7, least=-1, most=1, derived=True
+        name,
+        meaning,
+        NO_UNIT,
+        _take_direction(side),
+        labels,
+        (3,),
+        7,
+        least=-1,
+        most=1,
+        derived=True,
     )
 
 
-MEASURE_FIELDS: Final = (
-    SectionQuantity("groove_angle", "angle between bevel and leg", DEG, _measure(0)),
-    SectionQuantity(
-        "root_width",
+MEASURE_MEANINGS: Final = {
+    "groove_angle": (DEG, "angle between bevel and leg"),
+    "root_width": (
+        MM,
         "distance between p3 and p4: across the face of the root bead, or of the root opening "
         "where no bead is laid yet",
-        MM,
-        _measure(1),
     ),
-    SectionQuantity(
-        "depth", "distance of the middle of p3 and p4 behind the brace's wall", MM, _measure(2)
-    ),
-    SectionQuantity(
-        "area",
-        "of the quadrilateral of the origin of g, p2, p3 and p4",
-        MM2,
-        _measure(3),
-        decimals=3,
-    ),
+    "depth": (MM, "distance of the middle of p3 and p4 behind the brace's wall"),
+    "area": (MM2, "of the quadrilateral of the origin of g, p2, p3 and p4"),
+}
+MEASURE_FIELDS: Final = tuple(
+    SectionQuantity(name, meaning, unit, _take_measure(k), decimals=3 if unit is MM2 else 4)
+    for k, (name, (unit, meaning)) in enumerate(MEASURE_MEANINGS.items())
 )
 """What a section measures, in the order of `MeasuredSection.measures`."""
 
@@ -303,7 +309,7 @@ SIGMA_FIELDS: Final = tuple(
         name=f"sigma_{field.name}",
         labels=(f"sigma_{field.name}",),
         meaning=f"standard deviation of {field.name}",
-        take=_sigma(k),
+        take=_take_sigma(k),
         decimals=None,
         least=0,
     )
@@ -370,7 +376,7 @@ SECTION_FIELDS: Final = (
             for a, b in zip(*MEASURE_PAIRS, strict=True)
         ),
         NO_UNIT,
-        _correlations,
+        _take_correlations,
         tuple(
             f"corr_{MEASURE_FIELDS[a].name}_{MEASURE_FIELDS[b].name}"
             for a, b in zip(*MEASURE_PAIRS, strict=True)
@@ -405,17 +411,19 @@ SECTION_FIELDS: Final = (
         least=0,
         derived=True,
     ),
-    _vector("tangent", "unit vector along the groove at p3, counterclockwise", "tangent"),
-    _vector("wall_normal", "unit vector out of the brace's wall at p2", "wall"),
-    _vector("bevel_normal", "unit vector out of the bevel between p2 and p3", "bevel"),
-    _vector("leg_normal", "unit vector out of the leg at p4", "leg"),
-    _text("model", "form of groove that explains the profile best"),
-    _text(
+    _unit_vector_field(
+        "tangent", "unit vector along the groove at p3, counterclockwise", "tangent"
+    ),
+    _unit_vector_field("wall_normal", "unit vector out of the brace's wall at p2", "wall"),
+    _unit_vector_field("bevel_normal", "unit vector out of the bevel between p2 and p3", "bevel"),
+    _unit_vector_field("leg_normal", "unit vector out of the leg at p4", "leg"),
+    _text_field("model", "form of groove that explains the profile best"),
+    _text_field(
         "conditions",
         "what was found about the groove, such as tack, open root or seam weld beside; several "
         f"joined by {WORD_SEPARATOR.strip()}",
     ),
-    _text(
+    _text_field(
         "absent",
         "corners that are buried, not there or not seen: what is given for them is where they may "
         f"be; several joined by {WORD_SEPARATOR.strip()}",

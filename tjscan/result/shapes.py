@@ -57,12 +57,10 @@ def read_finished_summary(directory: Path) -> ScanSummary:
     """
     refuse_links_outside(directory, SUMMARY_FILE, SECTIONS_FILE, CLOUD_FILE, BUDGET_FILE)
     if not (directory / SUMMARY_FILE).is_file():
-        hint = ""
-        if directory.is_dir() and any(directory.glob(f"*/{SUMMARY_FILE}")):
-            hint = f"; its stations are not stitched yet: tjscan stitch {directory}"
-        raise ConfigurationError(
-            f"is no finished run: it holds no {SUMMARY_FILE}{hint}", file=directory
-        )
+        hint = f"; its stations are not stitched yet: tjscan stitch {directory}"
+        stations = directory.is_dir() and any(directory.glob(f"*/{SUMMARY_FILE}"))
+        problem = f"is no finished run: it holds no {SUMMARY_FILE}{hint if stations else ''}"
+        raise ConfigurationError(problem, file=directory)
     return read_summary(directory / SUMMARY_FILE)
 
 

@@ -1,14 +1,14 @@
-"""``summary.json``: a scan in a few numbers."""
+"""``summary.json`` and ``stations.json``: a scan in few numbers, and how stations were stitched."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Final, Self
 
 import numpy as np
-from pydantic_core import to_json as to_json_bytes
+from pydantic_core import to_json
 
 from tjscan.comparison.distance import DistanceStatistics
 from tjscan.core.config import read_json_as_written
@@ -16,12 +16,23 @@ from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
+from tjscan.result.directory import STATIONS_FILE
 from tjscan.result.section import lengths_along_groove
 from tjscan.uncertainty.budget import BudgetSummary, budget_in_words
 
 MOST_SUMMARY_BYTES: Final = 1_000_000
 """A larger file is no summary."""
 
+
+MOST_REPORT_BYTES: Final = 1_000_000
+"""A larger file reports no stitching."""
+
+LOOP_OPEN: Final = (
+    "no overlap closes the way round, so that how well its two ends meet is not known"
+)
+"""What is reported if there is no loop gap."""
+
+Triple = tuple[float, float, float]
 
 SUMMED_KEYS: Final = (
     "scans",
@@ -182,46 +193,31 @@ def summarise_stations(
     """
     steps = np.diff(1e3 * lengths_along_groove([*sections, *sections[:1]] if closed else sections))
     all_parts = list(parts.values())
+    error = None if corner_error is None else DistanceStatistics.from_distances(corner_error)
+    # Two sections of each station are taught: no profile was taken for them.
+    scanned = [one for one in all_parts if one.scans_per_section is not None]
+    untaught = sum(one.sections - 2 for one in scanned)
+    scans = sum((one.scans_per_section or 0.0) * (one.sections - 2) for one in scanned)
+    bad = [f"{name}: {part.detail}" for name, part in parts.items() if not part.complete]
+    shared = [field.name for field in fields(StationSummary) if field.name != "name"]
     return ScanSummary(
         sections=len(sections),
         complete=all(part.complete for part in all_parts),
-        stopped_because=_each_once(part.stopped_because for part in all_parts),
-        detail=_detail(parts),
+        stopped_because=", ".join(dict.fromkeys(part.stopped_because for part in all_parts)),
+        detail="; ".join(bad) or f"{len(parts)} stations did what was asked",
         frame=frame,
         groove_length_mm=float(steps.sum()),
         step_mm=StepStatistics.from_steps(all_parts[0].step_mm.nominal, steps),
-        corner_error_mm=None
-        if corner_error is None
-        else DistanceStatistics.from_distances(corner_error),
-        calibration=_each_once(part.calibration for part in all_parts),
-        stations=tuple(_station(name, part) for name, part in parts.items()),
-        scans_per_section=_mean_scans(all_parts),
+        corner_error_mm=error,
+        calibration=", ".join(dict.fromkeys(part.calibration for part in all_parts)),
+        stations=tuple(
+            StationSummary(name, *(getattr(part, key) for key in shared))
+            for name, part in parts.items()
+        ),
+        scans_per_section=scans / untaught if untaught else None,
         uncertainty=uncertainty,
         **{name: sum(getattr(part, name) for part in all_parts) for name in SUMMED_KEYS},
     )
-
-
-def _each_once(words: Iterable[str]) -> str:
-    return ", ".join(dict.fromkeys(words))
-
-
-def _detail(parts: Mapping[str, ScanSummary]) -> str:
-    """What each station reports that did not do what was asked."""
-    bad = [f"{name}: {part.detail}" for name, part in parts.items() if not part.complete]
-    return "; ".join(bad) or f"{len(parts)} stations did what was asked"
-
-
-def _mean_scans(parts: Sequence[ScanSummary]) -> float | None:
-    """Profiles for each section that was not taught, two of each station being taught."""
-    found = [p for p in parts if p.scans_per_section is not None]
-    sections = sum(part.sections - 2 for part in found)
-    scans = sum((part.scans_per_section or 0.0) * (part.sections - 2) for part in found)
-    return scans / sections if sections else None
-
-
-def _station(name: str, part: ScanSummary) -> StationSummary:
-    shared = {field.name for field in fields(StationSummary)} - {"name"}
-    return StationSummary(name, **{key: getattr(part, key) for key in shared})
 
 
 def read_summary(file: Path) -> ScanSummary:
@@ -254,7 +250,7 @@ def check_recording_complete(directory: Path, summary: ScanSummary, sections: in
 
 def summary_to_json(summary: ScanSummary) -> str:
     """The summary as JSON text."""
-    return to_json_bytes(summary, indent=2).decode()
+    return to_json(summary, indent=2).decode()
 
 
 def write_summary(file: Path, summary: ScanSummary) -> None:
@@ -284,3 +280,160 @@ def uncertainty_lines(summary: ScanSummary) -> Iterator[tuple[str, str]]:
         yield "uncertainty", budget_in_words(budget)
         for words in budget.left_out:
             yield "not counted", words
+
+
+@dataclass(frozen=True, slots=True)
+class StationReport:
+    """Where stitching placed a station, how sure that is, and what the station saw.
+
+    Parameters
+    ----------
+    name, source : str
+        Which, and its run directory, seen from that of the stitched run.
+    position_mm, euler_zyx_deg : tuple of float
+        Its base in frame j.
+    sigma_position_mm, sigma_rotation_deg : tuple of float
+        Standard deviations along and about the axes of j, about its origin.
+    sigma_groove_mm : float
+        By how much its groove may be wrong as a whole, root mean square of three directions.
+    azimuth_deg : tuple of float
+        From where to where it saw.
+    sections, views : int
+        Finished sections, and views in which a groove was read.
+    nominal_off_mm, nominal_off_deg : float
+        How far its nominal pose is off, measured from the first station; 0 for that.
+    walls_rms_mm, walls_misfit : float
+        Of its wall points about leg and brace: distance, and chi-squared per degree of freedom.
+    """
+
+    name: str
+    source: str
+    position_mm: Triple
+    euler_zyx_deg: Triple
+    sigma_position_mm: Triple
+    sigma_rotation_deg: Triple
+    sigma_groove_mm: float
+    azimuth_deg: tuple[float, float]
+    sections: int
+    views: int
+    nominal_off_mm: float
+    nominal_off_deg: float
+    walls_rms_mm: float
+    walls_misfit: float
+
+
+@dataclass(frozen=True, slots=True)
+class OverlapReport:
+    """How well two stations fit each other where they overlap.
+
+    Parameters
+    ----------
+    stations : tuple of str
+        Both names.
+    azimuth_deg, arc_deg : float
+        Its middle and its length.
+    sections : tuple of int
+        How many each has there.
+    views : int
+        That were registered.
+    left_out : int
+        Of these, views whose weight in the robust fit is small: outliers.
+    residual_rms_mm, misfit : float
+        Of the corners about one smooth groove: size, and chi-squared per degree of freedom.
+    sigma_mm : float
+        How uncertain the overlap alone leaves the second station's place there, root mean square
+        of three directions.
+    covariance : tuple of tuple of float
+        Of the second station's pose on the first, translation (mm) and rotation vector (degrees)
+        in j, from the overlap alone.
+    gap_mm : float
+        How far apart the placed stations see the groove there, across it.
+    """
+
+    stations: tuple[str, str]
+    azimuth_deg: float
+    arc_deg: float
+    sections: tuple[int, int]
+    views: int
+    left_out: int
+    residual_rms_mm: float
+    misfit: float
+    sigma_mm: float
+    covariance: tuple[tuple[float, ...], ...]
+    gap_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class StitchingReport:
+    """How stations were stitched, as ``stations.json`` holds it.
+
+    Parameters
+    ----------
+    frame : str
+        j, found from leg and brace.
+    covered_deg : float
+        Azimuth without a gap.
+    brace_diameter_mm, leg_diameter_mm, angle_deg, offset_mm : float
+        What the tubes are like: the angle between their axes, and how far these pass each other.
+    sigma_brace_diameter_mm, sigma_leg_diameter_mm, sigma_angle_deg, sigma_offset_mm : float
+        Standard deviations of these.
+    out_of_round_mm : float
+        How far the tubes' walls were taken to bulge from circles.
+    loop_gap_before_mm, loop_gap_after_mm : float or None
+        Largest gap across the groove if the way round closes: with the stations chained by
+        their overlaps, and in the end. None if it does not close.
+    stations : tuple of StationReport
+        By name.
+    overlaps : tuple of OverlapReport
+        Every one that was used.
+    provenance : Provenance or None
+        Of the file that holds it; None in files of version 0.1.0.
+    """
+
+    frame: str
+    covered_deg: float
+    brace_diameter_mm: float
+    leg_diameter_mm: float
+    angle_deg: float
+    offset_mm: float
+    sigma_brace_diameter_mm: float
+    sigma_leg_diameter_mm: float
+    sigma_angle_deg: float
+    sigma_offset_mm: float
+    out_of_round_mm: float
+    loop_gap_before_mm: float | None
+    loop_gap_after_mm: float | None
+    stations: tuple[StationReport, ...]
+    overlaps: tuple[OverlapReport, ...]
+    provenance: Provenance | None = None
+
+
+def write_stitching_report(file: Path, report: StitchingReport) -> None:
+    """Write ``stations.json``."""
+    file.write_bytes(to_json(report, indent=2) + b"\n")
+
+
+def read_stitching_report(directory: Path) -> StitchingReport | None:
+    """Read ``stations.json`` of a stitched run.
+
+    Parameters
+    ----------
+    directory : Path
+        The run directory.
+
+    Returns
+    -------
+    StitchingReport or None
+        None if it was scanned from one place, and not stitched.
+
+    Raises
+    ------
+    ConfigurationError
+        If its ``stations.json`` is damaged.
+    RecordingError
+        If it is not as it was written.
+    """
+    file = directory / STATIONS_FILE
+    if not file.is_file():
+        return None
+    return read_json_as_written(StitchingReport, file, MOST_REPORT_BYTES, "report of a stitching")

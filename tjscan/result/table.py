@@ -87,7 +87,7 @@ def write_sections_csv(
 def read_sections_csv(file: Path) -> tuple[MeasuredSection, ...]:
     """Read ``sections.csv``: what was written, to the digits that were printed.
 
-    Columns may stand in another order, and others beside them. Lines that begin with ``#`` above
+    Columns may be in another order, and others beside them. Lines that begin with ``#`` above
     the table are passed over; a file of version 0.1.0 has none.
 
     Raises
@@ -106,9 +106,9 @@ def read_sections_csv(file: Path) -> tuple[MeasuredSection, ...]:
                 above += 1
             reader = csv.reader(itertools.chain((line,), stream), strict=True)
             head = next(reader, [])
-            _check_head(file, above + 1, head)
+            _check_column_names(file, above + 1, head)
             return tuple(
-                _section(_Row(file, above + reader.line_num, head, cells))
+                _section_of_row(_SectionRow(file, above + reader.line_num, head, cells))
                 for cells in reader
                 if cells
             )
@@ -120,58 +120,54 @@ def read_sections_csv(file: Path) -> tuple[MeasuredSection, ...]:
         raise ConfigurationError(f"is no table: {error}", file=file) from None
 
 
-class _Row:
+class _SectionRow:
     """A line of the file, whose cells are read by the names of their columns."""
 
     def __init__(self, file: Path, line: int, head: Sequence[str], cells: Sequence[str]) -> None:
         self._file, self._line = file, line
         if len(cells) != len(head):
-            raise self.wrong(f"{len(cells)} cells stand under {len(head)} columns: it was cut off?")
-        self._cells = dict(zip(head, cells, strict=True))
+            raise self.error(f"{len(cells)} cells are under {len(head)} columns: it was cut off?")
+        self._cells = {name: cell.strip() for name, cell in zip(head, cells, strict=True)}
 
-    def value(self, field: SectionQuantity) -> Array:
-        """A field's value in SI units, of its shape; NaN if it is left empty."""
+    def error(self, message: str, column: str | None = None) -> ConfigurationError:
+        """An error that states its line and column."""
+        place = f"line {self._line}" + ("" if column is None else f", column {column}")
+        return ConfigurationError(message, file=self._file, key=place)
+
+    def value(self, field: SectionQuantity) -> Array | str:
+        """A field's text, or numbers in SI units and of its shape; NaN if they are left empty."""
         columns = field.column_names()
-        if field.blank and not self._cells.get(columns[0], "").strip():
-            return np.array(np.nan)
-        numbers = [self.number(c, least=field.least, most=field.most) for c in columns]
+        if field.blank and not self._cells.get(columns[0]):
+            return "" if field.text else np.array(np.nan)
+        if field.text:
+            return self._filled_cell(columns[0])
+        numbers = [self._bounded_number(column, field) for column in columns]
         return np.reshape(numbers, field.shape) * field.unit.factor
 
-    def wrong(self, message: str, column: str | None = None) -> ConfigurationError:
-        """An error that states where."""
-        where = f"line {self._line}" + ("" if column is None else f", column {column}")
-        return ConfigurationError(message, file=self._file, key=where)
-
-    def words(self, field: SectionQuantity) -> str:
-        """The text of a field."""
-        (column,) = field.column_names()
-        return self._cells.get(column, "").strip() if field.blank else self.text(column)
-
-    def text(self, column: str) -> str:
-        """A cell's text, not empty."""
-        if not (text := self._cells.get(column, "").strip()):
-            raise self.wrong("is empty", column)
+    def _filled_cell(self, column: str) -> str:
+        if not (text := self._cells.get(column, "")):
+            raise self.error("is empty", column)
         return text
 
-    def number(self, column: str, *, least: float = -np.inf, most: float = np.inf) -> float:
-        """A cell's number, within bounds."""
-        text = self.text(column)
+    def _bounded_number(self, column: str, field: SectionQuantity) -> float:
+        """A cell's number, within the bounds of its field."""
+        text = self._filled_cell(column)
         try:
             value = float(text)
         except ValueError:
-            raise self.wrong(f"{text!r} is no number", column) from None
-        if not np.isfinite(value) or not least <= value <= most:
-            raise self.wrong(f"{text} can't be", column)
+            raise self.error(f"{text!r} is no number", column) from None
+        if not np.isfinite(value) or not field.least <= value <= field.most:
+            raise self.error(f"{text} can't be", column)
         return value
 
 
-def _check_head(file: Path, line: int, head: Sequence[str]) -> None:
+def _check_column_names(file: Path, line: int, head: Sequence[str]) -> None:
     """Refuse a head that does not name every column once."""
     missing = [name for name in NEEDED_COLUMNS if name not in head]
     twice = sorted({name for name in head if head.count(name) > 1})
     if missing or twice:
         name = (missing or twice)[0]
-        problem = "is missing" if missing else "stands there twice"
+        problem = "is missing" if missing else "is there twice"
         raise ConfigurationError(
             f"{problem}: this is no sections.csv as this version writes it",
             file=file,
@@ -179,23 +175,20 @@ def _check_head(file: Path, line: int, head: Sequence[str]) -> None:
         )
 
 
-def _section(row: _Row) -> MeasuredSection:
+def _section_of_row(row: _SectionRow) -> MeasuredSection:
     """The section of a line, its numbers checked."""
-    values: dict[str, Array | str] = {
-        field.name: row.words(field) if field.text else row.value(field)
-        for field in MEASURED_FIELDS
-    }
+    values = {field.name: row.value(field) for field in MEASURED_FIELDS}
     index = float(values["index"])
     if index != int(index):
-        raise row.wrong(f"{index:g} is no whole number", "index")
+        raise row.error(f"{index:g} is no whole number", "index")
     R = np.asarray(values["axes"]).T
     if not np.allclose(R.T @ R, np.eye(3), atol=AXES_TOLERANCE) or np.linalg.det(R) < 0:
-        raise row.wrong(
+        raise row.error(
             "xg, yg and zg are no right-handed axes", FIELD_BY_NAME["axes"].column_names()[0]
         )
     variances = np.asarray(values["covariances"])[:, VARIANCE_PLACES]
     if (bad := np.argwhere(variances < 0)).size:
         corner, axis = bad[0]
         column = FIELD_BY_NAME["covariances"].column_names()[6 * corner + VARIANCE_PLACES[axis]]
-        raise row.wrong("a variance is not negative", column)
+        raise row.error("a variance is not negative", column)
     return section_from_values(values)

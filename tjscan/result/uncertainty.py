@@ -26,7 +26,7 @@ _MEASURE_UNITS: Final = np.array((DEG.factor, MM.factor, MM.factor, MM2.factor))
 
 
 @dataclass(frozen=True, slots=True)
-class _Component:
+class ComponentInFile:
     """A component in the file."""
 
     name: str
@@ -37,30 +37,30 @@ class _Component:
 
 
 @dataclass(frozen=True, slots=True)
-class _File:
+class BudgetFile:
     """The file: how p1 to p5 (millimetres) and the measures (degrees, mm, mm²) answer to draws."""
 
     provenance: Provenance | None
     coverage_factor: float
-    components: list[_Component]
+    components: list[ComponentInFile]
 
 
 def write_budget(file: Path, budget: UncertaintyBudget, provenance: Provenance) -> None:
     """Write ``uncertainty.json``: the whole of a budget, so that correlations can be computed."""
     components = [
-        _Component(
+        ComponentInFile(
             one.name,
             one.evidence,
             one.is_shared,
-            _rounded(one.points / MM.factor),
-            _rounded(one.measures / _MEASURE_UNITS[:, None]),
+            _rounded_lists(one.points / MM.factor),
+            _rounded_lists(one.measures / _MEASURE_UNITS[:, None]),
         )
         for one in budget.components
     ]
-    file.write_bytes(to_json(_File(provenance, COVERAGE_FACTOR, components)) + b"\n")
+    file.write_bytes(to_json(BudgetFile(provenance, COVERAGE_FACTOR, components)) + b"\n")
 
 
-def _rounded(values: Array) -> Any:
+def _rounded_lists(values: Array) -> Any:
     """Values to so many digits, as nested lists."""
     size = np.abs(values).max(initial=0.0)
     decimals = SIGNIFICANT_DIGITS - int(np.floor(np.log10(size))) if size > 0 else 0
@@ -84,7 +84,7 @@ def read_budget(file: Path, count: int) -> UncertaintyBudget | None:
     """
     if not file.is_file():
         return None
-    found = read_json_as_written(_File, file, MOST_BUDGET_BYTES, "budget of uncertainty")
+    found = read_json_as_written(BudgetFile, file, MOST_BUDGET_BYTES, "budget of uncertainty")
     try:
         parts = tuple(
             BudgetComponent(
@@ -97,7 +97,7 @@ def read_budget(file: Path, count: int) -> UncertaintyBudget | None:
             for one in found.components
         )
     except ValueError:
-        raise ConfigurationError(f"is not of the {count} sections beside it", file=file) from None
+        parts = ()
     if not parts or any(one.points.shape[-1] != one.measures.shape[-1] for one in parts):
         raise ConfigurationError(f"is not of the {count} sections beside it", file=file)
     return UncertaintyBudget(parts)

@@ -55,22 +55,24 @@ def options_of_job(kind: str) -> Iterator[tuple[str, tuple[str, ...]]]:
     from tjscan.job.reading import FILE_KINDS
 
     schema = json_schema_of_kind(next(one for one in FILE_KINDS if one.word == kind))
-    yield from _options(schema, schema.get("$defs", {}), "")
+    yield from _options_of_schema(schema, schema.get("$defs", {}), "")
 
 
-def _options(
+def _options_of_schema(
     schema: Mapping[str, Any], definitions: Mapping[str, Any], before: str
 ) -> Iterator[tuple[str, tuple[str, ...]]]:
     for name, value in schema.get("properties", {}).items():
-        inner = _resolved(value, definitions)
+        inner = _resolved_schema(value, definitions)
         path = f"{before}{name}".replace("_", "-")
         if "properties" in inner:
-            yield from _options(inner, definitions, f"{path}.")
+            yield from _options_of_schema(inner, definitions, f"{path}.")
         elif before:  # a key outside all tables is no option
             yield f"--{path}", tuple(str(word) for word in inner.get("enum", ()))
 
 
-def _resolved(schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> Mapping[str, Any]:
+def _resolved_schema(
+    schema: Mapping[str, Any], definitions: Mapping[str, Any]
+) -> Mapping[str, Any]:
     """The schema that a reference leads to, or the first of several that may be."""
     while "$ref" in schema or "anyOf" in schema:
         if "$ref" in schema:

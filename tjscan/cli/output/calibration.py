@@ -84,7 +84,7 @@ def _print_finished_calibration(done: SavedCalibration, *, json: bool) -> None:
         f"{found.method}, condition number {found.condition:.1f}"
     )
     if found.T_b_s_mm is not None:
-        print_message("the sensor stands fixed in the room: this is its pose in the arm's base")
+        print_message("the sensor is fixed in the room: this is its pose in the arm's base")
     if found.ball is not None:
         print_message(_ball_in_words(found.ball))
     for caveat in done.caveats:

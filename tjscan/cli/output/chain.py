@@ -15,7 +15,7 @@ from tjscan.runs.chain import ChainOutcome, SourceRow, mount_error_in_words
 def print_sources(rows: Sequence[SourceRow], *, json: bool) -> None:
     """Print what each source of error leaves, on stderr, and as JSON on stdout if asked."""
     head = ("source alone", "corners mean mm", "p95 mm", "in own frame mm", "T_f_s off by")
-    print_figures_table(head, [(row.source, *_cells(row.outcome)) for row in rows])
+    print_figures_table(head, [(row.source, *_outcome_cells(row.outcome)) for row in rows])
     for row in rows:
         if row.outcome is None:
             print_message(f"{row.source}: {row.refusal}")
@@ -26,10 +26,10 @@ def print_sources(rows: Sequence[SourceRow], *, json: bool) -> None:
                 f"{1e3 * after:.3f} mm calibrated"
             )
     if json:
-        print(dumps([_values(row) for row in rows], indent=2))
+        print(dumps([_outcome_to_dict(row) for row in rows], indent=2))
 
 
-def one_line(row: SourceRow) -> str:
+def outcome_line(row: SourceRow) -> str:
     """What one source leaves, in a line, as soon as it is known."""
     if row.outcome is None:
         return "  refused"
@@ -39,14 +39,14 @@ def one_line(row: SourceRow) -> str:
     )
 
 
-def _cells(outcome: ChainOutcome | None) -> tuple[str, ...]:
+def _outcome_cells(outcome: ChainOutcome | None) -> tuple[str, ...]:
     if outcome is None:
         return ("refused", "", "", "")
     errors = (outcome.corners_mean, outcome.corners_p95, outcome.in_own_frame_mean)
     return (*(f"{1e3 * error:.3f}" for error in errors), mount_error_in_words(outcome))
 
 
-def _values(row: SourceRow) -> dict[str, Any]:
+def _outcome_to_dict(row: SourceRow) -> dict[str, Any]:
     one = row.outcome
     if one is None:
         return {"source": row.source, "refused": row.refusal}

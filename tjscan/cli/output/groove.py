@@ -64,7 +64,7 @@ def print_readings(
         [
             ("profile", *names, "found"),
             *(
-                (reading.name, *(row.get(name, "") for name in names), _found(reading))
+                (reading.name, *(row.get(name, "") for name in names), _found_in_words(reading))
                 for reading, row in zip(readings, cells, strict=True)
             ),
         ]
@@ -86,7 +86,7 @@ def _corner_cells(reading: ProfileReading) -> dict[str, str]:
     }
 
 
-def _found(reading: ProfileReading) -> str:
+def _found_in_words(reading: ProfileReading) -> str:
     if reading.refusal is not None:
         return str(reading.refusal)
     return reading.found_in_words or "butt joint"

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from json import dumps
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
 from rich.console import Console
@@ -48,7 +49,7 @@ def draw_profile(reading: ProfileReading, columns: int, rows: int) -> list[str]:
     if not len(x):
         return ["no point in range"]
     canvas = np.full((rows, columns), " ")
-    (left, right), (top, bottom) = _span(x), _span(z)
+    (left, right), (top, bottom) = _value_span(x), _value_span(z)
     across, down = (columns - 1) / (right - left), (rows - 1) / (bottom - top)
     canvas[np.round((z - top) * down).astype(int), np.round((x - left) * across).astype(int)] = (
         POINT_MARK
@@ -73,42 +74,32 @@ def describe_reading(reading: ProfileReading) -> str:
     return ", ".join([points, *words, *values])
 
 
-class LiveProfiles:
-    """Shows readings as they come; a context manager. Ctrl-C ends the block.
+@contextmanager
+def live_profiles(*, json: bool) -> Iterator[Callable[[ProfileReading], None]]:
+    """Give what shows readings as they come, while the block runs; Ctrl-C ends it.
 
     Parameters
     ----------
     json : bool
         Whether to print JSON instead, a line for each.
     """
+    console = Console(highlight=False)
+    drawn = console.is_terminal and not json
+    live = Live(console=console, auto_refresh=False) if drawn else None
 
-    def __init__(self, *, json: bool) -> None:
-        self._json = json
-        self._console = Console(highlight=False)
-        drawn = self._console.is_terminal and not json
-        self._live = Live(console=self._console, auto_refresh=False) if drawn else None
-
-    def __enter__(self) -> Self:
-        if self._live is not None:
-            self._live.__enter__()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *error: object) -> bool:
-        if self._live is not None:
-            self._live.__exit__(None, None, None)
-        return kind is KeyboardInterrupt
-
-    def show_reading(self, reading: ProfileReading) -> None:
-        """Show the next reading."""
-        if self._json:
+    def show_reading(reading: ProfileReading) -> None:
+        if json:
             print(dumps(_reading_with_time(reading)), flush=True)
-        elif self._live is None:
+        elif live is None:
             print(describe_reading(reading), flush=True)
         else:
-            columns = min(self._console.width, WIDEST_DRAWING)
+            columns = min(console.width, WIDEST_DRAWING)
             lines = [*draw_profile(reading, columns, DRAWING_ROWS), describe_reading(reading)]
             with suppress(BlockingIOError):  # a terminal that is slower than the laser
-                self._live.update(Text("\n".join(lines)), refresh=True)
+                live.update(Text("\n".join(lines)), refresh=True)
+
+    with suppress(KeyboardInterrupt), live or nullcontext():
+        yield show_reading
 
 
 def _reading_with_time(reading: ProfileReading) -> dict[str, object]:
@@ -122,7 +113,7 @@ def _reading_with_time(reading: ProfileReading) -> dict[str, object]:
     }
 
 
-def _span(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, float]:
+def _value_span(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, float]:
     """Least and greatest value; never the same."""
     low, high = float(values.min()), float(values.max())
     return (low, high) if high > low else (low - 0.5, high + 0.5)

@@ -11,8 +11,14 @@ from rich.progress import Progress
 
 from tjscan.cli.output.console import print_fields, print_json, print_message, progress_bars
 from tjscan.recording.journal import RunEvent
-from tjscan.result.stitching import LOOP_OPEN, StitchingReport
-from tjscan.result.summary import ScanSummary, summary_in_words, summary_to_json, uncertainty_lines
+from tjscan.result.summary import (
+    LOOP_OPEN,
+    ScanSummary,
+    StitchingReport,
+    summary_in_words,
+    summary_to_json,
+    uncertainty_lines,
+)
 from tjscan.runs.stations.stitch import StitchedRun
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.plan import ScanPlan

@@ -12,9 +12,9 @@ from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 from pydantic import Field
 
 from tjscan.core.config import StrictFileModel
-from tjscan.core.devices import DriverKind
-from tjscan.core.registry import Registry
+from tjscan.core.devices import DriverKind, DriverRegistry
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, FileUnit, SettingsTable
+from tjscan.crawler.guards import ProximitySettings
 from tjscan.crawler.plan import (
     AlignmentSettings,
     CourseSettings,
@@ -22,7 +22,6 @@ from tjscan.crawler.plan import (
     PassSettings,
     WeldSettings,
 )
-from tjscan.crawler.proximity import ProximitySettings
 from tjscan.crawler.sizing import SizeSettings
 from tjscan.crawler.slip_aware import SteeringSettings
 from tjscan.crawler.slip_estimator import SlipUncertainty
@@ -59,7 +58,7 @@ class VehicleSettings(DeviceSettings):
         Sprockets and gauge.
     """
 
-    registry: ClassVar[Registry[Any]] = VEHICLE_DRIVERS
+    registry: ClassVar[DriverRegistry[Any]] = VEHICLE_DRIVERS
 
     laser_to_torch: Annotated[float, Ge(10), Le(5000), MM] = 0.50
     centre_to_torch: Annotated[float, Ge(-5000), Le(5000), MM] = 0.0
@@ -85,7 +84,7 @@ class CrawlLaserSettings(DeviceSettings):
     It is mounted with x_s to the vehicle's right and z_s into the hull.
     """
 
-    registry: ClassVar[Registry[Any]] = LASER_DRIVERS
+    registry: ClassVar[DriverRegistry[Any]] = LASER_DRIVERS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +99,7 @@ class TorchSettings(DeviceSettings):
         Across the joint, m/s.
     """
 
-    registry: ClassVar[Registry[Any]] = TORCH_DRIVERS
+    registry: ClassVar[DriverRegistry[Any]] = TORCH_DRIVERS
 
     reach: Annotated[float, Gt(0), Le(500), MM] = 0.030
     speed: Annotated[float, Gt(0), Le(1000), MM_S] = 0.1

@@ -30,11 +30,11 @@ def floor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
         if not inside.contains(shapely.Polygon(hole)):
             yield (
                 "area.holes_mm",
-                f"the pillar at {_mm(hole[0])} mm does not lie within the outline",
+                f"the pillar at {_point_in_mm(hole[0])} mm does not lie within the outline",
             )
-    solids = _solids(job)
+    solids = _fixed_solids(job)
     root = shapely.Point(job.root.position)
-    at_root = f"{_mm(job.root.position)} mm"
+    at_root = f"{_point_in_mm(job.root.position)} mm"
     if not inside.contains(root):
         off = 1e3 * inside.distance(root)
         yield "root.position_mm", f"{at_root} lies {off:.0f} mm outside the area"
@@ -64,7 +64,7 @@ def floor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
     yield from _corridor_contradictions(job)
 
 
-class _Solid(NamedTuple):
+class _FixedSolid(NamedTuple):
     """What never moves: its name in messages, its key, and its shape."""
 
     name: str
@@ -72,15 +72,17 @@ class _Solid(NamedTuple):
     shape: Any
 
 
-def _solids(job: TowJob) -> list[_Solid]:
+def _fixed_solids(job: TowJob) -> list[_FixedSolid]:
     """Pillars, and obstacles that never move."""
     pillars = [
-        _Solid(f"the pillar at {_mm(hole[0])} mm", "area.holes_mm", shapely.Polygon(hole))
+        _FixedSolid(
+            f"the pillar at {_point_in_mm(hole[0])} mm", "area.holes_mm", shapely.Polygon(hole)
+        )
         for hole in job.area.holes
     ]
     obstacles = [
-        _Solid(
-            f"{one.name} at {_mm(one.points[0])} mm",
+        _FixedSolid(
+            f"{one.name} at {_point_in_mm(one.points[0])} mm",
             f"obstacles.{number}",
             shapely.Point(one.points[0]).buffer(one.radius),
         )
@@ -90,7 +92,7 @@ def _solids(job: TowJob) -> list[_Solid]:
     return pillars + obstacles
 
 
-def _free_floor(job: TowJob, solids: Sequence[_Solid]) -> Any:
+def _free_floor(job: TowJob, solids: Sequence[_FixedSolid]) -> Any:
     """The area without pillars and obstacles; a wall and a pillar that touch leave no gap."""
     return shapely.Polygon(job.area.outline).difference(
         shapely.union_all([solid.shape for solid in solids])
@@ -119,7 +121,7 @@ def _corridor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
 
 def _is_passable(job: TowJob, radius: float) -> bool:
     """Whether bodies of a radius fit one after the other from the root to all of the seam."""
-    places = shapely.get_parts(_free_floor(job, _solids(job)).buffer(-radius))
+    places = shapely.get_parts(_free_floor(job, _fixed_solids(job)).buffer(-radius))
     pieces = job.cable.link * np.diff(job.held_links, prepend=-1)
     if len(pieces) < 2 or not len(places):
         return bool(len(places))
@@ -140,8 +142,11 @@ def _crossing_contradictions(ring: Sequence[Point], key: str) -> Iterator[tuple[
     why = shapely.is_valid_reason(polygon)
     if why != "Valid Geometry" or not polygon.area:
         place = why.partition("[")[2].rstrip("]").split()
-        at = f" at {_mm(tuple(map(float, place)))} mm" if len(place) == 2 else ""
-        yield key, f"the polygon that begins at {_mm(ring[0])} mm crosses or touches itself{at}"
+        at = f" at {_point_in_mm(tuple(map(float, place)))} mm" if len(place) == 2 else ""
+        yield (
+            key,
+            f"the polygon that begins at {_point_in_mm(ring[0])} mm crosses or touches itself{at}",
+        )
 
 
 def _farthest_outside(seam: Seam, inside: Any) -> tuple[float, float]:
@@ -154,5 +159,5 @@ def _farthest_outside(seam: Seam, inside: Any) -> tuple[float, float]:
     return float(along[worst]), float(off[worst])
 
 
-def _mm(point: Sequence[float]) -> str:
+def _point_in_mm(point: Sequence[float]) -> str:
     return f"({1e3 * point[0]:.6g}, {1e3 * point[1]:.6g})"

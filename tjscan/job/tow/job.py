@@ -8,12 +8,12 @@ from typing import Annotated, Any, ClassVar, Final, Literal
 from annotated_types import Ge, Gt, Le, Len, MaxLen
 
 from tjscan.core.config import StrictFileModel
-from tjscan.core.registry import Registry
+from tjscan.core.devices import DriverRegistry
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, SECONDS, SettingsTable
 from tjscan.job.devices import DeviceSettings
 from tjscan.towing.shape.area import Area
 from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
-from tjscan.towing.shape.settings import TowingLimits
+from tjscan.towing.shape.plan import TowingLimits
 from tjscan.towing.tables import (
     NEWTON,
     AreaSettings,
@@ -97,7 +97,7 @@ class VehiclesSettings(SettingsTable):
 class TowLocalisationSettings(LocalisationSettings, DeviceSettings):
     """The table [localisation]: who measures the vehicles' poses, and how well; see its bases."""
 
-    registry: ClassVar[Registry[Any]] = LOCALISATION_DRIVERS
+    registry: ClassVar[DriverRegistry[Any]] = LOCALISATION_DRIVERS
 
 
 WorldFault = Literal["jam", "push", "passer-by-stands"]

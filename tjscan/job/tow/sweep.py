@@ -95,7 +95,7 @@ def sweep_seam(
     starts = planner.starts(seam.pose_at(along), obstacles) if last is None else [last]
     farthest: SeamSweep | None = None
     for k, start in enumerate(starts):
-        sweep = _sweep_from(start, planner, seam, along, obstacles)
+        sweep = _sweep_from_start(start, planner, seam, along, obstacles)
         if farthest is None or not sweep.why or sweep.reached > farthest.reached:
             farthest = replace(sweep, chosen=k + 1, shapes=len(starts))
         if not sweep.why:
@@ -104,7 +104,7 @@ def sweep_seam(
     return farthest
 
 
-def _sweep_from(
+def _sweep_from_start(
     start: TowingPlan,
     planner: ShapePlanner,
     seam: Seam,

@@ -32,7 +32,7 @@ from tjscan.planning.stops import StationStretch
 from tjscan.planning.urscript import BeadPath, StationPath
 from tjscan.planning.wps import TorchSettings
 from tjscan.result.directory import JOB_FILE
-from tjscan.result.stitching import read_stitching_report
+from tjscan.result.summary import read_stitching_report
 from tjscan.robot.collision import SCANNED_GROOVE, CollisionModel
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics

@@ -36,18 +36,16 @@ from tjscan.result.directory import (
 )
 from tjscan.result.picture import draw_groove_overview, write_png
 from tjscan.result.section import absent_corners
-from tjscan.result.stitching import (
+from tjscan.result.summary import (
     OverlapReport,
+    ScanSummary,
     StationReport,
     StitchingReport,
     Triple,
-    write_stitching_report,
-)
-from tjscan.result.summary import (
-    ScanSummary,
     check_recording_complete,
     read_summary,
     summarise_stations,
+    write_stitching_report,
 )
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
