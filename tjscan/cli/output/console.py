@@ -73,13 +73,7 @@ def print_table(rows: Sequence[Sequence[str]]) -> None:
 
 def progress_bars() -> Progress:
     """Progress bars on stderr, each with a description, a count and the time it has taken."""
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-    )
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     return Progress(
         TextColumn("{task.description}"),

@@ -29,7 +29,7 @@ from tjscan.towing.tables import (
     WeightSettings,
 )
 from tjscan.vehicle.cable.model import TowingVehicleModel
-from tjscan.vehicle.localisation_drivers import LOCALISATION_DRIVERS
+from tjscan.vehicle.drivers import LOCALISATION_DRIVERS
 from tjscan.vehicle.mqtt.settings import MqttSettings
 from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
 

@@ -12,9 +12,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.targets.target import PosedProfile
-from tjscan.calibration.wizard.operator import Answer, Question
-from tjscan.calibration.wizard.session import CalibrationProgress
-from tjscan.calibration.wizard.topics import (
+from tjscan.calibration.wizard.logbook import (
     ArmPoseTaken,
     BoardTouch,
     CalibrationEntry,
@@ -23,6 +21,8 @@ from tjscan.calibration.wizard.topics import (
     StartOrResumeEntry,
     read_calibration_entries,
 )
+from tjscan.calibration.wizard.operator import Answer, Question
+from tjscan.calibration.wizard.session import CalibrationProgress
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import LaserFault, PageUnavailable
 from tjscan.core.frames import Array, rot_z, transform_points
