@@ -13,12 +13,12 @@ from tjscan.core.errors import GrooveNotFound, TjscanError
 from tjscan.core.frames import Array
 from tjscan.crawler.control_cycle import CrawlDevices
 from tjscan.crawler.crawler import Crawler, CrawlPlan
-from tjscan.crawler.guards import Guards
+from tjscan.crawler.guards import CornerPlaces, Guards, ProximityFilter
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
+from tjscan.crawler.joint_tracking.registration import JointPlacement
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.proximity import CornerPlaces, ProximityFilter
 from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.job.crawl.cell import CrawlCell, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob
@@ -139,12 +139,6 @@ def job_of(crawl: Crawl, seed: int) -> CrawlJob:
     return validate_table(CrawlJob, tables)
 
 
-@dataclass(frozen=True, slots=True)
-class _Reading:
-    centre: float
-    centre_sigma: float
-
-
 class _NoisyJoint:
     """A laser and its reader in one: where the joint truly is, with noise and drop-outs."""
 
@@ -160,7 +154,7 @@ class _NoisyJoint:
     def capture(self) -> Profile:
         return NO_PROFILE
 
-    def read(self, profile: Profile, travel: float) -> _Reading:
+    def read(self, profile: Profile, travel: float) -> JointPlacement:
         if self._crawl.dropouts:
             if self._blind > 0:
                 self._blind -= 1
@@ -174,7 +168,7 @@ class _NoisyJoint:
         _, d = laser_offset(self._world.job.simulation.joint, *place)
         noise = self._crawl.noise
         off = np.hypot(noise, UNEVENNESS) * self._rng.standard_normal()
-        return _Reading(-d + off, noise)
+        return JointPlacement(centre=-d + off, hull_z=0.0, roll=0.0, centre_sigma=noise)
 
 
 class _Truth:

@@ -32,8 +32,8 @@ from _live_hand import hand_rows
 from _table import Row
 
 from tjscan.core.frames import Array
+from tjscan.crawler.journal import read_crawl
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.topics import read_crawl
 from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.buttons import Button
 from tjscan.live.colours import ARM_COLOUR, viridis

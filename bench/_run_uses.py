@@ -15,7 +15,7 @@ from _fuzz import section_ends
 from _processes import LASER_FAULTS
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.crawler.topics import CRAWL_RECORDING
+from tjscan.crawler.journal import CRAWL_RECORDING
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.job.files import read_scan_job
 from tjscan.job.tow.job import read_tow_job
@@ -44,7 +44,7 @@ from tjscan.runs.tow.results import FIGURES_FILE, PLANS_FILE, read_recorded_tow,
 from tjscan.runs.tow.run import TowContext, replay_tow, resume_tow, run_tow
 from tjscan.scanning.progress import StopReason
 from tjscan.scanning.recording import read_recorded_scan
-from tjscan.towing.topics import TOW_RECORDING
+from tjscan.towing.journal import TOW_RECORDING
 
 SCANNED: Final = 3
 """Sections of the scan."""

@@ -19,10 +19,9 @@ from tjscan.towing.shape.area import Area, Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
 from tjscan.towing.shape.limited import optimise_limited
 from tjscan.towing.shape.limits import HardLimits
-from tjscan.towing.shape.plan import TowingPlan
+from tjscan.towing.shape.plan import PlannerSettings, TowingLimits, TowingPlan
 from tjscan.towing.shape.planner import TowingPlanner, optimise_freely
 from tjscan.towing.shape.problem import ShapeProblem
-from tjscan.towing.shape.settings import PlannerSettings, TowingLimits
 from tjscan.towing.tables import TargetSettings, WeightSettings
 
 OPTIMA: Final = Path(__file__).with_name("towing-optima.json")

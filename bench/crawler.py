@@ -28,10 +28,9 @@ from _table import Row, main
 
 from tjscan.core.errors import CrawlStopped
 from tjscan.core.frames import Array
-from tjscan.crawler.guards import Guards
+from tjscan.crawler.guards import CornerPlaces, Guards, ProximityFilter, ProximitySettings
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.plan import GuardSettings
-from tjscan.crawler.proximity import CornerPlaces, ProximityFilter, ProximitySettings
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.runs.crawl.run import CrawlContext
 from tjscan.vehicle.simulated import SimulatedVehicle

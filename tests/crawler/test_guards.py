@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from tjscan.core.errors import CrawlStopped
-from tjscan.crawler.guards import Guards
+from tjscan.crawler.guards import CornerPlaces, Guards, ProximityFilter, ProximitySettings
 from tjscan.crawler.method import LaserEstimate
 from tjscan.crawler.plan import GuardSettings
-from tjscan.crawler.proximity import CornerPlaces, ProximityFilter, ProximitySettings
 from tjscan.crawler.slip_aware import SlipAwareMethod, SteeringSettings
 from tjscan.crawler.slip_estimator import SlipEstimate, SlipUncertainty
 from tjscan.crawler.slip_model import CrawlerGeometry

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.crawler.proximity import CornerPlaces, ProximityFilter, ProximitySettings
+from tjscan.crawler.guards import CornerPlaces, ProximityFilter, ProximitySettings
 from tjscan.vehicle.vehicle import PROXIMITY_CORNERS, Twist
 
 STEEL = (0.03,) * 4

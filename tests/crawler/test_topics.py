@@ -6,12 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.journal import CrawlCycle, CrawlRecording, read_crawl
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.crawler.slip_model import STATE_COUNT
-from tjscan.crawler.topics import CrawlRecording, read_crawl
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.topic import Topic
 from tjscan.vehicle.vehicle import AT_REST, VehicleState

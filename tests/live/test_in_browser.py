@@ -21,9 +21,8 @@ from command import tjscan
 from crawls import SHORT
 
 from tjscan.core.frames import Array
-from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.journal import CrawlCycle, read_crawl
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.topics import read_crawl
 from tjscan.live.colours import ARM_COLOUR, TOOL_COLOUR, viridis
 from tjscan.recording.journal import RunEvent
 from tjscan.scanning.recording import read_recorded_scan

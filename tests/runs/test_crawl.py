@@ -17,12 +17,11 @@ from crawls import SHORT
 from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.crawler import RUN_UPS
 from tjscan.crawler.joint_sections import COASTING_TIME
-from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.journal import CRAWL_RECORDING, WARNING_EVENT, CrawlCycle, CrawlRecording
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import MOST_ASIDE, SlipEstimate
 from tjscan.crawler.slip_model import STATE_COUNT
-from tjscan.crawler.topics import CRAWL_RECORDING, WARNING_EVENT, CrawlRecording
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.recording.journal import RunEvent

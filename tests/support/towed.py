@@ -9,9 +9,11 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Area, DiscObstacle, Obstacles
 from tjscan.towing.shape.cable import Cable
+from tjscan.towing.shape.chain import ChainParts, chain_gradient, chain_hessian, place_links
 from tjscan.towing.shape.distance import distance_to_obstacle
+from tjscan.towing.shape.estimate import CablePull
+from tjscan.towing.shape.limits import HardLimits, LimitRows, limit_gradients
 from tjscan.towing.shape.problem import ShapeProblem
-from tjscan.towing.shape.pull import CablePull
 from tjscan.towing.tables import TargetSettings, WeightSettings
 
 YARD = Area([(0, -5), (2.6, -5), (2.6, 5), (0, 5)])
@@ -58,6 +60,35 @@ def shape_problem(rng: np.random.Generator, area: Area = NOTCHED, links: int = 6
         0.1,
         PULL.moved(poses[held[-1], :2]),
     )
+
+
+def objective_gradient(problem: ShapeProblem, angles: Array) -> Array:
+    """Of the objective, shape (N,)."""
+    state, gradient = problem.evaluated(angles), np.empty(len(angles))
+    parts = ChainParts(state.joint, state.point, state.turn)
+    chain_gradient(parts, state.links, problem.cable.link_length, gradient)
+    return gradient
+
+
+def objective_hessian(
+    problem: ShapeProblem, angles: Array, multipliers: Array | None = None
+) -> Array:
+    """Of the objective, shape (N, N), or of the Lagrangian with multipliers, shape (3 E,)."""
+    state, hessian = problem.evaluated(angles), np.empty((len(angles), len(angles)))
+    if multipliers is not None:
+        for link, forces in zip(problem.fixed, multipliers.reshape(-1, 3), strict=True):
+            state.point[link, :2] += forces[:2]
+    parts = ChainParts(state.joint, state.point, state.turn)
+    chain_hessian(parts, state.links, problem.cable.link_length, hessian)
+    return hessian
+
+
+def margin_gradients(limits: HardLimits, rows: LimitRows, angles: Array) -> Array:
+    """Derivatives of the margins of limits by the angles, shape (R, N)."""
+    links, gradients = np.empty((len(angles), 5)), np.empty((len(rows), len(angles)))
+    place_links(angles, limits.arrays.root, limits.arrays.length, links)
+    limit_gradients(rows, limits.arrays.root, links, gradients)
+    return gradients
 
 
 def obstacle_distances(points: Array, obstacles: Obstacles) -> tuple[Array, Array, Array]:

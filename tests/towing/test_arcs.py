@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
-from tjscan.towing.shape.arcs import LENGTH_TOLERANCE, bent_once, meanders
+from tjscan.towing.shape.start import LENGTH_TOLERANCE, bent_once, meanders
 
 RADIUS = 0.2
 PLACES = st.floats(-3.0, 3.0)

@@ -15,7 +15,7 @@ from tjscan.towing.shape.estimate import (
     estimate_shape,
     estimate_terms,
 )
-from tjscan.towing.shape.settings import PoseTrust
+from tjscan.towing.shape.plan import PoseTrust
 
 CABLE, HELD = Cable(links=20), (9, 19)
 

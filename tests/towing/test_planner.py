@@ -6,7 +6,7 @@ from math import pi
 import numpy as np
 import pytest
 import shapely
-from towed import YARD, bent_angles
+from towed import YARD, bent_angles, margin_gradients, objective_gradient, objective_hessian
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import DiscObstacle
@@ -14,9 +14,8 @@ from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import CableEstimate, estimate_shape
 from tjscan.towing.shape.limited import optimise_limited
 from tjscan.towing.shape.paper_planner import PaperPlanner
-from tjscan.towing.shape.plan import TowingPlan
+from tjscan.towing.shape.plan import PlannerSettings, TowingLimits, TowingPlan
 from tjscan.towing.shape.planner import CheckedShape, TowingPlanner, optimise_freely
-from tjscan.towing.shape.settings import PlannerSettings, TowingLimits
 from tjscan.towing.tables import WeightSettings
 
 CABLE, TEAM = Cable(), TowingTeam()
@@ -83,11 +82,11 @@ def test_the_end_meets_the_conditions_of_an_optimum(begun: TowingPlan) -> None:
     problem, _ = ours.problem(begun.estimate, WELDER + STEP, 0.1, begun)
     angles, _ = optimise_freely(problem)
     _, rows = problem.constraint(angles)
-    gradient = problem.gradient(angles)
+    gradient = objective_gradient(problem, angles)
     y: Array = np.asarray(np.linalg.lstsq(rows.T, -gradient, rcond=None)[0], dtype=float)
     assert np.abs(gradient + rows.T @ y).max() < 1e-3
     along = np.linalg.svd(rows)[2][3:]
-    assert np.linalg.eigvalsh(along @ problem.hessian(angles, y) @ along.T).min() > 0
+    assert np.linalg.eigvalsh(along @ objective_hessian(problem, angles, y) @ along.T).min() > 0
 
 
 def test_limits_that_press_are_kept_to_the_last_micrometre(begun: TowingPlan) -> None:
@@ -112,8 +111,8 @@ def test_a_limited_shape_is_no_better_than_a_free_one_and_no_gradient_is_left(
     assert len(shape.pressed) > 0
     assert problem.terms(shape.angles).total > problem.terms(free).total
     _, rows = problem.constraint(shape.angles)
-    A = np.vstack((rows, limits.gradients(shape.pressed, shape.angles)))
-    gradient = problem.gradient(shape.angles)
+    A = np.vstack((rows, margin_gradients(limits, shape.pressed, shape.angles)))
+    gradient = objective_gradient(problem, shape.angles)
     y = np.linalg.lstsq(A.T, -gradient, rcond=None)[0]
     assert np.abs(gradient + A.T @ y).max() < 1e-2 * np.abs(gradient).max()
     assert (y[3:] < 0).all()

@@ -4,6 +4,7 @@ import pytest
 from tjscan.core.frames import Array
 from tjscan.towing.loop import LOOKS_PER_PLAN
 from tjscan.towing.pose_filter import PoseEstimate, VehiclePoseFilter
+from tjscan.towing.tables import LocalisationSettings
 from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.vehicle import Twist
 
@@ -12,9 +13,10 @@ CREEP = Twist(0.01, 0.0)
 
 
 def make_filter(sigma: float = 3e-3) -> VehiclePoseFilter:
-    return VehiclePoseFilter(
-        sigma, np.radians(1.0), top_speed=0.1, top_turn_rate=0.6, longest_gap=1.0
+    stated = LocalisationSettings(
+        position_sigma=sigma, heading_sigma=float(np.radians(1.0)), lost=1.0
     )
+    return VehiclePoseFilter(stated, 0.1, 0.6)
 
 
 def drive(

@@ -5,9 +5,14 @@ import pytest
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.estimate import CableEstimate, estimate_shape
-from tjscan.towing.shape.pull import RELIEF_SPEED, CablePull, pull_on_welder
-from tjscan.towing.shape.settings import PoseTrust
+from tjscan.towing.shape.estimate import (
+    RELIEF_SPEED,
+    CableEstimate,
+    CablePull,
+    estimate_shape,
+    pull_on_welder,
+)
+from tjscan.towing.shape.plan import PoseTrust
 
 CABLE, HELD, TRUST = Cable(links=20), (9, 19), PoseTrust(5e-4, 1e-3)
 BENT = np.linspace(0.02, 0.12, 20)

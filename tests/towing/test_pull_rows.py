@@ -10,9 +10,9 @@ from tjscan.towing.shape.area import Area
 from tjscan.towing.shape.cable import TowingTeam
 from tjscan.towing.shape.limited import optimise_limited
 from tjscan.towing.shape.limits import HardLimits
+from tjscan.towing.shape.plan import TowingLimits
 from tjscan.towing.shape.planner import optimise_freely
 from tjscan.towing.shape.problem import ShapeProblem
-from tjscan.towing.shape.settings import TowingLimits
 
 FIELD = Area([(-20, -20), (20, -20), (20, 20), (-20, 20)])
 

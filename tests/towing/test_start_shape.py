@@ -10,8 +10,8 @@ import pytest
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Area
 from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
+from tjscan.towing.shape.plan import PlannerSettings, TowingLimits
 from tjscan.towing.shape.planner import NO_HASTE, TowingPlanner
-from tjscan.towing.shape.settings import PlannerSettings, TowingLimits
 from tjscan.towing.shape.start import StartShape, start_shapes
 
 OUTLINE = np.array([(0.0, -5.0), (2.6, -5.0), (2.6, 5.0), (0.0, 5.0)])

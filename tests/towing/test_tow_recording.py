@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from tjscan.recording.journal import RunEvent
-from tjscan.towing.journal import TowCycle, TowTruth
+from tjscan.towing.journal import TowCycle, TowRecording, TowTruth, read_tow
 from tjscan.towing.shape.plan import PlanTerms, TowingPlan
-from tjscan.towing.topics import TowRecording, read_tow
 
 RNG = np.random.default_rng(1)
 

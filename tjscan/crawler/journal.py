@@ -1,16 +1,33 @@
-"""What a crawl reports while it runs, for listeners that write it down or show it."""
+"""What a crawl reports while it runs, and its recording: written, and read again."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import chain
 from math import isfinite, nan
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
+
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
 from tjscan.core.array_fields import FloatOrNan
+from tjscan.core.errors import RecordingError
+from tjscan.core.signals import hold_ctrl_c
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.laser.profile import Profile
+from tjscan.recording.foxglove import (
+    PROFILE_TOPIC,
+    profile_from_cloud_message,
+    profile_to_cloud_message,
+)
+from tjscan.recording.header import JobSnapshot
+from tjscan.recording.journal import LOG_TOPIC, RecordingJournal, RunEvent
+from tjscan.recording.parts import recording_files
+from tjscan.recording.reader import RecordedMessage, read_messages
+from tjscan.recording.topic import Topic
 from tjscan.vehicle.vehicle import AT_REST, Twist, VehicleState
 
 SET_DOWN_EVENT: Final = "set-down"
@@ -93,3 +110,157 @@ class SimulatedPlace:
 
     pose_w: tuple[float, ...]
     torch: tuple[float, ...]
+
+
+CRAWL_RECORDING: Final = "crawl"
+"""What the names of a crawl's recordings begin with."""
+
+REPLAY_EVENT: Final = "replay"
+"""Name of the event that begins a recording whose estimates were made by a replay."""
+
+WARNING_EVENT: Final = "warning"
+"""Name of an event that warns of what may go wrong."""
+
+CYCLES_TOGETHER: Final = 50
+"""Cycles that are written at once."""
+
+LONGEST_WAIT: Final = 500_000_000
+"""Nanoseconds that cycles wait: a killed program loses no more, and never the first cycle of an arc
+that was struck, without which it would not be known that a pass was begun."""
+
+PROFILE_SPACING: Final = 1e-3
+"""Metres of travel between two profiles that are recorded."""
+
+CYCLES_PER_TRUTH: Final = 10
+"""Cycles for which a simulation's truth is recorded once."""
+
+CYCLE_TOPIC: Final = Topic.of("/crawl/cycle", CrawlCycle)
+"""A cycle. The points of its profile, if it has one, are the message on `PROFILE_TOPIC` before it;
+slip is in the last cycle of those that are written at once."""
+
+PLACE_TOPIC: Final = Topic.of("/simulation/torch", SimulatedPlace)
+"""Where a simulated vehicle truly is; no algorithm reads it."""
+
+CRAWL_TOPICS: Final[tuple[Topic[Any], ...]] = (CYCLE_TOPIC, PLACE_TOPIC, PROFILE_TOPIC, LOG_TOPIC)
+"""Everything that a crawl records."""
+
+
+class CrawlRecording(RecordingJournal):
+    """The journal that writes a crawl's recording; a context manager.
+
+    Parameters
+    ----------
+    file, origin
+        As of `RecordingWriter`.
+    truth : callable, optional
+        Gives the `SimulatedPlace` of a simulation.
+    """
+
+    def __init__(
+        self,
+        file: Path,
+        origin: JobSnapshot | None = None,
+        truth: Callable[[], SimulatedPlace] | None = None,
+    ) -> None:
+        super().__init__(file, CRAWL_TOPICS, origin, errors=(Phase.STOP,))
+        self._truth = truth
+        self._cycles = 0
+        self._last_profile: tuple[Phase | None, float] = None, 0.0
+        self._arc = False
+
+    @hold_ctrl_c()
+    def record(self, message: object) -> None:
+        """Write a cycle, and one of its profiles a millimetre; or an event, up to the disk."""
+        match message:
+            case CrawlCycle():
+                self._add_cycle(message)
+            case RunEvent():
+                self.add_event(message)
+                if self._truth is not None and self._cycles:  # a place belongs to a cycle
+                    self.add(PLACE_TOPIC, self._truth())
+                self.flush()
+                self.sync_to_disk()
+
+    @hold_ctrl_c()
+    def flush(self) -> None:
+        """Write what waits, slip with the last cycle only.
+
+        Whatever a recording ends with, a stop or a killed program, its last cycle has an estimate
+        of slip of its own: an older one contradicts what the laser shows there, and would lead a
+        filter astray that is sure of it.
+        """
+        cycles = [k for k, (_, topic, _) in enumerate(self.waiting) if topic is CYCLE_TOPIC]
+        for k in cycles[:-1]:
+            now, topic, cycle = self.waiting[k]
+            self.waiting[k] = now, topic, replace(cycle, slip=None)
+        super().flush()
+
+    def _add_cycle(self, cycle: CrawlCycle) -> None:
+        self.set_time(cycle.state.time)
+        recorded = cycle if self._is_profile_due(cycle) else replace(cycle, profile=None)
+        self.waiting.extend(cycle_messages(self.now, recorded))
+        if self._truth is not None and self._cycles % CYCLES_PER_TRUTH == 0:
+            self.add(PLACE_TOPIC, self._truth())
+        self._cycles += 1
+        struck, self._arc = cycle.arc and not self._arc, cycle.arc
+        is_last = self._cycles % CYCLES_TOGETHER == 0
+        if is_last or struck or self.now - self.waiting[0][0] >= LONGEST_WAIT:
+            self.flush()
+
+    def _is_profile_due(self, cycle: CrawlCycle) -> bool:
+        """Whether the cycle's profile is recorded: the first of a phase, then one a millimetre."""
+        phase, travel = self._last_profile
+        near = cycle.phase is phase and abs(cycle.travel - travel) < PROFILE_SPACING
+        if cycle.profile is None or near:
+            return False
+        self._last_profile = cycle.phase, cycle.travel
+        return True
+
+
+def cycle_messages(time: int, cycle: CrawlCycle) -> Iterator[tuple[int, Topic[Any], Any]]:
+    """Messages that record a cycle, at a time in nanoseconds since 1970."""
+    if cycle.profile is not None:
+        yield time, PROFILE_TOPIC, profile_to_cloud_message(time, cycle.profile)
+    yield time, CYCLE_TOPIC, cycle
+
+
+def read_crawl(directory: Path) -> Iterator[CrawlCycle | RunEvent | SimulatedPlace]:
+    """Yield everything that a crawl recorded, in its order, over all its parts.
+
+    A cycle has the slip that was recorded last.
+
+    Raises
+    ------
+    ConfigurationError, RecordingError
+        As `read_messages` does.
+    """
+    slip: SlipEstimate | None = None
+    parts = map(read_crawl_messages, recording_files(directory, CRAWL_RECORDING))
+    for entry in chain.from_iterable(parts):
+        if isinstance(entry.message, CrawlCycle):
+            slip = entry.message.slip or slip
+            yield replace(entry.message, slip=slip)
+        else:
+            yield RunEvent.of_log(entry) if entry.topic is LOG_TOPIC else entry.message
+
+
+def read_crawl_messages(file: Path) -> Iterator[RecordedMessage]:
+    """Yield the messages of one file; each cycle has the points of its profile.
+
+    Raises
+    ------
+    ConfigurationError, RecordingError
+        As `read_messages` does.
+    """
+    cloud = PointCloud()
+    for entry in read_messages(file, CRAWL_TOPICS):
+        if entry.topic is PROFILE_TOPIC:
+            cloud = entry.message
+        elif isinstance(entry.message, CrawlCycle) and entry.message.profile is not None:
+            try:
+                profile = profile_from_cloud_message(cloud, entry.message.profile)
+            except (KeyError, ValueError) as error:
+                raise RecordingError(f"{file}: is damaged: {error}") from error
+            yield replace(entry, message=replace(entry.message, profile=profile))
+        else:
+            yield entry

@@ -140,11 +140,10 @@ class OdometryFilter:
         follow, correct = min(period / self._lag, 1.0), min(period / AVERAGING_TIME, 1.0)
         speed = self._speed + follow * (commanded.speed - self._speed)
         turn_rate = self._turn_rate + follow * (commanded.turn_rate - self._turn_rate)
-        ramps = (
-            abs(measured.speed - speed) > SPEED_RAMP
-            or abs(measured.turn_rate - turn_rate) > TURN_RAMP
-        )
-        correct = 1.0 if ramps else correct
+        if abs(measured.speed - speed) > SPEED_RAMP or (
+            abs(measured.turn_rate - turn_rate) > TURN_RAMP
+        ):
+            correct = 1.0
         self._speed = speed + correct * (measured.speed - speed)
         self._turn_rate = turn_rate + correct * (measured.turn_rate - turn_rate)
         turned_back = False
@@ -202,12 +201,8 @@ class SlipAwareMethod:
     @property
     def torch(self) -> TorchEstimate:
         """The estimated place of the torch."""
-        slip = self.slip
-        return TorchEstimate(
-            float(slip.x[SlipState.OFFSET]),
-            slip.sigma(SlipState.OFFSET),
-            float(slip.x[SlipState.HEADING]),
-        )
+        offset, heading = self.slip.x[[SlipState.OFFSET, SlipState.HEADING]].tolist()
+        return TorchEstimate(offset, self.slip.sigma(SlipState.OFFSET), heading)
 
     @property
     def laser(self) -> LaserEstimate:
@@ -218,9 +213,5 @@ class SlipAwareMethod:
     def turn_rate(self, speed: float, *, turns_back: bool = False) -> float:
         """Turn rate to ask of the tracks; see `FollowingMethod.turn_rate`."""
         return track_turn_rate(
-            self.slip.x,
-            speed,
-            self._estimator.geometry,
-            self._steering,
-            turns_back=turns_back,
+            self.slip.x, speed, self._estimator.geometry, self._steering, turns_back=turns_back
         )

@@ -210,9 +210,9 @@ class SlipEstimator:
         changes = self._walk_per_metre * travel + self._settled(odometry, float(F[-1, -1]))
         P[np.diag_indices(STATE_COUNT)] += self.unsteadiness * changes
         # White noise of the turn rate: its spectral density does not depend on the period.
-        by_turn = F[:2, SlipState.YAW_EFFICIENCY] / (odometry.turn_rate or 1.0)
-        if odometry.turn_rate == 0.0:
-            by_turn = np.array([0.0, odometry.period])
+        by_turn = np.array([0.0, odometry.period])
+        if odometry.turn_rate != 0.0:
+            by_turn = F[:2, SlipState.YAW_EFFICIENCY] / odometry.turn_rate
         by_turn = by_turn * self.estimate.x[SlipState.YAW_EFFICIENCY]
         P[:2, :2] += np.outer(by_turn, by_turn) * self._uncertainty.turn_rate**2 / odometry.period
         self.estimate = SlipEstimate(x, (P + P.T) / 2)

@@ -174,9 +174,6 @@ def laser_offset(x: Array, geometry: CrawlerGeometry) -> tuple[float, Array]:
     """
     D, slope = geometry.laser_to_torch, tan(x[SlipState.HEADING])
     H = np.zeros(STATE_COUNT)
-    H[[SlipState.OFFSET, SlipState.HEADING, SlipState.CURVATURE]] = (
-        1,
-        D * (1 + slope**2),
-        -D * D / 2,
-    )
+    states = [SlipState.OFFSET, SlipState.HEADING, SlipState.CURVATURE]
+    H[states] = 1, D * (1 + slope**2), -D * D / 2
     return float(x[SlipState.OFFSET] + D * slope - x[SlipState.CURVATURE] * D * D / 2), H

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final, Literal
 
 import numpy as np
@@ -52,21 +52,17 @@ class GrooveStations:
 
     def part(self, first: int, last: int) -> GrooveStations:
         """Those from one to another, both included."""
-        names = ("s", "origin", "across", "up", "corners", "tangent")
-        return GrooveStations(*(getattr(self, name)[first : last + 1] for name in names))
+        return GrooveStations(*(getattr(self, f.name)[first : last + 1] for f in fields(self)))
 
     def to_space(self, points: Array) -> Array:
         """Points of the planes, shape (m, ..., 2), in the frame of the sections, (m, ..., 3)."""
-        return self.origin_like(points) + self.vectors_to_space(points)
+        extra = (slice(None), *(None,) * (points.ndim - 2))
+        return np.asarray(self.origin[extra] + self.vectors_to_space(points))
 
     def vectors_to_space(self, vectors: Array) -> Array:
         """The same of vectors."""
         extra = (slice(None), *(None,) * (vectors.ndim - 2))
         return np.asarray(vectors[..., :1] * self.across[extra] + vectors[..., 1:] * self.up[extra])
-
-    def origin_like(self, points: Array) -> Array:
-        """Origins, of a shape to be added to points in space."""
-        return np.asarray(self.origin[(slice(None), *(None,) * (points.ndim - 2))])
 
 
 def stations_at(edges: GrooveEdges, s: Array) -> GrooveStations:

@@ -112,15 +112,13 @@ class StopPlacement:
         whole = self.closed and len(zones) == 1
         links = self._links(zones[0][0])
         seams = self._seams(links, layers, whole=whole)
-        order = [stretch.station for stretch in self.stretches]
         found = []
         for layer in range(layers):
             spans = []
             for i, link in enumerate(links):
                 begin, end, goes_on = self._between(seams[:, layer], i, layer)
-                for low, high in (
-                    [(begin, end)] if whole else self._in_zone(zones[zone], begin, end)
-                ):
+                parts = [(begin, end)] if whole else self._in_zone(zones[zone], begin, end)
+                for low, high in parts:
                     over = self.sequence.overlap if goes_on or high < end - NO_LENGTH else 0.0
                     spans.append(StationStretch(link.station, low, high + over))
             if not spans:
@@ -128,7 +126,7 @@ class StopPlacement:
                     f"layer {layer + 1} would have no length: the groove is too short for it",
                     key="sequence.start_spread_mm",
                 )
-            spans.sort(key=lambda one: (_rank(order, one.station), one.begin))
+            spans.sort(key=lambda one: (self._rank(one.station), one.begin))
             found.append(tuple(spans))
         return found
 
@@ -148,6 +146,11 @@ class StopPlacement:
     def nearest_landmark(self, s: float) -> float:
         """Length of groove to the nearest crown or saddle, metres; infinite without any."""
         return min((self.apart(s, float(mark)) for mark in self.landmarks), default=np.inf)
+
+    def _rank(self, station: str) -> int:
+        """Which of the stations it is, in the order of welding; those that are none come last."""
+        order = [stretch.station for stretch in self.stretches]
+        return order.index(station) if station in order else len(order)
 
     def _between(self, seams: Array, i: int, layer: int) -> tuple[float, float, bool]:
         """Span of link i without overlap, and whether another one follows."""
@@ -169,7 +172,6 @@ class StopPlacement:
 
     def _seams(self, links: Sequence[StationStretch], layers: int, *, whole: bool) -> Array:
         """Where each link ends and the next begins, shape (seams, layers), metres."""
-        order = [stretch.station for stretch in self.stretches]
         overlap, seams = self.sequence.overlap, []
         for i in range(len(links) if self.closed else len(links) - 1):
             a, b = links[i], links[(i + 1) % len(links)]
@@ -180,7 +182,7 @@ class StopPlacement:
                 seams.append(np.full(layers, b.begin + turn))
             else:
                 window = (b.begin + turn, a.end - overlap)
-                falls = _rank(order, a.station) < _rank(order, b.station)
+                falls = self._rank(a.station) < self._rank(b.station)
                 seams.append(self._stops(window, layers, falls=falls))
         return np.array(seams).reshape(-1, layers)
 
@@ -256,7 +258,3 @@ class StopPlacement:
             links.append(StationStretch(NO_STATION, at, follows))
             at = follows
         return tuple(links)
-
-
-def _rank(order: Sequence[str], station: str) -> int:
-    return order.index(station) if station in order else len(order)

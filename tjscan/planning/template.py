@@ -218,11 +218,6 @@ class BeadCells:
         found[:, 0] += self.template.root_area  # the first layer is one bead then
         return found
 
-    @property
-    def layer_heights(self) -> Array:
-        """Height of each layer between the middles of its lines, shape (m, L), metres."""
-        return self.template.layer_heights(self.w)
-
     def quadrilaterals(self, k: int) -> Array:
         """Corners of layer k's beads without reinforcement, shape (m, count, 4, 2), metres.
 

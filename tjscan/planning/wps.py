@@ -112,9 +112,13 @@ class ArcSettings(Table):
     gas_flow: Annotated[float, Ge(0), L_MIN]
 
     def __post_init__(self) -> None:
-        lowest, highest = self.power[0][0] * M_MIN.factor, self.power[-1][0] * M_MIN.factor
-        if self.wire_feed[0] < lowest * (1 - 1e-9) or self.wire_feed[1] > highest * (1 + 1e-9):
+        if not self.has_power_for(self.wire_feed):
             raise ValueError("power must reach from end to end of the window wire_feed_m_min")
+
+    def has_power_for(self, feeds: tuple[float, float]) -> bool:
+        """Whether the table of power reaches from end to end of a window of wire feeds, m/s."""
+        lowest, highest = self.power[0][0] * M_MIN.factor, self.power[-1][0] * M_MIN.factor
+        return feeds[0] >= lowest * (1 - 1e-9) and feeds[1] <= highest * (1 + 1e-9)
 
     def power_at(self, feed: Array) -> Array:
         """Power of the arc in watts at wire feeds in m/s: current and voltage linear between."""
@@ -308,9 +312,7 @@ class WeldingProcedure(StrictFileModel):
 
     @model_validator(mode="after")
     def _check_power_of_root(self) -> Self:
-        lowest, highest = self.arc.power[0][0] * M_MIN.factor, self.arc.power[-1][0] * M_MIN.factor
-        low, high = self.root.wire_feed
-        if low < lowest * (1 - 1e-9) or high > highest * (1 + 1e-9):
+        if not self.arc.has_power_for(self.root.wire_feed):
             raise ValueError("arc.power must reach from end to end of root.wire_feed_m_min")
         return self
 

@@ -16,14 +16,13 @@ from tjscan.core.frames import Array
 from tjscan.recording.journal import Journal, RunEvent, event_recorder
 from tjscan.towing.following import PoseFollower
 from tjscan.towing.journal import WELDED_EVENT, TowCycle
-from tjscan.towing.pose_filter import OUTLIER_SIGMAS
+from tjscan.towing.pose_filter import OUTLIER_SIGMAS, TeamEstimate, TeamPoses
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
 from tjscan.towing.standstill import Patience, StandingVehicles, Waiting
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings
-from tjscan.towing.team_poses import TeamEstimate, TeamPoses
 from tjscan.vehicle.localisation import Localisation
 from tjscan.vehicle.vehicle import AT_REST, Twist, Vehicle, VehicleState
 

@@ -1,10 +1,11 @@
-"""Where a vehicle is: its odometry, corrected by measured poses that can be true."""
+"""Where vehicles are: odometry, corrected by measured poses that can be true for the cable."""
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import hypot, inf, isfinite, sqrt
+from math import hypot, inf, sqrt
 from typing import Final
 
 import numpy as np
@@ -12,6 +13,8 @@ import numpy as np
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.robust import MAD_TO_SIGMA
 from tjscan.towing.following import velocity_from_twist, wrap_angle
+from tjscan.towing.shape.cable import Cable, TowingTeam
+from tjscan.towing.tables import LocalisationSettings
 from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.vehicle import Twist
 
@@ -42,7 +45,7 @@ SAME_POSES: Final = 10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseEstimate:
-    """Where a vehicle is believed to be.
+    """Where a vehicle is, as estimated.
 
     Parameters
     ----------
@@ -78,32 +81,25 @@ class VehiclePoseFilter:
 
     Parameters
     ----------
-    position_sigma, heading_sigma : float
-        Of measured poses, metres and radians, at least.
+    settings : LocalisationSettings
+        How well poses are measured at best. After its `lost` no more way is allowed for.
     top_speed : float
         Of the vehicle, m/s.
     top_turn_rate : float
         rad/s.
-    longest_gap : float
-        Seconds: with a longer one, no more way is allowed for.
     """
 
     def __init__(
-        self,
-        position_sigma: float,
-        heading_sigma: float,
-        *,
-        top_speed: float,
-        top_turn_rate: float,
-        longest_gap: float,
+        self, settings: LocalisationSettings, top_speed: float, top_turn_rate: float
     ) -> None:
-        self._stated = np.array((position_sigma, position_sigma, heading_sigma))
+        place = settings.position_sigma
+        self._stated = np.array((place, place, settings.heading_sigma))
         self._sigma = self._stated
         self._taken_before: tuple[float, Array] | None = None
         self._step: Array | None = None
         self._bends: deque[Array] = deque(maxlen=SCATTER_FROM)
         self._top = np.array((top_speed, top_speed, top_turn_rate))
-        self._longest_gap = longest_gap
+        self._longest_gap = settings.lost
         self._pose: Array | None = None
         self._covariance = np.diag(np.square(self._sigma))
         self._trail: deque[tuple[float, Array]] = deque(maxlen=KEPT_UPDATES)
@@ -158,17 +154,14 @@ class VehiclePoseFilter:
         return self.estimate(time)
 
     def estimate(self, time: float) -> PoseEstimate:
-        """What is believed now."""
+        """The estimate now."""
         pose = np.full(3, np.nan) if self._pose is None else self._pose
         sigma = np.sqrt(np.diag(self._covariance))
         age = time - self._taken
         late = age > self._longest_gap / 2
+        refused = (self._refused or "none comes") if late else ""
         return PoseEstimate(
-            readonly_copy(pose),
-            float(sigma[:2].max()),
-            float(sigma[2]),
-            age,
-            (self._refused or "none comes") if late else "",
+            readonly_copy(pose), float(sigma[:2].max()), float(sigma[2]), age, refused
         )
 
     @property
@@ -185,9 +178,8 @@ class VehiclePoseFilter:
         self._way += way
         turned = np.array(((1.0, 0.0, -step[1]), (0.0, 1.0, step[0]), (0.0, 0.0, 1.0)))
         across = (SLIP_ANGLE * way) ** 2 + ODOMETRY_NOISE[0] ** 2 * period
-        doubt = np.diag(
-            (across, across, (SLIP_SHARE * step[2]) ** 2 + ODOMETRY_NOISE[1] ** 2 * period)
-        )
+        turn = (SLIP_SHARE * step[2]) ** 2 + ODOMETRY_NOISE[1] ** 2 * period
+        doubt = np.diag((across, across, turn))
         doubt[:2, :2] += (SLIP_SHARE**2 - SLIP_ANGLE**2) * np.outer(step[:2], step[:2])
         self._covariance = turned @ self._covariance @ turned.T + doubt
         if self._denied is not None:
@@ -195,7 +187,7 @@ class VehiclePoseFilter:
 
     def _take(self, measured: VehiclePose, time: float) -> None:
         found = np.array((measured.x, measured.y, measured.heading))
-        if not np.isfinite(found).all() or not isfinite(measured.time):
+        if not np.isfinite((*found, measured.time)).all():
             self._refused = "not a number"
             return
         if self._pose is None:
@@ -254,3 +246,122 @@ class VehiclePoseFilter:
         else:
             self._last, self._equal, self._way = tuple(found), 0, 0.0
         return self._equal >= SAME_POSES and self._way > OUTLIER_SIGMAS * self._sigma[0]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TeamEstimate:
+    """Where the vehicles are, as estimated.
+
+    Parameters
+    ----------
+    estimates : tuple of PoseEstimate
+        One each.
+    """
+
+    estimates: tuple[PoseEstimate, ...]
+
+    @property
+    def poses(self) -> Array:
+        """x, y, heading of each, shape (vehicles, 3)."""
+        return np.array([one.pose for one in self.estimates])
+
+    @property
+    def sigmas(self) -> Array:
+        """Standard deviations of position and heading, shape (vehicles, 2)."""
+        return np.array([(one.position_sigma, one.heading_sigma) for one in self.estimates])
+
+
+class TeamPoses:
+    """Filters of the vehicles' poses, one each, and a check of those that jumped.
+
+    A vehicle may be pushed farther than it drives, and a measurement may jump, or take one
+    vehicle for another. Where poses were refused for as long as `LocalisationSettings.lost`, they
+    are taken after all if the cable reaches from one vehicle to the next, and no two bodies
+    overlap; else the vehicle counts as lost.
+
+    Parameters
+    ----------
+    cable : Cable
+    team : TowingTeam
+    settings : LocalisationSettings
+    report : callable
+        Receives events: a name and a sentence.
+    """
+
+    def __init__(
+        self,
+        cable: Cable,
+        team: TowingTeam,
+        settings: LocalisationSettings,
+        report: Callable[[str, str], None],
+    ) -> None:
+        self._cable, self._team, self._settings, self._report = cable, team, settings, report
+        turn_rate = team.top_speed / team.body_radius
+        self._filters = [
+            VehiclePoseFilter(settings, team.top_speed, turn_rate) for _ in team.held_links
+        ]
+        self._refused = [""] * len(self._filters)
+
+    @property
+    def unknown(self) -> tuple[int, ...]:
+        """Vehicles of which no pose came yet."""
+        return tuple(v for v, one in enumerate(self._filters) if not one.known)
+
+    def update(
+        self,
+        time: float,
+        period: float,
+        odometry: Sequence[Twist],
+        measured: Sequence[VehiclePose | None],
+    ) -> TeamEstimate:
+        """Go on to a time with what was measured since the last update."""
+        found = [
+            one.update(time, period, twist, pose)
+            for one, twist, pose in zip(self._filters, odometry, measured, strict=True)
+        ]
+        late = [v for v, one in enumerate(found) if one.age > self._settings.lost]
+        if late and self._take_denied(time, late, found):
+            found = [one.estimate(time) for one in self._filters]
+        self._report_changes(found)
+        return TeamEstimate(tuple(found))
+
+    def lost(self, estimate: TeamEstimate) -> dict[int, str]:
+        """Vehicles whose poses are lost, and why in a word or two."""
+        return {
+            v: one.refused or "none comes"
+            for v, one in enumerate(estimate.estimates)
+            if one.age > self._settings.lost
+        }
+
+    def _take_denied(self, time: float, late: Sequence[int], found: list[PoseEstimate]) -> bool:
+        denied = {v: pose for v in late if (pose := self._filters[v].denied) is not None}
+        poses = np.array([denied.get(v, one.pose) for v, one in enumerate(found)])
+        if not denied or not self._is_possible(poses):
+            return False
+        for v, pose in denied.items():
+            way = f"{1e3 * hypot(*(pose - found[v].pose)[:2]):.0f} mm"
+            self._filters[v].begin_at(pose, time)
+            self._report("moved", f"vehicle {v + 1} was moved by {way}, and not by itself")
+        return True
+
+    def _is_possible(self, poses: Array) -> bool:
+        """Whether the cable reaches from each vehicle to the next, and no bodies overlap."""
+        doubt = OUTLIER_SIGMAS * self._settings.position_sigma
+        places = np.vstack((self._cable.root[:2], poses[:, :2]))
+        lengths = self._cable.link_length * np.diff(self._team.held_links, prepend=-1)
+        steps = np.diff(places, axis=0)
+        if (np.hypot(steps[:, 0], steps[:, 1]) > lengths + doubt).any():
+            return False
+        apart = np.linalg.norm(poses[:, None, :2] - poses[None, :, :2], axis=-1)
+        np.fill_diagonal(apart, np.inf)
+        return bool(apart.min() > 2 * self._team.body_radius - doubt)
+
+    def _report_changes(self, found: Sequence[PoseEstimate]) -> None:
+        for v, one in enumerate(found):
+            if not self._filters[v].known:
+                continue
+            if one.refused and not self._refused[v]:
+                self._report("no pose", f"of vehicle {v + 1}: {one.refused}")
+            elif self._refused[v] and not one.refused:
+                self._report("pose again", f"of vehicle {v + 1}")
+            self._refused[v] = one.refused

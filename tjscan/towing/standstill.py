@@ -14,9 +14,9 @@ import numpy as np
 from tjscan.core.errors import TowHalted, VehicleFault, VehicleLinkLost
 from tjscan.core.frames import Array
 from tjscan.towing.following import velocity_from_twist
+from tjscan.towing.pose_filter import TeamEstimate
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.plan import TowingPlan
-from tjscan.towing.team_poses import TeamEstimate
 from tjscan.vehicle.vehicle import Twist, VehicleState
 
 LEAST_WINDOW: Final = 3.0
@@ -145,7 +145,7 @@ class StandstillCheck:
     """
 
     def __init__(self) -> None:
-        self._way: deque[_Seen] = deque()
+        self._way: deque[_WayPoint] = deque()
         self._since: float | None = None
         self._retry = FIRST_RETRY
         self._doubted = self._faulty = False
@@ -173,9 +173,8 @@ class StandstillCheck:
         fault : bool, optional
             Whether it reports one itself.
         """
-        if fault:  # when it is mended, the vehicle says so itself
-            self._since = None
-            self._faulty = self._doubted = True
+        if fault:  # when it is mended, the vehicle reports so itself
+            self._since, self._faulty, self._doubted = None, True, True
             self._way.clear()
             return True
         if self._faulty:
@@ -187,12 +186,12 @@ class StandstillCheck:
             self._since = None
             self._way.clear()
         total = asked + (self._way[-1].asked if self._way else 0.0)
-        self._way.append(_Seen(time, pose[:2], total, sigma))
+        self._way.append(_WayPoint(time, pose[:2], total, sigma))
         while self._is_enough_from(1) or time - self._way[0].time > LONGEST_WINDOW:
             self._way.popleft()
         if not self._is_enough_from(0):
             return False
-        evidence = self._evidence()
+        evidence = self._standstill_evidence()
         if evidence > DECIDING_EVIDENCE:
             self._doubted, self._since = True, time
         elif evidence < -DECIDING_EVIDENCE:
@@ -204,15 +203,11 @@ class StandstillCheck:
         if k >= len(self._way):
             return False
         begin, end = self._way[k], self._way[-1]
-        asked = hypot(*(end.asked - begin.asked))
-        noise = hypot(begin.sigma, end.sigma)
-        return (
-            end.time - begin.time >= LEAST_WINDOW
-            and asked > LEAST_WAY
-            and (DRIVEN_SHARE * asked / noise) ** 2 / 2 >= EXPECTED_RATIO * DECIDING_EVIDENCE
-        )
+        asked, noise = hypot(*(end.asked - begin.asked)), hypot(begin.sigma, end.sigma)
+        expected = (DRIVEN_SHARE * asked / noise) ** 2 / 2 >= EXPECTED_RATIO * DECIDING_EVIDENCE
+        return end.time - begin.time >= LEAST_WINDOW and asked > LEAST_WAY and expected
 
-    def _evidence(self) -> float:
+    def _standstill_evidence(self) -> float:
         """Logarithm of the likelihoods' ratio, standing over driving."""
         begin, end = self._way[0], self._way[-1]
         driven, moved = DRIVEN_SHARE * (end.asked - begin.asked), end.place - begin.place
@@ -221,7 +216,7 @@ class StandstillCheck:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Seen:
+class _WayPoint:
     """A vehicle at a time, where it is, how far it was told to go until then, and the noise."""
 
     time: float
@@ -263,21 +258,19 @@ class StandingVehicles:
         estimate: TeamEstimate,
     ) -> None:
         """Take in what the vehicles did in a period with the twists that they were asked for."""
-        stopped, doubted = [], []
+        stopped, poses, sigmas = list[int](), estimate.poses, estimate.sigmas
         for v, (state, check) in enumerate(zip(states, self._checks, strict=True)):
             fault = isinstance(state, VehicleFault) or bool(state.fault)
-            pose = estimate.poses[v]
-            way = period * velocity_from_twist(asked[v], pose[2])[:2]
-            if check.update(now, pose, way, sigma=estimate.sigmas[v, 0], fault=fault):
+            way = period * velocity_from_twist(asked[v], poses[v, 2])[:2]
+            if check.update(now, poses[v], way, sigma=sigmas[v, 0], fault=fault):
                 stopped.append(v)
                 if v not in self._doubted and not isinstance(state, VehicleLinkLost):
                     why = _fault_of(state) or "it is told to drive, and does not move"
                     self._report("stands", f"vehicle {v + 1}: {why}")
-            if check.doubted:
-                doubted.append(v)
+        doubted = tuple(v for v, check in enumerate(self._checks) if check.doubted)
         for v in sorted(set(self._doubted) - set(doubted)):
             self._report("drives again", f"vehicle {v + 1}")
-        self._states, self.stopped, self._doubted = states, tuple(stopped), tuple(doubted)
+        self._states, self.stopped, self._doubted = states, tuple(stopped), doubted
 
     def reason_to_wait(self, poses: Array, last: TowingPlan | None) -> Waiting | None:
         """Why the welder must wait for those that stand.
@@ -295,18 +288,15 @@ class StandingVehicles:
             return Waiting(f"the welder stands: {why}", device=True)
         share, standing = self._tautest(poses)
         self._taut = share >= (SLACK_SHARE if self._taut else TAUT_SHARE)
-        if self._taut:
-            return Waiting(
-                f"vehicle {standing + 1} stands, and the cable beside it is taut", device=True
-            )
-        share, standing = (0.0, 0) if last is None else self._most_bent(last)
-        self._bent = share >= (EASED_SHARE if self._bent else BENT_SHARE)
-        if self._bent:
-            return Waiting(
-                f"vehicle {standing + 1} stands, and the cable beside it nears its limit of bend",
-                device=True,
-            )
-        return None
+        strained = "is taut" if self._taut else ""
+        if not self._taut:
+            share, standing = (0.0, 0) if last is None else self._most_bent(last)
+            self._bent = share >= (EASED_SHARE if self._bent else BENT_SHARE)
+            strained = "nears its limit of bend" if self._bent else ""
+        if not strained:
+            return None
+        why = f"vehicle {standing + 1} stands, and the cable beside it {strained}"
+        return Waiting(why, device=True)
 
     def pace(self, poses: Array) -> float:
         """Share of the welding speed that the pieces of cable beside them allow."""
@@ -329,13 +319,11 @@ class StandingVehicles:
         """
         ends = (0, *(link + 1 for link in self._team.held_links))
         angles = np.maximum(np.abs(last.angles), np.abs(last.estimate)) / self._cable.joint_limit
-        return max(
-            (
-                (float(angles[ends[v] : ends[min(v + 2, len(ends) - 1)]].max()), v)
-                for v in self._doubted
-            ),
-            default=(0.0, 0),
-        )
+        beside = [
+            (float(angles[ends[v] : ends[min(v + 2, len(ends) - 1)]].max()), v)
+            for v in self._doubted
+        ]
+        return max(beside, default=(0.0, 0))
 
 
 def _fault_of(state: VehicleState | VehicleFault) -> str:

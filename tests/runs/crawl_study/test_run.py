@@ -75,7 +75,7 @@ def test_a_study_keeps_what_a_recorded_crawl_says(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("tjscan.crawler.topics.CYCLES_PER_TRUTH", 1)
+    monkeypatch.setattr("tjscan.crawler.journal.CYCLES_PER_TRUTH", 1)
     file = folder / "tiny.toml"
     run_crawl(CrawlContext(read_crawl_job(file), file), tmp_path / "run")
     (recorded,) = read_recorded_crawl(tmp_path / "run").passes

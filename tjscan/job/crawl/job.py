@@ -15,7 +15,7 @@ from tjscan.core.config import StrictFileModel
 from tjscan.core.devices import DriverKind, DriverRegistry
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, FileUnit, SettingsTable
 from tjscan.crawler import plan
-from tjscan.crawler.proximity import ProximitySettings
+from tjscan.crawler.guards import ProximitySettings
 from tjscan.crawler.sizing import SizeSettings
 from tjscan.crawler.slip_aware import SteeringSettings
 from tjscan.crawler.slip_estimator import SlipUncertainty

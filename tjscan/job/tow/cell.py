@@ -40,8 +40,8 @@ def make_planner(job: TowJob) -> ShapePlanner:
     known = job.localisation
     try:
         from tjscan.towing.shape.paper_planner import PaperPlanner
+        from tjscan.towing.shape.plan import PlannerSettings, PoseTrust
         from tjscan.towing.shape.planner import TowingPlanner
-        from tjscan.towing.shape.settings import PlannerSettings, PoseTrust
     except ModuleNotFoundError as error:
         raise package_missing(error, "towing", TOWING_EXTRA, "method") from error
     settings = PlannerSettings(

@@ -20,7 +20,7 @@ from tjscan.job.reading import read_job
 from tjscan.towing import tables
 from tjscan.towing.shape.area import Area
 from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
-from tjscan.towing.shape.settings import TowingLimits
+from tjscan.towing.shape.plan import TowingLimits
 from tjscan.vehicle.cable.model import TowingVehicleModel
 from tjscan.vehicle.localisation_drivers import LOCALISATION_DRIVERS
 from tjscan.vehicle.mqtt.settings import MqttSettings

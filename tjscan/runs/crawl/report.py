@@ -10,9 +10,9 @@ import numpy as np
 
 from tjscan.core.manifest import check_as_written
 from tjscan.crawler.joint_sections import PLACES_ACROSS, section_histories
+from tjscan.crawler.journal import CRAWL_RECORDING, REPLAY_EVENT, WARNING_EVENT
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_model import SlipState
-from tjscan.crawler.topics import CRAWL_RECORDING, REPLAY_EVENT, WARNING_EVENT
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE

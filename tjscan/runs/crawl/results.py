@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from tjscan.core.files import write_files_atomically
-from tjscan.crawler.journal import CrawlCycle, SimulatedPlace
+from tjscan.crawler.journal import CRAWL_RECORDING, CrawlCycle, SimulatedPlace, read_crawl
 from tjscan.crawler.pass_record import PassRecord, pass_records
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.topics import CRAWL_RECORDING, read_crawl
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import RunEvent

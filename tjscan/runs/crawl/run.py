@@ -16,18 +16,28 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, GrooveNotFound
 from tjscan.core.files import lock_and_clean_directory
-from tjscan.crawler.control_cycle import LONGEST_PERIOD, CrawlDevices, HandDrive
+from tjscan.crawler.control_cycle import LONGEST_PERIOD, CrawlDevices, HandDrive, JointReader
 from tjscan.crawler.crawler import Crawler, CrawlPlan, CrawlStart, WeldOperator
-from tjscan.crawler.guards import Guards
+from tjscan.crawler.guards import CornerPlaces, Guards, ProximityFilter
 from tjscan.crawler.joint_sections import COASTING_TIME, LastView
-from tjscan.crawler.joint_sensor import JointReader
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
-from tjscan.crawler.journal import SET_DOWN_EVENT, CrawlCycle, is_by_hand
+from tjscan.crawler.journal import (
+    CRAWL_RECORDING,
+    CRAWL_TOPICS,
+    CYCLES_TOGETHER,
+    REPLAY_EVENT,
+    SET_DOWN_EVENT,
+    WARNING_EVENT,
+    CrawlCycle,
+    CrawlRecording,
+    cycle_messages,
+    is_by_hand,
+    read_crawl_messages,
+)
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.paper_method import PaperMethod
 from tjscan.crawler.pass_record import PASS_END
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.proximity import CornerPlaces, ProximityFilter
 from tjscan.crawler.sizing import broken_rules
 from tjscan.crawler.slip_aware import SlipAwareMethod
 from tjscan.crawler.slip_calibration import (
@@ -37,16 +47,6 @@ from tjscan.crawler.slip_calibration import (
 )
 from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.crawler.slip_model import SlipState
-from tjscan.crawler.topics import (
-    CRAWL_RECORDING,
-    CRAWL_TOPICS,
-    CYCLES_TOGETHER,
-    REPLAY_EVENT,
-    WARNING_EVENT,
-    CrawlRecording,
-    cycle_messages,
-    read_crawl_messages,
-)
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.recording.foxglove import event_log_message

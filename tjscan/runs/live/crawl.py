@@ -15,9 +15,8 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import pose, rot_z
-from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.journal import CrawlCycle, read_crawl
 from tjscan.crawler.phases import PHASE_TRANSITIONS, Event, Phase
-from tjscan.crawler.topics import read_crawl
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.live.buttons import Button, stop_button

@@ -28,9 +28,8 @@ from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.solids import Cylinder, Solid
 from tjscan.runs.tow.results import clearance_of_discs
-from tjscan.towing.journal import TowCycle, TowTruth
+from tjscan.towing.journal import TowCycle, TowTruth, read_tow
 from tjscan.towing.seam import Seam
-from tjscan.towing.topics import read_tow
 
 CABLE_CLEARANCE: Final = Measure("cable's clearance of obstacles", "mm")
 VEHICLE_CLEARANCE: Final = Measure("vehicles' clearance", "mm")

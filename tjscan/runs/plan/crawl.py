@@ -16,8 +16,8 @@ from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import MM, MM_S
 from tjscan.crawler.joint_tracking.tracking import BURIED_HEIGHT, ButtJointReading, JointTracker
+from tjscan.crawler.journal import CRAWL_RECORDING
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.topics import CRAWL_RECORDING
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
 from tjscan.planning.crawl_passes import CrawlPass, passes_of_plan

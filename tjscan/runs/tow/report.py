@@ -27,8 +27,8 @@ from tjscan.runs.tow.results import (
     clearance_of_discs,
     read_recorded_tow,
 )
+from tjscan.towing.journal import REPLAY_EVENT, TOW_RECORDING
 from tjscan.towing.seam import Seam
-from tjscan.towing.topics import REPLAY_EVENT, TOW_RECORDING
 
 MOST_POINTS: Final = 2000
 """Of a line in a chart."""

@@ -21,10 +21,9 @@ from tjscan.job.tow.job import TowJob
 from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import job_label_of_run
 from tjscan.runs.run import read_result_file, table_to_csv
-from tjscan.towing.journal import WELDED_EVENT, TowCycle, TowTruth
+from tjscan.towing.journal import WELDED_EVENT, TowCycle, TowTruth, read_tow
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.plan import TowingPlan
-from tjscan.towing.topics import read_tow
 
 PLANS_FILE: Final = "tow.csv"
 FIGURES_FILE: Final = "tow.json"

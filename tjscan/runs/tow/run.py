@@ -33,12 +33,19 @@ from tjscan.runs.run import (
     record_vehicle_run,
 )
 from tjscan.runs.tow.results import read_recorded_tow, write_tow_results
-from tjscan.towing.journal import WELDED_EVENT, TowCycle, TowTruth
+from tjscan.towing.journal import (
+    REPLAY_EVENT,
+    TOW_RECORDING,
+    WELDED_EVENT,
+    TowCycle,
+    TowRecording,
+    TowTruth,
+    read_tow,
+)
 from tjscan.towing.loop import PLAN_PERIOD, CableTow, TowSetting
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
-from tjscan.towing.topics import REPLAY_EVENT, TOW_RECORDING, TowRecording, read_tow
 
 RESUMABLE_KEYS: Final = (
     "method",

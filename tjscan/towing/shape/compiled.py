@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import TypeVar, cast
 
 import numba
 import numpy as np
@@ -40,11 +40,6 @@ def compiled(function: F, *, inline: bool = False) -> F:
 def inlined(function: F) -> F:
     """The same for a part of a compiled function: tuples of arrays are slow to pass in a call."""
     return compiled(function, inline=True)
-
-
-def plain_tuple(value: tuple[Any, ...]) -> tuple[Any, ...]:
-    """A named tuple and those in it as plain ones: Numba finds their types ten times as fast."""
-    return tuple(plain_tuple(item) if isinstance(item, tuple) else item for item in value)
 
 
 @cache

@@ -10,29 +10,22 @@ from math import hypot
 from tjscan.core.frames import Array
 from tjscan.towing.shape.compiled import Indices, compiled
 
+SignedDistance = tuple[float, float, float, float, float, float]
+"""Distance, its gradient (x, y) and its Hessian (xx, xy, yy)."""
+
 
 @compiled
-def from_point(
-    x: float, y: float, sign: float, radius: float
-) -> tuple[float, float, float, float, float, float]:
+def from_point(x: float, y: float, sign: float, radius: float) -> SignedDistance:
     """Signed length of (x, y) less a radius, with gradient and Hessian (xx, xy, yy)."""
     length = max(hypot(x, y), 1e-9)
     nx, ny = x / length, y / length
     curved = sign / length
-    return (
-        sign * length - radius,
-        sign * nx,
-        sign * ny,
-        curved * ny * ny,
-        -curved * nx * ny,
-        curved * nx * nx,
-    )
+    xx, xy, yy = curved * ny * ny, -curved * nx * ny, curved * nx * nx
+    return sign * length - radius, sign * nx, sign * ny, xx, xy, yy
 
 
 @compiled
-def distance_to_polygon(
-    x: float, y: float, corners: Array
-) -> tuple[float, float, float, float, float, float]:
+def distance_to_polygon(x: float, y: float, corners: Array) -> SignedDistance:
     """Signed distance of a point to a counter-clockwise polygon, gradient and Hessian.
 
     The nearest feature gives the sign: an edge by its outward normal, a corner by whether it is
@@ -64,9 +57,7 @@ def distance_to_polygon(
 
 
 @compiled
-def distance_to_swept_disc(
-    x: float, y: float, disc: Array
-) -> tuple[float, float, float, float, float, float]:
+def distance_to_swept_disc(x: float, y: float, disc: Array) -> SignedDistance:
     """Signed distance to a disc (x0, y0, x1, y1, radius) swept along a line, and derivatives."""
     ex, ey = disc[2] - disc[0], disc[3] - disc[1]
     along = ex * ex + ey * ey
@@ -83,7 +74,7 @@ def distance_to_swept_disc(
 @compiled
 def distance_to_obstacle(
     k: int, x: float, y: float, walls: Array, corners: Array, starts: Indices, discs: Array
-) -> tuple[float, float, float, float, float, float]:
+) -> SignedDistance:
     """Signed distance to the k-th of walls, polygons and discs; gradient, Hessian (xx, xy, yy).
 
     It takes what `area.Obstacles` holds one by one: taking it apart here would cost a tenth.

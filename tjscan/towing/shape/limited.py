@@ -13,8 +13,9 @@ import numpy as np
 import proxsuite
 
 from tjscan.core.frames import Array
+from tjscan.towing.shape.area import Obstacles
 from tjscan.towing.shape.chain import chain_gradient
-from tjscan.towing.shape.compiled import compiled, plain_tuple
+from tjscan.towing.shape.compiled import compiled, inlined
 from tjscan.towing.shape.limits import (
     ROW_TYPE,
     SPARE_MARGIN,
@@ -22,19 +23,26 @@ from tjscan.towing.shape.limits import (
     LimitArrays,
     LimitKind,
     LimitRows,
+    RowRoom,
+    fill_limit_rows,
     limit_gradients,
-    limit_rows,
-    name_limits,
 )
-from tjscan.towing.shape.linear import constrained_step, least_squares_multipliers
-from tjscan.towing.shape.optimise import add_multipliers, convex_hessian, pull_after
+from tjscan.towing.shape.linear import (
+    back_substitute,
+    back_substitute_rows,
+    least_squares_multipliers,
+    meet_constraints,
+)
 from tjscan.towing.shape.problem import (
     ShapeArrays,
     ShapeProblem,
+    ShapeState,
+    add_multipliers,
+    convex_hessian,
     evaluate_shape,
-    name_problem,
-    name_state,
     new_state,
+    parts_of,
+    pull_after,
 )
 
 NEAR_BAND: Final = 0.05
@@ -66,29 +74,25 @@ class LimitedShape:
     ----------
     angles : ndarray, shape (N,)
     iterations : int
-    constraint : float
-        Largest of what fixed links are off by.
     pressed : ndarray of `limits.ROW_TYPE`, shape (R,)
         Rows of limits that hold the shape where it is.
     """
 
     angles: Array
     iterations: int
-    constraint: float
     pressed: LimitRows
 
 
 class _Program(NamedTuple):
-    """A quadratic program in the step and the slack.
+    """A quadratic program in the step, without its slack.
 
     Parameters
     ----------
-    gradient : ndarray, shape (N + 1,)
-    hessian : ndarray, shape (N + 1, N + 1)
-    factor : ndarray, shape (N, N)
-        Of the Hessian without the slack.
+    gradient : ndarray, shape (N,)
+    hessian, factor : ndarray, shape (N, N)
+        Lower triangles: of the Hessian, to which `_model_step` adds a shift, and its factor.
     force : ndarray, shape (2,)
-        Of the pull at the welder, see `optimise.replace_pull`.
+        Of the pull at the welder, see `problem.replace_pull`.
     """
 
     gradient: Array
@@ -100,11 +104,11 @@ class _Program(NamedTuple):
 class _Iterate:
     """All that is known at a shape: objective, constraints, rows of limits that are near."""
 
-    def __init__(self, problem: ShapeArrays, limits: LimitArrays) -> None:
-        n = len(problem.estimate)
+    def __init__(self, problem: ShapeProblem, limits: HardLimits) -> None:
+        n = problem.cable.links
         self.angles, self.state = np.empty(n), new_state(n, len(problem.fixed))
-        self.plain_state = plain_tuple(self.state)
-        self._problem, self._limits = plain_tuple(problem), plain_tuple(limits)
+        self.plain_state = tuple(self.state)
+        self._given = *problem.plain, tuple(limits.arrays)
         self._rows, self._used = np.empty(128, dtype=ROW_TYPE), 0
         self.f, self.off, self.worst = 0.0, 0.0, 0.0
 
@@ -113,7 +117,7 @@ class _Iterate:
         self.angles[:] = angles
         while True:
             self.f, self.off, self.worst, self._used = _evaluate(
-                self.angles, self._problem, self._limits, self.plain_state, self._rows, band
+                self.angles, *self._given, self.plain_state, self._rows, band
             )
             if self._used <= len(self._rows):
                 return
@@ -133,82 +137,63 @@ class _Iterate:
 def _evaluate(
     angles: Array,
     plain_problem: Any,
+    plain_obstacles: Any,
     plain_limits: Any,
     plain_state: Any,
     rows: LimitRows,
     band: float,
 ) -> tuple[float, float, float, int]:
     """Fill state and rows; objective, constraints' sum, worst limit, number of rows."""
-    problem, state = name_problem(plain_problem), name_state(plain_state)
-    limits = name_limits(plain_limits)
-    f = evaluate_shape(angles, problem, state)
-    used = limit_rows(angles, state.links, band, rows, limits)
-    worst = 0.0
+    problem, state = ShapeArrays(*plain_problem), ShapeState(*plain_state)
+    limits, obstacles = LimitArrays(*plain_limits), Obstacles(*plain_obstacles)
+    f = evaluate_shape(angles, problem, obstacles, state)
+    room = RowRoom(rows, np.zeros(1, np.int64), band)
+    fill_limit_rows(room, angles, state.links, limits, obstacles)
+    used, worst = room.total[0], 0.0
     for r in range(min(used, len(rows))):
         worst = max(worst, -rows[r].margin)
     return f, np.abs(state.constraint).sum(), worst, used
 
 
-@compiled
-def _model(
-    plain_problem: Any,
-    plain_state: Any,
-    rows: LimitRows,
-    y: Array,
-    z: Array,
-    shift: float,
-    plain_program: Any,
-    gradients: Array,
-) -> float:
-    """Fill the program and the derivatives of its rows; returns the Hessian's shift."""
-    problem, state = name_problem(plain_problem), name_state(plain_state)
-    program = _Program(*plain_program)
-    n, point = len(state.links), state.parts.point
-    chain_gradient(state.parts, state.links, problem.length, program.gradient[:n])
-    if len(z) == 0:
-        least_squares_multipliers(state.jacobian, program.gradient[:n], y)
-    add_multipliers(problem, y, point)
-    if len(z) == len(rows):
-        for r in range(len(rows)):
-            row = rows[r]
-            if z[r] != 0.0 and row.kind != LimitKind.JOINT:
-                if row.link >= 0:
-                    point[row.link, 0] += z[r] * row.grows_x
-                    point[row.link, 1] += z[r] * row.grows_y
-                if row.other >= 0:
-                    point[row.other, 0] -= z[r] * row.grows_x
-                    point[row.other, 1] -= z[r] * row.grows_y
-    square = np.empty((n, n))
-    shift, _ = convex_hessian(problem, state, program.force, shift, square, program.factor)
-    for i in range(n):
-        for j in range(i):
-            program.hessian[i, j] = square[i, j]
-            program.hessian[j, i] = square[i, j]
-        program.hessian[i, i] = square[i, i] + shift
-    limit_gradients(rows, problem.root, state.links, gradients)
-    return shift
+@inlined
+def _add_limit_forces(rows: LimitRows, z: Array, point: Array) -> None:
+    """Add the forces of the multipliers of rows to those of the links."""
+    for r in range(len(rows)):
+        row = rows[r]
+        if z[r] != 0.0 and row.kind != LimitKind.JOINT:
+            if row.link >= 0:
+                point[row.link, 0] += z[r] * row.grows_x
+                point[row.link, 1] += z[r] * row.grows_y
+            if row.other >= 0:
+                point[row.other, 0] -= z[r] * row.grows_x
+                point[row.other, 1] -= z[r] * row.grows_y
 
 
-@compiled
+@inlined
 def _guess_active(
-    plain_program: Any, plain_state: Any, C: Array, rows: LimitRows, step: Array, y: Array, z: Array
+    program: _Program, state: ShapeState, C: Array, rows: LimitRows, step: Array, y: Array, z: Array
 ) -> bool:
     """Solve a program by adding the worst row and dropping those that pull; True if that ends.
 
     What it then found meets all conditions of the program's solution, with no slack.
     """
-    program, state = _Program(*plain_program), name_state(plain_state)
     n, m = len(step), len(state.constraint)
     active = np.zeros(len(rows), np.bool_)
+    free, solved = -program.gradient, np.empty((m + len(rows), n))
+    back_substitute(program.factor, free)
+    solved[:m] = state.jacobian
+    back_substitute_rows(program.factor, solved[:m])
     for _ in range(MOST_ACTIVE):
         count = m + active.sum()
-        A, b, multipliers = np.empty((count, n)), np.empty(count), np.empty(count)
-        A[:m], b[:m], k = state.jacobian, state.constraint, m
+        A, by_A, b = np.empty((count, n)), np.empty((count, n)), np.empty(count)
+        A[:m], by_A[:m], b[:m], k = state.jacobian, solved[:m], state.constraint, m
         for r in range(len(rows)):
             if active[r]:
-                A[k], b[k] = C[r, :n], rows[r].margin
+                A[k], by_A[k], b[k] = C[r, :n], solved[m + r], rows[r].margin
                 k += 1
-        constrained_step(program.factor, A, program.gradient[:n], b, step, multipliers)
+        multipliers = np.empty(count)
+        step[:] = free
+        meet_constraints(A, by_A, b, step, multipliers)
         worst, which, k, settled = -1e-9, -1, m, True
         for r in range(len(rows)):
             z[r] = 0.0
@@ -227,7 +212,39 @@ def _guess_active(
             if active[which]:
                 return False
             active[which] = True
+            solved[m + which] = C[which, :n]
+            back_substitute(program.factor, solved[m + which])
     return False
+
+
+@compiled
+def _model_step(
+    plain_problem: Any,
+    plain_state: Any,
+    rows: LimitRows,
+    y: Array,
+    last_z: Array,
+    shift: float,
+    plain_program: Any,
+) -> tuple[float, bool, Array, Array, Array]:
+    """Fill a program, and guess its solution.
+
+    Returns the Hessian's shift, whether the guess is the solution, the step, the multipliers of the
+    rows, and their derivatives; those of the constraints are filled.
+    """
+    problem, state = ShapeArrays(*plain_problem), ShapeState(*plain_state)
+    program, n = _Program(*plain_program), len(state.links)
+    chain_gradient(parts_of(state), state.links, problem.length, program.gradient)
+    if len(last_z) == 0:
+        least_squares_multipliers(state.jacobian, program.gradient, y)
+    add_multipliers(problem, y, state.point)
+    if len(last_z) == len(rows):
+        _add_limit_forces(rows, last_z, state.point)
+    shift, _ = convex_hessian(problem, state, program.force, shift, program.hessian, program.factor)
+    C, step, z = np.ones((len(rows), n + 1)), np.empty(n), np.empty(len(rows))
+    limit_gradients(rows, problem.root, state.links, C)
+    solved = _guess_active(program, state, C, rows, step, y, z)
+    return shift, solved, step, z, C
 
 
 def optimise_limited(
@@ -249,28 +266,27 @@ def optimise_limited(
     The search ends when a step promises less than 1e-7 of the objective, or when none gains.
     """
     n, bound, arrays = len(start), problem.cable.joint_limit - SPARE_MARGIN, problem.arrays
-    now, after = _Iterate(arrays, limits.arrays), _Iterate(arrays, limits.arrays)
+    now, after = _Iterate(problem, limits), _Iterate(problem, limits)
     now.move_to(np.clip(start, -bound, bound), NEAR_BAND)
     y, z = np.zeros(len(now.state.constraint)), np.zeros(0)
     fix, shift, band, iteration = 1.0, 0.0, NEAR_BAND, 0
-    program = _Program(
-        np.full(n + 1, SLACK_COST), np.zeros((n + 1, n + 1)), np.zeros((n, n)), np.zeros(2)
-    )
-    program.hessian[n, n] = 1.0
-    plain, plain_program = plain_tuple(arrays), plain_tuple(program)
+    program = _Program(np.empty(n), np.empty((n, n)), np.zeros((n, n)), np.zeros(2))
+    plain, plain_program = tuple(arrays), tuple(program)
     while iteration < most:
         iteration += 1
-        rows = now.rows
-        C = np.ones((len(rows), n + 1))
-        shift = _model(plain, now.plain_state, rows, y, z, shift, plain_program, C)
-        step, z, left, reach = np.empty(n), np.empty(len(rows)), 0.0, 1.0
-        if not _guess_active(plain_program, now.plain_state, C, rows, step, y, z):
-            step, left, y, z, reach = _solve_program(program, now, C)
+        rows, left, reach = now.rows, 0.0, 1.0
+        shift, solved, step, z, C = _model_step(
+            plain, now.plain_state, rows, y, z, shift, plain_program
+        )
+        if not solved:
+            step, left, y, z, reach = _solve_program(program, shift, now, C)
         if reach == 0.0:
             break
-        pull_after(arrays.moved, arrays.costs, now.state.links, arrays.root, step, program.force)
+        if problem.pull is not None:
+            moved, costs, root = arrays.moved, arrays.costs, arrays.root
+            pull_after(moved, costs, now.state.links, root, step, program.force)
         fix = max(fix, 2 * float(np.abs(y).max(initial=0.0)))
-        slope = float(program.gradient[:n] @ step) - fix * reach * now.off
+        slope = float(program.gradient @ step) - fix * reach * now.off
         slope -= SLACK_COST * max(now.worst - left, 0.0)
         merit = now.merit(fix)
         share = min(1.0, LONGEST_TURN / max(float(np.abs(step).max()), 1e-300))
@@ -289,13 +305,13 @@ def optimise_limited(
         now, after = after, now
         if -slope < 1e-7 * max(1.0, abs(now.f)) and np.abs(now.state.constraint).max() < 1e-7:
             break
-    rows, off = now.rows, float(np.abs(now.state.constraint).max())
+    rows = now.rows
     holds = (rows["margin"] < 1e-5) & (np.abs(z) > 1e-6) if len(z) == len(rows) else slice(0)
-    return LimitedShape(now.angles, iteration, off, rows[holds])
+    return LimitedShape(now.angles, iteration, rows[holds])
 
 
 def _solve_program(
-    program: _Program, now: _Iterate, C: Array
+    program: _Program, shift: float, now: _Iterate, C: Array
 ) -> tuple[Array, float, Array, Array, float]:
     """Step, slack left, multipliers of constraints and rows, and the share of c that is met.
 
@@ -303,6 +319,9 @@ def _solve_program(
     """
     constraint, jacobian = now.state.constraint, now.state.jacobian
     m, n = jacobian.shape
+    hessian, gradient = np.eye(n + 1), np.append(program.gradient, SLACK_COST)
+    lower = np.tril(program.hessian, -1)
+    hessian[:n, :n] = lower + lower.T + np.diag(np.diag(program.hessian) + shift)
     A, rows = np.zeros((m, n + 1)), np.zeros((len(C) + 1, n + 1))
     A[:, :n], rows[:-1], rows[-1, n] = jacobian, C, 1.0
     low, high = np.append(-now.rows["margin"], 0.0), np.full(len(rows), 1e20)
@@ -310,7 +329,7 @@ def _solve_program(
     while reach > 1e-3:
         qp = proxsuite.proxqp.dense.QP(n + 1, m, len(rows))
         qp.settings.eps_abs = 1e-8
-        qp.init(program.hessian, program.gradient, A, -reach * constraint, rows, low, high)
+        qp.init(hessian, gradient, A, -reach * constraint, rows, low, high)
         qp.settings.max_iter, qp.settings.max_iter_in = OUTER_ITERATIONS, INNER_ITERATIONS
         qp.solve()
         found = qp.results

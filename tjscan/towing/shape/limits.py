@@ -19,9 +19,9 @@ from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.chain import place_links
-from tjscan.towing.shape.compiled import Indices, compiled, inlined, plain_tuple
+from tjscan.towing.shape.compiled import Indices, compiled, inlined
 from tjscan.towing.shape.distance import distance_to_obstacle
-from tjscan.towing.shape.settings import TowingLimits
+from tjscan.towing.shape.plan import TowingLimits
 
 
 class LimitKind(IntEnum):
@@ -36,54 +36,48 @@ class LimitKind(IntEnum):
     JOINT = 6
 
 
-LIMIT_NAMES: Final = {
-    LimitKind.LINK_TO_OBSTACLE: "link {link} to obstacle",
-    LimitKind.BODY_TO_OBSTACLE: "{holder} to obstacle",
-    LimitKind.BODY_TO_BODY: "{holder} to {other_holder}",
-    LimitKind.LINK_TO_BODY: "link {link} to {other_holder}",
-    LimitKind.LINK_TO_LINK: "link {link} to link {other}",
-    LimitKind.SPEED: "speed of {holder}",
-    LimitKind.JOINT: "bend of joint {link}",
-}
-
-BROKEN_LIMITS: Final = {
+LIMIT_TEXTS: Final = {
     LimitKind.LINK_TO_OBSTACLE: (
-        "link {link} would be {mm} mm too near: it must keep {link_clearance:.0f} mm from obstacles"
+        "link {link} to obstacle",
+        "link {link} would be {mm} mm too near: it must keep {link_clearance:.0f} mm from "
+        "obstacles",
     ),
     LimitKind.BODY_TO_OBSTACLE: (
+        "{holder} to obstacle",
         "{holder} would be {mm} mm too near: its body must keep {body_clearance:.0f} mm from "
-        "obstacles"
+        "obstacles",
     ),
     LimitKind.BODY_TO_BODY: (
+        "{holder} to {other_holder}",
         "{holder} and {other_holder} would be {mm} mm too near: {vehicle_gap:.0f} mm must stay "
-        "between their bodies"
+        "between their bodies",
     ),
     LimitKind.LINK_TO_BODY: (
+        "link {link} to {other_holder}",
         "link {link} would be {mm} mm too near to {other_holder}: {body_clearance:.0f} mm must "
-        "stay between them"
+        "stay between them",
     ),
     LimitKind.LINK_TO_LINK: (
+        "link {link} to link {other}",
         "links {link} and {other} would be {mm} mm too near: the cable must keep "
-        "{cable_gap:.0f} mm from itself"
+        "{cable_gap:.0f} mm from itself",
     ),
     LimitKind.SPEED: (
-        "{holder} would have to drive {mm} mm further than it can at {top_speed:.3g} m/min"
+        "speed of {holder}",
+        "{holder} would have to drive {mm} mm further than it can at {top_speed:.3g} m/min",
     ),
-    LimitKind.JOINT: ("joint {link} would be bent {bend}° past its limit of {joint_limit:.1f}°"),
+    LimitKind.JOINT: (
+        "bend of joint {link}",
+        "joint {link} would be bent {bend}° past its limit of {joint_limit:.1f}°",
+    ),
 }
+"""Of each kind its name, and how a shape breaks it."""
 
 ROW_TYPE: Final = np.dtype(
     [
-        ("margin", "f8"),
-        ("grows_x", "f8"),
-        ("grows_y", "f8"),
-        ("link", "i8"),
-        ("x", "f8"),
-        ("y", "f8"),
-        ("other", "i8"),
-        ("other_x", "f8"),
-        ("other_y", "f8"),
-        ("kind", "i8"),
+        *((name, "f8") for name in ("margin", "grows_x", "grows_y")),
+        *(("link", "i8"), ("x", "f8"), ("y", "f8")),
+        *(("other", "i8"), ("other_x", "f8"), ("other_y", "f8"), ("kind", "i8")),
     ]
 )
 """A row: margin; direction in which it grows; the link and its point (x, y) that feel it; the same
@@ -118,11 +112,9 @@ class LimitArrays(NamedTuple):
     first_link, last_link : int
         Those that it applies to, the last not included.
     body_clearance : float
-        Of vehicles' centres to obstacles.
+        Of vehicles' centres to obstacles and links.
     body_gap : float
         Between vehicles' centres.
-    link_to_body : float
-        Of links to vehicles' centres.
     cable_gap : float
         Between links.
     joint_limit : float
@@ -131,7 +123,6 @@ class LimitArrays(NamedTuple):
         Links with a top speed, which began at `pace_from` and may go `pace`.
     pace_from : ndarray, shape (P, 2)
     pace : float
-    obstacles : Obstacles
     """
 
     root: Array
@@ -142,22 +133,29 @@ class LimitArrays(NamedTuple):
     last_link: int
     body_clearance: float
     body_gap: float
-    link_to_body: float
     cable_gap: float
     joint_limit: float
     paced: Indices
     pace_from: Array
     pace: float
-    obstacles: Obstacles
 
 
-@inlined
-def name_limits(plain: Any) -> LimitArrays:
-    """The limits of a plain tuple."""
-    return LimitArrays(
-        plain[0], plain[1], plain[2], plain[3], plain[4], plain[5], plain[6], plain[7], plain[8],
-        plain[9], plain[10], plain[11], plain[12], plain[13], Obstacles(*plain[14]),
-    )  # fmt: skip
+class RowRoom(NamedTuple):
+    """Room for the rows of limits with a margin below a band.
+
+    Parameters
+    ----------
+    rows : ndarray of `ROW_TYPE`, shape (R,)
+        Filled with as many as fit.
+    total : ndarray of int, shape (1,)
+        How many there are.
+    band : float
+        Metres.
+    """
+
+    rows: LimitRows
+    total: Indices
+    band: float
 
 
 class ChainPoint(NamedTuple):
@@ -189,41 +187,37 @@ def nearest_on_link(i: int, x: float, y: float, root: Array, links: Array) -> Ch
 
 @inlined
 def add_row(
-    rows: LimitRows,
-    used: int,
-    kind: int,
-    margin: float,
-    x: float,
-    y: float,
-    at: ChainPoint,
-    other: ChainPoint,
-) -> int:
-    """Write a row whose margin grows along (x, y) if there is room; the count of rows with it."""
-    if used < len(rows):
-        row = rows[used]
+    room: RowRoom, kind: int, margin: float, x: float, y: float, at: ChainPoint, other: ChainPoint
+) -> None:
+    """Write a row whose margin grows along (x, y), if it fits."""
+    if room.total[0] < len(room.rows):
+        row = room.rows[room.total[0]]
         row.kind, row.margin, row.grows_x, row.grows_y = kind, margin, x, y
         row.link, row.x, row.y = at.link, at.x, at.y
         row.other, row.other_x, row.other_y = other.link, other.x, other.y
-    return used + 1
+    room.total[0] += 1
 
 
 @inlined
-def add_apart(
-    rows: LimitRows,
-    used: int,
-    band: float,
-    kind: int,
-    apart: float,
-    at: ChainPoint,
-    other: ChainPoint,
-) -> int:
-    """A row for two points that must be `apart`, if the margin is less than `band`."""
+def add_apart(room: RowRoom, kind: int, apart: float, at: ChainPoint, other: ChainPoint) -> None:
+    """A row for two points that must be `apart`, if the margin is less than the band."""
     x, y = at.x - other.x, at.y - other.y
     d = hypot(x, y)
-    if d - apart >= band:
-        return used
-    d = max(d, 1e-9)
-    return add_row(rows, used, kind, d - apart, x / d, y / d, at, other)
+    if d - apart < room.band:
+        d = max(d, 1e-9)
+        add_row(room, kind, d - apart, x / d, y / d, at, other)
+
+
+@inlined
+def add_to_obstacles(
+    room: RowRoom, kind: int, apart: float, at: ChainPoint, obstacles: Obstacles
+) -> None:
+    """Rows for a point that must be `apart` from all obstacles."""
+    walls, corners, starts, discs = obstacles
+    for k in range(len(walls) + len(starts) - 1 + len(discs)):
+        d, gx, gy, _, _, _ = distance_to_obstacle(k, at.x, at.y, walls, corners, starts, discs)
+        if d - apart < room.band:
+            add_row(room, kind, d - apart, gx, gy, at, NO_POINT)
 
 
 @inlined
@@ -239,10 +233,10 @@ def do_cross(a: Array, b: Array, c: Array, d: Array) -> bool:
 
 @inlined
 def add_crossed_edges(
-    rows: LimitRows, used: int, apart: float, i: int, root: Array, links: Array, corners: Array
-) -> int:
+    room: RowRoom, apart: float, i: int, root: Array, links: Array, corners: Array
+) -> None:
     """Rows for a link that crosses edges of a polygon thinner than the link is long."""
-    kind, before = LimitKind.LINK_TO_OBSTACLE, root[:2] if i == 0 else links[i - 1, :2]
+    before = root[:2] if i == 0 else links[i - 1, :2]
     for k in range(len(corners)):
         a, b = corners[k - 1], corners[k]
         if do_cross(before, links[i, :2], a, b):
@@ -256,90 +250,55 @@ def add_crossed_edges(
             end = link_end(i if is_ahead else i - 1, root, links)
             sign = -1.0 if side > 0.0 else 1.0
             margin = -abs(side) - apart
-            used = add_row(rows, used, kind, margin, sign * nx, sign * ny, end, NO_POINT)
-    return used
+            add_row(room, LimitKind.LINK_TO_OBSTACLE, margin, sign * nx, sign * ny, end, NO_POINT)
 
 
 @inlined
 def add_links_to_obstacles(
-    rows: LimitRows, used: int, band: float, links: Array, limits: LimitArrays
-) -> int:
+    room: RowRoom, links: Array, limits: LimitArrays, obstacles: Obstacles
+) -> None:
     """Rows of links: their ends, their nearest points to corners and discs, edges they cross."""
     kind, apart = LimitKind.LINK_TO_OBSTACLE, limits.link_clearance
     root, length = limits.root, limits.length
-    walls, corners, starts, discs = limits.obstacles
-    count, reach = len(walls) + len(starts) - 1 + len(discs), 3.0 * (length + apart + band)
+    _, corners, starts, discs = obstacles
+    reach = 3.0 * (length + apart + room.band)
     for i in range(limits.first_link, limits.last_link):
         end = link_end(i, root, links)
-        for k in range(count):
-            d, gx, gy, _, _, _ = distance_to_obstacle(
-                k, end.x, end.y, walls, corners, starts, discs
-            )
-            if d - apart < band:
-                used = add_row(rows, used, kind, d - apart, gx, gy, end, NO_POINT)
+        add_to_obstacles(room, kind, apart, end, obstacles)
         for k in range(len(corners)):
             place = ChainPoint(-1, corners[k, 0], corners[k, 1])
             if abs(end.x - place.x) + abs(end.y - place.y) < reach:
                 at = nearest_on_link(i, place.x, place.y, root, links)
                 if 0.0 < hypot(at.x - end.x, at.y - end.y) < length:
-                    used = add_apart(rows, used, band, kind, apart, at, place)
+                    add_apart(room, kind, apart, at, place)
         for k in range(len(starts) - 1):
             polygon = corners[starts[k] : starts[k + 1]]
-            used = add_crossed_edges(rows, used, apart, i, root, links, polygon)
+            add_crossed_edges(room, apart, i, root, links, polygon)
         for k in range(2 * len(discs)):
             disc, column = discs[k // 2], 2 * (k % 2)
             place = ChainPoint(-1, disc[column], disc[column + 1])
             at = nearest_on_link(i, place.x, place.y, root, links)
             if 0.0 < hypot(at.x - end.x, at.y - end.y) < length:
-                used = add_apart(rows, used, band, kind, apart + disc[4], at, place)
-    return used
+                add_apart(room, kind, apart + disc[4], at, place)
 
 
 @inlined
-def add_body_to_obstacles(
-    rows: LimitRows, used: int, band: float, i: int, links: Array, limits: LimitArrays
-) -> int:
-    """Rows of the vehicle that holds link i."""
-    kind, apart = LimitKind.BODY_TO_OBSTACLE, limits.body_clearance
-    walls, corners, starts, discs = limits.obstacles
-    end = link_end(i, limits.root, links)
-    for k in range(len(walls) + len(starts) - 1 + len(discs)):
-        d, gx, gy, _, _, _ = distance_to_obstacle(k, end.x, end.y, walls, corners, starts, discs)
-        if d - apart < band:
-            used = add_row(rows, used, kind, d - apart, gx, gy, end, NO_POINT)
-    return used
-
-
-@inlined
-def add_links_to_body(
-    rows: LimitRows, used: int, band: float, i: int, links: Array, limits: LimitArrays
-) -> int:
+def add_links_to_body(room: RowRoom, i: int, links: Array, limits: LimitArrays) -> None:
     """Rows of all links but the next ones to the vehicle that holds link i."""
-    root, length, apart = limits.root, limits.length, limits.link_to_body
-    kind, centre = LimitKind.LINK_TO_BODY, link_end(i, root, links)
-    next_to_body, reach = pi / 2 * apart, 3.0 * (length + apart + band)
+    root, length, apart = limits.root, limits.length, limits.body_clearance
+    centre = link_end(i, root, links)
+    next_to_body, reach = pi / 2 * apart, 3.0 * (length + apart + room.band)
     for j in range(len(links)):
         # Cable between may lie on a half circle of that width.
         between = (i - j) * length if j <= i else (j - 1 - i) * length
-        if between < next_to_body:
-            continue
-        if abs(centre.x - links[j, 0]) + abs(centre.y - links[j, 1]) < reach:
+        near = abs(centre.x - links[j, 0]) + abs(centre.y - links[j, 1]) < reach
+        if near and not between < next_to_body:
             at = nearest_on_link(j, centre.x, centre.y, root, links)
-            used = add_apart(rows, used, band, kind, apart, at, centre)
-    return used
+            add_apart(room, LimitKind.LINK_TO_BODY, apart, at, centre)
 
 
 @inlined
-def add_links_apart(
-    rows: LimitRows,
-    used: int,
-    band: float,
-    apart: float,
-    i: int,
-    j: int,
-    root: Array,
-    links: Array,
-) -> int:
+def add_links_apart(room: RowRoom, apart: float, i: int, j: int, root: Array, links: Array) -> None:
     """Rows for two links: each end of one against the other; if they cross, the way back."""
     kind = LimitKind.LINK_TO_LINK
     before_i, before_j = root[:2] if i == 0 else links[i - 1, :2], links[j - 1, :2]
@@ -349,95 +308,93 @@ def add_links_apart(
         for end in (link_end(a - 1, root, links), link_end(a, root, links)):
             at = nearest_on_link(b, end.x, end.y, root, links)
             if not crossed:
-                used = add_apart(rows, used, band, kind, apart, end, at)
+                add_apart(room, kind, apart, end, at)
             elif hypot(end.x - at.x, end.y - at.y) < least:
                 least, nearest, nearest_end = hypot(end.x - at.x, end.y - at.y), at, end
     if crossed:
         d = max(least, 1e-9)
         x, y = (nearest.x - nearest_end.x) / d, (nearest.y - nearest_end.y) / d
-        used = add_row(rows, used, kind, -least - apart, x, y, nearest_end, nearest)
-    return used
+        add_row(room, kind, -least - apart, x, y, nearest_end, nearest)
 
 
 @inlined
-def add_cable_to_itself(
-    rows: LimitRows, used: int, band: float, links: Array, limits: LimitArrays
-) -> int:
+def add_cable_to_itself(room: RowRoom, links: Array, limits: LimitArrays) -> None:
     """Rows of links that are near each other, but for the next ones."""
     n, root, length, apart = len(links), limits.root, limits.length, limits.cable_gap
     skip = 1 + int(np.ceil(pi / 2 * apart / length))
-    reach = 2.0 * length + apart + band
+    reach = 2.0 * length + apart + room.band
     for i in range(n):
         j = i + skip + 1
         while j < n:
             d = hypot(links[i, 0] - links[j, 0], links[i, 1] - links[j, 1])
             if d < reach:
-                used = add_links_apart(rows, used, band, apart, i, j, root, links)
+                add_links_apart(room, apart, i, j, root, links)
             # Links further on can't be nearer than what the cable between allows.
             j += max(1, int((d - reach) / length))
-    return used
 
 
 @inlined
-def add_speeds(rows: LimitRows, used: int, band: float, links: Array, limits: LimitArrays) -> int:
+def add_speeds(room: RowRoom, links: Array, limits: LimitArrays) -> None:
     """Rows of vehicles that are sent nearly as far as they can go."""
-    kind, paced, begin, pace = LimitKind.SPEED, limits.paced, limits.pace_from, limits.pace
-    for p in range(len(paced)):
-        at = link_end(paced[p], limits.root, links)
-        x, y = at.x - begin[p, 0], at.y - begin[p, 1]
+    for p in range(len(limits.paced)):
+        at = link_end(limits.paced[p], limits.root, links)
+        x, y = at.x - limits.pace_from[p, 0], at.y - limits.pace_from[p, 1]
         d = hypot(x, y)
-        if pace - d < band:
+        if limits.pace - d < room.band:
             d = max(d, 1e-9)
-            used = add_row(rows, used, kind, pace - d, -x / d, -y / d, at, NO_POINT)
-    return used
+            add_row(room, LimitKind.SPEED, limits.pace - d, -x / d, -y / d, at, NO_POINT)
 
 
 @inlined
-def add_joints(rows: LimitRows, used: int, band: float, angles: Array, most: float) -> int:
+def add_joints(room: RowRoom, angles: Array, most: float) -> None:
     """Rows of joints that are bent nearly as far as the cable may be, `most` radians."""
     for i in range(len(angles)):
         margin = most - abs(angles[i])
-        if margin < JOINT_BAND * band:
+        if margin < JOINT_BAND * room.band:
             sign, joint = -1.0 if angles[i] > 0 else 1.0, ChainPoint(i, 0.0, 0.0)
-            used = add_row(rows, used, LimitKind.JOINT, margin, sign, 0.0, joint, NO_POINT)
-    return used
+            add_row(room, LimitKind.JOINT, margin, sign, 0.0, joint, NO_POINT)
 
 
 @inlined
-def limit_rows(
-    angles: Array, links: Array, band: float, rows: LimitRows, limits: LimitArrays
-) -> int:
-    """Rows of all limits with a margin below `band`; returns how many, even if not all fit.
+def fill_limit_rows(
+    room: RowRoom, angles: Array, links: Array, limits: LimitArrays, obstacles: Obstacles
+) -> None:
+    """Fill the rows of all limits.
 
     Parameters
     ----------
+    room : RowRoom
     angles : ndarray, shape (N,)
     links : ndarray, shape (N, 5)
         As `place_links` fills it.
-    band : float
-    rows : ndarray of `ROW_TYPE`, shape (R,)
-        Filled.
     limits : LimitArrays
+    obstacles : Obstacles
     """
-    held, root, kind, apart = limits.held, limits.root, LimitKind.BODY_TO_BODY, limits.body_gap
-    used = add_links_to_obstacles(rows, 0, band, links, limits)
+    held, root = limits.held, limits.root
+    add_links_to_obstacles(room, links, limits, obstacles)
     for m in range(len(held)):
-        i = held[m]
+        at = link_end(held[m], root, links)
         if m < len(held) - 1:
-            used = add_body_to_obstacles(rows, used, band, i, links, limits)
+            kind = LimitKind.BODY_TO_OBSTACLE
+            add_to_obstacles(room, kind, limits.body_clearance, at, obstacles)
         for o in range(m):
-            at, other = link_end(i, root, links), link_end(held[o], root, links)
-            used = add_apart(rows, used, band, kind, apart, at, other)
-        used = add_links_to_body(rows, used, band, i, links, limits)
-    used = add_cable_to_itself(rows, used, band, links, limits)
-    used = add_speeds(rows, used, band, links, limits)
-    return add_joints(rows, used, band, angles, limits.joint_limit)
+            other = link_end(held[o], root, links)
+            add_apart(room, LimitKind.BODY_TO_BODY, limits.body_gap, at, other)
+        add_links_to_body(room, held[m], links, limits)
+    add_cable_to_itself(room, links, limits)
+    add_speeds(room, links, limits)
+    add_joints(room, angles, limits.joint_limit)
 
 
 @compiled
-def _limit_rows(angles: Array, links: Array, band: float, rows: LimitRows, plain: Any) -> int:
-    """`limit_rows` of a plain tuple."""
-    return limit_rows(angles, links, band, rows, name_limits(plain))
+def _limit_rows(
+    rows: LimitRows, band: float, angles: Array, links: Array, limits: Any, obstacles: Any
+) -> int:
+    """Fill rows of the limits of plain tuples; returns how many there are, even if not all fit."""
+    room, named = RowRoom(rows, np.zeros(1, np.int64), band), LimitArrays(*limits)
+    place_links(angles, named.root, named.length, links)
+    fill_limit_rows(room, angles, links, named, Obstacles(*obstacles))
+    return int(room.total[0])
 
 
 @compiled
@@ -459,6 +416,11 @@ def limit_gradients(rows: LimitRows, root: Array, links: Array, gradients: Array
                     row.other_y - joint.y
                 )
             gradients[r, k] = total
+
+
+def worst_margin(rows: LimitRows) -> float:
+    """Of the limit that is broken worst; 0 if none is."""
+    return float(rows["margin"].min(initial=0.0))
 
 
 def rounded(figure: float) -> str:
@@ -505,60 +467,48 @@ class HardLimits:
             last_link=self.cable.links - int(np.ceil(limits.free_at_welder / length - 1e-9)),
             body_clearance=body + limits.body_clearance + SPARE_MARGIN,
             body_gap=2 * body + limits.vehicle_gap + SPARE_MARGIN,
-            link_to_body=body + limits.body_clearance + SPARE_MARGIN,
             cable_gap=limits.cable_gap + SPARE_MARGIN,
             joint_limit=self.cable.joint_limit - SPARE_MARGIN,
             paced=self.paced,
             pace_from=self.pace_from,
             pace=self.team.top_speed * self.period - SPARE_MARGIN,
-            obstacles=self.obstacles,
         )
-
-    @cached_property
-    def _plain(self) -> tuple[Any, ...]:
-        return plain_tuple(self.arrays)
 
     def rows(self, angles: Array, band: float = 0.0) -> LimitRows:
         """Rows with a margin below `band`, shape (R,), of `ROW_TYPE`."""
-        links, room = self._links(angles), 64
-        while True:
-            rows = np.empty(room, dtype=ROW_TYPE)
-            used = _limit_rows(angles, links, band, rows, self._plain)
-            if used <= room:
-                return rows[:used]
-            room = used
-
-    def _links(self, angles: Array) -> Array:
-        links = np.empty((len(angles), 5))
-        place_links(angles, self.arrays.root, self.arrays.length, links)
-        return links
+        links, count, rows = np.empty((len(angles), 5)), 64, np.empty(0, dtype=ROW_TYPE)
+        limits, obstacles = tuple(self.arrays), tuple(self.obstacles)
+        while count > len(rows):
+            rows = np.empty(count, dtype=ROW_TYPE)
+            count = _limit_rows(rows, band, angles, links, limits, obstacles)
+        return rows[:count]
 
     def name(self, row: np.void) -> str:
         """Which limit a row is, in words."""
-        return LIMIT_NAMES[LimitKind(row["kind"])].format(**self._parties(row))
+        return self._describe(row)[0]
 
     def words(self, row: np.void) -> str:
         """How a shape breaks the limit of a row with a margin below zero."""
-        return BROKEN_LIMITS[LimitKind(row["kind"])].format(
-            **self._parties(row),
-            mm=rounded(-1e3 * row["margin"]),
-            bend=rounded(degrees(-row["margin"])),
-            link_clearance=1e3 * self.limits.link_clearance,
-            body_clearance=1e3 * self.limits.body_clearance,
-            vehicle_gap=1e3 * self.limits.vehicle_gap,
-            cable_gap=1e3 * self.limits.cable_gap,
-            top_speed=60 * self.team.top_speed,
-            joint_limit=degrees(self.cable.joint_limit),
-        )
+        return self._describe(row)[1]
 
-    def _parties(self, row: np.void) -> dict[str, object]:
+    def _describe(self, row: np.void) -> list[str]:
+        """Texts of `LIMIT_TEXTS` with their figures."""
         link, other = int(row["link"]), int(row["other"])
-        return {
+        figures = {
             "link": link,
             "other": other,
             "holder": self._holder(link),
             "other_holder": self._holder(other),
+            "mm": rounded(-1e3 * row["margin"]),
+            "bend": rounded(degrees(-row["margin"])),
+            "link_clearance": 1e3 * self.limits.link_clearance,
+            "body_clearance": 1e3 * self.limits.body_clearance,
+            "vehicle_gap": 1e3 * self.limits.vehicle_gap,
+            "cable_gap": 1e3 * self.limits.cable_gap,
+            "top_speed": 60 * self.team.top_speed,
+            "joint_limit": degrees(self.cable.joint_limit),
         }
+        return [text.format(**figures) for text in LIMIT_TEXTS[LimitKind(row["kind"])]]
 
     def _holder(self, link: int) -> str:
         """The vehicle that holds a link, if one does."""
@@ -566,9 +516,3 @@ class HardLimits:
             return ""
         vehicle = self.team.held_links.index(link)
         return "the welder" if vehicle == self.team.welder else f"vehicle {vehicle + 1}"
-
-    def gradients(self, rows: LimitRows, angles: Array) -> Array:
-        """Derivatives of the margins by the angles, shape (R, N)."""
-        gradients = np.empty((len(rows), len(angles)))
-        limit_gradients(rows, self.arrays.root, self._links(angles), gradients)
-        return gradients

@@ -40,15 +40,6 @@ def factorise_convex(matrix: Array, shift: float, factor: Array, least: float) -
 
 
 @compiled
-def largest_diagonal(matrix: Array) -> float:
-    """Largest of the diagonal's amounts."""
-    largest = 0.0
-    for i in range(len(matrix)):
-        largest = max(largest, abs(matrix[i, i]))
-    return largest
-
-
-@compiled
 def back_substitute(factor: Array, b: Array) -> None:
     """Solve for the vector in place."""
     n = len(b)
@@ -64,16 +55,28 @@ def back_substitute(factor: Array, b: Array) -> None:
 
 
 @compiled
+def back_substitute_rows(factor: Array, rows: Array) -> None:
+    """Solve for each row in place."""
+    for e in range(len(rows)):
+        back_substitute(factor, rows[e])
+
+
+@compiled
 def constrained_step(
     factor: Array, rows: Array, gradient: Array, c: Array, step: Array, multipliers: Array
 ) -> None:
     """Step d and multipliers y of H d + A'y = -g, A d = -c, with the factor of H."""
-    n, m = len(gradient), len(c)
     solved = rows.copy()
-    for e in range(m):
-        back_substitute(factor, solved[e])
+    back_substitute_rows(factor, solved)
     step[:] = -gradient
     back_substitute(factor, step)
+    meet_constraints(rows, solved, c, step, multipliers)
+
+
+@compiled
+def meet_constraints(rows: Array, solved: Array, c: Array, step: Array, multipliers: Array) -> None:
+    """Change a step d of H d = -g to one that meets A d = -c, with the rows of A solved by H."""
+    n, m = len(step), len(c)
     if m == 0:
         return
     schur = np.zeros((m, m))

@@ -18,10 +18,9 @@ from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Area, DiscObstacle, Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import estimate_shape
-from tjscan.towing.shape.plan import PlanTerms, TowingPlan
+from tjscan.towing.shape.plan import PlannerSettings, PlanTerms, TowingPlan
 from tjscan.towing.shape.planner import TowingPlanner
 from tjscan.towing.shape.problem import SHARES_AND_SLOPES
-from tjscan.towing.shape.settings import PlannerSettings
 
 SLSQP_ITERATIONS: Final = 200
 """Of SLSQP; the paper names none."""
@@ -30,8 +29,8 @@ Scalar = Callable[[Array], tuple[float, Array]]
 Vector = Callable[[Array], tuple[Array, Array]]
 
 
-class PaperPlanner:
-    """The paper's method, a `plan.ShapePlanner`.
+class PaperPlanner(TowingPlanner):
+    """The paper's method, but for how a tow begins, which it does not state: as the planner's.
 
     Parameters
     ----------
@@ -46,16 +45,8 @@ class PaperPlanner:
         self, cable: Cable, team: TowingTeam, area: Area, settings: PlannerSettings | None = None
     ) -> None:
         settings = settings or PlannerSettings()
-        self.cable, self.team = cable, team
-        self.settings = replace(settings, weights=replace(settings.weights, pace=0.0))
-        self._planner = TowingPlanner(cable, team, area, self.settings)
-        self._floor = Obstacles.of_area(area)
-
-    def starts(
-        self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()
-    ) -> list[TowingPlan]:
-        """The planner's: the paper does not state how a tow begins."""
-        return self._planner.starts(welder_pose, obstacles)
+        unpaced = replace(settings.weights, pace=0.0)
+        super().__init__(cable, team, area, replace(settings, weights=unpaced))
 
     def plan(
         self,
@@ -77,27 +68,17 @@ class PaperPlanner:
         if guess is None:
             guess = estimate_shape(self.cable, held, poses).angles
         links = [held[m] for m in known]
-        estimate, count, failed = minimise(
-            lambda a: (float(a @ a), 2 * a),
-            self._constraint(links, np.asarray(poses)[known]),
-            guess,
-        )
+        known_poses = self._pose_constraint(links, np.asarray(poses)[known])
+        estimate, count, failed = minimise(lambda a: (float(a @ a), 2 * a), known_poses, guess)
         floor = self._floor.with_discs(obstacles, 0.0)
+        at_welder = self._pose_constraint(held[-1:], welder_pose[None])
         angles, more, failed_too = minimise(
-            lambda a: self.objective(a, estimate, floor)[1:],
-            self._constraint(held[-1:], welder_pose[None]),
-            estimate,
+            lambda a: self.objective(a, estimate, floor)[1:], at_welder, estimate
         )
-        off = self._constraint(held[-1:], welder_pose[None])(angles)[0]
-        plan = TowingPlan.of_angles(
-            self.cable,
-            held,
-            estimate,
-            angles,
-            self.objective(angles, estimate, floor)[0],
-            float(np.abs(off).max()),
-        )
-        halt = "" if plan.constraint < 1e-3 else f"SLSQP found no shape: {failed_too or failed}"
+        off = float(np.abs(at_welder(angles)[0]).max())
+        terms, _, _ = self.objective(angles, estimate, floor)
+        plan = TowingPlan.of_angles(self.cable, held, estimate, angles, terms, off)
+        halt = "" if off < 1e-3 else f"SLSQP found no shape: {failed_too or failed}"
         return replace(plan, iterations=count + more, halt=halt)
 
     def objective(
@@ -105,9 +86,9 @@ class PaperPlanner:
     ) -> tuple[PlanTerms, float, Array]:
         """Terms of (5)-(8) over N, their sum, and its gradient, shape (N,)."""
         weights, targets, n = self.settings.weights, self.settings.targets, self.cable.links
-        bend, by_bend = _rising(angles**2, targets.bending**2)
-        change, by_change = _rising(np.abs(angles - estimate)[1:], targets.change)
-        near, by_near = _falling_at(self.cable.poses(angles)[:, :2], floor, targets.distance)
+        bend, by_bend = _rising_loss(angles**2, targets.bending**2)
+        change, by_change = _rising_loss(np.abs(angles - estimate)[1:], targets.change)
+        near, by_near = _loss_of_nearest(self.cable.poses(angles)[:, :2], floor, targets.distance)
         terms = PlanTerms(
             weights.bending / n * float(bend.sum()),
             weights.distance / n * float(near.sum()),
@@ -127,19 +108,17 @@ class PaperPlanner:
         )
         return np.asarray(np.cumsum(by_heading[::-1])[::-1])
 
-    def _constraint(self, links: Sequence[int], poses: Array) -> Vector:
+    def _pose_constraint(self, links: Sequence[int], poses: Array) -> Vector:
         """(2)-(4), (10)-(12) in absolute form: where links are less where they must be."""
 
         def off(angles: Array) -> tuple[Array, Array]:
-            at, rows = self.cable.poses(angles), []
-            values = at[links] - poses
+            values, rows = self.cable.poses(angles)[links] - poses, []
             values[:, 2] = (values[:, 2] + np.pi) % (2 * np.pi) - np.pi
             line = self.cable.line(angles)
             for link in links:
-                arm = np.where(np.arange(self.cable.links)[:, None] <= link, 1.0, 0.0) * (
-                    line[link + 1] - line[:-1]
-                )
-                rows += [-arm[:, 1], arm[:, 0], np.where(np.arange(len(at)) <= link, 1.0, 0.0)]
+                within = np.where(np.arange(self.cable.links) <= link, 1.0, 0.0)
+                arm = within[:, None] * (line[link + 1] - line[:-1])
+                rows += [-arm[:, 1], arm[:, 0], within]
             return values.ravel(), np.array(rows)
 
         return off
@@ -162,7 +141,7 @@ def minimise(f: Scalar, constraint: Vector, start: Array) -> tuple[Array, int, s
     return found.x, int(found.nit), "" if found.success else str(found.message)
 
 
-def _rising(f: Array, target: float) -> tuple[Array, Array]:
+def _rising_loss(f: Array, target: float) -> tuple[Array, Array]:
     """(9) from 0 to 1, and its derivative."""
     value, slope = np.zeros_like(f), np.zeros_like(f)
     for share, steep in SHARES_AND_SLOPES:
@@ -172,7 +151,7 @@ def _rising(f: Array, target: float) -> tuple[Array, Array]:
     return value, slope
 
 
-def _falling_at(points: Array, floor: Obstacles, target: float) -> tuple[Array, Array]:
+def _loss_of_nearest(points: Array, floor: Obstacles, target: float) -> tuple[Array, Array]:
     """(7): ρ_d of the distance to the nearest wall, edge or disc; and by the points, (N, 2)."""
     place = [points - (points @ wall[:2] - wall[2])[:, None] * wall[:2] for wall in floor.walls]
     for polygon in floor.polygons:

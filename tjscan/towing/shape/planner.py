@@ -11,14 +11,18 @@ import numpy as np
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.towing.shape.area import Area, DiscObstacle, Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam
-from tjscan.towing.shape.estimate import CableEstimate, estimate_shape
+from tjscan.towing.shape.estimate import CableEstimate, estimate_shape, pull_on_welder
 from tjscan.towing.shape.limited import optimise_limited
-from tjscan.towing.shape.limits import KEPT_MARGIN, HardLimits, LimitKind, LimitRows, rounded
-from tjscan.towing.shape.optimise import newton_shape
-from tjscan.towing.shape.plan import PlanTerms, TowingPlan
-from tjscan.towing.shape.problem import ShapeProblem
-from tjscan.towing.shape.pull import pull_on_welder
-from tjscan.towing.shape.settings import PlannerSettings
+from tjscan.towing.shape.limits import (
+    KEPT_MARGIN,
+    HardLimits,
+    LimitKind,
+    LimitRows,
+    rounded,
+    worst_margin,
+)
+from tjscan.towing.shape.plan import PlannerSettings, PlanTerms, TowingPlan
+from tjscan.towing.shape.problem import ShapeProblem, newton_shape
 from tjscan.towing.shape.start import start_shapes
 
 POSE_TOLERANCE: Final = 1e-6
@@ -185,7 +189,7 @@ class TowingPlanner:
 def optimise_freely(problem: ShapeProblem) -> tuple[Array, int]:
     """Solution without limits, from the estimate on; angles and iterations."""
     angles = problem.estimate.copy()
-    return angles, newton_shape(angles, NEWTON_ITERATIONS, GRADIENT_TOLERANCE, problem.arrays)
+    return angles, newton_shape(angles, NEWTON_ITERATIONS, GRADIENT_TOLERANCE, *problem.plain)
 
 
 class CheckedShape:
@@ -203,7 +207,7 @@ class CheckedShape:
         self._state = problem.evaluated(angles)
         self.off = float(np.abs(self._state.constraint).max())
         self.rows = limits.rows(angles)
-        self.margin = _worst_margin(self.rows)
+        self.margin = worst_margin(self.rows)
 
     @property
     def keeps_all(self) -> bool:
@@ -230,14 +234,14 @@ class CheckedShape:
             )
         here = self.limits.rows(estimate)
         near = here[np.isin(here["kind"], (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK))]
-        if _worst_margin(near) < -LYING_NEAR:
+        if worst_margin(near) < -LYING_NEAR:
             return f"as the cable lies, {self._worst(near)}"
         cable = self.problem.cable
         way = cable.poses(self.angles)[:, :2] - cable.poses(estimate)[:, :2]
         steps = int(np.ceil(np.sqrt(np.square(way).sum(axis=1).max()) / LINK_STEP))
         for k in range(1, steps):
             between = self.limits.rows(estimate + k / steps * (self.angles - estimate))
-            if _worst_margin(between) < -LINK_STEP:
+            if worst_margin(between) < -LINK_STEP:
                 return f"on the way there, {self._worst(between)}"
         return ""
 
@@ -255,8 +259,3 @@ class CheckedShape:
             self.off,
         )
         return replace(plan, iterations=iterations, halt=halt)
-
-
-def _worst_margin(rows: LimitRows) -> float:
-    """Of the limit that is broken worst; 0 if none is."""
-    return float(rows["margin"].min(initial=0.0))

@@ -1,14 +1,21 @@
-"""The objective (5) of Suzuki et al. (2022): terms and derivatives.
+"""The objective (5) of Suzuki et al. (2022), and Newton's method for it if no limit is near.
 
 Its saturating loss (9) is ρ(f) = Σ a_i (tanh(b_i (f - c_i)) + d_i), i = 1, 2. The paper gives its
 limits, 0 and 1, and its inflection, the effort target. Here both c_i are that target; the slopes b
 are 4 and 1 over it, so that one curve turns steeply at the target and a gentle one gives a slope
 everywhere; their shares are 0.8 and 0.2; d_i and the scale of a_i follow from the limits.
+
+The cost of the pull at the welder is a thousand times as stiff as all other terms, for the place of
+one link. Its gradient at the beginning of a search would bend the Hessian so much that only tiny
+steps were convex; but it vanishes with the first step, all but the force with which the other terms
+hold against it. So that force takes its place, as a multiplier does that of a constraint, and the
+curvature is added as rows squared.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import exp, sqrt, tanh
 from typing import Any, NamedTuple
 
@@ -21,15 +28,24 @@ from tjscan.towing.shape.chain import (
     ChainParts,
     chain_gradient,
     chain_hessian,
-    make_parts,
     place_links,
     pose_constraints,
+    turned_way,
 )
-from tjscan.towing.shape.compiled import Indices, compiled, inlined, plain_tuple
-from tjscan.towing.shape.distance import distance_to_obstacle
+from tjscan.towing.shape.compiled import Indices, compiled, inlined
+from tjscan.towing.shape.distance import SignedDistance, distance_to_obstacle
+from tjscan.towing.shape.estimate import PULL_TERM, CablePull
+from tjscan.towing.shape.linear import (
+    add_squares,
+    constrained_step,
+    factorise_convex,
+    least_squares_multipliers,
+)
 from tjscan.towing.shape.plan import PlanTerms
-from tjscan.towing.shape.pull import CablePull
 from tjscan.towing.tables import TargetSettings, WeightSettings
+
+LONGEST_TURN = 0.5
+"""Radians that a joint turns at most in one step of Newton's method."""
 
 SMOOTH_CHANGE = 0.02
 """Radians within which |θ - θ_init| is rounded: it has a kink at the planner's start."""
@@ -80,14 +96,8 @@ def free_share(d: float, target: float) -> tuple[float, float, float]:
 
 @compiled
 def obstacle_loss(
-    x: float,
-    y: float,
-    target: float,
-    walls: Array,
-    corners: Array,
-    starts: Indices,
-    discs: Array,
-) -> tuple[float, float, float, float, float, float]:
+    x: float, y: float, target: float, walls: Array, corners: Array, starts: Indices, discs: Array
+) -> SignedDistance:
     """1 - Π(1 - ρ_d(d_k)) over the obstacles at a point, its gradient and Hessian."""
     log_free, gx, gy, hxx, hxy, hyy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(walls) + len(starts) - 1 + len(discs)):
@@ -104,14 +114,8 @@ def obstacle_loss(
         hxy += two * dx * dy + one * dxy
         hyy += two * dy * dy + one * dyy
     free = exp(log_free)
-    return (
-        1.0 - free,
-        -free * gx,
-        -free * gy,
-        -free * (gx * gx + hxx),
-        -free * (gx * gy + hxy),
-        -free * (gy * gy + hyy),
-    )
+    xx, xy, yy = -free * (gx * gx + hxx), -free * (gx * gy + hxy), -free * (gy * gy + hyy)
+    return 1.0 - free, -free * gx, -free * gy, xx, xy, yy
 
 
 class ShapeArrays(NamedTuple):
@@ -132,7 +136,6 @@ class ShapeArrays(NamedTuple):
     costs : ndarray, shape (Q, 9)
         Of each: the index of its term, x and y of a place, the cost there, its gradient and its
         Hessian.
-    obstacles : Obstacles
     fixed : ndarray of int, shape (E,)
         Links that must have the poses `fixed_poses`, shape (E, 3).
     fixed_poses : ndarray, shape (E, 3)
@@ -145,7 +148,6 @@ class ShapeArrays(NamedTuple):
     targets: Array
     moved: Indices
     costs: Array
-    obstacles: Obstacles
     fixed: Indices
     fixed_poses: Array
 
@@ -157,8 +159,8 @@ class ShapeState(NamedTuple):
     ----------
     links : ndarray, shape (N, 5)
         As `place_links` fills it.
-    parts : ChainParts
-        Of the objective.
+    joint, point, turn : ndarray
+        `ChainParts` of the objective.
     terms : ndarray, shape (5,)
         Of the objective.
     constraint : ndarray, shape (3 E,)
@@ -168,70 +170,46 @@ class ShapeState(NamedTuple):
     """
 
     links: Array
-    parts: ChainParts
+    joint: Array
+    point: Array
+    turn: Array
     terms: Array
     constraint: Array
     jacobian: Array
 
 
 def new_state(n: int, fixed: int) -> ShapeState:
-    """`make_state` without Numba, which is slow to give tuples back."""
-    parts = ChainParts(np.empty((n, 2)), np.empty((n, 5)), np.zeros((n, 2)))
-    constraint, jacobian = np.zeros(3 * fixed), np.zeros((3 * fixed, n))
-    return ShapeState(np.empty((n, 5)), parts, np.empty(5), constraint, jacobian)
-
-
-@inlined
-def name_problem(plain: Any) -> ShapeArrays:
-    """The problem of a plain tuple."""
-    estimate, root, length, scale, targets, moved, costs, obstacles, fixed, poses = plain
-    named = Obstacles(*obstacles)
-    return ShapeArrays(estimate, root, length, scale, targets, moved, costs, named, fixed, poses)
-
-
-@inlined
-def name_state(plain: Any) -> ShapeState:
-    """The state of a plain tuple."""
-    links, parts, terms, constraint, jacobian = plain
-    return ShapeState(links, ChainParts(*parts), terms, constraint, jacobian)
-
-
-@inlined
-def make_state(n: int, fixed: int) -> ShapeState:
     """Room for a chain of n links and a number of fixed ones."""
-    constraint, jacobian = np.zeros(3 * fixed), np.zeros((3 * fixed, n))
-    return ShapeState(np.empty((n, 5)), make_parts(n), np.empty(5), constraint, jacobian)
-
-
-@inlined
-def evaluate_shape(angles: Array, problem: ShapeArrays, state: ShapeState) -> float:
-    """The objective at a shape; fills the state."""
-    place_links(angles, problem.root, problem.length, state.links)
-    f = shape_terms(angles, problem, state)
-    pose_constraints(
-        state.links,
-        problem.root,
-        problem.fixed,
-        problem.fixed_poses,
-        state.constraint,
-        state.jacobian,
+    return ShapeState(
+        np.empty((n, 5)),
+        np.empty((n, 2)),
+        np.empty((n, 5)),
+        np.zeros((n, 2)),
+        np.empty(5),
+        np.zeros(3 * fixed),
+        np.zeros((3 * fixed, n)),
     )
-    return f
 
 
-@compiled
-def _evaluate_plain(angles: Array, problem: Any, state: Any) -> float:
-    """`evaluate_shape` of plain tuples."""
-    return evaluate_shape(angles, name_problem(problem), name_state(state))
+make_state = inlined(new_state)
+"""`new_state` for compiled functions: they are slow to give tuples back."""
 
 
 @inlined
-def shape_terms(angles: Array, problem: ShapeArrays, state: ShapeState) -> float:
-    """The objective at a shape whose links are placed; fills the state's terms and parts."""
+def parts_of(state: ShapeState) -> ChainParts:
+    """What joints and links contribute to the derivatives of a shape's objective."""
+    return ChainParts(state.joint, state.point, state.turn)
+
+
+@inlined
+def evaluate_shape(
+    angles: Array, problem: ShapeArrays, obstacles: Obstacles, state: ShapeState
+) -> float:
+    """The objective at a shape; fills the state."""
     estimate, scale, targets = problem.estimate, problem.scale, problem.targets
-    links, terms = state.links, state.terms
-    joint, point = state.parts.joint, state.parts.point
-    walls, corners, starts, discs = problem.obstacles
+    links, terms, joint, point = state.links, state.terms, state.joint, state.point
+    walls, corners, starts, discs = obstacles
+    place_links(angles, problem.root, problem.length, links)
     terms[:] = 0.0
     for i in range(len(angles)):
         a = angles[i]
@@ -264,10 +242,18 @@ def shape_terms(angles: Array, problem: ShapeArrays, state: ShapeState) -> float
         point[k, 2] += xx
         point[k, 3] += xy
         point[k, 4] += yy
+    fixed, poses = problem.fixed, problem.fixed_poses
+    pose_constraints(links, problem.root, fixed, poses, state.constraint, state.jacobian)
     return float(terms.sum())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@compiled
+def _evaluate_plain(angles: Array, problem: Any, obstacles: Any, state: Any) -> float:
+    """`evaluate_shape` of plain tuples."""
+    return evaluate_shape(angles, ShapeArrays(*problem), Obstacles(*obstacles), ShapeState(*state))
+
+
+@dataclass(frozen=True, eq=False)
 class ShapeProblem:
     """Problem (5) with a term for the vehicles' steps, for one period.
 
@@ -302,9 +288,9 @@ class ShapeProblem:
     period: float
     pull: CablePull | None = None
 
-    @property
+    @cached_property
     def arrays(self) -> ShapeArrays:
-        """The same, as compiled functions take it."""
+        """The same but for the obstacles, as compiled functions take it."""
         w, targets, links = self.weights, self.targets, self.cable.links
         moved, costs = self.paced, np.zeros((len(self.paced), 9))
         costs[:, 0], costs[:, 1:3] = PACE_TERM, self.pace_from
@@ -320,43 +306,189 @@ class ShapeProblem:
             np.array((targets.bending**2, targets.distance, targets.change)),
             moved,
             costs,
-            self.obstacles,
             self.fixed,
             self.fixed_poses,
         )
 
+    @property
+    def plain(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """Arrays and obstacles as plain tuples: Numba finds their types ten times as fast."""
+        return tuple(self.arrays), tuple(self.obstacles)
+
     def evaluated(self, angles: Array) -> ShapeState:
         """All that is known of a shape."""
         state = new_state(len(angles), len(self.fixed))
-        _evaluate_plain(angles, plain_tuple(self.arrays), plain_tuple(state))
+        _evaluate_plain(angles, *self.plain, tuple(state))
         return state
 
     def terms(self, angles: Array) -> PlanTerms:
         """The objective's terms."""
         return PlanTerms(*self.evaluated(angles).terms.tolist())
 
-    def gradient(self, angles: Array) -> Array:
-        """Of the objective, shape (N,)."""
-        state, gradient = self.evaluated(angles), np.empty(len(angles))
-        chain_gradient(state.parts, state.links, self.cable.link_length, gradient)
-        return gradient
-
-    def hessian(self, angles: Array, multipliers: Array | None = None) -> Array:
-        """Of the objective, shape (N, N), or of the Lagrangian with the constraints' multipliers.
-
-        Parameters
-        ----------
-        angles : ndarray, shape (N,)
-        multipliers : ndarray, shape (3 E,), optional
-        """
-        state, hessian = self.evaluated(angles), np.empty((len(angles), len(angles)))
-        if multipliers is not None:
-            for link, forces in zip(self.fixed, multipliers.reshape(-1, 3), strict=True):
-                state.parts.point[link, :2] += forces[:2]
-        chain_hessian(state.parts, state.links, self.cable.link_length, hessian)
-        return hessian
-
     def constraint(self, angles: Array) -> tuple[Array, Array]:
         """What fixed links are off by, shape (3 E,), and its derivative, shape (3 E, N)."""
         state = self.evaluated(angles)
         return state.constraint, state.jacobian
+
+
+@inlined
+def add_multipliers(problem: ShapeArrays, y: Array, point: Array) -> None:
+    """Add the forces of the constraints' multipliers, shape (3 E,), to those of the links."""
+    fixed = problem.fixed
+    for e in range(len(fixed)):
+        point[fixed[e], 0] += y[3 * e]
+        point[fixed[e], 1] += y[3 * e + 1]
+
+
+@compiled
+def replace_pull(moved: Indices, costs: Array, links: Array, force: Array, point: Array) -> None:
+    """Put a force, shape (2,), for the pull's share in what the links contribute."""
+    for m in range(len(moved)):
+        if costs[m, 0] == PULL_TERM:
+            k = moved[m]
+            x, y = links[k, 0] - costs[m, 1], links[k, 1] - costs[m, 2]
+            point[k, 0] += force[0] - costs[m, 4] - costs[m, 6] * x - costs[m, 7] * y
+            point[k, 1] += force[1] - costs[m, 5] - costs[m, 7] * x - costs[m, 8] * y
+            for c in range(2, 5):
+                point[k, c] -= costs[m, c + 4]
+
+
+@compiled
+def add_pull_curvature(
+    moved: Indices, costs: Array, links: Array, root: Array, matrix: Array
+) -> None:
+    """Add the pull's curvature to a Hessian's lower triangle."""
+    for m in range(len(moved)):
+        if costs[m, 0] == PULL_TERM:
+            for i in range(moved[m] + 1):
+                x, y = turned_way(i, moved[m], links, root)
+                by_x = costs[m, 6] * x + costs[m, 7] * y
+                by_y = costs[m, 7] * x + costs[m, 8] * y
+                for j in range(i + 1):
+                    x, y = turned_way(j, moved[m], links, root)
+                    matrix[i, j] += by_x * x + by_y * y
+
+
+@compiled
+def pull_after(
+    moved: Indices, costs: Array, links: Array, root: Array, step: Array, force: Array
+) -> None:
+    """The pull's gradient by its link's place after a step of the angles, shape (2,), filled."""
+    for m in range(len(moved)):
+        if costs[m, 0] == PULL_TERM:
+            k = moved[m]
+            x, y = links[k, 0] - costs[m, 1], links[k, 1] - costs[m, 2]
+            for i in range(k + 1):
+                way = turned_way(i, k, links, root)
+                x += way[0] * step[i]
+                y += way[1] * step[i]
+            force[0] = costs[m, 4] + costs[m, 6] * x + costs[m, 7] * y
+            force[1] = costs[m, 5] + costs[m, 7] * x + costs[m, 8] * y
+
+
+@inlined
+def convex_hessian(
+    problem: ShapeArrays,
+    state: ShapeState,
+    force: Array,
+    shift: float,
+    hessian: Array,
+    factor: Array,
+) -> tuple[float, float]:
+    """Hessian of the Lagrangian and its factor, made convex; the shift and the rows' weight.
+
+    Parameters
+    ----------
+    problem : ShapeArrays
+    state : ShapeState
+        Its parts hold the forces of all multipliers.
+    force : ndarray, shape (2,)
+        Of the pull, see `replace_pull`.
+    shift : float
+        Of the diagonal, in the step before.
+    hessian, factor : ndarray, shape (N, N)
+        Filled: lower triangles.
+    """
+    links, moved, costs = state.links, problem.moved, problem.costs
+    replace_pull(moved, costs, links, force, state.point)
+    chain_hessian(parts_of(state), links, problem.length, hessian)
+    weight = add_squares(state.jacobian, hessian)
+    least = 1e-4 * np.abs(np.diag(hessian)).max()
+    add_pull_curvature(moved, costs, links, problem.root, hessian)
+    return factorise_convex(hessian, shift, factor, least), weight
+
+
+@compiled
+def newton_shape(
+    angles: Array, most: int, tolerance: float, arrays: Any, plain_obstacles: Any
+) -> int:
+    """Minimise the objective with poses of links for constraints and no limits, in place.
+
+    Newton steps of the Lagrangian with its exact Hessian, made convex if it is not, and a line
+    search on the objective with an exact penalty; a second-order correction saves full steps.
+
+    Parameters
+    ----------
+    angles : ndarray, shape (N,)
+        Start of the search; then the result.
+    most : int
+        Iterations.
+    tolerance : float
+        Largest entry of the Lagrangian's gradient at which the search ends. It ends too when a
+        step promises to gain less than 1e-6 of the objective.
+    arrays : tuple
+        Of `ShapeArrays`, but a plain one: Numba finds its type ten times as fast.
+    plain_obstacles : tuple
+        Likewise of `Obstacles`.
+
+    Returns
+    -------
+    int
+        Iterations.
+    """
+    problem, obstacles = ShapeArrays(*arrays), Obstacles(*plain_obstacles)
+    n, m = len(angles), 3 * len(problem.fixed)
+    state, after = make_state(n, m // 3), make_state(n, m // 3)
+    gradient, step, trial, second = np.empty(n), np.empty(n), np.empty(n), np.zeros(n)
+    hessian, factor = np.empty((n, n)), np.zeros((n, n))
+    y, force = np.zeros(m), np.zeros(2)
+    penalty, shift, iteration, done = 0.0, 0.0, 0, False
+    f = evaluate_shape(angles, problem, obstacles, state)
+    while True:
+        chain_gradient(parts_of(state), state.links, problem.length, gradient)
+        residual = least_squares_multipliers(state.jacobian, gradient, y)
+        violation = np.abs(state.constraint).max() if m > 0 else 0.0
+        if done or iteration >= most or (residual < tolerance and violation < 1e-9):
+            break
+        iteration += 1
+        add_multipliers(problem, y, state.point)
+        shift, weight = convex_hessian(problem, state, force, shift, hessian, factor)
+        constrained_step(factor, state.jacobian, gradient, state.constraint, step, y)
+        pull_after(problem.moved, problem.costs, state.links, problem.root, step, force)
+        off = np.abs(state.constraint).sum()
+        if m > 0:
+            penalty = max(penalty, 2.0 * np.abs(y - weight * state.constraint).max())
+        slope = gradient @ step - penalty * off
+        share = min(1.0, LONGEST_TURN / max(np.abs(step).max(), 1e-300))
+        merit, corrected, better = f + penalty * off, False, False
+        for _ in range(30):
+            for i in range(n):
+                trial[i] = angles[i] + share * step[i] + (second[i] if corrected else 0.0)
+            f = evaluate_shape(trial, problem, obstacles, after)
+            reached = f + penalty * np.abs(after.constraint).sum()
+            if reached <= merit + 1e-4 * share * slope + 1e-12 * abs(merit):
+                better = True
+                break
+            if share == 1.0 and not corrected and m > 0:
+                corrected = True
+                constrained_step(factor, state.jacobian, np.zeros(n), after.constraint, second, y)
+                continue
+            corrected = False
+            share *= 0.5
+        if not better:
+            break
+        angles[:] = trial
+        state, after = after, state
+        settled = m == 0 or np.abs(state.constraint).max() < 1e-8
+        done = -slope < 1e-6 * max(1.0, abs(f)) and settled
+    return iteration
