@@ -18,10 +18,10 @@ from tjscan.calibration.file import CalibrationFile, read_calibration, write_cal
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.pose_files import read_flange_poses, read_points_in_base_frame
 from tjscan.calibration.targets.target import PosedProfile
-from tjscan.calibration.wizard.logbook import Logbook
-from tjscan.calibration.wizard.topics import (
+from tjscan.calibration.wizard.logbook import (
     BoardTouch,
     LaserLineTaken,
+    Logbook,
     SkippedPose,
     read_calibration_entries,
 )

@@ -126,7 +126,7 @@ def test_the_head_says_what_made_it_and_from_which_job(tmp_path: Path) -> None:
     head = read_header(tmp_path / "scan.mcap")
     assert head is not None
     assert head.format == FORMAT_VERSION
-    assert head.to_metadata["program"] == "tjscan"
+    assert head.metadata["program"] == "tjscan"
     assert read_job_snapshot(tmp_path) == origin
     assert b"<robot/>" in (tmp_path / "scan.mcap").read_bytes()
 

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tjscan.calibration.entries import BallEntry, ResidualEntry
-from tjscan.calibration.file import SavedCalibration
+from tjscan.calibration.file import BallEntry, ResidualEntry, SavedCalibration
 from tjscan.cli.operators import chosen_operator
 from tjscan.cli.options.page import LiveOptions
 from tjscan.cli.output.console import print_figures_table, print_message

@@ -27,7 +27,7 @@ from tjscan.joint.hull import HullJoint
 from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.laser.section_laser import STAND_OFF, SectionLaserModel
 from tjscan.vehicle.drivers import VEHICLE_DRIVERS
-from tjscan.vehicle.simulation import VehicleSimulationSettings
+from tjscan.vehicle.simulated_body import VehicleSimulationSettings
 from tjscan.vehicle.tracks import TrackGeometry
 
 HULL_SEEN: Final = 5e-3

@@ -22,7 +22,7 @@ from tjscan.towing.shape.area import Area
 from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
 from tjscan.towing.shape.plan import TowingLimits
 from tjscan.vehicle.cable.model import TowingVehicleModel
-from tjscan.vehicle.localisation_drivers import LOCALISATION_DRIVERS
+from tjscan.vehicle.drivers import LOCALISATION_DRIVERS
 from tjscan.vehicle.mqtt.settings import MqttSettings
 from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
 

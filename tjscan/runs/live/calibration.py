@@ -12,9 +12,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.targets.target import PosedProfile
-from tjscan.calibration.wizard.operator import Answer, Question
-from tjscan.calibration.wizard.session import CalibrationProgress
-from tjscan.calibration.wizard.topics import (
+from tjscan.calibration.wizard.logbook import (
     ArmPoseTaken,
     BoardTouch,
     CalibrationEntry,
@@ -23,6 +21,8 @@ from tjscan.calibration.wizard.topics import (
     StartOrResumeEntry,
     read_calibration_entries,
 )
+from tjscan.calibration.wizard.operator import Answer, Question
+from tjscan.calibration.wizard.session import CalibrationProgress
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import LaserFault, PageUnavailable
 from tjscan.core.frames import Array, rot_z, transform_points
@@ -33,15 +33,7 @@ from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR, TOO
 from tjscan.live.drawables import Drawable, Lines, Posture, Surface
 from tjscan.live.listening import RunOnPage, show_run
 from tjscan.live.page import PageAddress
-from tjscan.live.step import (
-    PRESS_FACT,
-    STATE_FACT,
-    Measure,
-    PlaneCurve,
-    Sample,
-    Setting,
-    Step,
-)
+from tjscan.live.step import PRESS_FACT, STATE_FACT, Measure, PlaneCurve, Sample, Setting, Step
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.calibration.run import calibration_plan_of_job
 
