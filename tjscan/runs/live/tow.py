@@ -11,8 +11,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array, pose, rot_z
-from tjscan.job.tow.checks import read_tow_job
-from tjscan.job.tow.job import TowJob
+from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.live.buttons import Act, stop_button
 from tjscan.live.colours import (
     FITTED_COLOUR,
