@@ -30,8 +30,8 @@ from tjscan.robot.settings import (
     ClearanceMargins,
     JointAngles,
     PlacementTolerance,
+    SolidSettings,
 )
-from tjscan.robot.solids import SolidSettings
 from tjscan.scanning.target import ScanDirection
 
 MOST_SOLIDS: Final = MaxLen(300)
