@@ -12,16 +12,10 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.measured import MeasuredSection
+from tjscan.report import picture
 from tjscan.report.data import ReportData
 from tjscan.report.dimensions import designed_measures
 from tjscan.report.findings import describe_coverage
-from tjscan.report.picture import (
-    DOTTED_LINE,
-    ReportPicture,
-    inline_figure,
-    new_figure,
-    picture_from_png,
-)
 from tjscan.result.directory import STATIONS_PICTURE
 from tjscan.result.picture import (
     BAND_SIGMAS,
@@ -45,9 +39,9 @@ BOX_MARGIN: Final = 50e-3
 """Metres about the corners that the view in space shows."""
 
 
-def draw_groove_in_space(data: ReportData) -> ReportPicture:
+def draw_groove_in_space(data: ReportData) -> picture.ReportPicture:
     """Draw the groove in space, with its points and the joint as designed."""
-    figure = new_figure(10, 6.5)
+    figure = picture.new_figure(10, 6.5)
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     low, high = _box_about_groove(data.sections)
     outline = () if data.joint is None else joint_wireframe(data.joint)
@@ -55,7 +49,7 @@ def draw_groove_in_space(data: ReportData) -> ReportPicture:
     points = data.cloud[indices_near_groove(data.sections, data.cloud)]
     lines = [_line_with_gaps_outside_box(line, low, high) for line in outline]
     draw_groove_3d(axes, data.sections, points, data.summary.frame, lines, ())
-    return inline_figure(
+    return picture.inline_figure(
         figure,
         "The scanned groove in space",
         "Lines are the sections, through their corners p1 to p5, and numbers name them; colours "
@@ -84,20 +78,20 @@ def _line_with_gaps_outside_box(line: Array, low: Array, high: Array) -> Array:
     return np.where(inside, line, np.nan)
 
 
-def draw_measure_charts(data: ReportData) -> ReportPicture:
+def draw_measure_charts(data: ReportData) -> picture.ReportPicture:
     """Draw groove angle, root width, depth and area along the groove, with uncertainty."""
     x, label = places_along_groove(data)
     order = np.argsort(x)
     x, sections = x[order], [data.sections[k] for k in order]
     design = None if data.joint is None else designed_measures(sections, data.joint)
-    figure = new_figure(12, 7)
+    figure = picture.new_figure(12, 7)
     panels = figure.subplots(2, 2, sharex=True)
     for k, (axes, (field, y, sigma)) in enumerate(
         zip(panels.flat, measure_columns(sections), strict=True)
     ):
         band = BAND_SIGMAS * sigma
         axes.fill_between(x, y - band, y + band, color=LASER_COLOUR, alpha=0.3, linewidth=0)
-        axes.plot(x, y, linewidth=1, color=LASER_COLOUR, label="measured", **DOTTED_LINE)
+        axes.plot(x, y, linewidth=1, color=LASER_COLOUR, label="measured", **picture.DOTTED_LINE)
         if design is not None:
             drawn = design[:, k] / field.unit.factor
             axes.plot(x, drawn, "--", color=DESIGN_COLOUR, linewidth=1, label="as designed")
@@ -109,7 +103,7 @@ def draw_measure_charts(data: ReportData) -> ReportPicture:
     designed = "" if design is None else " Dashed: the joint as designed, cut by the same planes."
     every = ((field, field.values(sections)) for field in MEASURE_FIELDS)
     ranges = (f"{field.chart_title} {y.min():.1f} to {y.max():.1f}" for field, y in every)
-    return inline_figure(
+    return picture.inline_figure(
         figure,
         "Groove angle, root width, depth and area",
         f"Measured in the laser's plane at each section; bands are ± {BAND_SIGMAS:g} standard "
@@ -119,7 +113,7 @@ def draw_measure_charts(data: ReportData) -> ReportPicture:
     )
 
 
-def draw_scan_charts(data: ReportData) -> ReportPicture | None:
+def draw_scan_charts(data: ReportData) -> picture.ReportPicture | None:
     """Draw how the scan went: charts of all stations, a line for each; None without any.
 
     Parameters
@@ -132,12 +126,12 @@ def draw_scan_charts(data: ReportData) -> ReportPicture | None:
     if not titles:
         return None
     rows = ceil(len(titles) / 2)
-    figure = new_figure(12, 3 * rows)
+    figure = picture.new_figure(12, 3 * rows)
     panels = figure.subplots(rows, 2, squeeze=False)
     for axes, title in zip(panels.flat, titles, strict=False):
         lines = [(name, chart) for name, chart in charts if chart.title == title]
         for (name, chart), colour in zip(lines, cycle(STATION_COLOURS)):
-            axes.plot(chart.x, chart.y, color=colour, label=name, **DOTTED_LINE)
+            axes.plot(chart.x, chart.y, color=colour, label=name, **picture.DOTTED_LINE)
             if chart.nominal is not None:
                 axes.axhline(chart.nominal, color=DESIGN_COLOUR, linestyle="--", linewidth=1)
                 axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
@@ -150,7 +144,7 @@ def draw_scan_charts(data: ReportData) -> ReportPicture | None:
     if len(data.places) > 1:
         for text in panels.flat[0].legend(fontsize=8).get_texts():
             text.set_parse_math(False)
-    return inline_figure(
+    return picture.inline_figure(
         figure,
         "How the scan went",
         "Dashed: as asked; the first step is the taught one.",
@@ -159,7 +153,7 @@ def draw_scan_charts(data: ReportData) -> ReportPicture | None:
     )
 
 
-def draw_corner_errors(data: ReportData) -> ReportPicture | None:
+def draw_corner_errors(data: ReportData) -> picture.ReportPicture | None:
     """Draw distances of the corners from designed edges; None if these are not known."""
     deviations = () if data.comparison is None else data.comparison.deviations
     found = [one.distances for one in deviations if one.kind == "corners to feature edges"]
@@ -168,11 +162,13 @@ def draw_corner_errors(data: ReportData) -> ReportPicture | None:
     x, label = places_along_groove(data)
     order = np.argsort(x)
     distances = 1e3 * found[0].reshape(-1, 3)[order]
-    figure = new_figure(12, 3)
+    figure = picture.new_figure(12, 3)
     axes = figure.add_subplot()
     for k, colour in enumerate((CORNER_COLOUR, ROOT_COLOUR, PATH_COLOUR)):
         name = f"$p_{k + 2}$"
-        axes.plot(x[order], distances[:, k], linewidth=1, color=colour, label=name, **DOTTED_LINE)
+        axes.plot(
+            x[order], distances[:, k], linewidth=1, color=colour, label=name, **picture.DOTTED_LINE
+        )
     if (tolerance := data.comparison.tolerance) is not None:
         axes.axhline(
             1e3 * tolerance, color=DESIGN_COLOUR, linestyle="--", linewidth=1, label="tolerance"
@@ -182,7 +178,7 @@ def draw_corner_errors(data: ReportData) -> ReportPicture | None:
     axes.set_ylabel("distance / mm")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, ncols=4)
-    return inline_figure(
+    return picture.inline_figure(
         figure,
         "Corners and the designed edges",
         "Distance of the top of the bevel (p2) and the two corners of the root (p3, p4) from where "
@@ -200,14 +196,14 @@ def places_along_groove(data: ReportData) -> tuple[Array, str]:
     return 1e3 * lengths_along_groove(data.sections), "along the groove / mm"
 
 
-def draw_deviation_map(data: ReportData) -> ReportPicture | None:
+def draw_deviation_map(data: ReportData) -> picture.ReportPicture | None:
     """Draw deviations unwrapped over the azimuth; None if nothing was compared in frame j."""
     comparison = data.comparison
     if comparison is None or comparison.reference.stated.frame != "j":
         return None
     kind = comparison.deviations[0]
     sign = "red lies outside the reference, blue inside" if kind.signed else "it has no sign"
-    return inline_figure(
+    return picture.inline_figure(
         comparison.plot().figure,
         "Deviation from the reference, unwrapped over the azimuth",
         f"Each column is a section, from the leg (below) over root and bevel to the brace (above); "
@@ -218,12 +214,12 @@ def draw_deviation_map(data: ReportData) -> ReportPicture | None:
     )
 
 
-def read_stations_picture(data: ReportData) -> ReportPicture | None:
+def read_stations_picture(data: ReportData) -> picture.ReportPicture | None:
     """The picture that the stitching left; None if it is not there."""
     file = data.directory / STATIONS_PICTURE
     if not file.is_file() or file.stat().st_size > MOST_PICTURE_BYTES:
         return None
-    return picture_from_png(
+    return picture.picture_from_png(
         file.read_bytes(),
         "Stations and their overlaps",
         "Left, which station saw which part of the groove, overlaps shaded; right, what is left "
