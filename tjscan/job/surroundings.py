@@ -17,12 +17,7 @@ from tjscan.core import units
 from tjscan.core.config import StrictFileModel
 from tjscan.core.frames import Array
 from tjscan.laser.model import LaserModel
-from tjscan.robot.settings import (
-    ArmSimulationSettings,
-    ClearanceMargins,
-    JointAngles,
-    PlacementTolerance,
-)
+from tjscan.robot import settings as arm_settings
 from tjscan.robot.solids import SolidSettings
 from tjscan.scanning.target import ScanDirection
 
@@ -44,7 +39,7 @@ class PlacedSolidSettings(SolidSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ClearanceSettings(ClearanceMargins):
+class ClearanceSettings(arm_settings.ClearanceMargins):
     """The table [clearance]: what the arm keeps clear of, and how far.
 
     Parameters
@@ -126,7 +121,9 @@ class BallSettings(units.SettingsTable):
     radius: Annotated[float, Ge(10), Le(200), units.MM]
     poses: Annotated[int, Ge(20), Le(500)] = 44
     held_out: Annotated[int, Ge(5), Le(200)] = 12
-    tolerance: PlacementTolerance = field(default_factory=PlacementTolerance)
+    tolerance: arm_settings.PlacementTolerance = field(
+        default_factory=arm_settings.PlacementTolerance
+    )
     noise: NoiseModel = field(
         default_factory=lambda: NoiseModel(position=3e-5, rotation=radians(0.004))
     )
@@ -220,7 +217,7 @@ class SimulatedStationSettings(StationPoseSettings):
         Joint angles the arm starts with there, radians; those in [simulation.arm] if left out.
     """
 
-    home: JointAngles | None = None
+    home: arm_settings.JointAngles | None = None
 
 
 class SimulationSettings(StrictFileModel):
@@ -235,7 +232,7 @@ class SimulationSettings(StrictFileModel):
     board: SimulatedBoardSettings | None = None
     ball: SimulatedBallSettings | None = None
     station: Annotated[tuple[SimulatedStationSettings, ...], units.LIST_OR_WORD_IN_FILE] = ()
-    arm: ArmSimulationSettings | None = None
+    arm: arm_settings.ArmSimulationSettings | None = None
     laser: LaserModel = LaserModel()
 
     def with_seeds_of_devices(self) -> SimulationSettings:
