@@ -41,7 +41,6 @@ class StationOperator(Protocol):
 
     def confirm(self, question: Question) -> bool:
         """Answer a yes-or-no question, such as whether the arm is at a station."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

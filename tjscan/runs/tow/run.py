@@ -84,8 +84,7 @@ class TowContext(JobContext[TowJob]):
             return truth
 
         def shown_truth() -> TowTruth:
-            found = truth()
-            show(found)
+            show(found := truth())
             return found
 
         return shown_truth
