@@ -163,8 +163,7 @@ def calibrate(
     elif target == "roof":
         board = UnknownRoof()
     elif touched is not None:
-        flange = poses[:, :3, 3].mean(axis=0)
-        board = fit_plane(touched, model.touch, flange, geometry=model.geometry)
+        board = fit_plane(touched, model.touch, poses[:, :3, 3].mean(0), geometry=model.geometry)
     posed = [
         PosedProfile(f"profile {k}", T, _profile(points))
         for k, (points, T) in enumerate(zip(profiles, poses, strict=True), start=1)
@@ -195,7 +194,7 @@ def compare(
         ``none``: both are given in one frame. ``joint``: leg and brace are found in both and
         aligned. ``icp``: both are nearly aligned already, iterative closest points does the rest.
     tolerance : float, optional
-        Metres; `Comparison.passed` says whether the 95th percentile is within it.
+        Metres; `Comparison.passed` states whether the 95th percentile is within it.
     units, reference_units : str, optional
         Unit of files that state none.
     frame : str, optional

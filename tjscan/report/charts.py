@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import cycle
 from math import ceil
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.measured import MeasuredSection
+from tjscan.groove.section import TACK_WELD
 from tjscan.report import picture
 from tjscan.report.data import ReportData
-from tjscan.report.dimensions import designed_measures
+from tjscan.report.dimensions import DEGREES_PER_HOUR, designed_measures, section_dimensions
 from tjscan.report.findings import describe_coverage
 from tjscan.result.directory import STATIONS_PICTURE
 from tjscan.result.picture import (
@@ -25,7 +26,12 @@ from tjscan.result.picture import (
     ROOT_COLOUR,
     draw_groove_3d,
 )
-from tjscan.result.section import MEASURE_FIELDS, lengths_along_groove, measure_columns
+from tjscan.result.section import (
+    MEASURE_FIELDS,
+    absent_corners,
+    lengths_along_groove,
+    measure_columns,
+)
 from tjscan.result.wireframe import joint_wireframe
 
 DESIGN_COLOUR: Final = "#d62728"
@@ -34,6 +40,9 @@ STATION_COLOURS: Final = tuple(f"C{k}" for k in range(10))
 
 MOST_PICTURE_BYTES: Final = 1_000_000
 """A larger picture of stations would make the report too large to send."""
+
+ROOT_WIDTH: Final = 1
+"""Place of the root's width among the measures of a section."""
 
 BOX_MARGIN: Final = 50e-3
 """Metres about the corners that the view in space shows."""
@@ -194,6 +203,78 @@ def places_along_groove(data: ReportData) -> tuple[Array, str]:
     if (azimuths := data.unwrapped_azimuths) is not None:
         return azimuths, "azimuth about the brace / °"
     return 1e3 * lengths_along_groove(data.sections), "along the groove / mm"
+
+
+def draw_fit_up(data: ReportData) -> picture.ReportPicture:
+    """Tacks, root and high-low over the clock position, or the groove's length without a joint."""
+    x, label = places_along_groove(data)
+    if data.unwrapped_azimuths is not None:
+        x = x / DEGREES_PER_HOUR
+        label = "clock position / h: 0 (12 o'clock) at the crown, 3 at azimuth 90°"
+    order = np.argsort(x)
+    x, sections = x[order], [data.sections[k] for k in order]
+    tacked = np.array([TACK_WELD in section.conditions for section in sections])
+    figure = picture.new_figure(12, 3 if data.joint is None else 5.5)
+    panels = figure.subplots(1 if data.joint is None else 2, 1, sharex=True, squeeze=False)[:, 0]
+    for axes in panels:
+        _shade_tack_welds(axes, x, tacked)
+        axes.grid(alpha=0.3)
+    opening = 1e3 * np.array([section.root_opening for section in sections])
+    rootless = absent_corners(sections)[:, 1:].any(axis=1)
+    width = 1e3 * np.array([section.measures[ROOT_WIDTH] for section in sections])
+    width[~np.isnan(opening) | rootless] = np.nan
+    widths = 1e3 * np.array([section.sigmas[ROOT_WIDTH] for section in sections])
+    # An opening ends at p3, the edge of the bevel.
+    edges = 1e3 * np.array([section.own_corner_sigmas[1] for section in sections])
+    for name, y, sigma, colour in (
+        ("root opening", opening, edges, ROOT_COLOUR),
+        ("width of the root bead", width, widths, LASER_COLOUR),
+    ):
+        if not np.isnan(y).all():
+            bars = BAND_SIGMAS * sigma
+            panels[0].errorbar(
+                x, y, bars, linewidth=1, color=colour, label=name, **picture.DOTTED_LINE
+            )
+    panels[0].set_ylabel("root / mm")
+    panels[0].set_ylim(bottom=0)
+    high_low = ""
+    if data.joint is not None:
+        every = section_dimensions(sections, data.joint)
+        rows = [{one.name: one.value for one in row} for row in every]
+        for name, shown, colour in (
+            ("high-low, brace", "brace's wall at p2", CORNER_COLOUR),
+            ("high-low, leg", "leg at p4", PATH_COLOUR),
+        ):
+            panels[1].plot(
+                x, [row[name] for row in rows], color=colour, label=shown, **picture.DOTTED_LINE
+            )
+        panels[1].axhline(0, color="grey", linewidth=0.8)
+        panels[1].set_ylabel("high-low / mm")
+        high_low = (
+            " High-low: how far the tubes stand out of where they are drawn, positive outwards."
+        )
+    for axes in panels:
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(fontsize=8, ncols=3)
+    panels[-1].set_xlabel(label)
+    return picture.inline_figure(
+        figure,
+        "Fit-up, unrolled",
+        f"Shaded: tack welds, {int(tacked.sum())} of {len(sections)} sections lie on one. Bars are "
+        f"± {BAND_SIGMAS:g} standard deviations.{high_low}",
+        f"Charts along the groove of the root{high_low and ' and of high-low'}, "
+        f"{int(tacked.sum())} sections on tack welds.",
+        vector=True,
+    )
+
+
+def _shade_tack_welds(axes: Any, x: Array, tacked: NDArray[np.bool_]) -> None:
+    """Bands about the sections on tacks, half way to their neighbours."""
+    bounds = np.concatenate((x[:1], (x[1:] + x[:-1]) / 2, x[-1:]))
+    label = "tack weld"
+    for k in np.flatnonzero(tacked):
+        axes.axvspan(bounds[k], bounds[k + 1], color="#f2c14e", alpha=0.5, linewidth=0, label=label)
+        label = ""  # the legend names the first
 
 
 def draw_deviation_map(data: ReportData) -> picture.ReportPicture | None:

@@ -15,8 +15,8 @@ from tjscan.joint.definition import JointDefinition
 from tjscan.report import charts, findings
 from tjscan.report.chapter_page import draw_sheet_picture, render_chapter_page
 from tjscan.report.data import ReportData, read_report_data, station_folders
+from tjscan.report.dimensions import fit_up_table
 from tjscan.report.drawings import draw_sections
-from tjscan.report.fit_up import draw_fit_up, fit_up_table
 from tjscan.report.picture import MOST_EVENTS, load_template
 from tjscan.report.profiles import draw_fitted_profiles
 from tjscan.report.view3d import view_data
@@ -34,7 +34,7 @@ REPORT_PICTURES: Final = {
     "deviation": charts.draw_deviation_map,
     "corners": charts.draw_corner_errors,
     "measures": charts.draw_measure_charts,
-    "fit_up": draw_fit_up,
+    "fit_up": charts.draw_fit_up,
     "profiles": draw_fitted_profiles,
     "steps": charts.draw_scan_charts,
     "stations": charts.read_stations_picture,
