@@ -15,7 +15,7 @@ from tjscan.core.frames import Array
 from tjscan.core.units import MM2, FileUnit
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges, RootAlongGroove, RootKind, Span
-from tjscan.planning.lay import lay_layer, sampling_step
+from tjscan.planning.lay import ArrangedGroove
 from tjscan.planning.path import LONGEST_STEP, stations_at, template_at
 from tjscan.planning.stops import NO_LENGTH, StationStretch, StopPlacement
 from tjscan.planning.topology import Arrangement, NoArrangementFits, arrange_beads
@@ -280,7 +280,8 @@ def plan_weld(
     )
     beads, last = list[PlannedBead](), after_pass
     for number, zone in enumerate(zones, start=1):
-        step = sampling_step(edges, zone.begin, zone.end, zone.arrangement, wps)
+        groove = ArrangedGroove(edges, zone.arrangement, wps)
+        step = groove.sampling_step(zone.begin, zone.end)
         layers = len(zone.arrangement.counts)
         for layer, spans in enumerate(stops.spans(borders, number - 1, layers)):
             over_tacks = layer == 0 and after_pass == 0
@@ -289,7 +290,7 @@ def plan_weld(
                 way = span.begin, span.end
                 skipped = spans_to_skip(edges.root, way, wps) if over_tacks else ()
                 ends = [end for part in skipped for end in part]
-                done = lay_layer(edges, zone.arrangement, layer, way, step, wps, gravity, ends)
+                done = groove.lay_layer(layer, way, step, gravity, ends)
                 laid.append([without_spans(bead, skipped) for bead in done])
             for parts in zip(*laid, strict=True):
                 last += 1

@@ -33,13 +33,13 @@ LOOKS_PER_PLAN: Final = 2
 """From one plan to the next: a localisation sees the vehicles more often than that."""
 
 START_POSE_SIGMA: Final = 0.15e-3
-"""Metres to which the poses of vehicles that stand are to be known before they drive."""
+"""Metres to which the poses of vehicles at rest are to be known before they drive."""
 
 LONGEST_START_LOOK: Final = 10.0
 """Seconds that this may take; then they drive as well as they are known."""
 
 AT_START: Final = 0.05
-"""Metres by which the welder may stand off its seam when a tow begins."""
+"""Metres by which the welder may be off its seam when a tow begins."""
 
 NEAR_START: Final = 0.3
 """The same of a towing vehicle and its place in the first shape: it is led there."""
@@ -51,16 +51,13 @@ class Team(Protocol):
     @property
     def vehicles(self) -> Sequence[Vehicle]:
         """All of them, connected."""
-        ...
 
     @property
     def time(self) -> float:
         """Seconds on the team's clock: simulated time, or this computer's."""
-        ...
 
     def advance_to(self, time: float) -> Sequence[VehicleState | VehicleFault]:
         """Wait until a time, and return each vehicle's newest state, or what is wrong with it."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,14 +134,14 @@ class CableTow:
         last : TowingPlan, optional
             The shape that the cable has at the beginning, or was sent to before.
         stood : float, optional
-            Seconds for which a welder that stands has welded already.
+            Seconds for which a welder that stays in one place has welded already.
 
         Raises
         ------
         TowHalted
             If there is no way on, and waiting did not help.
         VehicleFault
-            The same, where a vehicle or the link to it is to blame.
+            The same, if a vehicle or the link to it is to blame.
         """
         self._along, self._began, self._last = along, host.process_time(), last
         self._stood = stood
@@ -176,7 +173,7 @@ class CableTow:
         self._stop()
 
     def _wait_for_poses(self) -> TeamEstimate:
-        """Stand until every vehicle's pose is known, and see that the welder is at its seam."""
+        """Wait until every vehicle's pose is known, and check that the welder is at its seam."""
         limit = self._team.time + max(self._setting.localisation.lost, 5 * PLAN_PERIOD)
         estimate = self._see()
         while self._poses.unknown and self._team.time < limit:
@@ -205,7 +202,7 @@ class CableTow:
         return estimate
 
     def _see(self) -> TeamEstimate:
-        """Let a period pass with the vehicles driving as told, and take in what was measured."""
+        """Let a period pass while the vehicles drive as asked, and take in what was measured."""
         due, begun = self._due + PLAN_PERIOD, self._due
         self._measured = np.full((len(self._followers), 3), np.nan)
         for look in range(1, LOOKS_PER_PLAN + 1):
@@ -224,7 +221,7 @@ class CableTow:
         return estimate
 
     def _cycle(self, estimate: TeamEstimate) -> None:
-        """Plan, and tell the vehicles where to go."""
+        """Plan, and send the vehicles where to go."""
         now = self._team.time
         self._standing.update(now, PLAN_PERIOD, self._states, self._asked, estimate)
         waiting, pace = self._reason_to_wait(estimate), self._standing.pace(estimate.poses)
@@ -325,7 +322,7 @@ class CableTow:
         return targets
 
     def _reason_to_wait(self, estimate: TeamEstimate) -> Waiting | None:
-        """Why the welder must stand, whatever the plan says."""
+        """Why the welder must wait, whatever the plan is."""
         gone = [v for v, s in enumerate(self._states) if isinstance(s, VehicleLinkLost)]
         if gone:
             return Waiting(f"vehicle {gone[0] + 1}: {self._states[gone[0]]}", device=True)

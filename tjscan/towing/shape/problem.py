@@ -180,15 +180,10 @@ class ShapeState(NamedTuple):
 
 def new_state(n: int, fixed: int) -> ShapeState:
     """Room for a chain of n links and a number of fixed ones."""
-    return ShapeState(
-        np.empty((n, 5)),
-        np.empty((n, 2)),
-        np.empty((n, 5)),
-        np.zeros((n, 2)),
-        np.empty(5),
-        np.zeros(3 * fixed),
-        np.zeros((3 * fixed, n)),
-    )
+    links, point = np.empty((n, 5)), np.empty((n, 5))
+    joint, turn = np.empty((n, 2)), np.zeros((n, 2))
+    constraint, jacobian = np.zeros(3 * fixed), np.zeros((3 * fixed, n))
+    return ShapeState(links, joint, point, turn, np.empty(5), constraint, jacobian)
 
 
 make_state = inlined(new_state)
@@ -267,7 +262,7 @@ class ShapeProblem:
         θ_init, radians.
     fixed : ndarray of int, shape (E,)
         Links that must have the poses `fixed_poses`, shape (E, 3): the welder's, and those of
-        vehicles that stand.
+        vehicles that are at rest.
     paced : ndarray of int, shape (M,)
         Links of the vehicles that drive, and where their steps begin: `pace_from`, shape (M, 2).
     period : float
