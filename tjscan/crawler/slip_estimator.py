@@ -12,14 +12,8 @@ from annotated_types import Gt, Le
 from tjscan.core.array_fields import ArrayForm
 from tjscan.core.frames import Array
 from tjscan.core.units import MM, MRAD, SettingsTable
-from tjscan.crawler.slip_model import (
-    STATE_COUNT,
-    CrawlerGeometry,
-    SlipState,
-    TrackOdometry,
-    laser_offset,
-    propagate_state,
-)
+from tjscan.crawler import slip_model
+from tjscan.crawler.slip_model import STATE_COUNT, CrawlerGeometry, SlipState, TrackOdometry
 
 DEGREES_OF_FREEDOM: Final = 4.0
 """Of Student's t distribution of a reading's error: what is farther off counts less."""
@@ -204,7 +198,7 @@ class SlipEstimator:
         """Go on by one period in which the tracks moved as the encoders show."""
         if odometry.turned_back:
             self._forget_unsteady_slip()
-        x, F = propagate_state(self.estimate.x, odometry, self.geometry)
+        x, F = slip_model.propagate_state(self.estimate.x, odometry, self.geometry)
         P = F @ self.estimate.P @ F.T
         travel = abs(odometry.speed) * odometry.period
         changes = self._walk_per_metre * travel + self._settled(odometry, float(F[-1, -1]))
@@ -275,7 +269,7 @@ class SlipEstimator:
             How far off it was, squared, in its variance.
         """
         x, P = self.estimate.x, self.estimate.P
-        expected, H = laser_offset(x, self.geometry)
+        expected, H = slip_model.laser_offset(x, self.geometry)
         variance = sigma**2 + self._uncertainty.unevenness**2
         PH = P @ H
         before = float(H @ PH)

@@ -11,20 +11,9 @@ import numpy as np
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, cross
+from tjscan.planning import path
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges, Span
-from tjscan.planning.path import (
-    CHORD_ERROR,
-    LARGEST_KINK,
-    LONGEST_STEP,
-    GrooveStations,
-    aim_points,
-    bead_lines,
-    chord_error_and_kink,
-    stations_at,
-    template_at,
-    unit_vectors,
-)
 from tjscan.planning.template import BeadCells
 from tjscan.planning.topology import Arrangement
 from tjscan.planning.wps import WeldingProcedure
@@ -58,11 +47,11 @@ class ArrangedGroove:
     arrangement: Arrangement
     wps: WeldingProcedure
 
-    def cut(self, s: Array) -> tuple[GrooveStations, BeadCells]:
+    def cut(self, s: Array) -> tuple[path.GrooveStations, BeadCells]:
         """Cut the groove at lengths, shape (m,) in metres, and its sections into beads."""
-        stations = stations_at(self.edges, s)
+        stations = path.stations_at(self.edges, s)
         root_area = self.wps.root.penetration * self.edges.root_opening(s)
-        template = template_at(stations, self.wps.bead.cap_height, root_area)
+        template = path.template_at(stations, self.wps.bead.cap_height, root_area)
         areas = template.area[:, None] * self.arrangement.shares
         return stations, template.cut_into_beads(self.arrangement.counts, areas)
 
@@ -84,18 +73,18 @@ class ArrangedGroove:
         ConfigurationError
             If the beads bend too sharply for any.
         """
-        step = LONGEST_STEP
+        step = path.LONGEST_STEP
         while step >= SHORTEST_STEP:
             count = ceil((end - begin) / step)
             stations, cells = self.cut(np.linspace(begin, end, 2 * count + 1))
-            points = stations.to_space(aim_points(cells))
-            error, kink = chord_error_and_kink(points[::2], points[1::2])
-            if error <= CHORD_ERROR and kink <= LARGEST_KINK:
+            points = stations.to_space(path.aim_points(cells))
+            error, kink = path.chord_error_and_kink(points[::2], points[1::2])
+            if error <= path.CHORD_ERROR and kink <= path.LARGEST_KINK:
                 return step
             step *= STEP_SHRINKAGE
         way = f"between s = {1e3 * begin:.0f} and {1e3 * end:.0f} mm"
         raise ConfigurationError(
-            f"{way} the beads would bend by more than {np.degrees(LARGEST_KINK):g}° within "
+            f"{way} the beads would bend by more than {np.degrees(path.LARGEST_KINK):g}° within "
             f"{1e3 * SHORTEST_STEP:g} mm: corners of the sections jump there",
             key="sections",
         )
@@ -124,7 +113,7 @@ class ArrangedGroove:
         s = np.linspace(*span, max(2, ceil((span[1] - span[0]) / step)) + 1)
         s = np.union1d(s, stops)
         stations, cells = self.cut(s)
-        lines = bead_lines(stations, cells)
+        lines = path.bead_lines(stations, cells)
         middles = free_angle_middles(cells, layer)
         face, outward = (
             stations.vectors_to_space(np.stack((np.sin(angle), np.cos(angle)), axis=2))
@@ -139,7 +128,7 @@ class ArrangedGroove:
         for place in laying_order(arrangement.counts[layer], layer):
             j = first + place
             kind, name = arrangement.kinds[j], arrangement.kind_names[j]
-            area, travel = lines.areas[:, j], unit_vectors(lines.along[:, j])
+            area, travel = lines.areas[:, j], path.unit_vectors(lines.along[:, j])
             if wps.sequence.reverse:
                 travel = -travel
             slope, rotation = slope_and_rotation(face[:, place], travel, gravity)

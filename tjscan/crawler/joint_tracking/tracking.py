@@ -12,18 +12,9 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, frozen_arrays
-from tjscan.crawler.joint_tracking.edge_lines import (
-    BEVEL_LINES,
-    PLATE_LINES,
-    EdgeLines,
-    fit_edge_lines,
-    line_through,
-)
-from tjscan.crawler.joint_tracking.registration import (
-    JointPlacement,
-    ReferenceProfile,
-    register_profile,
-)
+from tjscan.crawler.joint_tracking import edge_lines, registration
+from tjscan.crawler.joint_tracking.edge_lines import BEVEL_LINES, PLATE_LINES, EdgeLines
+from tjscan.crawler.joint_tracking.registration import JointPlacement, ReferenceProfile
 from tjscan.groove.read import LEAST_DEPTH, fit_groove
 from tjscan.groove.refinement import estimate_correlation
 from tjscan.groove.settings import BUTT_V, GrooveSettings
@@ -215,7 +206,7 @@ class JointTracker:
     ) -> ButtJointReading:
         last = self._reading if known else None
         angles = None if last is None else self._angles - last.roll
-        lines = fit_edge_lines(row.t, row.z, replace(start, noise=self._noise), angles)
+        lines = edge_lines.fit_edge_lines(row.t, row.z, replace(start, noise=self._noise), angles)
         if lines is None:
             raise row.ambiguity("the lines of the last profile are gone")
         edges = lines.points
@@ -253,7 +244,7 @@ class JointTracker:
     def _read_by_reference(
         self, row: _ProfileRays, reference: ReferenceProfile, last: ButtJointReading
     ) -> ButtJointReading:
-        found = register_profile(row.t, row.z, reference, last, self._noise)
+        found = registration.register_profile(row.t, row.z, reference, last, self._noise)
         if found is None or found[1] < REGISTERED_SHARE:
             raise row.ambiguity("the profile does not look like the last one taken here")
         placement, _ = found
@@ -380,10 +371,10 @@ def _edge_lines_of_fit(fitted: FittedProfile, noise: float) -> EdgeLines:
     curves, corners, places = fitted.curves, fitted.corners, fitted.places
     right, left = corners[0], corners[-1]
     lines = [
-        line_through(left, left + curves[-1].tangent_at(places[-1][1])),
-        line_through(left, left + curves[-2].tangent_at(places[-1][0])),
-        line_through(right, right + curves[1].tangent_at(places[0][1])),
-        line_through(right, right + curves[0].tangent_at(places[0][0])),
+        edge_lines.line_through(left, left + curves[-1].tangent_at(places[-1][1])),
+        edge_lines.line_through(left, left + curves[-2].tangent_at(places[-1][0])),
+        edge_lines.line_through(right, right + curves[1].tangent_at(places[0][1])),
+        edge_lines.line_through(right, right + curves[0].tangent_at(places[0][0])),
     ]
     (x, z), (u, w) = np.transpose((left, right)), np.transpose((corners[-2], corners[1]))
     return EdgeLines(
