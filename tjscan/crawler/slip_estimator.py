@@ -201,7 +201,7 @@ class SlipEstimator:
         x, F = slip_model.propagate_state(self.estimate.x, odometry, self.geometry)
         P = F @ self.estimate.P @ F.T
         travel = abs(odometry.speed) * odometry.period
-        changes = self._walk_per_metre * travel + self._settled(odometry, float(F[-1, -1]))
+        changes = self._walk_per_metre * travel + self._added_variances(odometry, float(F[-1, -1]))
         P[np.diag_indices(STATE_COUNT)] += self.unsteadiness * changes
         # White noise of the turn rate: its spectral density does not depend on the period.
         by_turn = np.array([0.0, odometry.period])
@@ -232,7 +232,7 @@ class SlipEstimator:
             self.unsteadiness = min(max(learned, UNSTEADINESS_BOUNDS[0]), UNSTEADINESS_BOUNDS[1])
         self._misfit, self._readings, self._window = 0.0, 0, 0.0
 
-    def _settled(self, odometry: TrackOdometry, kept: float) -> Array:
+    def _added_variances(self, odometry: TrackOdometry, kept: float) -> Array:
         """Variances that a period adds, so that those of unsteady slip stay what they should be.
 
         In a turn the feet shear and slide the more the tighter it is, and go on doing so until

@@ -210,8 +210,8 @@ def free_angle_middles(cells: BeadCells, layer: int) -> Array:
             bevel.append(quads[:, j, 3] - aim)
         if j + 1 < cells.counts[layer] and order.index(j + 1) < order.index(j):
             leg.append(quads[:, j, 2] - aim)
-        low = np.max([_angle(v) for v in bevel], axis=0)
-        high = np.min([_angle(v) for v in leg], axis=0)
+        low = np.max([_angle_from_second_axis(v) for v in bevel], axis=0)
+        high = np.min([_angle_from_second_axis(v) for v in leg], axis=0)
         found.append(0.5 * (low + high))
     return np.stack(found, axis=1)
 
@@ -276,5 +276,5 @@ def position_names(slope: Array, rotation: Array) -> tuple[str, ...]:
     return tuple(np.where(np.abs(slope) > STEEP_SLOPE, steep, names).tolist())
 
 
-def _angle(v: Array) -> Array:
+def _angle_from_second_axis(v: Array) -> Array:
     return np.asarray(np.arctan2(v[:, 0], v[:, 1]))

@@ -149,13 +149,13 @@ class CableTow:
             self._due = self._team.time
             estimate = self._wait_for_poses()
             self._journal.record(RunEvent("start", f"{1e3 * along:.0f} mm along the seam"))
-            while not self._finished:
+            while not self._is_finished:
                 self._cycle(estimate)
-                estimate = self._see()
+                estimate = self._take_measurements()
             self._journal.record(RunEvent(WELDED_EVENT, f"{1e3 * self._along:.0f} mm of seam"))
 
     @property
-    def _finished(self) -> bool:
+    def _is_finished(self) -> bool:
         seam = self._setting.seam
         return self._along >= seam.length if seam.length else self._stood >= seam.seconds
 
@@ -165,19 +165,19 @@ class CableTow:
         try:
             yield
         except BaseException as error:
-            self._stop()
+            self._stop_vehicles()
             interrupted = isinstance(error, KeyboardInterrupt)
             reason = "interrupted" if interrupted else str(error) or type(error).__name__
             self._journal.record(RunEvent("stop", reason))
             raise
-        self._stop()
+        self._stop_vehicles()
 
     def _wait_for_poses(self) -> TeamEstimate:
         """Wait until every vehicle's pose is known, and check that the welder is at its seam."""
         limit = self._team.time + max(self._setting.localisation.lost, 5 * PLAN_PERIOD)
-        estimate = self._see()
+        estimate = self._take_measurements()
         while self._poses.unknown and self._team.time < limit:
-            estimate = self._see()
+            estimate = self._take_measurements()
         if self._poses.unknown:
             numbers = ", ".join(str(v + 1) for v in self._poses.unknown)
             seconds = f"{self._setting.localisation.lost:g} s"
@@ -187,7 +187,7 @@ class CableTow:
             )
         limit = self._team.time + LONGEST_START_LOOK
         while estimate.sigmas[:, 0].max() > START_POSE_SIGMA and self._team.time < limit:
-            estimate = self._see()
+            estimate = self._take_measurements()
         places = estimate.poses.copy() if self._last is None else self._last.held_poses.copy()
         places[-1] = self._setting.seam.pose_at(self._along)
         for v, (place, pose) in enumerate(zip(places, estimate.poses, strict=True)):
@@ -201,7 +201,7 @@ class CableTow:
                 )
         return estimate
 
-    def _see(self) -> TeamEstimate:
+    def _take_measurements(self) -> TeamEstimate:
         """Let a period pass while the vehicles drive as asked, and take in what was measured."""
         due, begun = self._due + PLAN_PERIOD, self._due
         self._measured = np.full((len(self._followers), 3), np.nan)
@@ -229,7 +229,7 @@ class CableTow:
         obstacles = self._setting.obstacles(now)
         discs = [(d.x, d.y, d.radius, *d.velocity) for d in obstacles]
         began = host.thread_time()
-        plan, pace = self._plan(estimate, obstacles, pace)
+        plan, pace = self._plan_step(estimate, obstacles, pace)
         seconds = host.thread_time() - began
         if plan.halt:
             waiting = waiting or Waiting(plan.halt)
@@ -239,7 +239,7 @@ class CableTow:
         self._patience.update(now, waiting, self._along)
         step = pace * self._setting.seam.settings.speed * PLAN_PERIOD
         along = min(self._along + step, self._setting.seam.length)
-        targets = self._send(estimate, plan, along)
+        targets = self._send_targets(estimate, plan, along)
         self._journal.record(
             TowCycle(
                 time=now,
@@ -263,7 +263,7 @@ class CableTow:
         if not plan.halt:
             self._last = plan
 
-    def _plan(
+    def _plan_step(
         self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle], pace: float
     ) -> tuple[TowingPlan, float]:
         """The plan for one step on, or for the welder's place if that has none; and its pace."""
@@ -300,7 +300,7 @@ class CableTow:
             stopped=self._standing.stopped,
         )
 
-    def _send(self, estimate: TeamEstimate, plan: TowingPlan, along: float) -> Array:
+    def _send_targets(self, estimate: TeamEstimate, plan: TowingPlan, along: float) -> Array:
         """Command each vehicle towards its pose; returns where they are sent."""
         before, poses, seam = self._targets, estimate.poses, self._setting.seam
         if before is None:
@@ -332,6 +332,6 @@ class CableTow:
             return Waiting(f"the pose of vehicle {v + 1} is lost: {why}")
         return self._standing.reason_to_wait(estimate.poses, self._last)
 
-    def _stop(self) -> None:
+    def _stop_vehicles(self) -> None:
         for vehicle in self._team.vehicles:
             vehicle.stop()

@@ -286,11 +286,11 @@ class StandingVehicles:
         if welder in self.stopped:
             why = _fault_of(self._states[welder]) or "it does not move"
             return Waiting(f"the welder stands: {why}", device=True)
-        share, standing = self._tautest(poses)
+        share, standing = self._tautest_piece(poses)
         self._taut = share >= (SLACK_SHARE if self._taut else TAUT_SHARE)
         strained = "is taut" if self._taut else ""
         if not self._taut:
-            share, standing = (0.0, 0) if last is None else self._most_bent(last)
+            share, standing = (0.0, 0) if last is None else self._most_bent_piece(last)
             self._bent = share >= (EASED_SHARE if self._bent else BENT_SHARE)
             strained = "nears its limit of bend" if self._bent else ""
         if not strained:
@@ -300,10 +300,10 @@ class StandingVehicles:
 
     def pace(self, poses: Array) -> float:
         """Share of the welding speed that the pieces of cable beside them allow."""
-        share, _ = self._tautest(poses)
+        share, _ = self._tautest_piece(poses)
         return float(np.clip((TAUT_SHARE - share) / (TAUT_SHARE - SLACK_SHARE), LEAST_PACE, 1.0))
 
-    def _tautest(self, poses: Array) -> tuple[float, int]:
+    def _tautest_piece(self, poses: Array) -> tuple[float, int]:
         """Largest chord of a piece beside one at a standstill, over its length, and which one."""
         held = np.array(self._team.held_links)
         lengths = self._cable.link_length * np.diff(held, prepend=-1)
@@ -312,7 +312,7 @@ class StandingVehicles:
         beside = [(float(shares[k]), v) for v in self._doubted for k in (v, v + 1) if k < len(held)]
         return max(beside, default=(0.0, 0))
 
-    def _most_bent(self, last: TowingPlan) -> tuple[float, int]:
+    def _most_bent_piece(self, last: TowingPlan) -> tuple[float, int]:
         """Largest joint angle beside a vehicle at a standstill, over its limit, and which one.
 
         As planned or as estimated, whichever is larger.

@@ -226,7 +226,7 @@ class JointTracker:
                 )
             self._depths.clear()
             self._count = 0
-        self._learn(row, lines, width, known=known)
+        self._learn_from(row, lines, width, known=known)
         self._lines = lines
         return ButtJointReading(
             time=row.time,
@@ -263,7 +263,7 @@ class JointTracker:
             )
         u, h = placement.joint_coordinates(row.x, row.z)
         inside = np.abs(u) < self._width / 2
-        across, depth = _bottom(u[inside], h[inside])
+        across, depth = _smoothed_bottom(u[inside], h[inside])
         middle = depth[np.abs(across) < self._width / 4]
         left = float(np.median(middle)) if len(middle) else nan
         area = float(np.trapezoid(np.maximum(depth, 0.0), across))
@@ -299,7 +299,9 @@ class JointTracker:
         if sigma > self._settings.largest_sigma:
             raise row.ambiguity(f"its centre is known to {1e3 * sigma:.2f} mm only")
 
-    def _learn(self, row: _ProfileRays, lines: EdgeLines, width: float, *, known: bool) -> None:
+    def _learn_from(
+        self, row: _ProfileRays, lines: EdgeLines, width: float, *, known: bool
+    ) -> None:
         """Learn noise, width and the bevels' angles against the hull."""
         share = LEARNING_SHARE if known else 1.0
         first, last = np.searchsorted(row.t, lines.edges).tolist()
@@ -393,7 +395,7 @@ def _left_to_fill(row: _ProfileRays, lines: EdgeLines) -> tuple[float, float]:
     """Depth and area below the line between the top edges."""
     first, last = np.searchsorted(row.t, lines.feet).tolist()
     (x0, z0), (x1, z1) = lines.points.tolist()
-    inner, bottom = _bottom(row.t[first:last], row.z[first:last])
+    inner, bottom = _smoothed_bottom(row.t[first:last], row.z[first:last])
     ends = [lines.heights(line, lines.feet[k]) for k, line in enumerate(BEVEL_LINES)]
     t = np.concatenate((lines.edges[:1], lines.feet[:1], inner, lines.feet[1:], lines.edges[1:]))
     z = np.concatenate(([z0, float(ends[0])], bottom, [float(ends[1]), z1]))
@@ -405,7 +407,7 @@ def _left_to_fill(row: _ProfileRays, lines: EdgeLines) -> tuple[float, float]:
     return float(np.median(middle)), float(np.trapezoid(np.maximum(depth, 0.0), along))
 
 
-def _bottom(t: Array, z: Array) -> tuple[Array, Array]:
+def _smoothed_bottom(t: Array, z: Array) -> tuple[Array, Array]:
     """The points of a groove's bottom, without arc light, and their smoothed heights."""
     near = np.abs(z - _running_median(z, WIDE_MEDIAN)) < STRAY_HEIGHT
     return t[near], _running_median(z[near], NARROW_MEDIAN)
