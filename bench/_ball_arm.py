@@ -9,9 +9,9 @@ from typing import Final, Self
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from tjscan.calibration.arm.calibrate import calibrate_arm
 from tjscan.calibration.arm.design import BallPlan, PlannedView, plan_views
 from tjscan.calibration.arm.model import ArmModel, TargetInPostures
-from tjscan.calibration.arm.result import calibrate_arm
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets.ball import SphereModel, SphereTarget

@@ -18,10 +18,10 @@ from tjscan.calibration.file import CalibrationFile, read_calibration, write_cal
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.pose_files import read_flange_poses, read_points_in_base_frame
 from tjscan.calibration.targets.target import PosedProfile
-from tjscan.calibration.wizard.logbook import Logbook
-from tjscan.calibration.wizard.topics import (
+from tjscan.calibration.wizard.logbook import (
     BoardTouch,
     LaserLineTaken,
+    Logbook,
     SkippedPose,
     read_calibration_entries,
 )
@@ -32,7 +32,7 @@ from tjscan.core.provenance import Provenance
 from tjscan.groove.settings import DEFAULT_SETTINGS
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.job.files import read_calibration_job, read_scan_job
-from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.job import read_tow_job
 from tjscan.joint.export import build_and_write_joint
 from tjscan.joint.file import read_joint
 from tjscan.laser.files.format import ProfileFormat

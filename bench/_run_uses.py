@@ -18,9 +18,9 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.crawler.journal import CRAWL_RECORDING
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.job.files import read_scan_job
-from tjscan.job.tow.checks import read_tow_job
-from tjscan.recording.damage import RecordingDamage
+from tjscan.job.tow.job import read_tow_job
 from tjscan.recording.journal import RunEvent
+from tjscan.recording.reader import RecordingDamage
 from tjscan.report.data import read_report_data
 from tjscan.result.chapter import ReportChapter
 from tjscan.result.directory import (

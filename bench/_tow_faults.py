@@ -21,7 +21,7 @@ from _tows import EXAMPLES, Tow, passer_by
 
 from tjscan.core.config import table_to_dict
 from tjscan.core.errors import TjscanError
-from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.job import read_tow_job
 from tjscan.runs.tow.results import read_recorded_tow
 from tjscan_loopback.broker import MosquittoProcess
 from tjscan_loopback.process import VehicleLoopbackProcess

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.core.errors import TjscanError
-from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.job import read_tow_job
 from tjscan.runs.tow.study import TowOutcome, run_study_tow
 
 EXAMPLES: Final = Path(__file__).parents[1] / "examples"

@@ -34,8 +34,7 @@ from tjscan.crawler.plan import GuardSettings
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.runs.crawl.run import CrawlContext
 from tjscan.vehicle.simulated import SimulatedVehicle
-from tjscan.vehicle.simulated_body import SimulatedBody
-from tjscan.vehicle.simulation import VehicleSimulationSettings
+from tjscan.vehicle.simulated_body import SimulatedBody, VehicleSimulationSettings
 from tjscan.vehicle.steel import ProximitySensors, SteelArea
 from tjscan.vehicle.steel import ProximitySettings as SensorSettings
 from tjscan.vehicle.tracks import TrackGeometry

@@ -28,19 +28,13 @@ from tjscan.calibration.pose_files import pair_profiles_with_poses, read_flange_
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
 from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget, fit_circle
 from tjscan.calibration.targets.line import LineFit, fit_line, stack_lines
-from tjscan.calibration.targets.plane import PlaneTarget, SeenBoard
+from tjscan.calibration.targets.plane import PlaneTarget, SeenBoard, fit_plane
 from tjscan.calibration.targets.roof import RoofFit, SeenRoof, fit_roof
 from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
-from tjscan.calibration.targets.touched import fit_plane
-from tjscan.calibration.wizard.advice import BoardRectangle, predict_uncertainty
-from tjscan.calibration.wizard.logbook import MeasurementsSoFar
+from tjscan.calibration.wizard.advice import BoardRectangle, LinePrediction
+from tjscan.calibration.wizard.logbook import LaserLineTaken, MeasurementsSoFar
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator
-from tjscan.calibration.wizard.session import (
-    CalibrationPlan,
-    current_progress,
-    suggest_next_line_pose,
-)
-from tjscan.calibration.wizard.topics import LaserLineTaken
+from tjscan.calibration.wizard.session import CalibrationPlan
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix, transform_points
 from tjscan.core.pose_vector import boxminus
@@ -134,10 +128,8 @@ def wizards_poses(hand: BoardSimulator, target: PlaneTarget, board: BoardRectang
     )
     measured, rng = MeasurementsSoFar(datetime.now(UTC), {}), np.random.default_rng(0)
     for k in range(LINES):
-        progress = current_progress(task, measured, target)
-        T_b_f = suggest_next_line_pose(
-            task, measured, target, board, progress, lambda _: True
-        ).T_b_f
+        result = task.progress(measured, target).result
+        T_b_f = task.suggest_line_pose(measured, target, board, result, lambda _: True).T_b_f
         shot = PosedProfile(f"line {k + 1}", T_b_f, hand.profile(T_b_f, rng))
         measured = measured.with_entry(LaserLineTaken(shot))
     return np.stack([shot.T_b_f for shot in measured.line_profiles])
@@ -184,9 +176,8 @@ def worst(T_f_s: Array) -> float:
 def monte_carlo(stage: Stage) -> list[Row]:
     rng = np.random.default_rng(2)
     hand = BoardSimulator(T_F_S, stage.plane, stage.window, NOISE)
-    bound: HandEyeUncertainty = predict_uncertainty(
-        stage.poses, T_F_S, stage.target, stage.window, NOISE
-    )
+    predicted = LinePrediction(T_F_S, stage.target, stage.window, NOISE)
+    bound: HandEyeUncertainty = predicted.uncertainty(stage.poses)
     refined, closed, squares = [], [], []
     for _ in range(RUNS):
         target = stage.touched(hand, rng)

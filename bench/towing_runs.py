@@ -20,7 +20,7 @@ from _table import Row, main
 from _tow_faults import FAULTS, fault_over_broker, random_fault
 from _tows import EXAMPLES, NOISE, Tow, passer_by, run_tow, seam_piece
 
-from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.job import read_tow_job
 from tjscan.runs.tow.study import TowOutcome
 
 SEEDS: Final = range(1, 6)

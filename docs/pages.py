@@ -43,7 +43,7 @@ MODULES = {
             "tjscan.vehicle.vehicle",
             "tjscan.vehicle.drivers",
             "tjscan.vehicle.localisation",
-            "tjscan.vehicle.localisation_drivers",
+            "tjscan.vehicle.drivers",
             "tjscan.core.devices",
         ],
     ),

@@ -157,7 +157,7 @@ def _read_tow(file: Path, seed: int) -> TowingBodies | None:
         return None
     from tjscan.core.config import add_file_to_errors
     from tjscan.job.tow.cell import make_planner
-    from tjscan.job.tow.checks import read_tow_job
+    from tjscan.job.tow.job import read_tow_job
     from tjscan.job.tow.simulation import towing_world_of_job
     from tjscan.job.tow.sweep import sweep_seam
     from tjscan.vehicle.cable.world import TowingWorld

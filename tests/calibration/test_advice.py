@@ -30,30 +30,29 @@ from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.calibration.wizard.advice import (
     BoardRectangle,
     CandidatePoseGrid,
+    LinePrediction,
     ReachabilityCheck,
-    candidate_poses,
-    predict_lines,
-    predict_uncertainty,
-    suggest_pose,
 )
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, transform_points
 
 TARGET = target()
 BOARD = BoardRectangle.through_touched_points(PLACES, TARGET)
+PREDICTION = LinePrediction(T_F_S, TARGET, WINDOW, NOISE)
 
 
 def planned(
     count: int = 12,
     T_f_s: Array = T_F_S,
     target: PlaneTarget = TARGET,
-    reachable: ReachabilityCheck | None = None,
+    reachable: ReachabilityCheck = lambda _: True,
 ) -> Array:
     """One suggestion after the other, none twice."""
-    left = list(candidate_poses(T_f_s, target, BOARD, WINDOW, CandidatePoseGrid()))
+    prediction = LinePrediction(T_f_s, target, WINDOW, NOISE)
+    left = list(prediction.candidate_poses(BOARD, CandidatePoseGrid()))
     taken: list[Array] = []
     for _ in range(count):
-        said = suggest_pose(left, taken, T_f_s, target, WINDOW, NOISE, reachable=reachable)
+        said = prediction.suggest_pose(left, taken, reachable)
         taken.append(said.T_b_f)
         left = [T for T in left if not np.array_equal(T, said.T_b_f)]
     return np.stack(taken)
@@ -87,8 +86,8 @@ def test_suggested_poses_keep_the_whole_line_on_the_board_and_in_range() -> None
 
 
 def test_suggested_poses_beat_a_circle() -> None:
-    mine = predict_uncertainty(planned(), T_F_S, TARGET, WINDOW, NOISE)
-    ring = predict_uncertainty(circle(30), T_F_S, TARGET, WINDOW, NOISE)
+    mine = PREDICTION.uncertainty(planned())
+    ring = PREDICTION.uncertainty(circle(30))
     assert mine.position < ring.position
     assert mine.rotation < ring.rotation
 
@@ -115,7 +114,7 @@ def test_with_an_unknown_plane_suggested_poses_vary_their_tilts() -> None:
 def test_what_is_expected_is_what_calibration_then_claims() -> None:
     rng = np.random.default_rng(0)
     poses = planned()
-    foreseen = predict_uncertainty(poses, T_F_S, TARGET, WINDOW, NOISE)
+    foreseen = PREDICTION.uncertainty(poses)
     result = calibrate_on_plane(samples(poses, shots(poses, HAND, rng)), target(rng), NOISE)
     assert result.uncertainty.position == pytest.approx(foreseen.position, rel=0.05)
     assert result.uncertainty.rotation == pytest.approx(foreseen.rotation, rel=0.05)
@@ -123,7 +122,7 @@ def test_what_is_expected_is_what_calibration_then_claims() -> None:
 
 def test_uncertainty_shrinks_with_every_line_from_the_first() -> None:
     poses = planned()
-    course = [predict_uncertainty(poses[:k], T_F_S, TARGET, WINDOW, NOISE) for k in range(13)]
+    course = [PREDICTION.uncertainty(poses[:k]) for k in range(13)]
     assert (np.diff([u.position for u in course]) < 0).all()
     assert (np.diff([u.rotation for u in course]) < 0).all()
     assert course[0].position == pytest.approx(0.05 * np.sqrt(3))
@@ -138,25 +137,25 @@ def test_only_reachable_poses_are_chosen_and_few_are_asked_about() -> None:
 
     poses = planned(reachable=reachable)
     assert (poses[:, 1, 3] > 0.1).all()
-    assert len(asked) < len(candidate_poses(T_F_S, TARGET, BOARD, WINDOW, CandidatePoseGrid()))
+    assert len(asked) < len(PREDICTION.candidate_poses(BOARD, CandidatePoseGrid()))
 
 
 def test_too_small_a_reach_is_refused() -> None:
     with pytest.raises(CalibrationRefused, match=r"none of [1-9][0-9]+ candidates"):
         planned(reachable=lambda _: False)
     tiny = BoardRectangle(BOARD.centre_b, BOARD.axes_b, np.array((0.02, 0.02)))
-    assert len(candidate_poses(T_F_S, TARGET, tiny, WINDOW, CandidatePoseGrid())) == 0
+    assert len(PREDICTION.candidate_poses(tiny, CandidatePoseGrid())) == 0
 
 
 def test_the_suggested_pose_is_the_one_that_helps_most() -> None:
     taken = list(circle(15, 6))
-    candidates = list(candidate_poses(T_F_S, TARGET, BOARD, WINDOW, CandidatePoseGrid()))[::7]
-    said = suggest_pose(candidates, taken, T_F_S, TARGET, WINDOW, NOISE)
+    candidates = list(PREDICTION.candidate_poses(BOARD, CandidatePoseGrid()))[::7]
+    said = PREDICTION.suggest_pose(candidates, taken)
     assert said.after.position < said.before.position
 
     def volume(T_b_f: Array) -> float:
         poses = np.stack([*taken, T_b_f])
-        covariance = predict_uncertainty(poses, T_F_S, TARGET, WINDOW, NOISE).covariance
+        covariance = PREDICTION.uncertainty(poses).covariance
         return float(np.linalg.slogdet(covariance)[1])
 
     assert volume(said.T_b_f) == pytest.approx(min(volume(T) for T in candidates), abs=1e-6)
@@ -165,7 +164,7 @@ def test_the_suggested_pose_is_the_one_that_helps_most() -> None:
 def test_the_suggested_pose_makes_up_for_the_missing_tilt() -> None:
     taken = [looking(a, 0) for a in np.linspace(-30, 30, 8)]  # about x_s only
     candidates = [looking(25, 0), looking(-25, 0), looking(0, 25), looking()]
-    said = suggest_pose(candidates, taken, T_F_S, TARGET, WINDOW, NOISE)
+    said = PREDICTION.suggest_pose(candidates, taken)
     np.testing.assert_array_equal(said.T_b_f, candidates[2])
 
 
@@ -173,5 +172,5 @@ def test_a_suggestion_needs_candidates_that_see_the_board() -> None:
     away = looking(depth=1.0)
     for candidates in ([], [away]):
         with pytest.raises(CalibrationRefused, match="no pose to suggest"):
-            suggest_pose(candidates, [], T_F_S, TARGET, WINDOW, NOISE)
-    assert predict_lines(away[None], T_F_S, TARGET, WINDOW, NOISE).information.max() == 0
+            PREDICTION.suggest_pose(candidates, [])
+    assert PREDICTION.lines(away[None]).information.max() == 0

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from ball_views import CENTRE_B, NOISE, T_F_S, kinematics, observe, postures
 
+from tjscan.calibration.arm.calibrate import ArmCalibration, calibrate_arm, estimate_deviations
 from tjscan.calibration.arm.design import BallPlan, plan_views
-from tjscan.calibration.arm.estimate import estimate_deviations
 from tjscan.calibration.arm.model import ArmModel, TargetInPostures
-from tjscan.calibration.arm.result import ArmCalibration, calibrate_arm
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.plucker import PluckerPlane
 from tjscan.calibration.targets.line import LineBundle

@@ -20,14 +20,12 @@ from calibration_stage import (
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.arm.model import ArmGeometry
-from tjscan.calibration.arm_error import ARM_REACH, geometry_correlation
-from tjscan.calibration.checks.verify import verify_with_fresh_line
+from tjscan.calibration.checks.acceptance import verify_with_fresh_line
 from tjscan.calibration.hand_eye import calibrate_on_plane
-from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.noise import ARM_REACH, NoiseModel, geometry_correlation
 from tjscan.calibration.targets.line import LineFit
-from tjscan.calibration.targets.plane import SeenBoard
+from tjscan.calibration.targets.plane import SeenBoard, fit_plane
 from tjscan.calibration.targets.target import PosedFit
-from tjscan.calibration.targets.touched import fit_plane
 from tjscan.core.frames import Array, pose, skew_matrix
 from tjscan.core.pose_vector import boxminus, boxplus
 from tjscan.robot.deviations import with_deviations

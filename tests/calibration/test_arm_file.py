@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from tjscan.calibration.entries import ArmKinematicsEntry
+from tjscan.calibration.file import ArmKinematicsEntry
 
 
 def entry(**changes: object) -> ArmKinematicsEntry:

@@ -1,5 +1,7 @@
 """Roof edges: fitted, calibrated on, alone, with a ball, and with the sensor fixed in the room."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from _targets import EDGE_B, TargetSimulator
@@ -7,9 +9,10 @@ from calibration_stage import NOISE, T_F_S, WINDOW, error
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.hand_eye import calibrate_on_targets
+from tjscan.calibration.noise import geometry_correlation
 from tjscan.calibration.solve.combined import CombinedModel
+from tjscan.calibration.solve.solution import inverse_pose_errors
 from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget
-from tjscan.calibration.targets.fixed_sensor import inverse_pose_errors
 from tjscan.calibration.targets.line import stack_lines
 from tjscan.calibration.targets.plane import PlaneModel, PlaneTarget
 from tjscan.calibration.targets.roof import RoofFit, RoofModel, RoofTarget, SeenRoof, fit_roof
@@ -155,9 +158,9 @@ def test_what_models_share_is_one_pose() -> None:
     """The stacked covariance holds no correlation between profiles but by the arm's geometry."""
     taken = roofs(np.random.default_rng(5), 6)
     seen = SeenRoof(taken, NOISE)
-    model = CombinedModel.of([seen.start_at(T_F_S).model], seen.T_b_f)
+    model = CombinedModel((seen.start_at(T_F_S)[0],), geometry_correlation(seen.T_b_f))
     plain = model.linearise(T_F_S, np.zeros(6))
     other = plain.profile[:, None] != plain.profile
     assert np.abs(plain.covariance[other]).max() == 0
-    off = model.with_geometry(1e-4).linearise(T_F_S, np.zeros(6))
+    off = replace(model, geometry=1e-4).linearise(T_F_S, np.zeros(6))
     assert np.abs(off.covariance[other]).max() > 0

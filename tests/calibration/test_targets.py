@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tjscan.calibration.targets.ball import SphereTarget
-from tjscan.calibration.targets.plane import PlaneTarget
-from tjscan.calibration.targets.touched import fit_plane
+from tjscan.calibration.targets.plane import PlaneTarget, fit_plane
 from tjscan.core.errors import CalibrationRefused
 
 EXACT = 1e-12

@@ -24,33 +24,26 @@ from raw_topics import raw_topic
 from scipy.spatial.transform import Rotation
 from written import content
 
+from tjscan.calibration.checks.acceptance import Verification
 from tjscan.calibration.file import read_calibration
+from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.target import PosedProfile
-from tjscan.calibration.wizard.logbook import Logbook, MeasurementsSoFar
-from tjscan.calibration.wizard.operator import Question
-from tjscan.calibration.wizard.probe import JoggedProbe
-from tjscan.calibration.wizard.session import (
-    CalibrationPlan,
-    CalibrationProgress,
-    planned_touch_points,
-)
-from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
-from tjscan.calibration.wizard.topics import (
+from tjscan.calibration.wizard.logbook import (
     CALIBRATION_RECORDING,
     BoardTouch,
     CalibrationEntry,
     LaserLineTaken,
+    Logbook,
+    MeasurementsSoFar,
     SkippedPose,
     StartOrResumeEntry,
     messages_of_entry,
     read_calibration_entries,
 )
-from tjscan.calibration.wizard.wizard import (
-    MAX_RETOUCHES,
-    MAX_SKIPPED_IN_A_ROW,
-    CalibrationWizard,
-    VerifiedCalibration,
-)
+from tjscan.calibration.wizard.operator import JoggedProbe, Question
+from tjscan.calibration.wizard.session import CalibrationPlan, CalibrationProgress
+from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
+from tjscan.calibration.wizard.wizard import MAX_RETOUCHES, MAX_SKIPPED_IN_A_ROW, CalibrationWizard
 from tjscan.cli.operators import TerminalOperator
 from tjscan.core.errors import CalibrationRefused, RecordingError
 from tjscan.core.frames import Array, inverse_pose, pose
@@ -112,7 +105,7 @@ class Stage:
         self.cell, self.probe = make_calibration_cell(job, T_f_s)
         self.folder = folder
 
-    def run(self, watcher: Watcher, **devices: Any) -> VerifiedCalibration:
+    def run(self, watcher: Watcher, **devices: Any) -> tuple[HandEyeCalibration, Verification]:
         with Logbook(self.folder, self.task.T_f_s) as logbook, self.cell as cell:
             parts: dict[str, Any] = {"laser": cell.laser, "probe": self.probe} | devices
             return CalibrationWizard(
@@ -302,8 +295,8 @@ def test_a_guess_that_is_far_off_leads_to_the_same_place(tmp_path: Path) -> None
     turn = Rotation.from_rotvec(np.radians(10) * np.array((0.6, 0.8, 0.0))).as_matrix()
     guess = pose(turn @ TRUTH[:3, :3], TRUTH[:3, 3] + 20 * MM * np.array((0.0, 0.6, -0.8)))
     rows = [list(row) for row in pose_to_rows_mm(guess)]
-    outcome = Stage(tmp_path, calibration__T_f_s_mm=rows, board__lines=8).run(Watcher())
-    assert off(outcome.result.T_f_s)[0] < 3 * outcome.result.uncertainty.position < 0.5 * MM
+    result, _ = Stage(tmp_path, calibration__T_f_s_mm=rows, board__lines=8).run(Watcher())
+    assert off(result.T_f_s)[0] < 3 * result.uncertainty.position < 0.5 * MM
 
 
 def test_uncertainty_shrinks_from_line_to_line(tmp_path: Path) -> None:
@@ -352,7 +345,7 @@ def test_one_more_line_is_taken_where_the_operator_wants_it(tmp_path: Path) -> N
         return next(wishes) if "one more line" in question.text else question.default
 
     stage = Stage(tmp_path)
-    assert len(stage.run(Watcher(answer)).result.residuals) == 7
+    assert len(stage.run(Watcher(answer))[0].residuals) == 7
 
 
 def test_a_touch_that_slipped_is_found_and_taken_again(tmp_path: Path) -> None:
@@ -372,7 +365,7 @@ def test_a_board_that_is_not_flat_is_refused_in_the_end(tmp_path: Path) -> None:
 
 def test_a_line_taken_while_something_moved_is_named(tmp_path: Path) -> None:
     stage = Stage(tmp_path, board__lines=10)
-    result = stage.run(Watcher(), laser=Knocked(stage.cell, after=6, until=7)).result
+    result = stage.run(Watcher(), laser=Knocked(stage.cell, after=6, until=7))[0]
     assert result.rejected_sample_names == ("line 7",)
 
 
@@ -384,7 +377,7 @@ def test_a_fresh_line_that_contradicts_is_refused_unless_the_operator_insists(
         stage.run(Watcher(), laser=Knocked(stage.cell, after=10))
     # What was measured is still there, and the same question is asked again.
     insist = Watcher(lambda q: True if "contradicts" in q.text else q.default)
-    assert not stage.run(insist).verification.agrees
+    assert not stage.run(insist)[1].agrees
     assert not any(question.moves for question in insist.questions)
 
 
@@ -407,7 +400,7 @@ def test_a_board_out_of_reach_is_told(tmp_path: Path) -> None:
 
 def test_a_real_arm_is_jogged_onto_the_board_by_hand(tmp_path: Path) -> None:
     stage = Stage(tmp_path)
-    hand, places = stage.probe, iter(planned_touch_points(stage.task))
+    hand, places = stage.probe, iter(stage.task.touch_points)
     read: list[Array] = []
 
     class JoggingHand:
@@ -425,10 +418,10 @@ def test_a_real_arm_is_jogged_onto_the_board_by_hand(tmp_path: Path) -> None:
             stage.cell.arm.move_joint_to_pose(hand.touch(next(places)).T_b_f)
         return question.default
 
-    outcome = stage.run(Watcher(answer), probe=JoggingHand())
-    assert off(outcome.result.T_f_s)[0] < 4 * outcome.result.uncertainty.position
+    result, _ = stage.run(Watcher(answer), probe=JoggingHand())
+    assert off(result.T_f_s)[0] < 4 * result.uncertainty.position
     tips = [(T @ np.append(stage.task.tip_f, 1.0))[:3] for T in read]
-    np.testing.assert_allclose(tips, planned_touch_points(stage.task), atol=10 * MM)
+    np.testing.assert_allclose(tips, stage.task.touch_points, atol=10 * MM)
 
 
 def test_the_tip_touches_where_the_arm_truly_is(tmp_path: Path) -> None:
@@ -436,7 +429,7 @@ def test_the_tip_touches_where_the_arm_truly_is(tmp_path: Path) -> None:
     keys = {"board__touch_mm": 0.0, "arm__errors": {"seed": 4}, "arm__repeatability_mm": 0.0}
     stage = Stage(tmp_path, **{f"simulation__{key}": value for key, value in keys.items()})
     with stage.cell as cell:
-        read = stage.probe.touch(planned_touch_points(stage.task)[0])
+        read = stage.probe.touch(stage.task.touch_points[0])
         there = cell.arm.move_linear(read.T_b_f)
         tip_b = cell.true_flange() @ np.append(stage.task.tip_f, 1.0)
     assert isinstance(stage.probe, SimulatedTouchProbe)
@@ -533,7 +526,7 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
 def test_places_span_the_board_and_keep_off_its_edges(count: int) -> None:
     job = read_calibration_job(JOB, {"board.touches": count})
     task = calibration_plan_of_job(job, TRUTH)
-    places = planned_touch_points(task) @ inverse_pose(task.T_b_board)[:3, :3].T
+    places = task.touch_points @ inverse_pose(task.T_b_board)[:3, :3].T
     places += inverse_pose(task.T_b_board)[:3, 3]
     assert places.shape == (count, 3)
     assert (np.abs(places[:, :2]) < task.half_sizes).all()
@@ -570,7 +563,7 @@ def test_wherever_the_arm_stands_at_first_it_gets_there(
 ) -> None:
     """In the first of these, a wrist stands where many ways lead into its limit."""
     stage = Stage(tmp_path, simulation__arm__home_deg=home_deg, board__lines=12)
-    assert stage.run(Watcher()).verification.agrees
+    assert stage.run(Watcher())[1].agrees
 
 
 @pytest.mark.parametrize(

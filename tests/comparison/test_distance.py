@@ -6,10 +6,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.comparison.alignment import (
-    align_icp,
-    nearest_point_finder_in_cloud,
-)
+from tjscan.comparison.alignment import align_icp, nearest_point_finder_in_cloud
 from tjscan.comparison.compare import compare_shapes
 from tjscan.comparison.distance import DistanceStatistics
 from tjscan.comparison.shapes import Mesh, Shape, UnitAndFrame

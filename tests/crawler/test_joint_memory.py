@@ -20,11 +20,7 @@ from tjscan.crawler.joint_tracking.registration import JointPlacement
 from tjscan.crawler.joint_tracking.tracking import ButtJointReading
 from tjscan.joint.hull import HullJoint, WeldBead, hull_section
 from tjscan.laser.profile import Profile
-from tjscan.laser.section_laser import (
-    SectionLaserModel,
-    SectionLaserPose,
-    simulate_section_profile,
-)
+from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose, simulate_section_profile
 
 NOISE = 0.06e-3
 JOINT = HullJoint(

@@ -15,11 +15,7 @@ from tjscan.crawler.joint_tracking.registration import (
 )
 from tjscan.joint.hull import HullJoint, hull_section
 from tjscan.laser.profile import Profile
-from tjscan.laser.section_laser import (
-    SectionLaserModel,
-    SectionLaserPose,
-    cast_rays_on_section,
-)
+from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose, cast_rays_on_section
 
 NOISE = 0.06e-3
 

@@ -25,7 +25,7 @@ from tjscan.job.files import (
     read_recorded_job,
     read_scan_job,
 )
-from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.job import read_tow_job
 from tjscan.runs.chain import read_chain
 from tjscan.runs.tasks import study_backend_of_task
 from tjscan.study.file import read_study_file

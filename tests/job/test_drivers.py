@@ -15,7 +15,7 @@ from cells import PAPER
 from command import tjscan
 from ur_cell import address
 
-from tjscan.calibration.wizard.probe import JoggedProbe
+from tjscan.calibration.wizard.operator import JoggedProbe
 from tjscan.core.config import table_to_dict
 from tjscan.core.errors import ConfigurationError
 from tjscan.job.files import read_calibration_job, read_scan_job

@@ -7,7 +7,7 @@ import pytest
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.job.tow.cell import make_planner
-from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.job import read_tow_job
 from tjscan.job.tow.sweep import sweep_seam
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "tow-simulation.toml"

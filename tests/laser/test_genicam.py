@@ -10,12 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cells import PAPER
-from laser_cell import (
-    laser_at,
-    loopback_laser,
-    require_broadcasts,
-    write_groove_profiles,
-)
+from laser_cell import laser_at, loopback_laser, require_broadcasts, write_groove_profiles
 
 from tjscan.core.config import validate_table
 from tjscan.core.errors import (

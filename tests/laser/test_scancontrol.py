@@ -14,12 +14,7 @@ from hypothesis import strategies as st
 from tjscan.core.errors import LaserFault, ProfileFormatRefused
 from tjscan.laser.genicam.settings import ScanControlSettings
 from tjscan.laser.profile import Profile
-from tjscan.laser.scancontrol import (
-    FIELD_WORDS,
-    MODEL_SCALES,
-    parse_scancontrol,
-    row_bytes,
-)
+from tjscan.laser.scancontrol import FIELD_WORDS, MODEL_SCALES, parse_scancontrol, row_bytes
 
 SCALE = MODEL_SCALES["2600-100"]
 OFFSET_SECONDS = 1 / (8000 * 3072)

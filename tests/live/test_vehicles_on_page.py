@@ -17,7 +17,7 @@ from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.job.tow.cell import TowCell
-from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.job import read_tow_job
 from tjscan.laser.profile import Profile
 from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.buttons import stop_button

@@ -9,10 +9,16 @@ import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from tjscan.core.errors import RecordingError
-from tjscan.recording.damage import RecordingDamage, refuse_damage
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.parts import recording_files
-from tjscan.recording.reader import count_messages, read_header, read_job_snapshot, read_messages
+from tjscan.recording.reader import (
+    RecordingDamage,
+    count_messages,
+    read_header,
+    read_job_snapshot,
+    read_messages,
+    refuse_damage,
+)
 from tjscan.recording.topic import Topic
 from tjscan.recording.writer import RecordingWriter
 

@@ -11,7 +11,7 @@ from mcap.writer import CompressionType, Writer
 from raw_topics import raw_topic
 
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.recording.header import FORMAT_VERSION, HEADER_RECORD, JobSnapshot
+from tjscan.recording.header import FORMAT_VERSION, JobSnapshot, RecordingHeader
 from tjscan.recording.mcap_records import MAX_RECORD_BYTES
 from tjscan.recording.parts import next_recording_file, recording_files
 from tjscan.recording.reader import read_header, read_job_snapshot, read_messages
@@ -126,7 +126,7 @@ def test_the_head_says_what_made_it_and_from_which_job(tmp_path: Path) -> None:
     head = read_header(tmp_path / "scan.mcap")
     assert head is not None
     assert head.format == FORMAT_VERSION
-    assert head.to_metadata["program"] == "tjscan"
+    assert head.metadata["program"] == "tjscan"
     assert read_job_snapshot(tmp_path) == origin
     assert b"<robot/>" in (tmp_path / "scan.mcap").read_bytes()
 
@@ -146,7 +146,7 @@ def foreign(file: Path, profile: str, metadata: dict[str, str] | None = None) ->
         writer = Writer(stream, compression=CompressionType.NONE)
         writer.start(profile=profile, library="rosbag2 0.26")
         if metadata is not None:
-            writer.add_metadata(HEADER_RECORD, metadata)
+            writer.add_metadata(RecordingHeader.record_name, metadata)
         writer.finish()
 
 

@@ -10,17 +10,15 @@ import pytest
 from calibration_stage import HAND, MM, NOISE, circle, raised, samples, shots, target
 from command import blank_pictures, tjscan
 
-from tjscan.calibration.entries import (
+from tjscan.calibration.file import (
     ArmKinematicsEntry,
     BallEntry,
     BasisEntry,
-    ShrinkingEntry,
-    views_of_poses,
-)
-from tjscan.calibration.file import (
     CalibrationFile,
+    ShrinkingEntry,
     read_calibration,
     to_calibration_file,
+    views_of_poses,
     write_calibration,
 )
 from tjscan.calibration.hand_eye import calibrate_on_plane

@@ -8,12 +8,7 @@ from cells import PAPER, scan_example
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import JointOrBaseFrame
 from tjscan.job.files import read_scan_job
-from tjscan.result.summary import (
-    ScanSummary,
-    read_summary,
-    summarise_stations,
-    write_summary,
-)
+from tjscan.result.summary import ScanSummary, read_summary, summarise_stations, write_summary
 from tjscan.runs.scan.results import sections_in_result_frame, summarise_scan
 from tjscan.scanning.progress import ScanResult
 

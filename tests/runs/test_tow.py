@@ -15,7 +15,7 @@ pytest.importorskip("proxsuite")
 
 from command import tjscan
 
-from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.job import read_tow_job
 from tjscan.runs.tow.results import figures_of_tow, read_recorded_tow, read_tow_figures
 from tjscan.towing.journal import TowCycle
 from tjscan.towing.loop import CableTow

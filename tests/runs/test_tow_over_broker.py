@@ -9,7 +9,7 @@ pytest.importorskip("mujoco")
 pytest.importorskip("proxsuite")
 
 from tjscan.core.errors import VehicleFault
-from tjscan.job.tow.checks import read_tow_job
+from tjscan.job.tow.job import read_tow_job
 from tjscan.runs.tow.results import read_recorded_tow
 from tjscan.runs.tow.run import TowContext, run_tow
 from tjscan.towing.journal import TowCycle

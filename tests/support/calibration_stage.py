@@ -12,9 +12,8 @@ from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import plane_through_point
 from tjscan.calibration.targets.line import LineFit, fit_line
-from tjscan.calibration.targets.plane import PlaneTarget
+from tjscan.calibration.targets.plane import PlaneTarget, fit_plane
 from tjscan.calibration.targets.target import PosedFit
-from tjscan.calibration.targets.touched import fit_plane
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix
 from tjscan.laser.profile import Profile
 

@@ -6,9 +6,8 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.vehicle.pad_plant import PadPlant, PadSettings
-from tjscan.vehicle.plant import VehiclePlant
 from tjscan.vehicle.slip_plant import SlipPlant, SlipSettings
-from tjscan.vehicle.tracks import TrackGeometry
+from tjscan.vehicle.tracks import TrackGeometry, VehiclePlant
 
 TRACKS = TrackGeometry()
 LEVEL_START = np.zeros(3)

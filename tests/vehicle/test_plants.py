@@ -8,9 +8,8 @@ from plants import TRACKS, distance_between, drive, pad_plant, path_figures, sli
 
 from tjscan.core.frames import Array
 from tjscan.vehicle.pad_plant import PadSettings
-from tjscan.vehicle.plant import VehiclePlant
-from tjscan.vehicle.slip_plant import SlipPlant, SlipSettings
-from tjscan.vehicle.track_load import TrackLoad
+from tjscan.vehicle.slip_plant import SlipPlant, SlipSettings, TrackLoad
+from tjscan.vehicle.tracks import VehiclePlant
 
 MIRROR = np.array((1.0, -1.0, -1.0))
 """What becomes of a pose where y is turned round."""

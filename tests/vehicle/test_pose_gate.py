@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.vehicle.mqtt.pose_gate import CLOCK_LEARNED, TAKEN_OVER, PoseGate
-from tjscan.vehicle.mqtt.wire import BadMessage, PoseMessage
+from tjscan.vehicle.mqtt.wire import CLOCK_LEARNED, TAKEN_OVER, BadMessage, PoseGate, PoseMessage
 
 
 def pose(number: int, time: float, session: str = "first") -> PoseMessage:

@@ -9,18 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tjscan.core.config import table_to_dict, validate_table
-from tjscan.core.errors import (
-    ConfigurationError,
-    VehicleFault,
-    VehicleLinkLost,
-    VehicleStopped,
-)
+from tjscan.core.errors import ConfigurationError, VehicleFault, VehicleLinkLost, VehicleStopped
 from tjscan.vehicle.drivers import VEHICLE_DRIVERS, VehicleDriverInputs
-from tjscan.vehicle.drives import DriveSettings
 from tjscan.vehicle.replay import ReplayedVehicle
 from tjscan.vehicle.simulated import SimulatedVehicle
-from tjscan.vehicle.simulated_body import STATE_PERIOD, SimulatedBody
-from tjscan.vehicle.simulation import VehicleSimulationSettings
+from tjscan.vehicle.simulated_body import (
+    STATE_PERIOD,
+    DriveSettings,
+    SimulatedBody,
+    VehicleSimulationSettings,
+)
 from tjscan.vehicle.slip_plant import SlipSettings
 from tjscan.vehicle.steel import ProximitySettings
 from tjscan.vehicle.tracks import TrackGeometry

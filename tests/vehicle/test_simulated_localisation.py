@@ -92,7 +92,7 @@ def test_it_reads_a_world_in_order_and_drops_what_is_no_pose() -> None:
     pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'tjscan[towing]'")
     from tjscan.vehicle.cable.model import CableModel, PasserBy, TowingWorldModel
     from tjscan.vehicle.cable.world import TowingWorld
-    from tjscan.vehicle.localisation_drivers import LOCALISATION_DRIVERS, LocalisationInputs
+    from tjscan.vehicle.drivers import LOCALISATION_DRIVERS, LocalisationInputs
     from tjscan.vehicle.simulated_localisation import SimulatedLocalisation
 
     model = TowingWorldModel(

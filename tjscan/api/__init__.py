@@ -140,13 +140,13 @@ def calibrate(
     ValueError
         If the arguments do not fit together.
     """
+    from tjscan.calibration.hand_eye import calibrate_on_targets
     from tjscan.calibration.noise import NoiseModel
-    from tjscan.calibration.recorded import TargetRecording, calibrate_from_profiles
+    from tjscan.calibration.recorded import see_targets
     from tjscan.calibration.targets.ball import SphereTarget
-    from tjscan.calibration.targets.plane import PlaneTarget
+    from tjscan.calibration.targets.plane import PlaneTarget, fit_plane
     from tjscan.calibration.targets.roof import UnknownRoof
     from tjscan.calibration.targets.target import PosedProfile
-    from tjscan.calibration.targets.touched import fit_plane
 
     poses = np.asarray(T_b_f, dtype=float)
     if poses.shape != (len(profiles), 4, 4):
@@ -163,13 +163,13 @@ def calibrate(
     elif target == "roof":
         board = UnknownRoof()
     elif touched is not None:
-        flange = poses[:, :3, 3].mean(axis=0)
-        board = fit_plane(touched, model.touch, flange, geometry=model.geometry)
+        board = fit_plane(touched, model.touch, poses[:, :3, 3].mean(0), geometry=model.geometry)
     posed = [
         PosedProfile(f"profile {k}", T, _profile(points))
         for k, (points, T) in enumerate(zip(profiles, poses, strict=True), start=1)
     ]
-    return calibrate_from_profiles([TargetRecording(posed, board)], model, _warn)
+    targets = see_targets([(posed, board)], model, _warn)
+    return calibrate_on_targets(targets, model, check_conventions=True)
 
 
 def compare(

@@ -114,7 +114,7 @@ def poses_of_fanuc_program(text: str) -> dict[str, Array]:
     for number, body in _FANUC_POSITION.findall(text):
         if len(_FANUC_GROUP.findall(body)) > 1:
             raise ValueError(f"P[{number}] holds several motion groups; only one arm is read")
-        T = _pose(body, "XYZWPR", r"\s*=\s*", FANUC_CONVENTION)
+        T = _pose_of_position(body, "XYZWPR", r"\s*=\s*", FANUC_CONVENTION)
         if T is None:
             raise ValueError(
                 f"P[{number}] holds no X Y Z W P R: teach it as a Cartesian position, not as joints"
@@ -144,7 +144,7 @@ def poses_of_kuka_data(text: str) -> dict[str, Array]:
     """
     found: dict[str, Array] = {}
     for name, body in _KUKA_POSITION.findall(text):
-        T = _pose(body, "XYZABC", r"\s+", KUKA_CONVENTION)
+        T = _pose_of_position(body, "XYZABC", r"\s+", KUKA_CONVENTION)
         if T is None:
             continue  # a tool's load, a frame's name
         digits = re.search(r"(\d+)$", name)
@@ -159,7 +159,9 @@ def poses_of_kuka_data(text: str) -> dict[str, Array]:
     return found
 
 
-def _pose(body: str, names: str, separator: str, convention: OrientationConvention) -> Array | None:
+def _pose_of_position(
+    body: str, names: str, separator: str, convention: OrientationConvention
+) -> Array | None:
     """Pose of a position in millimetres and degrees; None if one of the six numbers lacks."""
     number = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
     found = [re.search(rf"\b{name}{separator}{number}", body) for name in names]

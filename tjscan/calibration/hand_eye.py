@@ -9,28 +9,16 @@ from typing import Any, Final
 import numpy as np
 from scipy.special import ndtri
 
-from tjscan.calibration.checks.acceptance import (
-    check_certainty,
-    check_scaled_condition,
-    residual_excess,
-    sample_residuals,
-)
-from tjscan.calibration.checks.evidence import check_pairing, check_pose_convention, swapped_pairs
-from tjscan.calibration.checks.motion import (
-    check_motion,
-    check_rotation_condition,
-    check_tilts_vary,
-)
+from tjscan.calibration.checks import acceptance, evidence, motion
 from tjscan.calibration.closed_form import rotation_equations, solve_closed_form
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.result import HandEyeCalibration, MeasuredRadius
 from tjscan.calibration.solve.refine import estimate_by_laser
-from tjscan.calibration.solve.solution import Solution, solve_targets, stack_poses, with_poses
+from tjscan.calibration.solve.solution import CalibrationProblem, Solution, Targets
 from tjscan.calibration.targets.ball import SeenBall, SphereTarget
-from tjscan.calibration.targets.fixed_sensor import inverse_poses
 from tjscan.calibration.targets.line import stack_lines
 from tjscan.calibration.targets.plane import PlaneModel, PlaneTarget, SeenBoard
-from tjscan.calibration.targets.target import PosedFit, SeenTarget
+from tjscan.calibration.targets.target import PosedFit
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array
 
@@ -39,8 +27,6 @@ RADIUS_FALSE_ALARM_PROBABILITY: Final = 1e-3
 SENSOR_LINEARITY: Final = 1e-3
 """Share by which lengths in a profile may be off, as data sheets of such sensors state it. A
 radius read by the sensor is not known better."""
-
-Targets = Sequence[SeenTarget[Any]]
 
 
 def calibrate_on_plane(
@@ -111,32 +97,33 @@ def calibrate_on_targets(
         poses, residuals that the noise model doesn't explain, or a ball of another radius than
         stated.
     """
-    if sensor_is_fixed:
-        targets = with_poses(targets, inverse_poses(stack_poses(targets)))
-    T_b_f = stack_poses(targets)
+    problem = CalibrationProblem(targets, noise, sensor_is_fixed)
+    problem = problem.with_poses(problem.in_sensor_sense(problem.T_b_f))
+    T_b_f = problem.T_b_f
     R_guess = None if T_f_s_guess is None else T_f_s_guess[:3, :3]
     touched = next((one.target for one in targets if isinstance(one, SeenBoard)), None)
-    check_motion(T_b_f, None if touched is None else touched.plane.u, R_guess)
-    starts = [T for one in targets for T in one.starts()]
-    if T_f_s_guess is not None:
-        starts.append(T_f_s_guess)
+    motion.check_motion(T_b_f, None if touched is None else touched.plane.u, R_guess)
+    starts = problem.starts + ([] if T_f_s_guess is None else [T_f_s_guess])
     measured_radius = None
     if any(isinstance(one, SeenBall) for one in targets):
-        free = solve_targets(_with_free_radius(targets), noise, starts, sensor_is_fixed)
+        unstated = [
+            replace(one, sphere=SphereTarget()) if isinstance(one, SeenBall) else one
+            for one in problem.targets
+        ]
+        free = replace(problem, targets=unstated).solve(starts)
         measured_radius = _check_radius(targets, free)
         starts = [free.estimate.T_f_s]
-    solution = solve_targets(targets, noise, starts, sensor_is_fixed)
+    solution = problem.solve(starts)
     estimate = solution.estimate
     if check_conventions:
-        check_pose_convention(targets, noise, solution, sensor_is_fixed)
-        check_pairing(targets, noise, solution, sensor_is_fixed)
-    notes = swapped_pairs(targets, noise, solution, sensor_is_fixed)
+        evidence.check_pose_convention(problem, solution)
+        evidence.check_pairing(problem, solution)
+    notes = evidence.swapped_pairs(problem, solution)
     condition = _check_geometry(T_b_f, solution, R_guess)
-    names = [name for one in targets for name in one.names]
-    residuals = sample_residuals(names, estimate, solution.settled)
-    excess = residual_excess(estimate, residuals)
+    residuals = acceptance.sample_residuals(problem.names, estimate, solution.settled)
+    excess = acceptance.residual_excess(estimate, residuals)
     covariance = excess**2 * estimate.covariance
-    check_certainty(covariance[:6, :6])
+    acceptance.check_certainty(covariance[:6, :6])
     closed_form = None
     if touched is not None and len(targets) == 1:
         closed_form = solve_closed_form(stack_lines(T_b_f, targets[0].fits), touched.plane)
@@ -159,32 +146,25 @@ def calibrate_on_targets(
     )
 
 
-def _with_free_radius(targets: Targets) -> list[SeenTarget[Any]]:
-    return [
-        replace(one, sphere=SphereTarget()) if isinstance(one, SeenBall) else one for one in targets
-    ]
-
-
 def _check_radius(targets: Targets, solution: Solution) -> MeasuredRadius:
     """The first ball's radius as the profiles show it; refused if it is not the stated one."""
-    balls = ((k, one.sphere) for k, one in enumerate(targets) if isinstance(one, SeenBall))
-    k, sphere = next(balls)
-    stated = sphere.radius
+    balls = ((k, one.sphere.radius) for k, one in enumerate(targets) if isinstance(one, SeenBall))
+    k, stated = next(balls)
     estimate, at = solution.estimate, solution.model.part(k)
     radius = float(estimate.target[at][3])
     variance = estimate.variance_scale * estimate.covariance[6:, 6:][at, at][3, 3]
     variance += (SENSOR_LINEARITY * radius) ** 2
-    measured = MeasuredRadius(radius, float(np.sqrt(variance)), stated)
-    limit = float(-ndtri(RADIUS_FALSE_ALARM_PROBABILITY / 2)) * measured.sigma
+    sigma = float(np.sqrt(variance))
+    limit = float(-ndtri(RADIUS_FALSE_ALARM_PROBABILITY / 2)) * sigma
     if stated is not None and abs(radius - stated) > limit:
         raise CalibrationRefused(
             "a ball of another radius than stated",
             f"the arcs show a radius of {1e3 * radius:.2f} mm, certain to "
-            f"{1e3 * measured.sigma:.2f} mm, and {1e3 * stated:.2f} mm is stated; measure the ball "
+            f"{1e3 * sigma:.2f} mm, and {1e3 * stated:.2f} mm is stated; measure the ball "
             "with a caliper (a radius is half a diameter), and check that the sensor's lengths "
             "are right",
         )
-    return measured
+    return MeasuredRadius(radius, sigma, stated)
 
 
 def _check_geometry(T_b_f: Array, solution: Solution, R_guess: Array | None) -> float:
@@ -192,13 +172,13 @@ def _check_geometry(T_b_f: Array, solution: Solution, R_guess: Array | None) -> 
     estimate, models = solution.estimate, solution.model.models
     first = models[0]
     if len(models) > 1 or not isinstance(first, PlaneModel):
-        return check_scaled_condition(estimate)
+        return acceptance.check_scaled_condition(estimate)
     plane = first.target.boxplus(estimate.target)
     u_f = plane.u @ T_b_f[estimate.used, :3, :3]
     equations = rotation_equations(first.lines, plane.u)[estimate.used]
-    condition = check_rotation_condition(equations, u_f, estimate.T_f_s[:3, :3], R_guess)
+    condition = motion.check_rotation_condition(equations, u_f, estimate.T_f_s[:3, :3], R_guess)
     if not first.target.was_touched:
-        check_tilts_vary(u_f, estimate.T_f_s[:3, :3])
+        motion.check_tilts_vary(u_f, estimate.T_f_s[:3, :3])
     return condition
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import radians
-from typing import Annotated
+from typing import Annotated, Final
 
 import numpy as np
 from annotated_types import Ge, Gt
 
+from tjscan.core.frames import Array
 from tjscan.core.units import COLUMNS, DEG, MM, SettingsTable
 
 
@@ -34,7 +36,7 @@ class NoiseModel(SettingsTable):
         Of one touched point, in metres, in each axis, the arm's own error included.
     geometry : float
         Of the flange's position, in metres, in each axis, from the arm's lengths and zeros of
-        joints: alike at poses that are alike; see `tjscan.calibration.arm_error`. At least so
+        joints: alike at poses that are alike; see `tjscan.calibration.noise`. At least so
         much is allowed for; if the residuals show more, that. The default is what a maker's
         own calibration of an arm leaves; zero suits an exact, simulated one.
 
@@ -70,3 +72,49 @@ class NoiseModel(SettingsTable):
             return 1.0
         lags = np.arange(1, int(np.ceil(4 * self.correlation)) + 1)
         return float(1 + 2 * np.exp(-((lags / self.correlation) ** 2)).sum())
+
+
+ARM_REACH: Final = 0.7
+"""Metres from a joint to the flange, typically: the flange moves by this times the change of a
+joint's angle, and an error of its position over this is the error of its orientation."""
+
+FlangeMoves = Callable[[Array], Array]
+"""From joint angles, shape (joints,), to how the flange moves with m independent standard normal
+draws of the arm's geometry, shape (6, m): see `ArmGeometry.moves`."""
+
+
+def geometry_correlation(T_b_f: Array) -> Array:
+    """Correlation of the geometry error of an unknown arm, shape (n, n).
+
+    Parameters
+    ----------
+    T_b_f : ndarray, shape (n, 4, 4)
+        Flange poses.
+
+    Notes
+    -----
+    Errors of lengths, twists and zeros of joints move the flange by sums of sines and cosines of
+    the joints' angles. With random amplitudes a sin q + b cos q correlates over a
+    change of q as its cosine, near ``exp(-q² / 2)``: over one radian, or `ARM_REACH` metres.
+    """
+    p = T_b_f[:, :3, 3]
+    metres = np.linalg.norm(p[:, None] - p, axis=2)
+    R = T_b_f[:, :3, :3]
+    # |R_i - R_j|² = 8 sin²(angle / 2), also where the angle is tiny.
+    chord = np.linalg.norm(R[:, None] - R, axis=(2, 3))
+    radians = 2 * np.arcsin(np.minimum(chord / np.sqrt(8), 1.0))
+    return np.asarray(np.exp(-0.5 * ((metres / ARM_REACH) ** 2 + radians**2)))
+
+
+def geometry_covariance(by_arm: Array, correlation: Array) -> Array:
+    """Covariance that a geometry error of one metre (position, each axis) gives residuals.
+
+    Parameters
+    ----------
+    by_arm : ndarray, shape (N, 6)
+        Derivative of each residual by an error of its flange pose, in the axes of b.
+    correlation : ndarray, shape (N, N)
+        Of the error between the poses of the residuals.
+    """
+    scaled = by_arm / np.repeat((1.0, ARM_REACH), 3)
+    return np.asarray(correlation * (scaled @ scaled.T))

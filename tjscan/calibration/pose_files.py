@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
@@ -12,14 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.arm_formats import (
-    FANUC_CONVENTION,
-    KUKA_CONVENTION,
-    ORIENTATION_CONVENTIONS,
-    OrientationConvention,
-    poses_of_fanuc_program,
-    poses_of_kuka_data,
-)
+from tjscan.calibration import arm_formats
 from tjscan.calibration.targets.target import PosedProfile
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import read_small_file
@@ -33,8 +27,8 @@ RADIANS_PER_UNIT: Final = {"rad": 1.0, "deg": math.pi / 180}
 MAX_FILE_BYTES: Final = 10_000_000
 """A larger file is no list of poses."""
 ARM_PROGRAMS: Final = {
-    ".ls": (poses_of_fanuc_program, FANUC_CONVENTION),
-    ".dat": (poses_of_kuka_data, KUKA_CONVENTION),
+    ".ls": (arm_formats.poses_of_fanuc_program, arm_formats.FANUC_CONVENTION),
+    ".dat": (arm_formats.poses_of_kuka_data, arm_formats.KUKA_CONVENTION),
 }
 """Files of arms that are no tables, by how their names end."""
 
@@ -81,29 +75,28 @@ def read_flange_poses(file: Path) -> FlangePoseList:
     ConfigurationError
         If the file is missing, or a column or a number is missing or wrong.
     """
-    if (program := ARM_PROGRAMS.get(file.suffix.lower())) is not None:
-        read, convention = program
-        try:
+    with _explain_errors_of(file):
+        if (program := ARM_PROGRAMS.get(file.suffix.lower())) is not None:
+            read, convention = program
             poses = read(_read_text(file, errors="replace"))
-        except ValueError as error:
-            raise ConfigurationError(str(error), file=file) from None
-        return FlangePoseList(poses, all(key.isdigit() for key in poses), convention.meaning)
-    names, rows = _read_table(file)
-    convention, orientation = _orientation(file, names)
-    position, joints = _position(file, names, convention.length_unit), _joint_columns(names)
-    key_at = next((names.index(name) for name in GROUP_COLUMNS if name in names), None)
-    found = FlangePoseList({}, key_at is not None, convention.meaning)
-    for number, row in enumerate(rows, start=1):
-        key = str(number) if key_at is None else _key(row[key_at])
-        if key in found.T_b_f:
-            raise ConfigurationError(f"{names[key_at or 0]} {key} is there twice", file=file)
-        try:
-            p, values = _values(row, position), _values(row, orientation)
-            found.T_b_f[key] = pose(convention.matrix(values), p)
-            if joints:
-                found.q[key] = _values(row, joints)
-        except ValueError as error:
-            raise ConfigurationError(f"pose {number}: {error}", file=file) from None
+            return FlangePoseList(poses, all(map(str.isdigit, poses)), convention.meaning)
+        names, rows = _read_table(file)
+        convention, orientation = _find_orientation(names)
+        position = _find_position(names, convention.length_unit)
+        joints = _find_joints(names)
+        key_at = next((names.index(name) for name in GROUP_COLUMNS if name in names), None)
+        found = FlangePoseList({}, key_at is not None, convention.meaning)
+        for number, row in enumerate(rows, start=1):
+            key = str(number) if key_at is None else _normalise_number(row[key_at])
+            if key in found.T_b_f:
+                raise ValueError(f"{names[key_at or 0]} {key} is there twice")
+            try:
+                p, values = _values_of_row(row, position), _values_of_row(row, orientation)
+                found.T_b_f[key] = pose(convention.matrix(values), p)
+                if joints:
+                    found.q[key] = _values_of_row(row, joints)
+            except ValueError as error:
+                raise ValueError(f"pose {number}: {error}") from None
     return found
 
 
@@ -115,12 +108,13 @@ def read_points_in_base_frame(file: Path) -> Array:
     ConfigurationError
         As `read_flange_poses` does.
     """
-    names, rows = _read_table(file)
-    columns = _position(file, names)
-    try:
-        return np.array([_values(row, columns) for row in rows])
-    except ValueError as error:
-        raise ConfigurationError(f"is no table of numbers: {error}", file=file) from None
+    with _explain_errors_of(file):
+        names, rows = _read_table(file)
+        columns = _find_position(names)
+        try:
+            return np.array([_values_of_row(row, columns) for row in rows])
+        except ValueError as error:
+            raise ValueError(f"is no table of numbers: {error}") from None
 
 
 def pair_profiles_with_poses(
@@ -142,7 +136,7 @@ def pair_profiles_with_poses(
     ConfigurationError
         If one lacks its counterpart.
     """
-    keys = [_key(name.split()[-1]) for name in profiles]
+    keys = [_normalise_number(name.split()[-1]) for name in profiles]
     if not poses.with_key:
         if len(profiles) != len(poses.T_b_f):
             raise ConfigurationError(
@@ -162,89 +156,86 @@ def pair_profiles_with_poses(
     ]
 
 
-def _read_text(file: Path, errors: str = "strict") -> str:
+@contextmanager
+def _explain_errors_of(file: Path) -> Iterator[None]:
+    """Turn errors of reading a file into a `ConfigurationError` that names it."""
     try:
-        content = read_small_file(file, MAX_FILE_BYTES, "a list of poses")
-        return content.decode("utf-8-sig", errors)
+        yield
     except FileNotFoundError:
         raise ConfigurationError("there is no such file", file=file) from None
     except OSError as error:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
-    except UnicodeDecodeError as error:
+    except (UnicodeDecodeError, csv.Error) as error:
         raise ConfigurationError(f"is no table of numbers: {error}", file=file) from None
+    except ValueError as error:
+        raise ConfigurationError(str(error), file=file) from None
+
+
+def _read_text(file: Path, errors: str = "strict") -> str:
+    return read_small_file(file, MAX_FILE_BYTES, "a list of poses").decode("utf-8-sig", errors)
 
 
 def _read_table(file: Path) -> tuple[list[str], list[list[str]]]:
     """Lower-case names of the header, and rows of as many cells."""
-    try:
-        table = csv.reader(StringIO(_read_text(file), newline=""))
-        rows = [row for row in table if any(cell.strip() for cell in row)]
-    except csv.Error as error:
-        raise ConfigurationError(f"is no table of numbers: {error}", file=file) from None
+    table = csv.reader(StringIO(_read_text(file), newline=""))
+    rows = [row for row in table if any(cell.strip() for cell in row)]
     if len(rows) < 2:
-        raise ConfigurationError("holds nothing below a header", file=file)
+        raise ValueError("holds nothing below a header")
     names = [cell.strip().lstrip("# ").lower() for cell in rows[0]]
     for number, row in enumerate(rows[1:], start=1):
         if len(row) != len(names):
-            raise ConfigurationError(
-                f"row {number} below the header has {len(row)} columns, the header {len(names)}",
-                file=file,
+            raise ValueError(
+                f"row {number} below the header has {len(row)} columns, the header {len(names)}"
             )
     return names, rows[1:]
 
 
-def _position(file: Path, names: Sequence[str], unit: str = "") -> Columns:
-    columns = _columns(names, ("x", "y", "z"), METRES_PER_UNIT, unit)
+def _find_position(names: Sequence[str], unit: str = "") -> Columns:
+    columns = _find_columns(names, ("x", "y", "z"), METRES_PER_UNIT, unit)
     if columns is None:
-        raise ConfigurationError(
-            f"has no columns x_mm, y_mm, z_mm (found: {', '.join(names[:12])})", file=file
-        )
+        raise ValueError(f"has no columns x_mm, y_mm, z_mm (found: {', '.join(names[:12])})")
     return columns
 
 
-def _orientation(file: Path, names: Sequence[str]) -> tuple[OrientationConvention, Columns]:
+def _find_orientation(names: Sequence[str]) -> tuple[arm_formats.OrientationConvention, Columns]:
     """Convention that the header names, and its columns."""
     found = []
-    for convention in ORIENTATION_CONVENTIONS:
+    for convention in arm_formats.ORIENTATION_CONVENTIONS:
         units = {} if len(convention.columns) == 4 else RADIANS_PER_UNIT
-        columns = _columns(names, convention.columns, units, convention.angle_unit)
+        columns = _find_columns(names, convention.columns, units, convention.angle_unit)
         if columns is not None:
             found.append((convention, columns))
     if len(found) != 1:
-        raise ConfigurationError(
+        raise ValueError(
             "needs the columns of one orientation: qx, qy, qz, qw, or q1, q2, q3, q4 (ABB), or "
             "w_deg, p_deg, r_deg (FANUC), or a_deg, b_deg, c_deg (KUKA), or rx_deg, ry_deg, rz_deg "
-            f"(UR) (found: {', '.join(names[:12])})",
-            file=file,
+            f"(UR) (found: {', '.join(names[:12])})"
         )
     return found[0]
 
 
-def _columns(
+def _find_columns(
     names: Sequence[str], axes: Sequence[str], units: Mapping[str, float], unit: str = ""
 ) -> Columns | None:
     """Columns of the axes, `unit` counting if none is named; None if an axis has no column."""
-    found = []
+    found: Columns = []
     for axis in axes:
         known = {f"{axis}_{name}": scale for name, scale in units.items()} or {axis: 1.0}
-        if unit and not known.keys() & set(names):
-            known[axis] = units[unit] if units else 1.0
-        at = next(((i, known[name]) for i, name in enumerate(names) if name in known), None)
-        if at is None:
-            return None
-        found.append(at)
-    return found
+        if unit and known.keys().isdisjoint(names):
+            known[axis] = units[unit]
+        found += [(i, known[name]) for i, name in enumerate(names) if name in known][:1]
+    return found if len(found) == len(axes) else None
 
 
-def _joint_columns(names: Sequence[str]) -> Columns:
+def _find_joints(names: Sequence[str]) -> Columns:
     """Columns ``q1_deg``, ``q2_deg`` and so on; as many as there are."""
     found: Columns = []
-    while (one := _columns(names, (f"q{len(found) + 1}",), RADIANS_PER_UNIT)) is not None:
+    while (one := _find_columns(names, (f"q{len(found) + 1}",), RADIANS_PER_UNIT)) is not None:
         found += one
     return found
 
 
-def _values(row: Sequence[str], columns: Columns) -> Array:
+def _values_of_row(row: Sequence[str], columns: Columns) -> Array:
     """Numbers of a row in SI units."""
     values = np.array([scale * float(row[k]) for k, scale in columns])
     for (k, _), value in zip(columns, values, strict=True):
@@ -253,7 +244,7 @@ def _values(row: Sequence[str], columns: Columns) -> Array:
     return values
 
 
-def _key(cell: str) -> str:
+def _normalise_number(cell: str) -> str:
     """The same word for 1, 1.0 and 1.000000."""
     try:
         value = float(cell)

@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from tjscan.calibration import pose_files
+from tjscan.calibration.arm.calibrate import as_hand_eye_calibration, calibrate_arm
 from tjscan.calibration.arm.model import ArmModel, TargetInPostures
-from tjscan.calibration.arm.result import as_hand_eye_calibration, calibrate_arm
-from tjscan.calibration.entries import BasisEntry, views_of_poses
+from tjscan.calibration.file import BasisEntry, views_of_poses
 from tjscan.calibration.hand_eye import calibrate_on_targets
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import PluckerPlane
-from tjscan.calibration.pose_files import (
-    pair_profiles_with_poses,
-    read_flange_poses,
-    read_points_in_base_frame,
-)
 from tjscan.calibration.recorded_settings import RecordedSettings
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.ball import SeenBall, SphereTarget, fit_circle
 from tjscan.calibration.targets.line import fit_line
-from tjscan.calibration.targets.plane import PlaneTarget, SeenBoard
+from tjscan.calibration.targets.plane import (
+    PlaneTarget,
+    SeenBoard,
+    fit_plane,
+    plane_stated_beforehand,
+)
 from tjscan.calibration.targets.roof import SeenRoof, UnknownRoof, fit_roof
 from tjscan.calibration.targets.target import PosedProfile, SeenTarget, fit_profiles
-from tjscan.calibration.targets.touched import fit_plane, plane_stated_beforehand
 from tjscan.core.errors import CalibrationRefused, ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.laser.files.format import ProfileFormat
@@ -46,21 +46,8 @@ Report = Callable[[str], None]
 RecordedTarget = PlaneTarget | SphereTarget | UnknownRoof | None
 """A board, a ball or a roof edge; None for a board at an unknown place."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TargetRecording:
-    """Recorded profiles of one target.
-
-    Parameters
-    ----------
-    profiles : sequence of PosedProfile
-        Profiles and their poses.
-    target : PlaneTarget, SphereTarget, UnknownRoof or None
-        Their target; None for a board at an unknown place.
-    """
-
-    profiles: Sequence[PosedProfile]
-    target: RecordedTarget
+RecordedSet = tuple[Sequence[PosedProfile], RecordedTarget]
+"""Recorded profiles of one target, with their poses."""
 
 
 def calibrate_recorded_sets(
@@ -103,7 +90,8 @@ def calibrate_recorded_sets(
         left_out.append(message)
 
     kinds = [table.kind for table in tables]
-    recordings, read_as = [], []
+    sets: list[RecordedSet] = []
+    read_as: list[str] = []
     for k, table in enumerate(tables):
         shots, convention = _read_set(table, folder, report, leave_out)
         read_as.append(f"{Path(table.poses).name}: {convention}")
@@ -111,13 +99,17 @@ def calibrate_recorded_sets(
             several = kinds.count(kinds[k]) > 1
             prefix = f"{kinds[k]} {kinds[: k + 1].count(kinds[k])}," if several else kinds[k]
             shots = [replace(shot, name=f"{prefix} {shot.name}") for shot in shots]
-        recordings.append(TargetRecording(shots, _target(table, shots, noise, folder)))
+        sets.append((shots, _target_of_set(table, shots, noise, folder)))
+    shots = [shot for profiles, _ in sets for shot in profiles]
     # Joint angles are checked before anything is solved.
-    q = None if kinematics is None else _joint_angles_by_name(recordings, kinematics)
-    result = calibrate_from_profiles(recordings, noise, leave_out, sensor_is_fixed=sensor_is_fixed)
-    if kinematics is not None and q is not None:
-        result = _calibrate_arm(recordings, q, kinematics, noise, result.T_f_s, report)
-    seen = {shot.name: shot.T_b_f for one in recordings for shot in one.profiles}
+    q = {} if kinematics is None else _joint_angles_by_name(shots, kinematics)
+    targets = see_targets(sets, noise, leave_out)
+    result = calibrate_on_targets(
+        targets, noise, sensor_is_fixed=sensor_is_fixed, check_conventions=True
+    )
+    if kinematics is not None:
+        result = _calibrate_arm(targets, q, kinematics, result.T_f_s, report)
+    seen = {shot.name: shot.T_b_f for shot in shots}
     return result, BasisEntry(
         target="; ".join(map(str, tables)),
         poses_read_as=tuple(read_as),
@@ -137,12 +129,12 @@ def _read_set(
     read = read_profiles(profiles, form)
     for bad in read.bad:
         leave_out(f"{profiles}: {bad}; left out")
-    found = read_flange_poses(poses)
+    found = pose_files.read_flange_poses(poses)
     report(f"{poses}: {len(found.T_b_f)} poses, read as {found.convention}")
-    return pair_profiles_with_poses(read.profiles, found, poses), found.convention
+    return pose_files.pair_profiles_with_poses(read.profiles, found, poses), found.convention
 
 
-def _target(
+def _target_of_set(
     table: RecordedSettings, shots: Sequence[PosedProfile], noise: NoiseModel, folder: Path
 ) -> RecordedTarget:
     """The target of a set; a board is seen from the side of the flange."""
@@ -152,7 +144,7 @@ def _target(
         return SphereTarget(table.radius)
     flange_b = np.mean([shot.T_b_f[:3, 3] for shot in shots], axis=0)
     if table.touched is not None:
-        points = read_points_in_base_frame(folder / table.touched)
+        points = pose_files.read_points_in_base_frame(folder / table.touched)
         return fit_plane(points, noise.touch, flange_b, geometry=noise.geometry)
     if table.plane is None:
         return None
@@ -160,75 +152,52 @@ def _target(
     return plane_stated_beforehand(plane, flange_b, noise.touch, geometry=noise.geometry)
 
 
-def calibrate_from_profiles(
-    recordings: Sequence[TargetRecording],
-    noise: NoiseModel,
-    report: Report,
-    *,
-    sensor_is_fixed: bool = False,
-) -> HandEyeCalibration:
-    """Calibrate from recorded profiles of one or several targets, all solved together.
+def see_targets(
+    sets: Sequence[RecordedSet], noise: NoiseModel, report: Report
+) -> list[SeenTarget[Any]]:
+    """Fit the line, arc or edge of every recorded profile.
 
     Parameters
     ----------
-    recordings : sequence of TargetRecording
-        Of the same sensor on the same arm.
+    sets : sequence of (sequence of PosedProfile, target)
+        Profiles of the same sensor on the same arm, and their target.
     noise : NoiseModel
         Errors of profiles and poses.
     report : callable
-        Receives a message about each profile that holds no line, arc or edge, before anything is
-        solved.
-    sensor_is_fixed : bool
-        The sensor is fixed in the room, and the arm carries the target.
-
-    Raises
-    ------
-    CalibrationRefused
-        As `calibrate_on_targets` does.
+        Receives a message about each profile that holds no line, arc or edge.
     """
-    targets = []
-    for recording in recordings:
-        seen, unread = _fit(recording, noise)
+    targets: list[SeenTarget[Any]] = []
+    unread: dict[str, CalibrationRefused]
+    for shots, target in sets:
+        if isinstance(target, SphereTarget):
+            arcs, unread = fit_profiles(shots, fit_circle, noise)
+            targets.append(SeenBall(arcs, target, noise))
+        elif isinstance(target, UnknownRoof):
+            roofs, unread = fit_profiles(shots, fit_roof, noise)
+            targets.append(SeenRoof(roofs, noise))
+        else:
+            lines, unread = fit_profiles(shots, fit_line, noise)
+            targets.append(SeenBoard(lines, target, noise))
         for name, refusal in unread.items():
             report(f"{name} is left out: {refusal.reason}, {refusal.evidence}")
-        targets.append(seen)
-    return calibrate_on_targets(
-        targets, noise, sensor_is_fixed=sensor_is_fixed, check_conventions=True
-    )
-
-
-def _fit(
-    recording: TargetRecording, noise: NoiseModel
-) -> tuple[SeenTarget[Any], dict[str, CalibrationRefused]]:
-    """Line, arc or edge of every profile, and by name, why others hold none."""
-    target, shots = recording.target, recording.profiles
-    if isinstance(target, SphereTarget):
-        arcs, unread = fit_profiles(shots, fit_circle, noise)
-        return SeenBall(arcs, target, noise), unread
-    if isinstance(target, UnknownRoof):
-        roofs, unread = fit_profiles(shots, fit_roof, noise)
-        return SeenRoof(roofs, noise), unread
-    lines, unread = fit_profiles(shots, fit_line, noise)
-    return SeenBoard(lines, target, noise), unread
+    return targets
 
 
 def _calibrate_arm(
-    recordings: Sequence[TargetRecording],
+    seen: Sequence[SeenTarget[Any]],
     q: Mapping[str, Array],
     kinematics: Kinematics,
-    noise: NoiseModel,
     T_f_s: Array,
     report: Report,
 ) -> HandEyeCalibration:
     """Calibrate an arm and the sensor on it, every fifth profile held out."""
-    seen = [_fit(one, noise)[0] for one in recordings]
     names = [name for one in seen for name in one.names]
     held_out = np.arange(len(names)) % HELD_OUT_EVERY == HELD_OUT_EVERY // 2
     targets = []
     for one in seen:
-        begun = one.start_at(T_f_s)
+        model, start = one.start_at(T_f_s)
         angles = np.array([q[name] for name in one.names])
-        targets.append(TargetInPostures(begun.model, angles, one.T_b_f, begun.target))
+        targets.append(TargetInPostures(model, angles, one.T_b_f, start))
     found = calibrate_arm(
         ArmModel(kinematics, tuple(targets)), held_out, PlacementTolerance(), T_f_s
     )
@@ -238,11 +207,11 @@ def _calibrate_arm(
 
 
 def _joint_angles_by_name(
-    recordings: Sequence[TargetRecording], kinematics: Kinematics
+    shots: Sequence[PosedProfile], kinematics: Kinematics
 ) -> dict[str, Array]:
     """Joint angles of every profile, by its name, after a check that they fit its pose."""
     found = {}
-    for shot in (shot for one in recordings for shot in one.profiles):
+    for shot in shots:
         if shot.q is None or shot.q.shape != kinematics.lower.shape:
             raise ConfigurationError(
                 f"{shot.name}: {kinematics.name} has {kinematics.lower.size} joints, and the poses "

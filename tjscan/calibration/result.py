@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.closed_form import ClosedFormSolution
-from tjscan.calibration.entries import ArmKinematicsEntry
+from tjscan.calibration.file import ArmKinematicsEntry
 from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.calibration.targets.roof import RoofTarget
 from tjscan.core.frames import Array, frozen_arrays
@@ -50,17 +50,17 @@ class MeasuredRadius:
 
     Parameters
     ----------
-    radius : float
-        As measured.
-    sigma : float
+    measured_radius : float
+        By the arcs.
+    sigma_radius : float
         Its standard deviation.
-    stated : float or None
+    stated_radius : float or None
         As stated; None if it was not.
     """
 
-    radius: float
-    sigma: float
-    stated: float | None
+    measured_radius: float
+    sigma_radius: float
+    stated_radius: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,10 +204,10 @@ class HandEyeCalibration:
                 f"residuals of poses that are alike are alike, as where an arm's geometry is "
                 f"{1e3 * self.geometry:.2f} mm off; the uncertainty allows for that"
             )
-        measured = self.measured_radius
-        if measured and measured.stated and measured.sigma > MAX_RADIUS_SIGMA:
+        ball = self.measured_radius
+        if ball and ball.stated_radius and ball.sigma_radius > MAX_RADIUS_SIGMA:
             found.append(
-                f"the arcs show the ball's radius to {1e3 * measured.sigma:.2f} mm only, too "
+                f"the arcs show the ball's radius to {1e3 * ball.sigma_radius:.2f} mm only, too "
                 "little to check the stated one; take arcs on both sides of its middle"
             )
         if self.sigma_scale > 1:

@@ -12,15 +12,7 @@ from typing import Any, Final
 
 from cyclopts import App, CycloptsError
 
-from tjscan.core.errors import (
-    ArmFault,
-    ConfigurationError,
-    LaserFault,
-    ScanInterrupted,
-    TjscanError,
-    VehicleFault,
-    message_with_notes,
-)
+from tjscan.core import errors
 from tjscan.core.version import PROGRAM_VERSION
 
 
@@ -73,12 +65,12 @@ for command in entry_points(group="tjscan.command"):
 LOOPBACK_COMMANDS: Final = ("ur-loopback", "laser-loopback", "vehicle-loopback")
 """Commands that the distribution tjscan-loopback adds by entry points, as any package may."""
 
-EXIT_CODES: dict[type[TjscanError], int] = {
-    ConfigurationError: 2,
-    ArmFault: 4,
-    LaserFault: 4,
-    VehicleFault: 4,
-    ScanInterrupted: 130,
+EXIT_CODES: dict[type[errors.TjscanError], int] = {
+    errors.ConfigurationError: 2,
+    errors.ArmFault: 4,
+    errors.LaserFault: 4,
+    errors.VehicleFault: 4,
+    errors.ScanInterrupted: 130,
 }
 """Exit code of each branch of the error tree; 1 for the rest."""
 
@@ -90,7 +82,7 @@ SYSTEM_LIBRARIES: Final = (
 """What to do if one can't be loaded."""
 
 
-def exit_code_of_error(error: TjscanError) -> int:
+def exit_code_of_error(error: errors.TjscanError) -> int:
     """Exit code of the program after an error."""
     return next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), 1)
 
@@ -98,7 +90,7 @@ def exit_code_of_error(error: TjscanError) -> int:
 def _check_is_installed(tokens: Sequence[str]) -> None:
     """Refuse the command of a loopback device whose package is missing."""
     if tokens and tokens[0] in LOOPBACK_COMMANDS and tokens[0] not in app:
-        raise ConfigurationError(
+        raise errors.ConfigurationError(
             f"'tjscan {tokens[0]}' needs the package tjscan-loopback, which is not installed: "
             "pip install ./loopback in the checkout of tjscan"
         )
@@ -124,8 +116,8 @@ def main(tokens: Sequence[str] | None = None) -> None:
         app(tokens, exit_on_error=False, print_error=True)
     except CycloptsError:
         sys.exit(2)
-    except TjscanError as error:
-        print(f"tjscan: {message_with_notes(error)}", file=sys.stderr)
+    except errors.TjscanError as error:
+        print(f"tjscan: {errors.message_with_notes(error)}", file=sys.stderr)
         sys.exit(exit_code_of_error(error))
     except ImportError as error:
         if ".so" not in str(error):

@@ -13,7 +13,7 @@ from tjscan.cli.options.page import LiveOptions
 from tjscan.core.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from tjscan.job.files import CalibrationJob
+    from tjscan.job.files import CalibrationJob, RecordedJob
 
 
 @Parameter(name="*")
@@ -66,12 +66,7 @@ def calibrate(
         Print the calibration as JSON on stdout.
     """
     from tjscan.core.config import add_file_to_errors
-    from tjscan.job.files import (
-        RecordedJob,
-        has_recorded_profiles,
-        read_calibration_job,
-        read_recorded_job,
-    )
+    from tjscan.job import files
     from tjscan.result.directory import JOB_FILE
 
     mode, page, keys = mode or CalibrationMode(), page or LiveOptions(), parse_overrides(overrides)
@@ -88,24 +83,24 @@ def calibrate(
     if resume is not None:
         if mode.arm or mode.dry_run or out is not None:
             raise ConfigurationError("--resume goes on as it was begun: no --arm, --dry-run, --out")
-        parsed = read_calibration_job(file)
-    elif has_recorded_profiles(file):
+        parsed = files.read_calibration_job(file)
+    elif files.has_recorded_profiles(file):
         if mode != CalibrationMode() or station is not None or page.live:
             raise ConfigurationError(
                 "has [[recorded]] profiles, so nothing moves: --dry-run, --live, --station and "
                 "--unattended have no meaning, and --arm is the key solve.calibrate_arm",
                 file=file,
             )
-        parsed = read_recorded_job(file, keys)
+        parsed = files.read_recorded_job(file, keys)
     else:
         with add_file_to_errors(file):
-            parsed = read_calibration_job(file, keys).job_at_station(station)
+            parsed = files.read_calibration_job(file, keys).job_at_station(station)
         if mode.dry_run and (mode.arm or out is not None):
             raise ConfigurationError("--dry-run plans the lines of a job: no --out, no --arm")
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.output.calibration import calibrate_and_print, print_calibration_check
 
-    if mode.dry_run and not isinstance(parsed, RecordedJob):
+    if mode.dry_run and not isinstance(parsed, files.RecordedJob):
         print_calibration_check(parsed, file)
     else:
         again = resume is not None

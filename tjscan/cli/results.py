@@ -113,24 +113,19 @@ def groove(
         Print the readings as JSON on stdout.
     """
     with show_phase("reading the groove"):
-        from tjscan.cli.output.groove import (
-            check_plot_path,
-            draw_readings_png,
-            print_readings,
-            suggest_height_sign,
-        )
+        from tjscan.cli.output import groove as output
         from tjscan.result.readings import measure_grooves
 
-        check_plot_path(plot)
+        output.check_plot_path(plot)
         settings = _groove_settings_for_file(file, reading)
         table = _read_profiles(file, form)
         readings = list(measure_grooves(table.profiles, settings))
-    print_readings(readings, table.bad, corners=corners, json=json)
+    output.print_readings(readings, table.bad, corners=corners, json=json)
     if plot is not None:
         with show_phase("drawing the profiles"):
-            draw_readings_png(plot, readings, settings)
+            output.draw_readings_png(plot, readings, settings)
     if all(reading.refusal is not None for reading in readings):
-        suggest_height_sign(table.profiles, settings)
+        output.suggest_height_sign(table.profiles, settings)
         raise SystemExit(1)
 
 

@@ -38,7 +38,7 @@ def run(
         Print the figures as JSON on stdout.
     """
     from tjscan.core.errors import ConfigurationError
-    from tjscan.job.tow.checks import read_tow_job
+    from tjscan.job.tow.job import read_tow_job
 
     keys = parse_overrides(overrides, method=method)
     file = job / "job.toml" if resume else job

@@ -9,14 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, Self, TypeVar, get_args
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    GetJsonSchemaHandler,
-    TypeAdapter,
-    ValidationError,
-    model_validator,
-)
+import pydantic
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails
 
@@ -26,16 +19,18 @@ from tjscan.core.manifest import check_as_written
 from tjscan.core.units import SettingsTable
 
 
-class StrictFileModel(BaseModel):
+class StrictFileModel(pydantic.BaseModel):
     """Base of the models of configuration files: frozen, strict about types, closed."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    model_config = pydantic.ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False
+    )
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """Yield key and message of what does not go together; the first is refused."""
         yield from ()
 
-    @model_validator(mode="after")
+    @pydantic.model_validator(mode="after")
     def _refuse_contradictions(self) -> Self:
         for key, message in self.contradictions():
             raise ConfigurationError(message, key=key)
@@ -43,7 +38,7 @@ class StrictFileModel(BaseModel):
 
     @classmethod
     def __get_pydantic_json_schema__(
-        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+        cls, core_schema: CoreSchema, handler: pydantic.GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         """The file's JSON schema, its keys explained by the class's docstring."""
         from tjscan.core.json_schema import describe_table
@@ -119,8 +114,8 @@ def validate_table(model: type[M], data: Mapping[str, Any], file: Path | None = 
         For the first key that is unknown, missing, or of a wrong type or value.
     """
     try:
-        return TypeAdapter(model).validate_python(dict(data))
-    except ValidationError as error:
+        return pydantic.TypeAdapter(model).validate_python(dict(data))
+    except pydantic.ValidationError as error:
         # A misspelt key is both unknown and missing: report the former.
         first = min(error.errors(), key=lambda e: e["type"] not in UNKNOWN_KEY_ERRORS)
         key = ".".join(str(part) for part in first["loc"])
@@ -152,10 +147,10 @@ def read_json_as_written(model: type[J], file: Path, most: int, what: str) -> J:
     try:
         content = read_small_file(file, most, f"a {what}")
         check_as_written(file)
-        return TypeAdapter(model).validate_json(content)
+        return pydantic.TypeAdapter(model).validate_json(content)
     except OSError as error:
         raise ConfigurationError(f"can't be read: {error.strerror}", file=file) from None
-    except ValidationError as error:
+    except pydantic.ValidationError as error:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"])) or None
         raise ConfigurationError(
@@ -165,7 +160,7 @@ def read_json_as_written(model: type[J], file: Path, most: int, what: str) -> J:
 
 def table_to_dict(table: StrictFileModel | SettingsTable) -> dict[str, Any]:
     """Convert a table's model to the keys and values of its file; keys without a value left out."""
-    found: dict[str, Any] = TypeAdapter(type(table)).dump_python(
+    found: dict[str, Any] = pydantic.TypeAdapter(type(table)).dump_python(
         table, mode="json", exclude_none=True, by_alias=True
     )
     return found

@@ -44,13 +44,7 @@ from tjscan.groove.settings import (
     TurnBounds,
 )
 from tjscan.groove.shape import points_lead_away_from_side
-from tjscan.groove.sides import (
-    CubicCurve,
-    FittedProfile,
-    GrooveFit,
-    OrderedProfilePoints,
-    Polyline,
-)
+from tjscan.groove.sides import CubicCurve, FittedProfile, GrooveFit, OrderedProfilePoints, Polyline
 
 FEWEST_POINTS_ON_SIDE: Final = 4
 """Fewest points on a side."""

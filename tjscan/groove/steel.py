@@ -16,11 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.interreflection import (
-    PULL_RELATIVE_SIGMA,
-    closeness_to_notch,
-    estimate_pull,
-)
+from tjscan.groove.interreflection import PULL_RELATIVE_SIGMA, closeness_to_notch, estimate_pull
 from tjscan.groove.prior import (
     NOTCH_PULLS,
     SCALE_THICKNESSES,

@@ -120,8 +120,7 @@ def make_cell(
     model = kinematics_of_job(job)
     recording = cache(partial(_read_recording, job.laser))
     arm_driver = ARM_DRIVERS.load(job.arm.driver)
-    device: Arm = ARM_DRIVERS.make(
-        job.arm.driver,
+    device: Arm = job.arm.make_device(
         ArmDriverInputs(
             model,
             MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration),
@@ -129,8 +128,7 @@ def make_cell(
             simulation=None if simulation is None else simulation.arm,
             left=left,
             recording=lambda: recording()[:2],
-        ),
-        job.arm.driver_settings,
+        )
     )
     arm = device
     if arm_driver.kind is not DriverKind.REPLAYED:
@@ -140,8 +138,7 @@ def make_cell(
     true_flange = partial(arm_driver.truth, device)
     flange = LaserFlange.of_arm(true_flange, device.state)
     inputs = _laser_driver_inputs(job, flange, T_f_s, scene, lambda: recording()[::2])
-    laser = LASER_DRIVERS.make(job.laser.driver, inputs, job.laser.driver_settings)
-    return Cell(arm, laser, T_f_s, clearance, true_flange)
+    return Cell(arm, job.laser.make_device(inputs), T_f_s, clearance, true_flange)
 
 
 def make_simulated_laser(

@@ -19,20 +19,11 @@ from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
+from tjscan.core import units
 from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.devices import DriverKind, DriverRegistry
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
-from tjscan.core.units import (
-    DEG,
-    MM,
-    MM_S,
-    MM_S2,
-    NOT_IN_FILE,
-    PoseRows,
-    SettingsTable,
-    pose_from_rows_mm,
-)
 from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.laser.drivers import LASER_DRIVERS, LaserDriverInputs, LaserFlange
 from tjscan.laser.line_laser import LineLaser
@@ -74,7 +65,7 @@ class DeviceGroup:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeviceSettings(SettingsTable):
+class DeviceSettings(units.SettingsTable):
     """Base of the tables [arm] and [laser]: the driver, and the settings of drivers.
 
     Each driver has a table of its own below, such as [arm.ur]. It is checked against what the
@@ -94,7 +85,7 @@ class DeviceSettings(SettingsTable):
 
     driver: str = "simulated"
     id: Annotated[str | None, MinLen(1)] = None
-    drivers: Annotated[Mapping[str, Any], NOT_IN_FILE] = field(default_factory=dict)
+    drivers: Annotated[Mapping[str, Any], units.NOT_IN_FILE] = field(default_factory=dict)
 
     @property
     def driver_kind(self) -> DriverKind:
@@ -121,6 +112,10 @@ class DeviceSettings(SettingsTable):
             raise ConfigurationError(
                 f"driver {self.driver!r} needs a table [{name}]{lacks}", key=self.registry.key
             ) from None
+
+    def make_device(self, inputs: Any) -> Any:
+        """Make the device that the job names, not yet connected; see `DriverRegistry.make`."""
+        return self.registry.make(self.driver, inputs, self.driver_settings)
 
     @classmethod
     def file_key_types(cls) -> dict[str, Any]:
@@ -194,7 +189,7 @@ def _dump_with_drivers(table: DeviceSettings, write: Callable[[DeviceSettings], 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ArmUncertaintySettings(SettingsTable):
+class ArmUncertaintySettings(units.SettingsTable):
     """The table [arm.uncertainty]: how far the arm may be from where it reports.
 
     Parameters
@@ -210,10 +205,10 @@ class ArmUncertaintySettings(SettingsTable):
         not repeat; as in `tjscan.joint.tubes.fit.ArmRepeatability` if left out.
     """
 
-    absolute: Annotated[float | None, Ge(0), Le(20), MM] = None
-    repeatability: Annotated[float | None, Ge(0), Le(5), MM] = None
+    absolute: Annotated[float | None, Ge(0), Le(20), units.MM] = None
+    repeatability: Annotated[float | None, Ge(0), Le(5), units.MM] = None
     angular_repeatability: Annotated[
-        float | None, Ge(0), Le(5), DEG.with_key("repeatability_deg")
+        float | None, Ge(0), Le(5), units.DEG.with_key("repeatability_deg")
     ] = None
 
     @property
@@ -227,7 +222,7 @@ class ArmUncertaintySettings(SettingsTable):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LaserUncertaintySettings(SettingsTable):
+class LaserUncertaintySettings(units.SettingsTable):
     """The table [laser.uncertainty]: how far the laser's profiles may be from the truth.
 
     Parameters
@@ -240,8 +235,8 @@ class LaserUncertaintySettings(SettingsTable):
         tangent of the incidence, metres; `ASSUMED_RANGE_BIAS` if left out.
     """
 
-    linearity: Annotated[float | None, Ge(0), Le(5), MM] = None
-    range_bias: Annotated[float | None, Ge(0), Le(5), MM] = None
+    linearity: Annotated[float | None, Ge(0), Le(5), units.MM] = None
+    range_bias: Annotated[float | None, Ge(0), Le(5), units.MM] = None
 
     @property
     def linear(self) -> tuple[float, str]:
@@ -275,8 +270,8 @@ class ArmSettings(DeviceSettings):
     registry: ClassVar[DriverRegistry[Any]] = ARM_DRIVERS
 
     model: str = "ur10e"
-    speed: Annotated[float, Ge(1), Le(3000), MM_S] = 0.25
-    acceleration: Annotated[float, Ge(10), Le(50_000), MM_S2] = 1.2
+    speed: Annotated[float, Ge(1), Le(3000), units.MM_S] = 0.25
+    acceleration: Annotated[float, Ge(10), Le(50_000), units.MM_S2] = 1.2
     uncertainty: ArmUncertaintySettings = field(default_factory=ArmUncertaintySettings)
 
     @property
@@ -307,13 +302,13 @@ class LaserSettings(DeviceSettings):
     registry: ClassVar[DriverRegistry[Any]] = LASER_DRIVERS
 
     recording: Annotated[str | None, MinLen(1)] = None
-    replay_tolerance: Annotated[float, Ge(0), Le(1000), MM] = 5e-3
-    replay_angle: Annotated[float, Ge(0), Le(180), DEG.with_key("replay_tolerance_deg")] = radians(
-        2
+    replay_tolerance: Annotated[float, Ge(0), Le(1000), units.MM] = 5e-3
+    replay_angle: Annotated[float, Ge(0), Le(180), units.DEG.with_key("replay_tolerance_deg")] = (
+        radians(2)
     )
     points: Annotated[int, Ge(160), Le(640), MultipleOf(80)] = 640
-    near: Annotated[float, Ge(1), Le(5000), MM] = 0.190
-    far: Annotated[float, Ge(1), Le(5000), MM] = 0.290
+    near: Annotated[float, Ge(1), Le(5000), units.MM] = 0.190
+    far: Annotated[float, Ge(1), Le(5000), units.MM] = 0.290
     uncertainty: LaserUncertaintySettings = field(default_factory=LaserUncertaintySettings)
 
     def __post_init__(self) -> None:
@@ -331,7 +326,7 @@ class LaserSettings(DeviceSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CalibrationSettings(SettingsTable):
+class CalibrationSettings(units.SettingsTable):
     """Pose of the laser on the flange: rows of T_f_s, or the calibration file that holds it.
 
     Parameters
@@ -345,10 +340,10 @@ class CalibrationSettings(SettingsTable):
         brings its own.
     """
 
-    T_f_s_mm: PoseRows | None = None
+    T_f_s_mm: units.PoseRows | None = None
     file: str | None = None
-    sigma_position: Annotated[float | None, Ge(0), Le(50), MM] = None
-    sigma_rotation: Annotated[float | None, Ge(0), Le(20), DEG] = None
+    sigma_position: Annotated[float | None, Ge(0), Le(50), units.MM] = None
+    sigma_rotation: Annotated[float | None, Ge(0), Le(20), units.DEG] = None
 
     def __post_init__(self) -> None:
         if (self.T_f_s_mm is None) == (self.file is None):
@@ -361,7 +356,7 @@ class CalibrationSettings(SettingsTable):
     @property
     def T_f_s(self) -> Array | None:
         """Pose of the sensor in the flange frame, shape (4, 4), metres; None if a file holds it."""
-        return None if self.T_f_s_mm is None else pose_from_rows_mm(self.T_f_s_mm)
+        return None if self.T_f_s_mm is None else units.pose_from_rows_mm(self.T_f_s_mm)
 
     @property
     def covariance(self) -> Array | None:
@@ -392,7 +387,7 @@ def make_laser_without_arm(table: DeviceSettings) -> LineLaser:
     inputs = LaserDriverInputs(
         LaserModel(), flange, np.eye(4), _refuse_without_arm, None, _refuse_without_arm
     )
-    laser: LineLaser = LASER_DRIVERS.make(table.driver, inputs, table.driver_settings)
+    laser: LineLaser = table.make_device(inputs)
     return laser
 
 

@@ -18,16 +18,9 @@ from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, PoseSettings
 from tjscan.groove.settings import GROOVE_MODELS, GrooveSettings
+from tjscan.job import surroundings
 from tjscan.job.devices import ArmSettings, CalibrationSettings, LaserSettings
 from tjscan.job.reading import casefolded_name, read_job, replace_keys
-from tjscan.job.surroundings import (
-    BallSettings,
-    BoardSettings,
-    ClearanceSettings,
-    JointSettings,
-    SimulationSettings,
-    StationSettings,
-)
 from tjscan.laser.model import LaserModel
 from tjscan.scanning.plan import ScanPlan
 
@@ -38,12 +31,14 @@ class CellJob(StrictFileModel):
     arm: ArmSettings = ArmSettings()
     laser: LaserSettings = LaserSettings()
     calibration: CalibrationSettings
-    board: BoardSettings | None = None
-    ball: BallSettings | None = None
-    joint: JointSettings | None = None
-    station: Annotated[tuple[StationSettings, ...], MaxLen(50), LIST_OR_WORD_IN_FILE] = ()
-    clearance: ClearanceSettings = ClearanceSettings()
-    simulation: SimulationSettings | None = None
+    board: surroundings.BoardSettings | None = None
+    ball: surroundings.BallSettings | None = None
+    joint: surroundings.JointSettings | None = None
+    station: Annotated[
+        tuple[surroundings.StationSettings, ...], MaxLen(50), LIST_OR_WORD_IN_FILE
+    ] = ()
+    clearance: surroundings.ClearanceSettings = surroundings.ClearanceSettings()
+    simulation: surroundings.SimulationSettings | None = None
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """Yield key and message of drivers that do not fit, and of names of stations."""
@@ -223,7 +218,7 @@ class ScanJob(CellJob):
 class CalibrationJob(CellJob):
     """A job file that describes a calibration; it may have a [scan] table too."""
 
-    board: BoardSettings
+    board: surroundings.BoardSettings
     scan: ScanPlan | None = None
     groove: GrooveSettings | None = None
 

@@ -13,24 +13,11 @@ from annotated_types import Ge, Gt, Le, MaxLen
 from pydantic import Field
 
 from tjscan.calibration.noise import NoiseModel
+from tjscan.core import units
 from tjscan.core.config import StrictFileModel
 from tjscan.core.frames import Array
-from tjscan.core.units import (
-    FARTHEST_MM,
-    LIST_OR_WORD_IN_FILE,
-    MM,
-    PoseRows,
-    PoseSettings,
-    Position,
-    SettingsTable,
-)
 from tjscan.laser.model import LaserModel
-from tjscan.robot.settings import (
-    ArmSimulationSettings,
-    ClearanceMargins,
-    JointAngles,
-    PlacementTolerance,
-)
+from tjscan.robot import settings as arm_settings
 from tjscan.robot.solids import SolidSettings
 from tjscan.scanning.target import ScanDirection
 
@@ -40,7 +27,7 @@ MOST_SOLIDS: Final = MaxLen(300)
 SMALLEST_BOARD: Final = 0.1
 """Metres."""
 
-LengthMm = Annotated[float, Gt(0), Le(FARTHEST_MM)]
+LengthMm = Annotated[float, Gt(0), Le(units.FARTHEST_MM)]
 """In the unit of the file; a unit after it converts it."""
 
 
@@ -52,7 +39,7 @@ class PlacedSolidSettings(SolidSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ClearanceSettings(ClearanceMargins):
+class ClearanceSettings(arm_settings.ClearanceMargins):
     """The table [clearance]: what the arm keeps clear of, and how far.
 
     Parameters
@@ -70,16 +57,17 @@ class ClearanceSettings(ClearanceMargins):
     """
 
     self_collision: bool = True
-    lifts: Annotated[tuple[LengthMm, ...], MaxLen(20), MM] = (0.05, 0.1, 0.2, 0.3)
+    lifts: Annotated[tuple[LengthMm, ...], MaxLen(20), units.MM] = (0.05, 0.1, 0.2, 0.3)
     ignore: Annotated[
-        tuple[Annotated[tuple[str, str], LIST_OR_WORD_IN_FILE], ...], LIST_OR_WORD_IN_FILE
+        tuple[Annotated[tuple[str, str], units.LIST_OR_WORD_IN_FILE], ...],
+        units.LIST_OR_WORD_IN_FILE,
     ] = ()
-    solid: Annotated[tuple[PlacedSolidSettings, ...], MOST_SOLIDS, LIST_OR_WORD_IN_FILE] = ()
-    tool: Annotated[tuple[SolidSettings, ...], MOST_SOLIDS, LIST_OR_WORD_IN_FILE] = ()
+    solid: Annotated[tuple[PlacedSolidSettings, ...], MOST_SOLIDS, units.LIST_OR_WORD_IN_FILE] = ()
+    tool: Annotated[tuple[SolidSettings, ...], MOST_SOLIDS, units.LIST_OR_WORD_IN_FILE] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BoardSettings(PoseSettings):
+class BoardSettings(units.PoseSettings):
     """The table [board]: the flat board to calibrate on, about where it is, and what to take.
 
     The frame's origin is the middle of the board's face, x along the first side, z away from it.
@@ -98,9 +86,9 @@ class BoardSettings(PoseSettings):
         What measurements are assumed to err by.
     """
 
-    size: Annotated[tuple[float, float], MM]
-    probe_tip: Position
-    approach: Annotated[float, Gt(0), Le(500), MM] = 0.03
+    size: Annotated[tuple[float, float], units.MM]
+    probe_tip: units.Position
+    approach: Annotated[float, Gt(0), Le(500), units.MM] = 0.03
     touches: Annotated[int, Ge(3), Le(100)] = 9
     lines: Annotated[int, Ge(5), Le(100)] = 12
     noise: NoiseModel = field(default_factory=NoiseModel)
@@ -111,7 +99,7 @@ class BoardSettings(PoseSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BallSettings(SettingsTable):
+class BallSettings(units.SettingsTable):
     """The table [ball]: the ball to calibrate the arm on, about where it is, and what to take.
 
     Parameters
@@ -129,18 +117,20 @@ class BallSettings(SettingsTable):
         after the ±0.05 mm the maker states for a UR10e.
     """
 
-    position: Position
-    radius: Annotated[float, Ge(10), Le(200), MM]
+    position: units.Position
+    radius: Annotated[float, Ge(10), Le(200), units.MM]
     poses: Annotated[int, Ge(20), Le(500)] = 44
     held_out: Annotated[int, Ge(5), Le(200)] = 12
-    tolerance: PlacementTolerance = field(default_factory=PlacementTolerance)
+    tolerance: arm_settings.PlacementTolerance = field(
+        default_factory=arm_settings.PlacementTolerance
+    )
     noise: NoiseModel = field(
         default_factory=lambda: NoiseModel(position=3e-5, rotation=radians(0.004))
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class JointSettings(PoseSettings):
+class JointSettings(units.PoseSettings):
     """The table [joint]: the joint as designed, for comparisons and for the simulated world.
 
     Its pose is in frame w, which is b for a job without stations. The scanner itself never
@@ -161,7 +151,7 @@ class JointSettings(PoseSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StationPoseSettings(PoseSettings):
+class StationPoseSettings(units.PoseSettings):
     """Name of a station, and the pose of the arm's base there in frame w.
 
     Parameters
@@ -189,15 +179,15 @@ class StationSettings(StationPoseSettings):
         The taught poses of the flange, in this station's frame b.
     """
 
-    direction: Annotated[ScanDirection, LIST_OR_WORD_IN_FILE] | None = None
-    length: Annotated[float | None, Gt(0), MM] = None
+    direction: Annotated[ScanDirection, units.LIST_OR_WORD_IN_FILE] | None = None
+    length: Annotated[float | None, Gt(0), units.MM] = None
     sections: Annotated[int | None, Ge(3)] = None
-    first: PoseSettings
-    second: PoseSettings
+    first: units.PoseSettings
+    second: units.PoseSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SimulatedBoardSettings(PoseSettings):
+class SimulatedBoardSettings(units.PoseSettings):
     """The table [simulation.board]: the true pose of the board, and how well it is touched.
 
     Parameters
@@ -206,15 +196,15 @@ class SimulatedBoardSettings(PoseSettings):
         Standard deviation of a touched point in each axis, metres.
     """
 
-    touch: Annotated[float, Ge(0), Le(5), MM] = 5e-5
+    touch: Annotated[float, Ge(0), Le(5), units.MM] = 5e-5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SimulatedBallSettings(SettingsTable):
+class SimulatedBallSettings(units.SettingsTable):
     """The table [simulation.ball]: where the ball truly is, frame b, and its radius, metres."""
 
-    position: Position
-    radius: Annotated[float, Ge(10), Le(200), MM]
+    position: units.Position
+    radius: Annotated[float, Ge(10), Le(200), units.MM]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -227,7 +217,7 @@ class SimulatedStationSettings(StationPoseSettings):
         Joint angles the arm starts with there, radians; those in [simulation.arm] if left out.
     """
 
-    home: JointAngles | None = None
+    home: arm_settings.JointAngles | None = None
 
 
 class SimulationSettings(StrictFileModel):
@@ -238,11 +228,11 @@ class SimulationSettings(StrictFileModel):
     """
 
     seed: int = Field(default=1, ge=0)
-    T_f_s_mm: PoseRows | None = None
+    T_f_s_mm: units.PoseRows | None = None
     board: SimulatedBoardSettings | None = None
     ball: SimulatedBallSettings | None = None
-    station: Annotated[tuple[SimulatedStationSettings, ...], LIST_OR_WORD_IN_FILE] = ()
-    arm: ArmSimulationSettings | None = None
+    station: Annotated[tuple[SimulatedStationSettings, ...], units.LIST_OR_WORD_IN_FILE] = ()
+    arm: arm_settings.ArmSimulationSettings | None = None
     laser: LaserModel = LaserModel()
 
     def with_seeds_of_devices(self) -> SimulationSettings:

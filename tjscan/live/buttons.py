@@ -9,6 +9,9 @@ from typing import Final, Literal
 HOLD_RATE: Final = 20.0
 """Hz at which a button that is held repeats it."""
 
+Act = Callable[[], object]
+"""What a button does."""
+
 Tone = Literal["green", "yellow", "blue", "red", "gray"]
 
 
@@ -34,14 +37,14 @@ class Button:
     """
 
     word: str
-    press: Callable[[], object]
+    press: Act
     tone: Tone = "blue"
     hint: str = ""
     big: bool = False
     held: bool = False
 
 
-def stop_button(interrupt: Callable[[], object], what: str) -> Sequence[Button]:
+def stop_button(interrupt: Act, what: str) -> Sequence[Button]:
     """The button of all vehicles.
 
     Parameters

@@ -13,6 +13,9 @@ from tjscan.live.buttons import Button
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import STATE_FACT, Show, Step, merge_steps
 
+Report = Callable[[str], object]
+"""Receives messages, each a sentence."""
+
 FEED_CAPACITY: Final = 512
 """Entries that wait for the page; what comes while it is full is not shown."""
 DRAW_INTERVAL: Final = 0.05
@@ -33,7 +36,7 @@ class LiveFeed:
         Receives messages, each a sentence.
     """
 
-    def __init__(self, show: Callable[[list[Any]], None], report: Callable[[str], object]) -> None:
+    def __init__(self, show: Callable[[list[Any]], None], report: Report) -> None:
         self._show, self._report = show, report
         self._waiting: Queue[object] = Queue(FEED_CAPACITY)
         self._over, self.dropped, self.is_dead = Event(), 0, False
@@ -83,7 +86,7 @@ class RunOnPage:
         Receives, in a sentence, what becomes of the page.
     """
 
-    def __init__(self, page: Page | None, show: Show, report: Callable[[str], object]) -> None:
+    def __init__(self, page: Page | None, show: Show, report: Report) -> None:
         self.page, self._show = page, show
         self._started = Event()
         self._feed = None if page is None else LiveFeed(self._draw_entries, report)
@@ -143,7 +146,7 @@ class RunOnPage:
 def show_run(
     show: Show,
     where: PageAddress,
-    report: Callable[[str], object],
+    report: Report,
     buttons: Callable[[RunOnPage], Sequence[Button]],
     before: Callable[[], Iterable[Step]] = tuple,
 ) -> Iterator[RunOnPage]:

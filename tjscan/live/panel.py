@@ -112,8 +112,7 @@ class Panel:
         if step.table is not None:
             self._table.visible, self._table.content = True, _render("table", step.table)
         if step.diagram is not None and step.diagram != self._drawn_diagram:
-            self._drawn_diagram = step.diagram
-            self._diagram.visible = True
+            self._drawn_diagram, self._diagram.visible = step.diagram, True
             self._diagram.content = _render("diagram", step.diagram)
         if step.profile is not None:
             x, *others = columns = profile_columns(step.profile)

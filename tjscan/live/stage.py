@@ -181,9 +181,8 @@ class Stage:
             )
             nodes.append(cloud)
         if len(piece.vertices):
-            nodes.append(
-                self._draw_mesh(f"{path}/surface", piece.vertices, piece.triangles, colour)
-            )
+            path = f"{path}/surface"
+            nodes.append(self._draw_mesh(path, piece.vertices, piece.triangles, colour))
         return nodes
 
     def _colour_of(self, piece: MeasuredPiece) -> Colour:

@@ -248,11 +248,9 @@ class Show(Protocol):
     @property
     def setting(self) -> Setting:
         """What does not change."""
-        ...
 
     def step(self, entry: object) -> Step:
         """What an entry changes: nothing if it is of an unknown type."""
-        ...
 
 
 ShowReader = Callable[[Path], tuple[Show, Iterable[object]]]

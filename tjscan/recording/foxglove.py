@@ -50,7 +50,7 @@ def frame_transforms_message(time: int, poses: Mapping[tuple[str, str], Array]) 
     message = FrameTransforms()
     for (parent, child), T in poses.items():
         one = message.transforms.add(
-            timestamp=_stamp(time), parent_frame_id=parent, child_frame_id=child
+            timestamp=_timestamp(time), parent_frame_id=parent, child_frame_id=child
         )
         one.translation.x, one.translation.y, one.translation.z = T[:3, 3].tolist()
         turn = Rotation.from_matrix(T[:3, :3]).as_quat().tolist()
@@ -64,9 +64,9 @@ def profile_to_cloud_message(time: int, profile: Profile) -> PointCloud:
     if profile.intensity is not None:
         columns["intensity"] = profile.intensity
     return PointCloud(
-        timestamp=_stamp(time),
+        timestamp=_timestamp(time),
         frame_id="s",
-        pose=_identity(),
+        pose=_identity_pose(),
         point_stride=8 * len(columns),
         fields=[
             PackedElementField(name=name, offset=8 * i, type=NumericType.FLOAT64)
@@ -105,7 +105,7 @@ def profile_from_cloud_message(cloud: PointCloud, times: Profile) -> Profile:
 
 def joint_states_message(time: int, names: Sequence[str], q: Array) -> JointStates:
     """Foxglove message with the angles of an arm's joints, radians."""
-    message = JointStates(timestamp=_stamp(time))
+    message = JointStates(timestamp=_timestamp(time))
     for name, angle in zip(names, q.tolist(), strict=True):
         message.joints.add(name=name, position=angle)
     return message
@@ -125,19 +125,19 @@ def line_and_surface_message(time: int, name: str, line: Array, triangles: Array
     triangles : ndarray, shape (m, 3, 3)
         Corners of each triangle, metres; m may be 0.
     """
-    entity = SceneEntity(timestamp=_stamp(time), frame_id="b", id=name)
+    entity = SceneEntity(timestamp=_timestamp(time), frame_id="b", id=name)
     entity.lines.add(
         type=LinePrimitive.LINE_STRIP,
-        pose=_identity(),
+        pose=_identity_pose(),
         thickness=LINE_WIDTH_PIXELS,
         scale_invariant=True,
-        points=_points(line),
+        points=_point_messages(line),
         color=Color(r=1.0, g=0.5, b=0.0, a=1.0),
     )
     if len(triangles):
         entity.triangles.add(
-            pose=_identity(),
-            points=_points(triangles.reshape(-1, 3)),
+            pose=_identity_pose(),
+            points=_point_messages(triangles.reshape(-1, 3)),
             color=Color(r=0.6, g=0.65, b=0.7, a=1.0),
         )
     return SceneUpdate(entities=[entity])
@@ -145,20 +145,20 @@ def line_and_surface_message(time: int, name: str, line: Array, triangles: Array
 
 def event_log_message(time: int, level: Log.Level.ValueType, name: str, detail: str) -> Log:
     """Foxglove log message of an event: its name, and its detail."""
-    return Log(timestamp=_stamp(time), level=level, name=name, message=detail)
+    return Log(timestamp=_timestamp(time), level=level, name=name, message=detail)
 
 
-def _stamp(time: int) -> Timestamp:
+def _timestamp(time: int) -> Timestamp:
     stamp = Timestamp()
     stamp.FromNanoseconds(time)
     return stamp
 
 
-def _identity() -> Pose:
+def _identity_pose() -> Pose:
     pose = Pose()
     pose.orientation.w = 1.0
     return pose
 
 
-def _points(values: Array) -> list[Point3]:
+def _point_messages(values: Array) -> list[Point3]:
     return [Point3(x=x, y=y, z=z) for x, y, z in values.tolist()]

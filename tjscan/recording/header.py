@@ -7,8 +7,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
-from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.version import PROGRAM_VERSION
@@ -18,10 +17,6 @@ PROGRAM_NAME: Final = "tjscan"
 
 FORMAT_VERSION: Final = 1
 """Number of the format that is written: one more whenever an older version can't read it."""
-
-HEADER_RECORD: Final = "tjscan.recording"
-JOB_RECORD: Final = "tjscan.origin"
-"""Names of the two metadata records at the head of a recording."""
 
 CHECKSUM_KEY: Final = "sha256"
 """Key of a metadata record: the SHA-256 of all others."""
@@ -41,6 +36,9 @@ class RecordingHeader:
         Messages in the earlier parts of the recording.
     """
 
+    record_name: ClassVar[str] = "tjscan.recording"
+    """Name of its metadata record at the head of a recording."""
+
     version: str = PROGRAM_VERSION
     format: int = FORMAT_VERSION
     messages_before: int = 0
@@ -58,16 +56,10 @@ class RecordingHeader:
         return replace(header, messages_before=int(metadata.get("messages_before", "")))
 
     @property
-    def to_metadata(self) -> dict[str, str]:
+    def metadata(self) -> dict[str, str]:
         """The header as metadata of a recording: names and texts."""
-        return _with_checksum(
-            {
-                "program": PROGRAM_NAME,
-                "version": self.version,
-                "format": str(self.format),
-                "messages_before": str(self.messages_before),
-            }
-        )
+        own = {name: str(value) for name, value in asdict(self).items()}
+        return _with_checksum({"program": PROGRAM_NAME, **own})
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +74,9 @@ class JobSnapshot:
         SHA-256 of the arm's URDF; empty if the job names a model instead.
     """
 
+    record_name: ClassVar[str] = "tjscan.origin"
+    """Name of its metadata record at the head of a recording."""
+
     job: str
     joint: str = ""
     calibration: str = ""
@@ -94,34 +89,29 @@ class JobSnapshot:
         return cls(**{name: metadata.get(name, "") for name in cls.__slots__})
 
     @property
-    def to_metadata(self) -> dict[str, str]:
+    def metadata(self) -> dict[str, str]:
         """The snapshot as metadata of a recording: names and texts."""
         return _with_checksum(asdict(self))
 
 
 def _with_checksum(fields: Mapping[str, str]) -> dict[str, str]:
-    return {**fields, CHECKSUM_KEY: _checksum(fields)}
+    return {**fields, CHECKSUM_KEY: _checksum_of(fields)}
 
 
 def _check_metadata(metadata: Mapping[str, str]) -> None:
-    fields = {name: text for name, text in metadata.items() if name != CHECKSUM_KEY}
-    if metadata.get(CHECKSUM_KEY) != _checksum(fields):
+    if metadata.get(CHECKSUM_KEY) != _checksum_of(metadata):
         raise ValueError("the checksum of its head is another")
 
 
-def _checksum(fields: Mapping[str, str]) -> str:
-    return sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()
-
-
-def file_sha256(file: Path) -> str:
-    """SHA-256 of a file."""
-    return sha256(file.read_bytes()).hexdigest()
+def _checksum_of(fields: Mapping[str, str]) -> str:
+    others = {name: text for name, text in fields.items() if name != CHECKSUM_KEY}
+    return sha256(json.dumps(others, sort_keys=True).encode()).hexdigest()
 
 
 def job_snapshot_changes(before: JobSnapshot, now: JobSnapshot) -> Iterator[tuple[str, str]]:
     """Yield each key that differs between two job snapshots, and how.
 
-    Keys of the job are its own; those of the other files begin with ``joint.toml:``,
+    Keys of the job are its own; keys of the other files begin with ``joint.toml:``,
     ``calibration.toml:`` and ``arm.urdf``.
 
     Raises
@@ -129,16 +119,16 @@ def job_snapshot_changes(before: JobSnapshot, now: JobSnapshot) -> Iterator[tupl
     RecordingError
         If a text is no TOML.
     """
-    yield from _differing("", before.job, now.job)
-    yield from _differing("joint.toml: ", before.joint, now.joint)
-    yield from _differing("calibration.toml: ", before.calibration, now.calibration)
+    yield from _differing_keys("", before.job, now.job)
+    yield from _differing_keys("joint.toml: ", before.joint, now.joint)
+    yield from _differing_keys("calibration.toml: ", before.calibration, now.calibration)
     if before.arm != now.arm:
         yield "arm.urdf", "another file than it was"
 
 
-def _differing(name: str, before: str, now: str) -> Iterator[tuple[str, str]]:
+def _differing_keys(name: str, before: str, now: str) -> Iterator[tuple[str, str]]:
     try:
-        old, new = (dict(_leaves(tomllib.loads(text))) for text in (before, now))
+        old, new = (dict(_leaf_values(tomllib.loads(text))) for text in (before, now))
     except (ValueError, RecursionError) as error:
         raise RecordingError(f"what it was recorded with can't be read: {error}") from error
     for key in sorted(old.keys() | new.keys()):
@@ -146,9 +136,9 @@ def _differing(name: str, before: str, now: str) -> Iterator[tuple[str, str]]:
             yield f"{name}{key}", f"was {old.get(key, 'not there')}, is {new.get(key, 'not there')}"
 
 
-def _leaves(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+def _leaf_values(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
     for key, value in table.items():
         if isinstance(value, dict):
-            yield from _leaves(value, f"{above}{key}.")
+            yield from _leaf_values(value, f"{above}{key}.")
         else:
             yield f"{above}{key}", value

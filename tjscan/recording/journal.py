@@ -11,7 +11,6 @@ from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, Protocol
 
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -55,7 +54,6 @@ class Journal(Protocol):
 
     def record(self, message: object) -> None:
         """Take note of a message; one of an unknown type is passed over."""
-        ...
 
 
 def event_recorder(journal: Journal) -> Callable[[str, str], None]:
@@ -112,16 +110,11 @@ class RecordingJournal(RecordingWriter):
         self._first_reading: float | None = None
         self.waiting: list[tuple[int, Topic[Any], Any]] = []
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         try:
             self.flush()
         finally:
-            super().__exit__(kind, error, trace)
+            super().__exit__(*error)
 
     def set_time(self, seconds: float) -> None:
         """Date what follows by a reading of the device's clock, seconds."""

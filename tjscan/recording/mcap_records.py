@@ -6,6 +6,7 @@ import os
 import re
 import struct
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from io import BytesIO
 from typing import BinaryIO, Final
 from zlib import crc32
@@ -47,6 +48,10 @@ class _CutOff(Exception):
     """The file ends within a record."""
 
 
+_RECORD_ERRORS: Final = (_CutOff, struct.error, ValueError, OverflowError, McapError)
+"""Errors of a record that is cut off or damaged."""
+
+
 def read_mcap_records(
     stream: BinaryIO, report_damage: Callable[[str], object]
 ) -> Iterator[McapRecord]:
@@ -77,12 +82,13 @@ def read_mcap_records(
     magic = stream.read(len(MCAP0_MAGIC))
     if not MCAP0_MAGIC.startswith(magic):
         raise ValueError("it does not begin as an MCAP file does")
-    finished = _ends_as_finished(stream, size)
     place = len(MCAP0_MAGIC)
+    stream.seek(max(place, size - place))
+    finished = stream.read() == bytes(MCAP0_MAGIC)  # as a closed file ends
     while True:
         try:
             length, records = _read_record(stream, place, size)
-        except (_CutOff, struct.error, ValueError, OverflowError, McapError) as error:
+        except _RECORD_ERRORS as error:
             whole = _next_chunk(stream, place + 1, size)
             if not (isinstance(error, _CutOff) and whole is None and not finished):
                 reason = "the file ends in it" if isinstance(error, _CutOff) else error
@@ -170,19 +176,11 @@ def _next_chunk(stream: BinaryIO, place: int, size: int) -> int | None:
         block = stream.read(_BLOCK_BYTES + _RECORD_HEAD.size + _CHUNK_HEAD.size)
         for match in _CHUNK_START.finditer(block):
             start = place + match.start()
-            try:
+            with suppress(*_RECORD_ERRORS):
                 _read_record(stream, start, size)
-            except (_CutOff, struct.error, ValueError, OverflowError, McapError):
-                continue
-            return start
+                return start
         place += _BLOCK_BYTES
     return None
-
-
-def _ends_as_finished(stream: BinaryIO, size: int) -> bool:
-    """Whether a file ends as a closed one does; changes the place of reading."""
-    stream.seek(max(len(MCAP0_MAGIC), size - len(MCAP0_MAGIC)))
-    return stream.read() == bytes(MCAP0_MAGIC)
 
 
 def _only_zeros(head: bytes, stream: BinaryIO) -> bool:

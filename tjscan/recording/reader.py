@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -13,23 +14,82 @@ from mcap.records import Header as McapHeader
 
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import check_file_size
-from tjscan.recording.damage import (
-    MessageCount,
-    RecordingDamage,
-    ReportDamage,
-    refuse_damage,
-)
-from tjscan.recording.header import (
-    FORMAT_VERSION,
-    HEADER_RECORD,
-    JOB_RECORD,
-    PROGRAM_NAME,
-    JobSnapshot,
-    RecordingHeader,
-)
+from tjscan.recording.header import FORMAT_VERSION, PROGRAM_NAME, JobSnapshot, RecordingHeader
 from tjscan.recording.mcap_records import MAX_FILE_BYTES, read_mcap_records
 from tjscan.recording.parts import SCAN_RECORDING, neighbouring_parts, recording_files
 from tjscan.recording.topic import Topic
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingDamage:
+    """A damage of a recording that took messages with it.
+
+    Parameters
+    ----------
+    file : Path
+        The file.
+    reason : str
+        Where it is, and what is wrong there.
+    is_at_end : bool
+        Whether nothing was read behind it in this file.
+    """
+
+    file: Path
+    reason: str
+    is_at_end: bool
+
+    def __str__(self) -> str:
+        return f"{self.file}: is no recording, or is damaged: {self.reason}"
+
+
+ReportDamage = Callable[[RecordingDamage], object]
+"""Is called with each damage; what it raises ends the reading, else it goes on behind it."""
+
+
+def refuse_damage(damage: RecordingDamage) -> None:
+    """Raise the `RecordingError` of a damage."""
+    raise RecordingError(str(damage))
+
+
+class MessageCount:
+    """Notices messages that are missing between those that are read, by their numbers.
+
+    A damage of something else, such as a viewer's index, is none: no message is missing.
+
+    Parameters
+    ----------
+    file : Path
+        The file that is read.
+    report : callable
+        Is called with each damage.
+    """
+
+    def __init__(self, file: Path, report: ReportDamage) -> None:
+        self._file, self._report = file, report
+        self.expected = 0
+        """Number of the next message."""
+        self.noticed: list[str] = []
+        """Damages since the last message, whose loss the next one shows."""
+
+    def count(self, number: int, *, is_at_end: bool = False) -> None:
+        """Take the number of a message that was read, or of the first one in the next file."""
+        missing = number - self.expected
+        if missing:
+            what = f"{missing} messages are missing" if missing > 0 else "messages come twice"
+            self.noticed.append(f"{what} before message {number} of the recording")
+            self._report_noticed(is_at_end=is_at_end)
+        self.expected = number + 1
+        self.noticed.clear()
+
+    def end(self, following: RecordingHeader | None) -> None:
+        """Take the head of the part that follows this file; None if none does."""
+        if following is not None:
+            self.count(following.messages_before, is_at_end=True)
+        elif self.noticed:
+            self._report_noticed(is_at_end=True)
+
+    def _report_noticed(self, *, is_at_end: bool) -> None:
+        self._report(RecordingDamage(self._file, "; ".join(self.noticed), is_at_end))
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,16 +142,16 @@ def read_messages(
     schemas: dict[int, str] = {}
     channels: dict[int, Topic[Any] | None] = {}
     count = MessageCount(file, report_damage)
-    for record in _records(file, count.notice):
+    for record in _read_records(file, count.noticed.append):
         if isinstance(record, RecordingHeader):
-            count.begin(record)
+            count.expected = record.messages_before
         elif isinstance(record, Schema):
             schemas[record.id] = record.name
         elif isinstance(record, Channel):
             topic = asked.get(record.topic)
             found = (schemas.get(record.schema_id), record.message_encoding)
             if topic is not None and found != (topic.schema_name, topic.message_encoding):
-                raise _damaged(
+                raise _damage_error(
                     file,
                     f"{topic.name} holds {found[0]} in {found[1]}, not {topic.schema_name} in "
                     f"{topic.message_encoding}",
@@ -99,11 +159,15 @@ def read_messages(
             channels[record.id] = topic
         elif isinstance(record, Message):
             if record.channel_id not in channels:
-                raise _damaged(file, f"a message on channel {record.channel_id}, which is unknown")
+                raise _damage_error(
+                    file, f"a message on channel {record.channel_id}, which is unknown"
+                )
             count.count(record.sequence)
             topic = channels[record.channel_id]
             if topic is not None:
-                yield RecordedMessage(topic, record.log_time, _decoded(file, topic, record.data))
+                yield RecordedMessage(
+                    topic, record.log_time, _decode_message(file, topic, record.data)
+                )
     _, following = neighbouring_parts(file)
     count.end(None if following is None else read_header(following))
 
@@ -117,7 +181,7 @@ def count_messages(file: Path) -> int:
         As `read_messages` does; damages are passed over.
     """
     count = 0
-    for record in _records(file, lambda _: None):
+    for record in _read_records(file, lambda _: None):
         if isinstance(record, RecordingHeader):
             count = record.messages_before
         elif isinstance(record, Message):
@@ -133,7 +197,7 @@ def read_header(file: Path) -> RecordingHeader | None:
     ConfigurationError, RecordingError
         As `read_messages` does.
     """
-    return next((r for r in _before_messages(file) if isinstance(r, RecordingHeader)), None)
+    return next((r for r in _records_before_messages(file) if isinstance(r, RecordingHeader)), None)
 
 
 def read_job_snapshot(directory: Path, kind: str = SCAN_RECORDING) -> JobSnapshot | None:
@@ -151,32 +215,32 @@ def read_job_snapshot(directory: Path, kind: str = SCAN_RECORDING) -> JobSnapsho
     ConfigurationError, RecordingError
         As `read_messages` does.
     """
-    found = None
-    for file in recording_files(directory, kind):
-        for record in _before_messages(file):
-            if isinstance(record, JobSnapshot):
-                found = record
-    return found
+    found = [
+        record
+        for file in recording_files(directory, kind)
+        for record in _records_before_messages(file)
+        if isinstance(record, JobSnapshot)
+    ]
+    return found[-1] if found else None
 
 
-def _decoded(file: Path, topic: Topic[Any], data: bytes) -> Any:
+def _decode_message(file: Path, topic: Topic[Any], data: bytes) -> Any:
     try:
         return topic.decode(data)
     except (KeyError, ValueError, TypeError, OverflowError) as error:
-        raise _damaged(file, f"a message on {topic.name} can't be read: {error!r}") from error
+        raise _damage_error(file, f"a message on {topic.name} can't be read: {error!r}") from error
 
 
-def _before_messages(file: Path) -> Iterator[McapRecord | RecordingHeader | JobSnapshot]:
+def _records_before_messages(
+    file: Path,
+) -> Iterator[McapRecord | RecordingHeader | JobSnapshot]:
     def refuse(reason: str) -> None:
-        raise _damaged(file, reason)
+        raise _damage_error(file, reason)
 
-    for record in _records(file, refuse):
-        if isinstance(record, Message):
-            return
-        yield record
+    return takewhile(lambda record: not isinstance(record, Message), _read_records(file, refuse))
 
 
-def _records(
+def _read_records(
     file: Path, report_damage: Callable[[str], object]
 ) -> Iterator[McapRecord | RecordingHeader | JobSnapshot]:
     """The records of a recording of this program, its header before all but MCAP's own."""
@@ -188,13 +252,14 @@ def _records(
                 if isinstance(record, McapHeader):
                     _check_program(file, record)
                 elif header is None:
-                    if not isinstance(record, Metadata) or record.name != HEADER_RECORD:
+                    name = record.name if isinstance(record, Metadata) else ""
+                    if name != RecordingHeader.record_name:
                         raise ValueError("its head is missing")
                     header = RecordingHeader.from_metadata(record.metadata)
                     _check_format(file, header)
                     yield header
                 elif isinstance(record, Metadata):
-                    if record.name != JOB_RECORD:
+                    if record.name != JobSnapshot.record_name:
                         raise ValueError(f"its head holds {record.name!r}, which no version writes")
                     yield JobSnapshot.from_metadata(record.metadata)
                 yield record
@@ -205,7 +270,7 @@ def _records(
     except OSError as error:
         raise RecordingError(f"{file}: can't be read: {error.strerror}") from error
     except ValueError as error:
-        raise _damaged(file, error) from error
+        raise _damage_error(file, error) from error
 
 
 def _check_program(file: Path, header: McapHeader) -> None:
@@ -219,7 +284,7 @@ def _check_program(file: Path, header: McapHeader) -> None:
 
 def _check_format(file: Path, head: RecordingHeader) -> None:
     if head.format < 1:
-        raise _damaged(file, f"its format is {head.format}")
+        raise _damage_error(file, f"its format is {head.format}")
     if head.format > FORMAT_VERSION:
         raise RecordingError(
             f"{file}: was recorded by {PROGRAM_NAME} {head.version} in format {head.format}; this "
@@ -228,5 +293,5 @@ def _check_format(file: Path, head: RecordingHeader) -> None:
         )
 
 
-def _damaged(file: Path, why: object) -> RecordingError:
+def _damage_error(file: Path, why: object) -> RecordingError:
     return RecordingError(str(RecordingDamage(file, str(why), is_at_end=False)))

@@ -3,15 +3,214 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from datetime import datetime
+from enum import StrEnum
+from math import isfinite, nan
 from operator import methodcaller
-from typing import Any, Generic, Literal, TypeVar, cast
+from types import UnionType
+from typing import (
+    Annotated,
+    Any,
+    Final,
+    Generic,
+    Literal,
+    NamedTuple,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
+import numpy as np
 from google.protobuf.message import DecodeError, Message
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from tjscan.recording.codec import dataclass_codec
+from tjscan.core.array_fields import ArrayForm
+from tjscan.core.frames import Array, readonly_copy
+from tjscan.laser.profile import Profile
+
+LARGEST_NUMBER: Final = 1e9
+"""Metres, radians or seconds: what is larger was not measured."""
+
+LARGEST_COUNT: Final = 1_000_000
+"""Of sections, passes, places or iterations: counts and numbers begin at 0."""
+
+ORTHONORMALITY_TOLERANCE: Final = 1e-6
+"""How far from a rotation the axes of a pose may be that was written to the last digit."""
+
+
+class ValueCodec(NamedTuple):
+    """How a value becomes JSON, and JSON the value.
+
+    Parameters
+    ----------
+    schema : mapping
+        JSON schema, spelt out to its leaves.
+    encode : callable
+        Gives what `json` writes.
+    decode : callable
+        Gives the value; raises ValueError, KeyError or TypeError if it is damaged.
+    """
+
+    schema: Mapping[str, Any]
+    encode: Callable[[Any], Any]
+    decode: Callable[[Any], Any]
+
+
+def value_codec(kind: Any, decimals: int | None = None) -> ValueCodec:
+    """Codec of a type.
+
+    Parameters
+    ----------
+    kind : type
+        As a field is annotated: a plain type, an enum of strings, a dataclass, an array with or
+        without its form, a tuple of these, or one of these or None.
+    decimals : int, optional
+        To which arrays are rounded when they are written.
+
+    Raises
+    ------
+    TypeError
+        If such values are not recorded.
+    """
+    if kind in PLAIN_CODECS:
+        return PLAIN_CODECS[kind]
+    origin, arguments = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        form = next((one for one in arguments[1:] if isinstance(one, ArrayForm)), None)
+        if form is None:
+            return value_codec(arguments[0], decimals)
+        return _array_codec(form, decimals) if form.shape else UNKNOWN_FLOAT_CODEC
+    if kind == Array:
+        return _array_codec(ArrayForm(), decimals)
+    if origin in (Union, UnionType) and arguments[-1] is type(None):
+        return _optional_codec(value_codec(arguments[0], decimals))
+    if origin is tuple:
+        return _tuple_codec(value_codec(arguments[0], decimals))
+    if isinstance(kind, type) and issubclass(kind, StrEnum):
+        return ValueCodec({"type": "string"}, str, kind)
+    if is_dataclass(kind):
+        return dataclass_codec(kind, decimals)
+    raise TypeError(f"{kind} is not recorded")
+
+
+def dataclass_codec(kind: Any, decimals: int | None = None) -> ValueCodec:
+    """Codec of a dataclass, field by field; for the parameters see `value_codec`."""
+    hints = get_type_hints(kind, include_extras=True)
+    codecs = {field.name: value_codec(hints[field.name], decimals) for field in fields(kind)}
+    schemas = {name: codec.schema for name, codec in codecs.items()}
+    return ValueCodec(
+        {"type": "object", "title": f"tjscan.{kind.__name__}", "properties": schemas},
+        lambda message: {name: one.encode(getattr(message, name)) for name, one in codecs.items()},
+        lambda content: kind(**{name: one.decode(content[name]) for name, one in codecs.items()}),
+    )
+
+
+def _array_codec(form: ArrayForm, decimals: int | None) -> ValueCodec:
+    def encode(values: Array) -> list[float | None]:
+        numbers = np.asarray(values, dtype=float)
+        if decimals is not None:
+            numbers = np.round(numbers, decimals)
+        flat: list[float | None] = numbers.ravel().tolist()
+        return [_null_if_unknown(number) for number in flat] if form.may_be_unknown else flat
+
+    def decode(values: Any) -> Array:
+        numbers = np.array(values, dtype=float)
+        known = numbers[~np.isnan(numbers)] if form.may_be_unknown else numbers
+        if not np.all(np.abs(known) <= LARGEST_NUMBER):
+            raise ValueError(f"numbers that can't be measured: {numbers[:16]}")
+        array = readonly_copy(np.reshape(numbers, form.shape))
+        if form.is_pose:
+            _check_pose(array)
+        return array
+
+    return ValueCodec({"type": "array", "items": {"type": "number"}}, encode, decode)
+
+
+def _check_pose(T: Array) -> None:
+    if not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=ORTHONORMALITY_TOLERANCE):
+        raise ValueError("a pose has axes of length one, square to each other")
+    if not np.array_equal(T[3], (0.0, 0.0, 0.0, 1.0)):
+        raise ValueError("the last row of a pose is 0 0 0 1")
+
+
+def _optional_codec(codec: ValueCodec) -> ValueCodec:
+    """Codec of a value or None, which is an empty list."""
+    if codec.schema["type"] == "array":
+        return ValueCodec(
+            codec.schema,
+            lambda value: [] if value is None else codec.encode(value),
+            lambda content: codec.decode(content) if content else None,
+        )
+    listed = _tuple_codec(codec)
+    return ValueCodec(
+        listed.schema,
+        lambda value: listed.encode(() if value is None else (value,)),
+        lambda content: next(iter(listed.decode(content)), None),
+    )
+
+
+def _tuple_codec(codec: ValueCodec) -> ValueCodec:
+    if codec.schema["type"] == "array":
+        raise TypeError("lists of lists are not recorded")
+    return ValueCodec(
+        {"type": "array", "items": codec.schema},
+        lambda values: list(map(codec.encode, values)),
+        lambda content: tuple(map(codec.decode, _checked_instance(content, list))),
+    )
+
+
+def _null_if_unknown(number: float | None) -> float | None:
+    return number if number is not None and isfinite(number) else None
+
+
+def _measurable(value: Any) -> float:
+    number = float(value)
+    if not abs(number) <= LARGEST_NUMBER:
+        raise ValueError(f"{number} can't be measured")
+    return number
+
+
+def _checked_count(value: Any) -> int:
+    if type(value) is not int or not 0 <= value <= LARGEST_COUNT:
+        raise ValueError(f"{value!r} is no number of a section, a pass or anything else counted")
+    return value
+
+
+def _checked_instance(value: Any, kind: type[Any]) -> Any:
+    if not isinstance(value, kind):
+        raise ValueError(f"{value!r} is no {kind.__name__}")
+    return value
+
+
+UNKNOWN_FLOAT_CODEC: Final = ValueCodec(
+    {"type": "number"}, _null_if_unknown, lambda value: nan if value is None else _measurable(value)
+)
+"""Of a number that may be NaN, which JSON has as null."""
+
+PROFILE_TIMES: Final = ("time", "time_uncertainty")
+"""What is written of a profile: its points are a message of their own, which viewers draw."""
+
+PLAIN_CODECS: Final[Mapping[Any, ValueCodec]] = {
+    bool: ValueCodec({"type": "boolean"}, bool, lambda value: _checked_instance(value, bool)),
+    int: ValueCodec({"type": "integer"}, int, _checked_count),
+    float: ValueCodec({"type": "number"}, float, _measurable),
+    str: ValueCodec({"type": "string"}, str, lambda value: _checked_instance(value, str)),
+    datetime: ValueCodec({"type": "string"}, datetime.isoformat, datetime.fromisoformat),
+    Profile: ValueCodec(
+        {"type": "object", "properties": {name: {"type": "number"} for name in PROFILE_TIMES}},
+        lambda profile: {name: getattr(profile, name) for name in PROFILE_TIMES},
+        lambda content: Profile(
+            np.empty(0), np.empty(0), None, *(_measurable(content[name]) for name in PROFILE_TIMES)
+        ),
+    ),
+}
+"""Codecs of types that hold no others."""
+
 
 T = TypeVar("T")
 
@@ -44,11 +243,6 @@ class Topic(Generic[T]):
     encode: Callable[[T], bytes]
     decode: Callable[[bytes], T]
 
-    @property
-    def schema_encoding(self) -> str:
-        """Name that MCAP has for the language of the schema: ``jsonschema`` or ``protobuf``."""
-        return "jsonschema" if self.message_encoding == "json" else self.message_encoding
-
     @classmethod
     def of(cls, name: str, kind: type[T], *, decimals: int | None = None) -> Topic[T]:
         """Make a topic of a class: schema and codec follow from its fields.
@@ -77,8 +271,10 @@ class Topic(Generic[T]):
                 raise ValueError(f"no fields of {schema}")
             return cast("T", codec.decode(content))
 
-        definition = json.dumps(codec.schema).encode()
-        return cls(name, schema, "json", definition, codec.json_bytes, decode)
+        def encode(message: T) -> bytes:
+            return json.dumps(codec.encode(message), allow_nan=False).encode()
+
+        return cls(name, schema, "json", json.dumps(codec.schema).encode(), encode, decode)
 
 
 def _protobuf_topic(name: str, kind: type[Message]) -> Topic[Any]:

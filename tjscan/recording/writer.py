@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any, Final, Self
 
 from mcap.writer import CompressionType, Writer
@@ -12,13 +12,7 @@ from mcap.writer import CompressionType, Writer
 from tjscan.core.errors import RecordingError
 from tjscan.core.files import bring_stream_to_disk
 from tjscan.core.signals import hold_ctrl_c
-from tjscan.recording.header import (
-    HEADER_RECORD,
-    JOB_RECORD,
-    PROGRAM_NAME,
-    JobSnapshot,
-    RecordingHeader,
-)
+from tjscan.recording.header import PROGRAM_NAME, JobSnapshot, RecordingHeader
 from tjscan.recording.parts import neighbouring_parts
 from tjscan.recording.reader import count_messages
 from tjscan.recording.topic import Topic
@@ -68,25 +62,20 @@ class RecordingWriter:
     def __enter__(self) -> Self:
         try:
             self._stream = self._file.open("xb")
-            self._begin()
+            self._write_head()
         except OSError as error:
-            raise self._failed(error) from error
+            raise self._write_error(error) from error
         return self
 
     @hold_ctrl_c()
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         try:
             self._writer.finish()
             self.sync_to_disk()
             self._stream.close()
         except OSError as full:
-            if error is None:
-                raise self._failed(full) from full
+            if not any(error):
+                raise self._write_error(full) from full
 
     def write(self, time: int, *messages: tuple[Topic[Any], Any]) -> None:
         """Write messages that belong together, in one chunk.
@@ -115,37 +104,36 @@ class RecordingWriter:
         try:
             self._writer.flush()
         except OSError as error:
-            raise self._failed(error) from error
+            raise self._write_error(error) from error
 
     def sync_to_disk(self) -> None:
         """Bring everything written so far to the disk."""
         try:
             bring_stream_to_disk(self._stream)
         except OSError as error:
-            raise self._failed(error) from error
+            raise self._write_error(error) from error
 
-    def _begin(self) -> None:
+    def _write_head(self) -> None:
         """Write everything before the first message."""
         self._writer = Writer(self._stream, compression=CompressionType.NONE, enable_data_crcs=True)
         before, _ = neighbouring_parts(self._file)
         self._count = 0 if before is None else count_messages(before)
         head = RecordingHeader(messages_before=self._count)
         self._writer.start(profile=PROGRAM_NAME, library=f"{PROGRAM_NAME} {head.version}")
-        self._writer.add_metadata(HEADER_RECORD, head.to_metadata)
+        self._writer.add_metadata(head.record_name, head.metadata)
         if self._origin is not None:
-            self._writer.add_metadata(JOB_RECORD, self._origin.to_metadata)
+            self._writer.add_metadata(self._origin.record_name, self._origin.metadata)
         for name, data in self._attachments.items():
             self._writer.add_attachment(0, 0, name, "application/octet-stream", data)
-        self._channels = {topic.name: self._channel(topic) for topic in self._topics}
+        self._channels: dict[str, int] = {}
+        for topic in self._topics:
+            name, encoding = topic.name, topic.message_encoding
+            language = "jsonschema" if encoding == "json" else encoding
+            schema = self._writer.register_schema(topic.schema_name, language, topic.schema_bytes)
+            self._channels[name] = self._writer.register_channel(name, encoding, schema)
         self._writer.flush()
 
-    def _channel(self, topic: Topic[Any]) -> int:
-        schema = self._writer.register_schema(
-            topic.schema_name, topic.schema_encoding, topic.schema_bytes
-        )
-        return int(self._writer.register_channel(topic.name, topic.message_encoding, schema))
-
-    def _failed(self, error: OSError) -> RecordingError:
+    def _write_error(self, error: OSError) -> RecordingError:
         return RecordingError(
             f"{self._file}: can't be written: {error.strerror}. What was written before is whole."
         )

@@ -10,13 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from tjscan.core.provenance import Provenance
-from tjscan.report.picture import (
-    MOST_EVENTS,
-    ReportPicture,
-    inline_figure,
-    load_template,
-    new_figure,
-)
+from tjscan.report import picture
 from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import job_label_of_run
 
@@ -37,7 +31,7 @@ def render_chapter_page(chapter: ReportChapter, title: str, directory: Path) -> 
     """
     frame = "w" if chapter.sheet is None else chapter.sheet.frame
     head = Provenance.for_file_written_now(job_label_of_run(directory), frame)
-    return load_template("chapter.html.jinja").render(
+    return picture.load_template("chapter.html.jinja").render(
         title=title if chapter.sheet is None else chapter.sheet.title,
         sheet=chapter.sheet,
         name=directory.resolve().name,
@@ -46,20 +40,20 @@ def render_chapter_page(chapter: ReportChapter, title: str, directory: Path) -> 
         moving=chapter.animation,
         animation=None if chapter.animation is None else chapter.animation.as_json(),
         pictures=list(draw_chapter_charts(chapter.charts, narrow=chapter.sheet is not None)),
-        events=chapter.events[:MOST_EVENTS],
+        events=chapter.events[: picture.MOST_EVENTS],
         provenance=head.header_entries,
     )
 
 
 def draw_chapter_charts(
     charts: tuple[ReportChart, ...], *, narrow: bool = False
-) -> Iterator[ReportPicture]:
+) -> Iterator[picture.ReportPicture]:
     """Draw charts, the lines of one title together; `narrow` ones are beside each other."""
     for title, lines in _charts_by_title(charts).items():
         size = NARROW_SIZE if narrow else (12, 5.5 if lines[0].plane else 3.6)
-        figure = new_figure(*size)
+        figure = picture.new_figure(*size)
         _draw_charts_of_one_title(figure.add_subplot(), lines)
-        yield inline_figure(figure, title[:1].upper() + title[1:], lines[0].caption)
+        yield picture.inline_figure(figure, title[:1].upper() + title[1:], lines[0].caption)
 
 
 def draw_sheet_picture(chapter: ReportChapter) -> Figure:
@@ -71,7 +65,7 @@ def draw_sheet_picture(chapter: ReportChapter) -> Figure:
         With a sheet.
     """
     charts = _charts_by_title(chapter.charts)
-    figure = new_figure(NARROW_SIZE[0] * max(len(charts), 1), 1.3 * NARROW_SIZE[1])
+    figure = picture.new_figure(NARROW_SIZE[0] * max(len(charts), 1), 1.3 * NARROW_SIZE[1])
     if chapter.sheet is not None:
         texts = [f"{name}: {value}" for name, value in chapter.sheet.headline]
         wide = max(len(charts), 1)

@@ -5,23 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import cycle
 from math import ceil
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.measured import MeasuredSection
+from tjscan.groove.section import TACK_WELD
+from tjscan.report import picture
 from tjscan.report.data import ReportData
-from tjscan.report.dimensions import designed_measures
+from tjscan.report.dimensions import DEGREES_PER_HOUR, designed_measures, section_dimensions
 from tjscan.report.findings import describe_coverage
-from tjscan.report.picture import (
-    DOTTED_LINE,
-    ReportPicture,
-    inline_figure,
-    new_figure,
-    picture_from_png,
-)
 from tjscan.result.directory import STATIONS_PICTURE
 from tjscan.result.picture import (
     BAND_SIGMAS,
@@ -31,7 +26,12 @@ from tjscan.result.picture import (
     ROOT_COLOUR,
     draw_groove_3d,
 )
-from tjscan.result.section import MEASURE_FIELDS, lengths_along_groove, measure_columns
+from tjscan.result.section import (
+    MEASURE_FIELDS,
+    absent_corners,
+    lengths_along_groove,
+    measure_columns,
+)
 from tjscan.result.wireframe import joint_wireframe
 
 DESIGN_COLOUR: Final = "#d62728"
@@ -41,13 +41,16 @@ STATION_COLOURS: Final = tuple(f"C{k}" for k in range(10))
 MOST_PICTURE_BYTES: Final = 1_000_000
 """A larger picture of stations would make the report too large to send."""
 
+ROOT_WIDTH: Final = 1
+"""Place of the root's width among the measures of a section."""
+
 BOX_MARGIN: Final = 50e-3
 """Metres about the corners that the view in space shows."""
 
 
-def draw_groove_in_space(data: ReportData) -> ReportPicture:
+def draw_groove_in_space(data: ReportData) -> picture.ReportPicture:
     """Draw the groove in space, with its points and the joint as designed."""
-    figure = new_figure(10, 6.5)
+    figure = picture.new_figure(10, 6.5)
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     low, high = _box_about_groove(data.sections)
     outline = () if data.joint is None else joint_wireframe(data.joint)
@@ -55,7 +58,7 @@ def draw_groove_in_space(data: ReportData) -> ReportPicture:
     points = data.cloud[indices_near_groove(data.sections, data.cloud)]
     lines = [_line_with_gaps_outside_box(line, low, high) for line in outline]
     draw_groove_3d(axes, data.sections, points, data.summary.frame, lines, ())
-    return inline_figure(
+    return picture.inline_figure(
         figure,
         "The scanned groove in space",
         "Lines are the sections, through their corners p1 to p5, and numbers name them; colours "
@@ -84,20 +87,20 @@ def _line_with_gaps_outside_box(line: Array, low: Array, high: Array) -> Array:
     return np.where(inside, line, np.nan)
 
 
-def draw_measure_charts(data: ReportData) -> ReportPicture:
+def draw_measure_charts(data: ReportData) -> picture.ReportPicture:
     """Draw groove angle, root width, depth and area along the groove, with uncertainty."""
     x, label = places_along_groove(data)
     order = np.argsort(x)
     x, sections = x[order], [data.sections[k] for k in order]
     design = None if data.joint is None else designed_measures(sections, data.joint)
-    figure = new_figure(12, 7)
+    figure = picture.new_figure(12, 7)
     panels = figure.subplots(2, 2, sharex=True)
     for k, (axes, (field, y, sigma)) in enumerate(
         zip(panels.flat, measure_columns(sections), strict=True)
     ):
         band = BAND_SIGMAS * sigma
         axes.fill_between(x, y - band, y + band, color=LASER_COLOUR, alpha=0.3, linewidth=0)
-        axes.plot(x, y, linewidth=1, color=LASER_COLOUR, label="measured", **DOTTED_LINE)
+        axes.plot(x, y, linewidth=1, color=LASER_COLOUR, label="measured", **picture.DOTTED_LINE)
         if design is not None:
             drawn = design[:, k] / field.unit.factor
             axes.plot(x, drawn, "--", color=DESIGN_COLOUR, linewidth=1, label="as designed")
@@ -109,7 +112,7 @@ def draw_measure_charts(data: ReportData) -> ReportPicture:
     designed = "" if design is None else " Dashed: the joint as designed, cut by the same planes."
     every = ((field, field.values(sections)) for field in MEASURE_FIELDS)
     ranges = (f"{field.chart_title} {y.min():.1f} to {y.max():.1f}" for field, y in every)
-    return inline_figure(
+    return picture.inline_figure(
         figure,
         "Groove angle, root width, depth and area",
         f"Measured in the laser's plane at each section; bands are ± {BAND_SIGMAS:g} standard "
@@ -119,7 +122,7 @@ def draw_measure_charts(data: ReportData) -> ReportPicture:
     )
 
 
-def draw_scan_charts(data: ReportData) -> ReportPicture | None:
+def draw_scan_charts(data: ReportData) -> picture.ReportPicture | None:
     """Draw how the scan went: charts of all stations, a line for each; None without any.
 
     Parameters
@@ -132,12 +135,12 @@ def draw_scan_charts(data: ReportData) -> ReportPicture | None:
     if not titles:
         return None
     rows = ceil(len(titles) / 2)
-    figure = new_figure(12, 3 * rows)
+    figure = picture.new_figure(12, 3 * rows)
     panels = figure.subplots(rows, 2, squeeze=False)
     for axes, title in zip(panels.flat, titles, strict=False):
         lines = [(name, chart) for name, chart in charts if chart.title == title]
         for (name, chart), colour in zip(lines, cycle(STATION_COLOURS)):
-            axes.plot(chart.x, chart.y, color=colour, label=name, **DOTTED_LINE)
+            axes.plot(chart.x, chart.y, color=colour, label=name, **picture.DOTTED_LINE)
             if chart.nominal is not None:
                 axes.axhline(chart.nominal, color=DESIGN_COLOUR, linestyle="--", linewidth=1)
                 axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
@@ -150,7 +153,7 @@ def draw_scan_charts(data: ReportData) -> ReportPicture | None:
     if len(data.places) > 1:
         for text in panels.flat[0].legend(fontsize=8).get_texts():
             text.set_parse_math(False)
-    return inline_figure(
+    return picture.inline_figure(
         figure,
         "How the scan went",
         "Dashed: as asked; the first step is the taught one.",
@@ -159,7 +162,7 @@ def draw_scan_charts(data: ReportData) -> ReportPicture | None:
     )
 
 
-def draw_corner_errors(data: ReportData) -> ReportPicture | None:
+def draw_corner_errors(data: ReportData) -> picture.ReportPicture | None:
     """Draw distances of the corners from designed edges; None if these are not known."""
     deviations = () if data.comparison is None else data.comparison.deviations
     found = [one.distances for one in deviations if one.kind == "corners to feature edges"]
@@ -168,11 +171,13 @@ def draw_corner_errors(data: ReportData) -> ReportPicture | None:
     x, label = places_along_groove(data)
     order = np.argsort(x)
     distances = 1e3 * found[0].reshape(-1, 3)[order]
-    figure = new_figure(12, 3)
+    figure = picture.new_figure(12, 3)
     axes = figure.add_subplot()
     for k, colour in enumerate((CORNER_COLOUR, ROOT_COLOUR, PATH_COLOUR)):
         name = f"$p_{k + 2}$"
-        axes.plot(x[order], distances[:, k], linewidth=1, color=colour, label=name, **DOTTED_LINE)
+        axes.plot(
+            x[order], distances[:, k], linewidth=1, color=colour, label=name, **picture.DOTTED_LINE
+        )
     if (tolerance := data.comparison.tolerance) is not None:
         axes.axhline(
             1e3 * tolerance, color=DESIGN_COLOUR, linestyle="--", linewidth=1, label="tolerance"
@@ -182,7 +187,7 @@ def draw_corner_errors(data: ReportData) -> ReportPicture | None:
     axes.set_ylabel("distance / mm")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, ncols=4)
-    return inline_figure(
+    return picture.inline_figure(
         figure,
         "Corners and the designed edges",
         "Distance of the top of the bevel (p2) and the two corners of the root (p3, p4) from where "
@@ -200,14 +205,86 @@ def places_along_groove(data: ReportData) -> tuple[Array, str]:
     return 1e3 * lengths_along_groove(data.sections), "along the groove / mm"
 
 
-def draw_deviation_map(data: ReportData) -> ReportPicture | None:
+def draw_fit_up(data: ReportData) -> picture.ReportPicture:
+    """Tacks, root and high-low over the clock position, or the groove's length without a joint."""
+    x, label = places_along_groove(data)
+    if data.unwrapped_azimuths is not None:
+        x = x / DEGREES_PER_HOUR
+        label = "clock position / h: 0 (12 o'clock) at the crown, 3 at azimuth 90°"
+    order = np.argsort(x)
+    x, sections = x[order], [data.sections[k] for k in order]
+    tacked = np.array([TACK_WELD in section.conditions for section in sections])
+    figure = picture.new_figure(12, 3 if data.joint is None else 5.5)
+    panels = figure.subplots(1 if data.joint is None else 2, 1, sharex=True, squeeze=False)[:, 0]
+    for axes in panels:
+        _shade_tack_welds(axes, x, tacked)
+        axes.grid(alpha=0.3)
+    opening = 1e3 * np.array([section.root_opening for section in sections])
+    rootless = absent_corners(sections)[:, 1:].any(axis=1)
+    width = 1e3 * np.array([section.measures[ROOT_WIDTH] for section in sections])
+    width[~np.isnan(opening) | rootless] = np.nan
+    widths = 1e3 * np.array([section.sigmas[ROOT_WIDTH] for section in sections])
+    # An opening ends at p3, the edge of the bevel.
+    edges = 1e3 * np.array([section.own_corner_sigmas[1] for section in sections])
+    for name, y, sigma, colour in (
+        ("root opening", opening, edges, ROOT_COLOUR),
+        ("width of the root bead", width, widths, LASER_COLOUR),
+    ):
+        if not np.isnan(y).all():
+            bars = BAND_SIGMAS * sigma
+            panels[0].errorbar(
+                x, y, bars, linewidth=1, color=colour, label=name, **picture.DOTTED_LINE
+            )
+    panels[0].set_ylabel("root / mm")
+    panels[0].set_ylim(bottom=0)
+    high_low = ""
+    if data.joint is not None:
+        every = section_dimensions(sections, data.joint)
+        rows = [{one.name: one.value for one in row} for row in every]
+        for name, shown, colour in (
+            ("high-low, brace", "brace's wall at p2", CORNER_COLOUR),
+            ("high-low, leg", "leg at p4", PATH_COLOUR),
+        ):
+            panels[1].plot(
+                x, [row[name] for row in rows], color=colour, label=shown, **picture.DOTTED_LINE
+            )
+        panels[1].axhline(0, color="grey", linewidth=0.8)
+        panels[1].set_ylabel("high-low / mm")
+        high_low = (
+            " High-low: how far the tubes stand out of where they are drawn, positive outwards."
+        )
+    for axes in panels:
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(fontsize=8, ncols=3)
+    panels[-1].set_xlabel(label)
+    return picture.inline_figure(
+        figure,
+        "Fit-up, unrolled",
+        f"Shaded: tack welds, {int(tacked.sum())} of {len(sections)} sections lie on one. Bars are "
+        f"± {BAND_SIGMAS:g} standard deviations.{high_low}",
+        f"Charts along the groove of the root{high_low and ' and of high-low'}, "
+        f"{int(tacked.sum())} sections on tack welds.",
+        vector=True,
+    )
+
+
+def _shade_tack_welds(axes: Any, x: Array, tacked: NDArray[np.bool_]) -> None:
+    """Bands about the sections on tacks, half way to their neighbours."""
+    bounds = np.concatenate((x[:1], (x[1:] + x[:-1]) / 2, x[-1:]))
+    label = "tack weld"
+    for k in np.flatnonzero(tacked):
+        axes.axvspan(bounds[k], bounds[k + 1], color="#f2c14e", alpha=0.5, linewidth=0, label=label)
+        label = ""  # the legend names the first
+
+
+def draw_deviation_map(data: ReportData) -> picture.ReportPicture | None:
     """Draw deviations unwrapped over the azimuth; None if nothing was compared in frame j."""
     comparison = data.comparison
     if comparison is None or comparison.reference.stated.frame != "j":
         return None
     kind = comparison.deviations[0]
     sign = "red lies outside the reference, blue inside" if kind.signed else "it has no sign"
-    return inline_figure(
+    return picture.inline_figure(
         comparison.plot().figure,
         "Deviation from the reference, unwrapped over the azimuth",
         f"Each column is a section, from the leg (below) over root and bevel to the brace (above); "
@@ -218,12 +295,12 @@ def draw_deviation_map(data: ReportData) -> ReportPicture | None:
     )
 
 
-def read_stations_picture(data: ReportData) -> ReportPicture | None:
+def read_stations_picture(data: ReportData) -> picture.ReportPicture | None:
     """The picture that the stitching left; None if it is not there."""
     file = data.directory / STATIONS_PICTURE
     if not file.is_file() or file.stat().st_size > MOST_PICTURE_BYTES:
         return None
-    return picture_from_png(
+    return picture.picture_from_png(
         file.read_bytes(),
         "Stations and their overlaps",
         "Left, which station saw which part of the groove, overlaps shaded; right, what is left "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite, isnan, nan, pi
-from typing import Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from tjscan.joint.edges import ClosedPolyline, feature_edges
 from tjscan.joint.geometry import radial_direction
 from tjscan.report.data import ReportData
 from tjscan.report.findings import is_closed
-from tjscan.result.section import absent_corners
+from tjscan.result.section import absent_corners, lengths_along_groove
 
 DEGREES_PER_HOUR: Final = 30.0
 
@@ -272,3 +272,37 @@ def _cut_by_plane(line: ClosedPolyline, T_g_j: Array, near: Array) -> Array | No
     cuts = points[starts] + share * (ends - points[starts])
     apart = np.linalg.norm(cuts - near, axis=1)
     return np.asarray(cuts[apart.argmin()]) if apart.min() < SEARCH_DISTANCE else None
+
+
+class FitUpCell(NamedTuple):
+    """A cell: its text, what was drawn there, and its verdict as of `Dimension`."""
+
+    text: str
+    under: str = ""
+    verdict: str = ""
+
+
+def fit_up_table(data: ReportData) -> dict[str, Any]:
+    """Make the head and rows of the table of the sections nearest to the full hours.
+
+    Parameters
+    ----------
+    data : ReportData
+        The run.
+    """
+    chosen = sections_by_the_clock(data)
+    azimuths = data.unwrapped_azimuths
+    lengths = 1e3 * lengths_along_groove(data.sections)
+    sections = [data.sections[k] for k in chosen]
+    every = section_dimensions(sections, data.joint)
+    names = [one.name for one in every[0]]
+    names[1] = " or ".join(dict.fromkeys(row[1].name for row in every))
+    head = [f"{name} / {one.unit}" for name, one in zip(names, every[0], strict=True)]
+    rows = []
+    for k, section, dimensions in zip(chosen, sections, every, strict=True):
+        where = f"{lengths[k]:.0f} mm" if azimuths is None else clock_text(azimuths[k])
+        cells = [FitUpCell(one.text, one.designed_text, one.verdict) for one in dimensions]
+        rows.append([FitUpCell(where), FitUpCell(data.section_number(section)), *cells])
+    has_tolerances = any(one.verdict for row in every for one in row)
+    head = ["at", "section", *head]
+    return {"head": head, "rows": rows, "sigmas": COVERAGE_SIGMAS, "has_tolerances": has_tolerances}

@@ -10,20 +10,8 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.files import read_small_file, write_files_atomically
-from tjscan.planning.document import (
-    BEAD_COLUMNS,
-    BeadCourse,
-    bead_rows,
-    read_beads_csv,
-    read_plan,
-)
-from tjscan.report.picture import (
-    ReportPicture,
-    inline_figure,
-    load_template,
-    new_figure,
-    picture_from_png,
-)
+from tjscan.planning import document
+from tjscan.report import picture
 
 PLAN_PAGE: Final = "plan.html"
 PLAN, BEADS, PICTURE = "plan.json", "beads.csv", "plan.png"
@@ -57,18 +45,18 @@ def write_plan_page(directory: Path) -> Path:
     RecordingError
         If the page can't be written.
     """
-    plan = read_plan(directory / PLAN)
-    courses = read_beads_csv(directory / BEADS)
-    filled = picture_from_png(
+    plan = document.read_plan(directory / PLAN)
+    courses = document.read_beads_csv(directory / BEADS)
+    filled = picture.picture_from_png(
         read_small_file(directory / PICTURE, MOST_PICTURE_BYTES, "a picture"),
         "Three sections filled, speed and heat input along each bead",
         "Beads are numbered in the order of welding. Dashed: the windows of the WPS. Where a bead "
         "overlaps its start, s goes on beyond the groove's length.",
     )
-    page = load_template("plan.html.jinja").render(
+    page = picture.load_template("plan.html.jinja").render(
         plan=plan,
-        beads=list(bead_rows(plan)),
-        bead_head=tuple(BEAD_COLUMNS),
+        beads=list(document.bead_rows(plan)),
+        bead_head=tuple(document.BEAD_COLUMNS),
         pictures=[filled, draw_positions(courses)],
         provenance=plan.provenance.header_entries,
     )
@@ -77,9 +65,9 @@ def write_plan_page(directory: Path) -> Path:
     return directory / PLAN_PAGE
 
 
-def draw_positions(courses: Sequence[BeadCourse]) -> ReportPicture:
+def draw_positions(courses: Sequence[document.BeadCourse]) -> picture.ReportPicture:
     """Draw in which welding position each bead is laid, along the groove."""
-    figure = new_figure(12, 1.6 + 0.24 * len({bead.number for bead in courses}))
+    figure = picture.new_figure(12, 1.6 + 0.24 * len({bead.number for bead in courses}))
     axes = figure.add_subplot()
     seen: set[str] = set()
     for bead in courses:
@@ -95,14 +83,14 @@ def draw_positions(courses: Sequence[BeadCourse]) -> ReportPicture:
     axes.set_xlabel("s / mm")
     axes.set_ylabel("bead")
     axes.legend(ncols=len(seen), fontsize="small", loc="lower right", bbox_to_anchor=(1, 1))
-    return inline_figure(
+    return picture.inline_figure(
         figure,
         "Welding positions",
         "The nearest principal position of ISO 6947 along each bead, in the order of welding.",
     )
 
 
-def _stretches_of_one_position(bead: BeadCourse) -> Iterator[tuple[str, float, float]]:
+def _stretches_of_one_position(bead: document.BeadCourse) -> Iterator[tuple[str, float, float]]:
     """Positions, with the lengths from where to where each stays the same."""
     first = 0
     for name, group in groupby(bead.positions):

@@ -12,24 +12,11 @@ from tjscan.comparison.shapes import StatedUnitAndFrame
 from tjscan.core.files import write_files_atomically
 from tjscan.core.provenance import FRAME_DESCRIPTIONS, Provenance
 from tjscan.joint.definition import JointDefinition
+from tjscan.report import charts, findings
 from tjscan.report.chapter_page import draw_sheet_picture, render_chapter_page
-from tjscan.report.charts import (
-    draw_corner_errors,
-    draw_deviation_map,
-    draw_groove_in_space,
-    draw_measure_charts,
-    draw_scan_charts,
-    read_stations_picture,
-)
 from tjscan.report.data import ReportData, read_report_data, station_folders
+from tjscan.report.dimensions import fit_up_table
 from tjscan.report.drawings import draw_sections
-from tjscan.report.findings import (
-    describe_coverage,
-    headline_numbers,
-    name_of_reference,
-    report_findings,
-)
-from tjscan.report.fit_up import draw_fit_up, fit_up_table
 from tjscan.report.picture import MOST_EVENTS, load_template
 from tjscan.report.profiles import draw_fitted_profiles
 from tjscan.report.view3d import view_data
@@ -43,14 +30,14 @@ ALIGNED_BY: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest p
 """What brought what was measured onto its reference."""
 
 REPORT_PICTURES: Final = {
-    "view": draw_groove_in_space,
-    "deviation": draw_deviation_map,
-    "corners": draw_corner_errors,
-    "measures": draw_measure_charts,
-    "fit_up": draw_fit_up,
+    "view": charts.draw_groove_in_space,
+    "deviation": charts.draw_deviation_map,
+    "corners": charts.draw_corner_errors,
+    "measures": charts.draw_measure_charts,
+    "fit_up": charts.draw_fit_up,
     "profiles": draw_fitted_profiles,
-    "steps": draw_scan_charts,
-    "stations": read_stations_picture,
+    "steps": charts.draw_scan_charts,
+    "stations": charts.read_stations_picture,
 }
 """What draws each picture of the page, if the run has what it shows."""
 
@@ -73,19 +60,19 @@ def render_report_page(data: ReportData) -> str:
     return load_template("report.html.jinja").render(
         name=data.run_name,
         summary=data.summary,
-        headline=list(headline_numbers(data)),
+        headline=list(findings.headline_numbers(data)),
         joint=_joint_in_words(data.joint),
-        coverage=describe_coverage(data),
+        coverage=findings.describe_coverage(data),
         frames=FRAME_DESCRIPTIONS,
         station_facts=list(_station_fact_rows(data)),
-        findings=list(report_findings(data)),
+        findings=list(findings.report_findings(data)),
         pictures={name: draw(data) for name, draw in REPORT_PICTURES.items()},
         scene=view_data(data),
         drawings=draw_sections(data),
         fit_up=fit_up_table(data),
         by_the_clock=data.unwrapped_azimuths is not None,
         comparison=comparison,
-        compared_with="" if comparison is None else name_of_reference(comparison),
+        compared_with="" if comparison is None else findings.name_of_reference(comparison),
         aligned_by=ALIGNED_BY["none" if comparison is None else comparison.alignment.method],
         scans=[*scans, ("all" if several else "scan", data.summary)],
         events=[(place.name, event) for place in data.places for event in place.events][

@@ -8,7 +8,7 @@ marked as derived: it is written, and not read again.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -32,6 +32,9 @@ WORD_SEPARATOR: Final = "; "
 
 TakeValues = Callable[[Sequence[MeasuredSection]], Any]
 """Takes the values of sections, in SI units and in their order along the groove."""
+
+NUMBERS_OF_SECTION: Final = ("azimuth", "work_angle", "rms", "model_probability", "root_opening")
+"""Fields of a section that are a number each."""
 
 UPPER_TRIANGLE: Final = np.triu_indices(3)
 MEASURE_PAIRS: Final = np.triu_indices(4, 1)
@@ -219,23 +222,20 @@ def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
     covariances = np.empty((3, 3, 3))
     covariances[:, *UPPER_TRIANGLE] = values["covariances"]
     covariances[:, *UPPER_TRIANGLE[::-1]] = covariances[:, *UPPER_TRIANGLE]
+    plain: dict[str, Any] = {
+        **{name: float(values[name]) for name in NUMBERS_OF_SECTION},
+        **{name: str(values[name]) for name in ("station", "model")},
+        **{name: _split_words(values[name]) for name in ("conditions", "absent")},
+    }
     return MeasuredSection(
         index=int(values["index"]),
-        station=str(values["station"]),
-        azimuth=float(values["azimuth"]),
         T_r_g=pose(np.transpose(values["axes"]), values["origin"]),
         points=values["points"],
         covariances=covariances,
         measures=np.array([values[field.name] for field in MEASURE_FIELDS]),
         measure_covariance=correlation * np.outer(sigmas, sigmas),
-        work_angle=float(values["work_angle"]),
-        rms=float(values["rms"]),
-        model=str(values["model"]),
-        model_probability=float(values["model_probability"]),
-        conditions=_split_words(values["conditions"]),
-        absent=_split_words(values["absent"]),
-        root_opening=float(values["root_opening"]),
         shared_sigmas=np.broadcast_to(values["shared_sigmas"], 3),
+        **plain,
     )
 
 
@@ -259,9 +259,7 @@ def _take_sigma(k: int) -> TakeValues:
 def _take_correlations(sections: Sequence[MeasuredSection]) -> Array:
     """Correlations of pairs of measures, shape (n, 6); zero if nothing varies."""
     covariances = np.array([s.measure_covariance[MEASURE_PAIRS] for s in sections]).reshape(-1, 6)
-    scales = np.array([np.outer(s.sigmas, s.sigmas)[MEASURE_PAIRS] for s in sections]).reshape(
-        -1, 6
-    )
+    scales = np.reshape([np.outer(s.sigmas, s.sigmas)[MEASURE_PAIRS] for s in sections], (-1, 6))
     zeros = np.zeros_like(covariances)
     ratios = np.divide(covariances, scales, out=zeros, where=scales > 0)
     return np.asarray(np.clip(ratios, -1, 1))
@@ -272,19 +270,8 @@ def _take_direction(name: str) -> TakeValues:
 
 
 def _unit_vector_field(name: str, meaning: str, side: str) -> SectionQuantity:
-    labels = tuple(f"{name}_{axis}" for axis in "xyz")
-    return SectionQuantity(
-        name,
-        meaning,
-        NO_UNIT,
-        _take_direction(side),
-        labels,
-        (3,),
-        7,
-        least=-1,
-        most=1,
-        derived=True,
-    )
+    labels, take = tuple(f"{name}_{axis}" for axis in "xyz"), _take_direction(side)
+    return SectionQuantity(name, meaning, NO_UNIT, take, labels, (3,), 7, -1, 1, derived=True)
 
 
 MEASURE_MEANINGS: Final = {
@@ -304,16 +291,15 @@ MEASURE_FIELDS: Final = tuple(
 """What a section measures, in the order of `MeasuredSection.measures`."""
 
 SIGMA_FIELDS: Final = tuple(
-    replace(
-        field,
-        name=f"sigma_{field.name}",
-        labels=(f"sigma_{field.name}",),
-        meaning=f"standard deviation of {field.name}",
-        take=_take_sigma(k),
+    SectionQuantity(
+        f"sigma_{name}",
+        f"standard deviation of {name}",
+        unit,
+        _take_sigma(k),
         decimals=None,
         least=0,
     )
-    for k, field in enumerate(MEASURE_FIELDS)
+    for k, (name, (unit, _)) in enumerate(MEASURE_MEANINGS.items())
 )
 """Standard deviations of the measures, in the same order."""
 

@@ -11,13 +11,7 @@ from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.directory import (
-    BUDGET_FILE,
-    CLOUD_FILE,
-    SCAN_PICTURE,
-    SECTIONS_FILE,
-    SUMMARY_FILE,
-)
+from tjscan.result import directory as run_files
 from tjscan.result.picture import write_png
 from tjscan.result.ply import write_cloud_ply
 from tjscan.result.summary import ScanSummary, write_summary
@@ -66,10 +60,10 @@ def write_run_results(
     """
     provenance = Provenance.for_file_written_now(job, summary.frame)
     summary = replace(summary, provenance=provenance)
-    with write_files_atomically(directory, last=SUMMARY_FILE, listed=True) as draft:
-        write_sections_csv(draft / SECTIONS_FILE, sections, provenance)
-        write_cloud_ply(draft / CLOUD_FILE, points, provenance)
-        write_png(draft / SCAN_PICTURE, picture, provenance)
-        write_budget(draft / BUDGET_FILE, budget, provenance)
-        write_summary(draft / SUMMARY_FILE, summary)
+    with write_files_atomically(directory, last=run_files.SUMMARY_FILE, listed=True) as draft:
+        write_sections_csv(draft / run_files.SECTIONS_FILE, sections, provenance)
+        write_cloud_ply(draft / run_files.CLOUD_FILE, points, provenance)
+        write_png(draft / run_files.SCAN_PICTURE, picture, provenance)
+        write_budget(draft / run_files.BUDGET_FILE, budget, provenance)
+        write_summary(draft / run_files.SUMMARY_FILE, summary)
     return summary

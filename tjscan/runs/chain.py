@@ -265,10 +265,7 @@ KEYS_SWITCHING_OFF: Final[Mapping[str, tuple[str, ...]]] = {
         "simulation.arm.errors.length_mm",
         "simulation.arm.errors.twist_deg",
     ),
-    "arm: gears": (
-        "simulation.arm.errors.eccentricity_deg",
-        "simulation.arm.errors.backlash_deg",
-    ),
+    "arm: gears": ("simulation.arm.errors.eccentricity_deg", "simulation.arm.errors.backlash_deg"),
     "arm: warmth": ("simulation.arm.errors.growth",),
     "arm: repeatability": ("simulation.arm.repeatability_mm", "simulation.arm.repeatability_deg"),
     "laser: scale, tilt, lens": ("simulation.laser.linearity_mm",),
@@ -309,12 +306,7 @@ class SourceRow:
 
 
 def run_sources(
-    chain: Chain,
-    directory: Path,
-    *,
-    arm: bool,
-    begin: Callable[[str], None],
-    alone: bool = True,
+    chain: Chain, directory: Path, *, arm: bool, begin: Callable[[str], None], alone: bool = True
 ) -> Iterator[SourceRow]:
     """Run a chain with all its errors, then with each source alone, then with none.
 

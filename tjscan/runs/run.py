@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from hashlib import sha256
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final, Generic, TypeVar
@@ -34,7 +35,7 @@ from tjscan.job.crawl.job import CrawlJob
 from tjscan.job.devices import CalibrationSettings
 from tjscan.job.files import CellJob
 from tjscan.job.tow.job import TowJob
-from tjscan.recording.header import JobSnapshot, file_sha256, job_snapshot_changes
+from tjscan.recording.header import JobSnapshot, job_snapshot_changes
 from tjscan.recording.journal import CombinedJournal, Journal, RunEvent
 from tjscan.recording.parts import next_recording_file, recording_files
 from tjscan.result.directory import (
@@ -421,7 +422,7 @@ def take_job_snapshot(directory: Path, job: CellJob) -> JobSnapshot:
             for file in (directory / JOINT_FILE, directory / CALIBRATION_FILE)
         )
         urdf = directory / URDF_FILE
-        arm = file_sha256(urdf) if urdf.is_file() else ""
+        arm = sha256(urdf.read_bytes()).hexdigest() if urdf.is_file() else ""
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(f"{directory}: can't be read: {error}") from error
     return JobSnapshot(_job_naming_copies(job, directory), joint, calibration, arm)

@@ -21,6 +21,7 @@ from tjscan.robot.arm import await_rest, check_not_moved
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 
 Which = Literal["first", "second"]
+Numbers = tuple[float, ...]
 
 MM_DECIMALS: Final = 3
 DEG_DECIMALS: Final = 4
@@ -42,8 +43,8 @@ class TaughtPose:
     """
 
     key: tuple[str, ...]
-    position_mm: tuple[float, ...]
-    euler_zyx_deg: tuple[float, ...]
+    position_mm: Numbers
+    euler_zyx_deg: Numbers
     groove: GrooveSection
 
 
@@ -105,7 +106,7 @@ def teach_pose(
     return taught
 
 
-def pose_for_job_file(T_b_f: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def pose_for_job_file(T_b_f: Array) -> tuple[Numbers, Numbers]:
     """Position in millimetres and Z-Y-X Euler angles in degrees, as a job file holds them."""
     position, angles = pose_to_euler_zyx(T_b_f)
     position_mm = np.round(1e3 * position, MM_DECIMALS) + 0.0  # no minus zero
@@ -114,10 +115,7 @@ def pose_for_job_file(T_b_f: Array) -> tuple[tuple[float, ...], tuple[float, ...
 
 
 def write_start_pose(
-    job_file: Path,
-    key: Sequence[str],
-    position_mm: tuple[float, ...],
-    euler_zyx_deg: tuple[float, ...],
+    job_file: Path, key: Sequence[str], position_mm: Numbers, euler_zyx_deg: Numbers
 ) -> None:
     """Replace one start pose in a job file, and leave all else; the file is whole at any time.
 

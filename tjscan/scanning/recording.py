@@ -21,7 +21,6 @@ from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.signals import hold_ctrl_c
 from tjscan.laser.profile import Profile
-from tjscan.recording.damage import RecordingDamage, ReportDamage, refuse_damage
 from tjscan.recording.foxglove import (
     PROFILE_TOPIC,
     TRANSFORMS_TOPIC,
@@ -34,7 +33,7 @@ from tjscan.recording.foxglove import (
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.journal import LOG_TOPIC, RecordingJournal, RunEvent
 from tjscan.recording.parts import recording_files
-from tjscan.recording.reader import read_messages
+from tjscan.recording.reader import RecordingDamage, ReportDamage, read_messages, refuse_damage
 from tjscan.recording.topic import Topic
 from tjscan.recording.writer import NO_ATTACHMENTS
 from tjscan.scanning.events import ScanEvent

@@ -41,8 +41,7 @@ class EndedTask(Generic[T, R]):
 
 
 TaskScheduler = Callable[
-    [Callable[[Trial], StudyRow[Any]], Sequence[Trial]],
-    Generator[EndedTask[Trial, StudyRow[Any]]],
+    [Callable[[Trial], StudyRow[Any]], Sequence[Trial]], Generator[EndedTask[Trial, StudyRow[Any]]]
 ]
 """A function that runs the trials of a study somewhere, and gives each back once it has ended."""
 

@@ -1,29 +1,35 @@
-"""The vehicles that a job can name."""
+"""The vehicles and the localisations that a job can name."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from operator import methodcaller
 from typing import TYPE_CHECKING, Any, Final
 
 from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
 from tjscan.core.errors import ConfigurationError
-from tjscan.vehicle.mqtt.settings import MqttSettings
+from tjscan.vehicle.localisation import Localisation
+from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings, MqttSettings
+from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
+from tjscan.vehicle.replay import ReplayedVehicle
+from tjscan.vehicle.simulated import SimulatedVehicle
+from tjscan.vehicle.simulated_body import SimulatedBody, VehicleSimulationSettings
 from tjscan.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from tjscan.core.frames import Array
+    from tjscan.vehicle.cable.world import TowingWorld
+    from tjscan.vehicle.mqtt.localisation import MqttLocalisation
     from tjscan.vehicle.mqtt.vehicle import MqttVehicle
-    from tjscan.vehicle.replay import ReplayedVehicle
-    from tjscan.vehicle.simulated import SimulatedVehicle
-    from tjscan.vehicle.simulation import VehicleSimulationSettings
+    from tjscan.vehicle.simulated_localisation import SimulatedLocalisation
     from tjscan.vehicle.tracks import TrackGeometry
     from tjscan.vehicle.vehicle import VehicleState
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleDriverInputs:
-    """What a vehicle's driver makes its vehicle from, besides its own settings.
+    """What a vehicle's driver makes its vehicle from, beside its own settings.
 
     Parameters
     ----------
@@ -32,13 +38,13 @@ class VehicleDriverInputs:
     seed : int
         Of a simulation's random numbers.
     simulation : VehicleSimulationSettings or None
-        Where a simulated vehicle stands and how it moves; None where the job has no
+        How a simulated vehicle moves and where it begins; None if the job has no
         [simulation.vehicle].
     left : tuple of Array and float, or None
         Where an interrupted run left a simulated vehicle: x, y, heading, shape (3,), and what its
         clock showed.
     recording : callable
-        Gives the states of the recording that the job names; raises ConfigurationError where it
+        Gives the states of the recording that the job names; raises ConfigurationError if it
         names none.
     """
 
@@ -49,7 +55,7 @@ class VehicleDriverInputs:
     recording: Callable[[], tuple[VehicleState, ...]]
 
 
-def _no_truth(vehicle: Any) -> Array:
+def _refuse_truth(vehicle: Any) -> Array:
     raise ConfigurationError(
         "the true place of this vehicle is not known; a simulated laser needs the simulated "
         "vehicle below it",
@@ -68,43 +74,35 @@ class VehicleDriverFactory(DriverFactory[VehicleDriverInputs, Vehicle]):
         unknown: it raises ConfigurationError.
     """
 
-    truth: Callable[[Any], Array] = field(default=_no_truth)
+    truth: Callable[[Any], Array] = field(default=_refuse_truth)
 
 
-def _simulated(context: VehicleDriverInputs, settings: NoSettings) -> SimulatedVehicle:
-    from tjscan.vehicle.simulated import SimulatedVehicle
-    from tjscan.vehicle.simulated_body import SimulatedBody
-
+def _simulated_vehicle(context: VehicleDriverInputs, settings: NoSettings) -> SimulatedVehicle:
     if context.simulation is None:
         raise ConfigurationError(
             "a simulated vehicle needs a [simulation.vehicle] table", key="simulation.vehicle"
         )
     pose_w, time = (None, 0.0) if context.left is None else context.left
-    return SimulatedVehicle(
-        SimulatedBody(
-            context.tracks, context.simulation, seed=context.seed, pose_w=pose_w, time=time
-        )
+    body = SimulatedBody(
+        context.tracks, context.simulation, seed=context.seed, pose_w=pose_w, time=time
     )
+    return SimulatedVehicle(body)
 
 
-def _replayed(context: VehicleDriverInputs, settings: NoSettings) -> ReplayedVehicle:
-    from tjscan.vehicle.replay import ReplayedVehicle
-
-    return ReplayedVehicle(context.recording())
-
-
-def _over_mqtt(inputs: VehicleDriverInputs, settings: MqttSettings) -> MqttVehicle:
+def _vehicle_over_mqtt(inputs: VehicleDriverInputs, settings: MqttSettings) -> MqttVehicle:
     from tjscan.vehicle.mqtt.vehicle import MqttVehicle
 
     return MqttVehicle(settings)
 
 
 SIMULATED_DRIVER: Final = VehicleDriverFactory(
-    _simulated, kind=DriverKind.SIMULATED, truth=lambda vehicle: vehicle.true_pose()
+    _simulated_vehicle, kind=DriverKind.SIMULATED, truth=methodcaller("true_pose")
 )
-REPLAY_DRIVER: Final = VehicleDriverFactory(_replayed, kind=DriverKind.REPLAYED)
+REPLAY_DRIVER: Final = VehicleDriverFactory(
+    lambda inputs, settings: ReplayedVehicle(inputs.recording()), kind=DriverKind.REPLAYED
+)
 MQTT_DRIVER: Final = VehicleDriverFactory(
-    _over_mqtt, MqttSettings, truth=lambda vehicle: vehicle.true_pose()
+    _vehicle_over_mqtt, MqttSettings, truth=methodcaller("true_pose")
 )
 
 VEHICLE_DRIVERS: Final[DriverRegistry[VehicleDriverFactory]] = DriverRegistry(
@@ -119,3 +117,72 @@ VEHICLE_DRIVERS: Final[DriverRegistry[VehicleDriverFactory]] = DriverRegistry(
     type=VehicleDriverFactory,
 )
 """Every vehicle driver by name."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LocalisationInputs:
+    """What a localisation is made from, beside its own settings.
+
+    Parameters
+    ----------
+    vehicles : int
+        How many it is to see.
+    seed : int, optional
+        Of a simulation's random numbers.
+    world : TowingWorld or None, optional
+        The world that a simulated one sees.
+    simulation : LocalisationSimulationSettings, optional
+        How that disturbs the poses.
+    """
+
+    vehicles: int
+    seed: int = 0
+    world: TowingWorld | None = None
+    simulation: LocalisationSimulationSettings = field(
+        default_factory=LocalisationSimulationSettings
+    )
+
+
+@dataclass(frozen=True)
+class LocalisationDriverFactory(DriverFactory[LocalisationInputs, Localisation]):
+    """How a localisation's driver makes it from a job file; see `DriverFactory`."""
+
+
+def _simulated_localisation(
+    inputs: LocalisationInputs, settings: NoSettings
+) -> SimulatedLocalisation:
+    from tjscan.vehicle.simulated_localisation import SimulatedLocalisation
+
+    if inputs.world is None:
+        raise ConfigurationError(
+            "a simulated localisation sees simulated vehicles alone", key="localisation.driver"
+        )
+    return SimulatedLocalisation(inputs.world, inputs.simulation, seed=inputs.seed)
+
+
+def _localisation_over_mqtt(
+    inputs: LocalisationInputs, settings: MqttLocalisationSettings
+) -> MqttLocalisation:
+    from tjscan.vehicle.mqtt.localisation import MqttLocalisation
+
+    return MqttLocalisation(settings, inputs.vehicles)
+
+
+SIMULATED_LOCALISATION_DRIVER: Final = LocalisationDriverFactory(
+    _simulated_localisation, kind=DriverKind.SIMULATED
+)
+MQTT_LOCALISATION_DRIVER: Final = LocalisationDriverFactory(
+    _localisation_over_mqtt, MqttLocalisationSettings
+)
+
+LOCALISATION_DRIVERS: Final[DriverRegistry[LocalisationDriverFactory]] = DriverRegistry(
+    "localisation",
+    {
+        "simulated": "tjscan.vehicle.drivers:SIMULATED_LOCALISATION_DRIVER",
+        "mqtt": "tjscan.vehicle.drivers:MQTT_LOCALISATION_DRIVER",
+    },
+    extras={"mqtt": "vehicle"},
+    key="localisation.driver",
+    type=LocalisationDriverFactory,
+)
+"""Every localisation by name."""

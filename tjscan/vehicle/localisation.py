@@ -1,4 +1,4 @@
-"""Where the vehicles of a team stand, as something that sees them knows it: a device."""
+"""Poses of the vehicles of a team, from a device that sees them."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from tjscan.core.devices import Device
 
 @dataclass(frozen=True, slots=True)
 class VehiclePose:
-    """Where a vehicle stood, in frame w.
+    """Pose of a vehicle at a time, in frame w.
 
     Parameters
     ----------
     time : float
-        When it was measured, seconds on the reader's clock: that of the team.
+        When it was measured, seconds on the clock of the reader and its team.
     x, y : float
         Of the vehicle's origin, metres.
     heading : float

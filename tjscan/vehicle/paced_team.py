@@ -47,12 +47,12 @@ class PacedTeam:
         self._newest = [VehicleLinkLost("no state of it came yet")] * len(self.vehicles)
         with ExitStack() as stack:
             for number, vehicle in enumerate(self.vehicles, 1):
-                vehicle.report_events_to(self._noting(number))
+                vehicle.report_events_to(self._listener_of_vehicle(number))
                 stack.enter_context(vehicle)
             stack.callback(self._closed.set)
             self._connections = stack.pop_all()
         for k in range(len(self.vehicles)):
-            threading.Thread(target=self._read, args=(k,), daemon=True).start()
+            threading.Thread(target=self._read_states, args=(k,), daemon=True).start()
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -67,10 +67,10 @@ class PacedTeam:
             self._listener(*self._events.get())
         return tuple(self._newest)
 
-    def _noting(self, number: int) -> EventListener:
+    def _listener_of_vehicle(self, number: int) -> EventListener:
         return lambda name, sentence: self._events.put((name, f"vehicle {number}: {sentence}"))
 
-    def _read(self, k: int) -> None:
+    def _read_states(self, k: int) -> None:
         while not self._closed.is_set():
             try:
                 self._newest[k] = self.vehicles[k].next_state()

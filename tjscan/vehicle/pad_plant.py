@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.units import DEG, KG, MM, SettingsTable
-from tjscan.vehicle.plant import moved_pose
-from tjscan.vehicle.tracks import TrackGeometry
+from tjscan.vehicle.tracks import TrackGeometry, moved_pose
 
 GRAVITY_M_S2: Final = 9.81
 """m/s²."""
@@ -99,7 +98,7 @@ class PadPlant:
     settings : PadSettings
     tracks : TrackGeometry
     pose_w : array_like, shape (3,)
-        Where it stands at first.
+        Its first pose.
     """
 
     def __init__(self, settings: PadSettings, tracks: TrackGeometry, pose_w: Array) -> None:

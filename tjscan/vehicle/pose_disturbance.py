@@ -44,7 +44,7 @@ class PoseFault(StrEnum):
     FROZEN = "pose-frozen"
     """The same pose is given again and again, as if it were new."""
     JUMP = "pose-jump"
-    """They lie 0.5 m off."""
+    """They are 0.5 m off."""
     SWAP = "pose-swap"
     """They and the neighbour's are exchanged: of the first and second vehicle, and so on."""
     NAN = "pose-nan"
@@ -105,15 +105,15 @@ class DisturbedPoses:
         noise, more = self._random.standard_normal((2, *poses.shape))
         lost = self._random.random(len(poses))
         for vehicle in range(len(poses)):
-            at = poses[self._seen_as(vehicle, len(poses))] + scatter * noise[vehicle]
-            if self._has(PoseFault.NOISE, vehicle):
+            at = poses[self._vehicle_seen_as(vehicle, len(poses))] + scatter * noise[vehicle]
+            if self._has_fault(PoseFault.NOISE, vehicle):
                 at = at + FAULT_NOISE * more[vehicle]
-            if self._has(PoseFault.JUMP, vehicle):
+            if self._has_fault(PoseFault.JUMP, vehicle):
                 at = at + FAULT_JUMP
-            if self._has(PoseFault.NAN, vehicle):
+            if self._has_fault(PoseFault.NAN, vehicle):
                 at = np.full(3, nan)
             x, y, heading = at.tolist()
-            self._send(vehicle, VehiclePose(time, x, y, heading), lost[vehicle] < s.lost)
+            self._send_pose(vehicle, VehiclePose(time, x, y, heading), lost[vehicle] < s.lost)
 
     def arrived(self, now: float) -> Iterator[tuple[int, VehiclePose]]:
         """Give which vehicles' poses came until now, in the order in which they came."""
@@ -121,26 +121,26 @@ class DisturbedPoses:
             _, _, vehicle, pose = heapq.heappop(self._on_the_way)
             yield vehicle, pose
 
-    def _send(self, vehicle: int, pose: VehiclePose, lost: bool) -> None:
-        if self._has(PoseFault.FROZEN, vehicle):
+    def _send_pose(self, vehicle: int, pose: VehiclePose, lost: bool) -> None:
+        if self._has_fault(PoseFault.FROZEN, vehicle):
             pose = replace(self._frozen.setdefault(vehicle, pose), time=pose.time)
         else:
             self._frozen.pop(vehicle, None)
         number = next(self._sent)
         delay = self.settings.delay
-        if self._has(PoseFault.LATE, vehicle):
+        if self._has_fault(PoseFault.LATE, vehicle):
             delay += FAULT_DELAY
         sample = round(pose.time / self.settings.period)
-        if self._has(PoseFault.DISORDER, vehicle) and sample % 2:
+        if self._has_fault(PoseFault.DISORDER, vehicle) and sample % 2:
             delay += HELD_BACK
-        if not lost and not self._has(PoseFault.LOST, vehicle):
+        if not lost and not self._has_fault(PoseFault.LOST, vehicle):
             heapq.heappush(self._on_the_way, (pose.time + delay, number, vehicle, pose))
 
-    def _seen_as(self, vehicle: int, vehicles: int) -> int:
+    def _vehicle_seen_as(self, vehicle: int, vehicles: int) -> int:
         """Whose pose is given as a vehicle's: 0 and 1 are exchanged, 2 and 3, and so on."""
         other = vehicle ^ 1
-        swapped = self._has(PoseFault.SWAP, vehicle) or self._has(PoseFault.SWAP, other)
+        swapped = self._has_fault(PoseFault.SWAP, vehicle) or self._has_fault(PoseFault.SWAP, other)
         return other if swapped and other < vehicles else vehicle
 
-    def _has(self, fault: PoseFault, vehicle: int) -> bool:
+    def _has_fault(self, fault: PoseFault, vehicle: int) -> bool:
         return (fault, vehicle) in self.faults or (fault, None) in self.faults

@@ -2,20 +2,94 @@
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass, field
+from math import exp, radians
+from typing import Annotated, Final, Literal
 
 import numpy as np
+from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array, pose, rot_z
-from tjscan.vehicle.drives import TrackDrives
-from tjscan.vehicle.pad_plant import PadPlant
-from tjscan.vehicle.plant import VehiclePlant
-from tjscan.vehicle.simulation import VehicleSimulationSettings
-from tjscan.vehicle.slip_plant import SlipPlant
-from tjscan.vehicle.steel import ProximitySensors, SteelArea
-from tjscan.vehicle.track_load import TrackLoad
-from tjscan.vehicle.tracks import TrackGeometry
+from tjscan.core.units import DEG, MM_S, MM_S2, SECONDS, FileUnit, SettingsTable
+from tjscan.vehicle.pad_plant import PadPlant, PadSettings
+from tjscan.vehicle.slip_plant import SlipPlant, SlipSettings, TrackLoad
+from tjscan.vehicle.steel import (
+    Outline,
+    ProximitySensors,
+    ProximitySettings,
+    SteelArea,
+    SurfacePoint,
+)
+from tjscan.vehicle.tracks import TrackGeometry, VehiclePlant
 from tjscan.vehicle.vehicle import Twist, VehicleState
+
+STANDSTILL_SPEED: Final = 1e-7
+"""m/s: a track that is commanded to rest, and is slower than this, is at rest."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveSettings(SettingsTable):
+    """The table [simulation.vehicle.drives]: how the tracks' motors follow.
+
+    Parameters
+    ----------
+    top_speed : float
+        Of a track, m/s: the 6 m/min of the paper. Where one would run faster, both are slowed by
+        the same share, so that the path's curvature stays.
+    lag : float
+        Time constant of the speed loop, seconds. Assumption.
+    acceleration : float
+        Most that a track gains or loses on a command, m/s². Assumption.
+    braking : float
+        Most that it loses on a stop, m/s². Assumption: 200 N of the 1,680 N that both tracks
+        pull.
+    """
+
+    top_speed: Annotated[float, Gt(0), Le(5000), MM_S] = 0.1
+    lag: Annotated[float, Ge(0), Le(10), SECONDS] = 0.05
+    acceleration: Annotated[float, Gt(0), Le(1e5), MM_S2] = 0.5
+    braking: Annotated[float, Gt(0), Le(1e5), MM_S2] = 2.0
+
+
+DEG_S: Final = FileUnit("deg_s", radians(1.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehicleSimulationSettings(SettingsTable):
+    """The table [simulation.vehicle]: where a simulated vehicle stands, and how it moves.
+
+    Parameters
+    ----------
+    start : tuple of float
+        x and y of its origin on the unrolled surface, frame w, metres.
+    heading : float
+        From x of w towards y of w, radians: clockwise seen from outside.
+    plant : str
+        ``slip``: the tracks slip by given ratios. ``pads``: by the friction of each pad.
+    slip : SlipSettings
+        For the plant ``slip``.
+    pads : PadSettings
+        For the plant ``pads``; of the other they give the motors' torques alone.
+    drives : DriveSettings
+        How the tracks follow.
+    encoder_noise : float
+        Standard deviation of a sprocket's rate as its encoder shows it, rad/s. Assumption.
+    proximity : ProximitySettings
+        Sensors at the corners.
+    steel : tuple of points
+        Outline of the steel in frame w, metres; without one there is steel everywhere.
+    """
+
+    start: SurfacePoint = (0.0, 0.0)
+    heading: Annotated[float, Ge(-360), Le(360), DEG] = 0.0
+    plant: Literal["slip", "pads"] = "slip"
+    slip: SlipSettings = field(default_factory=SlipSettings)
+    pads: PadSettings = field(default_factory=PadSettings)
+    drives: DriveSettings = field(default_factory=DriveSettings)
+    encoder_noise: Annotated[float, Ge(0), Le(60), DEG_S] = 2e-3
+    proximity: ProximitySettings = field(default_factory=ProximitySettings)
+    steel: Outline = ()
+
 
 STATE_PERIOD: Final = 0.01
 """Seconds between states."""
@@ -29,11 +103,11 @@ class SimulatedBody:
     tracks : TrackGeometry
         Its tracks.
     settings : VehicleSimulationSettings
-        Where it stands and how it moves.
+        Its first pose and how it moves.
     seed : int, optional
         Of all random numbers: the same seed and commands give the same states.
     pose_w : array_like, shape (3,), optional
-        Where it stands, if not where the settings say: x, y in metres and heading in radians.
+        Its first pose, if not that of the settings: x, y in metres and heading in radians.
     time : float, optional
         What its clock shows at first, seconds.
     """
@@ -59,7 +133,7 @@ class SimulatedBody:
         self.arc_burning = False
         """Whether an arc disturbs the proximity sensors."""
         self._tracks, self._settings, self._encoders = tracks, settings, encoders
-        self._drives = TrackDrives(settings.drives)
+        self._speeds = np.zeros(2)  # of the left and right track, m/s, forward positive
         self._sensors = ProximitySensors(settings.proximity, self.steel, sensors)
         self._sampled = -np.inf
 
@@ -77,8 +151,8 @@ class SimulatedBody:
 
     @property
     def stands(self) -> bool:
-        """Whether both tracks stand."""
-        return not self._drives.speeds.any()
+        """Whether both tracks are at rest."""
+        return not self._speeds.any()
 
     def advance(
         self, twist: Twist | None, *, period: float = STATE_PERIOD, grip: float = 1.0
@@ -95,16 +169,26 @@ class SimulatedBody:
             Share of the tracks' motion that the body follows at most; less than 1 where they spin.
         """
         if twist is None:
-            self._drives.brake(period)
+            most = self._settings.drives.braking * period
+            self._speeds = self._speeds - np.clip(self._speeds, -most, most)
         else:
             half = self._tracks.gauge * twist.turn_rate / 2
-            self._drives.follow(np.array((twist.speed + half, twist.speed - half)), period)
-        left, right = self._drives.speeds.tolist()
+            self._follow_speeds(np.array((twist.speed + half, twist.speed - half)), period)
+        left, right = self._speeds.tolist()
         self.plant.advance(grip * left, grip * right, period)
         self.time += period
         return VehicleState(
             self.time, self._read_encoders(left, right), self.plant.torques, self._read_proximity()
         )
+
+    def _follow_speeds(self, wanted: Array, period: float) -> None:
+        """Run after wanted speeds, shape (2,): a first-order lag and a limit to what is gained."""
+        s = self._settings.drives
+        wanted = wanted * min(1.0, s.top_speed / max(float(np.abs(wanted).max()), 1e-12))
+        share = 1.0 if s.lag == 0 else 1 - exp(-period / s.lag)
+        most = s.acceleration * period
+        self._speeds = self._speeds + np.clip(share * (wanted - self._speeds), -most, most)
+        self._speeds[(wanted == 0) & (np.abs(self._speeds) < STANDSTILL_SPEED)] = 0.0
 
     def _read_encoders(self, left: float, right: float) -> Twist:
         r = self._tracks.sprocket_radius

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import Final, Self
+from typing import Final
 
-from tjscan.core.devices import DeviceIdentity, EventListener
+from tjscan.core.devices import DeviceIdentity, EventListener, LocalDevice
 from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.localisation import TrackedDisc, VehiclePose
 from tjscan.vehicle.mqtt.wire import REPORTED_COUNTS
@@ -15,7 +15,7 @@ NOT_A_POSE: Final = "it holds NaN"
 OUT_OF_ORDER: Final = "it came after a later one"
 
 
-class SimulatedLocalisation:
+class SimulatedLocalisation(LocalDevice):
     """Sees the vehicles of a simulated world, behind the `Localisation` protocol.
 
     Its clock is the world's. Passers-by are seen as they are.
@@ -39,13 +39,6 @@ class SimulatedLocalisation:
         self._given = [-float("inf")] * world.vehicles
         self._listener: EventListener = lambda name, sentence: None
 
-    def __enter__(self) -> Self:
-        """Nothing to connect."""
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Nothing to disconnect."""
-
     @property
     def identity(self) -> DeviceIdentity:
         """Which device it is."""
@@ -64,9 +57,9 @@ class SimulatedLocalisation:
         newest: list[VehiclePose | None] = [None] * self._world.vehicles
         for vehicle, pose in self.poses.arrived(self._world.time):
             if not isfinite(pose.x + pose.y + pose.heading):
-                self._drop(vehicle, NOT_A_POSE)
+                self._report_dropped(vehicle, NOT_A_POSE)
             elif pose.time <= self._given[vehicle]:
-                self._drop(vehicle, OUT_OF_ORDER)
+                self._report_dropped(vehicle, OUT_OF_ORDER)
             else:
                 newest[vehicle], self._given[vehicle] = pose, pose.time
         return tuple(newest)
@@ -77,7 +70,7 @@ class SimulatedLocalisation:
             TrackedDisc(self._world.time, *disc) for disc in self._world.passers_by.tolist()
         )
 
-    def _drop(self, vehicle: int, why: str) -> None:
+    def _report_dropped(self, vehicle: int, why: str) -> None:
         self.dropped += 1
         if self.dropped in REPORTED_COUNTS:
             self._listener(

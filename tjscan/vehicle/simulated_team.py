@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Final, Self
+from typing import Self
 
-from tjscan.core.devices import DeviceBase, DeviceIdentity
-from tjscan.core.errors import DriveFault, VehicleFault, VehicleLinkLost, VehicleStopped
+from tjscan.core.devices import DeviceIdentity
+from tjscan.core.errors import DriveFault, VehicleFault
 from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.simulated_body import STATE_PERIOD
-from tjscan.vehicle.vehicle import DEAD_MAN, Twist, VehicleState, check_twist, latest_state
-
-ON_TIME: Final = 1e-6
-"""Seconds: sums of periods are no nearer to what they should be."""
+from tjscan.vehicle.vehicle import LocalVehicle, Twist, VehicleState, latest_state
 
 
 class SimulatedTeam:
     """Vehicles that hold the cable of a simulated world, which goes on as their states are read.
 
     `advance_to` lets the world go on for all of them. A vehicle's own `next_state` gives the newest
-    state that it has not given yet; where there is none, it lets the world go on by one period. So
+    state that it has not given yet; if there is none, it lets the world go on by one period. So
     a reader of all of them in turn moves the clock once a turn.
 
     A context manager: entering connects all vehicles.
@@ -64,13 +61,13 @@ class SimulatedTeam:
     def advance(self) -> None:
         """Let the world go on by one period."""
         for vehicle in self.vehicles:
-            self.world.order(vehicle.which, vehicle.wanted())
+            self.world.order(vehicle.which, vehicle.twist_to_drive())
         self.world.advance(STATE_PERIOD)
         for vehicle in self.vehicles:
             vehicle.take_state()
 
 
-class TeamVehicle(DeviceBase):
+class TeamVehicle(LocalVehicle):
     """One vehicle of a simulated team, behind the `Vehicle` protocol; it drives sideways too.
 
     Parameters
@@ -80,71 +77,39 @@ class TeamVehicle(DeviceBase):
         Its place along the cable, from 0.
     """
 
-    dead_man: float = DEAD_MAN
-
     def __init__(self, team: SimulatedTeam, which: int) -> None:
         self.which, self._team = which, team
-        # A signal's handler may stop a vehicle whatever it interrupts: no locks, but one order that
-        # is replaced as a whole, and a stop that outranks it.
-        self._order: tuple[Twist, float] | None = None
-        self._connected = self._stopped = False
         self._state = team.world.state(which)
         self._unread: list[VehicleState] = []
-
-    def __enter__(self) -> Self:
-        """Take commands."""
-        self.accept_commands_again()
-        self._connected = True
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Stop, and take no more commands."""
-        self.stop()
-        self._connected = False
 
     @property
     def identity(self) -> DeviceIdentity:
         """Which vehicle it is."""
         return DeviceIdentity("simulated towing vehicle", str(self.which + 1))
 
-    def command(self, twist: Twist) -> None:
-        """Hold a twist until the next command. See `Vehicle.command`."""
-        self._need_connection()
-        check_twist(twist)
+    @property
+    def time(self) -> float:
+        """What the clock of all vehicles shows, seconds."""
+        return self._team.time
+
+    def check_drives(self, twist: Twist) -> None:
+        """Refuse to drive with a fault."""
         if self._state.fault:
             raise DriveFault(
                 f"the vehicle reports: {self._state.fault}. Mend it, then start again."
             )
-        if self._stopped:
-            raise VehicleStopped
-        self._order = twist, self._team.time
 
     def next_state(self) -> VehicleState:
-        """Report the newest state; go on by one period where it is known already.
+        """Report the newest state; go on by one period if it is known already.
 
         See `Vehicle.next_state` and `SimulatedTeam`.
         """
-        self._need_connection()
+        self.check_connected()
         if not self._unread:
             self._team.advance()
         return self.newest_state()
 
-    def stop(self) -> None:
-        """Brake to rest, and take no command any more. See `Vehicle.stop`."""
-        self._stopped = True
-
-    def accept_commands_again(self) -> None:
-        """Take commands again after a stop. See `Vehicle.accept_commands_again`."""
-        self._order, self._stopped = None, False
-
     # What the team asks of it
-
-    def wanted(self) -> Twist | None:
-        """What it is to drive now; None brakes."""
-        order = self._order
-        if self._stopped or order is None:
-            return None
-        return order[0] if self._team.time - order[1] < self.dead_man - ON_TIME else None
 
     def take_state(self) -> None:
         """Look at the world."""
@@ -155,7 +120,3 @@ class TeamVehicle(DeviceBase):
         """The state when the world last went on, with the mean motion since it was read."""
         states, self._unread = self._unread or [self._state], []
         return latest_state(states)
-
-    def _need_connection(self) -> None:
-        if not self._connected:
-            raise VehicleLinkLost("the vehicle is not connected: use it inside a 'with' block")

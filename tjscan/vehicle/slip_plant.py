@@ -7,7 +7,7 @@ lies ahead in the direction of travel.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import copysign, pi, radians, sin
+from math import copysign, cos, pi, radians, sin
 from typing import Annotated, Final
 
 import numpy as np
@@ -15,8 +15,60 @@ from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.units import DEG, MM, FileUnit, SettingsTable
-from tjscan.vehicle.plant import moved_pose
-from tjscan.vehicle.track_load import TrackLoad
+from tjscan.vehicle.pad_plant import GRAVITY_M_S2, PadSettings
+from tjscan.vehicle.tracks import TrackGeometry, moved_pose
+
+TURN_TIGHTNESS: Final = (0.925, 0.15)
+"""Of Merritt's formula, as Wong, Theory of Ground Vehicles, prints it."""
+
+
+class TrackLoad:
+    """Torques of a climb and of a turn, in closed form.
+
+    The weight along the tracks is borne by both alike. A turn is resisted by the moment
+    mu_t N L / 4 of pads that slide sideways under the normal force N over the length L, with
+    Merritt's mu_t = mu / (0.925 + 0.15 R / b) for the radius R and the gauge b. The pads take some
+    way to be sheared, here an L: the moment follows over the way of the tracks.
+
+    Parameters
+    ----------
+    pads : PadSettings
+        Friction, grip, weight, and how the surface lies.
+    tracks : TrackGeometry
+    """
+
+    def __init__(self, pads: PadSettings, tracks: TrackGeometry) -> None:
+        self._pads, self._tracks = pads, tracks
+        weight = pads.mass * GRAVITY_M_S2
+        self._along = weight * sin(pads.inclination)
+        pressed = 2 * pads.pads * pads.grip * GRAVITY_M_S2 + weight * cos(pads.inclination)
+        self._most = pads.friction * pressed * pads.contact_length / 4
+        self._moment = 0.0
+
+    def advance(self, left: float, right: float) -> None:
+        """Let the left and right track run by some metres."""
+        run, turn = abs(left) + abs(right), left - right
+        if run == 0.0:
+            return
+        # R / b = |left + right| / 2 |turn|, multiplied out: straight on there is no R.
+        own, by_radius = TURN_TIGHTNESS
+        wanted = self._most * turn / (own * abs(turn) + by_radius * abs(left + right) / 2)
+        share = min(run / 2 / self._pads.contact_length, 1.0)
+        self._moment += share * (wanted - self._moment)
+
+    def torques(self, heading: float) -> tuple[float, float]:
+        """Torque of the left and right motor at its sprocket, N m, in the sense of its rate.
+
+        Parameters
+        ----------
+        heading : float
+            Of the vehicle on the surface, from x of frame w towards y, radians.
+        """
+        climb = -self._along * cos(self._pads.down - heading) / 2
+        turn = self._moment / self._tracks.gauge
+        radius = self._tracks.sprocket_radius
+        return radius * (climb + turn), -radius * (climb - turn)
+
 
 DEG_PER_M: Final = FileUnit("deg_per_m", radians(1.0))
 
@@ -77,7 +129,7 @@ class SlipPlant:
     gauge : float
         b, between the tracks, metres.
     pose_w : array_like, shape (3,)
-        Where it stands at first.
+        Its first pose.
     seed : int or Generator, optional
         Of where along the path η begins to swing.
     load : TrackLoad, optional
@@ -96,11 +148,11 @@ class SlipPlant:
         p, s = settings.ratio, settings
         self.pose_w = readonly_copy(pose_w)
         self._gauge, self._settings = gauge, settings
-        self._kept = 1 - _or(s.longitudinal, p / 10)
-        self._yaw = _or(s.yaw_efficiency, 1 - p), _or(s.yaw_variation, p / 4)
-        self._drift = _or(s.yaw_drift, YAW_DRIFT if p > 0 else 0.0)
-        self._crab = _or(s.crab, 0.05 * p)
-        self._icr_ahead = _or(s.icr_ahead, 0.3 * p)
+        self._kept = 1 - _value_or(s.longitudinal, p / 10)
+        self._yaw = _value_or(s.yaw_efficiency, 1 - p), _value_or(s.yaw_variation, p / 4)
+        self._drift = _value_or(s.yaw_drift, YAW_DRIFT if p > 0 else 0.0)
+        self._crab = _value_or(s.crab, 0.05 * p)
+        self._icr_ahead = _value_or(s.icr_ahead, 0.3 * p)
         self._phase = 2 * pi * np.random.default_rng(seed).random()
         self._travelled = 0.0
 
@@ -123,5 +175,5 @@ class SlipPlant:
         self.pose_w = moved_pose(self.pose_w, np.array((u, sideways, turn)), period)
 
 
-def _or(value: float | None, otherwise: float) -> float:
+def _value_or(value: float | None, otherwise: float) -> float:
     return otherwise if value is None else value

@@ -6,14 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from statistics import fmean
-from typing import Final, Protocol
+from typing import Final, Protocol, Self
 
 from tjscan.core.array_fields import FloatOrNan
-from tjscan.core.devices import Device
-from tjscan.core.errors import VehicleFault
+from tjscan.core.devices import Device, LocalDevice
+from tjscan.core.errors import VehicleFault, VehicleLinkLost, VehicleStopped
 
 DEAD_MAN: Final = 0.5
 """Seconds after its last command at which a vehicle stops by itself."""
+
+TIME_TOLERANCE: Final = 1e-6
+"""Seconds: sums of periods are no nearer to what they should be."""
 
 PROXIMITY_CORNERS: Final = ("front left", "front right", "rear left", "rear right")
 """Where the proximity sensors are, in the order of `VehicleState.proximity`."""
@@ -52,15 +55,15 @@ class VehicleState:
         Seconds on the vehicle's own clock. A simulated vehicle's clock runs with its states, not
         with the wall.
     odometry : Twist
-        The twist that the motors' encoders show. Where the tracks slip, the vehicle moves
+        The twist that the motors' encoders show. If the tracks slip, the vehicle moves
         otherwise.
     torques : tuple of float, optional
-        Of the motors, at the sprocket, N m; empty where they are not known.
+        Of the motors, at the sprocket, N m; empty if they are not known.
     proximity : tuple of float, optional
         Distance to the surface in metres at each of `PROXIMITY_CORNERS`; inf or NaN if nothing is
         in reach, empty if this state brings no new sample.
     fault : str, optional
-        Of the drives, in a sentence; empty where they are well.
+        Of the drives, in a sentence; empty if they are well.
     """
 
     time: float
@@ -99,7 +102,7 @@ def check_twist(twist: Twist) -> None:
 
 
 class Vehicle(Device, Protocol):
-    """A vehicle that drives as told; connecting and disconnecting leave it at rest."""
+    """A vehicle that drives as commanded; connecting and disconnecting leave it at rest."""
 
     @property
     def dead_man(self) -> float:
@@ -124,7 +127,7 @@ class Vehicle(Device, Protocol):
         Of several that came since the last call it is the newest; see `latest_state`.
 
         A simulated vehicle goes on by one period instead of waiting, so simulated time runs as
-        fast as the computer does. A fault of the drives stands in the state.
+        fast as the computer does. The state holds a fault of the drives.
 
         Raises
         ------
@@ -140,4 +143,62 @@ class Vehicle(Device, Protocol):
         """
 
     def accept_commands_again(self) -> None:
-        """Take commands again after a stop; the vehicle stands until the next one."""
+        """Take commands again after a stop; the vehicle is at rest until the next one."""
+
+
+class LocalVehicle(LocalDevice):
+    """Base of simulated and replayed vehicles: holds an order for the dead-man time, or a stop.
+
+    A signal's handler may stop a vehicle whatever it interrupts: no locks, but one order that is
+    replaced as a whole, and a stop that outranks it.
+    """
+
+    not_connected = (
+        VehicleLinkLost,
+        "the vehicle is not connected: use it inside a 'with' block",
+    )
+    dead_man: float = DEAD_MAN
+    _order: tuple[Twist, float] | None = None
+    _stopped = False
+
+    def __enter__(self) -> Self:
+        """Take commands."""
+        self.accept_commands_again()
+        return super().__enter__()
+
+    def __exit__(self, *error: object) -> None:
+        """Stop, and take no more commands."""
+        self.stop()
+        super().__exit__(*error)
+
+    @property
+    def time(self) -> float:
+        """What the vehicle's clock shows, seconds."""
+        raise NotImplementedError
+
+    def command(self, twist: Twist) -> None:
+        """Hold a twist until the next command. See `Vehicle.command`."""
+        self.check_connected()
+        check_twist(twist)
+        self.check_drives(twist)
+        if self._stopped:
+            raise VehicleStopped
+        self._order = twist, self.time
+
+    def check_drives(self, twist: Twist) -> None:
+        """Refuse a twist that the vehicle's drives can't follow."""
+
+    def twist_to_drive(self) -> Twist | None:
+        """What it is to drive now; None brakes."""
+        order = self._order
+        if self._stopped or order is None:
+            return None
+        return order[0] if self.time - order[1] < self.dead_man - TIME_TOLERANCE else None
+
+    def stop(self) -> None:
+        """Brake to rest, and take no command any more. See `Vehicle.stop`."""
+        self._stopped = True
+
+    def accept_commands_again(self) -> None:
+        """Take commands again after a stop. See `Vehicle.accept_commands_again`."""
+        self._order, self._stopped = None, False

@@ -17,10 +17,15 @@ from tjscan.core.config import read_toml, validate_table
 from tjscan.core.errors import ConfigurationError, VehicleLinkLost
 from tjscan.core.signals import read_no_terminal_in_background
 from tjscan.vehicle.mqtt.link import BrokerLink, ReceivedMessage
-from tjscan.vehicle.mqtt.torch_wire import TORCH_COMMANDER_TOPIC, TORCH_TOPIC
-from tjscan.vehicle.mqtt.wire import COMMAND_TOPIC, COMMANDER_TOPIC, PRESENCE_TOPIC, PresenceMessage
-from tjscan.vehicle.simulated_body import STATE_PERIOD, SimulatedBody
-from tjscan.vehicle.simulation import VehicleSimulationSettings
+from tjscan.vehicle.mqtt.wire import (
+    COMMAND_TOPIC,
+    COMMANDER_TOPIC,
+    PRESENCE_TOPIC,
+    TORCH_COMMANDER_TOPIC,
+    TORCH_TOPIC,
+    PresenceMessage,
+)
+from tjscan.vehicle.simulated_body import STATE_PERIOD, SimulatedBody, VehicleSimulationSettings
 from tjscan.vehicle.tracks import TrackGeometry
 from tjscan_loopback.process import TRUTH_COMMAND, check_is_loopback_address, print_line
 from tjscan_loopback.vehicle.bodies import CrawlerBody, LoopbackBody
@@ -143,7 +148,7 @@ def _run(
         for vehicle, link, inbox in served:
             while not inbox.empty():
                 vehicle.receive(inbox.get())
-            vehicle.link_stands = link.stands
+            vehicle.link_stands = link.is_up
             for topic, payload in vehicle.advance(now, period):
                 link.publish(topic, payload)
         if world is not None:

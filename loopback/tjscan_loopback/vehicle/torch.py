@@ -6,14 +6,16 @@ from math import inf
 from typing import Final
 
 from tjscan.vehicle.mqtt.link import ReceivedMessage
-from tjscan.vehicle.mqtt.torch_wire import (
+from tjscan.vehicle.mqtt.wire import (
     TORCH_COMMANDER_TOPIC,
     TORCH_STATE_TOPIC,
     TORCH_TOPIC,
+    BadMessage,
+    MessageGate,
+    PresenceMessage,
     TorchMessage,
     TorchStateMessage,
 )
-from tjscan.vehicle.mqtt.wire import BadMessage, MessageGate, PresenceMessage
 from tjscan.vehicle.vehicle import DEAD_MAN
 
 AXIS_SPEED: Final = 0.1

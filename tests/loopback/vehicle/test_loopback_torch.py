@@ -3,13 +3,14 @@
 import pytest
 
 from tjscan.vehicle.mqtt.link import ReceivedMessage
-from tjscan.vehicle.mqtt.torch_wire import (
+from tjscan.vehicle.mqtt.wire import (
     TORCH_COMMANDER_TOPIC,
     TORCH_TOPIC,
+    BadMessage,
+    PresenceMessage,
     TorchMessage,
     TorchStateMessage,
 )
-from tjscan.vehicle.mqtt.wire import BadMessage, PresenceMessage
 from tjscan.vehicle.vehicle import DEAD_MAN
 from tjscan_loopback.vehicle.torch import AXIS_SPEED, LoopbackTorch
 

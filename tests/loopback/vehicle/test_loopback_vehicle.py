@@ -7,21 +7,12 @@ from hypothesis import strategies as st
 pytest.importorskip("paho.mqtt", reason="paho-mqtt is not installed")
 
 from tjscan.vehicle.mqtt.link import ReceivedMessage
-from tjscan.vehicle.mqtt.wire import (
-    CommandMessage,
-    PresenceMessage,
-    StateMessage,
-)
-from tjscan.vehicle.simulated_body import STATE_PERIOD, SimulatedBody
-from tjscan.vehicle.simulation import VehicleSimulationSettings
+from tjscan.vehicle.mqtt.wire import CommandMessage, PresenceMessage, StateMessage
+from tjscan.vehicle.simulated_body import STATE_PERIOD, SimulatedBody, VehicleSimulationSettings
 from tjscan.vehicle.tracks import TrackGeometry
 from tjscan.vehicle.vehicle import DEAD_MAN
 from tjscan_loopback.vehicle.bodies import CrawlerBody
-from tjscan_loopback.vehicle.faults import (
-    OrderedFault,
-    VehicleFaultOrder,
-    parse_ordered_fault,
-)
+from tjscan_loopback.vehicle.faults import OrderedFault, VehicleFaultOrder, parse_ordered_fault
 from tjscan_loopback.vehicle.vehicle import LoopbackVehicle
 
 SETTLED = 0.4

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,14 +16,7 @@ from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets.ball import SphereModel, SphereTarget
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
-from tjscan.core.frames import (
-    Array,
-    frozen_arrays,
-    inverse_pose,
-    pose,
-    rot_z,
-    transform_points,
-)
+from tjscan.core.frames import Array, frozen_arrays, inverse_pose, pose, rot_z, transform_points
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import PlacementTolerance
@@ -103,6 +98,11 @@ class BallPlan:
     held_out: int
     laser: LaserDeviation | None = None
 
+    def model_of_arcs(self, kinematics: Kinematics, arcs: SphereModel, q: Array) -> ArmModel:
+        """Model of an arm and of arcs on the ball, seen at joint angles q, shape (n, joints)."""
+        start = np.append(self.centre_b, self.radius)
+        return ArmModel(kinematics, (TargetInPostures(arcs, q, arcs.T_b_f, start),))
+
 
 def plan_views(plan: BallPlan, kinematics: Kinematics) -> tuple[PlannedView, ...]:
     """Plan all postures that are worth looking from, the most informative first.
@@ -122,7 +122,7 @@ def plan_views(plan: BallPlan, kinematics: Kinematics) -> tuple[PlannedView, ...
     CalibrationRefused
         If too few postures see the ball.
     """
-    q = _candidates(plan, kinematics)
+    q = _draw_candidates(plan, kinematics)
     wanted = plan.poses + plan.held_out
     if len(q) < wanted:
         raise CalibrationRefused(
@@ -131,20 +131,19 @@ def plan_views(plan: BallPlan, kinematics: Kinematics) -> tuple[PlannedView, ...
             "round it, half its reach from its base",
         )
     T_b_f = np.array([kinematics.forward(one) for one in q])
-    order = _most_informative_first(plan, _predicted(plan, kinematics, q, T_b_f), len(q))
+    order = _most_informative_first(plan, _predict_jacobians(plan, kinematics, q, T_b_f))
     every = wanted / plan.held_out
     checks = {int(every * (k + 0.5)) for k in range(plan.held_out)}
     # Postures that check are not chosen by information: they are taken from the other end.
-    views, first, last = [], 0, len(order) - 1
+    views, left = [], deque(order)
     for place in range(len(order)):
         held_out = place % wanted in checks
-        at = order[last] if held_out else order[first]
-        first, last = first + (not held_out), last - held_out
+        at = left.pop() if held_out else left.popleft()
         views.append(PlannedView(q[at], T_b_f[at], held_out))
     return tuple(views)
 
 
-def _candidates(plan: BallPlan, kinematics: Kinematics) -> Array:
+def _draw_candidates(plan: BallPlan, kinematics: Kinematics) -> Array:
     """Joint angles from which the sensor sees the ball, in every configuration, shape (n, joints).
 
     They are always the same, so that a calibration can be gone on with; each joint is in the turn
@@ -163,55 +162,39 @@ def _candidates(plan: BallPlan, kinematics: Kinematics) -> Array:
         R = np.column_stack((x, np.cross(z, x), z)) @ rot_z(yaw)
         seen_s = rng.uniform((-wide, -off, near + RANGE_MARGIN), (wide, off, far))
         T_b_f = pose(R, plan.centre_b - R @ seen_s) @ inverse_pose(plan.T_f_s)
-        try:
+        with suppress(PoseUnreachable):
             found.extend(kinematics.all_inverse_solutions(T_b_f, middle))
-        except PoseUnreachable:
-            continue
     return np.array(found).reshape(-1, len(middle))
 
 
-def _predicted(plan: BallPlan, kinematics: Kinematics, q: Array, T_b_f: Array) -> Array:
+def _predict_jacobians(plan: BallPlan, kinematics: Kinematics, q: Array, T_b_f: Array) -> Array:
     """Derivatives of the arcs to expect, over their errors, shape (n, 3, unknowns)."""
     seen_s = np.array(
         [transform_points(inverse_pose(T @ plan.T_f_s), plan.centre_b) for T in T_b_f]
     )
     radii = np.sqrt(plan.radius**2 - seen_s[:, 1] ** 2)
-    arcs = SphereModel(
-        T_b_f,
-        seen_s * (1, 0, 1),
-        radii,
-        np.tile(ARC_SIGMA**2 * np.eye(3), (len(q), 1, 1)),
-        SphereTarget(),
-        plan.noise,
-    )
-    start = np.append(plan.centre_b, plan.radius)
-    model = ArmModel(kinematics, (TargetInPostures(arcs, q, T_b_f, start),))
-    stacked = model.linearise(plan.T_f_s, np.zeros((model.joints, 6)), start)
+    covariances = np.tile(ARC_SIGMA**2 * np.eye(3), (len(q), 1, 1))
+    arcs = SphereModel(T_b_f, seen_s * (1, 0, 1), radii, covariances, SphereTarget(), plan.noise)
+    model = plan.model_of_arcs(kinematics, arcs, q)
+    stacked = model.linearise(plan.T_f_s, np.zeros((model.joints, 6)), model.start)
     J = stacked.jacobian.reshape(len(q), 3, -1)
     blocks = stacked.covariance.reshape(len(q), 3, len(q), 3)
     own = blocks[np.arange(len(q)), :, np.arange(len(q))]
     return np.asarray(np.linalg.solve(np.linalg.cholesky(own), J))
 
 
-def _most_informative_first(plan: BallPlan, rows: Array, count: int) -> NDArray[np.intp]:
+def _most_informative_first(plan: BallPlan, rows: Array) -> NDArray[np.intp]:
     """Indices of candidates, each next one the D-optimal addition to those before it.
 
     Those that are not needed follow in any order: neighbours among them look the same way.
     """
     joints = (rows.shape[2] - 10) // 6
-    sigmas = np.concatenate(
-        (
-            np.repeat(MOUNT_SIGMAS, 3),
-            np.tile(plan.tolerance.sigmas, joints),
-            np.array((BALL_SIGMAS[0],) * 3 + (BALL_SIGMAS[1],)),
-        )
-    )
-    A = rows * sigmas
+    of_arm, of_ball = np.tile(plan.tolerance.sigmas, joints), np.repeat(BALL_SIGMAS, (3, 1))
+    A = rows * np.concatenate((np.repeat(MOUNT_SIGMAS, 3), of_arm, of_ball))
     C = np.eye(A.shape[2])
     left = np.ones(len(A), dtype=bool)
     order = []
-    chosen = min(count, 2 * (plan.poses + plan.held_out))
-    for _ in range(chosen):
+    for _ in range(min(len(A), 2 * (plan.poses + plan.held_out))):
         S = np.eye(3) + A @ C @ A.transpose(0, 2, 1)
         gain = np.where(left, np.linalg.slogdet(S)[1], -np.inf)
         k = int(gain.argmax())

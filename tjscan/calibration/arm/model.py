@@ -78,24 +78,19 @@ class ArmModel:
         return np.concatenate([seen.start for seen in self.targets])
 
     @cached_property
-    def _beyond_model(self) -> list[Array]:
-        """Motion from the model's flange pose to the one that the arm reads, by target, frame b."""
-        return [
-            np.array(
-                [
-                    T @ inverse_pose(self.kinematics.forward(q))
-                    for q, T in zip(seen.q, seen.T_b_f, strict=True)
-                ]
-            )
-            for seen in self.targets
-        ]
+    def _flange_motions(self) -> list[tuple[Array, Array]]:
+        """Motions of the flange beside the model's, for each target of n profiles.
 
-    @cached_property
-    def _by_deviation(self) -> list[Array]:
-        """Motion of the flange by the deviations, in the axes of f, shape (n, 6, 6 joints)."""
+        From the model's flange pose to the one that the arm reads, frame b, shape (n, 4, 4); and
+        by the deviations, in the axes of f, shape (n, 6, 6 joints).
+        """
+        forward = self.kinematics.forward
         return [
-            np.array([deviation_jacobian(self.kinematics, q).reshape(6, -1) for q in seen.q])
-            for seen in self.targets
+            (
+                np.array([T @ inverse_pose(forward(q)) for q, T in zip(s.q, s.T_b_f, strict=True)]),
+                np.array([deviation_jacobian(self.kinematics, q).reshape(6, -1) for q in s.q]),
+            )
+            for s in self.targets
         ]
 
     def linearise(self, T_f_s: Array, deviations: Array, target: Array) -> StackedResiduals:
@@ -118,15 +113,9 @@ class ArmModel:
         relative error.
         """
         arm = with_deviations(self.kinematics, deviations)
-        ends = np.cumsum([len(seen.start) for seen in self.targets])
+        own_targets = np.split(target, np.cumsum([len(s.start) for s in self.targets])[:-1])
         parts = []
-        for seen, own, E, J in zip(
-            self.targets,
-            np.split(target, ends[:-1]),
-            self._beyond_model,
-            self._by_deviation,
-            strict=True,
-        ):
+        for seen, own, (E, J) in zip(self.targets, own_targets, self._flange_motions, strict=True):
             T_b_f = E @ np.array([arm.forward(q) for q in seen.q])
             found = seen.model.seen_from(T_b_f).linearise(T_f_s, own)
             by_flange = found.by_pose.copy()

@@ -8,14 +8,13 @@ from typing import Final
 
 import numpy as np
 
+from tjscan.calibration.arm.calibrate import ArmCalibration, calibrate_arm
 from tjscan.calibration.arm.design import BallPlan, PlannedView
-from tjscan.calibration.arm.model import ArmModel, TargetInPostures
-from tjscan.calibration.arm.result import ArmCalibration, calibrate_arm
+from tjscan.calibration.arm.model import ArmModel
 from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget, fit_circle
 from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
-from tjscan.calibration.wizard.logbook import Logbook
+from tjscan.calibration.wizard.logbook import ArmPoseTaken, Logbook
 from tjscan.calibration.wizard.operator import Operator, Question
-from tjscan.calibration.wizard.topics import ArmPoseTaken
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array
 from tjscan.laser.line_laser import LineLaser
@@ -72,20 +71,22 @@ class ArmWizard:
             If a device fails.
         """
         for held_out, wanted in ((False, self.plan.poses), (True, self.plan.held_out)):
-            self._take(held_out=held_out, wanted=wanted)
-        used, checking = self._samples(held_out=False), self._samples(held_out=True)
+            self._take_profiles(held_out=held_out, wanted=wanted)
+        used, checking = self._arcs_seen(held_out=False), self._arcs_seen(held_out=True)
         checks = np.arange(len(used) + len(checking)) >= len(used)
         samples = [*used, *checking]
-        found = calibrate_arm(self._model(samples), checks, self.plan.tolerance, self.plan.T_f_s)
+        found = calibrate_arm(
+            self._model_of_samples(samples), checks, self.plan.tolerance, self.plan.T_f_s
+        )
         for line in found.lines("postures", "ball is"):
             self.operator.report(line)
         return found, tuple(sample for _, sample in samples)
 
-    def _take(self, *, held_out: bool, wanted: int) -> None:
+    def _take_profiles(self, *, held_out: bool, wanted: int) -> None:
         """Take profiles until as many show the ball as are wanted; the nearest posture next."""
         what = "to check with" if held_out else "to find the arm's deviations from"
         numbers = [k for k, view in enumerate(self.views) if view.held_out is held_out]
-        while (missing := wanted - len(self._samples(held_out=held_out))) > 0:
+        while (missing := wanted - len(self._arcs_seen(held_out=held_out))) > 0:
             left = [k for k in numbers if k not in self.logbook.measured.arm_poses][:missing]
             if not left:
                 raise CalibrationRefused(
@@ -98,21 +99,21 @@ class ArmWizard:
                 k = min(left, key=lambda k: float(np.abs(self.views[k].q - q).max()))
                 left.remove(k)
                 done = wanted - missing
-                self._look(k, f"posture {k + 1}, {what} ({done} of {wanted} there)")
+                self._look_from_view(k, f"posture {k + 1}, {what} ({done} of {wanted} there)")
 
-    def _look(self, number: int, what: str) -> None:
+    def _look_from_view(self, number: int, what: str) -> None:
         view = self.views[number]
         turn = float(np.degrees(np.abs(view.q - self.arm.state().q).max()))
         question = f"Take {what}: joints turn by up to {turn:.0f}°?"
         profile, state = NO_PROFILE, self.arm.state()
         if self.operator.confirm(Question(question, True, moves=True)):
             with suppress(PoseUnreachable):
-                self._go(view)
+                self._move_to_view(view)
                 profile, state = self.laser.capture(), self.arm.state()
         shot = PosedProfile(f"posture {number + 1}", state.T_b_f, profile)
         self.logbook.record(ArmPoseTaken(number, state.q, shot))
 
-    def _go(self, view: PlannedView) -> None:
+    def _move_to_view(self, view: PlannedView) -> None:
         """Go there in joint space, straight or by way of home."""
         try:
             self.arm.move_joint_to_pose(view.T_b_f, near=view.q, direct=True)
@@ -120,7 +121,7 @@ class ArmWizard:
             self.arm.move_joint_to_pose(self.kinematics.forward(self.home), near=self.home)
             self.arm.move_joint_to_pose(view.T_b_f, near=view.q, direct=True)
 
-    def _samples(self, *, held_out: bool) -> list[tuple[Array, PosedFit[CircleFit]]]:
+    def _arcs_seen(self, *, held_out: bool) -> list[tuple[Array, PosedFit[CircleFit]]]:
         """Joint angles and arcs of the postures that show the ball."""
         largest = self.plan.radius + MAX_EXTRA_RADIUS
         found: list[tuple[Array, PosedFit[CircleFit]]] = []
@@ -132,8 +133,7 @@ class ArmWizard:
                 found.extend((taken.q, arc) for arc in arcs if arc.fit.radius < largest)
         return found
 
-    def _model(self, samples: list[tuple[Array, PosedFit[CircleFit]]]) -> ArmModel:
+    def _model_of_samples(self, samples: list[tuple[Array, PosedFit[CircleFit]]]) -> ArmModel:
         q = np.array([q for q, _ in samples])
         ball = SeenBall([arc for _, arc in samples], SphereTarget(), self.plan.noise)
-        start = np.append(self.plan.centre_b, self.plan.radius)
-        return ArmModel(self.kinematics, (TargetInPostures(ball.model, q, ball.T_b_f, start),))
+        return self.plan.model_of_arcs(self.kinematics, ball.model, q)

@@ -13,17 +13,9 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.solve.refine import RefinedEstimate
 from tjscan.calibration.solve.snooping import blame_prices
-from tjscan.calibration.solve.solution import (
-    Solution,
-    Targets,
-    fit_targets,
-    stack_poses,
-    with_poses,
-)
-from tjscan.calibration.targets.fixed_sensor import inverse_poses
+from tjscan.calibration.solve.solution import CalibrationProblem, Solution, inverse_poses
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array
 
@@ -39,21 +31,15 @@ SHIFTS_TRIED: Final = 5
 """Ways to give profiles one another's poses."""
 
 
-def check_pose_convention(
-    targets: Targets, noise: NoiseModel, solution: Solution, sensor_is_fixed: bool
-) -> None:
+def check_pose_convention(problem: CalibrationProblem, solution: Solution) -> None:
     """Refuse poses that fit far better when read by another convention.
 
     Parameters
     ----------
-    targets : sequence of SeenTarget
-        Poses are inverted if the sensor is fixed.
-    noise : NoiseModel
-        Errors of profiles and poses.
+    problem : CalibrationProblem
+        The profiles.
     solution : Solution
         With the poses as they were read.
-    sensor_is_fixed : bool
-        Whether the sensor is fixed in the room.
 
     Raises
     ------
@@ -62,14 +48,14 @@ def check_pose_convention(
     """
     if solution.whole.is_plausible:
         return
-    T = stack_poses(targets)
-    readings = other_readings(inverse_poses(T) if sensor_is_fixed else T)
-    turned = {k: inverse_poses(T) if sensor_is_fixed else T for k, T in readings.items()}
-    fits = {k: _fit_with(targets, noise, T, sensor_is_fixed) for k, T in turned.items()}
-    name = min(fits, key=lambda one: _cost(fits[one]))
-    gain = _best_cost(solution) - _cost(fits[name])
+    fits = {
+        name: _fit_with(problem, problem.in_sensor_sense(T))
+        for name, T in other_readings(problem.in_sensor_sense(problem.T_b_f)).items()
+    }
+    name = min(fits, key=lambda one: _likelihood_cost(fits[one]))
+    gain = _best_cost(solution) - _likelihood_cost(fits[name])
     # If neither fits, the cause is another one.
-    if gain > _limit(len(fits)) and fits[name].variance_scale < MAX_WIDENED:
+    if gain > _likelihood_limit(len(fits)) and fits[name].variance_scale < MAX_WIDENED:
         raise CalibrationRefused(
             "poses that were read in another way than they were meant",
             f"the profiles fit e^{gain / 2:.0f} times better to the same poses {name}; check which "
@@ -77,38 +63,30 @@ def check_pose_convention(
         )
 
 
-def check_pairing(
-    targets: Targets, noise: NoiseModel, solution: Solution, sensor_is_fixed: bool
-) -> None:
+def check_pairing(problem: CalibrationProblem, solution: Solution) -> None:
     """Refuse profiles that fit their own poses no better than one another's.
 
     Parameters
     ----------
-    targets : sequence of SeenTarget
-        Poses are inverted if the sensor is fixed.
-    noise : NoiseModel
-        Errors of profiles and poses.
+    problem : CalibrationProblem
+        The profiles.
     solution : Solution
         With each profile's own pose.
-    sensor_is_fixed : bool
-        Whether the sensor is fixed in the room.
 
     Raises
     ------
     CalibrationRefused
         If some other pairing is as good.
     """
-    if solution.whole.is_plausible and solution.estimate.used.all():
+    count = min(len(one.names) for one in problem.targets)
+    if count <= 2 or (solution.whole.is_plausible and solution.estimate.used.all()):
         return
-    costs, count = {}, min(len(one.names) for one in targets)
-    shifts = {int(k) for k in np.linspace(1, count - 1, SHIFTS_TRIED)} - {0} if count > 2 else set()
-    for shift in sorted(shifts):
-        moved = np.concatenate([np.roll(one.T_b_f, shift, axis=0) for one in targets])
-        costs[shift] = _cost(_fit_with(targets, noise, moved, sensor_is_fixed))
-    if not costs:
-        return
+    costs = {}
+    for shift in map(int, np.unique(np.linspace(1, count - 1, SHIFTS_TRIED).astype(int))):
+        moved = np.concatenate([np.roll(one.T_b_f, shift, axis=0) for one in problem.targets])
+        costs[shift] = _likelihood_cost(_fit_with(problem, moved))
     best = min(costs, key=lambda one: costs[one])
-    if costs[best] - _best_cost(solution) < _limit(len(costs)):
+    if costs[best] - _best_cost(solution) < _likelihood_limit(len(costs)):
         raise CalibrationRefused(
             "profiles that do not belong to their poses",
             f"they fit the poses {best} places further on about as well as their own; check that "
@@ -117,61 +95,50 @@ def check_pairing(
         )
 
 
-def swapped_pairs(
-    targets: Targets, noise: NoiseModel, solution: Solution, sensor_is_fixed: bool
-) -> tuple[str, ...]:
+def swapped_pairs(problem: CalibrationProblem, solution: Solution) -> tuple[str, ...]:
     """Name the rejected profiles that have each other's poses.
 
     Parameters
     ----------
-    targets : sequence of SeenTarget
-        Poses are inverted if the sensor is fixed.
-    noise : NoiseModel
-        Errors of profiles and poses.
+    problem : CalibrationProblem
+        The profiles.
     solution : Solution
         Without the profiles that contradict the others.
-    sensor_is_fixed : bool
-        Whether the sensor is fixed in the room.
     """
-    names = [name for one in targets for name in one.names]
     pairs = list(combinations(np.flatnonzero(~solution.estimate.used), 2))[:MAX_PAIRS_TRIED]
-    notes, T = [], stack_poses(targets)
-    begin = [solution.estimate.T_f_s]
+    notes, T, names = [], problem.T_b_f, problem.names
     for i, j in pairs:
         swapped = T.copy()
         swapped[[i, j]] = T[[j, i]]
-        changed = with_poses(targets, swapped)
-        cost = _cost(fit_targets(changed, noise, begin, sensor_is_fixed, 1)[1])
-        if _cost(solution.whole) - cost > _limit(len(pairs)):
+        _, estimate = problem.with_poses(swapped).fit([solution.estimate.T_f_s], 1)
+        gain = _likelihood_cost(solution.whole) - _likelihood_cost(estimate)
+        if gain > _likelihood_limit(len(pairs)):
             notes.append(
                 f"{names[i]} and {names[j]} fit with each other's poses: they were swapped"
             )
     return tuple(notes)
 
 
-def _fit_with(
-    targets: Targets, noise: NoiseModel, T_b_f: Array, sensor_is_fixed: bool
-) -> RefinedEstimate:
+def _fit_with(problem: CalibrationProblem, T_b_f: Array) -> RefinedEstimate:
     """The fit to other poses, from the nearest of the starts that these give."""
-    other = with_poses(targets, T_b_f)
-    begin = [T for one in other for T in one.starts()]
-    return fit_targets(other, noise, begin, sensor_is_fixed, MAX_REFINED_STARTS)[1]
+    other = problem.with_poses(T_b_f)
+    return other.fit(other.starts, MAX_REFINED_STARTS)[1]
 
 
 def _best_cost(solution: Solution) -> float:
     """Cost of the stated poses, if profiles may be left out at a price."""
-    left_out = ~solution.estimate.used
-    prices = blame_prices(solution.estimate)
-    return min(_cost(solution.whole), _cost(solution.estimate) + float(prices[left_out].sum()))
+    estimate = solution.estimate
+    price = float(blame_prices(estimate)[~estimate.used].sum())
+    return min(_likelihood_cost(solution.whole), _likelihood_cost(estimate) + price)
 
 
-def _cost(estimate: RefinedEstimate) -> float:
+def _likelihood_cost(estimate: RefinedEstimate) -> float:
     """Minus twice the log-likelihood, all errors being as much larger than stated as fits best."""
     widened = estimate.variance_scale
     return float(estimate.chi2 / widened + estimate.dof * np.log(widened))
 
 
-def _limit(count: int) -> float:
+def _likelihood_limit(count: int) -> float:
     """Limit of twice the logarithm of likelihoods for the best of so many."""
     return float(2 * np.log(count / FALSE_ALARM_PROBABILITY))
 

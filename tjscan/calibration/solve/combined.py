@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from tjscan.calibration.arm_error import geometry_correlation, geometry_covariance
+from tjscan.calibration.noise import geometry_covariance
+from tjscan.calibration.targets.consensus import Mask
 from tjscan.calibration.targets.target import LinearisedModel, TargetModel
 from tjscan.core.frames import Array
 
@@ -44,11 +44,29 @@ class StackedResiduals:
     by_laser: Array | None = None
 
     @property
-    def is_length(self) -> NDArray[np.bool_]:
+    def is_length(self) -> Mask:
         """Whether each residual is a length: of an arc all three, of a line every other one."""
         sizes, first = np.bincount(self.profile), np.searchsorted(self.profile, self.profile)
         place = np.arange(len(self.profile)) - first
         return np.asarray((sizes[self.profile] == 3) | (place % 2 == 0))
+
+    @property
+    def lower_root(self) -> Array:
+        """Lower triangular L, shape (N, N), with L Lᵀ the covariance."""
+        return np.asarray(np.linalg.cholesky(self.covariance), dtype=float)
+
+    def of_profiles(self, chosen: Mask) -> StackedResiduals:
+        """Return the residuals of some profiles, by a mask of shape (n,), alone."""
+        rows = chosen[self.profile]
+        square = np.ix_(rows, rows)
+        return StackedResiduals(
+            self.residuals[rows],
+            self.jacobian[rows],
+            self.covariance[square],
+            self.geometry[square],
+            self.profile[rows],
+            None if self.by_laser is None else self.by_laser[rows],
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,25 +95,6 @@ class CombinedModel:
     geometry: float = 0.0
     by_true_pose: tuple[Array, ...] | None = None
 
-    @classmethod
-    def of(cls, models: Sequence[TargetModel], T_b_f: Array, geometry: float = 0.0) -> Self:
-        """Model of targets seen from n flange poses, all targets together.
-
-        Parameters
-        ----------
-        models : sequence of TargetModel
-            One per target.
-        T_b_f : ndarray, shape (n, 4, 4)
-            Flange poses of all profiles.
-        geometry : float
-            Standard deviation of the arm's geometry error, metres.
-        """
-        return cls(tuple(models), geometry_correlation(T_b_f), geometry)
-
-    def with_geometry(self, geometry: float) -> CombinedModel:
-        """The same with another size of the arm's geometry error, metres."""
-        return replace(self, geometry=geometry)
-
     @property
     def prior_information(self) -> Array:
         """Inverse covariance of all targets' parameters about zero, shape (m, m)."""
@@ -103,7 +102,7 @@ class CombinedModel:
         return each[0] if len(each) == 1 else np.asarray(block_diag(*each))
 
     def part(self, k: int) -> slice:
-        """Slice of the parameters of target k among those of all targets."""
+        """Slice of the parameters of target k among all parameters."""
         ends = np.cumsum([0] + [len(model.prior_information) for model in self.models])
         return slice(int(ends[k]), int(ends[k + 1]))
 

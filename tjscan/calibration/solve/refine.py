@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 from scipy.special import chdtri
 
 from tjscan.calibration.solve.combined import CombinedModel, StackedResiduals
+from tjscan.calibration.targets.consensus import Mask
 from tjscan.core.frames import Array, frozen_arrays
 from tjscan.core.pose_vector import boxplus, left_jacobian
 
@@ -29,8 +30,6 @@ FALSE_ALARM_PROBABILITY: Final = 1e-3
 """Probability to blame any profile, the noise model or the geometry, although all are as stated."""
 MIN_REDUNDANCY: Final = 1e-6
 """A profile that leaves itself less than this share of dof can't be checked by the others."""
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,9 +65,9 @@ class LeastSquaresEstimate:
     used: Mask
 
     @property
-    def rows_used(self) -> Mask:
-        """Which residuals belong to profiles in use, shape (N,)."""
-        return np.asarray(self.used[self.stacked.profile])
+    def in_use(self) -> StackedResiduals:
+        """Residuals of the profiles in use."""
+        return self.stacked.of_profiles(self.used)
 
     @property
     def residuals_per_profile(self) -> NDArray[np.intp]:
@@ -108,24 +107,6 @@ class RefinedEstimate(LeastSquaresEstimate):
     prior_information: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LeaveOneOutChanges:
-    """How fit and T_f_s would change if single profiles were left out, to first order.
-
-    Parameters
-    ----------
-    chi2 : ndarray, shape (n,)
-        By how much the weighted sum of squares would fall; for an unused profile, by how much
-        it misses what the others predict. Chi-square with as many degrees of freedom as the
-        profile has residuals, if it is as good as stated; zero if the others can't check it.
-    step : ndarray, shape (n, 6)
-        How T_f_s would move: translation and rotation in the axes of f; zero for unused ones.
-    """
-
-    chi2: Array
-    step: Array
-
-
 def refine_by_least_squares(
     model: CombinedModel,
     T_f_s: Array,
@@ -152,15 +133,18 @@ def refine_by_least_squares(
     rough : bool
         Find weights only once, with few evaluations of the residuals: to compare, not to keep.
     """
-    prior = _root(model.prior_information)
+    information = model.prior_information
+    # Rows that square to the information: as many as it has rank.
+    values, vectors = np.linalg.eigh(information)
+    kept = values > 1e-14 * max(values.max(initial=0.0), 1e-300)
+    prior = np.sqrt(values[kept])[:, None] * vectors[:, kept].T
     rounds, evaluations = (1, ROUGH_EVALUATIONS) if rough else (MAX_REWEIGHTINGS, MAX_EVALUATIONS)
     solver = {**SOLVER_TOLERANCES, "max_nfev": evaluations}
     T_f_s, target = solve_reweighted(
         model, T_f_s, target, used, prior, rounds, settled=CONVERGENCE_SIGMAS, **solver
     )
     stacked = model.linearise(T_f_s, target)
-    information = model.prior_information
-    J, r = whitened(stacked, used, prior, target)
+    J, r = whiten_with_prior(stacked.of_profiles(used), prior, target)
     return RefinedEstimate(
         T_f_s,
         target,
@@ -179,11 +163,9 @@ class ResidualModel(Protocol):
 
     def first_order(self, T_f_s: Array, target: Array) -> tuple[Array, Array]:
         """Residuals, shape (N,), and their derivatives, shape (N, 6 + m)."""
-        ...
 
     def linearise(self, T_f_s: Array, target: Array) -> StackedResiduals:
         """The same with their covariance."""
-        ...
 
 
 def solve_reweighted(
@@ -225,7 +207,8 @@ def solve_reweighted(
     """
     for _ in range(rounds):
         first = model.linearise(base, target)
-        fit = _LastFit(model, base, prior, used[first.profile], first.covariance)
+        L = first.of_profiles(used).lower_root
+        fit = _LastFit(model, base, prior, used[first.profile], L)
         start = np.concatenate((np.zeros(6), target))
         found = least_squares(
             fit.residuals, start, fit.jacobian, method="lm", x_scale="jac", **solver
@@ -241,10 +224,9 @@ class _LastFit:
     """Whitened residuals and derivatives; the solver asks for one after the other at each step."""
 
     def __init__(
-        self, model: ResidualModel, base: Array, prior: Array, rows: Mask, covariance: Array
+        self, model: ResidualModel, base: Array, prior: Array, rows: Mask, L: Array
     ) -> None:
-        self._model, self._base, self._prior, self._rows = model, base, prior, rows
-        self._L = lower_root(covariance[np.ix_(rows, rows)])
+        self._model, self._base, self._prior, self._rows, self._L = model, base, prior, rows, L
         self._at, self._found = np.empty(0), (np.empty(0), np.empty(0))
 
     def residuals(self, theta: Array) -> Array:
@@ -257,7 +239,7 @@ class _LastFit:
         J = self._first_order(theta)[1][self._rows]
         # From a small turn on top of theta's rotation to a change of the rotation vector.
         J[:, 3:6] = J[:, 3:6] @ left_jacobian(theta[3:6])
-        return _with_prior(whiten(self._L, J), self._prior)
+        return _append_prior(whiten(self._L, J), self._prior)
 
     def _first_order(self, theta: Array) -> tuple[Array, Array]:
         if not np.array_equal(theta, self._at):
@@ -266,14 +248,13 @@ class _LastFit:
         return self._found
 
 
-def whitened(
-    stacked: StackedResiduals, used: Mask, prior: Array, target: Array
+def whiten_with_prior(
+    stacked: StackedResiduals, prior: Array, target: Array
 ) -> tuple[Array, Array]:
-    """Derivatives and residuals of the used profiles over their errors, the prior's below them."""
-    rows = used[stacked.profile]
-    L = lower_root(stacked.covariance[np.ix_(rows, rows)])
-    J = _with_prior(whiten(L, stacked.jacobian[rows]), prior)
-    return J, np.concatenate((whiten(L, stacked.residuals[rows]), prior @ target))
+    """Derivatives and residuals over their errors, the prior's below them."""
+    L = stacked.lower_root
+    J = _append_prior(whiten(L, stacked.jacobian), prior)
+    return J, np.concatenate((whiten(L, stacked.residuals), prior @ target))
 
 
 def settle_targets(model: CombinedModel, estimate: RefinedEstimate) -> RefinedEstimate:
@@ -289,13 +270,12 @@ def settle_targets(model: CombinedModel, estimate: RefinedEstimate) -> RefinedEs
     estimate : RefinedEstimate
         From them.
     """
-    plain = model.with_geometry(0.0)
-    rows, prior = estimate.rows_used, estimate.prior_information
-    target = estimate.target
+    plain = replace(model, geometry=0.0)
+    prior, target = estimate.prior_information, estimate.target
     for _ in range(2):
-        found = plain.linearise(estimate.T_f_s, target)
-        L = lower_root(found.covariance[np.ix_(rows, rows)])
-        J, r = whiten(L, found.jacobian[rows, 6:]), whiten(L, found.residuals[rows])
+        found = plain.linearise(estimate.T_f_s, target).of_profiles(estimate.used)
+        L = found.lower_root
+        J, r = whiten(L, found.jacobian[:, 6:]), whiten(L, found.residuals)
         target = target - np.linalg.solve(J.T @ J + prior, J.T @ r + prior @ target)
     return replace(estimate, target=target, stacked=model.linearise(estimate.T_f_s, target))
 
@@ -313,11 +293,11 @@ def estimate_by_laser(estimate: LeastSquaresEstimate) -> Array | None:
     ndarray, shape (p, m), or None
         None if no deviation is stated.
     """
-    stacked, rows = estimate.stacked, estimate.rows_used
+    stacked = estimate.in_use
     if stacked.by_laser is None:
         return None
-    weighted = np.linalg.solve(stacked.covariance[np.ix_(rows, rows)], stacked.by_laser[rows])
-    return np.asarray(-estimate.covariance @ stacked.jacobian[rows].T @ weighted)
+    weighted = np.linalg.solve(stacked.covariance, stacked.by_laser)
+    return np.asarray(-estimate.covariance @ stacked.jacobian.T @ weighted)
 
 
 def residual_information(estimate: RefinedEstimate) -> tuple[Array, Array]:
@@ -335,32 +315,40 @@ def residual_information(estimate: RefinedEstimate) -> tuple[Array, Array]:
     weighted : ndarray, shape (U,)
         W times the residuals: M times the observations, less the prior's pull.
     """
-    rows = estimate.rows_used
-    W = np.linalg.inv(estimate.stacked.covariance[np.ix_(rows, rows)])
-    WJ = W @ estimate.stacked.jacobian[rows]
-    return W - WJ @ estimate.covariance @ WJ.T, W @ estimate.stacked.residuals[rows]
+    stacked = estimate.in_use
+    W = np.linalg.inv(stacked.covariance)
+    WJ = W @ stacked.jacobian
+    return W - WJ @ estimate.covariance @ WJ.T, W @ stacked.residuals
 
 
-def leave_one_out_changes(estimate: RefinedEstimate) -> LeaveOneOutChanges:
-    """Changes if each profile in turn were left out, without solving again."""
-    stacked, rows = estimate.stacked, estimate.rows_used
+def leave_one_out_changes(estimate: RefinedEstimate) -> tuple[Array, Array]:
+    """How fit and T_f_s would change if single profiles were left out, to first order.
+
+    Returns
+    -------
+    chi2 : ndarray, shape (n,)
+        By how much the weighted sum of squares would fall; for an unused profile, by how much
+        it misses what the others predict. Chi-square with as many degrees of freedom as the
+        profile has residuals, if it is as good as stated; zero if the others can't check it.
+    step : ndarray, shape (n, 6)
+        How T_f_s would move: translation and rotation in the axes of f; zero for unused ones.
+    """
+    stacked = estimate.in_use
     M, weighted = residual_information(estimate)
-    covariance = stacked.covariance[np.ix_(rows, rows)]
-    W_J = np.linalg.solve(covariance, stacked.jacobian[rows])
-    at = stacked.profile[rows]
+    W_J = np.linalg.solve(stacked.covariance, stacked.jacobian)
     n = len(estimate.used)
     chi2, step = np.zeros(n), np.zeros((n, 6))
     for i in range(n):
         if estimate.used[i]:
-            own = np.flatnonzero(at == i)
+            own = np.flatnonzero(stacked.profile == i)
+            square = np.ix_(own, own)
             # A profile that is off by delta as a whole: its most likely delta, and its cost.
-            C = covariance[np.ix_(own, own)]
-            delta, chi2[i] = _solve_checked(M[np.ix_(own, own)], weighted[own], C)
+            delta, chi2[i] = _solve_checked(M[square], weighted[own], stacked.covariance[square])
             step[i] = (estimate.covariance @ W_J[own].T @ delta)[:6]
         else:
             r, C = predicted_residuals(estimate, i)
             chi2[i] = r @ np.linalg.solve(C, r)
-    return LeaveOneOutChanges(chi2, step)
+    return chi2, step
 
 
 def predicted_residuals(estimate: RefinedEstimate, profile: int) -> tuple[Array, Array]:
@@ -380,8 +368,8 @@ def predicted_residuals(estimate: RefinedEstimate, profile: int) -> tuple[Array,
     covariance : ndarray, shape (k, k)
         Of its own errors and of the estimate's, which share arm and laser.
     """
-    stacked, used = estimate.stacked, estimate.rows_used
-    own = stacked.profile == profile
+    stacked = estimate.stacked
+    own, used = stacked.profile == profile, estimate.used[stacked.profile]
     J, C = stacked.jacobian[own], stacked.covariance
     W_J = np.linalg.solve(C[np.ix_(used, used)], stacked.jacobian[used])
     shared = J @ estimate.covariance @ W_J.T @ C[np.ix_(used, own)]
@@ -407,24 +395,11 @@ def covariance_from_information(information: Array) -> Array:
     return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
 
 
-def _root(information: Array) -> Array:
-    """Rows that square to the information: as many as it has rank, shape (r, m)."""
-    values, vectors = np.linalg.eigh(information)
-    kept = values > 1e-14 * max(values.max(initial=0.0), 1e-300)
-    return np.asarray(np.sqrt(values[kept])[:, None] * vectors[:, kept].T)
-
-
-def lower_root(covariance: Array) -> Array:
-    """Lower triangular L with L Lᵀ the covariance."""
-    return np.asarray(np.linalg.cholesky(covariance), dtype=float)
-
-
 def whiten(L: Array, v: Array) -> Array:
     """Independent residuals of variance one, from those with covariance L Lᵀ."""
     return np.asarray(solve_triangular(L, v, lower=True, check_finite=False))
 
 
-def _with_prior(J: Array, prior: Array) -> Array:
-    return np.concatenate(
-        (J, np.hstack((np.zeros((len(prior), J.shape[1] - prior.shape[1])), prior)))
-    )
+def _append_prior(J: Array, prior: Array) -> Array:
+    """Derivatives, the prior's (by the last parameters) below the others."""
+    return np.vstack((J, np.pad(prior, ((0, 0), (J.shape[1] - prior.shape[1], 0)))))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from math import comb
 from typing import Final
@@ -10,15 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from tjscan.calibration.solve import refine
 from tjscan.calibration.solve.combined import CombinedModel
-from tjscan.calibration.solve.refine import (
-    FALSE_ALARM_PROBABILITY,
-    Mask,
-    RefinedEstimate,
-    leave_one_out_changes,
-    refine_by_least_squares,
-    residual_information,
-)
+from tjscan.calibration.solve.refine import RefinedEstimate
+from tjscan.calibration.targets.consensus import Mask
 from tjscan.core.frames import Array
 
 MIN_PROFILES_KEPT: Final = 5
@@ -36,7 +32,7 @@ GEOMETRY_TRIED: Final = (2e-5, 2e-3, 25)
 was ever measured is off. Larger residuals are no geometry error."""
 UNKNOWN_RIDGE: Final = 1e-12
 """Share of a parameter's information: far less than any measurement gives."""
-MIN_EVIDENCE: Final = float(chdtri(1, 2 * FALSE_ALARM_PROBABILITY))
+MIN_EVIDENCE: Final = float(chdtri(1, 2 * refine.FALSE_ALARM_PROBABILITY))
 """Fall of the cost that a larger geometry error must bring: twice a logarithm of likelihoods,
 chi-square with one degree of freedom, and half the time no larger error fits better by chance."""
 
@@ -63,51 +59,44 @@ def reject_outlying_profiles(
     prices = blame_prices(estimate)
     geometry, cost = most_likely_geometry(estimate, stated)
     best, last = estimate, estimate
-    if not (estimate.is_plausible and (leave_one_out_changes(estimate).chi2 <= prices).all()):
-        for size in range(1, _most(estimate) + 1):
-            left_out = _worst_set(estimate, last, size)
-            last = refine_by_least_squares(model, last.T_f_s, last.target, ~left_out, rough=True)
+    if not (estimate.is_plausible and (refine.leave_one_out_changes(estimate)[0] <= prices).all()):
+        n, k = len(estimate.used), int(estimate.residuals_per_profile.max())
+        spare = int((1 - MIN_DOF_SHARE) * estimate.dof)
+        most = min(int(MAX_REJECTED_SHARE * n), n - MIN_PROFILES_KEPT, spare // k)
+        for size in range(1, most + 1):
+            left_out = _find_worst_set(estimate, last, size)
+            last = refine.refine_by_least_squares(
+                model, last.T_f_s, last.target, ~left_out, rough=True
+            )
             found, its_cost = most_likely_geometry(last, stated)
             its_cost += float(prices[left_out].sum())
             if its_cost < cost:
                 best, geometry, cost = last, found, its_cost
     if best is estimate and geometry == best.geometry:
         return best
-    return refine_by_least_squares(
-        model.with_geometry(geometry), best.T_f_s, best.target, best.used
-    )
+    model = replace(model, geometry=geometry)
+    return refine.refine_by_least_squares(model, best.T_f_s, best.target, best.used)
 
 
 def blame_prices(estimate: RefinedEstimate) -> Array:
     """By how much each profile must stand out to be blamed alone, shape (n,): a chi-squared."""
     sizes = estimate.residuals_per_profile
-    return np.asarray(chdtri(sizes, FALSE_ALARM_PROBABILITY / len(sizes)))
+    return np.asarray(chdtri(sizes, refine.FALSE_ALARM_PROBABILITY / len(sizes)))
 
 
-def _most(estimate: RefinedEstimate) -> int:
-    """How many profiles may be bad, from an estimate that uses all of them."""
-    n, k = len(estimate.used), int(estimate.residuals_per_profile.max())
-    spare = int((1 - MIN_DOF_SHARE) * estimate.dof)
-    return max(0, min(int(MAX_REJECTED_SHARE * n), n - MIN_PROFILES_KEPT, spare // k))
-
-
-def _worst_set(estimate: RefinedEstimate, last: RefinedEstimate, size: int) -> Mask:
+def _find_worst_set(estimate: RefinedEstimate, last: RefinedEstimate, size: int) -> Mask:
     """The set whose absence lowers the weighted sum of squares most, shape (n,)."""
     n = len(estimate.used)
     if comb(n, size) > MAX_SETS_TRIED:
-        worst = np.where(last.used, leave_one_out_changes(last).chi2, -1.0)
-        left_out = ~last.used
-        left_out[int(np.argmax(worst))] = True
-        return left_out
+        worst = np.where(last.used, refine.leave_one_out_changes(last)[0], -1.0)
+        return np.asarray(~last.used | (np.arange(n) == np.argmax(worst)))
     sets = np.array(list(combinations(range(n), size)))
-    left_out = np.zeros(n, dtype=bool)
-    left_out[sets[int(np.argmax(_drops(estimate, sets)))]] = True
-    return left_out
+    return np.isin(np.arange(n), sets[int(np.argmax(_chi2_drops(estimate, sets)))])
 
 
-def _drops(estimate: RefinedEstimate, sets: NDArray[np.intp]) -> Array:
+def _chi2_drops(estimate: RefinedEstimate, sets: NDArray[np.intp]) -> Array:
     """By how much leaving out each set, rows of indices, lowers the sum of squares, first order."""
-    M, weighted = residual_information(estimate)
+    M, weighted = refine.residual_information(estimate)
     scale = np.sqrt(np.diag(estimate.stacked.covariance))
     sizes = estimate.residuals_per_profile
     n, k = len(sizes), int(sizes.max())
@@ -144,29 +133,27 @@ def most_likely_geometry(estimate: RefinedEstimate, stated: float) -> tuple[floa
     """
     tried = np.concatenate(([stated], np.geomspace(*GEOMETRY_TRIED)))
     tried = tried[tried >= stated]
-    costs = _costs(estimate, tried)
+    costs = _geometry_costs(estimate, tried)
     best = int(np.argmin(costs))
     if costs[best] + MIN_EVIDENCE < costs[0]:
         return float(tried[best]), float(costs[best] + MIN_EVIDENCE)
     return stated, float(costs[0])
 
 
-def _costs(estimate: RefinedEstimate, tried: Array) -> Array:
+def _geometry_costs(estimate: RefinedEstimate, tried: Array) -> Array:
     """Minus twice the restricted log-likelihood of each size, up to a constant.
 
     All errors may be larger than stated by a factor, which is profiled out; never smaller
     (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545).
     """
-    rows = estimate.rows_used
-    stacked, square = estimate.stacked, np.ix_(rows, rows)
-    G = stacked.geometry[square]
-    L = np.linalg.cholesky(stacked.covariance[square] - estimate.geometry**2 * G)
+    stacked = estimate.in_use
+    G = stacked.geometry
+    L = np.linalg.cholesky(stacked.covariance - estimate.geometry**2 * G)
     # In the axes in which both covariances are diagonal, every size costs next to nothing.
     shares, axes = np.linalg.eigh(np.linalg.solve(L, np.linalg.solve(L, G).T))
-    J = axes.T @ np.linalg.solve(L, stacked.jacobian[rows])
-    r = axes.T @ np.linalg.solve(L, stacked.residuals[rows])
-    prior = np.zeros((J.shape[1], J.shape[1]))
-    prior[6:, 6:] = estimate.prior_information
+    J = axes.T @ np.linalg.solve(L, stacked.jacobian)
+    r = axes.T @ np.linalg.solve(L, stacked.residuals)
+    prior = np.pad(estimate.prior_information, ((6, 0), (6, 0)))
     pull = prior[:, 6:] @ estimate.target
     at_rest = float(estimate.target @ estimate.prior_information @ estimate.target)
     variances = 1 + tried[:, None] ** 2 * np.maximum(shares, 0.0)

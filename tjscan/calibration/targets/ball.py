@@ -7,25 +7,15 @@ from functools import partial
 from typing import Any, Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.targets.consensus import (
-    MAX_SCATTER_RATIO,
-    OUTLIER_SIGMAS,
-    InlierMask,
-    columns_of,
-    consensus,
-    inlier_scatter,
-    refit_and_trim,
-    sample_index_sets,
-    valid_points,
-)
+from tjscan.calibration.targets import consensus
+from tjscan.calibration.targets.consensus import Mask
 from tjscan.calibration.targets.line import distances_from_line
-from tjscan.calibration.targets.target import LinearisedModel, SeenTarget, TargetStart
+from tjscan.calibration.targets.target import LinearisedModel, SeenTarget, TargetModel
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, frozen_arrays, pose, readonly_copy, skew_matrix
 from tjscan.laser.deviation import LaserDeviation
@@ -69,7 +59,7 @@ class CircleFit:
     radius: float
     covariance: Array
     scatter: float
-    inlier: NDArray[np.bool_]
+    inlier: Mask
 
     def by_laser(self, profile: Profile, laser: LaserDeviation) -> Array:
         """Changes of centre x, centre z and radius, metres, shape (3, m).
@@ -106,31 +96,33 @@ def fit_circle(profile: Profile, noise: NoiseModel, largest: float = MAX_RADIUS)
     CalibrationRefused
         If too few points are on one circle, or their arc is too short.
     """
-    points = valid_points(profile)
+    points = consensus.valid_points(profile)
     if len(points) < MIN_ARC_POINTS:
         raise CalibrationRefused(
             "no arc seen",
             f"the profile holds {len(points)} points, an arc needs {MIN_ARC_POINTS}; bring the "
             "ball into the sensor's range",
         )
-    circles = _circles_through(points[sample_index_sets(len(points), 3)], largest)
-    inlier = consensus(points, circles, _distances_from_circles, noise.range)
+    circles = _circles_through(points[consensus.sample_index_sets(len(points), 3)], largest)
+    inlier = consensus.find_inliers(points, circles, _distances_from_circles, noise.range)
     if inlier.sum() >= MIN_ARC_POINTS:
-        inlier = refit_and_trim(
-            lambda m: _distances(points, _algebraic(points[m])), inlier, noise.range
+        inlier = consensus.refit_and_trim(
+            lambda m: _distances_from_circle(points, _fit_algebraically(points[m])),
+            inlier,
+            noise.range,
         )
     if inlier.sum() < max(MIN_ARC_POINTS, MIN_INLIER_SHARE * len(points)):
         raise CalibrationRefused(
             "no arc seen",
             f"only {inlier.sum()} of {len(points)} points lie on one circle within "
-            f"{1e3 * OUTLIER_SIGMAS * MAX_SCATTER_RATIO * noise.range:.2f} mm; "
+            f"{1e3 * consensus.OUTLIER_SIGMAS * consensus.MAX_SCATTER_RATIO * noise.range:.2f} mm; "
             "let the line cross the ball nearer to its middle",
         )
     _check_curved(points, inlier, noise)
-    return _describe(profile, inlier, noise, largest)
+    return _describe_arc(profile, inlier, noise, largest)
 
 
-def _check_curved(points: Array, inlier: InlierMask, noise: NoiseModel) -> None:
+def _check_curved(points: Array, inlier: Mask, noise: NoiseModel) -> None:
     """Refuse points that a straight line explains as well, by the ratio of the likelihoods.
 
     All points from one end of the arc to the other count, and those that are no part of either
@@ -138,17 +130,18 @@ def _check_curved(points: Array, inlier: InlierMask, noise: NoiseModel) -> None:
     """
     at = np.flatnonzero(inlier)
     span = points[at[0] : at[-1] + 1]
-    off_circle = _distances(span, _algebraic(points[inlier]))
-    sigma = inlier_scatter(off_circle, noise.range)
-    straight = refit_and_trim(
+    off_circle = _distances_from_circle(span, _fit_algebraically(points[inlier]))
+    sigma = consensus.inlier_scatter(off_circle, noise.range)
+    straight = consensus.refit_and_trim(
         lambda m: distances_from_line(span, m), np.ones(len(span), dtype=bool), sigma
     )
     off_line = distances_from_line(span, straight)
-    costs = [
-        np.minimum((off / sigma) ** 2, OUTLIER_SIGMAS**2).sum() for off in (off_circle, off_line)
-    ]
+    circle_cost, line_cost = (
+        np.minimum((off / sigma) ** 2, consensus.OUTLIER_SIGMAS**2).sum()
+        for off in (off_circle, off_line)
+    )
     # Neighbours err alike: n points count as fewer. The circle has one more unknown.
-    gain = (costs[1] - costs[0]) / noise.mean_variance_inflation
+    gain = (line_cost - circle_cost) / noise.mean_variance_inflation
     if gain < float(chdtri(1, STRAIGHT_PROBABILITY)):
         raise CalibrationRefused(
             "no arc seen",
@@ -177,12 +170,12 @@ def _distances_from_circles(points: Array, circles: Array) -> Array:
     return np.asarray(away - circles[:, 2:])
 
 
-def _distances(points: Array, circle: Array) -> Array:
+def _distances_from_circle(points: Array, circle: Array) -> Array:
     """Signed distances of points from a circle (x, z, radius)."""
     return np.asarray(np.hypot(*(points - circle[:2]).T) - circle[2])
 
 
-def _algebraic(points: Array) -> Array:
+def _fit_algebraically(points: Array) -> Array:
     """Circle (x, z, radius) by linear least squares (Kåsa 1976): a start, and quick."""
     middle = points.mean(axis=0)
     p = points - middle
@@ -191,14 +184,16 @@ def _algebraic(points: Array) -> Array:
     return np.array((x + middle[0], z + middle[1], np.sqrt(c + x * x + z * z)))
 
 
-def _describe(profile: Profile, inlier: InlierMask, noise: NoiseModel, largest: float) -> CircleFit:
-    kept = valid_points(profile)[inlier]
+def _describe_arc(profile: Profile, inlier: Mask, noise: NoiseModel, largest: float) -> CircleFit:
+    kept = consensus.valid_points(profile)[inlier]
 
     def jacobian(circle: Array) -> Array:
         away = circle[:2] - kept
         return np.column_stack((away / np.hypot(*away.T)[:, None], -np.ones(len(kept))))
 
-    found = least_squares(partial(_distances, kept), _algebraic(kept), jacobian, method="lm")
+    found = least_squares(
+        partial(_distances_from_circle, kept), _fit_algebraically(kept), jacobian, method="lm"
+    )
     circle = found.x
     # The angle is zero on the sensor's side.
     angle = np.arctan2(kept[:, 0] - circle[0], (kept - circle[:2]) @ -np.array((0.0, 1.0)))
@@ -213,13 +208,16 @@ def _describe(profile: Profile, inlier: InlierMask, noise: NoiseModel, largest: 
     scatter = float(np.sqrt(found.fun @ found.fun / (len(kept) - 3)))
     # Range errors act along z; steep flanks of the ball move less. Taking them as square to the
     # arc everywhere is on the safe side.
-    covariance = (
-        noise.mean_variance_inflation
-        * max(noise.range, scatter) ** 2
-        * np.asarray(np.linalg.inv(J.T @ J))
-    )
+    variance = noise.mean_variance_inflation * max(noise.range, scatter) ** 2
+    covariance = variance * np.asarray(np.linalg.inv(J.T @ J))
     centre = np.array((circle[0], 0.0, circle[1]))
-    return CircleFit(centre, float(circle[2]), covariance, scatter, columns_of(profile, inlier))
+    return CircleFit(
+        centre,
+        float(circle[2]),
+        covariance,
+        scatter,
+        consensus.columns_of_points(profile, inlier),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,7 +244,7 @@ class SphereTarget:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SphereModel:
+class SphereModel(TargetModel):
     """Residuals of arcs on a ball: its centre against each arc's, and the radius of the arc.
 
     The target's parameters are the centre in b and how much larger the ball is than stated (than
@@ -282,10 +280,6 @@ class SphereModel:
         """Return the same arcs, taken from other flange poses, shape (n, 4, 4)."""
         return replace(self, T_b_f=T_b_f)
 
-    def is_behind(self, T_f_s: Array, target: Array) -> bool:
-        """Never: an arc shows its side."""
-        return False
-
     def describe(self, target: Array, covariance: Array) -> dict[str, Any]:
         """Centre and radius of the ball."""
         radius = (self.sphere.radius or 0.0) + float(target[3])
@@ -315,13 +309,8 @@ class SphereModel:
         centre_s = lever_f @ R
         # The laser plane cuts the ball |y| from its centre: y² + r² = R².
         slant = np.hypot(centre_s[:, 1], self.radii)
-        residuals = np.column_stack(
-            (
-                centre_s[:, 0] - self.centres_s[:, 0],
-                centre_s[:, 2] - self.centres_s[:, 2],
-                slant - radius,
-            )
-        )
+        off_s = centre_s - self.centres_s
+        residuals = np.column_stack((off_s[:, 0], off_s[:, 2], slant - radius))
         by_centre = np.zeros((n, 3, 3))
         by_centre[:, 0, 0] = by_centre[:, 1, 2] = 1.0
         by_centre[:, 2, 1] = centre_s[:, 1] / slant
@@ -397,11 +386,11 @@ class SeenBall(SeenTarget[CircleFit]):
             found.append(pose(R, x[3:]))
         return found
 
-    def start_at(self, T_f_s: Array) -> TargetStart:
+    def start_at(self, T_f_s: Array) -> tuple[SphereModel, Array]:
         """The ball about the centres of all arcs; the largest arc starts an unknown radius."""
         model = self.model
         centres_s = np.column_stack((model.centres_s, np.ones(len(model.radii))))
         centres = np.einsum("nij,nj->ni", (model.T_b_f @ T_f_s)[:, :3], centres_s)
         known = self.sphere.radius is not None
         larger = 0.0 if known else START_RADIUS_RATIO * model.radii.max()
-        return TargetStart(model, np.append(centres.mean(axis=0), larger))
+        return model, np.append(centres.mean(axis=0), larger)

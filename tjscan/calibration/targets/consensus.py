@@ -24,7 +24,7 @@ MAX_SCATTER_RATIO: Final = 4.0
 MAX_TRIMS: Final = 8
 """Rounds of refitting and trimming; the points in use settle in two or three."""
 
-InlierMask = NDArray[np.bool_]
+Mask = NDArray[np.bool_]
 
 
 def valid_points(profile: Profile) -> Array:
@@ -32,7 +32,7 @@ def valid_points(profile: Profile) -> Array:
     return np.column_stack((profile.x_s[profile.valid], profile.z_s[profile.valid]))
 
 
-def columns_of(profile: Profile, inlier: InlierMask) -> NDArray[np.bool_]:
+def columns_of_points(profile: Profile, inlier: Mask) -> Mask:
     """Mask of a profile's columns, from a mask of its valid points."""
     columns = np.zeros(len(profile.valid), dtype=bool)
     columns[np.flatnonzero(profile.valid)[inlier]] = True
@@ -50,13 +50,13 @@ def sample_index_sets(count: int, size: int) -> NDArray[np.intp]:
     return np.asarray(anchors[np.array(list(combinations(range(len(anchors)), size)))])
 
 
-def consensus(
+def find_inliers(
     points: Array,
     hypotheses: Array,
     distances: Callable[[Array, Array], Array],
     sigma: float,
     scored: int = SCORED_POINTS,
-) -> InlierMask:
+) -> Mask:
     """Points close to the one of many curves that most of them are close to, shape (n,).
 
     Distances count squared and, beyond the tolerance, all the same (MSAC, Torr and Zisserman
@@ -99,9 +99,7 @@ def inlier_scatter(residuals: Array, stated: float) -> float:
     return min(max(spread, stated), MAX_SCATTER_RATIO * stated)
 
 
-def refit_and_trim(
-    residuals_of: Callable[[InlierMask], Array], inlier: InlierMask, stated: float
-) -> InlierMask:
+def refit_and_trim(residuals_of: Callable[[Mask], Array], inlier: Mask, stated: float) -> Mask:
     """Refit and trim until the points that belong to the curve no longer change.
 
     Parameters

@@ -7,20 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import PluckerLine, line_through_point
-from tjscan.calibration.targets.consensus import (
-    MAX_SCATTER_RATIO,
-    OUTLIER_SIGMAS,
-    InlierMask,
-    columns_of,
-    consensus,
-    refit_and_trim,
-    sample_index_sets,
-    valid_points,
-)
+from tjscan.calibration.targets import consensus
+from tjscan.calibration.targets.consensus import Mask
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, frozen_arrays
 from tjscan.laser.deviation import LaserDeviation
@@ -68,7 +59,7 @@ class LineFit:
     sigma_angle: float
     scatter: float
     span: float
-    inlier: NDArray[np.bool_]
+    inlier: Mask
 
     def by_laser(self, profile: Profile, laser: LaserDeviation) -> Array:
         """Changes of offset (metres) and angle (radians) in the laser plane, shape (2, m).
@@ -147,22 +138,26 @@ def fit_line(profile: Profile, noise: NoiseModel) -> LineFit:
     CalibrationRefused
         If too few points of the profile are on one line, or the line is too short.
     """
-    points = valid_points(profile)
+    points = consensus.valid_points(profile)
     if len(points) < MIN_LINE_POINTS:
         raise CalibrationRefused(
             "no line seen",
             f"the profile holds {len(points)} points, a line needs {MIN_LINE_POINTS}; bring the "
             "board into the sensor's range",
         )
-    pairs = points[sample_index_sets(len(points), 2)]
-    inlier = consensus(points, lines_through_pairs(pairs), distances_from_lines, noise.range)
+    pairs = points[consensus.sample_index_sets(len(points), 2)]
+    inlier = consensus.find_inliers(
+        points, lines_through_pairs(pairs), distances_from_lines, noise.range
+    )
     if inlier.any():
-        inlier = refit_and_trim(lambda m: distances_from_line(points, m), inlier, noise.range)
+        inlier = consensus.refit_and_trim(
+            lambda m: distances_from_line(points, m), inlier, noise.range
+        )
     if inlier.sum() < max(MIN_LINE_POINTS, MIN_INLIER_SHARE * len(points)):
         raise CalibrationRefused(
             "no line seen",
             f"only {inlier.sum()} of {len(points)} points lie on one straight line within "
-            f"{1e3 * OUTLIER_SIGMAS * MAX_SCATTER_RATIO * noise.range:.2f} mm; "
+            f"{1e3 * consensus.OUTLIER_SIGMAS * consensus.MAX_SCATTER_RATIO * noise.range:.2f} mm; "
             "clear the board, or state the range noise that this sensor really has",
         )
     return describe_line(profile, inlier, noise)
@@ -183,13 +178,13 @@ def distances_from_lines(points: Array, lines: Array) -> Array:
     return np.asarray(lines[:, :2] @ points.T - lines[:, 2:])
 
 
-def distances_from_line(points: Array, inlier: InlierMask) -> Array:
+def distances_from_line(points: Array, inlier: Mask) -> Array:
     """Signed distances of points, shape (n, 2), from the line through those of a mask, metres."""
-    centre, direction = _axes(points[inlier])
+    centre, direction = _centroid_and_direction(points[inlier])
     return np.asarray((points - centre) @ np.array((-direction[1], direction[0])))
 
 
-def _axes(points: Array) -> tuple[Array, Array]:
+def _centroid_and_direction(points: Array) -> tuple[Array, Array]:
     """Centroid and unit direction of the line with the least square distances."""
     centre = points.mean(axis=0)
     x, z = (points - centre).T
@@ -198,7 +193,7 @@ def _axes(points: Array) -> tuple[Array, Array]:
     return centre, np.array((np.cos(angle), np.sin(angle)))
 
 
-def describe_line(profile: Profile, inlier: InlierMask, noise: NoiseModel) -> LineFit:
+def describe_line(profile: Profile, inlier: Mask, noise: NoiseModel) -> LineFit:
     """Describe the line through chosen points of a profile, with its errors.
 
     Neighbours err alike: n points count as fewer.
@@ -217,8 +212,8 @@ def describe_line(profile: Profile, inlier: InlierMask, noise: NoiseModel) -> Li
     CalibrationRefused
         If the line is too short to have a direction.
     """
-    kept = valid_points(profile)[inlier]
-    centre, direction = _axes(kept)
+    kept = consensus.valid_points(profile)[inlier]
+    centre, direction = _centroid_and_direction(kept)
     along = (kept - centre) @ direction
     across = (kept - centre) @ np.array((-direction[1], direction[0]))
     span = float(np.ptp(along))
@@ -240,5 +235,5 @@ def describe_line(profile: Profile, inlier: InlierMask, noise: NoiseModel) -> Li
         float(np.sqrt(variance / (along @ along))),
         scatter,
         span,
-        columns_of(profile, inlier),
+        consensus.columns_of_points(profile, inlier),
     )

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, Final, Self
 
 import numpy as np
 
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.targets.consensus import (
-    InlierMask,
-    consensus,
-    evenly_spaced_indices,
-    refit_and_trim,
-    valid_points,
-)
+from tjscan.calibration.targets import consensus
+from tjscan.calibration.targets.consensus import Mask
 from tjscan.calibration.targets.line import (
     MIN_LINE_LENGTH,
     MIN_LINE_POINTS,
@@ -32,7 +27,7 @@ from tjscan.calibration.targets.plane import (
     plane_through_lines,
     unknown_plane_starts,
 )
-from tjscan.calibration.targets.target import LinearisedModel, SeenTarget, TargetStart
+from tjscan.calibration.targets.target import LinearisedModel, SeenTarget, TargetModel
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, frozen_arrays
 from tjscan.laser.deviation import LaserDeviation
@@ -94,9 +89,9 @@ def fit_roof(profile: Profile, noise: NoiseModel) -> RoofFit:
     CalibrationRefused
         If no two lines of the profile meet.
     """
-    points = valid_points(profile)
-    fits = [describe_line(profile, line, noise) for line in _lines(points, noise.range)]
-    roofs = [roof for pair in combinations(fits, 2) if (roof := _meeting(profile, *pair))]
+    points = consensus.valid_points(profile)
+    fits = [describe_line(profile, line, noise) for line in _find_lines(points, noise.range)]
+    roofs = [roof for pair in combinations(fits, 2) if (roof := _roof_of_lines(profile, *pair))]
     if not roofs:
         raise CalibrationRefused(
             "no roof edge seen",
@@ -107,9 +102,9 @@ def fit_roof(profile: Profile, noise: NoiseModel) -> RoofFit:
     return max(roofs, key=lambda roof: min(roof.left.span, roof.right.span))
 
 
-def _lines(points: Array, sigma: float) -> list[InlierMask]:
+def _find_lines(points: Array, sigma: float) -> list[Mask]:
     """Straight lines in the profile, those with most points first."""
-    found: list[InlierMask] = []
+    found: list[Mask] = []
     free = np.ones(len(points), dtype=bool)
     while len(found) < MAX_LINES_TRIED and free.sum() >= MIN_LINE_POINTS:
         left = np.flatnonzero(free)
@@ -122,20 +117,20 @@ def _lines(points: Array, sigma: float) -> list[InlierMask]:
     return found
 
 
-def _most_crowded_line(points: Array, sigma: float) -> InlierMask:
+def _most_crowded_line(points: Array, sigma: float) -> Mask:
     """Points of the line through two near ones that most points are close to."""
-    anchors = evenly_spaced_indices(len(points), FLANK_ANCHOR_POINTS)
+    anchors = consensus.evenly_spaced_indices(len(points), FLANK_ANCHOR_POINTS)
     pairs = [
         (i, j) for k, i in enumerate(anchors) for j in anchors[k + 1 : k + 1 + NEIGHBOURING_ANCHORS]
     ]
     lines = lines_through_pairs(points[np.array(pairs)])
-    line = consensus(points, lines, distances_from_lines, sigma, FLANK_SCORED_POINTS)
+    line = consensus.find_inliers(points, lines, distances_from_lines, sigma, FLANK_SCORED_POINTS)
     if line.sum() < MIN_LINE_POINTS:
         return line
-    return refit_and_trim(lambda m: distances_from_line(points, m), line, sigma)
+    return consensus.refit_and_trim(lambda m: distances_from_line(points, m), line, sigma)
 
 
-def _meeting(profile: Profile, a: LineFit, b: LineFit) -> RoofFit | None:
+def _roof_of_lines(profile: Profile, a: LineFit, b: LineFit) -> RoofFit | None:
     """The roof of two lines, if they meet between their points."""
     left, right = (a, b) if a.point_s[0] < b.point_s[0] else (b, a)
     ends = np.stack((left.direction_s[[0, 2]], -right.direction_s[[0, 2]]), axis=1)
@@ -178,10 +173,10 @@ class RoofTarget:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RoofModel:
+class RoofModel(TargetModel):
     """Residuals of both flanks of a roof edge; the arm's errors move both together.
 
-    The target's parameters are those of the left plane, then those of the right one.
+    The target's parameters belong to the left plane, then to the right one.
 
     Parameters
     ----------
@@ -194,12 +189,7 @@ class RoofModel:
 
     def seen_from(self, T_b_f: Array) -> Self:
         """Return the same flanks, taken from other flange poses, shape (n, 4, 4)."""
-        left, right = (one.seen_from(T_b_f) for one in (self.left, self.right))
-        return replace(self, left=left, right=right)
-
-    def is_behind(self, T_f_s: Array, target: Array) -> bool:
-        """Never: a mirror image fits no two planes that meet."""
-        return False
+        return type(self)(self.left.seen_from(T_b_f), self.right.seen_from(T_b_f))
 
     def describe(self, target: Array, covariance: Array) -> dict[str, Any]:
         """Both planes."""
@@ -272,7 +262,7 @@ class SeenRoof(SeenTarget[RoofFit]):
             T for flank in self.flanks for T in unknown_plane_starts(stack_lines(self.T_b_f, flank))
         ]
 
-    def start_at(self, T_f_s: Array) -> TargetStart:
+    def start_at(self, T_f_s: Array) -> tuple[RoofModel, Array]:
         """The planes through all points."""
         T_b_f, by_laser = self.T_b_f, self.by_laser
         halves = (None, None) if by_laser is None else np.split(by_laser, 2, axis=1)
@@ -285,4 +275,4 @@ class SeenRoof(SeenTarget[RoofFit]):
             )
             for flank, half in zip(self.flanks, halves, strict=True)
         )
-        return TargetStart(RoofModel(left, right), np.zeros(6))
+        return RoofModel(left, right), np.zeros(6)

@@ -9,8 +9,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
-from tjscan.calibration.arm_error import FlangeMoves
-from tjscan.calibration.noise import NoiseModel
+from tjscan.calibration.noise import FlangeMoves, NoiseModel
 from tjscan.core.array_fields import PoseMatrix
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, frozen_arrays
@@ -46,7 +45,6 @@ class ProfileFit(Protocol):
 
     def by_laser(self, profile: Profile, laser: LaserDeviation) -> Array:
         """Changes of the fit with m draws of the laser's deviation, shape (k, m)."""
-        ...
 
 
 Fit = TypeVar("Fit", bound=ProfileFit)
@@ -109,7 +107,8 @@ def fit_profiles(
     refused : dict of str to CalibrationRefused
         By name, why each of the others does not.
     """
-    samples, refused = list[PosedFit[Fit]](), dict[str, CalibrationRefused]()
+    samples: list[PosedFit[Fit]] = []
+    refused: dict[str, CalibrationRefused] = {}
     for shot in profiles:
         try:
             found = fit(shot.profile, noise)
@@ -171,7 +170,6 @@ class TargetModel(Protocol):
     @property
     def prior_information(self) -> Array:
         """Inverse covariance of the target's parameters about zero, shape (m, m)."""
-        ...
 
     def linearise(self, T_f_s: Array, target: Array) -> LinearisedModel:
         """Residuals at a guess of sensor and target, their derivatives and covariance.
@@ -183,15 +181,13 @@ class TargetModel(Protocol):
         target : ndarray, shape (m,)
             The target's parameters.
         """
-        ...
 
     def seen_from(self, T_b_f: Array) -> Self:
         """Return the same profiles, taken from other flange poses, shape (n, 4, 4)."""
-        ...
 
     def is_behind(self, T_f_s: Array, target: Array) -> bool:
         """Whether the sensor would look at the target from behind: a mirror image."""
-        ...
+        return False  # an arc shows its side, and no two planes that meet fit a mirror image
 
     def describe(self, target: Array, covariance: Array) -> dict[str, Any]:
         """The estimated target as fields of `HandEyeCalibration`.
@@ -203,23 +199,6 @@ class TargetModel(Protocol):
         covariance : ndarray, shape (m, m)
             Of them.
         """
-        ...
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TargetStart:
-    """A model of a target near its likely place, and its parameters to start with.
-
-    Parameters
-    ----------
-    model : TargetModel
-        Of the profiles.
-    target : ndarray, shape (m,)
-        The target's parameters.
-    """
-
-    model: TargetModel
-    target: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -257,7 +236,12 @@ class SeenTarget(ABC, Generic[Fit]):
     @property
     def by_laser(self) -> Array | None:
         """Responses of all fits to the laser's deviation, shape (n, k, m); None if one has none."""
-        return stack_if_all([sample.by_laser for sample in self.samples])
+        return _stack_if_known([sample.by_laser for sample in self.samples])
+
+    @property
+    def by_arm(self) -> Array | None:
+        """Motions of all flange poses with the arm's geometry, shape (n, 6, m); None if unknown."""
+        return _stack_if_known([sample.by_arm for sample in self.samples])
 
     @property
     @abstractmethod
@@ -269,11 +253,11 @@ class SeenTarget(ABC, Generic[Fit]):
         """Possible poses T_f_s of the sensor, shape (4, 4) each, from these profiles alone."""
 
     @abstractmethod
-    def start_at(self, T_f_s: Array) -> TargetStart:
-        """Model and parameters of the target if the sensor sits at T_f_s, shape (4, 4)."""
+    def start_at(self, T_f_s: Array) -> tuple[TargetModel, Array]:
+        """Model and parameters, (m,), of the target if the sensor sits at T_f_s, shape (4, 4)."""
 
 
-def stack_if_all(each: Sequence[Array | None]) -> Array | None:
+def _stack_if_known(each: Sequence[Array | None]) -> Array | None:
     """Stack arrays of all profiles; None if there is none, or one profile has none."""
     known = [one for one in each if one is not None]
     return np.stack(known) if known and len(known) == len(each) else None

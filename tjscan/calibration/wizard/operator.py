@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol
 
 from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
+from tjscan.robot.arm import Arm, ArmState
 
 if TYPE_CHECKING:
+    from tjscan.calibration.wizard.logbook import CalibrationEntry
     from tjscan.calibration.wizard.session import CalibrationProgress
-    from tjscan.calibration.wizard.topics import CalibrationEntry
 
 Answer = Literal["Take", "Skip", "Redo", "Finish"]
 """Names of yes and no on buttons."""
@@ -52,23 +53,18 @@ class Operator(Protocol):
     @property
     def present(self) -> bool:
         """Whether a person is there. Without one no real arm moves."""
-        ...
 
     def confirm(self, question: Question) -> bool:
         """Answer a question: yes or no."""
-        ...
 
     def report(self, message: str) -> None:
         """Receive a message about what happened."""
-        ...
 
     def show_uncertainty(self, progress: CalibrationProgress) -> None:
         """Show how far the calibration has come, after each line."""
-        ...
 
     def show_entry(self, entry: CalibrationEntry) -> None:
         """Show a measurement, once it is on the disk."""
-        ...
 
 
 class DefaultAnswerOperator:
@@ -88,3 +84,46 @@ class DefaultAnswerOperator:
 
     def show_entry(self, entry: CalibrationEntry) -> None:
         """Show no measurement."""
+
+
+class TouchProbe(Protocol):
+    """Touches the board with the arm's probe tip."""
+
+    @property
+    def touch_question(self) -> str:
+        """Question to the operator before each touch; yes means that `touch` may go on."""
+
+    def touch(self, place_b: Array) -> ArmState:
+        """Touch the board near a point, shape (3,), and leave.
+
+        Returns
+        -------
+        ArmState
+            While the tip touched, as the arm read it.
+
+        Raises
+        ------
+        PoseUnreachable
+            If the arm can't reach there.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class JoggedProbe:
+    """A person jogs the arm until the tip touches; the pose is read from the arm.
+
+    Parameters
+    ----------
+    arm : Arm
+        The arm that carries the tip.
+    """
+
+    touch_question: ClassVar[str] = (
+        "Jog the probe tip until it just touches the board, then say yes"
+    )
+
+    arm: Arm
+
+    def touch(self, place_b: Array) -> ArmState:
+        """Read the arm where the operator has jogged the tip onto the board."""
+        return self.arm.state()

@@ -2,34 +2,28 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.checks.verify import Verification, verify_with_fresh_line
+from tjscan.calibration.checks.acceptance import Verification, verify_with_fresh_line
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.line import fit_line
-from tjscan.calibration.targets.plane import PlaneTarget, SeenBoard
+from tjscan.calibration.targets.plane import NOT_FLAT, PlaneTarget, SeenBoard
 from tjscan.calibration.targets.target import PosedProfile, fit_profiles
-from tjscan.calibration.targets.touched import NOT_FLAT
 from tjscan.calibration.wizard.advice import BoardRectangle
-from tjscan.calibration.wizard.logbook import Logbook, MeasurementsSoFar
-from tjscan.calibration.wizard.operator import Operator, Question
-from tjscan.calibration.wizard.probe import TouchProbe
-from tjscan.calibration.wizard.session import (
-    CalibrationPlan,
-    CalibrationProgress,
-    current_progress,
-    fit_touched_board,
-    line_samples,
-    planned_touch_points,
-    start_poses_over_board,
-    suggest_next_line_pose,
-    worst_touch_number,
+from tjscan.calibration.wizard.logbook import (
+    BoardTouch,
+    LaserLineTaken,
+    Logbook,
+    MeasurementsSoFar,
+    SkippedPose,
 )
-from tjscan.calibration.wizard.topics import BoardTouch, LaserLineTaken, SkippedPose
+from tjscan.calibration.wizard.operator import Operator, Question, TouchProbe
+from tjscan.calibration.wizard.session import CalibrationPlan, CalibrationProgress
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array, rotation_angle_between
 from tjscan.laser.line_laser import LineLaser
@@ -43,22 +37,6 @@ MAX_LINES_RATIO: Final = 2
 """Times the lines asked for: still more lines cure nothing."""
 POSE_REACHED_TOLERANCE: Final = 1e-4
 """Metres and radians; an arm nearer to a pose than this is at the pose."""
-
-
-@dataclass(frozen=True, slots=True)
-class VerifiedCalibration:
-    """A calibration and the result of its verification with a fresh line.
-
-    Parameters
-    ----------
-    result : HandEyeCalibration
-        The calibration.
-    verification : Verification
-        With the fresh line.
-    """
-
-    result: HandEyeCalibration
-    verification: Verification
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +67,7 @@ class CalibrationWizard:
         """All touches and lines measured so far."""
         return self.logbook.measured
 
-    def run(self) -> VerifiedCalibration:
+    def run(self) -> tuple[HandEyeCalibration, Verification]:
         """Run the calibration: touch the board, take lines, verify with a fresh one.
 
         Raises
@@ -101,7 +79,7 @@ class CalibrationWizard:
         """
         target, board = self.touch_board()
         result = self.take_lines(target, board)
-        return VerifiedCalibration(result, self.verify(result, target, board))
+        return result, self.verify(result, target, board)
 
     def touch_board(self) -> tuple[PlaneTarget, BoardRectangle]:
         """Touch every place not touched yet, and touch again those that don't fit a plane.
@@ -111,23 +89,23 @@ class CalibrationWizard:
         CalibrationRefused
             As `fit_plane` does.
         """
-        places = planned_touch_points(self.task)
+        places = self.task.touch_points
         for k in range(len(places)):
             if k not in self.measurements.touches:
-                self._touch(k, places[k])
+                self._touch_place(k, places[k])
         for _ in range(MAX_RETOUCHES):
             try:
-                return self._board()
+                return self._fit_board()
             except CalibrationRefused as refusal:
                 if refusal.reason != NOT_FLAT:
                     raise
                 self.operator.report(str(refusal))
-                k = worst_touch_number(self.task, self.measurements)
+                k = self.task.worst_touch(self.measurements)
                 question = Question(f"Touch place {k + 1} again?", True, yes="Redo", no="Finish")
                 if not self.operator.confirm(question):
                     raise
-                self._touch(k, places[k])
-        return self._board()
+                self._touch_place(k, places[k])
+        return self._fit_board()
 
     def take_lines(self, target: PlaneTarget, board: BoardRectangle) -> HandEyeCalibration:
         """Take the lines that are still to be taken, and more if they are wanted.
@@ -146,7 +124,7 @@ class CalibrationWizard:
         """
         shown = -1
         while True:
-            progress = current_progress(self.task, self.measurements, target)
+            progress = self.task.progress(self.measurements, target)
             if len(progress.samples) != shown:
                 shown = len(progress.samples)
                 self.operator.show_uncertainty(progress)
@@ -154,7 +132,7 @@ class CalibrationWizard:
                 if progress.result is None:
                     raise progress.refusal or CalibrationRefused("no lines", "none were taken")
                 return progress.result
-            self._take(target, board, progress, fresh=False)
+            self._take_line(target, board, progress, fresh=False)
 
     def verify(
         self, result: HandEyeCalibration, target: PlaneTarget, board: BoardRectangle
@@ -176,23 +154,19 @@ class CalibrationWizard:
             If the line contradicts the result, and the operator does not insist.
         """
         while self.measurements.verification_profile is None:
-            progress = current_progress(self.task, self.measurements, target)
-            self._take(target, board, progress, fresh=True)
-        (fresh,) = line_samples(self.task, [self.measurements.verification_profile])
-        lines = line_samples(self.task, self.measurements.line_profiles)
+            progress = self.task.progress(self.measurements, target)
+            self._take_line(target, board, progress, fresh=True)
+        (fresh,) = self.task.fit_lines([self.measurements.verification_profile])
+        lines = self.task.fit_lines(self.measurements.line_profiles)
         found = verify_with_fresh_line(SeenBoard(lines, target, self.task.noise), result, fresh)
         finding = (
             f"a fresh line is {1e3 * found.offset:+.3f} mm and {np.degrees(found.tilt):+.3f}° "
             f"off the board; {found.misfit:.1f} standard deviations, {found.limit:.1f} may be"
         )
         self.operator.report(finding)
+        keep = "It contradicts the calibration. Keep that all the same?"
         if not found.agrees and not self.operator.confirm(
-            Question(
-                "It contradicts the calibration. Keep that all the same?",
-                False,
-                yes="Finish",
-                no="Redo",
-            )
+            Question(keep, False, yes="Finish", no="Redo")
         ):
             raise CalibrationRefused(
                 "a fresh line contradicts it",
@@ -200,21 +174,22 @@ class CalibrationWizard:
             )
         return found
 
-    def _board(self) -> tuple[PlaneTarget, BoardRectangle]:
-        target, board = fit_touched_board(self.task, self.measurements)
+    def _fit_board(self) -> tuple[PlaneTarget, BoardRectangle]:
+        target, board = self.task.fit_board(self.measurements)
         off = 1e3 * float(np.sqrt(np.mean(target.residuals**2)))
         self.operator.report(
             f"board touched at {len(target.residuals)} places, {off:.3f} mm RMS off a plane"
         )
         return target, board
 
-    def _touch(self, k: int, place_b: Array) -> None:
+    def _touch_place(self, k: int, place_b: Array) -> None:
         x, y, z = 1e3 * place_b
-        question = f"{self.probe.touch_question}: place {k + 1} of {self.task.touches}, about "
+        question = (
+            f"{self.probe.touch_question}: place {k + 1} of {self.task.touches}, about "
+            f"({x:.0f}, {y:.0f}, {z:.0f}) mm?"
+        )
         touched = BoardTouch(k, None)
-        if self.operator.confirm(
-            Question(f"{question}({x:.0f}, {y:.0f}, {z:.0f}) mm?", True, True)
-        ):
+        if self.operator.confirm(Question(question, True, moves=True)):
             try:
                 state = self.probe.touch(place_b)
                 touched = BoardTouch(k, state.T_b_f, state.q)
@@ -223,17 +198,17 @@ class CalibrationWizard:
         self.logbook.record(touched)
 
     def _wants_more(self, progress: CalibrationProgress) -> bool:
-        count, wanted = len(progress.samples), progress.wanted
+        count, wanted, refusal = len(progress.samples), progress.wanted, progress.refusal
         if count < wanted:
             return True
-        if progress.result is not None:
-            return self.operator.confirm(Question("Take one more line?", False, no="Finish"))
-        if count >= MAX_LINES_RATIO * wanted or progress.refusal is None:
-            return False
-        self.operator.report(str(progress.refusal))
-        return self.operator.confirm(Question("Take one more line?", True, no="Finish"))
+        if refusal is not None:
+            if count >= MAX_LINES_RATIO * wanted:
+                return False
+            self.operator.report(str(refusal))
+        more = Question("Take one more line?", refusal is not None, no="Finish")
+        return self.operator.confirm(more)
 
-    def _take(
+    def _take_line(
         self,
         target: PlaneTarget,
         board: BoardRectangle,
@@ -250,16 +225,16 @@ class CalibrationWizard:
                 "board in the job, and how the laser sits on the flange",
             )
         ready = self._get_ready()
-        reachable = partial(self._reaches, ready)
-        there = suggest_next_line_pose(
-            self.task, self.measurements, target, board, progress, reachable
+        reachable = partial(reaches_and_returns, self.arm, ready)
+        there = self.task.suggest_line_pose(
+            self.measurements, target, board, progress.result, reachable
         )
         what = "the fresh line" if fresh else f"line {len(progress.samples) + 1}"
         way = 1e3 * float(np.linalg.norm(there.T_b_f[:3, 3] - ready[:3, 3]))
         turn = np.degrees(rotation_angle_between(ready, there.T_b_f))
         hope = "" if fresh else f"; certain to {1e3 * there.after.position:.3g} mm after it"
         question = f"Take {what}: move {way:.0f} mm, turn {turn:.0f}°{hope}?"
-        if not self.operator.confirm(self._move(question, there.T_b_f)):
+        if not self.operator.confirm(self._ask_to_move(question, there.T_b_f)):
             self.logbook.record(SkippedPose(there.T_b_f, "declined"))
             return
         reached = self.arm.move_linear(there.T_b_f)
@@ -279,36 +254,29 @@ class CalibrationWizard:
         All other poses are reached from here on a straight line that was checked from here.
         """
         state = self.arm.state().T_b_f
-        ready = start_poses_over_board(self.task, state)
-        if _same(state, ready[0]):
+        ready = self.task.start_poses(state)
+        shift, turn = state[:3, 3] - ready[0][:3, 3], rotation_angle_between(state, ready[0])
+        if max(float(np.linalg.norm(shift)), turn) < POSE_REACHED_TOLERANCE:
             return state
         question = "Move the sensor square over the board?"
-        if not self.operator.confirm(replace(self._move(question, ready[0]), no="Finish")):
+        if not self.operator.confirm(replace(self._ask_to_move(question, ready[0]), no="Finish")):
             raise CalibrationRefused(
                 "the arm may not move", "every line begins square over the board; go on later"
             )
         for T_b_f in ready[:-1]:
-            try:
+            with suppress(PoseUnreachable):
                 return self.arm.move_joint_to_pose(T_b_f).T_b_f
-            except PoseUnreachable:
-                continue
         return self.arm.move_joint_to_pose(ready[-1]).T_b_f
 
-    def _move(self, text: str, T_b_f: Array) -> Question:
+    def _ask_to_move(self, text: str, T_b_f: Array) -> Question:
         """Question whether the arm may move to a flange pose."""
         return Question(text, True, moves=True, T_b_f=T_b_f, look=self.laser.capture)
 
-    def _reaches(self, ready: Array, T_b_f: Array) -> bool:
-        """Whether the arm gets from `ready` to a pose, and back, on a straight line."""
-        try:
-            self.arm.check_moves(ready, T_b_f, ready)
-        except PoseUnreachable:
-            return False
-        return True
 
-
-def _same(T_1: Array, T_2: Array) -> bool:
-    shift = float(np.linalg.norm(T_1[:3, 3] - T_2[:3, 3]))
-    return (
-        shift < POSE_REACHED_TOLERANCE and rotation_angle_between(T_1, T_2) < POSE_REACHED_TOLERANCE
-    )
+def reaches_and_returns(arm: Arm, ready: Array, T_b_f: Array) -> bool:
+    """Whether an arm gets from a flange pose `ready` to another, and back, on a straight line."""
+    try:
+        arm.check_moves(ready, T_b_f, ready)
+    except PoseUnreachable:
+        return False
+    return True

@@ -7,20 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tjscan.calibration.entries import BallEntry, ResidualEntry
-from tjscan.calibration.file import SavedCalibration
+from tjscan.calibration.file import BallEntry, ResidualEntry, SavedCalibration
 from tjscan.cli.operators import chosen_operator
 from tjscan.cli.options.page import LiveOptions
 from tjscan.cli.output.console import print_figures_table, print_message
 from tjscan.job.files import CalibrationJob, RecordedJob
 from tjscan.report.write import write_run_report
 from tjscan.result.directory import CALIBRATION_PICTURE
-from tjscan.runs.calibration.run import (
-    calibrate_recorded_job,
-    check_calibration_job,
-    resume_calibration,
-    start_calibration,
-)
+from tjscan.runs.calibration import run
 from tjscan.runs.run import default_run_directory
 
 if TYPE_CHECKING:
@@ -29,7 +23,7 @@ if TYPE_CHECKING:
 
 def print_calibration_check(job: CalibrationJob, file: Path) -> None:
     """Check the job of a calibration, plan its lines, and print how sure they would make it."""
-    found = check_calibration_job(job, file)
+    found = run.check_calibration_job(job, file)
     print_message(
         f"{file}: the job is sound, and the arm gets to all {job.board.lines} lines; their noise "
         f"would leave the sensor's pose uncertain to {1e3 * found.position:.2f} mm and "
@@ -50,13 +44,13 @@ def calibrate_and_print(
     """Calibrate the cell of a job, or from recorded profiles, and print what was found."""
     directory = out or default_run_directory(file)
     if isinstance(job, RecordedJob):
-        done = calibrate_recorded_job(job, file, directory, print_message)
+        done = run.calibrate_recorded_job(job, file, directory, print_message)
     else:
         with chosen_operator(job, file, page, unattended=mode.unattended) as operator:
             if resume:
-                done = resume_calibration(file.parent, operator)
+                done = run.resume_calibration(file.parent, operator)
             else:
-                done = start_calibration(job, file, directory, operator, arm=mode.arm)
+                done = run.start_calibration(job, file, directory, operator, arm=mode.arm)
     _print_finished_calibration(done, json=json)
     if isinstance(job, RecordedJob) and (job.arm.id is None or job.laser.id is None):
         print_message(

@@ -73,18 +73,8 @@ def print_table(rows: Sequence[Sequence[str]]) -> None:
 
 def progress_bars() -> Progress:
     """Progress bars on stderr, each with a description, a count and the time it has taken."""
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-    )
+    from rich import progress
 
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=stderr,
-    )
+    description = progress.TextColumn("{task.description}")
+    count, taken = progress.MofNCompleteColumn(), progress.TimeElapsedColumn()
+    return progress.Progress(description, progress.BarColumn(), count, taken, console=stderr)

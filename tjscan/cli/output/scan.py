@@ -11,14 +11,7 @@ from rich.progress import Progress
 
 from tjscan.cli.output.console import print_fields, print_json, print_message, progress_bars
 from tjscan.recording.journal import RunEvent
-from tjscan.result.summary import (
-    LOOP_OPEN,
-    ScanSummary,
-    StitchingReport,
-    summary_in_words,
-    summary_to_json,
-    uncertainty_lines,
-)
+from tjscan.result import summary as results
 from tjscan.runs.stations.stitch import StitchedRun
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.plan import ScanPlan
@@ -72,12 +65,12 @@ def scan_progress_bar(title: str, plan: ScanPlan) -> Iterator[ProgressJournal]:
         yield ProgressJournal(progress, title, total)
 
 
-def print_scan_summary(summary: ScanSummary, directory: Path, *, json: bool) -> None:
+def print_scan_summary(summary: results.ScanSummary, directory: Path, *, json: bool) -> None:
     """Print the summary of a finished scan: a table on stderr, or JSON on stdout."""
     if json:
-        print(summary_to_json(summary))
+        print(results.summary_to_json(summary))
         return
-    print_fields(summary_in_words(summary))
+    print_fields(results.summary_in_words(summary))
     print_message(f"written to {directory}; see report.html, and sections.csv for the numbers")
 
 
@@ -92,7 +85,9 @@ def print_stitched_groove(done: StitchedRun, directory: Path, *, json: bool) -> 
     )
 
 
-def _stitched_lines(summary: ScanSummary, report: StitchingReport) -> Iterator[tuple[str, str]]:
+def _stitched_lines(
+    summary: results.ScanSummary, report: results.StitchingReport
+) -> Iterator[tuple[str, str]]:
     first = report.stations[0]
     for one in report.stations:
         start, end = one.azimuth_deg
@@ -119,7 +114,7 @@ def _stitched_lines(summary: ScanSummary, report: StitchingReport) -> Iterator[t
             f"{report.loop_gap_before_mm:.3f} mm, closed {report.loop_gap_after_mm:.3f} mm",
         )
     else:
-        yield "loop", LOOP_OPEN
+        yield "loop", results.LOOP_OPEN
     yield "covered", f"{report.covered_deg:.0f}°, {summary.sections} sections"
     yield (
         "diameters",
@@ -134,4 +129,4 @@ def _stitched_lines(summary: ScanSummary, report: StitchingReport) -> Iterator[t
         )
     if (error := summary.corner_error_mm) is not None:
         yield "corner error", f"{error.mean:.3f} mm mean, {error.p95:.3f} p95, {error.max:.3f} max"
-    yield from uncertainty_lines(summary)
+    yield from results.uncertainty_lines(summary)

@@ -17,7 +17,7 @@ from tjscan.crawler.journal import SimulatedPlace
 from tjscan.crawler.torch_axes import TorchAxes
 from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings
 from tjscan.job.devices import DeviceGroup, make_laser_without_arm
-from tjscan.job.torch_drivers import TORCH_DRIVERS, TorchDriverInputs
+from tjscan.job.torch_drivers import TorchDriverInputs
 from tjscan.joint.hull import hull_section, joint_pose, laser_offset, place_beside_joint
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose, SimulatedSectionLaser
@@ -161,8 +161,8 @@ def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> Craw
     ConfigurationError
         If the job lacks what a driver needs.
     """
-    world, driver = job.simulation, job.vehicle.driver
-    factory: VehicleDriverFactory = VEHICLE_DRIVERS.load(driver)
+    world = job.simulation
+    factory: VehicleDriverFactory = VEHICLE_DRIVERS.load(job.vehicle.driver)
     inputs = VehicleDriverInputs(
         job.vehicle.tracks,
         seed=0 if world is None else world.seed,
@@ -170,13 +170,10 @@ def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> Craw
         left=None if left is None else (left.pose_w, left.time),
         recording=_refuse_recording,
     )
-    vehicle: Vehicle = VEHICLE_DRIVERS.make(driver, inputs, job.vehicle.driver_settings)
-    torch: TorchAxes = TORCH_DRIVERS.make(
-        job.torch.driver,
-        TorchDriverInputs(
-            reach=job.torch.reach, speed=job.torch.speed, vehicle=job.vehicle.driver_settings
-        ),
-        job.torch.driver_settings,
+    vehicle: Vehicle = job.vehicle.make_device(inputs)
+    link = job.vehicle.driver_settings
+    torch: TorchAxes = job.torch.make_device(
+        TorchDriverInputs(reach=job.torch.reach, speed=job.torch.speed, vehicle=link)
     )
     if world is None:
         return CrawlCell(vehicle, make_laser_without_arm(job.laser), torch)

@@ -14,14 +14,8 @@ from pydantic import Field
 from tjscan.core.config import StrictFileModel
 from tjscan.core.devices import DriverKind, DriverRegistry
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, FileUnit, SettingsTable
+from tjscan.crawler import plan
 from tjscan.crawler.guards import ProximitySettings
-from tjscan.crawler.plan import (
-    AlignmentSettings,
-    CourseSettings,
-    GuardSettings,
-    PassSettings,
-    WeldSettings,
-)
 from tjscan.crawler.sizing import SizeSettings
 from tjscan.crawler.slip_aware import SteeringSettings
 from tjscan.crawler.slip_estimator import SlipUncertainty
@@ -33,7 +27,7 @@ from tjscan.joint.hull import HullJoint
 from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.laser.section_laser import STAND_OFF, SectionLaserModel
 from tjscan.vehicle.drivers import VEHICLE_DRIVERS
-from tjscan.vehicle.simulation import VehicleSimulationSettings
+from tjscan.vehicle.simulated_body import VehicleSimulationSettings
 from tjscan.vehicle.tracks import TrackGeometry
 
 HULL_SEEN: Final = 5e-3
@@ -152,18 +146,22 @@ class CrawlJob(StrictFileModel):
     method: Literal["slip-aware", "paper"] = "slip-aware"
     calibration: Annotated[str | None, MinLen(1)] = None
     vehicle: VehicleSettings = VehicleSettings()
-    course: CourseSettings = CourseSettings()
-    alignment: AlignmentSettings = AlignmentSettings()
-    weld: WeldSettings = WeldSettings()
+    course: plan.CourseSettings = plan.CourseSettings()
+    alignment: plan.AlignmentSettings = plan.AlignmentSettings()
+    weld: plan.WeldSettings = plan.WeldSettings()
     passes: Annotated[
-        tuple[PassSettings, ...], MinLen(1), MaxLen(50), LIST_OR_WORD_IN_FILE, Field(alias="pass")
-    ] = (PassSettings(),)
+        tuple[plan.PassSettings, ...],
+        MinLen(1),
+        MaxLen(50),
+        LIST_OR_WORD_IN_FILE,
+        Field(alias="pass"),
+    ] = (plan.PassSettings(),)
     laser: CrawlLaserSettings = CrawlLaserSettings()
     torch: TorchSettings = TorchSettings()
     steering: SteeringSettings = SteeringSettings()
     slip: SlipUncertainty = SlipUncertainty()
     proximity: ProximitySettings = ProximitySettings()
-    guards: GuardSettings = GuardSettings()
+    guards: plan.GuardSettings = plan.GuardSettings()
     size: SizeSettings = SizeSettings()
     simulation: CrawlSimulationSettings | None = None
 

@@ -18,8 +18,8 @@ from tjscan.towing.journal import TowTruth
 from tjscan.towing.loop import Team
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.plan import ShapePlanner
+from tjscan.vehicle.drivers import LOCALISATION_DRIVERS, LocalisationInputs
 from tjscan.vehicle.localisation import Localisation
-from tjscan.vehicle.localisation_drivers import LOCALISATION_DRIVERS, LocalisationInputs
 from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings
 
 if TYPE_CHECKING:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import shapely
 from scipy.sparse.csgraph import connected_components
 
-from tjscan.job.tow.job import TowJob
 from tjscan.towing.seam import Seam
 from tjscan.towing.tables import Point
+
+if TYPE_CHECKING:
+    from tjscan.job.tow.job import TowJob
 
 SEAM_SAMPLE_STEP: Final = 0.1
 """Metres of seam between two places that are checked."""

@@ -2,34 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal
 
+import numpy as np
 from annotated_types import Ge, Gt, Le, Len, MaxLen
 
-from tjscan.core.config import StrictFileModel
+from tjscan.core.config import StrictFileModel, add_file_to_errors
 from tjscan.core.devices import DriverRegistry
+from tjscan.core.errors import package_missing
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, SECONDS, SettingsTable
 from tjscan.job.devices import DeviceSettings
+from tjscan.job.reading import read_job
+from tjscan.towing import tables
 from tjscan.towing.shape.area import Area
 from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
 from tjscan.towing.shape.plan import TowingLimits
-from tjscan.towing.tables import (
-    NEWTON,
-    AreaSettings,
-    CableSettings,
-    Coordinate,
-    FollowingSettings,
-    LimitSettings,
-    LocalisationSettings,
-    ObstacleSettings,
-    RootSettings,
-    SeamSettings,
-    TargetSettings,
-    WeightSettings,
-)
 from tjscan.vehicle.cable.model import TowingVehicleModel
-from tjscan.vehicle.localisation_drivers import LOCALISATION_DRIVERS
+from tjscan.vehicle.drivers import LOCALISATION_DRIVERS
 from tjscan.vehicle.mqtt.settings import MqttSettings
 from tjscan.vehicle.pose_disturbance import LocalisationSimulationSettings
 
@@ -89,12 +82,12 @@ class VehiclesSettings(SettingsTable):
     behind_welder: Annotated[float | None, Gt(0), Le(1e5), MM] = None
     radius: Annotated[float, Gt(0), Le(5000), MM] = 0.15
     speed: Annotated[float, Gt(0), Le(5000), MM_S] = 0.1
-    force: Annotated[float, Gt(0), Le(1e5), NEWTON] = 49.0
+    force: Annotated[float, Gt(0), Le(1e5), tables.NEWTON] = 49.0
     mqtt: TeamMqttSettings = field(default_factory=TeamMqttSettings)
 
 
 @dataclass(frozen=True, kw_only=True)
-class TowLocalisationSettings(LocalisationSettings, DeviceSettings):
+class TowLocalisationSettings(tables.LocalisationSettings, DeviceSettings):
     """The table [localisation]: who measures the vehicles' poses, and how well; see its bases."""
 
     registry: ClassVar[DriverRegistry[Any]] = LOCALISATION_DRIVERS
@@ -136,7 +129,7 @@ class FaultSettings(SettingsTable):
     at: Annotated[float, Ge(0), Le(1e6), SECONDS] = 0.0
     seconds: Annotated[float | None, Gt(0), Le(1e6), SECONDS.with_key("for_s")] = None
     vehicle: Annotated[int, Ge(1), Le(20)] | None = None
-    push: Annotated[tuple[Coordinate, Coordinate], MM] = (0.2, 0.0)
+    push: Annotated[tuple[tables.Coordinate, tables.Coordinate], MM] = (0.2, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,17 +162,19 @@ class TowJob(StrictFileModel):
     """A job file that describes a tow."""
 
     method: Literal["ours", "paper"] = "ours"
-    cable: CableSettings = CableSettings()
-    root: RootSettings = RootSettings()
+    cable: tables.CableSettings = tables.CableSettings()
+    root: tables.RootSettings = tables.RootSettings()
     vehicles: VehiclesSettings = VehiclesSettings()
-    area: AreaSettings
-    seam: SeamSettings
-    obstacles: Annotated[tuple[ObstacleSettings, ...], MaxLen(100), LIST_OR_WORD_IN_FILE] = ()
-    weights: WeightSettings = WeightSettings()
-    targets: TargetSettings = TargetSettings()
-    limits: LimitSettings = LimitSettings()
+    area: tables.AreaSettings
+    seam: tables.SeamSettings
+    obstacles: Annotated[
+        tuple[tables.ObstacleSettings, ...], MaxLen(100), LIST_OR_WORD_IN_FILE
+    ] = ()
+    weights: tables.WeightSettings = tables.WeightSettings()
+    targets: tables.TargetSettings = tables.TargetSettings()
+    limits: tables.LimitSettings = tables.LimitSettings()
     localisation: TowLocalisationSettings = TowLocalisationSettings()
-    following: FollowingSettings = FollowingSettings()
+    following: tables.FollowingSettings = tables.FollowingSettings()
     simulation: TowSimulationSettings = TowSimulationSettings()
 
     @property
@@ -234,3 +229,116 @@ class TowJob(StrictFileModel):
     def floor(self) -> Area:
         """The area, as the planner knows it."""
         return Area(self.area.outline, self.area.holes)
+
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """Yield key and message of what can't be towed."""
+        yield from _held_link_contradictions(self)
+        yield from _size_contradictions(self)
+        yield from _fault_contradictions(self)
+        from tjscan.job.tow.floor import (
+            floor_contradictions,  # needs shapely, which only a tow does
+        )
+
+        yield from floor_contradictions(self)
+
+
+def read_tow_job(file: Path, overrides: dict[str, Any] | None = None) -> TowJob:
+    """Read the job of a tow, with single keys replaced; see `read_job`.
+
+    Raises
+    ------
+    ConfigurationError
+        If it can't be read, or asks for what can't be towed.
+    """
+    with add_file_to_errors(file):
+        try:
+            return read_job(TowJob, file, overrides)
+        except ModuleNotFoundError as error:
+            raise package_missing(error, "towing", TOWING_EXTRA) from None
+
+
+def _size_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
+    """Yield sizes that would change nothing, with what to write instead, and too fast a seam."""
+    gap, length = job.limits.cable_gap, job.cable.length
+    if np.pi / 2 * gap >= length:
+        yield (
+            "limits.cable_gap_mm",
+            f"half a circle that wide, {5e2 * np.pi * gap:.0f} mm, is longer than the cable, and "
+            f"no two links would be held apart: take less than {2e3 / np.pi * length:.0f}",
+        )
+    model, usual, ours = job.simulation.towing_vehicle, TowingVehicleModel(), job.vehicles
+    for key, value, allowed, instead in (
+        ("body_radius_mm", model.body_radius, (usual.body_radius, ours.radius), "radius_mm"),
+        ("force_n", model.force, (usual.force, ours.force), "force_n"),
+    ):
+        if value not in allowed:
+            yield (
+                f"simulation.towing_vehicle.{key}",
+                f"simulated vehicles have vehicles.{instead}: set that, and leave this out",
+            )
+    if job.seam.speed > ours.speed:
+        yield (
+            "seam.speed_mm_min",
+            f"{6e4 * job.seam.speed:g} mm/min is more than the vehicles' {6e4 * ours.speed:g}",
+        )
+
+
+def _fault_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
+    """Yield faults of vehicles and passers-by that the job does not have."""
+    moving = sum(one.speed > 0 for one in job.obstacles)
+    for number, fault in enumerate(job.simulation.faults):
+        if fault.kind == "passer-by-stands":
+            count, found = moving, f"{moving} moving obstacle{'' if moving == 1 else 's'}"
+        else:
+            count, found = job.vehicles.count, f"{job.vehicles.count} vehicles"
+        if (fault.vehicle or 1) > count:
+            yield (
+                f"simulation.faults.{number}.vehicle",
+                f"{fault.kind} is to happen to number {fault.vehicle or 1} of {found}",
+            )
+
+
+def _held_link_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
+    """Yield what prevents the vehicles from holding their links, or from keeping apart."""
+    vehicles, last = job.vehicles, job.cable.links - 1
+    key = "vehicles.count" if vehicles.links is None else "vehicles.links"
+    if vehicles.behind_welder is not None:
+        key = "vehicles.behind_welder_mm"
+        if vehicles.links is not None:
+            yield (
+                key,
+                "vehicles.links give the length of the piece behind the welder: leave this key out",
+            )
+        count = vehicles.behind_welder / job.cable.link
+        if abs(count - round(count)) > 1e-6 or not round(count):
+            yield key, f"must be a whole number of links: it is {count:g} times cable.link_mm"
+    held = job.held_links
+    if len(held) != vehicles.count:
+        yield key, f"there are {vehicles.count} vehicles, and {len(held)} links to hold"
+    if held[-1] != last:
+        yield (
+            key,
+            f"the last vehicle is the welder, and holds the last link, {last} (found {held[-1]})",
+        )
+    if held[0] < 0 or any(b <= a for a, b in pairwise(held)):
+        yield key, f"the links must rise along the cable, from 0 at the root to {last}"
+    need = 2 * vehicles.radius + job.limits.vehicle_gap
+    for number, (a, b) in enumerate(pairwise(held), 1):
+        length = (b - a) * job.cable.link
+        if length < need:
+            yield (
+                _cause_of_short_piece(job, number, need),
+                f"vehicles {number} and {number + 1} hold the cable {1e3 * length:.0f} mm apart, "
+                f"and need {1e3 * need:.0f} mm: two radii, and limits.vehicle_gap_mm",
+            )
+
+
+def _cause_of_short_piece(job: TowJob, number: int, need: float) -> str:
+    """Key that has to change if the piece of cable behind a vehicle is too short."""
+    if need > job.cable.length / 2:  # more than two vehicles have, the fewest
+        wide = 2 * job.vehicles.radius > job.limits.vehicle_gap
+        return "vehicles.radius_mm" if wide else "limits.vehicle_gap_mm"
+    if job.vehicles.links is not None:
+        return "vehicles.links"
+    behind = job.vehicles.behind_welder is not None and number == job.vehicles.count - 1
+    return "vehicles.behind_welder_mm" if behind else "vehicles.count"

@@ -41,18 +41,14 @@ def towing_world_of_job(job: TowJob) -> TowingWorldModel:
     )
     walls = [np.array(ring) for ring in (job.area.outline, *job.area.holes)]
     walls += [_obstacle_polygon(one) for one in job.obstacles if not one.speed]
+    moving = [one for one in job.obstacles if one.speed]
+    vehicle, team = job.simulation.towing_vehicle, job.vehicles
     return TowingWorldModel(
         cable=model,
-        vehicle=replace(
-            job.simulation.towing_vehicle,
-            body_radius=job.vehicles.radius,
-            force=job.vehicles.force,
-        ),
+        vehicle=replace(vehicle, body_radius=team.radius, force=team.force),
         walls=tuple(walls),
         passers_by=tuple(
-            PasserBy(one.radius, np.array(one.points), one.speed, one.start)
-            for one in job.obstacles
-            if one.speed
+            PasserBy(one.radius, np.array(one.points), one.speed, one.start) for one in moving
         ),
         exempt_links=job.limits.free_links,
     )

@@ -9,8 +9,12 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.entries import ArmKinematicsEntry, BasisEntry
-from tjscan.calibration.file import CalibrationFile, read_calibration
+from tjscan.calibration.file import (
+    ArmKinematicsEntry,
+    BasisEntry,
+    CalibrationFile,
+    read_calibration,
+)
 from tjscan.calibration.noise import NoiseModel
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError

@@ -5,40 +5,42 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Final, NoReturn
 
 import numpy as np
 import trimesh
 
+from tjscan.calibration.arm.calibrate import as_hand_eye_calibration
 from tjscan.calibration.arm.design import BallPlan, plan_views
 from tjscan.calibration.arm.model import ArmGeometry
-from tjscan.calibration.arm.result import as_hand_eye_calibration
 from tjscan.calibration.arm.wizard import ArmWizard
-from tjscan.calibration.entries import BasisEntry, ShrinkingEntry, views_of_poses
-from tjscan.calibration.file import SavedCalibration, to_calibration_file, write_calibration
+from tjscan.calibration.file import (
+    BasisEntry,
+    SavedCalibration,
+    ShrinkingEntry,
+    to_calibration_file,
+    views_of_poses,
+    write_calibration,
+)
 from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.plucker import plane_through_point
 from tjscan.calibration.recorded import calibrate_recorded_sets
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
+from tjscan.calibration.targets.plane import fit_plane
 from tjscan.calibration.targets.target import PosedProfile
-from tjscan.calibration.targets.touched import fit_plane
-from tjscan.calibration.wizard.advice import BoardRectangle, predict_uncertainty
-from tjscan.calibration.wizard.logbook import Logbook, MeasurementsSoFar
-from tjscan.calibration.wizard.operator import Operator, Question
-from tjscan.calibration.wizard.probe import JoggedProbe, TouchProbe
-from tjscan.calibration.wizard.session import (
-    CalibrationPlan,
-    CalibrationProgress,
-    current_progress,
-    fit_touched_board,
-    planned_touch_points,
-    start_poses_over_board,
-    suggest_next_line_pose,
+from tjscan.calibration.wizard.advice import BoardRectangle
+from tjscan.calibration.wizard.logbook import (
+    CALIBRATION_RECORDING,
+    LaserLineTaken,
+    Logbook,
+    MeasurementsSoFar,
 )
+from tjscan.calibration.wizard.operator import JoggedProbe, Operator, Question, TouchProbe
+from tjscan.calibration.wizard.session import CalibrationPlan
 from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
-from tjscan.calibration.wizard.topics import CALIBRATION_RECORDING, LaserLineTaken
-from tjscan.calibration.wizard.wizard import CalibrationWizard
+from tjscan.calibration.wizard.wizard import CalibrationWizard, reaches_and_returns
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import CalibrationRefused, ConfigurationError, PoseUnreachable
 from tjscan.core.files import lock_and_clean_directory
@@ -92,15 +94,15 @@ def _calibrate_on_ball(
 
 
 def _basis_of_lines(wizard: CalibrationWizard, result: HandEyeCalibration) -> BasisEntry:
-    """What a calibration on a touched board rests on; raises as `fit_touched_board` does."""
+    """What a calibration on a touched board rests on; raises as `fit_plane` does."""
     task, measured = wizard.task, wizard.measurements
-    target, _ = fit_touched_board(task, measured)
+    target, _ = task.fit_board(measured)
     off = 1e3 * float(np.sqrt(np.mean(target.residuals**2)))
     poses = {shot.name: shot.T_b_f for shot in measured.line_profiles}
     shrinking = []
     for count in range(1, len(measured.line_profiles) + 1):
         first = replace(measured, line_profiles=measured.line_profiles[:count])
-        so_far = current_progress(task, first, target).result
+        so_far = task.progress(first, target).result
         if so_far is not None:  # the first lines give no result
             mm = 1e3 * so_far.uncertainty.position
             degrees = float(np.degrees(so_far.uncertainty.rotation))
@@ -179,8 +181,7 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
         task = calibration_plan_of_job(job, T_f_s)
         wizard = CalibrationWizard(task, cell.arm, cell.laser, probe, operator, logbook)
         if job.ball is None:
-            outcome = wizard.run()
-            result, verification, noise = outcome.result, outcome.verification, job.board.noise
+            (result, verification), noise = wizard.run(), job.board.noise
             basis = _basis_of_lines(wizard, result)
         else:
             verification, noise = None, job.ball.noise
@@ -385,7 +386,7 @@ def check_calibration_job(job: CalibrationJob, job_file: Path) -> HandEyeUncerta
 def _find_start_pose(task: CalibrationPlan, arm: Arm) -> Array:
     """Flange pose square over the board that the arm gets to."""
     reason = ""
-    for T_b_f in start_poses_over_board(task, arm.state().T_b_f):
+    for T_b_f in task.start_poses(arm.state().T_b_f):
         try:
             arm.check_moves(T_b_f)
         except PoseUnreachable as error:
@@ -397,23 +398,14 @@ def _find_start_pose(task: CalibrationPlan, arm: Arm) -> Array:
 
 def _plan_lines(task: CalibrationPlan, arm: Arm, ready: Array) -> HandEyeUncertainty:
     """Plan lines one after the other, as the wizard would if each were as expected."""
-    touched, outside = planned_touch_points(task), task.T_b_board[:3, 3] + task.T_b_board[:3, 2]
+    touched, outside = task.touch_points, task.T_b_board[:3, 3] + task.T_b_board[:3, 2]
     target = fit_plane(touched, task.noise.touch, outside, geometry=task.noise.geometry)
     board = BoardRectangle.through_touched_points(touched, target)
     measured = MeasurementsSoFar(datetime.now(UTC), {})
-    expected = predict_uncertainty(np.empty((0, 4, 4)), task.T_f_s, target, task.window, task.noise)
-
-    def reaches(T_b_f: Array) -> bool:
-        """Whether the arm gets to a pose from `ready`, and back, on a straight line."""
-        try:
-            arm.check_moves(ready, T_b_f, ready)
-        except PoseUnreachable:
-            return False
-        return True
-
+    expected = task.predict_from(task.T_f_s, target).uncertainty(np.empty((0, 4, 4)))
+    reaches = partial(reaches_and_returns, arm, ready)
     for number in range(1, task.lines + 1):
-        progress = CalibrationProgress((), task.lines, expected, None, None)
-        there = suggest_next_line_pose(task, measured, target, board, progress, reaches)
+        there = task.suggest_line_pose(measured, target, board, None, reaches)
         shot = PosedProfile(f"line {number}", there.T_b_f, NOT_TAKEN)
         measured, expected = measured.with_entry(LaserLineTaken(shot, False)), there.after
     return expected

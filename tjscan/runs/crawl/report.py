@@ -98,8 +98,8 @@ def _charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
     title, across = "cross-section of the joint, median of each pass", "across the joint / mm"
     histories = section_histories(found.profiles, job.weld.length, job.vehicle.laser_to_torch)
     for number, height in histories.items():
-        line, x, y = f"after pass {number}", 1e3 * PLACES_ACROSS, 1e3 * height
-        line = line if number else "before welding"
+        line = f"after pass {number}" if number else "before welding"
+        x, y = 1e3 * PLACES_ACROSS, 1e3 * height
         yield ReportChart(title, across, "over the hull / mm", x, y, line=line)
     every = max(len(found.cycles) // MOST_POINTS, 1)
     slips = [(cycle.state.time, cycle.slip) for cycle in found.cycles[::every]]

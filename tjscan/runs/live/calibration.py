@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -12,9 +12,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.targets.target import PosedProfile
-from tjscan.calibration.wizard.operator import Answer, Question
-from tjscan.calibration.wizard.session import CalibrationProgress
-from tjscan.calibration.wizard.topics import (
+from tjscan.calibration.wizard.logbook import (
     ArmPoseTaken,
     BoardTouch,
     CalibrationEntry,
@@ -23,25 +21,19 @@ from tjscan.calibration.wizard.topics import (
     StartOrResumeEntry,
     read_calibration_entries,
 )
+from tjscan.calibration.wizard.operator import Answer, Question
+from tjscan.calibration.wizard.session import CalibrationProgress
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import LaserFault, PageUnavailable
 from tjscan.core.frames import Array, rot_z, transform_points
 from tjscan.job.arm import kinematics_of_job, sensor_mount_of_job, solids_in_base
 from tjscan.job.files import CalibrationJob, read_calibration_job
-from tjscan.live.buttons import Button, Tone
+from tjscan.live.buttons import Act, Button, Tone
 from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR, TOOL_COLOUR
 from tjscan.live.drawables import Drawable, Lines, Posture, Surface
-from tjscan.live.listening import RunOnPage, show_run
+from tjscan.live.listening import Report, RunOnPage, show_run
 from tjscan.live.page import PageAddress
-from tjscan.live.step import (
-    PRESS_FACT,
-    STATE_FACT,
-    Measure,
-    PlaneCurve,
-    Sample,
-    Setting,
-    Step,
-)
+from tjscan.live.step import PRESS_FACT, STATE_FACT, Measure, PlaneCurve, Sample, Setting, Step
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.calibration.run import calibration_plan_of_job
 
@@ -209,12 +201,12 @@ class PageOperator:
     present = True
 
     def __init__(
-        self, run: RunOnPage, show: CalibrationShow, report: Callable[[str], object], *, looks: bool
+        self, run: RunOnPage, show: CalibrationShow, report: Report, *, looks: bool
     ) -> None:
         self._run, self._show, self._report, self._looks = run, show, report, looks
         self._pressed: SimpleQueue[Answer] = SimpleQueue()
 
-    def buttons(self, interrupt: Callable[[], object]) -> list[Button]:
+    def buttons(self, interrupt: Act) -> list[Button]:
         """Buttons of the page: the answers, and Stop, which does what Ctrl-C does."""
         answers = [
             Button(word, partial(self._pressed.put, word), tone, hint)
@@ -271,11 +263,7 @@ class PageOperator:
 
 @contextmanager
 def operator_on_page(
-    job: CalibrationJob,
-    job_file: Path,
-    where: PageAddress,
-    report: Callable[[str], object],
-    interrupt: Callable[[], object],
+    job: CalibrationJob, job_file: Path, where: PageAddress, report: Report, interrupt: Act
 ) -> Iterator[PageOperator]:
     """Serve a page that asks the calibration's questions while the block runs.
 

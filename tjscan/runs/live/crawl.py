@@ -19,10 +19,10 @@ from tjscan.crawler.journal import CrawlCycle, read_crawl
 from tjscan.crawler.phases import PHASE_TRANSITIONS, Event, Phase
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
-from tjscan.live.buttons import Button, stop_button
+from tjscan.live.buttons import Act, Button, stop_button
 from tjscan.live.colours import LASER_COLOUR, NOMINAL_COLOUR
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Placement, Surface
-from tjscan.live.listening import RunOnPage, show_run
+from tjscan.live.listening import Report, RunOnPage, show_run
 from tjscan.live.page import PageAddress
 from tjscan.live.step import (
     PRESS_FACT,
@@ -312,8 +312,8 @@ def show_crawl(
     job: CrawlJob,
     title: str,
     where: PageAddress,
-    report: Callable[[str], object],
-    interrupt: Callable[[], object],
+    report: Report,
+    interrupt: Act,
     hand: PageHandDrive | None = None,
 ) -> Iterator[CrawlPageJournal]:
     """Show a crawl while the block runs; gives the journal that shows it.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -19,10 +19,10 @@ from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.job.arm import kinematics_of_job, solids_in_base
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.joint.edges import feature_edges
-from tjscan.live.buttons import Button
+from tjscan.live.buttons import Act, Button
 from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Posture, Surface
-from tjscan.live.listening import RunOnPage, show_run
+from tjscan.live.listening import Report, RunOnPage, show_run
 from tjscan.live.page import PageAddress
 from tjscan.live.step import STATE_FACT, Measure, PlaneCurve, Sample, Setting, Step
 from tjscan.recording.journal import RunEvent
@@ -278,8 +278,8 @@ class ScanPageJournal:
 def show_scan(
     context: RunContext,
     where: PageAddress,
-    report: Callable[[str], object],
-    interrupt: Callable[[], object],
+    report: Report,
+    interrupt: Act,
     resumed: Path | None = None,
 ) -> Iterator[ScanPageJournal]:
     """Show a scan on a page while the block runs; gives the journal that shows it.
@@ -310,9 +310,7 @@ def show_scan(
         yield ScanPageJournal(run, show.total)
 
 
-def scan_buttons(
-    run: RunOnPage, stop: StopRequest, interrupt: Callable[[], object]
-) -> list[Button]:
+def scan_buttons(run: RunOnPage, stop: StopRequest, interrupt: Act) -> list[Button]:
     """Buttons of a scan: Start, which goes on too, Pause, Step and Stop.
 
     Parameters
@@ -324,7 +322,7 @@ def scan_buttons(
         Does what Ctrl-C does.
     """
 
-    def press(state: str, *actions: Callable[[], object]) -> Callable[[], object]:
+    def press(state: str, *actions: Act) -> Act:
         def show_and_act() -> None:
             run.show_state(state)
             for act in actions:

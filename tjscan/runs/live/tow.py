@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
@@ -11,9 +11,8 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array, pose, rot_z
-from tjscan.job.tow.checks import read_tow_job
-from tjscan.job.tow.job import TowJob
-from tjscan.live.buttons import stop_button
+from tjscan.job.tow.job import TowJob, read_tow_job
+from tjscan.live.buttons import Act, stop_button
 from tjscan.live.colours import (
     FITTED_COLOUR,
     LASER_COLOUR,
@@ -22,7 +21,7 @@ from tjscan.live.colours import (
     TOOL_COLOUR,
 )
 from tjscan.live.drawables import Drawable, Lines, Placement
-from tjscan.live.listening import RunOnPage, show_run
+from tjscan.live.listening import Report, RunOnPage, show_run
 from tjscan.live.page import PageAddress
 from tjscan.live.step import STATE_FACT, Measure, Sample, Setting, Step
 from tjscan.recording.journal import RunEvent
@@ -201,11 +200,7 @@ def _read_thinned_entries(directory: Path) -> Iterator[object]:
 
 @contextmanager
 def show_tow(
-    job: TowJob,
-    title: str,
-    where: PageAddress,
-    report: Callable[[str], object],
-    interrupt: Callable[[], object],
+    job: TowJob, title: str, where: PageAddress, report: Report, interrupt: Act
 ) -> Iterator[RunOnPage]:
     """Show a tow while the block runs; for the parameters see `show_crawl`."""
     stop = stop_button(interrupt, "all vehicles")

@@ -45,6 +45,9 @@ USUAL_DEPTH_RADIUS: Final = 0.1
 
 PLAN_FRAME: Final = "c"
 
+PlacedProfiles = Sequence[tuple[float, Profile]]
+"""Metres along the joint, and the profile taken there."""
+
 
 def is_crawl(directory: Path) -> bool:
     """Whether a run directory is a crawl's."""
@@ -52,11 +55,7 @@ def is_crawl(directory: Path) -> bool:
 
 
 def plan_crawl_run(
-    directory: Path,
-    wps_file: Path,
-    gravity: Array,
-    out: Path | None = None,
-    after_pass: int = 0,
+    directory: Path, wps_file: Path, gravity: Array, out: Path | None = None, after_pass: int = 0
 ) -> WrittenPlan:
     """Plan the weld of a crawl's joint and write the plan's files, with passes for a crawl job.
 
@@ -133,7 +132,7 @@ def passes_to_toml(passes: Sequence[CrawlPass], procedure: str) -> str:
 
 
 def butt_joint_edges(
-    seen: Sequence[tuple[float, Profile]], length: float, longest_step: float
+    seen: PlacedProfiles, length: float, longest_step: float
 ) -> tuple[GrooveEdges, float]:
     """Edges of a butt joint in frame c, and where along it they begin, from profiles along it.
 
@@ -193,18 +192,15 @@ def butt_joint_edges(
         share = 1 / np.sqrt(len(row))
         spreads.append(share * np.linalg.norm(flat.std(axis=0, ddof=1), axis=1))
         area_sigmas.append(share * areas.std(ddof=1) / areas.mean())
-    edges = fit_edges_to_corners(
-        np.stack(means), np.stack(spreads), np.array(area_sigmas), longest_step
-    )
+    corners, sigmas = np.stack(means), np.stack(spreads)
+    edges = fit_edges_to_corners(corners, sigmas, np.array(area_sigmas), longest_step)
     start, openness = float(means[0][0, 0]), np.zeros(len(middles))
     s = np.array(middles) - start
     root = replace(edges.root, s=s, openness=openness, tacked=np.array(tacked))
     return replace(edges, root=root), start
 
 
-def _read_joint(
-    seen: Sequence[tuple[float, Profile]], length: float
-) -> list[tuple[float, ButtJointReading]]:
+def _read_joint(seen: PlacedProfiles, length: float) -> list[tuple[float, ButtJointReading]]:
     """Readings with edges along the weld; beside it the root is another."""
     tracker, found = JointTracker(), []
     for at, profile in ((at, profile) for at, profile in seen if 0 <= at <= length):
@@ -225,9 +221,7 @@ def _trapezoid_of_reading(reading: ButtJointReading) -> Array:
     return np.array([*bottom, (across[1], -into[1]), (across[0], -into[0])])
 
 
-def _profiles_along_weld(
-    directory: Path, job: CrawlJob, after_pass: int
-) -> list[tuple[float, Profile]]:
+def _profiles_along_weld(directory: Path, job: CrawlJob, after_pass: int) -> PlacedProfiles:
     """Profiles along the weld, before the first pass or on the way back from one."""
     phases = {Phase.RETURN} if after_pass else {Phase.FORWARD_ALIGNMENT, Phase.BACKWARD_ALIGNMENT}
     return [

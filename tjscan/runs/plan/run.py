@@ -76,10 +76,7 @@ def add_file_of_key(wps_file: Path, sections: Path) -> Iterator[None]:
 
 
 def details_of_run(
-    directory: Path,
-    sections: Sequence[MeasuredSection],
-    edges: GrooveEdges,
-    wps: WeldingProcedure,
+    directory: Path, sections: Sequence[MeasuredSection], edges: GrooveEdges, wps: WeldingProcedure
 ) -> tuple[DetailStretch, ...]:
     """Compare a run's groove with the WPS's table, by the tubes fitted to its cloud.
 

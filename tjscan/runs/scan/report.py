@@ -13,7 +13,7 @@ import numpy as np
 from tjscan.core.devices import DriverKind
 from tjscan.core.manifest import check_as_written
 from tjscan.job.files import ScanJob, read_scan_job
-from tjscan.recording.damage import RecordingDamage
+from tjscan.recording.reader import RecordingDamage
 from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import JOB_FILE, RECORDING_FILE, SUMMARY_FILE
 from tjscan.result.summary import check_recording_complete, read_summary

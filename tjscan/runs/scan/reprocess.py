@@ -19,8 +19,8 @@ from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
 from tjscan.job.arm import SensorMount
 from tjscan.job.files import ScanJob, read_scan_job
-from tjscan.recording.damage import RecordingDamage
 from tjscan.recording.parts import recording_files
+from tjscan.recording.reader import RecordingDamage
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.result.summary import ScanSummary
 from tjscan.runs.run import (

@@ -14,11 +14,10 @@ from tjscan.core.errors import RecordingError, ScanInterrupted, TjscanError, mes
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.job.cell import Cell
 from tjscan.job.files import ScanJob
-from tjscan.recording.damage import RecordingDamage
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.journal import CombinedJournal, Journal, RunEvent, event_recorder
 from tjscan.recording.parts import recording_files
-from tjscan.recording.reader import read_job_snapshot
+from tjscan.recording.reader import RecordingDamage, read_job_snapshot
 from tjscan.result.summary import ScanSummary
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.run import (

@@ -74,6 +74,9 @@ class StudyScanSettings:
         return cls(validate_table(ScanJob, data["job"]), validate_table(JointFile, data["joint"]))
 
 
+FlangePath = tuple[tuple[float, float, float], ...]
+
+
 @dataclass(frozen=True, slots=True)
 class ScanOutcome(RunOutcome):
     """Outcome of one scan of a study. Lengths in millimetres, angles in degrees.
@@ -127,12 +130,16 @@ class ScanOutcome(RunOutcome):
     motion_time_s: float | None = None
     corner_mean_mm: float | None = None
     corner_p95_mm: float | None = None
-    path: tuple[tuple[float, float, float], ...] = field(default=(), metadata=HIDDEN_FIELD)
+    path: FlangePath = field(default=(), metadata=HIDDEN_FIELD)
 
     def __post_init__(self) -> None:
         # JSON holds lists.
         object.__setattr__(self, "path", tuple((a, r, z) for a, r, z in self.path))
 
+
+SUMMARY_COUNTS: Final = ("sections", "scans", "half_steps")
+SUMMARY_FIELDS: Final = ("complete", "detail", *SUMMARY_COUNTS, "groove_length_mm", "motion_time_s")
+"""Fields of an outcome that are those of the scan's summary."""
 
 EDGES_KEPT = 4
 """Joints whose edges a process keeps: trials of one joint follow each other."""
@@ -162,39 +169,27 @@ def _outcome_of_scan(
     errors = corner_to_edge_distances(corners, _cached_feature_edges(joint), absent)
     summary = summarise_scan(result, plan, frame, errors)
     step, error, own = summary.step_mm, summary.corner_error_mm, summary.sections - 2
-    predicted, corrected = (
-        flange_way((a, b) for a, b in pairwise(result.views) if b.substep is substep)
-        for substep in (Substep.PREDICTION, Substep.CORRECTION)
-    )
+    known = {name: getattr(summary, name) for name in SUMMARY_FIELDS}
+    for name, substep in (("prediction", Substep.PREDICTION), ("correction", Substep.CORRECTION)):
+        moves = ((a, b) for a, b in pairwise(result.views) if b.substep is substep)
+        known[f"travel_{name}_mm"], known[f"rotation_{name}_deg"] = flange_way(moves)
     return ScanOutcome(
-        complete=summary.complete,
+        **known,
         reason=summary.stopped_because,
-        detail=summary.detail,
-        sections=summary.sections,
-        scans=summary.scans,
         scans_per_section=(summary.scans - 2) / own if own > 0 else None,
-        half_steps=summary.half_steps,
-        groove_length_mm=summary.groove_length_mm,
         step_nominal_mm=step.nominal,
         step_mean_mm=step.mean,
         step_std_mm=step.std,
         step_error_percent=None if step.mean is None else 100 * (step.mean / step.nominal - 1),
         travel_mm=summary.flange_travel_mm,
-        travel_prediction_mm=predicted[0],
-        travel_correction_mm=corrected[0],
         rotation_deg=summary.flange_rotation_deg,
-        rotation_prediction_deg=predicted[1],
-        rotation_correction_deg=corrected[1],
-        motion_time_s=summary.motion_time_s,
         corner_mean_mm=None if error is None else error.mean,
         corner_p95_mm=None if error is None else error.p95,
         path=_flange_path(result, frame),
     )
 
 
-def _flange_path(
-    result: ScanResult, frame: JointOrBaseFrame
-) -> tuple[tuple[float, float, float], ...]:
+def _flange_path(result: ScanResult, frame: JointOrBaseFrame) -> FlangePath:
     """The flange's path in cylinder coordinates of frame j, degrees and mm, rounded for a plot."""
     flange = transform_points(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])
     azimuth = np.degrees(np.unwrap(np.arctan2(flange[:, 1], flange[:, 0])))

@@ -15,8 +15,8 @@ from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, RecordingError, StitchingRefused, TjscanError
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.job.files import ScanJob, read_scan_job
-from tjscan.recording.damage import RecordingDamage
 from tjscan.recording.journal import Journal
+from tjscan.recording.reader import RecordingDamage
 from tjscan.result.directory import JOB_FILE, SUMMARY_FILE
 from tjscan.result.summary import ScanSummary, read_summary
 from tjscan.runs.run import (
@@ -41,7 +41,6 @@ class StationOperator(Protocol):
 
     def confirm(self, question: Question) -> bool:
         """Answer a yes-or-no question, such as whether the arm is at a station."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

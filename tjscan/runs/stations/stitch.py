@@ -80,22 +80,18 @@ def build_stitching_report(stitched: StitchedGroove, sources: Mapping[str, str])
     sources : mapping of str to str
         Each station's run directory, relative to the result's, by the station's name.
     """
-    brace, leg, angle, offset = stitched.shape.as_array
-    spread = stitched.shape_sigma
+    units = np.array((2e3, 2e3, 180 / np.pi, 1e3))
+    names = ("brace_diameter_mm", "leg_diameter_mm", "angle_deg", "offset_mm")
+    shape = dict(zip(names, (units * stitched.shape.as_array).tolist(), strict=True))
+    spread = zip(names, (units * stitched.shape_sigma).tolist(), strict=True)
     first = stitched.stations[0]
     middle = np.mean([section.T_r_g[:3, 3] for section in stitched.sections], axis=0)
-    names = tuple(one.station.name for one in stitched.stations)
+    stations = tuple(one.station.name for one in stitched.stations)
     return StitchingReport(
         frame="j",
         covered_deg=float(np.degrees(stitched.covered)),
-        brace_diameter_mm=float(2e3 * brace),
-        leg_diameter_mm=float(2e3 * leg),
-        angle_deg=float(np.degrees(angle)),
-        offset_mm=float(1e3 * offset),
-        sigma_brace_diameter_mm=float(2e3 * spread[0]),
-        sigma_leg_diameter_mm=float(2e3 * spread[1]),
-        sigma_angle_deg=float(np.degrees(spread[2])),
-        sigma_offset_mm=float(1e3 * spread[3]),
+        **shape,
+        **{f"sigma_{name}": value for name, value in spread},
         out_of_round_mm=1e3 * stitched.out_of_round,
         loop_gap_before_mm=_mm_if_known(stitched.gap_before),
         loop_gap_after_mm=_mm_if_known(stitched.gap_after),
@@ -104,7 +100,7 @@ def build_stitching_report(stitched: StitchedGroove, sources: Mapping[str, str])
             for one in stitched.stations
         ),
         overlaps=tuple(
-            _overlap_report(edge, names, gap)
+            _overlap_report(edge, stations, gap)
             for edge, gap in zip(stitched.registrations, stitched.gaps, strict=True)
         ),
     )

@@ -10,8 +10,7 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
-from tjscan.job.tow.checks import read_tow_job
-from tjscan.job.tow.job import TowJob
+from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.result.chapter import (
     MovingDiscs,
     MovingLine,

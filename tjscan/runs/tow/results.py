@@ -23,7 +23,6 @@ from tjscan.result.directory import job_label_of_run
 from tjscan.runs.run import read_result_file, table_to_csv
 from tjscan.towing.journal import WELDED_EVENT, TowCycle, TowTruth, read_tow
 from tjscan.towing.seam import Seam
-from tjscan.towing.shape.plan import TowingPlan
 
 PLANS_FILE: Final = "tow.csv"
 FIGURES_FILE: Final = "tow.json"
@@ -245,9 +244,9 @@ def figures_of_tow(
     """
     elapsed = cycles[-1].time - cycles[0].time
     seconds = np.array([cycle.seconds for cycle in cycles])
-    asked = np.array([cycle.asked for cycle in cycles])
     plans = [cycle.plan for cycle in cycles if not cycle.plan.halt]
     terms = np.array([plan.terms.paper for plan in plans] or [nan])
+    bends = [np.abs(plan.angles).max() for plan in plans]
     # A part's processor time begins at zero.
     host = sum(b.host - (a.host if a.host <= b.host else 0.0) for a, b in pairwise(cycles))
     known = {} if not truths else _figures_against_truth(job, cycles, truths)
@@ -263,14 +262,10 @@ def figures_of_tow(
         objective_max=float(terms.max()),
         constraint=float(max((plan.constraint for plan in plans), default=nan)),
         halts=len(cycles) - len(plans),
-        asked_mm_s=float(1e3 * np.hypot(asked[:, :-1, 0], asked[:, :-1, 2]).max(initial=0.0)),
-        planned_bend_deg=float(np.degrees(max(map(_largest_bend, plans), default=nan))),
+        asked_mm_s=max(map(fastest_asked, cycles)),
+        planned_bend_deg=float(np.degrees(max(bends, default=nan))),
         **known,
     )
-
-
-def _largest_bend(plan: TowingPlan) -> float:
-    return float(np.abs(plan.angles).max())
 
 
 def _figures_against_truth(

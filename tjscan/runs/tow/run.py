@@ -16,8 +16,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import lock_and_clean_directory
 from tjscan.core.frames import Array
 from tjscan.job.tow.cell import TowCell, fixed_obstacles, make_planner, make_tow_cell
-from tjscan.job.tow.checks import read_tow_job
-from tjscan.job.tow.job import TowJob
+from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.job.tow.sweep import sweep_seam
 from tjscan.recording.journal import Journal, RunEvent, event_recorder
 from tjscan.recording.reader import read_job_snapshot
@@ -85,8 +84,7 @@ class TowContext(JobContext[TowJob]):
             return truth
 
         def shown_truth() -> TowTruth:
-            found = truth()
-            show(found)
+            show(found := truth())
             return found
 
         return shown_truth

@@ -77,21 +77,21 @@ class OmnidirectionalDrives:
         ndarray, shape (n, 3)
             Newton and N m.
         """
-        self._follow(np.where(braked[:, None], 0.0, commanded), braked, period)
-        wanted = _turned(self.wanted, headings)
+        self._follow_commands(np.where(braked[:, None], 0.0, commanded), braked, period)
+        wanted = _turn_velocities(self.wanted, headings)
         slow = wanted + drift - speeds
         self._behind = self._behind + slow * period
         rate = CONTROL_RATE
         asked = self._mass * (rate**2 * self._behind + 2 * rate * slow)
-        given = asked * self._share(asked)
+        given = asked * self._available_share(asked)
         # What the integral alone asks for is held to what there is, or it would wind up.
         held = self._mass * rate**2 * self._behind
-        self._behind = self._behind * self._share(held)
+        self._behind = self._behind * self._available_share(held)
         spins = np.any(given != asked, axis=1, keepdims=True)
-        self.wheels = np.where(spins, self.wanted, _turned(speeds - drift, -headings))
+        self.wheels = np.where(spins, self.wanted, _turn_velocities(speeds - drift, -headings))
         return given
 
-    def _follow(self, commanded: Array, braked: NDArray[np.bool_], period: float) -> None:
+    def _follow_commands(self, commanded: Array, braked: NDArray[np.bool_], period: float) -> None:
         m = self._model
         along = np.linalg.norm(commanded[:, :2], axis=1, keepdims=True)
         limited = commanded * np.minimum(1.0, m.top_speed / np.maximum(along, 1e-12))
@@ -102,7 +102,7 @@ class OmnidirectionalDrives:
         most = most * np.array((1.0, 1.0, 1.0 / m.body_radius))
         self.wanted = self.wanted + np.clip(change, -most, most)
 
-    def _share(self, forces: Array) -> Array:
+    def _available_share(self, forces: Array) -> Array:
         """Which share of each vehicle's force and moment there is, shape (n, 3)."""
         along = np.linalg.norm(forces[:, :2], axis=1, keepdims=True)
         force = np.minimum(1.0, self.most_force / np.maximum(along, 1e-12))
@@ -110,7 +110,7 @@ class OmnidirectionalDrives:
         return np.hstack((force, force, moment))
 
 
-def _turned(speeds: Array, headings: Array) -> Array:
+def _turn_velocities(speeds: Array, headings: Array) -> Array:
     """Speeds (n, 3) in the plane, turned by an angle each."""
     c, s = np.cos(headings), np.sin(headings)
     x, y, turn = speeds.T

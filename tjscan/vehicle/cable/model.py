@@ -1,4 +1,4 @@
-"""What a simulated cable, the vehicles that hold it and what stands around them are made of."""
+"""What a simulated cable, the vehicles that hold it and the things around them are made of."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ class TowingVehicleModel(SettingsTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PasserBy:
-    """A round thing that walks along a line through the area, and stands at both its ends.
+    """A round thing that walks along a line through the area, and rests at both its ends.
 
     Parameters
     ----------

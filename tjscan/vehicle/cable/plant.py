@@ -50,9 +50,9 @@ class CablePlant:
         self._passers_by = [
             int(model.body(f"passer-by {i + 1}").mocapid[0]) for i in range(len(world.passers_by))
         ]
-        self._lay(angles)
+        self._lay_cable(angles)
 
-    def _lay(self, angles: Array) -> None:
+    def _lay_cable(self, angles: Array) -> None:
         headings, points = self.cable.headings(angles), self.cable.points(angles)
         held = np.array(self.cable.held)
         data = self._data
@@ -122,7 +122,7 @@ class CablePlant:
         Raises
         ------
         VehicleFault
-            If the simulation diverges; what it says then is worth nothing.
+            If the simulation diverges; its state is worth nothing then.
         """
         self._data.qfrc_applied[self._dof] = np.ravel(forces)
         mujoco.mj_step(self._model, self._data)

@@ -38,7 +38,7 @@ WALL_HEIGHT: Final = 0.3
 """Of walls and passers-by, metres."""
 
 FLOOR, WALL, PASSER_BY, LINK, VEHICLE = (1 << bit for bit in range(5))
-"""Kinds of things that may touch, as MuJoCo's masks tell them apart."""
+"""Kinds of things that may touch, as MuJoCo's masks distinguish them."""
 
 Geom: Final = mujoco.mjtGeom
 
@@ -89,7 +89,7 @@ def _add_walls(ground: Any, walls: tuple[Array, ...]) -> None:
         corners = np.asarray(polygon, float)
         following = np.roll(corners, -1, axis=0)
         area = 0.5 * np.sum(corners[:, 0] * following[:, 1] - following[:, 0] * corners[:, 1])
-        # The outline's walls stand outside it, those of a pillar inside it.
+        # The outline's walls are outside it, a pillar's walls inside it.
         side = np.sign(area) * (1.0 if which == 0 else -1.0)
         for edge, (start, end) in enumerate(zip(corners, following, strict=True), 1):
             along = end - start

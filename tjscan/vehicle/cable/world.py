@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, frozen_arrays, readonly_copy
 from tjscan.vehicle.cable.drives import OmnidirectionalDrives
 from tjscan.vehicle.cable.model import TowingWorldModel
 from tjscan.vehicle.cable.plant import TIME_STEP, CablePlant
@@ -24,6 +24,7 @@ JAM_REPORT: Final = "wheels: jammed"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
 class TowingTruth:
     """What is true in a simulated world, and no algorithm may see.
 
@@ -78,7 +79,7 @@ class TowingWorld:
     time : float, optional
         What the clock shows at first, seconds.
     settle : float, optional
-        Seconds for which all stand before that, so that the cable lies as friction lets it.
+        Seconds for which all are at rest before that: the cable settles as friction lets it.
     step : float, optional
         Of the plant, seconds.
     """
@@ -104,22 +105,21 @@ class TowingWorld:
         turning += cable.link_mass * cable.link_length**2 / 3
         self._inertia = np.array((mass, mass, turning))
         self._forces = np.zeros((self.vehicles, 3))
+        self._summed, self._most_push = 0, np.zeros(self.vehicles)
         self._commanded = np.zeros((self.vehicles, 3))
         self._braked = np.ones(self.vehicles, dtype=bool)
         self._jammed = np.zeros(self.vehicles, dtype=bool)
         self._pushed = np.zeros((self.vehicles, 3))
         self._push_ends = np.full(self.vehicles, -np.inf)
         self._standing = np.zeros(len(model.passers_by), dtype=bool)
-        # A passer-by walks by a clock of its own, which stops while it is made to stand.
+        # A passer-by walks by a clock of its own, which stops while it is held.
         self._walked = np.full(len(model.passers_by), time)
         self._asked, self._gone, self._began = 0.0, 0, time - settle
         self._place_passers_by()
-        self._summed, self._most_push = 0, np.zeros(self.vehicles)
-        self._touched: set[tuple[str, str]] = set()
-        self._begin_sums()
+        self._reset_sums()
         self.poses_before: deque[tuple[float, Array]] = deque()
         """When, and where the vehicles were, x, y and heading, (n, 3), of the last seconds."""
-        self._remember()
+        self._remember_poses()
         self.advance(settle)
         self._walked[:] = time
 
@@ -145,7 +145,7 @@ class TowingWorld:
         self._asked += period
         while self._asked - self._gone * self.plant.step > self.plant.step / 2:
             self._advance_by_step()
-        self._remember()
+        self._remember_poses()
 
     def state(self, vehicle: int) -> VehicleState:
         """What a vehicle reports of itself now."""
@@ -159,7 +159,7 @@ class TowingWorld:
         )
 
     def stands(self, vehicle: int) -> bool:
-        """Whether a vehicle's wheels are told to rest, and do."""
+        """Whether a vehicle's wheels are commanded to rest, and do."""
         return not self._drives.wanted[vehicle].any()
 
     @property
@@ -183,20 +183,19 @@ class TowingWorld:
             duration = self._summed * plant.step
             gained = self._inertia * (plant.speeds - self._speeds_then) / duration
             self._forces = gained - self._pushes / self._summed
-        most = self._most_push
         truth = TowingTruth(
             self.time,
-            readonly_copy(plant.points[:, :2]),
-            readonly_copy(headings),
-            readonly_copy((np.diff(headings, prepend=first) + np.pi) % (2 * np.pi) - np.pi),
-            readonly_copy(plant.poses),
-            readonly_copy(self._forces),
-            readonly_copy(most),
-            readonly_copy(most / self._drives.grip_force),
-            readonly_copy(self.passers_by),
+            plant.points[:, :2],
+            headings,
+            (np.diff(headings, prepend=first) + np.pi) % (2 * np.pi) - np.pi,
+            plant.poses,
+            self._forces,
+            self._most_push,
+            self._most_push / self._drives.grip_force,
+            self.passers_by,
             tuple(sorted(f"{a} and {b}" for a, b in self._touched | plant.touches)),
         )
-        self._begin_sums()
+        self._reset_sums()
         return truth
 
     # What can go wrong
@@ -215,7 +214,7 @@ class TowingWorld:
         self._push_ends[vehicle] = self.time + PUSH_TIME
 
     def hold_passer_by(self, which: int, stands: bool) -> None:
-        """Let a passer-by stand where it is, or walk on."""
+        """Hold a passer-by at its place, or let it walk on."""
         self._standing[which] = stands
 
     # How it goes on
@@ -235,7 +234,7 @@ class TowingWorld:
         self._gone += 1
         touches = plant.touches
         for which, stands in enumerate(self._standing):
-            # Who walks into something stands there: no floor could hold what he would push.
+            # One that walks into something stops there: no floor could hold what it would push.
             met = any(f"passer-by {which + 1}" in pair for pair in touches)
             self._walked[which] += 0.0 if stands or met else step
         self._place_passers_by()
@@ -245,19 +244,17 @@ class TowingWorld:
         self._touched |= touches
 
     def _place_passers_by(self) -> None:
-        for which, (passer_by, time) in enumerate(
-            zip(self.model.passers_by, self._walked, strict=True)
-        ):
-            self.plant.place_passer_by(which, passer_by.motion_at(time)[0])
+        for which, passer_by in enumerate(self.model.passers_by):
+            self.plant.place_passer_by(which, passer_by.motion_at(self._walked[which])[0])
 
-    def _begin_sums(self) -> None:
+    def _reset_sums(self) -> None:
         self._speeds_then = self.plant.speeds
         self._pushes = np.zeros((self.vehicles, 3))
         self._most_push = np.zeros(self.vehicles)
         self._summed = 0
-        self._touched = set()
+        self._touched: set[tuple[str, str]] = set()
 
-    def _remember(self) -> None:
+    def _remember_poses(self) -> None:
         self.poses_before.append((self.time, readonly_copy(self.plant.poses)))
         while self.poses_before[0][0] < self.time - POSE_HISTORY:
             self.poses_before.popleft()

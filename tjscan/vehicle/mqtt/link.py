@@ -5,17 +5,21 @@ from __future__ import annotations
 import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from queue import Empty, SimpleQueue
 from typing import Any, Final
+from uuid import uuid4
 
 from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage, MQTTMessageInfo
 from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.reasoncodes import ReasonCode
 
+from tjscan.core.devices import EventListener
 from tjscan.core.errors import VehicleLinkLost
-from tjscan.vehicle.mqtt.wire import PresenceMessage
+from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings, MqttSettings
+from tjscan.vehicle.mqtt.wire import REPORTED_COUNTS, BadMessage, PresenceMessage, WireMessage
 
 KEEP_ALIVE: Final = 2
 """Seconds of silence after which a broker asks whether its client is there. It calls the last will
@@ -60,15 +64,15 @@ class BrokerLink:
     prefix : str
         Of all topics.
     presence_topic : str
-        Where this end announces itself, and the broker that it went.
+        Topic on which this end announces itself, and the broker that it went.
     presence : PresenceMessage
         Who this end is.
-    topics : tuple of str
+    topics : collection of str, optional
         To listen to.
-    receive : callable
+    receive : callable, optional
         Takes each message, in a thread of the link's own.
-    changed : callable
-        Takes whether the link stands, each time that changes, in that thread.
+    changed : callable, optional
+        Takes whether the link is up, each time that changes, in that thread.
     """
 
     def __init__(
@@ -79,9 +83,9 @@ class BrokerLink:
         prefix: str,
         presence_topic: str,
         presence: PresenceMessage,
-        topics: tuple[str, ...],
-        receive: Callable[[ReceivedMessage], None],
-        changed: Callable[[bool], None],
+        topics: Collection[str] = (),
+        receive: Callable[[ReceivedMessage], None] = lambda received: None,
+        changed: Callable[[bool], None] = lambda up: None,
     ) -> None:
         self._host, self._port, self._prefix = host, port, prefix
         self._presence_topic, self._presence = presence_topic, presence
@@ -91,7 +95,7 @@ class BrokerLink:
         self._client = self._make_client()
 
     @property
-    def stands(self) -> bool:
+    def is_up(self) -> bool:
         """Whether the broker is connected."""
         return self._up.is_set()
 
@@ -126,8 +130,8 @@ class BrokerLink:
             )
 
     def publish(self, topic: str, payload: bytes) -> None:
-        """Send a message, at most once; it is lost where the link is down."""
-        self._client.publish(self._full(topic), payload, qos=0)
+        """Send a message, at most once; it is lost if the link is down."""
+        self._client.publish(self._full_topic(topic), payload, qos=0)
 
     def drop(self) -> None:
         """Cut the connection as a broken network does, without a farewell, until `connect`."""
@@ -142,8 +146,8 @@ class BrokerLink:
         self._changed(False)
 
     def close(self) -> None:
-        """Say that this end goes, and disconnect."""
-        if self.stands:
+        """Announce that this end goes, and disconnect."""
+        if self.is_up:
             with suppress(RuntimeError, ValueError):  # it broke this very moment
                 self._announce(alive=False).wait_for_publish(FAREWELL_TIMEOUT)
         self._client.disconnect()
@@ -155,21 +159,21 @@ class BrokerLink:
         client.on_connect, client.on_disconnect = self._on_connect, self._on_disconnect
         client.on_message, client.on_socket_open = self._on_message, _send_without_delay
         client.will_set(
-            self._full(self._presence_topic),
+            self._full_topic(self._presence_topic),
             replace(self._presence, alive=False).to_json(),
             qos=1,
             retain=True,
         )
         return client
 
-    def _full(self, topic: str) -> str:
+    def _full_topic(self, topic: str) -> str:
         return f"{self._prefix}/{topic}"
 
     def _announce(self, *, alive: bool) -> MQTTMessageInfo:
         self._number += 1
         message = replace(self._presence, alive=alive, number=self._number, time=time.monotonic())
         return self._client.publish(
-            self._full(self._presence_topic), message.to_json(), qos=1, retain=True
+            self._full_topic(self._presence_topic), message.to_json(), qos=1, retain=True
         )
 
     def _on_connect(
@@ -178,7 +182,7 @@ class BrokerLink:
         if code.is_failure:
             return
         if self._topics:
-            client.subscribe([(self._full(topic), 0) for topic in self._topics])
+            client.subscribe([(self._full_topic(topic), 0) for topic in self._topics])
         self._announce(alive=True)
         self._up.set()
         self._changed(True)
@@ -194,6 +198,85 @@ class BrokerLink:
         self._receive(
             ReceivedMessage(topic, bytes(message.payload), message.retain, time.monotonic())
         )
+
+
+class BrokerClient:
+    """Base of devices behind a broker: their link, their messages, and what they report.
+
+    Simple queues and single assignments share all there is between the threads, no locks: a
+    signal's handler may stop a vehicle whatever it interrupts.
+
+    Parameters
+    ----------
+    settings : MqttSettings or MqttLocalisationSettings
+        The broker, and the device's topics there.
+    presence_topic : str
+        Topic on which this program announces itself to the device.
+    topics : collection of str
+        To listen to.
+    """
+
+    def __init__(
+        self,
+        settings: MqttSettings | MqttLocalisationSettings,
+        presence_topic: str,
+        topics: Collection[str],
+    ) -> None:
+        self._broker, self._presence_topic, self._topics = settings, presence_topic, topics
+        self._listener: EventListener = lambda name, sentence: None
+        self._connected = False
+        self._begin()
+
+    def _begin(self) -> None:
+        """Know nothing of the device yet."""
+        self._events: SimpleQueue[tuple[str, str]] = SimpleQueue()
+        self._session, self._number = uuid4().hex, 0
+        self.dropped = 0
+        """Messages that were dropped since connecting, for they were none or came out of order."""
+        self._link = BrokerLink(
+            self._broker.host,
+            self._broker.port,
+            prefix=self._broker.prefix,
+            presence_topic=self._presence_topic,
+            presence=PresenceMessage.at_start(self._session),
+            topics=self._topics,
+            receive=self._receive,
+            changed=self._link_changed,
+        )
+
+    def report_events_to(self, listener: EventListener) -> None:
+        """Report dropped messages and lost links to a listener, in the thread that calls."""
+        self._listener = listener
+
+    def _deliver_events(self) -> None:
+        with suppress(Empty):
+            while True:
+                self._listener(*self._events.get_nowait())
+
+    def _publish(self, topic: str, kind: type[WireMessage], now: float, **fields: Any) -> None:
+        """Send the next message of this session."""
+        self._number += 1
+        message = kind(session=self._session, number=self._number, time=now, **fields)
+        self._link.publish(topic, message.to_json())
+
+    # What the link's thread does
+
+    def _receive(self, received: ReceivedMessage) -> None:
+        try:
+            self._take_in(received)
+        except BadMessage as error:
+            self._note_dropped(f"on {received.topic}, number {self.dropped + 1}: {error}")
+
+    def _note_dropped(self, sentence: str) -> None:
+        self.dropped += 1
+        if self.dropped in REPORTED_COUNTS:
+            self._events.put(("message-dropped", sentence))
+
+    def _take_in(self, received: ReceivedMessage) -> None:
+        """Take in a message; raises BadMessage if it is none."""
+
+    def _link_changed(self, up: bool) -> None:
+        """Take note that the link broke or is up again."""
 
 
 def _send_without_delay(client: Client, data: Any, sock: Any) -> None:

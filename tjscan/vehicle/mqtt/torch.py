@@ -5,27 +5,19 @@ from __future__ import annotations
 import threading
 import time
 from typing import Self
-from uuid import uuid4
 
 from tjscan.core.errors import DriveFault, VehicleLinkLost
-from tjscan.vehicle.mqtt.link import BrokerLink, ReceivedMessage
+from tjscan.vehicle.mqtt import wire
+from tjscan.vehicle.mqtt.link import BrokerClient, ReceivedMessage
 from tjscan.vehicle.mqtt.settings import MqttSettings
-from tjscan.vehicle.mqtt.torch_wire import (
-    TORCH_COMMANDER_TOPIC,
-    TORCH_STATE_TOPIC,
-    TORCH_TOPIC,
-    TorchMessage,
-    TorchStateMessage,
-)
-from tjscan.vehicle.mqtt.wire import BadMessage, MessageGate, PresenceMessage
 
 
-class MqttTorch:
+class MqttTorch(BrokerClient):
     """Torch axes and an arc over the link of the vehicle that carries them.
 
-    Every call of `move` sends where the torch has to be, and for how long the arc may burn
-    without a further one; so it goes out where this program hangs, and by its last will where it
-    is gone.
+    Every call of `move` sends the place where the torch has to be, and for how long the arc may
+    burn without a further one; so it goes out if this program hangs, and by its last will if it is
+    gone.
 
     Parameters
     ----------
@@ -38,25 +30,14 @@ class MqttTorch:
     def __init__(self, settings: MqttSettings, reach: float) -> None:
         self._settings, self._reach = settings, reach
         self._y = self._z = 0.0
-        self._arc = False
-        self._begin()
+        super().__init__(settings, wire.TORCH_COMMANDER_TOPIC, (wire.TORCH_STATE_TOPIC,))
 
     def _begin(self) -> None:
-        settings = self._settings
-        self._session, self._number = uuid4().hex, 0
-        self._state: TorchStateMessage | None = None
+        self._arc = False
+        self._state: wire.TorchStateMessage | None = None
         self._heard, self._first = time.monotonic(), threading.Event()
-        self._gate = MessageGate()
-        self._link = BrokerLink(
-            settings.host,
-            settings.port,
-            prefix=settings.prefix,
-            presence_topic=TORCH_COMMANDER_TOPIC,
-            presence=PresenceMessage.at_start(self._session),
-            topics=(TORCH_STATE_TOPIC,),
-            receive=self._receive,
-            changed=lambda up: None,
-        )
+        self._gate = wire.MessageGate()
+        super()._begin()
 
     def __enter__(self) -> Self:
         """Connect, and wait for the torch's first state.
@@ -67,13 +48,12 @@ class MqttTorch:
             If there is no broker, or no torch on it.
         """
         self._begin()
-        self._arc = False
         self._link.connect(self._settings.connect_limit)
         if not self._first.wait(self._settings.connect_limit):
             self._link.close()
             raise VehicleLinkLost(
-                f"no torch answers on {self._settings.prefix}/{TORCH_STATE_TOPIC}. Is it switched "
-                'on? A vehicle without one takes torch.driver = "none".'
+                f"no torch answers on {self._settings.prefix}/{wire.TORCH_STATE_TOPIC}. Is it "
+                'switched on? A vehicle without one takes torch.driver = "none".'
             )
         return self
 
@@ -98,7 +78,7 @@ class MqttTorch:
             If it reports a fault.
         """
         self._y, self._z = min(max(y, -self._reach), self._reach), z
-        self._send()
+        self._send_place()
         state = self._state
         if state is None or time.monotonic() - self._heard > self._settings.silence_limit:
             raise VehicleLinkLost(
@@ -112,29 +92,17 @@ class MqttTorch:
     def set_arc(self, *, burning: bool) -> None:
         """Strike the arc, or end it."""
         self._arc = burning
-        self._send()
+        self._send_place()
 
-    def _send(self) -> None:
-        self._number += 1
-        message = TorchMessage(
-            session=self._session,
-            number=self._number,
-            time=time.monotonic(),
-            y=self._y,
-            z=self._z,
-            arc=self._arc,
-            hold=self._settings.dead_man,
-        )
-        self._link.publish(TORCH_TOPIC, message.to_json())
+    def _send_place(self) -> None:
+        place = {"y": self._y, "z": self._z, "arc": self._arc, "hold": self._settings.dead_man}
+        self._publish(wire.TORCH_TOPIC, wire.TorchMessage, time.monotonic(), **place)
 
-    def _receive(self, received: ReceivedMessage) -> None:
-        """Take a state in, in the link's thread; what is none is dropped, and silence shows it."""
+    def _take_in(self, received: ReceivedMessage) -> None:
+        """Take in a state; what is none is dropped, and silence shows it."""
         if received.retained:
             return
-        try:
-            message = TorchStateMessage.from_json(received.payload)
-        except BadMessage:
-            return
+        message = wire.TorchStateMessage.from_json(received.payload)
         if not self._gate.reason_to_drop(message, received.time):
             self._state, self._heard = message, received.time
             self._first.set()

@@ -5,11 +5,11 @@ from __future__ import annotations
 import threading
 import time
 from contextlib import suppress
+from dataclasses import asdict
 from queue import Empty, SimpleQueue
 from typing import Final, Self
-from uuid import uuid4
 
-from tjscan.core.devices import DeviceIdentity, EventListener
+from tjscan.core.devices import DeviceIdentity
 from tjscan.core.errors import (
     ConfigurationError,
     DriveFault,
@@ -18,23 +18,9 @@ from tjscan.core.errors import (
     VehicleStopped,
 )
 from tjscan.core.frames import Array, pose, rot_z
-from tjscan.vehicle.mqtt.link import BrokerLink, ReceivedMessage
-from tjscan.vehicle.mqtt.pose_gate import PoseGate
+from tjscan.vehicle.mqtt import wire
+from tjscan.vehicle.mqtt.link import BrokerClient, ReceivedMessage
 from tjscan.vehicle.mqtt.settings import MqttSettings
-from tjscan.vehicle.mqtt.wire import (
-    COMMAND_TOPIC,
-    COMMANDER_TOPIC,
-    POSE_TOPIC,
-    PRESENCE_TOPIC,
-    REPORTED_COUNTS,
-    STATE_TOPIC,
-    BadMessage,
-    CommandMessage,
-    MessageGate,
-    PoseMessage,
-    PresenceMessage,
-    StateMessage,
-)
 from tjscan.vehicle.vehicle import AT_REST, Twist, VehicleState, check_twist, latest_state
 
 REPEAT_PERIOD: Final = 0.05
@@ -44,7 +30,7 @@ MOST_WAITING: Final = 20
 """States that wait to be read, 0.2 s of them; older ones are dropped then."""
 
 
-class MqttVehicle:
+class MqttVehicle(BrokerClient):
     """A vehicle behind an MQTT broker, behind the `Vehicle` protocol.
 
     A thread sends each command as it comes, and again every 50 ms as long as it is not older
@@ -60,39 +46,21 @@ class MqttVehicle:
     def __init__(self, settings: MqttSettings) -> None:
         self.settings = settings
         self.dead_man = settings.dead_man
-        self.dropped = 0
-        """Messages that were dropped since connecting, for they were none or came out of order."""
-        self._listener: EventListener = lambda name, sentence: None
-        self._connected = self._stopped = False
-        self._begin()
+        self._stopped = False
+        super().__init__(
+            settings, wire.COMMANDER_TOPIC, (wire.PRESENCE_TOPIC, wire.STATE_TOPIC, wire.POSE_TOPIC)
+        )
 
     def _begin(self) -> None:
-        """Know nothing of the vehicle yet.
-
-        Simple queues and single assignments share all there is between the threads, no locks: a
-        signal's handler may stop the vehicle whatever it interrupts.
-        """
-        self._events: SimpleQueue[tuple[str, str]] = SimpleQueue()
         self._states: SimpleQueue[VehicleState | None] = SimpleQueue()
         self._wake: SimpleQueue[bool] = SimpleQueue()
-        self._gate, self._pose_gate = MessageGate(), PoseGate()
+        self._gate, self._pose_gate = wire.MessageGate(), wire.PoseGate()
         self._order: tuple[Twist, float] | None = None
-        self._pose: PoseMessage | None = None
-        self._session, self._number, self.dropped = uuid4().hex, 0, 0
+        self._pose: wire.PoseMessage | None = None
         self._identity = DeviceIdentity()
         self._fault = self._commander = self._lost = ""
         self._heard = time.monotonic()
-        s = self.settings
-        self._link = BrokerLink(
-            s.host,
-            s.port,
-            prefix=s.prefix,
-            presence_topic=COMMANDER_TOPIC,
-            presence=PresenceMessage.at_start(self._session),
-            topics=(PRESENCE_TOPIC, STATE_TOPIC, POSE_TOPIC),
-            receive=self._receive,
-            changed=self._link_changed,
-        )
+        super()._begin()
 
     def __enter__(self) -> Self:
         """Connect, and wait until the vehicle takes this program's commands.
@@ -131,21 +99,15 @@ class MqttVehicle:
         """Which vehicle it is, as it announces itself."""
         return self._identity
 
-    def report_events_to(self, listener: EventListener) -> None:
-        """Report dropped messages and lost links to a listener, in the thread that commands."""
-        self._listener = listener
-
     def command(self, twist: Twist) -> None:
         """Hold a twist until the next command. See `Vehicle.command`."""
         self._deliver_events()
-        self._need_link()
+        self._check_link()
         check_twist(twist)
         if self._fault:
             raise DriveFault(f"the vehicle reports: {self._fault}. Mend it, then start again.")
         if self._commander not in ("", self._session):
-            raise VehicleFault(
-                f"another program commands the vehicle {self.settings.prefix}. End it first."
-            )
+            raise self._commanded_by_another()
         if self._stopped:
             raise VehicleStopped
         self._order = twist, time.monotonic()
@@ -155,7 +117,7 @@ class MqttVehicle:
         """Wait for the next state. See `Vehicle.next_state`."""
         self._deliver_events()
         if not self._connected:
-            self._need_link()
+            self._check_link()
         try:
             waiting = [self._states.get(timeout=self.settings.silence_limit)]
         except Empty:
@@ -199,84 +161,71 @@ class MqttVehicle:
 
     def _send_orders(self) -> None:
         while self._connected:
-            self._send(time.monotonic())
+            self._send_order(time.monotonic())
             try:
                 self._wake.get(timeout=REPEAT_PERIOD)
                 while not self._wake.empty():
                     self._wake.get()
             except Empty:
                 pass
-        self._send(time.monotonic())  # the stop with which it ends
+        self._send_order(time.monotonic())  # the stop with which it ends
 
-    def _send(self, now: float) -> None:
-        order, self._number = self._order, self._number + 1
-        left = 0.0 if order is None else order[1] + self.dead_man - now
-        if self._stopped or order is None or left <= 0:
-            twist, hold = AT_REST, 0.0
-        else:
-            twist, hold = order[0], left
-        message = CommandMessage(
-            session=self._session,
-            number=self._number,
-            time=now,
+    def _send_order(self, now: float) -> None:
+        order, hold = self._order, 0.0
+        if order is not None and not self._stopped:
+            hold = max(order[1] + self.dead_man - now, 0.0)
+        twist = order[0] if order is not None and hold else AT_REST
+        self._publish(
+            wire.COMMAND_TOPIC,
+            wire.CommandMessage,
+            now,
             order="drive" if hold else "stop",
-            speed=twist.speed,
-            turn_rate=twist.turn_rate,
-            sideways=twist.sideways,
+            **asdict(twist),
             hold=hold,
         )
-        self._link.publish(COMMAND_TOPIC, message.to_json())
 
     # What the link's thread does
 
-    def _receive(self, received: ReceivedMessage) -> None:
-        try:
-            if received.topic == PRESENCE_TOPIC:
-                self._receive_presence(PresenceMessage.from_json(received.payload))
-            elif received.retained:
-                raise BadMessage("the broker kept it from before")
-            elif received.topic == STATE_TOPIC:
-                self._receive_state(StateMessage.from_json(received.payload), received.time)
-            elif received.topic == POSE_TOPIC:
-                message = PoseMessage.from_json(received.payload)
-                self._pose_gate.measured(message, received.time)
-                self._pose = message
-        except BadMessage as error:
-            self.dropped += 1
-            if self.dropped in REPORTED_COUNTS:
-                self._events.put(
-                    ("message-dropped", f"on {received.topic}, number {self.dropped}: {error}")
-                )
+    def _take_in(self, received: ReceivedMessage) -> None:
+        if received.topic == wire.PRESENCE_TOPIC:
+            self._receive_presence(wire.PresenceMessage.from_json(received.payload))
+        elif received.retained:
+            raise wire.BadMessage("the broker kept it from before")
+        elif received.topic == wire.STATE_TOPIC:
+            self._receive_state(wire.StateMessage.from_json(received.payload), received.time)
+        elif received.topic == wire.POSE_TOPIC:
+            message = wire.PoseMessage.from_json(received.payload)
+            self._pose_gate.measured(message, received.time)
+            self._pose = message
 
-    def _receive_presence(self, message: PresenceMessage) -> None:
+    def _receive_presence(self, message: wire.PresenceMessage) -> None:
         if not message.alive:
             if message.session == self._gate.session:
-                self._lose("the vehicle's own link to the broker broke")
+                self._note_lost_link("the vehicle's own link to the broker broke")
             return
         if self._gate.session and message.session != self._gate.session:
-            raise BadMessage("another vehicle announced itself, or this one started again")
+            raise wire.BadMessage("another vehicle announced itself, or this one started again")
         self._gate.session = message.session
         self._identity = DeviceIdentity(message.model, message.serial, message.software)
         self._lost = ""
 
-    def _receive_state(self, message: StateMessage, now: float) -> None:
+    def _receive_state(self, message: wire.StateMessage, now: float) -> None:
         if not self._gate.session:
-            raise BadMessage("the vehicle has not announced itself")
-        _let_through(self._gate, message, now)
+            raise wire.BadMessage("the vehicle has not announced itself")
+        if reason := self._gate.reason_to_drop(message, now):
+            raise wire.BadMessage(reason)
         self._heard, self._lost = now, ""
         self._fault, self._commander = message.fault, message.commander
         if self._states.qsize() >= MOST_WAITING:
             self._states.get()
-            self.dropped += 1
-            if self.dropped in REPORTED_COUNTS:
-                self._events.put(("message-dropped", "a state that was not read in time"))
+            self._note_dropped("a state that was not read in time")
         self._states.put(message.state)
 
     def _link_changed(self, up: bool) -> None:
         if not up and self._connected:
-            self._lose("the link to the broker broke")
+            self._note_lost_link("the link to the broker broke")
 
-    def _lose(self, why: str) -> None:
+    def _note_lost_link(self, why: str) -> None:
         self._order, self._lost = None, why
         self._events.put(("link-lost", why))
         self._states.put(None)
@@ -291,15 +240,13 @@ class MqttVehicle:
                 self._states.get(timeout=max(until - time.monotonic(), 0))
             except Empty:
                 if self._commander:
-                    raise VehicleFault(
-                        f"another program commands the vehicle {s.prefix}. End it first."
-                    ) from None
+                    raise self._commanded_by_another() from None
                 raise VehicleLinkLost(
                     f"the broker at {s.host}:{s.port} knows no vehicle {s.prefix} that reports "
                     "states and takes commands. See that it is on, or correct vehicle.mqtt.prefix."
                 ) from None
 
-    def _need_link(self) -> None:
+    def _check_link(self) -> None:
         if not self._connected:
             raise VehicleLinkLost("the vehicle is not connected: use it inside a 'with' block")
         if self._lost or time.monotonic() - self._heard > self.settings.silence_limit:
@@ -314,15 +261,7 @@ class MqttVehicle:
             "again."
         )
 
-    def _deliver_events(self) -> None:
-        while True:
-            try:
-                self._listener(*self._events.get_nowait())
-            except Empty:
-                return
-
-
-def _let_through(gate: MessageGate, message: StateMessage, now: float) -> None:
-    reason = gate.reason_to_drop(message, now)
-    if reason:
-        raise BadMessage(reason)
+    def _commanded_by_another(self) -> VehicleFault:
+        return VehicleFault(
+            f"another program commands the vehicle {self.settings.prefix}. End it first."
+        )

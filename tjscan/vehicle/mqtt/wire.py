@@ -144,13 +144,13 @@ class StateMessage(WireMessage):
     speed, turn_rate, sideways : float
         The twist that the encoders show, m/s and rad/s.
     torques : tuple of float
-        Of the motors, N m; empty where not known.
+        Of the motors, N m; empty if not known.
     proximity : tuple of float or None
         At each of `PROXIMITY_CORNERS`, metres; null if nothing is in reach, empty without a sample.
     fault : str
-        Of the drives; empty where they are well.
+        Of the drives; empty if they are well.
     commander : str
-        Session of the program whose commands it takes; empty where there is none.
+        Session of the program whose commands it takes; empty if there is none.
     """
 
     clock: Seconds
@@ -176,9 +176,7 @@ class StateMessage(WireMessage):
             number=number,
             time=time,
             clock=state.time,
-            speed=state.odometry.speed,
-            turn_rate=state.odometry.turn_rate,
-            sideways=state.odometry.sideways,
+            **asdict(state.odometry),
             torques=state.torques,
             proximity=tuple(d if isfinite(d) else None for d in state.proximity),
             fault=state.fault,
@@ -187,7 +185,7 @@ class StateMessage(WireMessage):
 
     @property
     def state(self) -> VehicleState:
-        """The state that it holds; inf where a sensor sees nothing."""
+        """The state that it holds; inf if a sensor sees nothing."""
         return VehicleState(
             self.clock,
             Twist(self.speed, self.turn_rate, self.sideways),
@@ -199,7 +197,7 @@ class StateMessage(WireMessage):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PresenceMessage(WireMessage):
-    """On ``vehicle`` and ``commander``, retained: who is there; the last will says that he is not.
+    """On ``vehicle`` and ``commander``, retained: who is there, or by the last will, who is gone.
 
     Parameters
     ----------
@@ -216,7 +214,7 @@ class PresenceMessage(WireMessage):
 
     @classmethod
     def at_start(cls, session: str, model: str = "tjscan", serial: str = "") -> Self:
-        """What a sender of this software says first."""
+        """The first message of a sender of this software."""
         return cls(
             session=session,
             number=0,
@@ -230,7 +228,7 @@ class PresenceMessage(WireMessage):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseMessage(WireMessage):
-    """On ``pose``: where the vehicle stands in frame w, as a stand-in or a tracker knows it.
+    """On ``pose``: where the vehicle is in frame w, as a stand-in or a tracker knows it.
 
     Parameters
     ----------
@@ -265,7 +263,7 @@ class PasserByMessage(WireMessage):
 
 
 class MessageGate:
-    """What lets the messages of one topic through: those of one session, in order and in time.
+    """Lets the messages of one session on one topic through, in order and in time.
 
     The clocks of sender and receiver need not agree. How late a message is counts from the
     quickest one so far.
@@ -273,7 +271,7 @@ class MessageGate:
 
     def __init__(self) -> None:
         self.session = ""
-        """Whose messages come through; of the first that comes where it is empty."""
+        """Whose messages come through; of the first that comes if it is empty."""
         self._last: tuple[int, float] | None = None
         self._offset, self._heard = inf, 0.0
 
@@ -282,7 +280,7 @@ class MessageGate:
         self.session, self._last, self._offset = session, None, inf
 
     def reason_to_drop(self, message: WireMessage, now: float) -> str:
-        """Why a message must be dropped, in a sentence; empty where it is let through.
+        """Why a message must be dropped, in a sentence; empty if it is let through.
 
         Parameters
         ----------
@@ -306,3 +304,119 @@ class MessageGate:
         if offset - quickest > MOST_DELAY:
             return f"it came {offset - quickest:.2f} s late"
         return ""
+
+
+TORCH_TOPIC: Final = "torch"
+TORCH_COMMANDER_TOPIC: Final = "torch-commander"
+TORCH_STATE_TOPIC: Final = "torch-state"
+
+Place = Annotated[float, Ge(-10), Le(10)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TorchMessage(WireMessage):
+    """On ``torch``: where the torch has to be, and whether its arc burns.
+
+    Parameters
+    ----------
+    y, z : float
+        To the right of the vehicle's middle, and out of the hull, metres.
+    arc : bool
+        Whether the arc burns.
+    hold : float
+        Seconds from its sending after which the arc has to go out without a further message.
+    """
+
+    y: Place
+    z: Place
+    arc: bool
+    hold: Annotated[float, Ge(0), Le(10)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TorchStateMessage(WireMessage):
+    """On ``torch-state``: where the torch is, some 100 times a second.
+
+    Parameters
+    ----------
+    y, z : float
+        To the right of the vehicle's middle, and out of the hull, metres.
+    arc : bool
+        Whether the arc burns.
+    fault : str
+        Of its axes or its power source; empty if they are well.
+    """
+
+    y: Place
+    z: Place
+    arc: bool
+    fault: Annotated[str, Len(0, 500)] = ""
+
+
+TAKEN_OVER: Final = 0.5
+"""Seconds of silence after which another sender may take over."""
+
+CLOCK_JUMP: Final = 2.0
+"""Seconds: what comes later, or earlier, than this after the quickest has another clock."""
+
+CLOCK_LEARNED: Final = 10
+"""Messages in a row that must agree on another clock before it counts."""
+
+
+class PoseGate:
+    """Lets the poses of one topic through, and dates them on the receiver's clock.
+
+    The clocks of sender and receiver need not agree: the quickest message so far took no time, and
+    how late another is counts from that. Unlike a command, a late pose is worth something, as long
+    as it is known how old it is. A delay that all of them have is not seen.
+    """
+
+    def __init__(self) -> None:
+        self._session, self._number = "", -1
+        self._offset, self._heard, self._given = inf, -inf, -inf
+        self._doubted: tuple[float, int] = (inf, 0)
+
+    def measured(self, message: WireMessage, now: float) -> float:
+        """When it was measured, seconds on the receiver's clock.
+
+        Parameters
+        ----------
+        message : WireMessage
+            What came.
+        now : float
+            When, seconds on the receiver's clock.
+
+        Raises
+        ------
+        BadMessage
+            If it is of another sender, came out of order, or its clock can't be right.
+        """
+        if message.session != self._session:
+            if now - self._heard < TAKEN_OVER:
+                raise BadMessage("it is of another session")
+            self._session, self._number, self._offset = message.session, -1, inf
+        if message.number <= self._number:
+            raise BadMessage(f"number {message.number} came after {self._number}")
+        self._number = message.number
+        offset = now - message.time
+        known = self._offset + CLOCK_DRIFT * (now - self._heard)
+        self._heard = now
+        if (
+            self._offset < inf
+            and abs(offset - known) > CLOCK_JUMP
+            and not self._confirm_other_clock(offset)
+        ):
+            raise BadMessage(f"its clock is {known - offset:+.2f} s off, or it came late")
+        self._offset = offset if abs(offset - known) > CLOCK_JUMP else min(offset, known)
+        self._doubted = (inf, 0)
+        measured = message.time + self._offset
+        if measured <= self._given:
+            raise BadMessage("it was measured before the last one")
+        self._given = measured
+        return measured
+
+    def _confirm_other_clock(self, offset: float) -> bool:
+        """Whether enough messages in a row have this other clock."""
+        before, times = self._doubted
+        self._doubted = (offset, times + 1 if abs(offset - before) < MOST_DELAY else 1)
+        return self._doubted[1] >= CLOCK_LEARNED

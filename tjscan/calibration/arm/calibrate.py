@@ -1,0 +1,422 @@
+"""An arm and the sensor on it calibrated together: the arm's most probable deviations, checked.
+
+They are found from the maker's tolerance and from profiles of targets; others check them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.special import chdtri
+
+from tjscan.calibration.arm.model import ArmModel
+from tjscan.calibration.file import ArmKinematicsEntry
+from tjscan.calibration.result import HandEyeCalibration, SampleResidual
+from tjscan.calibration.solve import refine
+from tjscan.calibration.solve.combined import StackedResiduals
+from tjscan.calibration.targets.consensus import Mask
+from tjscan.core.errors import CalibrationRefused
+from tjscan.core.frames import Array, frozen_arrays, readonly_copy
+from tjscan.robot.settings import PlacementTolerance
+
+MAX_REJECTED_SHARE: Final = 0.1
+"""Of the profiles; with more, it is not single ones that are bad."""
+
+WEIGHTING_ROUNDS: Final = 2
+"""Weights depend on the geometry only weakly."""
+
+MIN_UNDETERMINED_SHARE: Final = 0.8
+"""A deviation counts as undetermined if so much of it is in directions that the profiles show less
+well than the prior does."""
+
+DEVIATION_KINDS: Final = ("length x", "length y", "length z", "twist x", "twist y", "offset")
+"""Of a joint's deviations, in their order."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
+class ArmEstimate(refine.LeastSquaresEstimate):
+    """Deviations, sensor and targets that fit best, with their covariance.
+
+    Parameters
+    ----------
+    deviations : ndarray, shape (joints, 6)
+        Of the joints; metres and radians.
+    """
+
+    deviations: Array
+
+
+def estimate_deviations(
+    model: ArmModel, sigmas: Array, T_f_s: Array, held_out: Mask | None = None
+) -> ArmEstimate:
+    """Estimate deviations, sensor and targets, without the profiles that contradict the others.
+
+    Parameters
+    ----------
+    model : ArmModel
+        The profiles.
+    sigmas : ndarray, shape (joints, 6)
+        Standard deviations of the joints' deviations about zero, as the maker leaves them; all
+        zero for an arm without deviations.
+    T_f_s : ndarray, shape (4, 4)
+        About how the sensor sits.
+    held_out : ndarray of bool, shape (n,), optional
+        Profiles that take no part.
+    """
+    used = np.ones(model.profiles, dtype=bool) if held_out is None else ~held_out
+    offered = int(used.sum())
+    estimate = _solve_for_deviations(model, sigmas, T_f_s, model.start, used)
+    while used.sum() > (1 - MAX_REJECTED_SHARE) * offered:
+        falls, _ = without_each_profile(estimate)
+        worst = int(falls.argmax())
+        count = int(estimate.residuals_per_profile[worst])
+        limit = chdtri(count, refine.FALSE_ALARM_PROBABILITY / offered)
+        if falls[worst] <= estimate.variance_scale * limit:
+            return estimate
+        used = used & (np.arange(len(used)) != worst)
+        estimate = _solve_for_deviations(model, sigmas, estimate.T_f_s, estimate.target, used)
+    return estimate
+
+
+def whitened_jacobian(estimate: ArmEstimate, sigmas: Array) -> Array:
+    """Derivatives of the used residuals over their errors, shape (N, 6 + 6 joints + m).
+
+    By steps of T_f_s, by deviations over their `sigmas`, shape (joints, 6), and by targets.
+    """
+    stacked = estimate.in_use
+    scale = _units_of_parameters(sigmas, len(estimate.target))
+    return refine.whiten(stacked.lower_root, stacked.jacobian * scale)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ScaledArm:
+    """Residuals by deviations over their sigmas and by targets: the prior is a sum of squares."""
+
+    model: ArmModel
+    sigmas: Array
+
+    def first_order(self, T_f_s: Array, parameters: Array) -> tuple[Array, Array]:
+        found = self.linearise(T_f_s, parameters)
+        return found.residuals, found.jacobian
+
+    def linearise(self, T_f_s: Array, parameters: Array) -> StackedResiduals:
+        deviations, target = self.unscaled(parameters)
+        found = self.model.linearise(T_f_s, deviations, target)
+        scale = _units_of_parameters(self.sigmas, len(target))
+        return replace(found, jacobian=found.jacobian * scale)
+
+    def unscaled(self, parameters: Array) -> tuple[Array, Array]:
+        """Deviations, shape (joints, 6), and the targets' parameters."""
+        n = self.sigmas.size
+        deviations = (parameters[:n] * self.sigmas.ravel()).reshape(self.sigmas.shape)
+        return deviations, parameters[n:]
+
+
+def _solve_for_deviations(
+    model: ArmModel, sigmas: Array, T_f_s: Array, target: Array, used: Mask
+) -> ArmEstimate:
+    scaled, prior = _ScaledArm(model, sigmas), np.eye(sigmas.size, sigmas.size + len(target))
+    start = np.concatenate((np.zeros(sigmas.size), target))
+    T_f_s, parameters = refine.solve_reweighted(scaled, T_f_s, start, used, prior, WEIGHTING_ROUNDS)
+    found = scaled.linearise(T_f_s, parameters)
+    J, r = refine.whiten_with_prior(found.of_profiles(used), prior, parameters)
+    scale = _units_of_parameters(sigmas, len(target))
+    deviations, target = scaled.unscaled(parameters)
+    return ArmEstimate(
+        T_f_s,
+        target,
+        refine.covariance_from_information(J.T @ J) * np.outer(scale, scale),
+        float(r @ r),
+        len(r) - J.shape[1],
+        model.linearise(T_f_s, deviations, target),
+        used,
+        deviations,
+    )
+
+
+def without_each_profile(estimate: ArmEstimate) -> tuple[Array, Array]:
+    """By how much the sum of squares would fall without each profile, and T_f_s would move.
+
+    Returns
+    -------
+    falls : ndarray, shape (n,)
+        Chi-square with as many degrees of freedom as the profile has residuals, if it is as good
+        as stated; zero for those that are not in use.
+    steps : ndarray, shape (n, 6)
+        Translation (metres) and rotation (radians) in the axes of f.
+    """
+    stacked = estimate.in_use
+    L = stacked.lower_root
+    J, r = refine.whiten(L, stacked.jacobian), refine.whiten(L, stacked.residuals)
+    gain = estimate.covariance @ J.T
+    left = np.eye(len(J)) - J @ gain
+    falls, steps = np.zeros(len(estimate.used)), np.zeros((len(estimate.used), 6))
+    for i in np.flatnonzero(estimate.used):
+        own = stacked.profile == i
+        predicted = np.linalg.solve(left[np.ix_(own, own)], r[own])
+        falls[i], steps[i] = r[own] @ predicted, gain[:6, own] @ predicted
+    return falls, steps
+
+
+def _units_of_parameters(sigmas: Array, targets: int) -> Array:
+    """What one of each parameter is: T_f_s, deviations over their sigmas, and targets."""
+    return np.concatenate((np.ones(6), sigmas.ravel(), np.ones(targets)))
+
+
+def undetermined_deviations(J: Array, joints: int) -> tuple[str, ...]:
+    """Sentences on deviations that profiles leave as the prior has them, by joint and cause.
+
+    Parameters
+    ----------
+    J : ndarray, shape (N, 6 + 6 joints + m)
+        As `whitened_jacobian` gives it: in units in which the prior of each deviation is one.
+    joints : int
+        Number of joints.
+
+    Notes
+    -----
+    Effects that T_f_s and targets can take over are projected out. Singular values of the rest
+    below one belong to combinations of deviations that the profiles show less well than the prior.
+    """
+    n = 6 * joints
+    free = np.hstack((J[:, :6], J[:, 6 + n :]))
+    Q, _ = np.linalg.qr(free / np.linalg.norm(free, axis=0))
+    own = J[:, 6 : 6 + n]
+    _, singular, rows = np.linalg.svd(own - Q @ (Q.T @ own), full_matrices=True)
+    blind = rows[np.concatenate((singular < 1, np.ones(len(rows) - len(singular), dtype=bool)))]
+    share = (blind**2).sum(axis=0)
+    groups: dict[tuple[int, str], list[str]] = {}
+    for k in map(int, np.flatnonzero(share >= MIN_UNDETERMINED_SHARE)):
+        cause = _most_similar_cause(J, k, joints)
+        groups.setdefault((k // 6 + 1, cause), []).append(DEVIATION_KINDS[k % 6])
+    return tuple(
+        f"joint {joint}: {', '.join(kinds)} can't be told from {cause}: left as the maker states"
+        for (joint, cause), kinds in groups.items()
+    )
+
+
+def _most_similar_cause(J: Array, k: int, joints: int) -> str:
+    """Cause with most of the effect of deviation k."""
+    n = 6 * joints
+    others = np.delete(J, 6 + k, axis=1)
+    # As few and small others as possible: the prior's weight, and next to none without a prior.
+    weight = np.full(others.shape[1], 1e-6)
+    weight[6 : 5 + n] = 1.0
+    scaled = others / np.maximum(
+        np.linalg.norm(others, axis=0) * (weight < 1) + (weight == 1), 1e-300
+    )
+    A = np.concatenate((scaled, np.diag(weight)))
+    x = np.linalg.lstsq(A, np.concatenate((J[:, 6 + k], np.zeros(len(weight)))), rcond=None)[0]
+    joint = np.delete(np.arange(n), k) // 6
+    causes = {"how the sensor sits": slice(6), "where the target is": slice(5 + n, None)} | {
+        f"those of joint {j + 1}": 6 + np.flatnonzero(joint == j) for j in range(joints)
+    }
+    return max(causes, key=lambda name: np.linalg.norm(scaled[:, causes[name]] @ x[causes[name]]))
+
+
+ARM_METHOD: Final = "ball, with the arm's kinematics"
+"""`HandEyeCalibration.method` of a calibration of the arm."""
+
+MIN_PROFILES: Final = 20
+"""Fewer determine less than the maker states; forty are good."""
+
+MIN_HELD_OUT: Final = 3
+"""Fewer check nothing."""
+
+MAX_SIGMA_SCALE: Final = 5.0
+"""Residuals so much larger than stated are not caused by the arm's lengths and zeros."""
+
+MAX_WORSENING_RATIO: Final = 1.3
+"""Times that poses which took no part may be further off than before: of an arm without deviations,
+the RMS of twelve arcs differs by so much now and then."""
+
+
+@dataclass(frozen=True, slots=True)
+class CrossCheck:
+    """Error of the arm's prediction of profiles that took no part, without and with deviations.
+
+    Parameters
+    ----------
+    count : int
+        Profiles.
+    before, after : float
+        RMS distance of the target from its place by the arm's model, and by the calibrated arm,
+        in metres; without deviations, the sensor's pose was found from the same profiles.
+    """
+
+    count: int
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
+class ArmCalibration:
+    """An arm's deviations and the sensor's pose on its flange, found together.
+
+    Parameters
+    ----------
+    estimate : ArmEstimate
+        Deviations, sensor and targets.
+    undetermined : tuple of str
+        Sentences on deviations that are known no better than before.
+    cross_check : CrossCheck
+        With the profiles that took no part.
+    held_out : ndarray of bool, shape (n,)
+        The profiles that took no part.
+    """
+
+    estimate: ArmEstimate
+    undetermined: tuple[str, ...]
+    cross_check: CrossCheck
+    held_out: Mask
+
+    @property
+    def covariance(self) -> Array:
+        """Of T_f_s and the deviations, shape (6 + 6 joints,) squared, widened by `sigma_scale`."""
+        n = 6 + self.estimate.deviations.size
+        return readonly_copy(self.estimate.sigma_scale**2 * self.estimate.covariance[:n, :n])
+
+    @property
+    def by_laser(self) -> Array | None:
+        """By how much T_f_s and the deviations are off with draws of the laser's deviation.
+
+        Shape (6 + 6 joints, m); None if no deviation is stated.
+        """
+        found = refine.estimate_by_laser(self.estimate)
+        return None if found is None else readonly_copy(found[: 6 + self.deviations.size])
+
+    def lines(self, checks: str, target: str) -> list[str]:
+        """Sentences on the check with held-out `checks`, and on undetermined deviations."""
+        check = self.cross_check
+        return [
+            f"{check.count} {checks} that took no part: the {target} {1e3 * check.before:.3f} mm "
+            f"off (RMS) as the arm's model has it, {1e3 * check.after:.3f} mm with what was found",
+            *self.undetermined,
+        ]
+
+    @property
+    def T_f_s(self) -> Array:
+        """The sensor on the flange, shape (4, 4)."""
+        return self.estimate.T_f_s
+
+    @property
+    def deviations(self) -> Array:
+        """Of the joints, shape (joints, 6), metres and radians; see `with_deviations`."""
+        return self.estimate.deviations
+
+
+def calibrate_arm(
+    model: ArmModel, held_out: Mask, tolerance: PlacementTolerance, T_f_s: Array
+) -> ArmCalibration:
+    """Calibrate an arm's deviations and the sensor on it, and check them with other profiles.
+
+    Parameters
+    ----------
+    model : ArmModel
+        Profiles from 40 poses or more, of postures as different as possible.
+    held_out : ndarray of bool, shape (n,)
+        Which of them take no part, and check the result.
+    tolerance : PlacementTolerance
+        Deviations that the maker leaves.
+    T_f_s : ndarray, shape (4, 4)
+        About how the sensor sits.
+
+    Raises
+    ------
+    CalibrationRefused
+        If there are too few profiles, if residuals stay larger than the stated noise explains, or
+        if the profiles that took no part fit worse than before.
+    """
+    count, checking = int((~held_out).sum()), int(held_out.sum())
+    if count < MIN_PROFILES or checking < MIN_HELD_OUT:
+        raise CalibrationRefused(
+            "too few poses",
+            f"{count} show the target, and {checking} to check with; at least {MIN_PROFILES} and "
+            f"{MIN_HELD_OUT} are needed, and forty are good; take more, each in another posture "
+            "of the arm",
+        )
+    prior = np.tile(tolerance.sigmas, (model.joints, 1))
+    plain = estimate_deviations(model, np.zeros_like(prior), T_f_s, held_out)
+    found = estimate_deviations(model, prior, plain.T_f_s, held_out)
+    if found.sigma_scale > MAX_SIGMA_SCALE:
+        raise CalibrationRefused(
+            "residuals that no arm explains",
+            f"they are {found.sigma_scale:.1f} times larger than stated noise allows, with "
+            "deviations of the joints as the maker leaves them; see that target and sensor sit "
+            "tight, that each profile belongs to its joint angles, and that the arm is of the "
+            "model stated",
+        )
+    check = CrossCheck(checking, *(_distance_of_target(one, held_out) for one in (plain, found)))
+    if check.after > MAX_WORSENING_RATIO * check.before:
+        raise CalibrationRefused(
+            "poses that took no part fit worse",
+            f"the target is {1e3 * check.before:.3f} mm RMS off as the arm's model has it, and "
+            f"{1e3 * check.after:.3f} mm with the deviations found; take more poses, in other "
+            "postures",
+        )
+    undetermined = undetermined_deviations(whitened_jacobian(found, prior), model.joints)
+    return ArmCalibration(found, undetermined, check, held_out)
+
+
+def _distance_of_target(estimate: ArmEstimate, held_out: Mask) -> float:
+    """RMS distance of the target in held-out profiles, in metres."""
+    stacked = estimate.stacked
+    lengths = stacked.residuals[stacked.is_length & held_out[stacked.profile]]
+    return float(np.sqrt(lengths @ lengths / held_out.sum()))
+
+
+def as_hand_eye_calibration(
+    found: ArmCalibration, names: Sequence[str], arm_model: str
+) -> HandEyeCalibration:
+    """The result of a calibration of the arm on a ball.
+
+    Parameters
+    ----------
+    found : ArmCalibration
+        The arm and the sensor.
+    names : sequence of str
+        Of all profiles, those held out as well.
+    arm_model : str
+        Name of the arm's kinematics.
+    """
+    estimate, check = found.estimate, astuple(found.cross_check)
+    kinematics = ArmKinematicsEntry.from_si(
+        arm_model, found.deviations, found.covariance, found.undetermined, check
+    )
+    covariance = found.covariance[:6, :6]
+    sigma = np.sqrt(np.diag(covariance))  # the condition counts in units of each one's certainty
+    return HandEyeCalibration(
+        found.T_f_s,
+        found.covariance,
+        ARM_METHOD,
+        _residuals_of_profiles(found, names),
+        float(np.sqrt(np.linalg.cond(covariance / np.outer(sigma, sigma)))),
+        estimate.chi2,
+        estimate.dof,
+        estimate.sigma_scale,
+        centre_b=estimate.target[:3],
+        radius=float(estimate.target[3]),
+        by_laser=found.by_laser,
+        kinematics=kinematics,
+    )
+
+
+def _residuals_of_profiles(
+    found: ArmCalibration, names: Sequence[str]
+) -> tuple[SampleResidual, ...]:
+    stacked, used = found.estimate.stacked, found.estimate.used
+    falls, steps = without_each_profile(found.estimate)
+    residuals = []
+    for i in map(int, np.flatnonzero(~found.held_out)):
+        own = stacked.profile == i
+        off = float(np.linalg.norm(stacked.residuals[own & stacked.is_length]))
+        misfit = np.sqrt(falls[i] / own.sum())
+        residuals.append(
+            SampleResidual.from_changes(names[i], used[i], (off, None), misfit, steps[i])
+        )
+    return tuple(residuals)
