@@ -113,7 +113,7 @@ def groove(
         Print the readings as JSON on stdout.
     """
     with show_phase("reading the groove"):
-        from tjscan.cli.output import groove as output
+        from tjscan.cli.output import results as output
         from tjscan.result.readings import measure_grooves
 
         output.check_plot_path(plot)
@@ -151,7 +151,7 @@ def _read_profiles(file: Path, options: ProfileFileOptions | None) -> FileProfil
     ConfigurationError
         If there are none.
     """
-    from tjscan.cli.output.groove import print_bad_rows
+    from tjscan.cli.output.results import print_bad_rows
     from tjscan.laser.files.format import FileProfiles
     from tjscan.laser.files.read import read_profiles
     from tjscan.result.directory import JOB_FILE
@@ -223,7 +223,7 @@ def compare(
     json
         Print the comparison as JSON on stdout.
     """
-    from tjscan.cli.output.comparison import print_comparison
+    from tjscan.cli.output.results import print_comparison
     from tjscan.comparison.compare import compare_shapes
     from tjscan.comparison.maps import check_map_file, write_map
     from tjscan.comparison.shapes import StatedUnitAndFrame
