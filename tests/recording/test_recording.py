@@ -11,7 +11,7 @@ from mcap.writer import CompressionType, Writer
 from raw_topics import raw_topic
 
 from tjscan.core.errors import ConfigurationError, RecordingError
-from tjscan.recording.header import FORMAT_VERSION, HEADER_RECORD, JobSnapshot
+from tjscan.recording.header import FORMAT_VERSION, JobSnapshot, RecordingHeader
 from tjscan.recording.mcap_records import MAX_RECORD_BYTES
 from tjscan.recording.parts import next_recording_file, recording_files
 from tjscan.recording.reader import read_header, read_job_snapshot, read_messages
@@ -146,7 +146,7 @@ def foreign(file: Path, profile: str, metadata: dict[str, str] | None = None) ->
         writer = Writer(stream, compression=CompressionType.NONE)
         writer.start(profile=profile, library="rosbag2 0.26")
         if metadata is not None:
-            writer.add_metadata(HEADER_RECORD, metadata)
+            writer.add_metadata(RecordingHeader.record_name, metadata)
         writer.finish()
 
 

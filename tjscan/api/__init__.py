@@ -163,8 +163,7 @@ def calibrate(
     elif target == "roof":
         board = UnknownRoof()
     elif touched is not None:
-        flange = poses[:, :3, 3].mean(axis=0)
-        board = fit_plane(touched, model.touch, flange, geometry=model.geometry)
+        board = fit_plane(touched, model.touch, poses[:, :3, 3].mean(0), geometry=model.geometry)
     posed = [
         PosedProfile(f"profile {k}", T, _profile(points))
         for k, (points, T) in enumerate(zip(profiles, poses, strict=True), start=1)

@@ -9,17 +9,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from tjscan.calibration import pose_files
 from tjscan.calibration.arm.calibrate import as_hand_eye_calibration, calibrate_arm
 from tjscan.calibration.arm.model import ArmModel, TargetInPostures
 from tjscan.calibration.file import BasisEntry, views_of_poses
 from tjscan.calibration.hand_eye import calibrate_on_targets
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.plucker import PluckerPlane
-from tjscan.calibration.pose_files import (
-    pair_profiles_with_poses,
-    read_flange_poses,
-    read_points_in_base_frame,
-)
 from tjscan.calibration.recorded_settings import RecordedSettings
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.ball import SeenBall, SphereTarget, fit_circle
@@ -133,9 +129,9 @@ def _read_set(
     read = read_profiles(profiles, form)
     for bad in read.bad:
         leave_out(f"{profiles}: {bad}; left out")
-    found = read_flange_poses(poses)
+    found = pose_files.read_flange_poses(poses)
     report(f"{poses}: {len(found.T_b_f)} poses, read as {found.convention}")
-    return pair_profiles_with_poses(read.profiles, found, poses), found.convention
+    return pose_files.pair_profiles_with_poses(read.profiles, found, poses), found.convention
 
 
 def _target_of_set(
@@ -148,7 +144,7 @@ def _target_of_set(
         return SphereTarget(table.radius)
     flange_b = np.mean([shot.T_b_f[:3, 3] for shot in shots], axis=0)
     if table.touched is not None:
-        points = read_points_in_base_frame(folder / table.touched)
+        points = pose_files.read_points_in_base_frame(folder / table.touched)
         return fit_plane(points, noise.touch, flange_b, geometry=noise.geometry)
     if table.plane is None:
         return None

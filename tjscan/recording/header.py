@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
-from typing import Any, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 from tjscan.core.errors import RecordingError
 from tjscan.core.version import PROGRAM_VERSION
@@ -17,10 +17,6 @@ PROGRAM_NAME: Final = "tjscan"
 
 FORMAT_VERSION: Final = 1
 """Number of the format that is written: one more whenever an older version can't read it."""
-
-HEADER_RECORD: Final = "tjscan.recording"
-JOB_RECORD: Final = "tjscan.origin"
-"""Names of the two metadata records at the head of a recording."""
 
 CHECKSUM_KEY: Final = "sha256"
 """Key of a metadata record: the SHA-256 of all others."""
@@ -39,6 +35,9 @@ class RecordingHeader:
     messages_before : int
         Messages in the earlier parts of the recording.
     """
+
+    record_name: ClassVar[str] = "tjscan.recording"
+    """Name of its metadata record at the head of a recording."""
 
     version: str = PROGRAM_VERSION
     format: int = FORMAT_VERSION
@@ -74,6 +73,9 @@ class JobSnapshot:
     arm : str
         SHA-256 of the arm's URDF; empty if the job names a model instead.
     """
+
+    record_name: ClassVar[str] = "tjscan.origin"
+    """Name of its metadata record at the head of a recording."""
 
     job: str
     joint: str = ""

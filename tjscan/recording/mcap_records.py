@@ -48,7 +48,7 @@ class _CutOff(Exception):
     """The file ends within a record."""
 
 
-_UNREADABLE: Final = (_CutOff, struct.error, ValueError, OverflowError, McapError)
+_RECORD_ERRORS: Final = (_CutOff, struct.error, ValueError, OverflowError, McapError)
 """Errors of a record that is cut off or damaged."""
 
 
@@ -88,7 +88,7 @@ def read_mcap_records(
     while True:
         try:
             length, records = _read_record(stream, place, size)
-        except _UNREADABLE as error:
+        except _RECORD_ERRORS as error:
             whole = _next_chunk(stream, place + 1, size)
             if not (isinstance(error, _CutOff) and whole is None and not finished):
                 reason = "the file ends in it" if isinstance(error, _CutOff) else error
@@ -176,7 +176,7 @@ def _next_chunk(stream: BinaryIO, place: int, size: int) -> int | None:
         block = stream.read(_BLOCK_BYTES + _RECORD_HEAD.size + _CHUNK_HEAD.size)
         for match in _CHUNK_START.finditer(block):
             start = place + match.start()
-            with suppress(*_UNREADABLE):
+            with suppress(*_RECORD_ERRORS):
                 _read_record(stream, start, size)
                 return start
         place += _BLOCK_BYTES

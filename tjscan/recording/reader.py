@@ -14,14 +14,7 @@ from mcap.records import Header as McapHeader
 
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import check_file_size
-from tjscan.recording.header import (
-    FORMAT_VERSION,
-    HEADER_RECORD,
-    JOB_RECORD,
-    PROGRAM_NAME,
-    JobSnapshot,
-    RecordingHeader,
-)
+from tjscan.recording.header import FORMAT_VERSION, PROGRAM_NAME, JobSnapshot, RecordingHeader
 from tjscan.recording.mcap_records import MAX_FILE_BYTES, read_mcap_records
 from tjscan.recording.parts import SCAN_RECORDING, neighbouring_parts, recording_files
 from tjscan.recording.topic import Topic
@@ -259,13 +252,14 @@ def _read_records(
                 if isinstance(record, McapHeader):
                     _check_program(file, record)
                 elif header is None:
-                    if not isinstance(record, Metadata) or record.name != HEADER_RECORD:
+                    name = record.name if isinstance(record, Metadata) else ""
+                    if name != RecordingHeader.record_name:
                         raise ValueError("its head is missing")
                     header = RecordingHeader.from_metadata(record.metadata)
                     _check_format(file, header)
                     yield header
                 elif isinstance(record, Metadata):
-                    if record.name != JOB_RECORD:
+                    if record.name != JobSnapshot.record_name:
                         raise ValueError(f"its head holds {record.name!r}, which no version writes")
                     yield JobSnapshot.from_metadata(record.metadata)
                 yield record

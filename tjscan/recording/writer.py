@@ -12,13 +12,7 @@ from mcap.writer import CompressionType, Writer
 from tjscan.core.errors import RecordingError
 from tjscan.core.files import bring_stream_to_disk
 from tjscan.core.signals import hold_ctrl_c
-from tjscan.recording.header import (
-    HEADER_RECORD,
-    JOB_RECORD,
-    PROGRAM_NAME,
-    JobSnapshot,
-    RecordingHeader,
-)
+from tjscan.recording.header import PROGRAM_NAME, JobSnapshot, RecordingHeader
 from tjscan.recording.parts import neighbouring_parts
 from tjscan.recording.reader import count_messages
 from tjscan.recording.topic import Topic
@@ -126,9 +120,9 @@ class RecordingWriter:
         self._count = 0 if before is None else count_messages(before)
         head = RecordingHeader(messages_before=self._count)
         self._writer.start(profile=PROGRAM_NAME, library=f"{PROGRAM_NAME} {head.version}")
-        self._writer.add_metadata(HEADER_RECORD, head.metadata)
+        self._writer.add_metadata(head.record_name, head.metadata)
         if self._origin is not None:
-            self._writer.add_metadata(JOB_RECORD, self._origin.metadata)
+            self._writer.add_metadata(self._origin.record_name, self._origin.metadata)
         for name, data in self._attachments.items():
             self._writer.add_attachment(0, 0, name, "application/octet-stream", data)
         self._channels: dict[str, int] = {}

@@ -45,12 +45,13 @@ def check_motion(T_b_f: Array, u_b: Array | None, R_f_s: Array | None = None) ->
     _, singular, axes = np.linalg.svd(turns, full_matrices=True)
     spread = singular / np.sqrt(len(turns))
     if spread[0] < MIN_ROTATION:
-        both = "x and y axes" if R_f_s is not None else "axes that lie along the board"
-        whose = "the sensor's" if R_f_s is not None else "the flange's"
+        advised = "the flange's axes that lie along the board"
+        if R_f_s is not None:
+            advised = "the sensor's x and y axes"
         raise CalibrationRefused(
             "only translations",
             f"the poses differ in orientation by {np.degrees(spread[0]):.1f}°; tilt by "
-            f"{ADVISED_TILT_DEG}° or more, both ways, about {whose} {both}",
+            f"{ADVISED_TILT_DEG}° or more, both ways, about {advised}",
         )
     if spread[1] < MIN_ROTATION:
         _refuse_one_axis(axes[0], None if u_b is None else R[0].T @ u_b, R_f_s)

@@ -8,7 +8,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final, Self
 
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
@@ -98,15 +97,13 @@ class ArmPoseTaken:
 CalibrationEntry = StartOrResumeEntry | BoardTouch | LaserLineTaken | SkippedPose | ArmPoseTaken
 
 
-ENTRY_TOPICS: Final[Mapping[type[CalibrationEntry], Topic[Any]]] = MappingProxyType(
-    {
-        StartOrResumeEntry: Topic.of("/begun", StartOrResumeEntry),
-        BoardTouch: Topic.of("/touch", BoardTouch),
-        LaserLineTaken: Topic.of("/line", LaserLineTaken),
-        ArmPoseTaken: Topic.of("/arm_pose", ArmPoseTaken),
-        SkippedPose: Topic.of("/passed_over", SkippedPose),
-    }
-)
+ENTRY_TOPICS: Final[Mapping[type[CalibrationEntry], Topic[Any]]] = {
+    StartOrResumeEntry: Topic.of("/begun", StartOrResumeEntry),
+    BoardTouch: Topic.of("/touch", BoardTouch),
+    LaserLineTaken: Topic.of("/line", LaserLineTaken),
+    ArmPoseTaken: Topic.of("/arm_pose", ArmPoseTaken),
+    SkippedPose: Topic.of("/passed_over", SkippedPose),
+}
 """Topic of each kind of entry; the points of a profile follow on `PROFILE_TOPIC`."""
 
 TOPICS_READ: Final[tuple[Topic[Any], ...]] = (*ENTRY_TOPICS.values(), PROFILE_TOPIC)
