@@ -19,7 +19,7 @@ from tjscan.laser.profile import Profile
 from tjscan.recording.journal import CombinedJournal
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import scan_in_cell
-from tjscan.scanning.progress import plan_is_fulfilled
+from tjscan.scanning.journal import plan_is_fulfilled
 
 JOB: Final = EXAMPLES / "paper.toml"
 SPURIOUS: Final = 0.3

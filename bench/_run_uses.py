@@ -42,7 +42,7 @@ from tjscan.runs.scan.run import resume_scan, run_scan
 from tjscan.runs.tow.report import tow_chapter
 from tjscan.runs.tow.results import FIGURES_FILE, PLANS_FILE, read_recorded_tow, read_tow_figures
 from tjscan.runs.tow.run import TowContext, replay_tow, resume_tow, run_tow
-from tjscan.scanning.progress import StopReason
+from tjscan.scanning.journal import StopReason
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.towing.journal import TOW_RECORDING
 

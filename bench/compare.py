@@ -18,7 +18,7 @@ import numpy as np
 import trimesh
 from _table import Row, main
 
-from tjscan.comparison.surface import MeshDistance
+from tjscan.comparison.distance import MeshDistance
 from tjscan.core.frames import Array
 from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_joint_mesh

@@ -24,7 +24,7 @@ from tjscan.result.summary import ScanSummary
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.results import summarise_scan
 from tjscan.runs.scan.run import scan_in_cell
-from tjscan.scanning.progress import StopReason
+from tjscan.scanning.journal import StopReason
 
 EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"
 JOBS: Final = {"ccw": EXAMPLES / "paper.toml", "cw": EXAMPLES / "paper-clockwise.toml"}

@@ -34,7 +34,7 @@ from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.settings import UrSettings
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import run_scan, scan_in_cell
-from tjscan.scanning.progress import ScanResult
+from tjscan.scanning.journal import ScanResult
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan_loopback.process import UrLoopbackProcess
 from tjscan_loopback.ur.faults import InjectedFault

@@ -27,7 +27,7 @@ from tjscan.recording.journal import CombinedJournal
 from tjscan.result.section import absent_corners
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import scan_in_cell
-from tjscan.scanning.progress import plan_is_fulfilled
+from tjscan.scanning.journal import plan_is_fulfilled
 
 JOB: Final = Path(__file__).resolve().parents[1] / "examples" / "yard-joint.toml"
 WAYS: Final[dict[str, dict[str, Any]]] = {

@@ -18,7 +18,7 @@ from command import tjscan
 
 from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.core.errors import ScanInterrupted
-from tjscan.scanning.progress import StopReason
+from tjscan.scanning.journal import StopReason
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ProfileView
 from tjscan.scanning.stopping import StopRequest

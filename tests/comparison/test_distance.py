@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 
 from tjscan.comparison.alignment import align_icp, nearest_point_finder_in_cloud
 from tjscan.comparison.compare import compare_shapes
-from tjscan.comparison.distance import DistanceStatistics
+from tjscan.comparison.distance import DistanceStatistics, MeshDistance
 from tjscan.comparison.shapes import Mesh, Shape, UnitAndFrame
-from tjscan.comparison.surface import MeshDistance
 from tjscan.core.errors import ComparisonRefused, ConfigurationError
 from tjscan.core.frames import (
     Array,

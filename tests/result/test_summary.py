@@ -10,7 +10,7 @@ from tjscan.core.frames import JointOrBaseFrame
 from tjscan.job.files import read_scan_job
 from tjscan.result.summary import ScanSummary, read_summary, summarise_stations, write_summary
 from tjscan.runs.scan.results import sections_in_result_frame, summarise_scan
-from tjscan.scanning.progress import ScanResult
+from tjscan.scanning.journal import ScanResult
 
 
 @pytest.fixture(scope="module")

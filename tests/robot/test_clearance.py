@@ -23,14 +23,12 @@ from tjscan.robot.collision import SCANNED_GROOVE, CollisionModel, check_ignored
 from tjscan.robot.collision_checked import LARGEST_SWEEP, CollisionCheckedArm
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import interpolate_joints, linear_waypoints
-from tjscan.robot.settings import ClearanceMargins
+from tjscan.robot.settings import Box, Capsule, ClearanceMargins, Cylinder, Solid
 from tjscan.robot.simulated import SimulatedArm
-from tjscan.robot.solids import Box, Capsule, Cylinder, Solid
 from tjscan.robot.urdf import ARM_MODELS
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import check_scan_job, scan_in_cell
-from tjscan.scanning.journal import ScannedSurfaceObstacle, grid_triangles
-from tjscan.scanning.progress import StopReason
+from tjscan.scanning.journal import ScannedSurfaceObstacle, StopReason, grid_triangles
 
 HOME = np.radians([0, -80, 110, -120, -90, 0])
 """Before the arm, the flange looking down."""

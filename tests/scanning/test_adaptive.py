@@ -8,8 +8,8 @@ import pytest
 from cells import scan_example
 from seams import NONE, Noise, Seam, seam
 
+from tjscan.scanning.journal import StopReason, step_lengths
 from tjscan.scanning.plan import TRIED_LENGTHS, AdaptiveStepSettings, adaptive_step_rule
-from tjscan.scanning.progress import StopReason, step_lengths
 from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.smooth import tube_fit_predictor
 

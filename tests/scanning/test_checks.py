@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.errors import SetPointRefused
 from tjscan.core.frames import Array, inverse_pose, pose, rot_x, rotation_angle_between
-from tjscan.scanning.progress import StopReason
+from tjscan.scanning.journal import StopReason
 from tjscan.scanning.retries import LARGEST_SHIFT, NUDGE_TURN, ViewAdjustment
 from tjscan.scanning.section import ScannedSection, SetPoint, StepRequest, Substep
 from tjscan.scanning.sections_before import FARTHEST_STEPS, LARGEST_VIEW_SHIFT, check_set_point

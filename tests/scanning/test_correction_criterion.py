@@ -17,8 +17,8 @@ from tjscan.core.frames import Array, pose
 from tjscan.groove.read import read_groove
 from tjscan.job.files import read_scan_job
 from tjscan.recording.parts import recording_files
+from tjscan.scanning.journal import StopReason
 from tjscan.scanning.plan import CorrectionCriterion, view_deviation, view_deviation_sigmas
-from tjscan.scanning.progress import StopReason
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import SetPoint, Substep
 from tjscan.scanning.target import ScanDirection, correction_target_pose

@@ -8,8 +8,8 @@ import pytest
 from tjscan.core.frames import inverse_pose, pose, rot_z
 from tjscan.groove.section import section_from_points
 from tjscan.laser.profile import Profile
+from tjscan.scanning.journal import StopReason, groove_length, plan_is_fulfilled, reason_to_stop
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.progress import StopReason, groove_length, plan_is_fulfilled, reason_to_stop
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 
 RADIUS = 0.2286

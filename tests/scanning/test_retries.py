@@ -16,9 +16,14 @@ from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import CombinedJournal, RunEvent
 from tjscan.scanning.events import RetryCounts, ScanEvent
-from tjscan.scanning.journal import RecordedScan, ScanResultsJournal
+from tjscan.scanning.journal import (
+    RecordedScan,
+    ScanResult,
+    ScanResultsJournal,
+    StopReason,
+    step_lengths,
+)
 from tjscan.scanning.profile_taker import AGREEING_PROFILES, merge_repeated_profiles
-from tjscan.scanning.progress import ScanResult, StopReason, step_lengths
 from tjscan.scanning.retries import MOST_MISSING
 from tjscan.scanning.section import Substep
 from tjscan.scanning.sections_before import GrooveReader, check_section_orientation

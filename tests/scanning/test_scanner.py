@@ -18,7 +18,7 @@ from cells import (
 
 from tjscan.core.errors import ConfigurationError, PoseUnreachable, StartSeesNoGroove
 from tjscan.core.frames import rotation_angle_between
-from tjscan.scanning.progress import ScanResult, StopReason, step_lengths
+from tjscan.scanning.journal import ScanResult, StopReason, step_lengths
 from tjscan.scanning.section import Substep
 
 EXAMPLES = pytest.mark.parametrize("file", [PAPER, CLOCKWISE], ids=["ccw", "cw"])

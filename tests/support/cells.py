@@ -25,8 +25,8 @@ from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.scan.context import RunContext
+from tjscan.scanning.journal import ScanResult
 from tjscan.scanning.profile_taker import ScanSetup
-from tjscan.scanning.progress import ScanResult
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.section import ProfileView, ScannedSection, SetPointPredictor
 from tjscan.scanning.sections_before import GrooveReader

@@ -194,7 +194,7 @@ def compare(
         ``none``: both are given in one frame. ``joint``: leg and brace are found in both and
         aligned. ``icp``: both are nearly aligned already, iterative closest points does the rest.
     tolerance : float, optional
-        Metres; `Comparison.passed` says whether the 95th percentile is within it.
+        Metres; `Comparison.passed` states whether the 95th percentile is within it.
     units, reference_units : str, optional
         Unit of files that state none.
     frame : str, optional

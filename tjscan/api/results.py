@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, frozen_arrays, readonly_copy
 
@@ -133,6 +132,19 @@ class Recording:
     path : path
         A run directory, or one file of its recording.
 
+    Attributes
+    ----------
+    profiles : tuple of Profile
+        Every profile in the order taken, in frame s, metres.
+    section_numbers : ndarray of int, shape (n,)
+        Number of the section that each profile was taken for.
+    q : ndarray, shape (n, 6)
+        Joint angles of the arm at each profile, radians.
+    T_b_f, T_b_s : ndarray, shape (n, 4, 4)
+        Poses of the flange and of the sensor in the base frame at each profile, metres.
+    times : ndarray, shape (n,)
+        Time of each profile on the clock of the arm, seconds.
+
     Raises
     ------
     ConfigurationError
@@ -145,42 +157,17 @@ class Recording:
         from tjscan.scanning.recording import read_views
 
         self._name = Path(path).resolve().name
-        self._views = tuple(read_views(Path(path)))
+        self._views = views = tuple(read_views(Path(path)))
+        self.profiles: tuple[Profile, ...] = tuple(view.profile for view in views)
+        self.section_numbers = np.array([view.index for view in views], dtype=np.int64)
+        self.section_numbers.setflags(write=False)
+        self.q = readonly_copy([view.q for view in views])
+        self.T_b_f = readonly_copy([view.T_b_f for view in views])
+        self.T_b_s = readonly_copy([view.T_b_s for view in views])
+        self.times = readonly_copy([view.time for view in views])
 
     def __len__(self) -> int:
         return len(self._views)
-
-    @property
-    def profiles(self) -> tuple[Profile, ...]:
-        """Every profile in the order taken, in frame s, metres."""
-        return tuple(view.profile for view in self._views)
-
-    @property
-    def section_numbers(self) -> NDArray[np.int64]:
-        """Number of the section that each profile was taken for, shape (n,)."""
-        numbers = np.array([view.index for view in self._views], dtype=np.int64)
-        numbers.setflags(write=False)
-        return numbers
-
-    @property
-    def q(self) -> Array:
-        """Joint angles of the arm at each profile, shape (n, 6), radians."""
-        return readonly_copy([view.q for view in self._views])
-
-    @property
-    def T_b_f(self) -> Array:
-        """Pose of the flange in the base frame at each profile, shape (n, 4, 4), metres."""
-        return readonly_copy([view.T_b_f for view in self._views])
-
-    @property
-    def T_b_s(self) -> Array:
-        """Pose of the sensor in the base frame at each profile, shape (n, 4, 4), metres."""
-        return readonly_copy([view.T_b_s for view in self._views])
-
-    @property
-    def times(self) -> Array:
-        """Time of each profile on the clock of the arm, shape (n,), seconds."""
-        return readonly_copy([view.time for view in self._views])
 
     def to_pandas(self) -> Any:
         """Table of the profiles as a DataFrame of pandas.

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from tjscan.comparison.distance import distances_to_cloud
+from tjscan.comparison.distance import MeshDistance, distances_to_cloud
 from tjscan.comparison.shapes import Mesh, Shape
-from tjscan.comparison.surface import MeshDistance
 from tjscan.core.errors import ComparisonRefused, TubesNotFound
 from tjscan.core.frames import (
     Array,
@@ -190,7 +189,7 @@ def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
 
 
 def _check_fitness(near: NDArray[np.bool_], when: str, causes: str) -> None:
-    """Refuse points of which too few are near the reference."""
+    """Refuse points if too few are near the reference."""
     if near.mean() < LEAST_FITNESS:
         raise ComparisonRefused(
             f"{100 * near.mean():.0f} % of the points lie within "
@@ -253,10 +252,10 @@ def align_joints(measured: Shape, reference: Shape, surface: MeshDistance | None
     if points is None:
         raise ComparisonRefused(f"{measured.name} holds no points to find its tubes in")
     ours, theirs = _joint_frame_of_shape(measured), _joint_frame_of_shape(reference)
-    _check_sizes(measured, ours, reference, theirs)
+    _check_diameters(measured, ours, reference, theirs)
     T_m, T_r = (np.eye(4) if frame is None else frame.T for frame in (ours, theirs))
     sample = points[:: max(1, len(points) // TURN_SAMPLE)]
-    far = _distances(reference, surface)
+    far = _distance_function(reference, surface)
     turns = [T_r @ pose(rot_z(angle)) @ inverse_pose(T_m) for angle in (0.0, np.pi)]
     off = [np.abs(far(transform_points(T, sample))) for T in turns]
     # Medians: ghosts and flyers must not decide.
@@ -316,7 +315,7 @@ def _points_on_outside(mesh: Mesh) -> Array:
     return np.asarray(points[free])
 
 
-def _check_sizes(
+def _check_diameters(
     measured: Shape, ours: JointFrame | None, reference: Shape, theirs: JointFrame | None
 ) -> None:
     if ours is None or theirs is None:
@@ -330,7 +329,7 @@ def _check_sizes(
             )
 
 
-def _distances(reference: Shape, surface: MeshDistance | None) -> Callable[[Array], Array]:
+def _distance_function(reference: Shape, surface: MeshDistance | None) -> Callable[[Array], Array]:
     """Distances of points from the reference."""
     if surface is not None:
         return surface.signed_distances

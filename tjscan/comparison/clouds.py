@@ -1,4 +1,9 @@
-"""Clouds, meshes and edges from files, as shapes in metres."""
+"""Clouds, meshes and edges from files, as shapes in metres.
+
+Of the Point Cloud Library's PCD format only compressed clouds are left to Open3D, once their header
+has been checked: its readers take the whole process down if a header is damaged, and the one
+without tensors reads binary float64 as something else.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +11,15 @@ import csv
 import re
 import zipfile
 from collections.abc import Callable
+from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
+from math import prod
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 
-from tjscan.comparison.pcd import read_pcd
 from tjscan.comparison.shapes import (
     Mesh,
     Shape,
@@ -39,6 +45,103 @@ from tjscan.joint.edges import ClosedPolyline, FeatureEdges, feature_edges
 from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.laser.files.format import METRES_PER_UNIT
+
+NUMPY_TYPES: Final = {
+    **{f"F{size}": f"<f{size}" for size in (4, 8)},
+    **{f"{kind}{size}": f"<{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)},
+}
+"""NumPy's name of each TYPE and SIZE."""
+
+MOST_HEADER_LINES: Final = 100
+"""Lines."""
+
+BYTES_PER_POINT: Final = 110
+BYTES_PER_COMPRESSED_POINT: Final = 260
+"""Bytes of memory that reading a point takes, beside its own; as measured."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Head:
+    """What a header states: the layout of a point, how many there are, and how they are written."""
+
+    layout: np.dtype[Any]
+    points: int
+    data: str
+
+
+def read_pcd(path: Path) -> Array:
+    """Read the points of a PCD file, shape (n, 3), in the file's unit.
+
+    The header is checked against the size of the file before it is used.
+
+    Raises
+    ------
+    ConfigurationError
+        If it takes too much memory to read.
+    ValueError
+        If it is damaged, or of another kind.
+    """
+    with path.open("rb") as stream:
+        head = _read_head(stream)
+        rest = path.stat().st_size - stream.tell()
+        rate = BYTES_PER_COMPRESSED_POINT if head.data == "binary_compressed" else BYTES_PER_POINT
+        refuse_memory(path, head.points * (rate + head.layout.itemsize))
+        if head.data == "ascii":
+            lines = (line.decode("ascii") for line in stream)
+            columns = [_first_column(head.layout, axis) for axis in "xyz"]
+            return np.loadtxt(lines, usecols=columns, ndmin=2, max_rows=head.points)
+        if head.data == "binary":
+            if head.points * head.layout.itemsize > rest:
+                raise ValueError(f"it ends before its {head.points} points do")
+            data = stream.read(head.points * head.layout.itemsize)
+            table = np.frombuffer(data, head.layout)
+            return np.column_stack([table[axis].astype(float) for axis in "xyz"])
+        compressed, whole = np.frombuffer(stream.read(8), "<u4").tolist()
+        if compressed > rest - 8 or whole != head.points * head.layout.itemsize:
+            raise ValueError("its sizes contradict each other")
+    return _read_compressed(path)
+
+
+def _read_head(stream: BinaryIO) -> _Head:
+    words: dict[str, list[str]] = {}
+    for _ in range(MOST_HEADER_LINES):
+        line = stream.readline(10_000).decode("ascii").split()
+        if line and not line[0].startswith("#"):
+            words[line[0].upper()] = line[1:]
+            if line[0].upper() == "DATA":
+                break
+    try:
+        names, kinds, sizes = words["FIELDS"], words["TYPE"], words["SIZE"]
+        counts = [int(word) for word in words.get("COUNT", ["1"] * len(names))]
+        (points,), (data,) = (int(w) for w in words["POINTS"]), words["DATA"]
+        grid = prod(int(words[key][0]) for key in ("WIDTH", "HEIGHT"))
+        unique = [name if name in "xyz" else f"{name} {i}" for i, name in enumerate(names)]
+        types = [NUMPY_TYPES[kind + size] for kind, size in zip(kinds, sizes, strict=True)]
+        columns = zip(unique, types, counts, strict=True)
+        layout = np.dtype([(n, t) if count == 1 else (n, t, (count,)) for n, t, count in columns])
+    except (KeyError, IndexError) as error:
+        raise ValueError(f"its header lacks {error}, or has it wrong") from None
+    if points != grid or points < 1 or data not in ("ascii", "binary", "binary_compressed"):
+        raise ValueError("its header contradicts itself")
+    if any(axis not in names or layout[axis].shape for axis in "xyz"):
+        raise ValueError("it holds no points x, y, z")
+    return _Head(layout, points, data)
+
+
+def _first_column(layout: np.dtype[Any], axis: str) -> int:
+    """Column of a field in a text, if a field of many numbers takes as many."""
+    names = list(layout.names or ())
+    return sum(prod(layout[name].shape) for name in names[: names.index(axis)])
+
+
+def _read_compressed(path: Path) -> Array:
+    o3d: Any = import_module("open3d")
+    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+        cloud = o3d.t.io.read_point_cloud(str(path), remove_nan_points=False)
+    if "positions" not in cloud.point:
+        raise ValueError("it holds no points")
+    return np.asarray(cloud.point["positions"].numpy(), dtype=float)
+
 
 BYTES_PER_E57_POINT: Final = 120
 """Bytes of memory that reading a point of an E57 takes."""
@@ -140,7 +243,7 @@ def _read_mesh(path: Path) -> FileContent:
 
 
 def _read_ply(path: Path) -> FileContent:
-    """PLY states its unit where this program wrote it, in a comment."""
+    """PLY states its unit if this program wrote it, in a comment."""
     points, triangles, _ = _read_mesh(path)
     for line in read_ply_header(path):
         if line.startswith("comment units: "):
@@ -210,9 +313,8 @@ def _read_csv(path: Path) -> FileContent:
             form = rf"{axis}(?:_[bfstgj])?(?:[_ ]*[\[(]?({unit_words})[\])]?)?"
             found = [(i, match[1]) for i, n in enumerate(names) if (match := re.fullmatch(form, n))]
             if not found:
-                raise ConfigurationError(
-                    f"has no column {axis} (found: {', '.join(names[:12])})", file=path, key=axis
-                )
+                message = f"has no column {axis} (found: {', '.join(names[:12])})"
+                raise ConfigurationError(message, file=path, key=axis)
             places.append(found[0][0])
             units.add(found[0][1])
         if len(units) > 1:
@@ -231,9 +333,8 @@ def _check_triangles(path: Path, points: Array, triangles: Array | Any) -> None:
 
 def _check_package(package: str, what: str, extra: str) -> None:
     if find_spec(package) is None:
-        raise ConfigurationError(
-            f"reading {what} needs the package {package}: pip install 'tjscan[{extra}]'"
-        )
+        message = f"reading {what} needs the package {package}: pip install 'tjscan[{extra}]'"
+        raise ConfigurationError(message)
 
 
 READERS_BY_SUFFIX: Final[dict[str, Callable[[Path], FileContent]]] = {

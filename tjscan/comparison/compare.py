@@ -18,12 +18,12 @@ from tjscan.comparison.alignment import (
 )
 from tjscan.comparison.distance import (
     DeviationDistances,
+    MeshDistance,
     corner_to_edge_distances,
     distances_to_cloud,
     median_point_spacing,
 )
 from tjscan.comparison.shapes import Shape
-from tjscan.comparison.surface import MeshDistance
 from tjscan.core.display import Picture, rows_to_html, to_data_frame
 from tjscan.core.errors import ConfigurationError
 from tjscan.uncertainty.budget import BudgetSummary, aligned_budget, summarise_budget
@@ -93,9 +93,9 @@ class Comparison:
         return Picture(deviation_map_figure(self.measured, self.reference, deviation, tolerance))
 
     def _repr_html_(self) -> str:
-        return rows_to_html(f"{self.measured.name} and {self.reference.name}", self._rows())
+        return rows_to_html(f"{self.measured.name} and {self.reference.name}", self._table_rows())
 
-    def _rows(self) -> Iterator[tuple[str, str]]:
+    def _table_rows(self) -> Iterator[tuple[str, str]]:
         yield "frame", self.reference.stated.frame
         yield "alignment", self.alignment.method
         for d in self.deviations:
@@ -209,9 +209,8 @@ def compare_shapes(
     """
     check_tolerance(tolerance)
     if measured.points is None:
-        raise ConfigurationError(
-            f"{measured.name} holds no points: what is measured is a run directory or a cloud"
-        )
+        message = f"{measured.name} holds no points: what is measured is a run directory or a cloud"
+        raise ConfigurationError(message)
     check_plausible_sizes(measured, reference)
     theirs, ours = reference.stated.frame, measured.stated.frame
     if align == "none" and theirs != ours:
@@ -279,7 +278,7 @@ def check_plausible_sizes(measured: Shape, reference: Shape) -> None:
     ours, theirs = measured.extent, reference.extent
     sizes = "; ".join(
         f"{shape.name} is {shape.extent:.3g} m across in {shape.stated.unit}, "
-        f"as {shape.stated.unit_source} says"
+        f"as {shape.stated.unit_source} states"
         for shape in (measured, reference)
     )
     if not SMALLEST_REFERENCE <= theirs <= LARGEST_REFERENCE:

@@ -86,24 +86,18 @@ class CornerCurves:
         # Nearest of the four parts: brace, bevel, root, leg.
         brace = np.maximum(p[:, 1] - p2[:, 1], 0)
         leg = np.linalg.norm(p - p4, axis=1)
+        # The leg falls or rises off with the azimuth: half of the way out is allowed for.
+        level = np.maximum(np.abs(p[:, 1] - p4[:, 1]) - 0.5 * np.abs(p[:, 0] - p4[:, 0]), 0)
         on_bevel, on_root = np.clip(up, 0, length), -np.clip(out, 0, width)
         s = np.stack((length + brace, on_bevel, on_root, -width - leg))
         apart = (
             np.hypot(p[:, 0] - p2[:, 0], np.minimum(p[:, 1] - p2[:, 1], 0)),
             np.linalg.norm(p - p3 - (on_bevel / length)[:, None] * bevel, axis=1),
             np.linalg.norm(p - p3 + (on_root / width)[:, None] * root, axis=1),
-            self._from_leg(p, p4),
+            np.where(p[:, 0] >= p4[:, 0], level, leg),
         )
         nearest = np.stack(apart).argmin(axis=0)
         return np.asarray(np.take_along_axis(s, nearest[None], axis=0)[0])
-
-    @staticmethod
-    def _from_leg(p: Array, p4: Array) -> Array:
-        """How far points are above or below a leg that goes out level; beside it, from p4."""
-        outside = p[:, 0] >= p4[:, 0]
-        # The leg falls or rises off with the azimuth: half of the way out is allowed for.
-        level = np.maximum(np.abs(p[:, 1] - p4[:, 1]) - 0.5 * np.abs(p[:, 0] - p4[:, 0]), 0)
-        return np.asarray(np.where(outside, level, np.linalg.norm(p - p4, axis=1)))
 
 
 def groove_corner_curves(measured: Shape, reference: Shape) -> CornerCurves | None:

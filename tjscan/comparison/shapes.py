@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.comparison.surface import IndexArray
+from tjscan.comparison.distance import IndexArray
 from tjscan.core.config import validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import read_small_file
@@ -188,9 +188,8 @@ def read_sidecar(file: Path) -> Sidecar:
         raise ConfigurationError("is no sidecar: it holds no table", file=file)
     units, frame, joint = data.get("units"), data.get("frame"), data.get("joint")
     if units is not None and (not isinstance(units, str) or units not in METRES_PER_UNIT):
-        raise ConfigurationError(
-            f"unknown unit {units!r}; one of {', '.join(METRES_PER_UNIT)}", file=file, key="units"
-        )
+        message = f"unknown unit {units!r}; one of {', '.join(METRES_PER_UNIT)}"
+        raise ConfigurationError(message, file=file, key="units")
     if frame is not None and not isinstance(frame, str):
         raise ConfigurationError("a frame is named by a word", file=file, key="frame")
     if joint is None:
@@ -236,22 +235,21 @@ def resolve_unit_and_frame(
     if sidecar is not None and sidecar.units is not None:
         beside = (sidecar.units, f"the sidecar {sidecar.file.name}")
     if own is not None and beside is not None and own[0] != beside[0]:
-        raise ConfigurationError(
-            f"{own[1]} says {own[0]}, {beside[1]} says {beside[0]}", file=file, key="units"
-        )
+        message = f"{own[1]} states {own[0]}, {beside[1]} states {beside[0]}"
+        raise ConfigurationError(message, file=file, key="units")
     asked = None if options.units is None else (options.units, "--units")
     unit = own or beside or asked
     if unit is None:
         raise ConfigurationError(
-            "does not say what its numbers are: --units mm, um or m, or a sidecar "
+            "does not state what its numbers are: --units mm, um or m, or a sidecar "
             f'{file.stem}.json with "units"',
             file=file,
         )
     frame = (sidecar.frame if sidecar is not None else None) or options.frame
     if frame is None:
         raise ConfigurationError(
-            "does not say in which frame it is: --frame NAME (j for the joint's own), or a sidecar "
-            f'{file.stem}.json with "frame"',
+            "does not state in which frame it is: --frame NAME (j for the joint's own), or a "
+            f'sidecar {file.stem}.json with "frame"',
             file=file,
         )
     return UnitAndFrame(*unit, frame)

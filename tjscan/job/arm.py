@@ -15,7 +15,7 @@ from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.robot.collision import CollisionModel, check_ignored_links
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.solids import Solid
+from tjscan.robot.settings import Solid
 
 
 def kinematics_of_job(job: CellJob) -> Kinematics:

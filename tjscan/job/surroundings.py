@@ -18,7 +18,7 @@ from tjscan.core.config import StrictFileModel
 from tjscan.core.frames import Array
 from tjscan.laser.model import LaserModel
 from tjscan.robot import settings as arm_settings
-from tjscan.robot.solids import SolidSettings
+from tjscan.robot.settings import SolidSettings
 from tjscan.scanning.target import ScanDirection
 
 MOST_SOLIDS: Final = MaxLen(300)

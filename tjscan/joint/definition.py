@@ -249,7 +249,7 @@ class FitUpTolerance:
         Also of the root bead's width, if one is laid.
     root_face, depth : float
     high_low : float
-        By which brace or leg may stand out of where they are drawn, or in.
+        By which brace or leg may be further out than drawn, or further in.
     """
 
     groove_angle: float = inf

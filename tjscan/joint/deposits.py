@@ -54,10 +54,10 @@ def tack_solid(definition: JointDefinition, tack: TackWeld, span: Array) -> mani
     foot = s.p4 - 0.5 * (s.land - s.land_inner) + 2 * into_leg
     inner = s.land_inner + up + into_brace
     outline = np.stack((foot, on_leg + into_leg, *face, on_bevel + into_brace, inner), 1)
-    return _swept(cylindrical_to_j(phi[:, None], outline[..., 0], outline[..., 1]))
+    return _solid_through_outlines(cylindrical_to_j(phi[:, None], outline[..., 0], outline[..., 1]))
 
 
-def _swept(outline: Array) -> manifold3d.Manifold:
+def _solid_through_outlines(outline: Array) -> manifold3d.Manifold:
     """The solid between sections, shape (n, m, 3), closed at both ends by fans."""
     n, m = outline.shape[:2]
     index = np.arange(n * m).reshape(n, m)
@@ -90,13 +90,9 @@ def seam_cap_solid(definition: JointDefinition, seam: SeamWeldCap) -> manifold3d
     section = manifold3d.CrossSection([np.array(ring + back[::-1])], manifold3d.FillRule.NonZero)
     length = definition.leg_length
     prism = manifold3d.Manifold.extrude(section, length).translate((0, 0, -length / 2))
-    return prism.transform(leg_axes_matrix(definition))
-
-
-def leg_axes_matrix(definition: JointDefinition) -> Array:
-    """Matrix of the leg's frame: up, y and the leg's axis as columns, no shift, shape (3, 4)."""
     up = (-np.cos(definition.angle), 0.0, np.sin(definition.angle))
-    return np.column_stack((up, (0.0, 1.0, 0.0), definition.leg_surface.axis, np.zeros(3)))
+    axis = definition.leg_surface.axis
+    return prism.transform(np.column_stack((up, (0.0, 1.0, 0.0), axis, np.zeros(3))))
 
 
 def _leg_radius(definition: JointDefinition, clock: Array) -> Array:

@@ -96,9 +96,8 @@ def groove_sections(definition: JointDefinition, phi: ArrayLike) -> JointGrooveS
         # tangent at the apex, so it is about square to the bisector of the groove.
         to_leg = _unit_slope(leg, phi, apex[:, 0]) - bevel
     p4 = leg.ray_intersections(phi, p3, to_leg)
-    return JointGrooveSections(
-        phi, dihedral, groove_angle, bevel, land_inner, land, apex, p2, p3, p4
-    )
+    angles = (phi, dihedral, groove_angle)
+    return JointGrooveSections(*angles, bevel, land_inner, land, apex, p2, p3, p4)
 
 
 def bevel_direction(gapped: LegSurface, phi: Array, rho: Array, groove_angle: Array) -> Array:
@@ -125,7 +124,7 @@ def bevel_direction(gapped: LegSurface, phi: Array, rho: Array, groove_angle: Ar
     sideways = np.sum(up * around, axis=1) / np.sum(tangent * around, axis=1)
     in_half_plane = up - sideways[:, None] * tangent
     rho_part = np.sum(in_half_plane * radial_direction(phi), axis=1)
-    return _unit(np.column_stack((rho_part, in_half_plane[:, 2])))
+    return _unit_rows(np.column_stack((rho_part, in_half_plane[:, 2])))
 
 
 def leg_normal_rz(leg: LegSurface, phi: Array, rho: Array) -> Array:
@@ -158,10 +157,10 @@ def _points_rz(leg: LegSurface, phi: Array, rho: Array) -> Array:
 
 def _unit_slope(leg: LegSurface, phi: Array, rho: Array) -> Array:
     """Unit vectors along the leg in the radial half-planes, away from the brace, (n, 2)."""
-    return _unit(np.column_stack((np.ones_like(phi), leg.slope(phi, rho))))
+    return _unit_rows(np.column_stack((np.ones_like(phi), leg.slope(phi, rho))))
 
 
-def _unit(v: Array) -> Array:
+def _unit_rows(v: Array) -> Array:
     return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))
 
 

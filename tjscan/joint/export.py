@@ -56,8 +56,8 @@ class JointSidecar(StrictFileModel):
             chord_error_mm=round(MM_PER_METRE * largest_chord_error(definition), 6),
             edge_points=len(edges.phi),
             intersection_length_mm=round(MM_PER_METRE * length, 3),
-            dihedral_deg=_span(np.rad2deg(sections.dihedral)),
-            root_width_mm=_span(MM_PER_METRE * sections.root_width),
+            dihedral_deg=_least_and_largest(np.rad2deg(sections.dihedral)),
+            root_width_mm=_least_and_largest(MM_PER_METRE * sections.root_width),
         )
 
 
@@ -101,5 +101,5 @@ def _write_edges(file: Path, edges: FeatureEdges) -> None:
             writer.writerows((name, *(f"{value:.4f}" for value in row)) for row in rows)
 
 
-def _span(values: Array) -> tuple[float, float]:
+def _least_and_largest(values: Array) -> tuple[float, float]:
     return round(float(values.min()), 3), round(float(values.max()), 3)

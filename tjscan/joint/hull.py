@@ -94,7 +94,7 @@ class HullJoint(SettingsTable):
         Along the joint, in metres.
     radius : float or None
         Of the joint's line in the hull's surface, in metres, positive where it bends to the
-        right of who goes along it; None where it is straight.
+        right of who goes along it; None if it is straight.
     tacks : tuple of HullTack
     beads : tuple of WeldBead
         What pass 1, 2 … lays down.
@@ -246,9 +246,9 @@ def hull_section(joint: HullJoint, along: float, passes: int = 0) -> Array:
         Across and height, in metres, from left to right; not to be written to.
     """
     along = round(along, MILLIMETRE_DIGITS)
-    tack = max((_tack_height(tack, along) for tack in joint.tacks), default=0.0)
+    rises = (min(t.height, t.length / 2 - abs(along - t.at)) for t in joint.tacks)
     ripples = tuple(joint.ripple * _ripple(along, k) for k in range(len(joint.beads[:passes])))
-    return _section_with_welds(joint, max(tack, 0.0), ripples)
+    return _section_with_welds(joint, max((0.0, *rises)), ripples)
 
 
 @lru_cache(maxsize=256)
@@ -308,14 +308,8 @@ def _with_bead(joint: HullJoint, section: Array, bead: WeldBead, ripple: float) 
     return np.vstack((rest[:k], np.column_stack((nodes, height)), rest[k:]))
 
 
-def _tack_height(tack: HullTack, along: float) -> float:
-    """Height of a tack at a place; its ends slope down at 45 degrees."""
-    return min(tack.height, tack.length / 2 - abs(along - tack.at))
-
-
 def _ripple(along: float, k: int) -> float:
     """Ripple along bead k at a place, of standard deviation one."""
-    waves = (
-        sin(2 * pi * along / length + 2.4 * k + i) for i, length in enumerate(RIPPLE_WAVELENGTHS)
-    )
-    return sum(waves) * sqrt(2 / len(RIPPLE_WAVELENGTHS))
+    lengths = RIPPLE_WAVELENGTHS
+    waves = (sin(2 * pi * along / length + 2.4 * k + i) for i, length in enumerate(lengths))
+    return sum(waves) * sqrt(2 / len(lengths))

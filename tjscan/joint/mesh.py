@@ -61,20 +61,23 @@ def build_joint_mesh(definition: JointDefinition) -> TriangleMesh:
     ConfigurationError
         If the parts don't join into one solid.
     """
-    solid = _leg_tube(definition) + _brace_and_bead(definition)
+    d = definition
+    outer = _leg_rod(d, d.leg_radius, d.leg_length, MOST_CHORD_ERROR)
+    bore = _leg_rod(d, d.leg_radius - d.leg_wall, 1.1 * d.leg_length, MOST_BORE_CHORD_ERROR)
+    solid = outer - bore + _brace_and_bead(definition)
     built = definition.imperfections
     spans = tack_spans(definition)
     added = [tack_solid(definition, t, span) for t, span in zip(built.tacks, spans, strict=True)]
-    solid = _together(solid, added + [seam_cap_solid(definition, seam) for seam in built.seams])
+    solid = _union(solid, added + [seam_cap_solid(definition, seam) for seam in built.seams])
     # Each tack across an open root joins two rings again.
     genus = 1 + len(built.tacks) * built.root.is_open
     if solid.status() != manifold3d.Error.NoError or solid.genus() != genus:
         raise ConfigurationError(f"{definition.name} does not join into one solid", key="brace")
-    mesh = _together(solid, spatter_solids(definition)).to_mesh64()
+    mesh = _union(solid, spatter_solids(definition)).to_mesh64()
     return TriangleMesh(mesh.vert_properties[:, :3], mesh.tri_verts.astype(np.int32))
 
 
-def _together(solid: manifold3d.Manifold, parts: list[manifold3d.Manifold]) -> manifold3d.Manifold:
+def _union(solid: manifold3d.Manifold, parts: list[manifold3d.Manifold]) -> manifold3d.Manifold:
     """The union of a solid with others."""
     if not parts:
         return solid
@@ -89,8 +92,8 @@ def brace_vertex_azimuths(definition: JointDefinition) -> Array:
     """
     phi = np.linspace(0, 2 * np.pi, FEWEST_AZIMUTHS, endpoint=False)
     while True:
-        middle = _middle(phi)
-        coarse = _errors(definition, phi, middle) > MOST_CHORD_ERROR
+        middle = _between(phi)
+        coarse = _chord_errors(definition, phi, middle) > MOST_CHORD_ERROR
         if not coarse.any():
             return phi
         phi = np.sort(np.concatenate((phi, middle[coarse])))
@@ -99,22 +102,24 @@ def brace_vertex_azimuths(definition: JointDefinition) -> Array:
 def largest_chord_error(definition: JointDefinition) -> float:
     """Largest distance in metres of the mesh near the groove from the true surfaces."""
     phi = brace_vertex_azimuths(definition)
-    radius, segments = definition.leg_radius, _segments(definition.leg_radius, MOST_CHORD_ERROR)
+    radius, segments = (definition.leg_radius, _segments(definition.leg_radius, MOST_CHORD_ERROR))
     leg = float(radius * (1 - np.cos(np.pi / segments)))
-    return max(leg, float(_errors(definition, phi, _middle(phi)).max()))
+    return max(leg, float(_chord_errors(definition, phi, _between(phi)).max()))
 
 
-def _middle(phi: Array) -> Array:
+def _between(phi: Array) -> Array:
     """Azimuths halfway to the next ones, the last one's being the first."""
     return np.asarray(phi + np.diff(phi, append=phi[0] + 2 * np.pi) / 2)
 
 
-def _errors(definition: JointDefinition, phi: Array, middle: Array) -> Array:
+def _chord_errors(definition: JointDefinition, phi: Array, middle: Array) -> Array:
     """How far triangles leave bead and bevel between azimuths and the next ones, shape (n,)."""
-    groove = slice(_first_of_groove(definition), -1)
-    at = _outline(definition, phi)[:, groove]
+    # From the corner of `_outline` at which the groove begins: the bead's foot, or an open root's
+    # land.
+    groove = slice(2 if definition.imperfections.root.is_open else 3, -1)
+    at = _outlines(definition, phi)[:, groove]
     after = np.roll(at, -1, axis=0)
-    truth = _outline(definition, middle)[:, groove]
+    truth = _outlines(definition, middle)[:, groove]
     # An edge: only what is square to it counts, along it a chord may run ahead.
     chord, along = (at + after) / 2 - truth, after - at
     along /= np.linalg.norm(along, axis=2, keepdims=True)
@@ -127,13 +132,7 @@ def _errors(definition: JointDefinition, phi: Array, middle: Array) -> Array:
     return np.asarray(np.maximum(edges.max(axis=1), faces.max(axis=1)))
 
 
-def _leg_tube(d: JointDefinition) -> manifold3d.Manifold:
-    outer = _rod(d, d.leg_radius, d.leg_length, MOST_CHORD_ERROR)
-    bore = _rod(d, d.leg_radius - d.leg_wall, 1.1 * d.leg_length, MOST_BORE_CHORD_ERROR)
-    return outer - bore
-
-
-def _rod(d: JointDefinition, radius: float, length: float, error: float) -> manifold3d.Manifold:
+def _leg_rod(d: JointDefinition, radius: float, length: float, error: float) -> manifold3d.Manifold:
     """A prism about the leg's axis; that of a round leg has the middle of a face on top."""
     segments = _segments(radius, error)
     across = np.array((-np.cos(d.angle), 0.0, np.sin(d.angle)))
@@ -155,7 +154,7 @@ def _segments(radius: float, error: float) -> int:
 
 def _brace_and_bead(definition: JointDefinition) -> manifold3d.Manifold:
     """The ring that the section of both sweeps round the brace's axis."""
-    outline = _outline(definition, brace_vertex_azimuths(definition))
+    outline = _outlines(definition, brace_vertex_azimuths(definition))
     n, sides = outline.shape[:2]
     index = np.arange(n * sides).reshape(n, sides)
     a, b = index, np.roll(index, -1, axis=0)
@@ -165,7 +164,7 @@ def _brace_and_bead(definition: JointDefinition) -> manifold3d.Manifold:
     return manifold3d.Manifold(mesh)
 
 
-def _outline(definition: JointDefinition, phi: Array) -> Array:
+def _outlines(definition: JointDefinition, phi: Array) -> Array:
     """Corners of the section of brace and bead at azimuths, (n, m, 3), in frame j.
 
     They run down the bore, along the root and up bead, bevel and outer wall.
@@ -176,20 +175,15 @@ def _outline(definition: JointDefinition, phi: Array) -> Array:
     corners = (
         np.column_stack((wall - definition.brace_wall, top)),
         sections.land_inner,
-        *_bead(definition, sections),
-        *_bevel(definition, sections),
+        *_bead_corners(definition, sections),
+        *_bevel_corners(definition, sections),
         np.column_stack((wall, top)),
     )
     rho, z = np.stack(corners, axis=-1).swapaxes(0, 1)
     return cylindrical_to_j(phi[:, None], rho, z)
 
 
-def _first_of_groove(definition: JointDefinition) -> int:
-    """The corner of `_outline` where the groove begins: the bead's foot, or an open root's land."""
-    return 2 if definition.imperfections.root.is_open else 3
-
-
-def _bead(definition: JointDefinition, s: JointGrooveSections) -> list[Array]:
+def _bead_corners(definition: JointDefinition, s: JointGrooveSections) -> list[Array]:
     """The root bead from behind the land to below p3; nothing if the root is open."""
     root = definition.imperfections.root
     if root.is_open:
@@ -202,13 +196,13 @@ def _bead(definition: JointDefinition, s: JointGrooveSections) -> list[Array]:
         chord = s.p3 - s.p4
         outward = chord[:, ::-1] * (1, -1) / s.root_width[:, None]
         face = s.p4 + share * chord + 4 * share * (1 - share) * height * outward
-    foot_outer, foot_inner = _feet(definition, s, face[1])
+    foot_outer, foot_inner = _bead_feet(definition, s, face[1])
     if len(face) == 2:
         return [foot_inner, *np.linspace(foot_outer, s.p3, BEAD_STRIPS, endpoint=False)]
     return [foot_inner, foot_outer, *face[1:-1]]
 
 
-def _bevel(definition: JointDefinition, s: JointGrooveSections) -> Array:
+def _bevel_corners(definition: JointDefinition, s: JointGrooveSections) -> Array:
     """Points up the bevel from p3 to p2, (k, n, 2)."""
     cut = definition.imperfections.bevel
     share = np.linspace(0, 1, BEVEL_STRIPS + 1)[:, None, None]
@@ -223,7 +217,7 @@ def _bevel(definition: JointDefinition, s: JointGrooveSections) -> Array:
     return np.asarray(s.p3 + share * along + height * knee * outward)
 
 
-def _feet(d: JointDefinition, s: JointGrooveSections, above: Array) -> tuple[Array, Array]:
+def _bead_feet(d: JointDefinition, s: JointGrooveSections, above: Array) -> tuple[Array, Array]:
     """Where the bead's face, from a point above p4, and its back end inside the leg, each (n, 2).
 
     Both cross the leg's surface at a good angle, so the union's edge there is sharp and lies on

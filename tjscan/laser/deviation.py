@@ -139,7 +139,11 @@ class Distortion:
             np.array((0.0, 0.5 * (model.near + model.far))),
             np.array((width, 0.5 * (model.far - model.near))),
         )
-        largest = np.abs(field._errors(*_window(model))).max()
+        z = np.linspace(model.near, model.far, SAMPLE_COUNT)
+        slopes = np.linspace(-1, 1, SAMPLE_COUNT)[:, None]
+        x = slopes * (z - model.emitter_z) * np.tan(model.half_angle)
+        errors = field._errors(x.ravel(), np.broadcast_to(z, x.shape).ravel())
+        largest = np.abs(errors).max()
         return cls(model.linearity / largest * field.coefficients, field.middle, field.half)
 
     def distort(self, x_s: Array, z_s: Array) -> tuple[Array, Array]:
@@ -150,9 +154,3 @@ class Distortion:
     def _errors(self, x_s: Array, z_s: Array) -> Array:
         u, v = (x_s - self.middle[0]) / self.half[0], (z_s - self.middle[1]) / self.half[1]
         return np.array([legval2d(u, v, c) for c in self.coefficients])
-
-
-def _window(model: LaserModel) -> tuple[Array, Array]:
-    z = np.linspace(model.near, model.far, SAMPLE_COUNT)
-    x = np.linspace(-1, 1, SAMPLE_COUNT)[:, None] * (z - model.emitter_z) * np.tan(model.half_angle)
-    return x.ravel(), np.broadcast_to(z, x.shape).ravel()

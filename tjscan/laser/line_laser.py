@@ -35,7 +35,7 @@ class LaserDescription:
     near, far : float
         Limits of z in frame s that it can state, in metres.
     advice : str
-        What would be better, in a sentence; empty where nothing would.
+        What would be better, in a sentence; empty if nothing would.
     """
 
     link: str

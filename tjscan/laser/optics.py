@@ -102,7 +102,7 @@ class RaycastSurface:
             In frame j; directions of length one.
         """
         o = origins - self._centre
-        answer = self._scene.cast_rays(_rays(o, directions), nthreads=1)
+        answer = self._scene.cast_rays(_ray_tensor(o, directions), nthreads=1)
         distance = answer["t_hit"].numpy().astype(np.float64)
         hit = np.isfinite(distance)
         face = np.where(hit, answer["primitive_ids"].numpy(), 0).astype(np.intp)
@@ -124,7 +124,7 @@ class RaycastSurface:
         """
         start = points + RAY_START_OFFSET * normals
         way = eye - start
-        rays = _rays(start - self._centre, way)
+        rays = _ray_tensor(start - self._centre, way)
         taken = self._scene.test_occlusions(rays, tnear=0.0, tfar=1.0, nthreads=1)
         behind = np.einsum("ij,ij->i", way, normals) <= 0
         return np.asarray(taken.numpy() | behind)
@@ -237,7 +237,7 @@ def _in_range(distance: Array, directions_s: Array, model: LaserModel) -> NDArra
     return np.asarray((z >= model.near) & (z <= model.far))
 
 
-def _rays(origins: Array, directions: Array) -> o3d.core.Tensor:
+def _ray_tensor(origins: Array, directions: Array) -> o3d.core.Tensor:
     """Rays in the layout and precision that Embree takes."""
     rays = np.empty((len(directions), 6), dtype=np.float32)
     rays[:, :3], rays[:, 3:] = origins, directions

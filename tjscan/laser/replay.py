@@ -89,9 +89,8 @@ class RecordedPoses:
             try:
                 self._at = self._find(T_b_f, self._at + 1)
             except ViewNotRecorded as error:
-                raise LaserFault(
-                    f"the recording holds no further profile from there: {error.reason}"
-                ) from None
+                message = f"the recording holds no further profile from there: {error.reason}"
+                raise LaserFault(message) from None
         self._taken = True
         return self._at
 

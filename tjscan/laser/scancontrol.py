@@ -8,11 +8,9 @@ Supplement B" to the scanCONTROL 2600, revision 1.57 (2014). Numbers are big-end
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from struct import unpack
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal, get_args
 
 import numpy as np
 
@@ -36,9 +34,7 @@ GREATEST_RAW: Final = 65_535
 
 Field = Literal["z", "x", "threshold", "intensity", "width", "moment0", "moment1"]
 
-FIELD_WORDS: Final[Mapping[str, int]] = MappingProxyType(
-    {"z": 1, "x": 1, "threshold": 1, "intensity": 1, "width": 1, "moment0": 2, "moment1": 2}
-)
+FIELD_WORDS: Final = dict.fromkeys(get_args(Field), 1) | {"moment0": 2, "moment1": 2}
 """Fields of a container in their order, and how many numbers of 16 bits each takes for a point."""
 
 
@@ -58,14 +54,12 @@ class ScanControlScale:
     offset: float
 
 
-MODEL_SCALES: Final[Mapping[str, ScanControlScale]] = MappingProxyType(
-    {
-        "2600-10": ScanControlScale(0.5e-6, 0.055),
-        "2600-25": ScanControlScale(1e-6, 0.065),
-        "2600-50": ScanControlScale(2e-6, 0.095),
-        "2600-100": ScanControlScale(5e-6, 0.250),
-    }
-)
+MODEL_SCALES: Final = {
+    "2600-10": ScanControlScale(0.5e-6, 0.055),
+    "2600-25": ScanControlScale(1e-6, 0.065),
+    "2600-50": ScanControlScale(2e-6, 0.095),
+    "2600-100": ScanControlScale(5e-6, 0.250),
+}
 """Of the models that the specification lists."""
 
 

@@ -13,7 +13,7 @@ from tjscan.core.frames import Array
 from tjscan.live.colours import ARM_COLOUR, SOLID_COLOUR, TOOL_COLOUR, Colour, ColourScale
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Placement, Posture, Surface
 from tjscan.live.step import Setting
-from tjscan.robot.solids import Solid
+from tjscan.robot.settings import Solid
 from tjscan.robot.visuals import link_bodies, solid_mesh
 
 POINT_SIZE: Final = 0.0016

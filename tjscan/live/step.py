@@ -15,7 +15,7 @@ from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
 from tjscan.live.drawables import Drawable, Lines, Surface
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.solids import Solid
+from tjscan.robot.settings import Solid
 
 STATE_FACT: Final = "state"
 """The fact that shows what the run is doing, or asks."""

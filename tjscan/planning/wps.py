@@ -19,7 +19,7 @@ from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.frames import Array
 from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, MM2, FileUnit, PoseSettings
 from tjscan.core.units import SettingsTable as Table
-from tjscan.robot.solids import SolidSettings
+from tjscan.robot.settings import SolidSettings
 
 MM_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
 M_MIN: Final = FileUnit("m_min", 1 / 60)

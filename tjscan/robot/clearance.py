@@ -90,7 +90,7 @@ class ClearPathPlanner:
         """Joint angles after a move in joint space, which must keep clear.
 
         Near a singularity such a move is harmless; only its end is kept from one. It ends in
-        the configuration nearest to `near`, shape (n,), or to `q` where that is left out.
+        the configuration nearest to `near`, shape (n,), or to `q` if that is left out.
         Other parameters and errors are as in `joint_angles_after_linear_move`.
         """
         goal = self.kinematics.inverse(T_b_f, near=q if near is None else near)
@@ -109,7 +109,7 @@ class ClearPathPlanner:
         """
         if self.kinematics.smallest_singular_value(goal) < self.margins.singular:
             return False
-        walk = _Walk(self._model, np.array([q, goal]))
+        walk = _DistancesOnPath(self._model, np.array([q, goal]))
         return self._first_too_near(walk)[1] is None
 
     def _check_singular(self, path: Array, T_b_f: Array) -> None:
@@ -127,7 +127,7 @@ class ClearPathPlanner:
             )
 
     def _check_clear(self, path: Array, T_b_f: Array) -> None:
-        walk = _Walk(self._model, path)
+        walk = _DistancesOnPath(self._model, path)
         least, touched = self._first_too_near(walk)
         if touched is None:
             return
@@ -150,7 +150,7 @@ class ClearPathPlanner:
         own = np.array([pair.own for pair in self._model.pairs], dtype=bool)
         return np.where(own, self.margins.own, self.margins.solids)
 
-    def _first_too_near(self, walk: _Walk) -> tuple[Array, float | None]:
+    def _first_too_near(self, walk: _DistancesOnPath) -> tuple[Array, float | None]:
         """Least distances of a walk, and the first s at which one is less, or None."""
         start, margins = walk.distances(0.0), self._margins_of_pairs
         least = np.where(start < margins, np.maximum(start - MARGIN_ROUNDING, 0.0), margins)
@@ -159,7 +159,7 @@ class ClearPathPlanner:
         return least, walk.first_below(least, (0.0, start), (walk.end, walk.distances(walk.end)))
 
 
-class _Walk:
+class _DistancesOnPath:
     """Distances along a path, at s from 0 to the number of its pieces."""
 
     def __init__(self, model: CollisionModel, path: Array) -> None:
@@ -169,7 +169,7 @@ class _Walk:
         self.end = float(len(path) - 1)
 
     def distances(self, s: float) -> Array:
-        return self._model.distances(_at(self._path, s))
+        return self._model.distances(_interpolated(self._path, s))
 
     def first_below(
         self, least: Array, from_: tuple[float, Array], to: tuple[float, Array]
@@ -180,7 +180,9 @@ class _Walk:
         `m` between them, they are never nearer than (a + b - m) / 2.
         """
         (s_0, d_0), (s_1, d_1) = from_, to
-        nearer = self._model.reach @ (_at(self._turned, s_1) - _at(self._turned, s_0))
+        nearer = self._model.reach @ (
+            _interpolated(self._turned, s_1) - _interpolated(self._turned, s_0)
+        )
         if (d_0 + d_1 - nearer >= 2 * least).all():
             return None
         if nearer.max() <= CHECK_RESOLUTION:
@@ -191,7 +193,7 @@ class _Walk:
         return self.first_below(least, middle, to) if found is None else found
 
 
-def _at(values: Array, s: float) -> Array:
+def _interpolated(values: Array, s: float) -> Array:
     """Rows at `s`, interpolated."""
     i = min(int(s), len(values) - 2)
     return np.asarray(values[i] + (s - i) * (values[i + 1] - values[i]))

@@ -53,14 +53,13 @@ def all_inverse_solutions(geometry: UrDhLengths, T_0_6: Array, free_wrist: float
         Radians; k is 0 (out of reach) to 8, or up to 12 where joint 6 is free.
     """
     T = T_0_6[None]
-    q1 = _shoulders(geometry, T)
-    lean, turn = _wrists(T, q1)
-    q5, q6 = np.stack((lean, -lean), axis=-1), np.stack((turn, turn + pi), axis=-1)
-    free = np.sin(lean[0]) <= FREE_WRIST
+    q1 = _shoulder_angles(geometry, T)
+    q5, q6 = _wrist_angles(T, q1)
+    free = np.sin(q5[0, :, 0]) <= FREE_WRIST
     found = []
     for i in range(2):
         if not free[i]:
-            found.append(_planar(geometry, T, q1[:, i, None], q5[:, i], q6[:, i]))
+            found.append(_joint_angles(geometry, T, q1[:, i, None], q5[:, i], q6[:, i]))
             continue
         # Joint 6 only turns the hand's elbow round p5. Beside the angle asked for, take the two
         # that bring it nearest to the shoulder and furthest from it: if any is in reach, one is.
@@ -69,7 +68,7 @@ def all_inverse_solutions(geometry: UrDhLengths, T_0_6: Array, free_wrist: float
         from_shoulder = T_0_6[:3, :3].T @ (p5 - [0, 0, geometry.d1])
         inward = np.arctan2(-from_shoulder[0], -from_shoulder[1])
         turns = np.array([[free_wrist, inward, inward + pi]])
-        found.append(_planar(geometry, T, q1[:, i, None], lean[:, i, None] + 0 * turns, turns))
+        found.append(_joint_angles(geometry, T, q1[:, i, None], q5[:, i, :1] + 0 * turns, turns))
     q = np.concatenate([one.reshape(-1, 6) for one in found])
     return np.asarray(q[np.isfinite(q).all(axis=1)])
 
@@ -90,14 +89,13 @@ def inverse_branches(geometry: UrDhLengths, T_0_6: Array) -> Array:
         Radians, whatever the joint limits: shoulder, wrist and elbow either way. Not a number
         if a branch does not reach the pose. If joint 6 is free, its angle is any.
     """
-    q1 = _shoulders(geometry, T_0_6)
-    lean, turn = _wrists(T_0_6, q1)
-    q5, q6 = np.stack((lean, -lean), axis=-1), np.stack((turn, turn + pi), axis=-1)
-    q = _planar(geometry, T_0_6, np.broadcast_to(q1[..., None], q5.shape), q5, q6)
+    q1 = _shoulder_angles(geometry, T_0_6)
+    q5, q6 = _wrist_angles(T_0_6, q1)
+    q = _joint_angles(geometry, T_0_6, np.broadcast_to(q1[..., None], q5.shape), q5, q6)
     return q.reshape(len(T_0_6), 8, 6)
 
 
-def _shoulders(g: UrDhLengths, T: Array) -> Array:
+def _shoulder_angles(g: UrDhLengths, T: Array) -> Array:
     """Joint 1 both ways, shape (m, 2)."""
     p5 = T[:, :3, 3] - g.d6 * T[:, :3, 2]
     # z1 = (sin q1, -cos q1, 0), and the wrist is d4 along it: p5 . z1 = d4.
@@ -106,15 +104,16 @@ def _shoulders(g: UrDhLengths, T: Array) -> Array:
     return np.stack((bearing + lean, bearing + pi - lean), axis=1)
 
 
-def _wrists(T: Array, q1: Array) -> tuple[Array, Array]:
-    """Joints 5 and 6 one way, each of q1's shape (m, k); the other is -q5, q6 + 180 degrees."""
+def _wrist_angles(T: Array, q1: Array) -> tuple[Array, Array]:
+    """Joints 5 and 6 both ways, each of shape (m, k, 2): the other way is -q5, q6 + 180 degrees."""
     z1 = np.stack((np.sin(q1), -np.cos(q1), 0 * q1), axis=-1)
     # z1 in frame 6 is (sin q5 cos q6, -sin q5 sin q6, cos q5).
     x, y, z = np.moveaxis(np.einsum("mji,mkj->mki", T[:, :3, :3], z1), -1, 0)
-    return np.arctan2(np.hypot(x, y), z), np.arctan2(-y, x)
+    lean, turn = np.arctan2(np.hypot(x, y), z), np.arctan2(-y, x)
+    return np.stack((lean, -lean), axis=-1), np.stack((turn, turn + pi), axis=-1)
 
 
-def _planar(g: UrDhLengths, T: Array, q1: Array, q5: Array, q6: Array) -> Array:
+def _joint_angles(g: UrDhLengths, T: Array, q1: Array, q5: Array, q6: Array) -> Array:
     """All six joints, the elbow both ways; q1, q5 and q6 of shape (m, ...), shape (m, ..., 2, 6).
 
     Joints 2, 3 and 4 are two links and a hand in the plane square to z1.

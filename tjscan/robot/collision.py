@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.solids import Box, Capsule, Cylinder, Solid, SolidShape
+from tjscan.robot.settings import Box, Capsule, Cylinder, Solid, SolidShape
 
 TOOL_SOLIDS: Final = "tool"
 """Stands for every solid the arm carries where pairs are ignored."""

@@ -208,7 +208,7 @@ class CollisionCheckedArm:
     ) -> ClearPath:
         """Plan a collision-free path: the direct one, else a detour: back, across and forward.
 
-        A move in joint space has one choice more: another configuration at its end; or, where it
+        A move in joint space has one choice more: another configuration at its end; or, if it
         has to end near given joint angles, a way that is searched; see `find_way`.
 
         Parameters

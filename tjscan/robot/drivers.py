@@ -75,9 +75,8 @@ def _simulated(context: ArmDriverInputs, settings: NoSettings) -> SimulatedArm:
 
     world, left = context.simulation, context.left
     if world is None:
-        raise ConfigurationError(
-            "a simulated arm needs a [simulation.arm] table", key="simulation.arm"
-        )
+        message = "a simulated arm needs a [simulation.arm] table"
+        raise ConfigurationError(message, key="simulation.arm")
     with add_file_to_errors(key="simulation.arm.home_deg"):
         return SimulatedArm(
             context.kinematics,

@@ -94,7 +94,7 @@ class JointTrajectory:
         ramped, cruised = cruise * left**2 / (2 * self.ramp), cruise * (left - self.ramp / 2)
         from_end = np.where(left < self.ramp, ramped, cruised)
         u = np.where(2 * t <= self.duration, from_end, 1 - from_end)
-        return np.asarray(_spline(self.q)(u))
+        return np.asarray(_spline_through(self.q)(u))
 
 
 def fastest_joint_path(
@@ -118,8 +118,8 @@ def fastest_joint_path(
     limits : MotionLimits
         What to keep within.
     """
-    first, second = _derivatives(q)
-    first_p, second_p = (np.linalg.norm(d, axis=1).max() for d in _derivatives(points_b))
+    first, second = _spline_derivatives(q)
+    first_p, second_p = (np.linalg.norm(d, axis=1).max() for d in _spline_derivatives(points_b))
     first, second = np.abs(first).max(axis=0), np.abs(second).max(axis=0)
     of_joints = float((first / (limits.joint_speed * velocity)).max())
     slowness = max(of_joints, float(first_p / limits.tcp_speed))
@@ -138,12 +138,12 @@ def fastest_joint_path(
     return JointTrajectory(q, 1 / v + ramp, ramp)
 
 
-def _spline(values: Array) -> CubicSpline:
+def _spline_through(values: Array) -> CubicSpline:
     return CubicSpline(np.linspace(0, 1, len(values)), values)
 
 
-def _derivatives(values: Array) -> tuple[Array, Array]:
+def _spline_derivatives(values: Array) -> tuple[Array, Array]:
     """First and second derivative by u, at and between the waypoints."""
-    spline = _spline(values)
+    spline = _spline_through(values)
     u = np.linspace(0, 1, SAMPLES_PER_WAYPOINT * (len(values) - 1) + 1)
     return np.asarray(spline(u, 1)), np.asarray(spline(u, 2))

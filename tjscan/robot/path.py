@@ -107,7 +107,7 @@ def linear_waypoints(kinematics: Kinematics, q: Array, T_b_f: Array) -> tuple[Ar
         If the line leaves the reach or the joint limits, or if a joint would have to jump:
         near a singularity, or if it has to turn back from its limit.
     """
-    poses_b_f = _line(kinematics.forward(q), T_b_f)
+    poses_b_f = _poses_on_line(kinematics.forward(q), T_b_f)
     waypoints = [np.asarray(q, dtype=float)]
     for i, T in enumerate(poses_b_f[1:], start=1):
         share = i / (len(poses_b_f) - 1)
@@ -128,7 +128,7 @@ def interpolate_joints(q: Array, goal: Array) -> Array:
     return np.linspace(q, goal, pieces + 1)
 
 
-def _line(T_start: Array, T_end: Array) -> Array:
+def _poses_on_line(T_start: Array, T_end: Array) -> Array:
     """Poses on a line, shape (m, 4, 4)."""
     length = float(np.linalg.norm(T_end[:3, 3] - T_start[:3, 3]))
     angle = rotation_angle_between(T_start, T_end)

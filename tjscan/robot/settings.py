@@ -1,17 +1,25 @@
-"""Settings of arms: clearances of their paths, tolerances of their joints, their simulation."""
+"""Settings of arms: clearances, tolerances of joints, simulation, and solids to keep clear of."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import radians
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Literal
 
-from annotated_types import Ge, Le
+import numpy as np
+from annotated_types import Ge, Gt, Le, MinLen
 
-from tjscan.core.units import DEG, MM, SECONDS, FileKey, SettingsTable
-
-if TYPE_CHECKING:
-    from tjscan.core.frames import Array
+from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.units import (
+    DEG,
+    FARTHEST_MM,
+    MM,
+    SECONDS,
+    EulerAngles,
+    FileKey,
+    PoseSettings,
+    SettingsTable,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,8 +69,6 @@ class PlacementTolerance(SettingsTable):
     @property
     def sigmas(self) -> Array:
         """Of one joint, shape (6,): along x, y, z; about x, y, z, where z is the joint's axis."""
-        import numpy as np
-
         return np.array((*[self.length] * 3, self.twist, self.twist, self.offset))
 
 
@@ -124,3 +130,112 @@ class ArmSimulationSettings(SettingsTable):
     )
     realtime: bool = False
     errors: ArmErrorSettings | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A box about its frame's origin.
+
+    Parameters
+    ----------
+    size : tuple of float
+        Lengths of its edges along x, y, z in metres.
+    """
+
+    size: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Cylinder:
+    """A cylinder about its frame's z axis, its middle at the origin.
+
+    Parameters
+    ----------
+    radius, length : float
+        Metres.
+    """
+
+    radius: float
+    length: float
+
+
+@dataclass(frozen=True, slots=True)
+class Capsule:
+    """All that is within `radius` of a segment on the frame's z axis, its middle at the origin.
+
+    Parameters
+    ----------
+    radius : float
+        Metres.
+    length : float
+        Of the segment, in metres; the round ends come on top.
+    """
+
+    radius: float
+    length: float
+
+
+SolidShape = Box | Cylinder | Capsule
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+@frozen_arrays
+class Solid:
+    """A solid body: a shape, its pose and its name.
+
+    Parameters
+    ----------
+    name : str
+        What a refusal calls it.
+    shape : Box, Cylinder or Capsule
+        What it is like.
+    T : ndarray, shape (4, 4)
+        Its pose: in frame b of a solid in the cell, in frame f of one that the arm carries.
+    """
+
+    name: str
+    shape: SolidShape
+    T: Array
+
+
+_LengthMm = Annotated[float, Gt(0), Le(FARTHEST_MM)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SolidSettings(PoseSettings):
+    """Settings of a simple solid; the axis of a cylinder or capsule is the z axis of its frame.
+
+    Parameters
+    ----------
+    name : str
+        What messages call it.
+    kind : str
+        Box, cylinder or capsule.
+    size : tuple of float, optional
+        Of a box along x, y and z, metres.
+    radius, length : float, optional
+        Of a cylinder or capsule, metres.
+    """
+
+    euler_zyx: EulerAngles = (0.0, 0.0, 0.0)
+    name: Annotated[str, MinLen(1)]
+    kind: Literal["box", "cylinder", "capsule"]
+    size: Annotated[tuple[_LengthMm, _LengthMm, _LengthMm] | None, MM] = None
+    radius: Annotated[_LengthMm | None, MM] = None
+    length: Annotated[_LengthMm | None, MM] = None
+
+    def __post_init__(self) -> None:
+        is_box = self.kind == "box"
+        round_sizes = (self.radius, self.length)
+        if is_box != (self.size is not None) or any(is_box != (s is None) for s in round_sizes):
+            raise ValueError(
+                f"a {self.kind} takes {'size_mm' if is_box else 'radius_mm and length_mm'} alone"
+            )
+
+    @property
+    def solid(self) -> Solid:
+        """The solid as collision checks take it, in its place."""
+        if self.size is not None:
+            return Solid(self.name, Box(self.size), self.T)
+        shape = Cylinder if self.kind == "cylinder" else Capsule
+        return Solid(self.name, shape(self.radius or 0.0, self.length or 0.0), self.T)

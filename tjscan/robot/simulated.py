@@ -255,9 +255,8 @@ class SimulatedArm(LocalDevice):
 
 def _check_start(kinematics: Kinematics, q: Array) -> None:
     if q.shape != kinematics.lower.shape:
-        raise ConfigurationError(
-            f"{kinematics.name} has {kinematics.lower.size} joints, not {q.size}", key="q"
-        )
+        message = f"{kinematics.name} has {kinematics.lower.size} joints, not {q.size}"
+        raise ConfigurationError(message, key="q")
     beyond = kinematics.excess(q)
     if not beyond.max() <= 0:
         i = int(np.nan_to_num(beyond, nan=np.inf).argmax())

@@ -37,9 +37,8 @@ def read_urdf(urdf: Path) -> Any:
         If there is no such file, or it is no URDF.
     """
     if not urdf.exists():
-        known = nearest_word(
-            urdf.name, [*ARM_MODELS, *(f.name for f in urdf.parent.glob("*.urdf"))]
-        )
+        beside = [file.name for file in urdf.parent.glob("*.urdf")]
+        known = nearest_word(urdf.name, [*ARM_MODELS, *beside])
         raise ConfigurationError(f"there is no such URDF; did you mean: {known}?")
     try:
         check_file_size(urdf, MOST_BYTES, "a URDF")
@@ -89,15 +88,13 @@ def check_chain(model: Any, flange: int) -> None:
         if i not in moving_joints:
             raise ConfigurationError(f"joint {name} does not move the flange: make it fixed")
     if model.nq < 6:
-        raise ConfigurationError(
-            f"it has {model.nq} joints between base and flange; six or more are needed"
-        )
+        message = f"it has {model.nq} joints between base and flange; six or more are needed"
+        raise ConfigurationError(message)
     bad = ~(model.upperPositionLimit > model.lowerPositionLimit) | ~(model.velocityLimit > 0)
     if bad.any():
         name = model.names[1 + int(bad.argmax())]
-        raise ConfigurationError(
-            f"joint {name} has no range or no speed: give it lower < upper and velocity > 0"
-        )
+        message = f"joint {name} has no range or no speed: give it lower < upper and velocity > 0"
+        raise ConfigurationError(message)
 
 
 def dh_lengths_of_chain(model: Any) -> UrDhLengths | None:

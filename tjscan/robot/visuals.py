@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, pose
-from tjscan.robot.solids import Box, Capsule, Cylinder, Solid
+from tjscan.robot.settings import Box, Capsule, Cylinder, Solid
 
 if TYPE_CHECKING:
     import trimesh
@@ -78,9 +78,8 @@ def solid_mesh(solid: Solid) -> trimesh.Trimesh:
         case Cylinder(radius, length):
             mesh = trimesh.creation.cylinder(radius, length, sections=CYLINDER_SIDES)
         case Capsule(radius, length):
-            mesh = trimesh.creation.capsule(
-                length, radius, count=(CYLINDER_SIDES, CYLINDER_SIDES // 2)
-            )
+            sides = (CYLINDER_SIDES, CYLINDER_SIDES // 2)
+            mesh = trimesh.creation.capsule(length, radius, count=sides)
             mesh.apply_translation((0, 0, -mesh.bounds.mean(axis=0)[2]))
     mesh.apply_transform(solid.T)
     return mesh
@@ -99,9 +98,8 @@ def _visual_mesh(visual: ElementTree.Element, beside: Path) -> trimesh.Trimesh |
             radius, length = float(shape.attrib["radius"]), float(shape.attrib["length"])
             mesh = trimesh.creation.cylinder(radius, length, sections=CYLINDER_SIDES)
         case "sphere":
-            mesh = trimesh.creation.uv_sphere(
-                float(shape.attrib["radius"]), count=(12, CYLINDER_SIDES)
-            )
+            radius = float(shape.attrib["radius"])
+            mesh = trimesh.creation.uv_sphere(radius, count=(12, CYLINDER_SIDES))
         case "mesh" if not shape.attrib["filename"].startswith("package://"):
             file = beside / shape.attrib["filename"].removeprefix("file://")
             mesh = trimesh.load(file, force="mesh")

@@ -82,15 +82,15 @@ def find_way(
     one, other = first, _Tree(readonly_copy(goal))
     for _ in range(MOST_DRAWS):
         reached = one.grow(dice.uniform(least, most), is_clear)
-        if reached is not None and _connect(other, reached, is_clear):
+        if reached is not None and _grow_until_connected(other, reached, is_clear):
             ways = one.way_to_root()[::-1], other.way_to_root()[1:]
             way = [*ways[0], *ways[1]]
-            return _shortened(way if one is first else way[::-1], is_clear)
+            return _shortened_path(way if one is first else way[::-1], is_clear)
         one, other = other, one
     return None
 
 
-def _connect(tree: _Tree, to: Array, is_clear: IsClear) -> bool:
+def _grow_until_connected(tree: _Tree, to: Array, is_clear: IsClear) -> bool:
     """Grow a tree towards a posture as far as it goes; whether it arrived."""
     while (reached := tree.grow(to, is_clear)) is not None:
         if np.array_equal(reached, to):
@@ -98,7 +98,7 @@ def _connect(tree: _Tree, to: Array, is_clear: IsClear) -> bool:
     return False
 
 
-def _shortened(way: list[Array], is_clear: IsClear) -> list[Array]:
+def _shortened_path(way: list[Array], is_clear: IsClear) -> list[Array]:
     """Leave out postures between which the straight line keeps clear, until none is left to."""
     short = list(way)
     for span in range(len(way) - 1, 1, -1):

@@ -13,8 +13,7 @@ from pydantic import Field
 
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator
 from tjscan.comparison.alignment import align_icp
-from tjscan.comparison.distance import corner_to_edge_distances
-from tjscan.comparison.surface import MeshDistance
+from tjscan.comparison.distance import MeshDistance, corner_to_edge_distances
 from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.errors import CalibrationRefused, ConfigurationError, StitchingRefused
 from tjscan.core.frames import Array, transform_points

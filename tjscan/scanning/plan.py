@@ -83,8 +83,8 @@ def adaptive_step_rule(adaptive: AdaptiveStepSettings) -> StepLengthRule:
         kernel = Matern52(SHAPE_SPREAD[2], SHAPE_WAVE)
         angles = OrdinaryKriging(track.along, values, sigmas, kernel)
         allowed = (
-            (_change(angles, steps) <= adaptive.angle_change)
-            & (_change(_areas(sections, track), steps) <= adaptive.area_change)
+            (_likely_change(angles, steps) <= adaptive.angle_change)
+            & (_likely_change(_area_process(sections, track), steps) <= adaptive.area_change)
             & (fit_tubes_to_sections(track).seam_curvature() * steps <= adaptive.turn)
         )
         return float(steps[max(0, int(np.logical_and.accumulate(allowed).sum()) - 1)])
@@ -92,7 +92,7 @@ def adaptive_step_rule(adaptive: AdaptiveStepSettings) -> StepLengthRule:
     return rule
 
 
-def _areas(sections: Sections, track: RecentSections) -> OrdinaryKriging:
+def _area_process(sections: Sections, track: RecentSections) -> OrdinaryKriging:
     grooves = [scan.groove for scan in sections[-MOST_SECTIONS:]]
     areas = np.array([groove.area for groove in grooves])
     # A hundredth: planes that are turned a little otherwise cut a little more or less.
@@ -101,7 +101,7 @@ def _areas(sections: Sections, track: RecentSections) -> OrdinaryKriging:
     return OrdinaryKriging(track.along, areas, sigmas, kernel)
 
 
-def _change(process: OrdinaryKriging, steps: Array) -> Array:
+def _likely_change(process: OrdinaryKriging, steps: Array) -> Array:
     """How much it may change over steps from the last section: expected, and once its doubt."""
     change, sigma = process.predict_change(steps, 0.0)
     return np.asarray(np.abs(change) + sigma)
@@ -198,7 +198,7 @@ def view_deviation_sigmas(
     -----
     Two independent estimates of the ideal set-point, the reading's and the prediction's, together
     are more certain than either: variances add as their inverses. Of the reading, the origin is as
-    uncertain as the worse of p2 and p4, where these are seen; the middle of the opening half as
+    uncertain as the worse of p2 and p4, if these are seen; the middle of the opening half as
     much as the opening; the direction of motion as two origins a step apart.
     """
     seen = [k for k, corner in ((0, "p2"), (2, "p4")) if corner not in groove.absent] or [0, 2]

@@ -102,7 +102,7 @@ class ProfileTaker:
         return self._setup.arm.move_linear(T_b_f)
 
     def move_to_set_point(self, to: SetPoint) -> ArmState:
-        """Move to a set-point: on a line where that is wanted or the path in joint space blocked.
+        """Move to a set-point: on a line if that is wanted or the path in joint space blocked.
 
         Raises
         ------
@@ -256,6 +256,5 @@ def merge_repeated_profiles(profiles: Sequence[Profile]) -> Profile | None:
     kept = count >= AGREEING_PROFILES
     divisor = np.maximum(count, 1)
     x, z = (np.where(agree, v, 0.0).sum(axis=0) / divisor for v in (x_s, z_s))
-    return replace(
-        profiles[-1], x_s=np.where(kept, x, np.nan), z_s=np.where(kept, z, np.nan), intensity=None
-    )
+    x_s, z_s = (np.where(kept, values, np.nan) for values in (x, z))
+    return replace(profiles[-1], x_s=x_s, z_s=z_s, intensity=None)

@@ -21,16 +21,17 @@ from tjscan.groove.section import GrooveSection
 from tjscan.recording.journal import Journal
 from tjscan.robot.arm import ArmState
 from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.journal import RecordedScan, ScanResultsJournal
-from tjscan.scanning.plan import ScanPlan, adaptive_step_rule, view_deviation, view_deviation_sigmas
-from tjscan.scanning.profile_taker import ProfileTaker, ScanSetup
-from tjscan.scanning.progress import (
+from tjscan.scanning.journal import (
+    RecordedScan,
     ScanResult,
+    ScanResultsJournal,
     StopReason,
     groove_length,
     plan_is_fulfilled,
     reason_to_stop,
 )
+from tjscan.scanning.plan import ScanPlan, adaptive_step_rule, view_deviation, view_deviation_sigmas
+from tjscan.scanning.profile_taker import ProfileTaker, ScanSetup
 from tjscan.scanning.retries import (
     MERGED_PROFILES,
     REPEATED_PROFILES,

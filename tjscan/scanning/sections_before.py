@@ -101,7 +101,7 @@ STEPS_AHEAD: Final = (0.3, 2.0)
 """Steps that a section lies ahead of the last one, at least and at most."""
 
 STEPS_ASIDE: Final = 1.0
-"""Steps that it lies aside of where the step led, at most."""
+"""Steps that it is aside of the end of the step, at most."""
 
 ASIDE_ANYWAY: Final = 3e-3
 """Metres aside that need no bend of the groove: errors of reading, of the arm, of teaching."""
@@ -325,7 +325,7 @@ def check_measures_plausible(found: ScannedSection, step: StepRequest) -> None:
         With reason "implausible": the groove angle, the root or the depth jumps by more than what
         both readings are uncertain by and a groove changes over such a step.
     """
-    before, after, allowed = _measures(found, step)
+    before, after, allowed = _compare_measures(found, step)
     beyond = np.abs(after - before) > allowed
     if not beyond.any():
         return
@@ -340,7 +340,7 @@ def check_measures_plausible(found: ScannedSection, step: StepRequest) -> None:
 
 def measures_are_plausible(found: ScannedSection, step: StepRequest) -> bool:
     """Whether `check_measures_plausible` would accept a section; for the parameters see there."""
-    before, after, allowed = _measures(found, step)
+    before, after, allowed = _compare_measures(found, step)
     return not bool((np.abs(after - before) > allowed).any())
 
 
@@ -392,14 +392,13 @@ def largest_root_width_change(groove: GrooveSection, away: float) -> float:
     return BEAD_HEIGHT + (ROOT_CHANGE[0] + ROOT_CHANGE[1] * away) * groove.root_width
 
 
-def _measures(found: ScannedSection, step: StepRequest) -> tuple[Array, Array, Array]:
+def _compare_measures(found: ScannedSection, step: StepRequest) -> tuple[Array, Array, Array]:
     """Groove angle, root width and depth of the last section and this one, and what may change."""
     last, now = step.last.groove, found.groove
     # A taught laser plane may have been turned otherwise than one that the scan chose.
     factor = 2.0 if step.last.view.substep is Substep.TAUGHT else 1.0
-    noise = CHANCE_SIGMAS * np.sqrt(
-        np.diag(last.measure_covariance)[:3] + np.diag(now.measure_covariance)[:3]
-    )
+    of_last, of_now = (np.diag(groove.measure_covariance)[:3] for groove in (last, now))
+    noise = CHANCE_SIGMAS * np.sqrt(of_last + of_now)
     before, after = (np.array((g.groove_angle, g.root_width, g.depth)) for g in (last, now))
     allowed = noise + factor * np.array(
         (

@@ -50,10 +50,10 @@ def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
             seam = fit_tubes_to_sections(track)
             ahead = ExpectedSection.from_track(track, seam, last.T_b_g, step)
             guess = ahead.initial_section(track, R_b_now)
-            section, ideal = _settle(ahead, plan, guess, R_b_now, R_b_now, (0.0, 0.0))
+            section, ideal = _solve_section(ahead, plan, guess, R_b_now, R_b_now, (0.0, 0.0))
             covariance = ahead.covariance(section, _R_b_s(ideal))
-            slack = _slack(plan, covariance, track, step)
-            _, lagging = _settle(ahead, plan, section, _R_b_s(ideal), R_b_now, slack)
+            slack = _free_rotation(plan, covariance, track, step)
+            _, lagging = _solve_section(ahead, plan, section, _R_b_s(ideal), R_b_now, slack)
             to = replace(lagging, covariance=covariance, straight=False)
             check_set_point(to, StepRequest(last, lagging.T_b_t[:3, 3], step), plan)
         except (TubesNotFound, SetPointRefused, np.linalg.LinAlgError):
@@ -63,7 +63,7 @@ def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
     return predictor
 
 
-def _settle(
+def _solve_section(
     ahead: ExpectedSection,
     plan: ScanPlan,
     section: Array,
@@ -92,7 +92,7 @@ def _settle(
         T_b_t, work_angle = ahead.ideal_frame_and_work_angle(found, R_b_s)
         T_s_t = plan.target_pose_in_sensor(work_angle)
         R_s_t = T_s_t[:3, :3]
-        turned = T_b_t[:3, :3] @ _lag(T_b_t[:3, :3], R_b_now @ R_s_t, slack)
+        turned = T_b_t[:3, :3] @ _lag_rotation(T_b_t[:3, :3], R_b_now @ R_s_t, slack)
         moved = max(np.abs(found - section).max(), np.abs(turned @ R_s_t.T - R_b_s).max())
         section, R_b_s = found, turned @ R_s_t.T
         if moved < SETTLED_STEP:
@@ -100,7 +100,7 @@ def _settle(
     raise TubesNotFound("no section of the seam lies a step further on")
 
 
-def _lag(R_b_t_ideal: Array, R_b_t_now: Array, slack: tuple[float, float]) -> Array:
+def _lag_rotation(R_b_t_ideal: Array, R_b_t_now: Array, slack: tuple[float, float]) -> Array:
     """Rotation off the ideal orientation, within the slack, that is nearest to the present one."""
     if max(slack) == 0:
         return np.eye(3)
@@ -111,7 +111,7 @@ def _lag(R_b_t_ideal: Array, R_b_t_now: Array, slack: tuple[float, float]) -> Ar
     return pose_vector.rotation_from_vector(back)
 
 
-def _slack(
+def _free_rotation(
     plan: ScanPlan, covariance: Array, track: RecentSections, step: float
 ) -> tuple[float, float]:
     """What the doubt of prediction and reading leaves of the tolerances, radians."""
@@ -122,12 +122,9 @@ def _slack(
     about = covariance[3, 3] + covariance[6, 6] + 2 * turns * covariance[3, 6]
     aside = max(covariance[4, 4], covariance[5, 5])
     origin, opening = track.shape_sigmas[-1, [0, 2]]
-    work_angle_doubt = KEPT_SIGMAS * hypot(sqrt(max(about, 0.0)), 0.5 * opening)
-    rotation_doubt = KEPT_SIGMAS * hypot(sqrt(aside), origin / step)
-    return (
-        max(0.0, criterion.work_angle - work_angle_doubt),
-        max(0.0, criterion.rotation - rotation_doubt),
-    )
+    work_angle = criterion.work_angle - KEPT_SIGMAS * hypot(sqrt(max(about, 0.0)), 0.5 * opening)
+    rotation = criterion.rotation - KEPT_SIGMAS * hypot(sqrt(aside), origin / step)
+    return max(0.0, work_angle), max(0.0, rotation)
 
 
 def _R_b_s(to: SetPoint) -> Array:

@@ -57,12 +57,12 @@ class StopRequest:
             self._paused, self._steps, self._let_go = True, 1, self._let_go + 1
             self._may_go.notify_all()
 
-    def wait_while_paused(self, say: Callable[[], object]) -> None:
+    def wait_while_paused(self, announce: Callable[[], object]) -> None:
         """Wait, between two sections, until the scan may go on or shall end.
 
         Parameters
         ----------
-        say : callable
+        announce : callable
             Reports that the scan pauses; again if it was let go and paused again before it could
             move.
         """
@@ -72,7 +72,7 @@ class StopRequest:
                     self._steps = 0
                     return
                 before = self._let_go
-            say()
+            announce()
             with self._may_go:
                 self._may_go.wait_for(partial(self._was_let_go_since, before))
 

@@ -179,9 +179,8 @@ def paper_predictor(prediction: PredictionCase, direction: ScanDirection) -> Set
 
     def predictor(sections: Sections, step: float) -> SetPoint:
         before, last = sections[-2:]
-        T_b_t = predicted_target_pose(
-            last.T_b_t, before.T_b_g, last.T_b_g, step, prediction, direction
-        )
+        frames = last.T_b_t, before.T_b_g, last.T_b_g
+        T_b_t = predicted_target_pose(*frames, step, prediction, direction)
         return SetPoint(T_b_t, last.T_s_t)
 
     return predictor

@@ -93,11 +93,11 @@ def shared_causes(fits: TubeFits, registrations: Registrations) -> SharedCauses:
     names = tuple(dict.fromkeys(cause.name for fit in fits for cause in fit.station.causes))
     by_station = [{cause.name: cause for cause in fit.station.causes} for fit in fits]
     found = [tuple(causes.get(name) for causes in by_station) for name in names]
-    errors = (_errors(causes, fits, registrations) for causes in found)
+    errors = (_station_errors(causes, fits, registrations) for causes in found)
     return SharedCauses(names, tuple(found), tuple(errors))
 
 
-def _errors(
+def _station_errors(
     causes: Sequence[ViewCause | None], fits: TubeFits, registrations: Registrations
 ) -> StationErrors:
     """Errors of all that is fitted, by one cause."""
@@ -113,8 +113,8 @@ def _errors(
         # Seen in the station's own j, which moves with what the station saw.
         T = inverse_pose(fit.frame.T)
         at = [section.points_b[CORNER_POINTS] for section in fit.station.all_sections]
-        places = transform_points(T, _by_view(fit, np.array(at), fit.walls.points))
-        in_j = np.einsum("ij,vkjm->vkim", T[:3, :3], _by_view(fit, corners, walls))
+        places = transform_points(T, _points_by_view(fit, np.array(at), fit.walls.points))
+        in_j = np.einsum("ij,vkjm->vkim", T[:3, :3], _points_by_view(fit, corners, walls))
         moves.append(in_j - points_moved_by_twist(places, frames[i, :6]))
     overlaps = np.zeros((len(registrations), 6, m))
     for i, edge in enumerate(registrations):
@@ -127,7 +127,7 @@ def _errors(
     return StationErrors(frames, overlaps)
 
 
-def _by_view(fit: StationTubeFit, corners: Array, walls: Array) -> Array:
+def _points_by_view(fit: StationTubeFit, corners: Array, walls: Array) -> Array:
     """What a registration's views are made of, shape (n, 3 + k, ...): corners, then wall points.
 
     Views that lack a wall, and take no part, have zeros there.
@@ -168,8 +168,10 @@ def stitching_budget(
     k, noise = len(fits), placement.noise_covariance
     places = np.split(covariance_factor(noise[: 6 * k, : 6 * k]), k)
     components = [
-        *(_in_joint_frame(causes, T_j_b) for causes in (readings, moves)),
-        _joined([_moved(fit, T, L) for fit, T, L in zip(fits, T_j_b, places, strict=True)]),
+        *(_in_frame_j(causes, T_j_b) for causes in (readings, moves)),
+        _join_parts(
+            [_moved_station(fit, T, L) for fit, T, L in zip(fits, T_j_b, places, strict=True)]
+        ),
     ]
     stations, shape = placement.covariance, np.array(noise[6 * k :, 6 * k :])
     for causes, errors in zip(shared.of_station, shared.errors, strict=True):
@@ -179,22 +181,22 @@ def stitching_budget(
         for i, (fit, T, cause) in enumerate(zip(fits, T_j_b, causes, strict=True)):
             place = found[6 * i : 6 * i + 6]
             stations[i] += place @ place.T
-            part = _moved(fit, T, place)
+            part = _moved_station(fit, T, place)
             if cause is not None:
                 own = cause.component(T[:3, :3], len(fit.station.sections))
                 points, measures = own.points + part.points, own.measures + part.measures
                 part = replace(own, points=points, measures=measures)
             parts.append(part)
-        components.append(_joined(parts).compressed())
+        components.append(_join_parts(parts).compressed())
     return StitchingBudget(UncertaintyBudget(tuple(components)), stations, shape)
 
 
-def _in_joint_frame(causes: Sequence[ViewCause], T_j_b: Sequence[Array]) -> BudgetComponent:
+def _in_frame_j(causes: Sequence[ViewCause], T_j_b: Sequence[Array]) -> BudgetComponent:
     pairs = zip(causes, T_j_b, strict=True)
-    return _joined([cause.component(T[:3, :3], len(cause.points)) for cause, T in pairs])
+    return _join_parts([cause.component(T[:3, :3], len(cause.points)) for cause, T in pairs])
 
 
-def _moved(fit: StationTubeFit, T_j_b: Array, twists: Array) -> BudgetComponent:
+def _moved_station(fit: StationTubeFit, T_j_b: Array, twists: Array) -> BudgetComponent:
     """How a station's sections move with its place, by twists (6, m) in j."""
     points = np.array([section.points_b for section in fit.station.sections])
     moved = points_moved_by_twist(transform_points(T_j_b, points), twists)
@@ -202,7 +204,7 @@ def _moved(fit: StationTubeFit, T_j_b: Array, twists: Array) -> BudgetComponent:
     return BudgetComponent(STATION_PLACES, "observed", True, moved, measures)
 
 
-def _joined(parts: Sequence[BudgetComponent]) -> BudgetComponent:
+def _join_parts(parts: Sequence[BudgetComponent]) -> BudgetComponent:
     """One component of the sections of all stations."""
     named = next((part for part in parts if part.name != STATION_PLACES), parts[0])
     return replace(

@@ -112,9 +112,10 @@ def fuse_sections(
     shape : TubeDimensions
         What sections are unrolled about when they are carried to their common place.
     """
-    unrolled = [[_unroll(section, shape) for section in sections] for sections in stations]
-    curves = _curves([one for sections in unrolled for one in sections])
-    steps = np.concatenate([np.abs(np.diff(_turns(sections))) for sections in stations])
+    unrolled = [[_unroll_section(section, shape) for section in sections] for sections in stations]
+    curves = _fit_curves([one for sections in unrolled for one in sections])
+    azimuths = [np.unwrap([section.azimuth for section in sections]) for sections in stations]
+    steps = np.concatenate([np.abs(np.diff(azimuth)) for azimuth in azimuths])
     near = ONE_PLACE * float(np.median(steps))
     places = sorted(
         (section.azimuth, k, i)
@@ -123,7 +124,7 @@ def fuse_sections(
     )
     first = np.cumsum([0, *(len(sections) for sections in stations)])
     fused = []
-    for group in _groups(places, near):
+    for group in _group_places(places, near):
         members = [(azimuth, unrolled[k][i]) for azimuth, k, i in group]
         numbers = [int(first[k]) + i for _, k, i in group]
         if len(group) > 1:
@@ -138,7 +139,7 @@ Place = tuple[float, int, int]
 """Azimuth, station, and number in that station."""
 
 
-def _groups(places: Sequence[Place], near: float) -> list[list[Place]]:
+def _group_places(places: Sequence[Place], near: float) -> list[list[Place]]:
     """Neighbours of different stations that are one place; nearest pairs first."""
     n = len(places)
     member = list(range(n))
@@ -160,11 +161,7 @@ def _groups(places: Sequence[Place], near: float) -> list[list[Place]]:
     return list(groups.values())
 
 
-def _turns(sections: Sequence[MeasuredSection]) -> Array:
-    return np.unwrap([section.azimuth for section in sections])
-
-
-def _curves(unrolled: Sequence[UnrolledSection]) -> list[SimpleKriging]:
+def _fit_curves(unrolled: Sequence[UnrolledSection]) -> list[SimpleKriging]:
     """How out and up of p2, p3 and p4, and the four measures, change along the groove."""
     curves = []
     covariances = np.array([one.section.covariances for one in unrolled])
@@ -173,31 +170,31 @@ def _curves(unrolled: Sequence[UnrolledSection]) -> list[SimpleKriging]:
         for i in range(1, 4):
             azimuth = np.array([one.azimuth[i] for one in unrolled])
             value = np.array([getattr(one, name)[i] for one in unrolled])
-            curves.append(_curve(azimuth, value, max(sigma, LEAST_SIGMA)))
+            curves.append(_fit_curve(azimuth, value, max(sigma, LEAST_SIGMA)))
     azimuth = np.array([one.section.azimuth for one in unrolled])
     measures = np.array([one.section.measures for one in unrolled])
     sigmas = np.median([one.section.sigmas for one in unrolled], axis=0)
     least = LEAST_SHARE * np.ptp(measures, axis=0) + 1e-12
     for value, sigma in zip(measures.T, np.maximum(sigmas, least), strict=True):
-        curves.append(_curve(azimuth, value, float(sigma)))
+        curves.append(_fit_curve(azimuth, value, float(sigma)))
     return curves
 
 
-def _curve(azimuth: Array, value: Array, sigma: float) -> SimpleKriging:
+def _fit_curve(azimuth: Array, value: Array, sigma: float) -> SimpleKriging:
     """A smooth curve through values, shape (n,), over the azimuth."""
     kernel = PeriodicKernel(float(np.ptp(value)) + 10 * sigma, SMOOTH_AZIMUTH)
     return SimpleKriging.fit(kernel, azimuth, value, sigma)
 
 
-def _unroll(section: MeasuredSection, shape: TubeDimensions) -> UnrolledSection:
+def _unroll_section(section: MeasuredSection, shape: TubeDimensions) -> UnrolledSection:
     points = np.vstack((section.points, section.T_r_g[:3, 3]))
     azimuth = np.arctan2(points[:, 1], points[:, 0])
     azimuth = section.azimuth + np.angle(np.exp(1j * (azimuth - section.azimuth)))
     out = np.hypot(points[:, 0], points[:, 1])
-    return UnrolledSection(section, azimuth, out, points[:, 2] - _height(azimuth, out, shape))
+    return UnrolledSection(section, azimuth, out, points[:, 2] - _leg_height(azimuth, out, shape))
 
 
-def _height(azimuth: Array, out: Array, shape: TubeDimensions) -> Array:
+def _leg_height(azimuth: Array, out: Array, shape: TubeDimensions) -> Array:
     surface = LegSurface(shape.leg_radius, shape.angle)
     return surface.height(azimuth, np.minimum(out, WIDEST_SHARE * shape.leg_radius))
 
@@ -223,7 +220,7 @@ def _fused_section(
         out, up = one.out.copy(), one.up.copy()
         out[ROOT_AND_BEVEL] += grown[:3]
         up[ROOT_AND_BEVEL] += grown[3:6]
-        carried = cylindrical_to_j(places, out, _height(places, out, shape) + up)
+        carried = cylindrical_to_j(places, out, _leg_height(places, out, shape) + up)
         turn = rot_z(middle - azimuth)
         turns.append(turn)
         points.append(carried[:5])

@@ -117,9 +117,8 @@ def solve_station_poses(
             off.append(pose_vector.pose_to_vector(between) - pose_vector.pose_to_vector(edge.T))
         return np.asarray(whitener @ np.concatenate(off))
 
-    found = least_squares(
-        residuals, np.zeros(6 * k + 4), jac="3-point", x_scale=1e-4, xtol=1e-15, ftol=1e-15
-    )
+    start, least = np.zeros(6 * k + 4), 1e-15
+    found = least_squares(residuals, start, jac="3-point", x_scale=1e-4, xtol=least, ftol=least)
     jacobian: Array = np.array(found.jac)
     information = jacobian.T @ jacobian
     by_residuals = -np.asarray(np.linalg.solve(information, jacobian.T @ whitener), dtype=float)

@@ -164,7 +164,8 @@ def align_second_to_first(
         design = (by_motion * of_second[:, None, None]).reshape(-1, 6)
         solved = cho_solve(factor, np.column_stack((design, value.ravel())))
         information = design.T @ solved[:, :6]
-        if not np.linalg.cond(information / _diagonal_scale(information)) < MOST_CONDITION:
+        scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+        if not np.linalg.cond(information / np.outer(scale, scale)) < MOST_CONDITION:
             spread, motion = FREE_VARIANCE * np.eye(6), np.zeros(6)
             by_value = np.zeros((len(value), 6, VALUES_PER_VIEW))
             break
@@ -174,7 +175,9 @@ def align_second_to_first(
         pull = (solved[:, 6] + solved[:, :6] @ motion).reshape(shape)
         slope = np.einsum("lmc,mc->lc", slope_kernel, pull)
         residual = np.einsum("nij,nj->ni", noise, pull)
-        weights = _robust_view_weights(_mahalanobis_sq(residual, views.covariance))
+        # The root mean square of a view's ten standardised residuals.
+        size = np.sqrt(_mahalanobis_sq(residual, views.covariance) / VALUES_PER_VIEW)
+        weights = tukey_weights(size / max(1.0, float(np.median(size))), LEAST_WEIGHT)
     counted = weights > 0.1
     # A view's own noise shows in its residual as far as the groove could not follow it.
     inverse = cho_solve(factor, np.eye(value.size)).reshape(*shape, *shape)
@@ -202,16 +205,6 @@ def _mahalanobis_sq(residual: Array, covariance: Array) -> Array:
     """Squared standardised size of residuals (n, 10), shape (n,)."""
     standard = np.linalg.solve(covariance, residual[..., None])[..., 0]
     return np.asarray(np.sum(residual * standard, axis=1))
-
-
-def _robust_view_weights(mahalanobis_sq: Array) -> Array:
-    """Tukey's weights of views, shape (n,).
-
-    If most are larger than stated the kernel widens: those are no outliers.
-    """
-    # The root mean square of a view's ten standardised residuals.
-    size = np.sqrt(mahalanobis_sq / VALUES_PER_VIEW)
-    return tukey_weights(size / max(1.0, float(np.median(size))), LEAST_WEIGHT)
 
 
 def _middle_of(overlap: StationOverlap, seen: UnrolledViews) -> tuple[Array, Array]:
@@ -242,12 +235,6 @@ def _covariance_of_all_values(kernel: Array, noise: Array) -> Array:
     views = np.arange(n)
     total[views, :, views, :] += noise
     return total.reshape(n * VALUES_PER_VIEW, n * VALUES_PER_VIEW)
-
-
-def _diagonal_scale(information: Array) -> Array:
-    """What makes an information matrix free of its units."""
-    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    return np.outer(size, size)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -243,9 +243,8 @@ def _initial_tubes(station: Station) -> tuple[Cylinder, Cylinder]:
     sections = station.sections
     corners = np.array([scan.points_b[[1, 3]] for scan in sections])
     if len(corners) < FEWEST_SECTIONS:
-        raise TubesNotFound(
-            f"they are too few, {FEWEST_SECTIONS} at least are needed: scan further"
-        )
+        message = f"they are too few, {FEWEST_SECTIONS} at least are needed: scan further"
+        raise TubesNotFound(message)
     # A chord over two steps is parallel to the tangent half-way, also on a curve.
     along = corners[2:] - corners[:-2]
     cylinders = []
@@ -276,7 +275,7 @@ def widen_for_out_of_round(frame: JointFrame, out_of_round: float) -> JointFrame
 FULL_TURN: Final = 2 * pi
 
 GAP_IN_STEPS: Final = 1.6
-"""Steps between neighbouring sections of which a gap between stations is one, not a step."""
+"""Usual steps between neighbouring sections beyond which it is a gap between stations."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -113,7 +113,7 @@ class StitchedGroove:
         How far the tubes' walls were taken to bulge from circles, metres.
     gap_before, gap_after : float or None
         The largest if the way round closes, by overlaps alone and in the end, metres; None
-        where it does not close.
+        if it does not close.
     covered : float
         Azimuth without a gap, radians.
     sections : tuple of MeasuredSection
@@ -174,9 +174,8 @@ def stitch_stations(
         draft = replace(draft, registrations=tuple(registrations))
         _check_registrations(draft, settings)
         shared = shared_causes(fits, registrations)
-        errors = shared.all_errors
         placement, out_of_round = place_stations_with_out_of_round(
-            fits, registrations, settings, errors
+            fits, registrations, settings, shared.all_errors
         )
         _check_placement(draft, placement, settings)
     except StitchingRefused as error:
@@ -302,9 +301,8 @@ def _check_apart(stations: Sequence[Station]) -> None:
         raise ConfigurationError(f"{count} stations are called {name}: give each its own name")
     for one, other in combinations(stations, 2):
         if one.shares_views_with(other):
-            raise ConfigurationError(
-                f"stations {one.name} and {other.name} hold the same recording: leave one out"
-            )
+            message = f"stations {one.name} and {other.name} hold the same recording: leave one out"
+            raise ConfigurationError(message)
 
 
 def _overlaps_that_count(draft: StitchingDraft, settings: StitchSettings) -> list[StationOverlap]:
@@ -321,7 +319,7 @@ def _overlaps_that_count(draft: StitchingDraft, settings: StitchSettings) -> lis
         "each are needed. Teach the stations' poses so that they overlap by 20° or more, and scan "
         "again"
     )
-    # What only just meets is needed where nothing else bridges that place.
+    # What only just meets is needed if nothing else bridges that place.
     for overlap in small:
         middle, arcs = np.array(overlap.arc.middle_azimuth), [o.arc for o in held]
         if not any(abs(arc.offset_from_middle(middle)) < 0.5 * arc.span_angle for arc in arcs):

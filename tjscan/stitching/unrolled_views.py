@@ -118,14 +118,14 @@ def unroll_views(
     StitchingRefused
         If no view shows both walls.
     """
-    unrolled = [_unroll(section, T_j_b, shape, repeatability) for section in sections]
+    unrolled = [_unroll_view(section, T_j_b, shape, repeatability) for section in sections]
     rows = [(*row, float(k)) for k, row in enumerate(unrolled) if row is not None]
     if not rows:
         raise StitchingRefused("too little seen", "no view of a station shows both walls")
     return UnrolledViews(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
-def _unroll(
+def _unroll_view(
     section: ScannedSection, T_j_b: Array, shape: TubeDimensions, repeatability: ArmRepeatability
 ) -> tuple[Array, Array, Array, Array, Array, Array, float, Array] | None:
     """The attributes of `UnrolledViews` but the number; None if a wall shows too little."""
@@ -135,7 +135,7 @@ def _unroll(
     (brace, brace_sigma), (leg, leg_sigma) = sides
     T_j_s = T_j_b @ section.view.T_b_s
     points = transform_points(T_j_s, np.concatenate((section.groove.points_s[1:4], brace, leg)))
-    azimuth, value, azimuth_by_points, by_points, walls = _unrolled(points, len(brace), shape)
+    azimuth, value, azimuth_by_points, by_points, walls = _unroll_points(points, len(brace), shape)
 
     # The arm's error turns the view about its flange.
     lever = transform_points(T_j_b, section.view.T_b_f[:3, 3])
@@ -155,7 +155,7 @@ def _by_pose(by_points: Array, points: Array) -> Array:
     return np.asarray(np.einsum("...vki,...kij->...vj", by_points, moved))
 
 
-def _unrolled(
+def _unroll_points(
     points: Array, on_brace: int, shape: TubeDimensions
 ) -> tuple[Array, Array, Array, Array, tuple[Array, Array]]:
     """Azimuths and values (10,) of a view's points (k, 3), and how both change with these.
@@ -190,9 +190,8 @@ def _unrolled(
         (8, slice(3 + on_brace, k), rho[0]),
     ):
         centred = along[chosen] - along[chosen].mean()
-        response = np.stack(
-            (np.full(len(centred), 1 / len(centred)), TILT_LEVER * centred / (centred @ centred))
-        )
+        tilt = TILT_LEVER * centred / (centred @ centred)
+        response = np.stack((np.full(len(centred), 1 / len(centred)), tilt))
         by_off[row : row + 2, chosen] = response
         by_phi[row : row + 2, chosen] = 1 / len(centred)
         walls.append(response)

@@ -84,11 +84,8 @@ class BudgetComponent:
         _, singular, Vt = np.linalg.svd(flat / scale[:, None], full_matrices=False)
         kept = flat @ Vt[singular > NEGLIGIBLE_SHARE * singular[0]].T
         k = kept.shape[1]
-        return replace(
-            self,
-            points=kept[: 15 * n].reshape(n, 5, 3, k),
-            measures=kept[15 * n :].reshape(n, 4, k),
-        )
+        points, measures = np.split(kept, (15 * n,))
+        return replace(self, points=points.reshape(n, 5, 3, k), measures=measures.reshape(n, 4, k))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +154,7 @@ class UncertaintyBudget:
         return UncertaintyBudget(tuple(replace(one, points=points) for one, points in pairs))
 
     def made_of(self, shares: Sequence[Sequence[SectionShare]]) -> UncertaintyBudget:
-        """The budget of sections each of which is made of one or several of these.
+        """The budget of sections that are each made of one or several of these.
 
         Parameters
         ----------
@@ -260,9 +257,8 @@ def aligned_budget(
     if by_tubes:
         # Radii, and how the leg lies beside and under the brace: offset along y, turn about it.
         on_leg = np.tile((0.0, 0.0, 1.0, 1.0), n)
-        columns.append(
-            np.column_stack((1 - on_leg, on_leg, on_leg * across[:, 1], on_leg * turned[:, 1]))
-        )
+        shift, turn = on_leg * across[:, 1], on_leg * turned[:, 1]
+        columns.append(np.column_stack((1 - on_leg, on_leg, shift, turn)))
     taken_back = -np.linalg.pinv(np.concatenate(columns, axis=1))[:6]
     components, own = [], np.zeros((6, 6))
     for one in budget.components:
@@ -363,9 +359,9 @@ def summarise_budget(
     left_out : sequence of str
         What is not in the budget.
     """
-    total = _typical(np.trace(budget.corner_covariances, axis1=-2, axis2=-1), seen)
+    total = _typical_places(np.trace(budget.corner_covariances, axis1=-2, axis2=-1), seen)
     whole = np.diagonal(budget.measure_covariances, axis1=-2, axis2=-1)
-    typical = [_typical(whole[:, k], np.ones(len(whole), bool)) for k in range(4)]
+    typical = [_typical_places(whole[:, k], np.ones(len(whole), bool)) for k in range(4)]
     combined = np.zeros(5)
     rows = []
     for one in budget.components:
@@ -373,18 +369,18 @@ def summarise_budget(
         by_measure = np.diagonal(one.measure_covariances, axis1=-2, axis2=-1)
         variances = [corners, *(by_measure[which, k].mean() for k, which in enumerate(typical))]
         combined += variances
-        rows.append(_row(one.name, one.evidence, one.is_shared, np.sqrt(variances)))
+        rows.append(_budget_row(one.name, one.evidence, one.is_shared, np.sqrt(variances)))
     sigma = np.sqrt(combined)
     return BudgetSummary(
         tuple(rows),
-        _row(COMBINED_ROW, "", False, sigma),
-        _row(f"expanded, k = {COVERAGE_FACTOR:g}", "", False, COVERAGE_FACTOR * sigma),
+        _budget_row(COMBINED_ROW, "", False, sigma),
+        _budget_row(f"expanded, k = {COVERAGE_FACTOR:g}", "", False, COVERAGE_FACTOR * sigma),
         left_out=tuple(left_out),
     )
 
 
-def _typical(variances: Array, counted: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which of the variances that count lie in the middle; all that count if none does."""
+def _typical_places(variances: Array, counted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which of the variances that count lie in the middle; all that count if none is."""
     chosen = variances[counted] if counted.any() else variances
     low = np.quantile(chosen, TYPICAL_QUANTILES[0], method="lower")
     high = np.quantile(chosen, TYPICAL_QUANTILES[1], method="higher")
@@ -392,7 +388,7 @@ def _typical(variances: Array, counted: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(amid & counted if counted.any() else amid)
 
 
-def _row(name: str, evidence: str, shared: bool, sigmas: Array) -> BudgetRow:
+def _budget_row(name: str, evidence: str, shared: bool, sigmas: Array) -> BudgetRow:
     corner, *measures = sigmas.tolist()
     return BudgetRow(
         name, evidence, shared, corner / MM.factor, *(np.array(measures) / MEASURE_UNITS).tolist()

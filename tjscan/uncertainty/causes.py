@@ -149,12 +149,9 @@ def repeatability_cause(
 ) -> ViewCause:
     """What the arm does not repeat: drawn again in each view, it moves it about its flange."""
     factor = covariance_factor(repeatability.covariance)
-    about_flange = [
-        pose_vector.adjoint(pose(p=section.view.T_b_f[:3, 3])) @ factor for section in sections
-    ]
-    return motion_cause(
-        REPEATABILITY_CAUSE, evidence, sections, np.array(about_flange), is_shared=False
-    )
+    flanges = [pose(p=section.view.T_b_f[:3, 3]) for section in sections]
+    twists = np.array([pose_vector.adjoint(flange) @ factor for flange in flanges])
+    return motion_cause(REPEATABILITY_CAUSE, evidence, sections, twists, is_shared=False)
 
 
 def hand_eye_cause(sections: Sections, T_f_s: Array, covariance: Array, evidence: str) -> ViewCause:
@@ -186,7 +183,7 @@ def calibration_twists(
     sections, T_f_s
         As of `hand_eye_cause`.
     flange_by_deviations : ndarray, shape (n, 6, k, 6), or None
-        As of `arm_geometry_cause`; none where the arm was not calibrated with the sensor.
+        As of `arm_geometry_cause`; none if the arm was not calibrated with the sensor.
     by_draws : ndarray, shape (6, m) or (6 + 6 k, m)
         Steps of T_f_s, and of the deviations, by each draw.
     """
@@ -195,7 +192,7 @@ def calibration_twists(
     by_all = np.tile(pose_vector.adjoint(pose(p=T_f_s[:3, 3])), (n, 1, 1))
     if flange_by_deviations is not None:
         by_all = np.concatenate((by_all, flange_by_deviations.reshape(n, 6, -1)), axis=2)
-    return _in_b(sections, by_all @ by_draws)
+    return _twists_in_b(sections, by_all @ by_draws)
 
 
 def arm_geometry_cause(
@@ -226,7 +223,9 @@ def arm_geometry_cause(
     in_f = (flange_by_deviations * sigmas).reshape(n, 6, -1)
     if absolute is not None:
         in_f = in_f * (absolute / np.sqrt(np.mean(np.sum(in_f[:, :3] ** 2, axis=(1, 2)))))
-    return motion_cause(GEOMETRY_CAUSE, evidence, sections, _in_b(sections, in_f), is_shared=True)
+    return motion_cause(
+        GEOMETRY_CAUSE, evidence, sections, _twists_in_b(sections, in_f), is_shared=True
+    )
 
 
 def calibrated_arm_cause(
@@ -248,7 +247,7 @@ def calibrated_arm_cause(
     return motion_cause(CALIBRATED_CAUSE, evidence, sections, twists, is_shared=True)
 
 
-def _in_b(sections: Sections, twists: Array) -> Array:
+def _twists_in_b(sections: Sections, twists: Array) -> Array:
     """Motions of the flange, (n, 6, m) in its axes, as twists in b about b's origin."""
     return np.array([pose_vector.adjoint(section.view.T_b_f) for section in sections]) @ twists
 
@@ -311,7 +310,7 @@ def linearity_cause(
 
     moves, measures = [], []
     for section in sections:
-        xz, tangents = _in_plane(section)
+        xz, tangents = _corners_xz(section)
         points = field.at(xz)
         turns = []
         for at, t in ((xz[1], tangents[0]), (xz[3], tangents[3])):
@@ -319,7 +318,7 @@ def linearity_cause(
             by_step = (ahead - here) / SLOPE_STEP
             turns.append(t[0] * by_step[1] - t[1] * by_step[0])
         moves.append(points)
-        measures.append(_measures(section, points, np.array(turns)))
+        measures.append(_measure_moves(section, points, np.array(turns)))
     return _bending_cause(LINEARITY_CAUSE, evidence, sections, bend, moves, measures)
 
 
@@ -348,7 +347,7 @@ def range_bias_cause(sections: Sections, bias: float, evidence: str) -> ViewCaus
 
     moves, measures = [], []
     for section in sections:
-        xz, tangents = _in_plane(section)
+        xz, tangents = _corners_xz(section)
         normals = np.column_stack((tangents[:, 1], -tangents[:, 0]))
         offsets = np.empty((4, 2))  # of each side along its normal, at its first and second point
         for k, side in enumerate(SIDE_ENDS):
@@ -362,11 +361,11 @@ def range_bias_cause(sections: Sections, bias: float, evidence: str) -> ViewCaus
         # The normal lies clockwise of the tangent: moving along it turns a side clockwise.
         turns = np.array((offsets[0, 0] - offsets[0, 1], offsets[3, 0] - offsets[3, 1])) / lengths
         moves.append(points[:, :, None])
-        measures.append(_measures(section, points[:, :, None], turns[:, None]))
+        measures.append(_measure_moves(section, points[:, :, None], turns[:, None]))
     return _bending_cause(RANGE_BIAS_CAUSE, evidence, sections, bend, moves, measures)
 
 
-def _in_plane(section: ScannedSection) -> tuple[Array, Array]:
+def _corners_xz(section: ScannedSection) -> tuple[Array, Array]:
     """The five points (5, 2) in x and z of s, and unit tangents of the four sides (4, 2)."""
     groove = section.groove
     xz = groove.points_s[:, [0, 2]]
@@ -376,7 +375,7 @@ def _in_plane(section: ScannedSection) -> tuple[Array, Array]:
     return xz, tangents / np.where(size > 0, size, 1.0)
 
 
-def _measures(section: ScannedSection, points: Array, turns: Array) -> Array:
+def _measure_moves(section: ScannedSection, points: Array, turns: Array) -> Array:
     """How the measures change with the points (5, 2, m) and with both outer tangents (2, m)."""
     groove = section.groove
     p2, p3, p4 = groove.points_s[1:4, [0, 2]].tolist()
@@ -394,9 +393,7 @@ def _bending_cause(
     measures: Sequence[Array],
 ) -> ViewCause:
     """Cause of the points' moves in x and z of s, (5, 2, m) each, and the measures' changes."""
-    points = [
-        section.view.T_b_s[:3, [0, 2]] @ moved
-        for section, moved in zip(sections, moves, strict=True)
-    ]
+    pairs = zip(sections, moves, strict=True)
+    points = [section.view.T_b_s[:3, [0, 2]] @ moved for section, moved in pairs]
     unmoved = np.zeros((len(points), 6, points[0].shape[-1]))  # bent, and not moved as a whole
     return ViewCause(name, evidence, True, unmoved, np.array(points), np.array(measures), bend)

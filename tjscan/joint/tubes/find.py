@@ -20,7 +20,7 @@ from tjscan.joint.tubes.cylinder import Cylinder, fit_cylinder, refine_cylinder
 from tjscan.joint.tubes.fit import LEAST_AXES_ANGLE, FittedTubes
 
 VOXELS_ALONG_DIAGONAL: Final = 70
-"""Voxels along the cloud's diagonal, one point of each of which is used."""
+"""Voxels along the cloud's diagonal; one point of each is used."""
 
 NORMAL_NEIGHBOURS: Final = 24
 CYLINDER_TRIALS: Final = 4000
@@ -92,9 +92,8 @@ def find_tubes_in_cloud(points: Array, *, seed: int = 0) -> FittedTubes:
     first, second = refine_cylinder(first, chosen), refine_cylinder(second, chosen)
     brace, leg = sorted((first, second), key=lambda tube: tube.radius)
     if leg.radius - brace.radius < ON_TUBE_DISTANCE:
-        raise TubesNotFound(
-            f"both tubes are {2e3 * leg.radius:.1f} mm wide: which one is the leg stays open"
-        )
+        message = f"both tubes are {2e3 * leg.radius:.1f} mm wide: which one is the leg stays open"
+        raise TubesNotFound(message)
     return _with_covariance(brace, leg, thin)
 
 
@@ -168,7 +167,7 @@ def _cylinders_through_triples(
 
 
 def _crosses_tube(axes: Array, other: Cylinder) -> NDArray[np.bool_]:
-    """Whether axes, shape (..., 3), are far from parallel to that of another tube."""
+    """Whether axes, shape (..., 3), are far from parallel to the axis of another tube."""
     return np.asarray(np.abs(axes @ other.axis) < np.cos(LEAST_AXES_ANGLE))
 
 

@@ -154,16 +154,16 @@ def fit_tubes_to_walls(
         residuals, jacobian, shared = _linearised_distances(walls, brace, leg)
         own = np.einsum("ij,jk,ik->i", shared, common, shared) + walls.sigma**2
         if count:
-            weights = _robust_weights(residuals / np.sqrt(own))
+            standard = residuals / np.sqrt(own)
+            weights = tukey_weights(standard / max(1.0, mad_sigma(standard)), LEAST_WEIGHT)
         own_variance = walls.sigma**2 / weights
         rows = np.column_stack((jacobian, residuals))
         white = _whitened_rows(rows, shared, own_variance, common, views)
         solved, _, rank, _ = np.linalg.lstsq(white[:, :-1], -white[:, -1], rcond=1e-10)
         step = np.asarray(solved, dtype=float)
         if rank < 10 or not np.abs(step).max() < 1.0:
-            raise TubesNotFound(
-                "the walls that were seen leave leg or brace free to move: scan farther round"
-            )
+            message = "the walls that were seen leave leg or brace free to move: scan farther round"
+            raise TubesNotFound(message)
         brace, leg = brace.boxplus(step[:5]), leg.boxplus(step[5:])
         if count > 1 and np.abs(step).max() < CONVERGED_STEP:
             break
@@ -219,11 +219,6 @@ def _whitened_rows(
 def _covariance_factor(shared: Array, own: Array, common: Array) -> Array:
     """Cholesky factor of the covariance of a view's residuals."""
     return np.asarray(np.linalg.cholesky(shared @ common @ shared.T + np.diag(own)))
-
-
-def _robust_weights(standardised: Array) -> Array:
-    """Tukey's weights; the kernel widens where most residuals are larger than stated."""
-    return tukey_weights(standardised / max(1.0, mad_sigma(standardised)), LEAST_WEIGHT)
 
 
 def dihedral_angles(brace: Cylinder, leg: Cylinder, points: Array) -> Array:
@@ -379,9 +374,8 @@ def joint_pose_from_cylinders(
     """
     cosine = float(brace.axis @ leg.axis)
     if 1 - cosine * cosine < np.sin(LEAST_AXES_ANGLE) ** 2:
-        raise TubesNotFound(
-            "the two tubes that were found are all but parallel: they make no joint"
-        )
+        message = "the two tubes that were found are all but parallel: they make no joint"
+        raise TubesNotFound(message)
     # Where the axes come nearest: the joining line is square to both.
     between = leg.point - brace.point
     along = (between @ brace.axis - cosine * (between @ leg.axis)) / (1 - cosine * cosine)

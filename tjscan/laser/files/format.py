@@ -17,7 +17,7 @@ METRES_PER_UNIT: Final = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
 """Metres in each unit of length."""
 
 ASSUMED_MID_RANGE: Final = 0.240
-"""Distance of mid-range from the sensor where nothing is stated, in metres (assumption)."""
+"""Distance of mid-range from the sensor if nothing is stated, in metres (assumption)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -82,9 +82,8 @@ def read_ply(file: Path, form: ProfileFormat) -> FileProfiles:
     except Exception as error:  # trimesh raises whatever its parser stumbles on
         raise ConfigurationError(f"is no PLY with points: {error}", file=file) from None
     if len(points) and not np.nanmax(np.abs(scale * points[:, 1])) <= OFF_PLANE_TOLERANCE:
-        raise ConfigurationError(
-            "its points lie off the plane y = 0, so it is no profile in a sensor's frame", file=file
-        )
+        message = "its points lie off the plane y = 0, so it is no profile in a sensor's frame"
+        raise ConfigurationError(message, file=file)
     table = FileProfiles()
     z_s = heights_from_sensor(points[:, 2], scale, form, table)
     table.profiles[file.name] = profile_of_columns(scale * points[:, 0], z_s)

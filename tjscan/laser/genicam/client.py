@@ -181,8 +181,8 @@ class GenicamClient:
         """Fault that an error means: a fault itself, or one that the library raised."""
         if isinstance(error, LaserFault):
             return error
-        said = str(error)
-        if "ACCESS_DENIED" in said or "control of the camera was lost" in said:
+        words = str(error)
+        if "ACCESS_DENIED" in words or "control of the camera was lost" in words:
             if self._is_held_by_another():
                 return LaserInUse(
                     "another program has taken control of the laser. Close it there, then start "
@@ -192,9 +192,9 @@ class GenicamClient:
                 "the laser no longer takes commands: it was restarted, or its connection broke. "
                 "Start again."
             )
-        if isinstance(error, viva_genicam.GenApiError) and "timeout" not in said:
-            return ProfileFormatRefused(f"the laser does not do as it is set up: {said}")
-        return LaserNotResponding(f"the laser does not answer: {said}. See its power and cable.")
+        if isinstance(error, viva_genicam.GenApiError) and "timeout" not in words:
+            return ProfileFormatRefused(f"the laser does not do as it is set up: {words}")
+        return LaserNotResponding(f"the laser does not answer: {words}. See its power and cable.")
 
     @property
     def _names(self) -> set[str]:
@@ -238,9 +238,8 @@ class GenicamClient:
                 if "ACCESS_DENIED" not in str(error):
                     raise LaserNotConnected(f"the laser at {info.ip} fails: {error}") from error
                 if time.monotonic() > until:
-                    raise LaserInUse(
-                        f"another program controls the laser at {info.ip}. Close it there."
-                    ) from error
+                    message = f"another program controls the laser at {info.ip}. Close it there."
+                    raise LaserInUse(message) from error
             time.sleep(0.1)
 
     def _is_held_by_another(self) -> bool:
@@ -274,9 +273,8 @@ class GenicamClient:
             else:
                 self._camera.set(name, text)
         except GenicamError as error:
-            raise ProfileFormatRefused(
-                f"the laser's feature {name} can't be set to {text}: {error}"
-            ) from error
+            message = f"the laser's feature {name} can't be set to {text}: {error}"
+            raise ProfileFormatRefused(message) from error
 
     def _read(self, name: str, read: Callable[[str], Any]) -> Any:
         """A feature's value; None if the laser lacks it."""

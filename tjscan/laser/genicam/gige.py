@@ -75,12 +75,10 @@ class GigeLaser(ABC, Generic[S]):
         ProfileFormatRefused
             If its numbers can't be turned into millimetres.
         """
-        limit = self.settings.connect_limit
-        self._process = ClientProcess("tjscan.laser.genicam.client")
+        table = self.settings
+        self._process, limit = ClientProcess("tjscan.laser.genicam.client"), table.connect_limit
         try:
-            self._laser = self._call(
-                ConnectedLaser, "connect", self.settings, self._setup(), limit=limit
-            )
+            self._laser = self._call(ConnectedLaser, "connect", table, self._setup(), limit=limit)
             self._check_identity(self._laser.identity)
             self._understand(self._laser)
         except BaseException:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
 from types import NoneType
 from typing import Any, Final, Self
 
@@ -31,7 +30,7 @@ from tjscan.core.errors import (
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.arm import ArmState, MotionLock
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import JointTrajectory, MotionLimits
+from tjscan.robot.motion import MotionLimits
 from tjscan.robot.path import PathPlanner
 from tjscan.robot.ur.dashboard import DashboardClient, UrIdentity, read_ur_identity
 from tjscan.robot.ur.faults import connection_start_fault, fault_from_state
@@ -39,7 +38,6 @@ from tjscan.robot.ur.kinematics_info import describe_difference, read_controller
 from tjscan.robot.ur.messages import ControllerState
 from tjscan.robot.ur.moving import (
     POLL_PERIOD,
-    MoveCommand,
     await_arrival,
     check_target_is_safe,
     execute_move,
@@ -225,7 +223,7 @@ class UrArm(DeviceBase):
         self._session: ControllerSession | None = None
         self._identity = UrIdentity()
         self._latch = MotionLock()
-        self._listener: EventListener | None = None
+        self._listener: EventListener = lambda name, detail: None
 
     def __enter__(self) -> Self:
         """Connect, set TCP and payload, and read them back; nothing moves.
@@ -238,11 +236,12 @@ class UrArm(DeviceBase):
             If it is another model than it should be.
         """
         self._latch.clear_stop()
+        settings, latch = self.settings, self._latch
         session = connect_to_controller(
-            self.settings, self.kinematics, self._latch, self._report_event
+            settings, self.kinematics, latch, lambda *event: self._listener(*event)
         )
         try:
-            stated = read_controller_kinematics(self.settings.host)
+            stated = read_controller_kinematics(settings.host)
             self._identity = read_ur_identity(
                 session.dashboard,
                 session.read_state().payload,
@@ -289,15 +288,13 @@ class UrArm(DeviceBase):
         PoseNotReached
             If the arm came to rest somewhere else. It takes no more commands then.
         """
-        return self._move(
-            T_b_f, self._planner.linear_path, partial(linear_command, self.kinematics)
-        )
+        return self._move(T_b_f, linear=True)
 
     def move_joint_to_pose(
         self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
     ) -> ArmState:
         """Move to the nearest configuration that holds a pose. See `move_linear`."""
-        return self._move(T_b_f, partial(self._planner.joint_path, near=near), joint_command)
+        return self._move(T_b_f, near)
 
     def run_program(self, program: UrProgram, started: Callable[[], object]) -> None:
         """Run a program in URScript to its end; the arm takes no moves after it.
@@ -326,26 +323,22 @@ class UrArm(DeviceBase):
         """Take commands again after a stop. See `Arm.accept_moves_again`."""
         self._latch.clear_stop()
 
-    def _report_event(self, name: str, detail: str) -> None:
-        if self._listener is not None:
-            self._listener(name, detail)
-
     @property
     def _connected(self) -> ControllerSession:
         if self._session is None:
             raise ArmFault("the arm is not connected: use it inside a 'with' block")
         return self._session
 
-    def _move(
-        self,
-        T_b_f: Array,
-        plan: Callable[[Array, Array], JointTrajectory],
-        command: Callable[[ControllerSession, JointTrajectory, Array], MoveCommand],
-    ) -> ArmState:
-        session = self._connected
+    def _move(self, T_b_f: Array, near: Array | None = None, *, linear: bool = False) -> ArmState:
+        session, planner = self._connected, self._planner
         with self._latch.hold_for_move():
-            path = plan(session.arm_state().q, T_b_f)
+            q = session.arm_state().q
+            path = planner.linear_path(q, T_b_f) if linear else planner.joint_path(q, T_b_f, near)
             if path.duration > 0:
                 check_target_is_safe(session, T_b_f)
-                execute_move(session, command(session, path, T_b_f), T_b_f)
+                if linear:
+                    command = linear_command(self.kinematics, session, path, T_b_f)
+                else:
+                    command = joint_command(session, path, T_b_f)
+                execute_move(session, command, T_b_f)
             return await_arrival(session, T_b_f)

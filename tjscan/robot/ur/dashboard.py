@@ -114,9 +114,8 @@ class DashboardClient:
         # Whether a controller on which nothing runs confirms is not known: that it runs counts.
         confirmed = answer.lower().startswith("stopped")
         if not confirmed and self.ask_value("running").lower() != "false":
-            raise ArmFault(
-                f"the controller did not end the program when it was asked to ({answer!r})."
-            )
+            message = f"the controller did not end the program when it was asked to ({answer!r})."
+            raise ArmFault(message)
 
     def close(self) -> None:
         """Close the connection."""
@@ -151,7 +150,7 @@ class UrIdentity(DeviceIdentity):
     payload : float or None
         The active payload in kilograms.
     kinematics : str
-        Where the controller's own calibration and the model of the arm disagree; empty where the
+        Where the controller's own calibration and the model of the arm disagree; empty if the
         controller states none.
     """
 

@@ -87,9 +87,8 @@ def _turn_command(
     straight = path.q[0] + np.linspace(0, 1, 9)[:, None] * (path.q[-1] - path.q[0])
     places = np.array([kinematics.forward(q)[:3, 3] for q in straight])
     if np.linalg.norm(places - places[0], axis=1).max() > LARGEST_SWING:
-        raise TargetRefused(
-            "a turn this wide on the spot would swing the flange aside; turn in parts.", T_b_f
-        )
+        message = "a turn this wide on the spot would swing the flange aside; turn in parts."
+        raise TargetRefused(message, T_b_f)
     return joint_command(session, path, T_b_f)
 
 

@@ -103,9 +103,8 @@ class ControllerSession:
         try:
             now = self.ask_client(ControllerState, name, limit=limit)
             self._check_clock_advances(now)
-            fault = fault_from_state(
-                replace(now, runtime_state=PROGRAM_PLAYING) if beside_program else now
-            )
+            shown = replace(now, runtime_state=PROGRAM_PLAYING) if beside_program else now
+            fault = fault_from_state(shown)
             if isinstance(fault, ProgramStopped):  # blames people: confirm it first
                 time.sleep(NEXT_READING)
                 now = self.ask_client(ControllerState, name, limit=limit)
@@ -177,9 +176,8 @@ class ControllerSession:
 
     def arm_state_from(self, now: ControllerState) -> ArmState:
         """Convert a controller's state to joint angles, flange pose and time."""
-        return ArmState(
-            np.array(now.q), pose_vector.pose_from_vector(now.tcp) @ self.T_tcp_f, now.time
-        )
+        T_b_f = pose_vector.pose_from_vector(now.tcp) @ self.T_tcp_f
+        return ArmState(np.array(now.q), T_b_f, now.time)
 
     def active_tcp_pose(self, T_b_f: Array) -> tuple[float, ...]:
         """Pose of the active TCP, as the controller takes it, for a pose of the flange."""
@@ -255,9 +253,8 @@ class ControllerSession:
             try:
                 self.ask_client(NoneType, "stop_move", STOP_DECELERATION)
             except (ArmFault, ClientLibraryError) as failed:
-                self.end_for_fault(
-                    failed if isinstance(failed, ArmFault) else ArmFault(str(failed))
-                )
+                fault = failed if isinstance(failed, ArmFault) else ArmFault(str(failed))
+                self.end_for_fault(fault)
 
     def end_for_fault(self, fault: ArmFault) -> ArmFault:
         """End the session for a fault: stop the arm by whatever still works; returns the fault."""
@@ -268,7 +265,7 @@ class ControllerSession:
         return self.fault
 
     def stop_program(self, because: BaseException) -> None:
-        """Stop our program and all motion through the dashboard; note it where that fails."""
+        """Stop our program and all motion through the dashboard; note it if that fails."""
         try:
             self.dashboard.stop_program()
         except ArmFault as unheard:

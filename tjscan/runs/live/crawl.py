@@ -36,7 +36,7 @@ from tjscan.live.step import (
 )
 from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import JOB_FILE
-from tjscan.robot.solids import Box, Cylinder, Solid
+from tjscan.robot.settings import Box, Cylinder, Solid
 from tjscan.vehicle.vehicle import AT_REST, Twist
 
 TORCH_DEVIATION: Final = Measure("torch beside its path", "mm")

@@ -26,7 +26,7 @@ from tjscan.live.page import PageAddress
 from tjscan.live.step import STATE_FACT, Measure, Sample, Setting, Step
 from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import JOB_FILE
-from tjscan.robot.solids import Cylinder, Solid
+from tjscan.robot.settings import Cylinder, Solid
 from tjscan.runs.tow.results import clearance_of_discs
 from tjscan.towing.journal import TowCycle, TowTruth, read_tow
 from tjscan.towing.seam import Seam

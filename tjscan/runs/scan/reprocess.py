@@ -33,8 +33,7 @@ from tjscan.runs.run import (
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 from tjscan.runs.scan.run import write_job_results
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
-from tjscan.scanning.journal import RecordedScan
-from tjscan.scanning.progress import ScanResult, StopReason
+from tjscan.scanning.journal import RecordedScan, ScanResult, StopReason
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.sections_before import read_section

@@ -24,8 +24,8 @@ from tjscan.result.summary import ScanSummary, StepStatistics
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
 from tjscan.runs.scan.uncertainty import StatedCauses
+from tjscan.scanning.journal import ScanResult, groove_length, plan_is_fulfilled, step_lengths
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.progress import ScanResult, groove_length, plan_is_fulfilled, step_lengths
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.uncertainty.budget import BudgetSummary, summarise_budget
 from tjscan.uncertainty.causes import budget_of_causes

@@ -32,9 +32,13 @@ from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_fr
 from tjscan.runs.scan.results import write_scan_results
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.journal import RecordedScan, ScannedSurfaceObstacle
+from tjscan.scanning.journal import (
+    RecordedScan,
+    ScannedSurfaceObstacle,
+    ScanResult,
+    plan_is_fulfilled,
+)
 from tjscan.scanning.profile_taker import ScanSetup
-from tjscan.scanning.progress import ScanResult, plan_is_fulfilled
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.section import ProfileView

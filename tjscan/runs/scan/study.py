@@ -35,8 +35,8 @@ from tjscan.runs.scan.study_rules import (
     joint_with_derived_dimensions,
     teach_start_poses,
 )
+from tjscan.scanning.journal import ScanResult
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.progress import ScanResult
 from tjscan.scanning.section import Substep
 from tjscan.study.backend import (
     ReportedQuantity,

@@ -31,7 +31,7 @@ ANGULAR_REPEATABILITY: Final = 1e-4 / np.sqrt(3)
 
 END_SIGMA: Final = 0.15e-3
 """Metres by which p1 and p5 lie off their walls, standard deviation: assumption. The curve that
-is fitted between them and p2 or p4 is a parabola, or where that is doubtful a line."""
+is fitted between them and p2 or p4 is a parabola, or a line if that is doubtful."""
 
 LEAST_SIGMA: Final = 1e-6
 """Metres and radians: nothing is known better, not even without any noise."""
@@ -140,7 +140,7 @@ OUT_OF_ROUND_WAVE: Final = 0.15
 """Metres along the groove over which it does."""
 
 MISREAD_SIGMAS: Final = 5.0
-"""Standard deviations from its neighbours' word by which no true reading lies."""
+"""Standard deviations from what its neighbours show by which no true reading is off."""
 MOST_REVISIONS: Final = 3
 """How often the rest is asked again."""
 
@@ -244,7 +244,7 @@ class LocalTubeFit:
 
     def walls(self, thetas: Array | None = None) -> LocalWalls:
         """Walls of the fitted tubes, or of other parameters, shape (..., 10)."""
-        return _walls(self.bases, self.theta if thetas is None else thetas)
+        return _tube_walls(self.bases, self.theta if thetas is None else thetas)
 
     def seam_curvature(self) -> float:
         """Curvature of the seam beside the last section, 1/m."""
@@ -306,19 +306,19 @@ def fit_tubes_to_sections(track: RecentSections) -> LocalTubeFit:
     misread, and counts for no more than that.
     """
     sigmas = track.sigmas
-    seam = _fit(track, sigmas)
+    seam = _fit_walls(track, sigmas)
     for _ in range(MOST_REVISIONS):
         off, expected = seam.leave_one_out_residuals()
         misread = np.abs(off) > MISREAD_SIGMAS * expected
         if not misread.any():
             break
         sigmas = np.where(misread, np.abs(off), sigmas)
-        seam = _fit(track, sigmas)
+        seam = _fit_walls(track, sigmas)
     return seam
 
 
-def _fit(track: RecentSections, sigmas: Array) -> LocalTubeFit:
-    bases = _bases(track)
+def _fit_walls(track: RecentSections, sigmas: Array) -> LocalTubeFit:
+    bases = _wall_bases(track)
     between = track.along[:, None] - track.along
     covariances = [
         Matern52(out, OUT_OF_ROUND_WAVE)(between) + np.diag(own**2)
@@ -327,23 +327,22 @@ def _fit(track: RecentSections, sigmas: Array) -> LocalTubeFit:
     whiten = np.array([np.linalg.inv(np.linalg.cholesky(C)) for C in covariances])
 
     def residuals(thetas: Array) -> Array:
-        walls = _walls(bases, thetas)
-        white = np.einsum("cmn,...cn->...cm", whiten, _residuals(walls, track))
+        walls = _tube_walls(bases, thetas)
+        white = np.einsum("cmn,...cn->...cm", whiten, _off_tubes(walls, track))
         flat = white.reshape(*thetas.shape[:-1], -1)
-        return np.concatenate((flat, _prior(walls, thetas)), axis=-1)
+        return np.concatenate((flat, _prior_residuals(walls, thetas)), axis=-1)
 
-    theta, jacobian = _search(residuals, _starts())
+    theta, jacobian = _minimise(residuals, _initial_parameters())
     spread = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
     # Ten of the prior's and the sections' residuals are spent on the parameters.
     reduced_chi2 = float(np.sum(residuals(theta) ** 2)) / (6 * len(track.along) + 1)
-    lefts = _residuals(_walls(bases, with_small_steps(theta, _DIFFERENCE_STEP)), track)
+    lefts = _off_tubes(_tube_walls(bases, with_small_steps(theta, _DIFFERENCE_STEP)), track)
     by_theta = np.moveaxis((lefts[1:] - lefts[0]) / _DIFFERENCE_STEP, 0, -1)
-    return LocalTubeFit(
-        bases, theta, spread * max(1.0, reduced_chi2), track.along, whiten, lefts[0], by_theta
-    )
+    covariance = spread * max(1.0, reduced_chi2)
+    return LocalTubeFit(bases, theta, covariance, track.along, whiten, lefts[0], by_theta)
 
 
-def _residuals(walls: LocalWalls, track: RecentSections) -> Array:
+def _off_tubes(walls: LocalWalls, track: RecentSections) -> Array:
     # Both of a wall's places at once; the tangents count at the first.
     n = len(track.along)
     distances, slopes = walls.offsets_and_slopes(
@@ -359,7 +358,7 @@ def with_small_steps(values: Array, step: float) -> Array:
     return np.asarray(values + np.concatenate((np.zeros((1, n)), step * np.eye(n))))
 
 
-def _starts() -> Array:
+def _initial_parameters() -> Array:
     starts = np.zeros((AXIS_STARTS, 10))
     starts[:, 4] = -log(BRACE_RADIUS[0]) / _PARAMETER_SCALE[4]
     starts[:, 9] = -log(BRACE_RADIUS[0] * RADIUS_RATIO[0]) / _PARAMETER_SCALE[4]
@@ -367,7 +366,7 @@ def _starts() -> Array:
     return starts
 
 
-def _bases(track: RecentSections) -> Array:
+def _wall_bases(track: RecentSections) -> Array:
     chord = track.origins[-1] - track.origins[-2]
     down, out = track.tangents[:, -1]
     bases = np.empty((2, 4, 3))
@@ -378,7 +377,7 @@ def _bases(track: RecentSections) -> Array:
     return bases
 
 
-def _walls(bases: Array, thetas: Array) -> LocalWalls:
+def _tube_walls(bases: Array, thetas: Array) -> LocalWalls:
     """Walls of parameters, shape (..., 10)."""
     t = thetas.reshape(*thetas.shape[:-1], 2, 5, 1) * _PARAMETER_SCALE[:, None]
     foot, along, around, normal = (bases[:, i] for i in range(4))
@@ -390,7 +389,7 @@ def _walls(bases: Array, thetas: Array) -> LocalWalls:
     return LocalWalls(foot + t[..., 0, :] * n, n, c, np.exp(t[..., 4, 0]))
 
 
-def _prior(walls: LocalWalls, thetas: Array) -> Array:
+def _prior_residuals(walls: LocalWalls, thetas: Array) -> Array:
     """What joints of tubes are like, as residuals, shape (..., 14)."""
     axes = cross(walls.across, walls.normals)
     radii = 1 / walls.curvatures
@@ -407,7 +406,7 @@ def _prior(walls: LocalWalls, thetas: Array) -> Array:
     return np.concatenate((thetas * _PRIOR_MASK, np.stack(shape, axis=-1)), axis=-1)
 
 
-def _search(residuals: Callable[[Array], Array], starts: Array) -> tuple[Array, Array]:
+def _minimise(residuals: Callable[[Array], Array], starts: Array) -> tuple[Array, Array]:
     """Levenberg–Marquardt from several starts side by side, soon from the best one alone.
 
     Returns

@@ -108,7 +108,7 @@ class ExpectedSection:
             Orientation of the sensor.
         """
         around = with_small_steps(section, _DIFFERENCE_STEP)
-        values = self._misses(self.seam.walls(), around, R_b_s)
+        values = self._off_walls(self.seam.walls(), around, R_b_s)
         J = (values[1:] - values[0]).T / _DIFFERENCE_STEP
         return np.asarray(section - np.linalg.solve(J, values[0]))
 
@@ -122,7 +122,7 @@ class ExpectedSection:
         R_b_s : ndarray, shape (3, 3)
             Orientation of the sensor.
         """
-        wall, leg = _tangents(section, R_b_s)
+        wall, leg = _tangents_b(section, R_b_s)
         T_b_g = np.eye(4)
         T_b_g[:3, 1], T_b_g[:3, 3] = -wall, section[:3]
         gamma_2 = float(np.arcsin(np.clip(wall @ leg, -1.0, 1.0)))
@@ -143,26 +143,26 @@ class ExpectedSection:
             for values in (section, self.seam.theta, self.shape[:2])
         )
         walls = self.seam.walls()
-        by_section = _difference(self._misses(walls, around, R_b_s))
-        by_theta = _difference(self._misses(self.seam.walls(thetas), section, R_b_s))
+        by_section = _derivative(self._off_walls(walls, around, R_b_s))
+        by_theta = _derivative(self._off_walls(self.seam.walls(thetas), section, R_b_s))
         by_theta[:4] -= self.residual_jacobian
-        misses = [self._misses(walls, section, R_b_s, lengths) for lengths in shapes]
-        by_shape = _difference(np.array(misses))
+        misses = [self._off_walls(walls, section, R_b_s, lengths) for lengths in shapes]
+        by_shape = _derivative(np.array(misses))
         spread = by_theta @ self.seam.covariance @ by_theta.T
         spread += (by_shape * self.shape_sigmas[:2] ** 2) @ by_shape.T
         spread[range(4), range(4)] += self.residual_sigmas**2
         back = np.linalg.inv(by_section)
-        seven = _difference(np.array([self._seven(section, one, R_b_s) for one in around]))
+        seven = _derivative(np.array([self._target_change(section, one, R_b_s) for one in around]))
         total = seven @ back @ spread @ back.T @ seven.T
         total[6, 6] += (0.5 * self.shape_sigmas[2]) ** 2
         return np.asarray(total)
 
-    def _misses(
+    def _off_walls(
         self, walls: LocalWalls, section: Array, R_b_s: Array, lengths: Array | None = None
     ) -> Array:
         """How far sections (..., 5) are from lying on the walls a step away, shape (..., 5)."""
         lengths = self.shape[:2] if lengths is None else lengths
-        tangents = _tangents(section, R_b_s)
+        tangents = _tangents_b(section, R_b_s)
         points = section[..., None, :3] + lengths[:, None] * tangents
         distances, slopes = walls.offsets_and_slopes(points[..., None, :], tangents[..., None, :])
         gone = np.linalg.norm(section[..., :3] - self.T_b_g[:3, 3], axis=-1) - self.step
@@ -170,19 +170,19 @@ class ExpectedSection:
         gone = np.broadcast_to(gone[..., None], (*on_walls.shape[:-1], 1))
         return np.concatenate((on_walls, gone), axis=-1)
 
-    def _seven(self, section: Array, other: Array, R_b_s: Array) -> Array:
+    def _target_change(self, section: Array, other: Array, R_b_s: Array) -> Array:
         """Position, rotation vector and work angle of another section's ideal in this one's t."""
         T, _ = self.ideal_frame_and_work_angle(section, R_b_s)
         T_other, work_angle = self.ideal_frame_and_work_angle(other, R_b_s)
         return np.append(pose_vector.pose_to_vector(inverse_pose(T) @ T_other), work_angle)
 
 
-def _tangents(section: Array, R_b_s: Array) -> Array:
+def _tangents_b(section: Array, R_b_s: Array) -> Array:
     """Unit vectors along wall and leg, shape (..., 2, 3)."""
     angles = section[..., 3:, None]
     return np.asarray(np.cos(angles) * R_b_s[:, 0] + np.sin(angles) * R_b_s[:, 2])
 
 
-def _difference(values: Array) -> Array:
+def _derivative(values: Array) -> Array:
     """Jacobian from values at a place and at steps of `_DIFFERENCE_STEP` beside it."""
     return np.asarray((values[1:] - values[0]).T / _DIFFERENCE_STEP)
