@@ -40,7 +40,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.joint.file import read_joint
 from tjscan.planning.edges import GrooveEdges, fit_groove_edges
-from tjscan.planning.lay import cut_groove
+from tjscan.planning.lay import ArrangedGroove
 from tjscan.planning.path import chord_error_and_kink, stations_at, template_at
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.wps import WeldingProcedure, read_wps
@@ -119,7 +119,7 @@ def share_inside(plan: WeldPlan) -> float:
 def overlaps_and_gaps(plan: WeldPlan) -> float:
     """What beads cover twice or leave of a section, the largest share of it; by shapely."""
     s = np.linspace(0, plan.edges.length, 50)
-    _, cells = cut_groove(plan.edges, s, plan.zones[0].arrangement, plan.wps)
+    _, cells = ArrangedGroove(plan.edges, plan.zones[0].arrangement, plan.wps).cut(s)
     worst = 0.0
     for i, corners in enumerate(cells.template.corners):
         beads = [shapely.Polygon(outline) for outline in cells.outlines(i)]
@@ -145,7 +145,7 @@ def volumes(edges: GrooveEdges) -> tuple[float, float]:
     designed = ring_solid(designed_corners(JOINT, np.linspace(0, 2 * np.pi, 720, endpoint=False)))
     plan = plan_weld(edges, without_cap_and_overlap(), DOWN)
     s = np.linspace(0, edges.length, 720, endpoint=False)
-    stations, cells = cut_groove(edges, s, plan.zones[0].arrangement, plan.wps)
+    stations, cells = ArrangedGroove(edges, plan.zones[0].arrangement, plan.wps).cut(s)
     quads = [stations.to_space(cells.quadrilaterals(k)) for k in range(len(cells.counts))]
     solids = [ring_solid(quad[:, j]) for quad in quads for j in range(quad.shape[1])]
     filled = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add)

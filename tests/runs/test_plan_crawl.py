@@ -60,7 +60,7 @@ def test_passes_lay_down_what_the_joint_holds() -> None:
     found = plan()
     passes = passes_of_plan(found)
     length = found.edges.length
-    rates = [float(found.wps.deposition_rate(np.array(one.feed))) for one in passes]
+    rates = [float(found.wps.deposition_rate(np.array(one.bead.feed))) for one in passes]
     laid = sum(rate * length / one.speed for rate, one in zip(rates, passes, strict=True))
     cap = 2 / 3 * found.wps.bead.cap_height * JOINT.width
     assert laid == pytest.approx((JOINT.groove_area + cap) * length, rel=0.01)
@@ -74,8 +74,8 @@ def test_passes_lay_down_what_the_joint_holds() -> None:
 
 def test_passes_of_a_symmetric_joint_are_symmetric() -> None:
     passes = passes_of_plan(plan(HullJoint()))
-    for layer in {one.layer for one in passes}:
-        offsets = sorted(one.offset for one in passes if one.layer == layer)
+    for layer in {one.bead.layer for one in passes}:
+        offsets = sorted(one.offset for one in passes if one.bead.layer == layer)
         np.testing.assert_allclose(offsets, [-x for x in offsets[::-1]], atol=0.1e-3)
 
 

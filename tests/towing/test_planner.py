@@ -36,7 +36,7 @@ def begun() -> TowingPlan:
     problem, _ = ours.problem(start, WELDER, 1.0)
     problem = replace(problem, weights=WeightSettings(change=0, pace=0))
     angles, _ = optimise_freely(problem)
-    plan = CheckedShape(problem, ours.problem(start, WELDER, 1.0)[1], angles).plan(0)
+    plan = CheckedShape(problem, ours.problem(start, WELDER, 1.0)[1], angles).plan()
     for _ in range(20):
         plan = ours.plan(plan.held_poses, WELDER, dt=0.1, last=plan)
     assert not plan.halt

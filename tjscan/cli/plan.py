@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from cyclopts import Parameter
 
+from tjscan.cli.output.console import print_message, show_phase
 from tjscan.core.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -79,8 +80,6 @@ def plan(
     json
         Print the plan as JSON on stdout.
     """
-    from tjscan.cli.output.console import print_message, show_phase
-
     program = program or ProgramOptions()
     program.check()
     if after_pass < 0:
@@ -112,20 +111,18 @@ def plan(
         print_plan(done, page)
     wanting = bool(done.plan.findings or done.unreached_spans)
     wanting |= any(one.out_of_table for one in done.document.details)
-    if arm is not None:
-        if wanting and program.arc:
-            print_message(
-                "nothing was sent to the arm: the plan is out of the WPS, see above; it runs "
-                "without --arc only"
-            )
-            raise SystemExit(OUT_OF_WPS)
+    if arm is not None and wanting and program.arc:
+        print_message(
+            "nothing was sent to the arm: the plan is out of the WPS, see above; it runs "
+            "without --arc only"
+        )
+    elif arm is not None:
         _send_program_to_arm(done, arm, program)
     if wanting:
         raise SystemExit(OUT_OF_WPS)
 
 
 def _send_program_to_arm(done: WrittenPlan, arm: ArmForProgram, program: ProgramOptions) -> None:
-    from tjscan.cli.output.console import print_message
     from tjscan.runs.plan.send import path_of_station, send_program
 
     path = path_of_station(done.paths, program.station)

@@ -12,6 +12,8 @@ from cyclopts import Parameter
 from tjscan.cli.options.page import PageOptions
 from tjscan.cli.output.console import print_message, show_phase
 from tjscan.core.errors import ConfigurationError
+from tjscan.core.signals import wait_for_ctrl_c
+from tjscan.result.directory import JOB_FILE, SUMMARY_FILE
 
 if TYPE_CHECKING:
     from tjscan.groove.settings import GrooveSettings
@@ -113,7 +115,7 @@ def groove(
         Print the readings as JSON on stdout.
     """
     with show_phase("reading the groove"):
-        from tjscan.cli.output import groove as output
+        from tjscan.cli.output import results as output
         from tjscan.result.readings import measure_grooves
 
         output.check_plot_path(plot)
@@ -134,7 +136,6 @@ def _groove_settings_for_file(file: Path, options: GrooveReadingOptions | None) 
     from tjscan.core.config import table_to_dict, validate_table
     from tjscan.groove.settings import GrooveSettings
     from tjscan.job.files import read_scan_job
-    from tjscan.result.directory import JOB_FILE
 
     job = file / JOB_FILE
     own = table_to_dict(read_scan_job(job).groove) if job.is_file() else {}
@@ -151,10 +152,9 @@ def _read_profiles(file: Path, options: ProfileFileOptions | None) -> FileProfil
     ConfigurationError
         If there are none.
     """
-    from tjscan.cli.output.groove import print_bad_rows
+    from tjscan.cli.output.results import print_bad_rows
     from tjscan.laser.files.format import FileProfiles
     from tjscan.laser.files.read import read_profiles
-    from tjscan.result.directory import JOB_FILE
     from tjscan.scanning.recording import load_profiles_of_run as read_recorded
 
     o = options or ProfileFileOptions()
@@ -223,7 +223,7 @@ def compare(
     json
         Print the comparison as JSON on stdout.
     """
-    from tjscan.cli.output.comparison import print_comparison
+    from tjscan.cli.output.results import print_comparison
     from tjscan.comparison.compare import compare_shapes
     from tjscan.comparison.maps import check_map_file, write_map
     from tjscan.comparison.shapes import StatedUnitAndFrame
@@ -317,7 +317,6 @@ def report(
         from tjscan.comparison.shapes import StatedUnitAndFrame
         from tjscan.report.plan_page import PLAN, write_plan_page
         from tjscan.report.write import write_run_report
-        from tjscan.result.directory import SUMMARY_FILE
 
         if (run / PLAN).is_file():
             print_message(f"written to {write_plan_page(run)}")
@@ -336,8 +335,6 @@ def view(*runs: Path, page: PageOptions | None = None) -> None:
     runs
         Run directories, finished or not.
     """
-    from tjscan.core.signals import wait_for_ctrl_c
-
     if not runs:
         raise ConfigurationError("view takes one run directory or more")
     where = (page or PageOptions()).where

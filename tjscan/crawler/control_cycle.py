@@ -51,7 +51,6 @@ class JointReader(Protocol):
         GrooveNotFound
             If it does not show it.
         """
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,7 +292,6 @@ class HandDrive(Protocol):
         It is asked for in every cycle, and is `tjscan.vehicle.vehicle.AT_REST` if no one has
         asked for any lately: who drives by hand must go on saying so.
         """
-        ...
 
 
 def drive_by_hand(hand: HandDrive, vehicle: Vehicle, cycle: ControlCycle, guards: Guards) -> None:

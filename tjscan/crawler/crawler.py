@@ -40,7 +40,6 @@ class WeldOperator(Protocol):
 
     def confirm_weld(self, number: int) -> bool:
         """Whether gas, wire and current are ready for a pass, and no one is in the way."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

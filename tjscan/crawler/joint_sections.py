@@ -92,14 +92,14 @@ class LastView:
         """
         aside = float(np.median([d for d, _ in seen])) - self.d
         if abs(aside) > FEET_YIELD + MOST_ASIDE * self.way:
-            raise _moved(f"the laser is {1e3 * abs(aside):.1f} mm aside of where it was")
+            raise _moved_error(f"the laser is {1e3 * abs(aside):.1f} mm aside of where it was")
         section = median_section(seen)
         if section is None:
             return
         known = np.isfinite(section) & np.isfinite(self.section)
         off = np.abs(section - self.section)[known] > HEIGHT_CHANGE
         if np.mean(off) > CHANGED_SHARE:
-            raise _moved("the joint looks different from the place where the crawl ended")
+            raise _moved_error("the joint looks different from the place where the crawl ended")
 
 
 def median_section(seen: Sequence[tuple[float, Profile]]) -> Array | None:
@@ -116,7 +116,7 @@ def _median_of_seen(rows: Sequence[Array]) -> Array:
         return np.asarray(np.nanmedian(rows, axis=0))
 
 
-def _moved(evidence: str) -> CrawlStopped:
+def _moved_error(evidence: str) -> CrawlStopped:
     return CrawlStopped(
         "moved",
         f"{evidence}: the vehicle was moved since, and its place along the joint is not known. "

@@ -18,11 +18,8 @@ from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.laser.profile import Profile
-from tjscan.recording.foxglove import (
-    PROFILE_TOPIC,
-    profile_from_cloud_message,
-    profile_to_cloud_message,
-)
+from tjscan.recording import foxglove
+from tjscan.recording.foxglove import PROFILE_TOPIC
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.journal import LOG_TOPIC, RecordingJournal, RunEvent
 from tjscan.recording.parts import recording_files
@@ -220,7 +217,7 @@ class CrawlRecording(RecordingJournal):
 def cycle_messages(time: int, cycle: CrawlCycle) -> Iterator[tuple[int, Topic[Any], Any]]:
     """Messages that record a cycle, at a time in nanoseconds since 1970."""
     if cycle.profile is not None:
-        yield time, PROFILE_TOPIC, profile_to_cloud_message(time, cycle.profile)
+        yield time, PROFILE_TOPIC, foxglove.profile_to_cloud_message(time, cycle.profile)
     yield time, CYCLE_TOPIC, cycle
 
 
@@ -258,7 +255,7 @@ def read_crawl_messages(file: Path) -> Iterator[RecordedMessage]:
             cloud = entry.message
         elif isinstance(entry.message, CrawlCycle) and entry.message.profile is not None:
             try:
-                profile = profile_from_cloud_message(cloud, entry.message.profile)
+                profile = foxglove.profile_from_cloud_message(cloud, entry.message.profile)
             except (KeyError, ValueError) as error:
                 raise RecordingError(f"{file}: is damaged: {error}") from error
             yield replace(entry, message=replace(entry.message, profile=profile))

@@ -62,30 +62,24 @@ class FollowingMethod(Protocol):
         commanded : Twist
             What the drives were asked for meanwhile.
         """
-        ...
 
     def read(self, d: float, sigma: float) -> None:
         """Take in a reading of the joint: laser minus joint, and its sigma; metres."""
-        ...
 
     def set_down_anew(self) -> None:
         """Forget where the vehicle is beside the joint, not how it slips: it was moved by hand."""
-        ...
 
     @property
     def torch(self) -> TorchEstimate:
         """The estimated place of the torch."""
-        ...
 
     @property
     def laser(self) -> LaserEstimate:
         """The estimated place of the laser, whether it sees the joint or not."""
-        ...
 
     @property
     def slip(self) -> SlipEstimate | None:
         """The estimated slip of the vehicle; None if the method estimates none."""
-        ...
 
     def turn_rate(self, speed: float, *, turns_back: bool = False) -> float:
         """Turn rate to ask of the tracks at a speed, rad/s.
@@ -97,4 +91,3 @@ class FollowingMethod(Protocol):
         turns_back : bool, optional
             Whether the vehicle is about to turn back.
         """
-        ...

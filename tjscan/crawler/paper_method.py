@@ -105,14 +105,14 @@ class PaperFilter:
         ):
             H = np.zeros(5)
             H[which] = 1.0
-            self._correct(value - self.x[which], H, (scale * ENCODER_SIGMA) ** 2)
+            self._correct_state(value - self.x[which], H, (scale * ENCODER_SIGMA) ** 2)
 
     def read(self, d: float) -> None:
         """Take in a reading of the joint: laser minus joint, metres."""
         expected, H = paper_laser_offset(self.x)
-        self._correct(d - expected, H, READING_SIGMA**2)
+        self._correct_state(d - expected, H, READING_SIGMA**2)
 
-    def _correct(self, difference: float, H: Array, variance: float) -> None:
+    def _correct_state(self, difference: float, H: Array, variance: float) -> None:
         PH = self.P @ H
         gain = PH / (H @ PH + variance)
         self.x = self.x + gain * difference
@@ -203,8 +203,8 @@ class PaperMethod:
         way = float(np.sign(speed))
         if way != self._way:
             self._integral, self._way = 0.0, way
-            self._before = self._error(way)
-        error = self._error(way)
+            self._before = self._control_error(way)
+        error = self._control_error(way)
         self._integral += error * self._period
         slope, self._before = (error - self._before) / self._period, error
         gains = self._gains
@@ -213,7 +213,7 @@ class PaperMethod:
         )
         return -way * turn
 
-    def _error(self, way: float) -> float:
+    def _control_error(self, way: float) -> float:
         """Error to control: d forward; backward d + alpha theta, alpha = -(l + l')."""
         if way >= 0:
             return self._d

@@ -110,7 +110,7 @@ def size_crawler(
     least_radius : float
         Of the turns that the job allows, metres.
     """
-    return (*_closed_forms(size, tracks), *_turns(size, tracks, least_radius))
+    return (*_closed_form_figures(size, tracks), *_turn_figures(size, tracks, least_radius))
 
 
 def broken_rules(
@@ -118,11 +118,11 @@ def broken_rules(
 ) -> tuple[SizeFigure, ...]:
     """Figures of a sizing that break their rule; see `size_crawler`, which takes longer."""
     holds = torque_of_turn(size.pads, tracks, least_radius) <= size.torque
-    turns = () if holds else _turns(size, tracks, least_radius)
-    return tuple(one for one in (*_closed_forms(size, tracks), *turns) if not one.holds)
+    turns = () if holds else _turn_figures(size, tracks, least_radius)
+    return tuple(one for one in (*_closed_form_figures(size, tracks), *turns) if not one.holds)
 
 
-def _closed_forms(size: SizeSettings, tracks: TrackGeometry) -> tuple[SizeFigure, ...]:
+def _closed_form_figures(size: SizeSettings, tracks: TrackGeometry) -> tuple[SizeFigure, ...]:
     pads, radius = size.pads, tracks.sprocket_radius
     weight = pads.mass * GRAVITY_M_S2
     share = pads.pads * pads.grip / pads.mass
@@ -152,7 +152,7 @@ def _closed_forms(size: SizeSettings, tracks: TrackGeometry) -> tuple[SizeFigure
     return tuple(SizeFigure(name, value, unit, **rule) for name, value, unit, rule in rows)
 
 
-def _turns(
+def _turn_figures(
     size: SizeSettings, tracks: TrackGeometry, least_radius: float
 ) -> tuple[SizeFigure, ...]:
     """Torque against radius, and the rule of the tightest turn that the job allows."""

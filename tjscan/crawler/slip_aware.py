@@ -10,15 +10,10 @@ from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array
 from tjscan.core.units import MM, PER_M, SettingsTable
+from tjscan.crawler import slip_model
 from tjscan.crawler.method import LaserEstimate, TorchEstimate
 from tjscan.crawler.slip_estimator import SlipEstimate, SlipEstimator, SlipUncertainty
-from tjscan.crawler.slip_model import (
-    SETTLING_LENGTH,
-    CrawlerGeometry,
-    SlipState,
-    TrackOdometry,
-    laser_offset,
-)
+from tjscan.crawler.slip_model import CrawlerGeometry, SlipState, TrackOdometry
 from tjscan.vehicle.vehicle import AT_REST, Twist
 
 AVERAGING_TIME: Final = 0.5
@@ -152,7 +147,7 @@ class OdometryFilter:
             turned_back = way == -self._way
             if way != self._way:
                 self._way, self._recent_turn = way, 0.0
-            new = 1 - exp(-abs(self._speed) * period / SETTLING_LENGTH)
+            new = 1 - exp(-abs(self._speed) * period / slip_model.SETTLING_LENGTH)
             self._recent_turn += new * (self._turn_rate / abs(self._speed) - self._recent_turn)
         return TrackOdometry(self._speed, self._turn_rate, period, self._recent_turn, turned_back)
 
@@ -207,7 +202,7 @@ class SlipAwareMethod:
     @property
     def laser(self) -> LaserEstimate:
         """The estimated place of the laser."""
-        offset, H = laser_offset(self.slip.x, self._estimator.geometry)
+        offset, H = slip_model.laser_offset(self.slip.x, self._estimator.geometry)
         return LaserEstimate(offset, sqrt(float(H @ self.slip.P @ H)))
 
     def turn_rate(self, speed: float, *, turns_back: bool = False) -> float:

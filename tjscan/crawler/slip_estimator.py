@@ -12,14 +12,8 @@ from annotated_types import Gt, Le
 from tjscan.core.array_fields import ArrayForm
 from tjscan.core.frames import Array
 from tjscan.core.units import MM, MRAD, SettingsTable
-from tjscan.crawler.slip_model import (
-    STATE_COUNT,
-    CrawlerGeometry,
-    SlipState,
-    TrackOdometry,
-    laser_offset,
-    propagate_state,
-)
+from tjscan.crawler import slip_model
+from tjscan.crawler.slip_model import STATE_COUNT, CrawlerGeometry, SlipState, TrackOdometry
 
 DEGREES_OF_FREEDOM: Final = 4.0
 """Of Student's t distribution of a reading's error: what is farther off counts less."""
@@ -204,10 +198,10 @@ class SlipEstimator:
         """Go on by one period in which the tracks moved as the encoders show."""
         if odometry.turned_back:
             self._forget_unsteady_slip()
-        x, F = propagate_state(self.estimate.x, odometry, self.geometry)
+        x, F = slip_model.propagate_state(self.estimate.x, odometry, self.geometry)
         P = F @ self.estimate.P @ F.T
         travel = abs(odometry.speed) * odometry.period
-        changes = self._walk_per_metre * travel + self._settled(odometry, float(F[-1, -1]))
+        changes = self._walk_per_metre * travel + self._added_variances(odometry, float(F[-1, -1]))
         P[np.diag_indices(STATE_COUNT)] += self.unsteadiness * changes
         # White noise of the turn rate: its spectral density does not depend on the period.
         by_turn = np.array([0.0, odometry.period])
@@ -238,7 +232,7 @@ class SlipEstimator:
             self.unsteadiness = min(max(learned, UNSTEADINESS_BOUNDS[0]), UNSTEADINESS_BOUNDS[1])
         self._misfit, self._readings, self._window = 0.0, 0, 0.0
 
-    def _settled(self, odometry: TrackOdometry, kept: float) -> Array:
+    def _added_variances(self, odometry: TrackOdometry, kept: float) -> Array:
         """Variances that a period adds, so that those of unsteady slip stay what they should be.
 
         In a turn the feet shear and slide the more the tighter it is, and go on doing so until
@@ -275,7 +269,7 @@ class SlipEstimator:
             How far off it was, squared, in its variance.
         """
         x, P = self.estimate.x, self.estimate.P
-        expected, H = laser_offset(x, self.geometry)
+        expected, H = slip_model.laser_offset(x, self.geometry)
         variance = sigma**2 + self._uncertainty.unevenness**2
         PH = P @ H
         before = float(H @ PH)

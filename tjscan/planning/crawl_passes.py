@@ -7,23 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
+from tjscan.planning.bead import PlannedBead
 from tjscan.planning.plan import WeldPlan
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class CrawlPass:
     """A bead as a crawler can weld it: with one path and one speed for a whole pass.
 
     Parameters
     ----------
-    number : int
-        Of the bead.
-    kind : str
-        root, fill or cap.
-    layer, place : int
-        Of the bead, from 1.
-    feed : float
-        Wire feed, m/s.
+    bead : PlannedBead
+        As it is planned.
     speed : float
         Along the joint, m/s.
     offset, height : float
@@ -35,11 +30,7 @@ class CrawlPass:
         share of it.
     """
 
-    number: int
-    kind: str
-    layer: int
-    place: int
-    feed: float
+    bead: PlannedBead
     speed: float
     offset: float
     height: float
@@ -84,11 +75,7 @@ def passes_of_plan(plan: WeldPlan) -> tuple[CrawlPass, ...]:
         rate = float(plan.wps.deposition_rate(np.array(bead.feed)))
         found.append(
             CrawlPass(
-                bead.number,
-                bead.kind,
-                bead.layer,
-                bead.place,
-                bead.feed,
+                bead,
                 rate / area,
                 float(middle[0]),
                 float(middle[1]),

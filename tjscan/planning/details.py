@@ -71,7 +71,7 @@ def compare_with_details(
     sections = zip(edges.sections.tolist(), dihedral.tolist(), sigma.tolist(), strict=True)
     found = [
         (*section, *_details_and_excess(section[1], measures, details))
-        for section, measures in zip(sections, _measures(edges), strict=True)
+        for section, measures in zip(sections, _section_measures(edges), strict=True)
     ]
     stretches = []
     for (names, keys), group in groupby(found, key=lambda one: (one[3], tuple(one[4]))):
@@ -115,7 +115,7 @@ def _excess_text(name: str, out: Sequence[tuple[float, tuple[float, float]]]) ->
     return f"{name.replace('_', ' ')} {span}, in the table {low:g} to {high:g}"
 
 
-def _measures(edges: GrooveEdges) -> list[dict[str, float]]:
+def _section_measures(edges: GrooveEdges) -> list[dict[str, float]]:
     """Measures of each section square to the groove; the opening only if the root is open."""
     p3, p4, g, p2 = np.moveaxis(stations_at(edges, edges.sections).corners, 1, 0)
     bevel, leg, line = p2 - p3, g - p4, g - p2

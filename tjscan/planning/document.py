@@ -260,7 +260,7 @@ def plan_document(
     without_stations : str
         Why these are not known.
     """
-    return _entry(
+    return _to_entry(
         PlanDocument,
         *(plan, plan.edges, plan.wps.torch, plan.wps.sequence),
         run=run,
@@ -274,14 +274,15 @@ def plan_document(
         gas_l=_in_file("gas_l", plan.gas_volume),
         interpass_temperature_C=plan.wps.sequence.interpass_temperature,
         zones=tuple(
-            _entry(ZoneEntry, zone, beads_in_layers=zone.arrangement.counts) for zone in plan.zones
+            _to_entry(ZoneEntry, zone, beads_in_layers=zone.arrangement.counts)
+            for zone in plan.zones
         ),
         beads=tuple(
-            _entry(BeadEntry, bead, positions=tuple(sorted(set(bead.positions))))
+            _to_entry(BeadEntry, bead, positions=tuple(sorted(set(bead.positions))))
             for bead in plan.beads
         ),
-        details=tuple(_entry(DetailEntry, one) for one in details),
-        out_of_wps=tuple(_entry(FindingEntry, one) for one in plan.findings),
+        details=tuple(_to_entry(DetailEntry, one) for one in details),
+        out_of_wps=tuple(_to_entry(FindingEntry, one) for one in plan.findings),
         stations=stations,
         without_stations=without_stations,
     )
@@ -291,7 +292,7 @@ def _root_entry(plan: WeldPlan) -> RootEntry:
     root, settings = plan.edges.root, plan.wps.root
     opening = plan.edges.root_opening(root.s)[root.openness == 1]
     tacks = () if plan.after_pass else root.tack_spans(settings.tack_length)  # under a pass: none
-    return _entry(
+    return _to_entry(
         RootEntry,
         settings,
         opening_mm=_in_file("opening_mm", opening) if len(opening) else None,
@@ -299,7 +300,7 @@ def _root_entry(plan: WeldPlan) -> RootEntry:
     )
 
 
-def _entry(model: type[Entry], *sources: object, **own: Any) -> Entry:
+def _to_entry(model: type[Entry], *sources: object, **own: Any) -> Entry:
     """Fill a model with the attributes of a plan's parts, in the units of the model's fields.
 
     Parameters

@@ -141,7 +141,7 @@ class GrooveEdges:
         period = self.length if self.closed else None
         scale = np.interp(s, self.sections, self.correlation, period=period)
         own = scale * _area_sigma_of_corners(corners, spread)
-        return np.asarray(np.hypot(own, self.shared_area_sigma) / _areas(corners))
+        return np.asarray(np.hypot(own, self.shared_area_sigma) / _quad_areas(corners))
 
 
 def fit_groove_edges(
@@ -150,7 +150,7 @@ def fit_groove_edges(
     """Fit smoothing splines to the corners of sections, weighted by their covariance.
 
     Weighted is what is each section's own, not what all sections of a scan share. g, where the
-    lines along wall and leg meet, has no covariance of its own: see `_sigmas`.
+    lines along wall and leg meet, has no covariance of its own: see `_corner_sigmas`.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def fit_groove_edges(
     areas = np.array([section.measures[3] for section in sections])
     sigmas = np.array([section.sigmas[3] for section in sections])
     own = np.sqrt(np.maximum(sigmas**2 - shared_area_sigma**2, 0.0))
-    edges = fit_edges_to_corners(corners, _sigmas(sections), own / areas, longest_step)
+    edges = fit_edges_to_corners(corners, _corner_sigmas(sections), own / areas, longest_step)
     root = root_of_sections(sections, edges.sections, edges.length, closed=edges.closed)
     return replace(edges, shared_area_sigma=shared_area_sigma, root=root)
 
@@ -255,13 +255,13 @@ def fit_edges_to_corners(
     curves = tuple(
         fit_smooth_curve(s, corners[:, j], spread[:, j], length, closed=closed) for j in range(4)
     )
-    correlation = area_sigma * _areas(corners) / _area_sigma_of_corners(corners, spread)
+    correlation = area_sigma * _quad_areas(corners) / _area_sigma_of_corners(corners, spread)
     none = np.zeros(len(s))
     root = RootAlongGroove(s, none, none.astype(bool), length, closed)
     return GrooveEdges(length, closed, s, correlation, curves, root)
 
 
-def _areas(corners: Array) -> Array:
+def _quad_areas(corners: Array) -> Array:
     """Areas of quadrilaterals, shape (m, 4, 3), that are about flat; shape (m,)."""
     diagonals = corners[:, 2:] - corners[:, :2]
     return np.asarray(0.5 * np.linalg.norm(cross(diagonals[:, 0], diagonals[:, 1]), axis=1))
@@ -277,7 +277,7 @@ def _area_sigma_of_corners(corners: Array, spread: Array) -> Array:
     return np.asarray(np.sqrt(np.sum((levers * spread) ** 2, axis=1)))
 
 
-def _sigmas(sections: Sequence[MeasuredSection]) -> Array:
+def _corner_sigmas(sections: Sequence[MeasuredSection]) -> Array:
     """Standard deviations of p3, p4, g and p2 by what is each section's own, shape (k, 4).
 
     The sigma of g is not measured: it is at least p2's and p4's together, and at least what the

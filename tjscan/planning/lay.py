@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import ceil
 from typing import Final
 
@@ -10,20 +11,9 @@ import numpy as np
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, cross
+from tjscan.planning import path
 from tjscan.planning.bead import PlannedBead
-from tjscan.planning.edges import GrooveEdges
-from tjscan.planning.path import (
-    CHORD_ERROR,
-    LARGEST_KINK,
-    LONGEST_STEP,
-    GrooveStations,
-    aim_points,
-    bead_lines,
-    chord_error_and_kink,
-    stations_at,
-    template_at,
-    unit_vectors,
-)
+from tjscan.planning.edges import GrooveEdges, Span
 from tjscan.planning.template import BeadCells
 from tjscan.planning.topology import Arrangement
 from tjscan.planning.wps import WeldingProcedure
@@ -41,149 +31,135 @@ STEEP_SLOPE: Final = np.radians(45.0)
 """Slope from which a bead counts as welded upwards (PF) or downwards (PG)."""
 
 
-def sampling_step(
-    edges: GrooveEdges,
-    begin: float,
-    end: float,
-    arrangement: Arrangement,
-    wps: WeldingProcedure,
-) -> float:
-    """Find the step at which all beads keep within the chord error and the kink allowed.
+@dataclass(frozen=True, slots=True)
+class ArrangedGroove:
+    """A groove whose sections are cut into beads by one arrangement.
 
     Parameters
     ----------
     edges : GrooveEdges
-        The groove.
-    begin, end : float
-        Where the beads go, metres.
     arrangement : Arrangement
-        Of the beads.
-    wps : WeldingProcedure
-        For the height of the cap.
-
-    Returns
-    -------
-    float
-        Metres along the groove.
-
-    Raises
-    ------
-    ConfigurationError
-        If the beads bend too sharply for any.
-    """
-    step = LONGEST_STEP
-    while step >= SHORTEST_STEP:
-        count = ceil((end - begin) / step)
-        stations, cells = cut_groove(
-            edges, np.linspace(begin, end, 2 * count + 1), arrangement, wps
-        )
-        points = stations.to_space(aim_points(cells))
-        error, kink = chord_error_and_kink(points[::2], points[1::2])
-        if error <= CHORD_ERROR and kink <= LARGEST_KINK:
-            return step
-        step *= STEP_SHRINKAGE
-    raise ConfigurationError(
-        f"between s = {1e3 * begin:.0f} and {1e3 * end:.0f} mm the beads would bend by more than "
-        f"{np.degrees(LARGEST_KINK):g}° within {1e3 * SHORTEST_STEP:g} mm: corners of the sections "
-        "jump there",
-        key="sections",
-    )
-
-
-def lay_layer(
-    edges: GrooveEdges,
-    arrangement: Arrangement,
-    layer: int,
-    span: tuple[float, float],
-    step: float,
-    wps: WeldingProcedure,
-    gravity: Array,
-    stops: Sequence[float] = (),
-) -> tuple[PlannedBead, ...]:
-    """Lay the beads of one layer, in the order of welding.
-
-    The speed is the deposition rate divided by what is laid down a metre of the tip's way.
-
-    Parameters
-    ----------
-    edges : GrooveEdges
-        The groove.
-    arrangement : Arrangement
-        Of its beads.
-    layer : int
-        Number of the layer, from 0.
-    span : tuple of float
-        From where to where along the groove, metres.
-    step : float
-        Between two points along the groove, at most; metres.
     wps : WeldingProcedure
         Windows and values.
-    gravity : ndarray, shape (3,)
-        Unit vector downwards.
-    stops : sequence of float
-        Lengths within the span that get a point of their own, metres.
     """
-    s = np.linspace(*span, max(2, ceil((span[1] - span[0]) / step)) + 1)
-    s = np.union1d(s, stops)
-    stations, cells = cut_groove(edges, s, arrangement, wps)
-    lines = bead_lines(stations, cells)
-    middles = free_angle_middles(cells, layer)
-    face, outward = (
-        stations.vectors_to_space(np.stack((np.sin(angle), np.cos(angle)), axis=2))
-        for angle in (middles, middles - wps.torch.work_angle)
-    )
-    quads = cells.quadrilaterals(layer)
-    sides = 0.5 * (quads[:, :, :2] + quads[:, :, :1:-1])
-    widths = np.linalg.norm(sides[:, :, 1] - sides[:, :, 0], axis=2)
-    sigma = edges.relative_area_sigma(s)
-    first = sum(arrangement.counts[:layer])
-    found = []
-    for place in laying_order(arrangement.counts[layer], layer):
-        j = first + place
-        kind = arrangement.kinds[j]
-        area, travel = lines.areas[:, j], unit_vectors(lines.along[:, j])
-        if wps.sequence.reverse:
-            travel = -travel
-        slope, rotation = slope_and_rotation(face[:, place], travel, gravity)
-        speed = wps.deposition_rate(np.array(kind.feed)) / area
-        T = np.tile(np.eye(4), (len(s), 1, 1))
-        T[:, :3, :3] = torch_rotations(outward[:, place], travel, wps.torch.travel_angle)
-        T[:, :3, 3] = lines.aims[:, j]
-        way = slice(None, None, -1 if wps.sequence.reverse else 1)
-        found.append(
-            PlannedBead(
-                number=0,
-                zone=0,
-                layer=layer + 1,
-                place=place + 1,
-                kind=arrangement.kind_names[j],
-                feed=kind.feed,
-                power=float(wps.arc.power_at(np.array(kind.feed))),
-                s=s[way],
-                T_r_torch=T[way],
-                speed=speed[way],
-                area=area[way],
-                heat=wps.heat_input(np.array(kind.feed), speed)[way],
-                slope=slope[way],
-                rotation=rotation[way],
-                positions=position_names(slope, rotation)[way],
-                width=widths[way, place],
-                relative_sigma=sigma[way],
-                open_root=arrangement.root_kind == "open" and arrangement.kind_names[j] == "root",
-            )
+
+    edges: GrooveEdges
+    arrangement: Arrangement
+    wps: WeldingProcedure
+
+    def cut(self, s: Array) -> tuple[path.GrooveStations, BeadCells]:
+        """Cut the groove at lengths, shape (m,) in metres, and its sections into beads."""
+        stations = path.stations_at(self.edges, s)
+        root_area = self.wps.root.penetration * self.edges.root_opening(s)
+        template = path.template_at(stations, self.wps.bead.cap_height, root_area)
+        areas = template.area[:, None] * self.arrangement.shares
+        return stations, template.cut_into_beads(self.arrangement.counts, areas)
+
+    def sampling_step(self, begin: float, end: float) -> float:
+        """Find the step at which all beads keep within the chord error and the kink allowed.
+
+        Parameters
+        ----------
+        begin, end : float
+            Where the beads go, metres.
+
+        Returns
+        -------
+        float
+            Metres along the groove.
+
+        Raises
+        ------
+        ConfigurationError
+            If the beads bend too sharply for any.
+        """
+        step = path.LONGEST_STEP
+        while step >= SHORTEST_STEP:
+            count = ceil((end - begin) / step)
+            stations, cells = self.cut(np.linspace(begin, end, 2 * count + 1))
+            points = stations.to_space(path.aim_points(cells))
+            error, kink = path.chord_error_and_kink(points[::2], points[1::2])
+            if error <= path.CHORD_ERROR and kink <= path.LARGEST_KINK:
+                return step
+            step *= STEP_SHRINKAGE
+        way = f"between s = {1e3 * begin:.0f} and {1e3 * end:.0f} mm"
+        raise ConfigurationError(
+            f"{way} the beads would bend by more than {np.degrees(path.LARGEST_KINK):g}° within "
+            f"{1e3 * SHORTEST_STEP:g} mm: corners of the sections jump there",
+            key="sections",
         )
-    return tuple(found)
 
+    def lay_layer(
+        self, layer: int, span: Span, step: float, gravity: Array, stops: Sequence[float] = ()
+    ) -> tuple[PlannedBead, ...]:
+        """Lay the beads of one layer, in the order of welding.
 
-def cut_groove(
-    edges: GrooveEdges, s: Array, arrangement: Arrangement, wps: WeldingProcedure
-) -> tuple[GrooveStations, BeadCells]:
-    """Cut the groove at lengths, shape (m,) in metres, and its sections into beads."""
-    stations = stations_at(edges, s)
-    root_area = wps.root.penetration * edges.root_opening(s)
-    template = template_at(stations, wps.bead.cap_height, root_area)
-    areas = template.area[:, None] * arrangement.shares
-    return stations, template.cut_into_beads(arrangement.counts, areas)
+        The speed is the deposition rate divided by what is laid down a metre of the tip's way.
+
+        Parameters
+        ----------
+        layer : int
+            Number of the layer, from 0.
+        span : tuple of float
+            From where to where along the groove, metres.
+        step : float
+            Between two points along the groove, at most; metres.
+        gravity : ndarray, shape (3,)
+            Unit vector downwards.
+        stops : sequence of float
+            Lengths within the span that get a point of their own, metres.
+        """
+        arrangement, wps = self.arrangement, self.wps
+        s = np.linspace(*span, max(2, ceil((span[1] - span[0]) / step)) + 1)
+        s = np.union1d(s, stops)
+        stations, cells = self.cut(s)
+        lines = path.bead_lines(stations, cells)
+        middles = free_angle_middles(cells, layer)
+        face, outward = (
+            stations.vectors_to_space(np.stack((np.sin(angle), np.cos(angle)), axis=2))
+            for angle in (middles, middles - wps.torch.work_angle)
+        )
+        quads = cells.quadrilaterals(layer)
+        sides = 0.5 * (quads[:, :, :2] + quads[:, :, :1:-1])
+        widths = np.linalg.norm(sides[:, :, 1] - sides[:, :, 0], axis=2)
+        sigma = self.edges.relative_area_sigma(s)
+        first = sum(arrangement.counts[:layer])
+        found = []
+        for place in laying_order(arrangement.counts[layer], layer):
+            j = first + place
+            kind, name = arrangement.kinds[j], arrangement.kind_names[j]
+            area, travel = lines.areas[:, j], path.unit_vectors(lines.along[:, j])
+            if wps.sequence.reverse:
+                travel = -travel
+            slope, rotation = slope_and_rotation(face[:, place], travel, gravity)
+            speed = wps.deposition_rate(np.array(kind.feed)) / area
+            T = np.tile(np.eye(4), (len(s), 1, 1))
+            T[:, :3, :3] = torch_rotations(outward[:, place], travel, wps.torch.travel_angle)
+            T[:, :3, 3] = lines.aims[:, j]
+            way = slice(None, None, -1 if wps.sequence.reverse else 1)
+            found.append(
+                PlannedBead(
+                    number=0,
+                    zone=0,
+                    layer=layer + 1,
+                    place=place + 1,
+                    kind=name,
+                    feed=kind.feed,
+                    power=float(wps.arc.power_at(np.array(kind.feed))),
+                    s=s[way],
+                    T_r_torch=T[way],
+                    speed=speed[way],
+                    area=area[way],
+                    heat=wps.heat_input(np.array(kind.feed), speed)[way],
+                    slope=slope[way],
+                    rotation=rotation[way],
+                    positions=position_names(slope, rotation)[way],
+                    width=widths[way, place],
+                    relative_sigma=sigma[way],
+                    open_root=arrangement.root_kind == "open" and name == "root",
+                )
+            )
+        return tuple(found)
 
 
 def laying_order(count: int, layer: int) -> tuple[int, ...]:
@@ -234,8 +210,8 @@ def free_angle_middles(cells: BeadCells, layer: int) -> Array:
             bevel.append(quads[:, j, 3] - aim)
         if j + 1 < cells.counts[layer] and order.index(j + 1) < order.index(j):
             leg.append(quads[:, j, 2] - aim)
-        low = np.max([_angle(v) for v in bevel], axis=0)
-        high = np.min([_angle(v) for v in leg], axis=0)
+        low = np.max([_angle_from_second_axis(v) for v in bevel], axis=0)
+        high = np.min([_angle_from_second_axis(v) for v in leg], axis=0)
         found.append(0.5 * (low + high))
     return np.stack(found, axis=1)
 
@@ -300,5 +276,5 @@ def position_names(slope: Array, rotation: Array) -> tuple[str, ...]:
     return tuple(np.where(np.abs(slope) > STEEP_SLOPE, steep, names).tolist())
 
 
-def _angle(v: Array) -> Array:
+def _angle_from_second_axis(v: Array) -> Array:
     return np.asarray(np.arctan2(v[:, 0], v[:, 1]))

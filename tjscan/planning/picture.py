@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tjscan.core.units import MM
-from tjscan.planning.lay import cut_groove, laying_order
+from tjscan.planning.lay import ArrangedGroove, laying_order
 from tjscan.planning.path import centroids
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.wps import KJ_MM, MM_MIN
@@ -54,7 +54,7 @@ def _draw_section(axes: Axes, plan: WeldPlan, share: float) -> None:
     s = share * plan.edges.length
     places = (s, s + plan.edges.length)  # of a groove that closes, a zone may pass its start
     zone = next(z for z in plan.zones if any(z.begin <= at <= z.end for at in places))
-    _, cells = cut_groove(plan.edges, np.array([s]), zone.arrangement, plan.wps)
+    _, cells = ArrangedGroove(plan.edges, zone.arrangement, plan.wps).cut(np.array([s]))
     order = [
         sum(cells.counts[:k]) + place
         for k, count in enumerate(cells.counts)

@@ -15,7 +15,7 @@ from tjscan.core.frames import Array
 from tjscan.core.units import MM2, FileUnit
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges, RootAlongGroove, RootKind, Span
-from tjscan.planning.lay import lay_layer, sampling_step
+from tjscan.planning.lay import ArrangedGroove
 from tjscan.planning.path import LONGEST_STEP, stations_at, template_at
 from tjscan.planning.stops import NO_LENGTH, StationStretch, StopPlacement
 from tjscan.planning.topology import Arrangement, NoArrangementFits, arrange_beads
@@ -74,7 +74,7 @@ def findings_of_bead(bead: PlannedBead, wps: WeldingProcedure) -> Iterator[WpsFi
             low, high, least, most = (
                 x / unit.factor for x in (low, high, values.min(), values.max())
             )
-            yield _finding(
+            yield _make_finding(
                 bead,
                 f"{name}_{unit.suffix}",
                 out,
@@ -83,12 +83,16 @@ def findings_of_bead(bead: PlannedBead, wps: WeldingProcedure) -> Iterator[WpsFi
     out = bead.width > wps.bead.weave_limit * (1 + LIMIT_TOLERANCE)
     if out.any():
         widest, limit = 1e3 * bead.width.max(), 1e3 * wps.bead.weave_limit
-        yield _finding(bead, "bead.weave_limit_mm", out, f"{widest:.1f} wide, allowed {limit:g}")
+        yield _make_finding(
+            bead, "bead.weave_limit_mm", out, f"{widest:.1f} wide, allowed {limit:g}"
+        )
     out = ~np.isin(bead.positions, wps.sequence.positions)
     if out.any():
         names = sorted(set(np.array(bead.positions)[out].tolist()))
         allowed = ", ".join(wps.sequence.positions)
-        yield _finding(bead, "sequence.positions", out, f"{', '.join(names)}, allowed {allowed}")
+        yield _make_finding(
+            bead, "sequence.positions", out, f"{', '.join(names)}, allowed {allowed}"
+        )
 
 
 def findings_of_stops(
@@ -113,7 +117,7 @@ def findings_of_stops(
         if bead.length < wps.sequence.shortest_bead * (1 - LIMIT_TOLERANCE):
             text = f"{1e3 * bead.length:.0f}, allowed {1e3 * wps.sequence.shortest_bead:g} or more"
             whole = np.ones(len(bead.s), dtype=bool)
-            yield _finding(bead, "sequence.shortest_bead_mm", whole, text)
+            yield _make_finding(bead, "sequence.shortest_bead_mm", whole, text)
         for end, at in enumerate((float(bead.s.min()), float(bead.s.max()))):
             seen.setdefault((bead.zone, bead.station, end, bead.layer), []).append(at)
             if stops.is_open_end(at):
@@ -121,14 +125,14 @@ def findings_of_stops(
             near = stops.nearest_landmark(at)
             if near < wps.sequence.stop_distance - NO_LENGTH:
                 text = f"a stop {1e3 * near:.0f} from crown or saddle"
-                yield _finding(bead, "sequence.stop_distance_mm", bead.s == at, text)
+                yield _make_finding(bead, "sequence.stop_distance_mm", bead.s == at, text)
             if len(seen[bead.zone, bead.station, end, bead.layer]) > 1:
                 continue  # the beads of a layer start and stop together
             below = seen.get((bead.zone, bead.station, end, bead.layer - 1), [])
             away = min((stops.apart(at, other) for other in below), default=spread)
             if away < spread - NO_LENGTH:
                 text = f"a stop {1e3 * away:.0f} from that of the layer below, {apart:g} asked for"
-                yield _finding(bead, "sequence.start_spread_mm", bead.s == at, text)
+                yield _make_finding(bead, "sequence.start_spread_mm", bead.s == at, text)
 
 
 def findings_of_root(edges: GrooveEdges, wps: WeldingProcedure) -> Iterator[WpsFinding]:
@@ -157,7 +161,7 @@ def findings_of_root(edges: GrooveEdges, wps: WeldingProcedure) -> Iterator[WpsF
         )
 
 
-def _finding(bead: PlannedBead, key: str, out: NDArray[np.bool_], text: str) -> WpsFinding:
+def _make_finding(bead: PlannedBead, key: str, out: NDArray[np.bool_], text: str) -> WpsFinding:
     at = bead.s[out]
     return WpsFinding(key, bead.number, float(at.min()), float(at.max()), float(out.mean()), text)
 
@@ -273,14 +277,15 @@ def plan_weld(
         raise ConfigurationError("must be a direction, not zero", key="--gravity")
     gravity = gravity / size
     check_passes_are_there(edges.root, after_pass)
-    zones = _zones(edges, wps, after_pass)
+    zones = _fit_zones(edges, wps, after_pass)
     borders = [(zone.begin, zone.end) for zone in zones]
     stops = StopPlacement(
         edges.length, edges.closed, wps.sequence, np.array(landmarks, dtype=float), stretches
     )
     beads, last = list[PlannedBead](), after_pass
     for number, zone in enumerate(zones, start=1):
-        step = sampling_step(edges, zone.begin, zone.end, zone.arrangement, wps)
+        groove = ArrangedGroove(edges, zone.arrangement, wps)
+        step = groove.sampling_step(zone.begin, zone.end)
         layers = len(zone.arrangement.counts)
         for layer, spans in enumerate(stops.spans(borders, number - 1, layers)):
             over_tacks = layer == 0 and after_pass == 0
@@ -289,7 +294,7 @@ def plan_weld(
                 way = span.begin, span.end
                 skipped = spans_to_skip(edges.root, way, wps) if over_tacks else ()
                 ends = [end for part in skipped for end in part]
-                done = lay_layer(edges, zone.arrangement, layer, way, step, wps, gravity, ends)
+                done = groove.lay_layer(layer, way, step, gravity, ends)
                 laid.append([without_spans(bead, skipped) for bead in done])
             for parts in zip(*laid, strict=True):
                 last += 1
@@ -310,22 +315,24 @@ def plan_weld(
     return WeldPlan(edges, wps, gravity, zones, tuple(beads), found, after_pass)
 
 
-def _zones(edges: GrooveEdges, wps: WeldingProcedure, after_pass: int) -> tuple[PlannedZone, ...]:
+def _fit_zones(
+    edges: GrooveEdges, wps: WeldingProcedure, after_pass: int
+) -> tuple[PlannedZone, ...]:
     """One zone if one arrangement fits all of the groove; else the longest that fit, in turn.
 
     Of a groove that closes, from the place on at which the zone about its smallest section ends:
     begun anywhere else, one zone would be cut in two.
     """
-    zones = _zones_from(0.0, edges, wps, after_pass)
+    zones = _fit_zones_from(0.0, edges, wps, after_pass)
     if edges.closed and len(zones) > 1:
         s = np.linspace(0.0, edges.length, ceil(edges.length / LONGEST_STEP) + 1)
         smallest = float(s[np.argmin(template_at(stations_at(edges, s), 0.0).area)])
-        around = _zones_from(smallest, edges, wps, after_pass)[0].end % edges.length
-        zones = _zones_from(around, edges, wps, after_pass)
+        around = _fit_zones_from(smallest, edges, wps, after_pass)[0].end % edges.length
+        zones = _fit_zones_from(around, edges, wps, after_pass)
     return zones
 
 
-def _zones_from(
+def _fit_zones_from(
     begin: float, edges: GrooveEdges, wps: WeldingProcedure, after_pass: int
 ) -> tuple[PlannedZone, ...]:
     end = ceil(edges.length / LONGEST_STEP)

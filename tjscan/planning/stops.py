@@ -110,14 +110,14 @@ class StopPlacement:
             If the groove is too short for a layer.
         """
         whole = self.closed and len(zones) == 1
-        links = self._links(zones[0][0])
-        seams = self._seams(links, layers, whole=whole)
+        links = self._link_stretches(zones[0][0])
+        seams = self._place_seams(links, layers, whole=whole)
         found = []
         for layer in range(layers):
             spans = []
             for i, link in enumerate(links):
-                begin, end, goes_on = self._between(seams[:, layer], i, layer)
-                parts = [(begin, end)] if whole else self._in_zone(zones[zone], begin, end)
+                begin, end, goes_on = self._link_span(seams[:, layer], i, layer)
+                parts = [(begin, end)] if whole else self._parts_in_zone(zones[zone], begin, end)
                 for low, high in parts:
                     over = self.sequence.overlap if goes_on or high < end - NO_LENGTH else 0.0
                     spans.append(StationStretch(link.station, low, high + over))
@@ -126,7 +126,7 @@ class StopPlacement:
                     f"layer {layer + 1} would have no length: the groove is too short for it",
                     key="sequence.start_spread_mm",
                 )
-            spans.sort(key=lambda one: (self._rank(one.station), one.begin))
+            spans.sort(key=lambda one: (self._station_rank(one.station), one.begin))
             found.append(tuple(spans))
         return found
 
@@ -147,12 +147,12 @@ class StopPlacement:
         """Length of groove to the nearest crown or saddle, metres; infinite without any."""
         return min((self.apart(s, float(mark)) for mark in self.landmarks), default=np.inf)
 
-    def _rank(self, station: str) -> int:
+    def _station_rank(self, station: str) -> int:
         """Which of the stations it is, in the order of welding; those that are none come last."""
         order = [stretch.station for stretch in self.stretches]
         return order.index(station) if station in order else len(order)
 
-    def _between(self, seams: Array, i: int, layer: int) -> tuple[float, float, bool]:
+    def _link_span(self, seams: Array, i: int, layer: int) -> tuple[float, float, bool]:
         """Span of link i without overlap, and whether another one follows."""
         if self.closed:
             return float(seams[i - 1]) - self.length * (i == 0), float(seams[i]), True
@@ -161,7 +161,7 @@ class StopPlacement:
         goes_on = i < len(seams)
         return begin, float(seams[i]) if goes_on else self.length - back, goes_on
 
-    def _in_zone(self, zone: Span, begin: float, end: float) -> list[Span]:
+    def _parts_in_zone(self, zone: Span, begin: float, end: float) -> list[Span]:
         """Parts of a span in a zone, which recurs with every turn if the groove closes."""
         turns = range(-1, 3) if self.closed else range(1)
         parts = [
@@ -170,7 +170,7 @@ class StopPlacement:
         ]
         return [part for part in parts if part[1] - part[0] > NO_LENGTH]
 
-    def _seams(self, links: Sequence[StationStretch], layers: int, *, whole: bool) -> Array:
+    def _place_seams(self, links: Sequence[StationStretch], layers: int, *, whole: bool) -> Array:
         """Where each link ends and the next begins, shape (seams, layers), metres."""
         overlap, seams = self.sequence.overlap, []
         for i in range(len(links) if self.closed else len(links) - 1):
@@ -182,11 +182,11 @@ class StopPlacement:
                 seams.append(np.full(layers, b.begin + turn))
             else:
                 window = (b.begin + turn, a.end - overlap)
-                falls = self._rank(a.station) < self._rank(b.station)
-                seams.append(self._stops(window, layers, falls=falls))
+                falls = self._station_rank(a.station) < self._station_rank(b.station)
+                seams.append(self._place_stops(window, layers, falls=falls))
         return np.array(seams).reshape(-1, layers)
 
-    def _stops(self, window: Span, layers: int, *, falls: bool) -> Array:
+    def _place_stops(self, window: Span, layers: int, *, falls: bool) -> Array:
         """Places of the stops of each layer in a window, each further on than the one below.
 
         Spread and kept from the landmarks; without room for that, spread alone; without room for
@@ -197,14 +197,14 @@ class StopPlacement:
         for distance in (self.sequence.stop_distance, 0.0):
             at, found = begin, []
             for _ in range(layers):
-                at = self._out_of_the_way(at, sign, distance)
+                at = self._clear_of_landmarks(at, sign, distance)
                 found.append(at)
                 at += sign * self.sequence.start_spread
             if sign * (end - found[-1]) >= -NO_LENGTH:
                 return np.array(found)
         return np.linspace(begin, end, layers)
 
-    def _out_of_the_way(self, at: float, sign: float, distance: float) -> float:
+    def _clear_of_landmarks(self, at: float, sign: float, distance: float) -> float:
         """The first place from one on that is far enough from all landmarks."""
         marks = self.landmarks
         if self.closed:
@@ -214,7 +214,7 @@ class StopPlacement:
                 at = float(mark + sign * distance)
         return at
 
-    def _links(self, begin: float) -> tuple[StationStretch, ...]:
+    def _link_stretches(self, begin: float) -> tuple[StationStretch, ...]:
         """Stretches that follow one another over the whole groove from its first zone on.
 
         Gaps belong to no station.
@@ -226,13 +226,13 @@ class StopPlacement:
             end = begin + (3 * self.length if self.closed else self.length)
             return (StationStretch(NO_STATION, begin, end + self.sequence.overlap),)
         if not self.closed:
-            return self._chain(0.0, self.stretches)
+            return self._chain_stretches(0.0, self.stretches)
         turned = tuple(
             StationStretch(one.station, one.begin + k * self.length, one.end + k * self.length)
             for k in (-1, 0, 1)
             for one in self.stretches
         )
-        chains = [self._chain(one.begin, turned) for one in self.stretches]
+        chains = [self._chain_stretches(one.begin, turned) for one in self.stretches]
 
         def gaps_and_count(chain: tuple[StationStretch, ...]) -> tuple[float, int]:
             gaps = sum(link.end - link.begin for link in chain if link.station == NO_STATION)
@@ -240,7 +240,7 @@ class StopPlacement:
 
         return min(chains, key=gaps_and_count)
 
-    def _chain(
+    def _chain_stretches(
         self, begin: float, stretches: Sequence[StationStretch]
     ) -> tuple[StationStretch, ...]:
         end, at, links = begin + self.length, begin, list[StationStretch]()

@@ -20,7 +20,7 @@ BISECTION_STEPS: Final = 60
 """For a line of the last layer: more steps change no bit of it."""
 
 
-def _cross(a: Array, b: Array) -> Array:
+def _cross_product(a: Array, b: Array) -> Array:
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
@@ -58,7 +58,7 @@ class SectionTemplate:
         E, F, H = p4 - p3, p2 - p3, g - p4 - p2 + p3
         for name, value in (
             ("corners", corners),
-            ("jacobian", (_cross(E, F), _cross(E, H), _cross(H, F))),
+            ("jacobian", (_cross_product(E, F), _cross_product(E, H), _cross_product(H, F))),
             ("opening", np.linalg.norm(g - p2, axis=1)),
             ("root_area", np.broadcast_to(self.root_area, len(corners))),
             ("_edges", (E, F, H)),
@@ -211,7 +211,7 @@ class BeadCells:
         """Area of each bead between its lines, shape (m, n), m²."""
         last = len(self.counts) - 1
         parts = [
-            np.diff(self.template.area_beside(*self._layer(k), u, capped=k == last), axis=1)
+            np.diff(self.template.area_beside(*self._layer_borders(k), u, capped=k == last), axis=1)
             for k, u in enumerate(self.u)
         ]
         found = np.concatenate(parts, axis=1)
@@ -223,7 +223,7 @@ class BeadCells:
 
         Bevel side below, leg side below, leg side above, bevel side above.
         """
-        u, (w0, w1) = self.u[k], self._layer(k)
+        u, (w0, w1) = self.u[k], self._layer_borders(k)
         at = [(u[:, :-1], w0), (u[:, 1:], w0), (u[:, 1:], w1), (u[:, :-1], w1)]
         return np.stack(
             [self.template.points(x, np.broadcast_to(w[:, None], x.shape)) for x, w in at], axis=2
@@ -246,5 +246,5 @@ class BeadCells:
                 found[j - self.counts[-1]] = np.concatenate((quad[:3], top, quad[3:]))
         return found
 
-    def _layer(self, k: int) -> tuple[Array, Array]:
+    def _layer_borders(self, k: int) -> tuple[Array, Array]:
         return self.w[:, k], self.w[:, k + 1]

@@ -164,12 +164,14 @@ class _BeadArranger:
         for n, group in self._layer_counts.items():
             for counts in group:
                 try:
-                    one = self._arrange(counts)
+                    one = self._arrange_counts(counts)
                 except NoArrangementFits as problem:
                     problems.append(problem)
                     continue
                 heat = all(kind.heat_fits for kind in one.kinds)
-                highest = np.array([self._limits(name)[1].wire_feed[1] for name in one.kind_names])
+                highest = np.array(
+                    [self._arc_limits(name)[1].wire_feed[1] for name in one.kind_names]
+                )
                 time = float(np.sum(one.shares * highest / one.feeds))
                 found.append(((not heat, round(time, 9), n, len(counts)), one))
             if any(rank[:2] == (False, 1.0) for rank, _ in found):
@@ -192,7 +194,7 @@ class _BeadArranger:
         window: Window = getattr(self.wps.bead, f"{kind}_area")
         return window
 
-    def _limits(self, kind: str) -> tuple[str, ArcSettings | RootSettings]:
+    def _arc_limits(self, kind: str) -> tuple[str, ArcSettings | RootSettings]:
         """Table, and its name, of the windows of a kind of bead."""
         return self.wps.limits(open_root=kind == "root" and self.root == "open")
 
@@ -272,7 +274,7 @@ class _BeadArranger:
                     key="bead.root_area_mm2",
                 )
 
-    def _arrange(self, counts: tuple[int, ...]) -> Arrangement:
+    def _arrange_counts(self, counts: tuple[int, ...]) -> Arrangement:
         template, area = self.template, self.template.area
         names = np.array(bead_kinds(counts, self.root))
         shares = dict(zip(KIND_NAMES, self._bead_shares(counts), strict=True))
@@ -314,7 +316,7 @@ class _BeadArranger:
         For beads of the least and the largest area, m²: the speed is deposition rate / area. If the
         heat input fits at no wire feed, which is the second value, the speed alone decides.
         """
-        table, limits = self._limits(kind)
+        table, limits = self._arc_limits(kind)
         feeds = np.linspace(*limits.wire_feed, TRIED_FEEDS)
         rate = self.wps.deposition_rate(feeds)
         slowest, fastest = rate / most, rate / least

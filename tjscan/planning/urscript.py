@@ -93,19 +93,19 @@ def path_to_urscript(path: StationPath, torch: TorchSettings, output: int, *, ar
         "  # in the arm's base frame: metres, rotation vectors in radians",
         f"  # wire feed is not set here; the arc is {'switched' if arc else 'never switched on'}",
         f"  set_standard_digital_out({output}, False)",
-        f"  set_tcp({_pose(torch.tcp.T)})",
+        f"  set_tcp({_pose_text(torch.tcp.T)})",
         "  # nobody has checked the way from where the arm stands to here",
         f"  movej([{joints}], a={TOOL_ACCELERATION}, v={JOINT_SPEED})",
     ]
     for one in path.beads:
         lines.append(f"  # bead {one.bead.number}: {one.bead.kind}, layer {one.bead.layer}")
-        lines += _moves(one.approach)
-        lines += _bead(one, output, arc=arc)
-        lines += _moves(one.retreat)
+        lines += _linear_moves(one.approach)
+        lines += _bead_moves(one, output, arc=arc)
+        lines += _linear_moves(one.retreat)
     return "\n".join((*lines, "end", ""))
 
 
-def _bead(one: BeadPath, output: int, *, arc: bool) -> Iterator[str]:
+def _bead_moves(one: BeadPath, output: int, *, arc: bool) -> Iterator[str]:
     if arc:
         yield f"  set_standard_digital_out({output}, True)"
     bead, steps = one.bead, one.bead.path_steps
@@ -113,14 +113,14 @@ def _bead(one: BeadPath, output: int, *, arc: bool) -> Iterator[str]:
         # A step has one speed: that between its ends.
         speed = 2 / (1 / bead.speed[i - 1] + 1 / bead.speed[i])
         blend = BLEND_SHARE * min(steps[i - 1], steps[i]) if i < len(steps) else 0.0
-        yield f"  movep({_pose(T)}, a={TOOL_ACCELERATION}, v={speed:.6f}, r={blend:.6f})"
+        yield f"  movep({_pose_text(T)}, a={TOOL_ACCELERATION}, v={speed:.6f}, r={blend:.6f})"
     yield f"  set_standard_digital_out({output}, False)"
 
 
-def _moves(poses: Array | Sequence[Array]) -> Iterator[str]:
+def _linear_moves(poses: Array | Sequence[Array]) -> Iterator[str]:
     for T in poses:
-        yield f"  movel({_pose(T)}, a={TOOL_ACCELERATION}, v={AIR_MOVE_SPEED})"
+        yield f"  movel({_pose_text(T)}, a={TOOL_ACCELERATION}, v={AIR_MOVE_SPEED})"
 
 
-def _pose(T: Array) -> str:
+def _pose_text(T: Array) -> str:
     return f"p[{', '.join(f'{x:.7f}' for x in np.asarray(pose_to_vector(T)))}]"

@@ -123,8 +123,9 @@ def _run_tasks(
     for future in ended:
         task = running.pop(future)
         fault = future.exception() if future.status == "error" else None
+        over: EndedTask[T, R]
         if isinstance(fault, KilledWorker):
-            over = EndedTask[T, R](task, None, "every worker that ran it died")
+            over = EndedTask(task, None, "every worker that ran it died")
         elif fault is not None:
             raise ComputeClusterFault(f"a worker failed: {fault!r}")
         elif future.status != "finished":

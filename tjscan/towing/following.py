@@ -70,7 +70,10 @@ class PoseFollower:
             Seconds.
         """
         gains = self._settings
-        error, ahead = _difference(target, pose), _difference(next_target, target) / period
+        error, ahead = (
+            _pose_difference(target, pose),
+            _pose_difference(next_target, target) / period,
+        )
         slope = np.zeros(3) if self._error is None else (error - self._error) / period
         self._error = error
         sums = self._sum + error * period
@@ -86,5 +89,5 @@ class PoseFollower:
         return twist_from_velocity(velocity, pose[2] + turn * period / 2)
 
 
-def _difference(to: Array, start: Array) -> Array:
+def _pose_difference(to: Array, start: Array) -> Array:
     return np.array((to[0] - start[0], to[1] - start[1], wrap_angle(to[2] - start[2])))

@@ -33,13 +33,13 @@ LOOKS_PER_PLAN: Final = 2
 """From one plan to the next: a localisation sees the vehicles more often than that."""
 
 START_POSE_SIGMA: Final = 0.15e-3
-"""Metres to which the poses of vehicles that stand are to be known before they drive."""
+"""Metres to which the poses of vehicles at rest are to be known before they drive."""
 
 LONGEST_START_LOOK: Final = 10.0
 """Seconds that this may take; then they drive as well as they are known."""
 
 AT_START: Final = 0.05
-"""Metres by which the welder may stand off its seam when a tow begins."""
+"""Metres by which the welder may be off its seam when a tow begins."""
 
 NEAR_START: Final = 0.3
 """The same of a towing vehicle and its place in the first shape: it is led there."""
@@ -51,16 +51,13 @@ class Team(Protocol):
     @property
     def vehicles(self) -> Sequence[Vehicle]:
         """All of them, connected."""
-        ...
 
     @property
     def time(self) -> float:
         """Seconds on the team's clock: simulated time, or this computer's."""
-        ...
 
     def advance_to(self, time: float) -> Sequence[VehicleState | VehicleFault]:
         """Wait until a time, and return each vehicle's newest state, or what is wrong with it."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,14 +134,14 @@ class CableTow:
         last : TowingPlan, optional
             The shape that the cable has at the beginning, or was sent to before.
         stood : float, optional
-            Seconds for which a welder that stands has welded already.
+            Seconds for which a welder that stays in one place has welded already.
 
         Raises
         ------
         TowHalted
             If there is no way on, and waiting did not help.
         VehicleFault
-            The same, where a vehicle or the link to it is to blame.
+            The same, if a vehicle or the link to it is to blame.
         """
         self._along, self._began, self._last = along, host.process_time(), last
         self._stood = stood
@@ -152,13 +149,13 @@ class CableTow:
             self._due = self._team.time
             estimate = self._wait_for_poses()
             self._journal.record(RunEvent("start", f"{1e3 * along:.0f} mm along the seam"))
-            while not self._finished:
+            while not self._is_finished:
                 self._cycle(estimate)
-                estimate = self._see()
+                estimate = self._take_measurements()
             self._journal.record(RunEvent(WELDED_EVENT, f"{1e3 * self._along:.0f} mm of seam"))
 
     @property
-    def _finished(self) -> bool:
+    def _is_finished(self) -> bool:
         seam = self._setting.seam
         return self._along >= seam.length if seam.length else self._stood >= seam.seconds
 
@@ -168,19 +165,19 @@ class CableTow:
         try:
             yield
         except BaseException as error:
-            self._stop()
+            self._stop_vehicles()
             interrupted = isinstance(error, KeyboardInterrupt)
             reason = "interrupted" if interrupted else str(error) or type(error).__name__
             self._journal.record(RunEvent("stop", reason))
             raise
-        self._stop()
+        self._stop_vehicles()
 
     def _wait_for_poses(self) -> TeamEstimate:
-        """Stand until every vehicle's pose is known, and see that the welder is at its seam."""
+        """Wait until every vehicle's pose is known, and check that the welder is at its seam."""
         limit = self._team.time + max(self._setting.localisation.lost, 5 * PLAN_PERIOD)
-        estimate = self._see()
+        estimate = self._take_measurements()
         while self._poses.unknown and self._team.time < limit:
-            estimate = self._see()
+            estimate = self._take_measurements()
         if self._poses.unknown:
             numbers = ", ".join(str(v + 1) for v in self._poses.unknown)
             seconds = f"{self._setting.localisation.lost:g} s"
@@ -190,7 +187,7 @@ class CableTow:
             )
         limit = self._team.time + LONGEST_START_LOOK
         while estimate.sigmas[:, 0].max() > START_POSE_SIGMA and self._team.time < limit:
-            estimate = self._see()
+            estimate = self._take_measurements()
         places = estimate.poses.copy() if self._last is None else self._last.held_poses.copy()
         places[-1] = self._setting.seam.pose_at(self._along)
         for v, (place, pose) in enumerate(zip(places, estimate.poses, strict=True)):
@@ -204,8 +201,8 @@ class CableTow:
                 )
         return estimate
 
-    def _see(self) -> TeamEstimate:
-        """Let a period pass with the vehicles driving as told, and take in what was measured."""
+    def _take_measurements(self) -> TeamEstimate:
+        """Let a period pass while the vehicles drive as asked, and take in what was measured."""
         due, begun = self._due + PLAN_PERIOD, self._due
         self._measured = np.full((len(self._followers), 3), np.nan)
         for look in range(1, LOOKS_PER_PLAN + 1):
@@ -224,7 +221,7 @@ class CableTow:
         return estimate
 
     def _cycle(self, estimate: TeamEstimate) -> None:
-        """Plan, and tell the vehicles where to go."""
+        """Plan, and send the vehicles where to go."""
         now = self._team.time
         self._standing.update(now, PLAN_PERIOD, self._states, self._asked, estimate)
         waiting, pace = self._reason_to_wait(estimate), self._standing.pace(estimate.poses)
@@ -232,7 +229,7 @@ class CableTow:
         obstacles = self._setting.obstacles(now)
         discs = [(d.x, d.y, d.radius, *d.velocity) for d in obstacles]
         began = host.thread_time()
-        plan, pace = self._plan(estimate, obstacles, pace)
+        plan, pace = self._plan_step(estimate, obstacles, pace)
         seconds = host.thread_time() - began
         if plan.halt:
             waiting = waiting or Waiting(plan.halt)
@@ -242,7 +239,7 @@ class CableTow:
         self._patience.update(now, waiting, self._along)
         step = pace * self._setting.seam.settings.speed * PLAN_PERIOD
         along = min(self._along + step, self._setting.seam.length)
-        targets = self._send(estimate, plan, along)
+        targets = self._send_targets(estimate, plan, along)
         self._journal.record(
             TowCycle(
                 time=now,
@@ -266,7 +263,7 @@ class CableTow:
         if not plan.halt:
             self._last = plan
 
-    def _plan(
+    def _plan_step(
         self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle], pace: float
     ) -> tuple[TowingPlan, float]:
         """The plan for one step on, or for the welder's place if that has none; and its pace."""
@@ -303,7 +300,7 @@ class CableTow:
             stopped=self._standing.stopped,
         )
 
-    def _send(self, estimate: TeamEstimate, plan: TowingPlan, along: float) -> Array:
+    def _send_targets(self, estimate: TeamEstimate, plan: TowingPlan, along: float) -> Array:
         """Command each vehicle towards its pose; returns where they are sent."""
         before, poses, seam = self._targets, estimate.poses, self._setting.seam
         if before is None:
@@ -325,7 +322,7 @@ class CableTow:
         return targets
 
     def _reason_to_wait(self, estimate: TeamEstimate) -> Waiting | None:
-        """Why the welder must stand, whatever the plan says."""
+        """Why the welder must wait, whatever the plan is."""
         gone = [v for v, s in enumerate(self._states) if isinstance(s, VehicleLinkLost)]
         if gone:
             return Waiting(f"vehicle {gone[0] + 1}: {self._states[gone[0]]}", device=True)
@@ -335,6 +332,6 @@ class CableTow:
             return Waiting(f"the pose of vehicle {v + 1} is lost: {why}")
         return self._standing.reason_to_wait(estimate.poses, self._last)
 
-    def _stop(self) -> None:
+    def _stop_vehicles(self) -> None:
         for vehicle in self._team.vehicles:
             vehicle.stop()

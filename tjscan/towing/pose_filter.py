@@ -144,13 +144,13 @@ class VehiclePoseFilter:
         measured : VehiclePose or None
         """
         if self._pose is not None:
-            self._go_on(period, odometry)
+            self._add_odometry(period, odometry)
             self._trail.append((time, self._pose.copy()))
         if measured is None:
             self._refused = self._refused or "none comes"
         elif measured.time > self._newest:
             self._newest = measured.time
-            self._take(measured, time)
+            self._take_measured(measured, time)
         return self.estimate(time)
 
     def estimate(self, time: float) -> PoseEstimate:
@@ -169,7 +169,7 @@ class VehiclePoseFilter:
         """Last measured pose where poses are refused as jumps, moved on to now; shape (3,)."""
         return self._denied
 
-    def _go_on(self, period: float, odometry: Twist) -> None:
+    def _add_odometry(self, period: float, odometry: Twist) -> None:
         assert self._pose is not None
         velocity = velocity_from_twist(odometry, self._pose[2] + odometry.turn_rate * period / 2)
         step = velocity * period
@@ -185,7 +185,7 @@ class VehiclePoseFilter:
         if self._denied is not None:
             self._denied = self._denied + step
 
-    def _take(self, measured: VehiclePose, time: float) -> None:
+    def _take_measured(self, measured: VehiclePose, time: float) -> None:
         found = np.array((measured.x, measured.y, measured.heading))
         if not np.isfinite((*found, measured.time)).all():
             self._refused = "not a number"

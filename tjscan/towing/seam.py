@@ -54,7 +54,7 @@ class Seam:
 
     @property
     def length(self) -> float:
-        """Metres; 0 where the welder stands."""
+        """Metres; 0 if the welder stays in one place."""
         return self.path.length
 
     @property

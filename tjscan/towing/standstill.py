@@ -23,7 +23,7 @@ LEAST_WINDOW: Final = 3.0
 """Seconds of motion that are judged, at least: the lag of a vehicle is short against them."""
 
 LONGEST_WINDOW: Final = 30.0
-"""The same at most, when much of it is needed to tell a standstill from noise."""
+"""The same at most, when much of it is needed to distinguish a standstill from noise."""
 
 LEAST_WAY: Final = 0.02
 """Metres that a vehicle must have been commanded to go before its standstill means anything."""
@@ -62,7 +62,7 @@ LEAST_PACE: Final = 0.1
 """Share of its speed with which it goes on until it waits: ever slower, it would never arrive."""
 
 FIGURE_WITH_UNIT: Final = re.compile(r"\d+(\.\d+)?(?= (mm|s|m/min)\b|°)")
-"""A figure with its unit: where only such differ, nothing new is to be said."""
+"""A figure with its unit: if only such differ, nothing new is to be reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +114,7 @@ class Patience:
         TowHalted
             If it waited for too long.
         VehicleFault
-            The same, where a vehicle or the link to it is to blame.
+            The same, if a vehicle or the link to it is to blame.
         """
         if waiting is None:
             if self._said:
@@ -152,13 +152,13 @@ class StandstillCheck:
 
     @property
     def doubted(self) -> bool:
-        """Whether it stands, or stood and was not seen to drive since, though it is tried again."""
+        """Whether it is at a standstill, or was and has not been seen to drive since its retry."""
         return self._doubted
 
     def update(
         self, time: float, pose: Array, asked: Array, *, sigma: float, fault: bool = False
     ) -> bool:
-        """Whether it stands for good.
+        """Whether it is at a standstill for good.
 
         Parameters
         ----------
@@ -167,7 +167,7 @@ class StandstillCheck:
         pose : ndarray, shape (3,)
             Where it is.
         asked : ndarray, shape (2,)
-            Way along x and y that it was told to go since the last update, metres.
+            Way along x and y that it was asked to go since the last update, metres.
         sigma : float
             Standard deviation of its place, metres.
         fault : bool, optional
@@ -208,7 +208,7 @@ class StandstillCheck:
         return end.time - begin.time >= LEAST_WINDOW and asked > LEAST_WAY and expected
 
     def _standstill_evidence(self) -> float:
-        """Logarithm of the likelihoods' ratio, standing over driving."""
+        """Logarithm of the likelihoods' ratio, a standstill over driving."""
         begin, end = self._way[0], self._way[-1]
         driven, moved = DRIVEN_SHARE * (end.asked - begin.asked), end.place - begin.place
         off, still = np.sum((moved - driven) ** 2), np.sum(moved**2)
@@ -217,7 +217,7 @@ class StandstillCheck:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _WayPoint:
-    """A vehicle at a time, where it is, how far it was told to go until then, and the noise."""
+    """A vehicle at a time, where it is, how far it was asked to go until then, and the noise."""
 
     time: float
     place: Array
@@ -226,7 +226,7 @@ class _WayPoint:
 
 
 class StandingVehicles:
-    """Notices vehicles that stand, and what that means for the weld.
+    """Notices vehicles at a standstill, and what that means for the weld.
 
     Parameters
     ----------
@@ -238,14 +238,14 @@ class StandingVehicles:
     Attributes
     ----------
     stopped : tuple of int
-        Those that stand for good.
+        Those at a standstill for good.
     """
 
     def __init__(self, cable: Cable, team: TowingTeam, report: Callable[[str, str], None]) -> None:
         self._cable, self._team, self._report = cable, team, report
         self._checks = [StandstillCheck() for _ in team.held_links]
         self._states: Sequence[VehicleState | VehicleFault] = ()
-        self._doubted: tuple[int, ...] = ()  # those that stand, and those not seen to drive since
+        self._doubted: tuple[int, ...] = ()  # at a standstill, or not seen to drive since
         self._taut = self._bent = False
         self.stopped: tuple[int, ...] = ()
 
@@ -273,7 +273,7 @@ class StandingVehicles:
         self._states, self.stopped, self._doubted = states, tuple(stopped), doubted
 
     def reason_to_wait(self, poses: Array, last: TowingPlan | None) -> Waiting | None:
-        """Why the welder must wait for those that stand.
+        """Why the welder must wait for those at a standstill.
 
         Parameters
         ----------
@@ -286,11 +286,11 @@ class StandingVehicles:
         if welder in self.stopped:
             why = _fault_of(self._states[welder]) or "it does not move"
             return Waiting(f"the welder stands: {why}", device=True)
-        share, standing = self._tautest(poses)
+        share, standing = self._tautest_piece(poses)
         self._taut = share >= (SLACK_SHARE if self._taut else TAUT_SHARE)
         strained = "is taut" if self._taut else ""
         if not self._taut:
-            share, standing = (0.0, 0) if last is None else self._most_bent(last)
+            share, standing = (0.0, 0) if last is None else self._most_bent_piece(last)
             self._bent = share >= (EASED_SHARE if self._bent else BENT_SHARE)
             strained = "nears its limit of bend" if self._bent else ""
         if not strained:
@@ -300,11 +300,11 @@ class StandingVehicles:
 
     def pace(self, poses: Array) -> float:
         """Share of the welding speed that the pieces of cable beside them allow."""
-        share, _ = self._tautest(poses)
+        share, _ = self._tautest_piece(poses)
         return float(np.clip((TAUT_SHARE - share) / (TAUT_SHARE - SLACK_SHARE), LEAST_PACE, 1.0))
 
-    def _tautest(self, poses: Array) -> tuple[float, int]:
-        """Largest chord of a piece beside a standing vehicle, over its length, and which one."""
+    def _tautest_piece(self, poses: Array) -> tuple[float, int]:
+        """Largest chord of a piece beside one at a standstill, over its length, and which one."""
         held = np.array(self._team.held_links)
         lengths = self._cable.link_length * np.diff(held, prepend=-1)
         steps = np.diff(np.vstack((self._cable.root[:2], poses[:, :2])), axis=0)
@@ -312,8 +312,8 @@ class StandingVehicles:
         beside = [(float(shares[k]), v) for v in self._doubted for k in (v, v + 1) if k < len(held)]
         return max(beside, default=(0.0, 0))
 
-    def _most_bent(self, last: TowingPlan) -> tuple[float, int]:
-        """Largest joint angle beside a standing vehicle, over its limit, and which one.
+    def _most_bent_piece(self, last: TowingPlan) -> tuple[float, int]:
+        """Largest joint angle beside a vehicle at a standstill, over its limit, and which one.
 
         As planned or as estimated, whichever is larger.
         """

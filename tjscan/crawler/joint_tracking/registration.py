@@ -123,19 +123,19 @@ class ReferenceProfile:
         u, h = (np.concatenate(part) for part in zip(*parts, strict=True))
         cells, index = np.unique(np.round(u / REFERENCE_PITCH).astype(np.intp), return_inverse=True)
         across = REFERENCE_PITCH * np.arange(cells[0], cells[-1] + 1)
-        depth = np.interp(across, REFERENCE_PITCH * cells, _medians(index, h))
+        depth = np.interp(across, REFERENCE_PITCH * cells, _medians_by_index(index, h))
         # Within a cell of a steep side depth changes, too.
         aside = u - REFERENCE_PITCH * cells[index]
-        level = h - aside * np.interp(u, across, _slope(depth))
-        middle = _medians(index, level)
-        spread = MAD_TO_SIGMA * _medians(index, np.abs(level - middle[index]))
+        level = h - aside * np.interp(u, across, _smoothed_slope(depth))
+        middle = _medians_by_index(index, level)
+        spread = MAD_TO_SIGMA * _medians_by_index(index, np.abs(level - middle[index]))
         depth, spread = (np.interp(across, REFERENCE_PITCH * cells, v) for v in (middle, spread))
-        variance = _convolved(spread**2, np.full(SMOOTHED_POINTS, 1 / SMOOTHED_POINTS))
+        variance = _convolve_padded(spread**2, np.full(SMOOTHED_POINTS, 1 / SMOOTHED_POINTS))
         # A median of independent values is less certain than their mean.
         own = noise**2 * min(0.5 * np.pi / len(placements), 1.0)
         changes = np.maximum(variance - noise**2, 0.0)
         centre_sigma = _sigma_of_mean(placements)
-        return cls(across, depth, _slope(depth), np.sqrt(own + changes), centre_sigma)
+        return cls(across, depth, _smoothed_slope(depth), np.sqrt(own + changes), centre_sigma)
 
 
 def _sigma_of_mean(placements: Sequence[JointPlacement]) -> float:
@@ -145,18 +145,18 @@ def _sigma_of_mean(placements: Sequence[JointPlacement]) -> float:
     return sqrt(max(own, 0.0) + float(np.mean(shared)) ** 2)
 
 
-def _slope(depth: Array) -> Array:
+def _smoothed_slope(depth: Array) -> Array:
     """Slope of depths at even steps: of the line through the points about each."""
     window = np.arange(SMOOTHED_POINTS) - SMOOTHED_POINTS // 2
-    return _convolved(depth, -window / (REFERENCE_PITCH * (window @ window)))
+    return _convolve_padded(depth, -window / (REFERENCE_PITCH * (window @ window)))
 
 
-def _convolved(values: Array, window: Array) -> Array:
+def _convolve_padded(values: Array, window: Array) -> Array:
     padded = np.pad(values, len(window) // 2, mode="edge")
     return np.convolve(padded, window, mode="valid")
 
 
-def _medians(index: NDArray[np.intp], values: Array) -> Array:
+def _medians_by_index(index: NDArray[np.intp], values: Array) -> Array:
     """Median of the values of each index, which all occur."""
     order = np.lexsort((values, index))
     first = np.searchsorted(index[order], np.arange(index.max() + 1))

@@ -12,18 +12,9 @@ import numpy as np
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, frozen_arrays
-from tjscan.crawler.joint_tracking.edge_lines import (
-    BEVEL_LINES,
-    PLATE_LINES,
-    EdgeLines,
-    fit_edge_lines,
-    line_through,
-)
-from tjscan.crawler.joint_tracking.registration import (
-    JointPlacement,
-    ReferenceProfile,
-    register_profile,
-)
+from tjscan.crawler.joint_tracking import edge_lines, registration
+from tjscan.crawler.joint_tracking.edge_lines import BEVEL_LINES, PLATE_LINES, EdgeLines
+from tjscan.crawler.joint_tracking.registration import JointPlacement, ReferenceProfile
 from tjscan.groove.read import LEAST_DEPTH, fit_groove
 from tjscan.groove.refinement import estimate_correlation
 from tjscan.groove.settings import BUTT_V, GrooveSettings
@@ -215,7 +206,7 @@ class JointTracker:
     ) -> ButtJointReading:
         last = self._reading if known else None
         angles = None if last is None else self._angles - last.roll
-        lines = fit_edge_lines(row.t, row.z, replace(start, noise=self._noise), angles)
+        lines = edge_lines.fit_edge_lines(row.t, row.z, replace(start, noise=self._noise), angles)
         if lines is None:
             raise row.ambiguity("the lines of the last profile are gone")
         edges = lines.points
@@ -235,7 +226,7 @@ class JointTracker:
                 )
             self._depths.clear()
             self._count = 0
-        self._learn(row, lines, width, known=known)
+        self._learn_from(row, lines, width, known=known)
         self._lines = lines
         return ButtJointReading(
             time=row.time,
@@ -253,7 +244,7 @@ class JointTracker:
     def _read_by_reference(
         self, row: _ProfileRays, reference: ReferenceProfile, last: ButtJointReading
     ) -> ButtJointReading:
-        found = register_profile(row.t, row.z, reference, last, self._noise)
+        found = registration.register_profile(row.t, row.z, reference, last, self._noise)
         if found is None or found[1] < REGISTERED_SHARE:
             raise row.ambiguity("the profile does not look like the last one taken here")
         placement, _ = found
@@ -272,7 +263,7 @@ class JointTracker:
             )
         u, h = placement.joint_coordinates(row.x, row.z)
         inside = np.abs(u) < self._width / 2
-        across, depth = _bottom(u[inside], h[inside])
+        across, depth = _smoothed_bottom(u[inside], h[inside])
         middle = depth[np.abs(across) < self._width / 4]
         left = float(np.median(middle)) if len(middle) else nan
         area = float(np.trapezoid(np.maximum(depth, 0.0), across))
@@ -308,7 +299,9 @@ class JointTracker:
         if sigma > self._settings.largest_sigma:
             raise row.ambiguity(f"its centre is known to {1e3 * sigma:.2f} mm only")
 
-    def _learn(self, row: _ProfileRays, lines: EdgeLines, width: float, *, known: bool) -> None:
+    def _learn_from(
+        self, row: _ProfileRays, lines: EdgeLines, width: float, *, known: bool
+    ) -> None:
         """Learn noise, width and the bevels' angles against the hull."""
         share = LEARNING_SHARE if known else 1.0
         first, last = np.searchsorted(row.t, lines.edges).tolist()
@@ -380,10 +373,10 @@ def _edge_lines_of_fit(fitted: FittedProfile, noise: float) -> EdgeLines:
     curves, corners, places = fitted.curves, fitted.corners, fitted.places
     right, left = corners[0], corners[-1]
     lines = [
-        line_through(left, left + curves[-1].tangent_at(places[-1][1])),
-        line_through(left, left + curves[-2].tangent_at(places[-1][0])),
-        line_through(right, right + curves[1].tangent_at(places[0][1])),
-        line_through(right, right + curves[0].tangent_at(places[0][0])),
+        edge_lines.line_through(left, left + curves[-1].tangent_at(places[-1][1])),
+        edge_lines.line_through(left, left + curves[-2].tangent_at(places[-1][0])),
+        edge_lines.line_through(right, right + curves[1].tangent_at(places[0][1])),
+        edge_lines.line_through(right, right + curves[0].tangent_at(places[0][0])),
     ]
     (x, z), (u, w) = np.transpose((left, right)), np.transpose((corners[-2], corners[1]))
     return EdgeLines(
@@ -402,7 +395,7 @@ def _left_to_fill(row: _ProfileRays, lines: EdgeLines) -> tuple[float, float]:
     """Depth and area below the line between the top edges."""
     first, last = np.searchsorted(row.t, lines.feet).tolist()
     (x0, z0), (x1, z1) = lines.points.tolist()
-    inner, bottom = _bottom(row.t[first:last], row.z[first:last])
+    inner, bottom = _smoothed_bottom(row.t[first:last], row.z[first:last])
     ends = [lines.heights(line, lines.feet[k]) for k, line in enumerate(BEVEL_LINES)]
     t = np.concatenate((lines.edges[:1], lines.feet[:1], inner, lines.feet[1:], lines.edges[1:]))
     z = np.concatenate(([z0, float(ends[0])], bottom, [float(ends[1]), z1]))
@@ -414,7 +407,7 @@ def _left_to_fill(row: _ProfileRays, lines: EdgeLines) -> tuple[float, float]:
     return float(np.median(middle)), float(np.trapezoid(np.maximum(depth, 0.0), along))
 
 
-def _bottom(t: Array, z: Array) -> tuple[Array, Array]:
+def _smoothed_bottom(t: Array, z: Array) -> tuple[Array, Array]:
     """The points of a groove's bottom, without arc light, and their smoothed heights."""
     near = np.abs(z - _running_median(z, WIDE_MEDIAN)) < STRAY_HEIGHT
     return t[near], _running_median(z[near], NARROW_MEDIAN)

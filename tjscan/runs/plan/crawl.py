@@ -116,10 +116,11 @@ def passes_to_toml(passes: Sequence[CrawlPass], procedure: str) -> str:
     """
     lines = []
     for one in passes:
+        bead = one.bead
         lines += [
             "",
-            f"# bead {one.number}: {one.kind}, layer {one.layer}.{one.place}, wire feed "
-            f"{one.feed / M_MIN.factor:.2f} m/min; up to {1e3 * one.strays:.2f} mm off the bead's "
+            f"# bead {bead.number}: {bead.kind}, layer {bead.layer}.{bead.place}, wire feed "
+            f"{bead.feed / M_MIN.factor:.2f} m/min; up to {1e3 * one.strays:.2f} mm off the bead's "
             f"own path, fill up to {100 * one.misfills:.1f} % off",
             "[[pass]]",
             f"speed_mm_s = {one.speed / MM_S.factor:.4f}",

@@ -16,16 +16,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.towing.shape import chain
 from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.chain import (
-    ChainParts,
-    chain_gradient,
-    chain_hessian,
-    make_parts,
-    place_links,
-    turned_way,
-    wrapped,
-)
+from tjscan.towing.shape.chain import ChainParts, place_links
 from tjscan.towing.shape.compiled import Indices, compiled
 from tjscan.towing.shape.linear import back_substitute, factorise_convex
 from tjscan.towing.shape.plan import PoseTrust
@@ -129,7 +122,7 @@ def estimate_terms(
     for m in range(len(held)):
         k = held[m]
         x, y = links[k, 0] - poses[m, 0], links[k, 1] - poses[m, 1]
-        a = wrapped(links[k, 2] - poses[m, 2])
+        a = chain.wrapped(links[k, 2] - poses[m, 2])
         by_place, by_turn = problem.stiff[m, 0], problem.stiff[m, 1]
         energy += 0.5 * by_place * (x * x + y * y) + 0.5 * by_turn * a * a
         point[k, 0] += by_place * x
@@ -144,14 +137,14 @@ def estimate_terms(
 def newton_estimate(angles: Array, problem: EstimateArrays, most: int) -> float:
     """Shape of least energy near the vehicles' poses, in place; returns the energy."""
     n = len(angles)
-    links, parts = np.empty((n, 5)), make_parts(n)
+    links, parts = np.empty((n, 5)), chain.make_parts(n)
     gradient, step, trial = np.empty(n), np.empty(n), np.empty(n)
     hessian, factor = np.empty((n, n)), np.zeros((n, n))
     place_links(angles, problem.root, problem.length, links)
     energy, shift = estimate_terms(angles, problem, links, parts), 0.0
     for _ in range(most):
-        chain_gradient(parts, links, problem.length, gradient)
-        chain_hessian(parts, links, problem.length, hessian)
+        chain.chain_gradient(parts, links, problem.length, gradient)
+        chain.chain_hessian(parts, links, problem.length, hessian)
         shift = factorise_convex(hessian, shift, factor, LEAST_SHIFT)
         step[:] = -gradient
         back_substitute(factor, step)
@@ -386,21 +379,21 @@ def pull_on_welder(
 def _force_by_place(angles: Array, problem: EstimateArrays) -> Array:
     """Derivative of the last held link's force by the place of the one before, (2, 2), over k."""
     n, last, root = len(angles), len(problem.held) - 1, problem.root
-    links, parts, stiff = np.empty((n, 5)), make_parts(n), problem.stiff
+    links, parts, stiff = np.empty((n, 5)), chain.make_parts(n), problem.stiff
     hessian, factor = np.empty((n, n)), np.zeros((n, n))
     place_links(angles, root, problem.length, links)
     estimate_terms(angles, problem, links, parts)
-    chain_hessian(parts, links, problem.length, hessian)
+    chain.chain_hessian(parts, links, problem.length, hessian)
     factorise_convex(hessian, 0.0, factor, LEAST_SHIFT)
     derivative, change = np.zeros((2, 2)), np.empty(n)
     before, tip = problem.held[last - 1], problem.held[last]
     for axis in range(2):
         for i in range(n):
-            way = turned_way(i, before, links, root)
+            way = chain.turned_way(i, before, links, root)
             change[i] = stiff[last - 1, 0] * way[axis]
         back_substitute(factor, change)
         for i in range(n):
-            way = turned_way(i, tip, links, root)
+            way = chain.turned_way(i, tip, links, root)
             derivative[0, axis] += stiff[last, 0] * way[0] * change[i]
             derivative[1, axis] += stiff[last, 0] * way[1] * change[i]
     return derivative

@@ -13,6 +13,7 @@ import numpy as np
 import proxsuite
 
 from tjscan.core.frames import Array
+from tjscan.towing.shape import linear
 from tjscan.towing.shape.area import Obstacles
 from tjscan.towing.shape.chain import chain_gradient
 from tjscan.towing.shape.compiled import compiled, inlined
@@ -26,12 +27,6 @@ from tjscan.towing.shape.limits import (
     RowRoom,
     fill_limit_rows,
     limit_gradients,
-)
-from tjscan.towing.shape.linear import (
-    back_substitute,
-    back_substitute_rows,
-    least_squares_multipliers,
-    meet_constraints,
 )
 from tjscan.towing.shape.problem import (
     ShapeArrays,
@@ -180,9 +175,9 @@ def _guess_active(
     n, m = len(step), len(state.constraint)
     active = np.zeros(len(rows), np.bool_)
     free, solved = -program.gradient, np.empty((m + len(rows), n))
-    back_substitute(program.factor, free)
+    linear.back_substitute(program.factor, free)
     solved[:m] = state.jacobian
-    back_substitute_rows(program.factor, solved[:m])
+    linear.back_substitute_rows(program.factor, solved[:m])
     for _ in range(MOST_ACTIVE):
         count = m + active.sum()
         A, by_A, b = np.empty((count, n)), np.empty((count, n)), np.empty(count)
@@ -193,7 +188,7 @@ def _guess_active(
                 k += 1
         multipliers = np.empty(count)
         step[:] = free
-        meet_constraints(A, by_A, b, step, multipliers)
+        linear.meet_constraints(A, by_A, b, step, multipliers)
         worst, which, k, settled = -1e-9, -1, m, True
         for r in range(len(rows)):
             z[r] = 0.0
@@ -213,7 +208,7 @@ def _guess_active(
                 return False
             active[which] = True
             solved[m + which] = C[which, :n]
-            back_substitute(program.factor, solved[m + which])
+            linear.back_substitute(program.factor, solved[m + which])
     return False
 
 
@@ -236,7 +231,7 @@ def _model_step(
     program, n = _Program(*plain_program), len(state.links)
     chain_gradient(parts_of(state), state.links, problem.length, program.gradient)
     if len(last_z) == 0:
-        least_squares_multipliers(state.jacobian, program.gradient, y)
+        linear.least_squares_multipliers(state.jacobian, program.gradient, y)
     add_multipliers(problem, y, state.point)
     if len(last_z) == len(rows):
         _add_limit_forces(rows, last_z, state.point)

@@ -6,6 +6,7 @@ another point of the cable. Its derivative follows from where those points are o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -36,42 +37,30 @@ class LimitKind(IntEnum):
     JOINT = 6
 
 
-LIMIT_TEXTS: Final = {
-    LimitKind.LINK_TO_OBSTACLE: (
-        "link {link} to obstacle",
-        "link {link} would be {mm} mm too near: it must keep {link_clearance:.0f} mm from "
-        "obstacles",
-    ),
-    LimitKind.BODY_TO_OBSTACLE: (
-        "{holder} to obstacle",
-        "{holder} would be {mm} mm too near: its body must keep {body_clearance:.0f} mm from "
-        "obstacles",
-    ),
-    LimitKind.BODY_TO_BODY: (
-        "{holder} to {other_holder}",
-        "{holder} and {other_holder} would be {mm} mm too near: {vehicle_gap:.0f} mm must stay "
-        "between their bodies",
-    ),
-    LimitKind.LINK_TO_BODY: (
-        "link {link} to {other_holder}",
-        "link {link} would be {mm} mm too near to {other_holder}: {body_clearance:.0f} mm must "
-        "stay between them",
-    ),
-    LimitKind.LINK_TO_LINK: (
-        "link {link} to link {other}",
-        "links {link} and {other} would be {mm} mm too near: the cable must keep "
-        "{cable_gap:.0f} mm from itself",
-    ),
-    LimitKind.SPEED: (
-        "speed of {holder}",
-        "{holder} would have to drive {mm} mm further than it can at {top_speed:.3g} m/min",
-    ),
-    LimitKind.JOINT: (
-        "bend of joint {link}",
-        "joint {link} would be bent {bend}° past its limit of {joint_limit:.1f}°",
-    ),
-}
-"""Of each kind its name, and how a shape breaks it."""
+LIMIT_NAMES: Final = (
+    "link {link} to obstacle",
+    "{holder} to obstacle",
+    "{holder} to {other_holder}",
+    "link {link} to {other_holder}",
+    "link {link} to link {other}",
+    "speed of {holder}",
+    "bend of joint {link}",
+)
+"""In the order of `LimitKind`."""
+
+BROKEN_LIMITS: Final = (
+    "link {link} would be {mm} mm too near: it must keep {link_clearance:.0f} mm from obstacles",
+    "{holder} would be {mm} mm too near: its body must keep {body_clearance:.0f} mm from obstacles",
+    "{holder} and {other_holder} would be {mm} mm too near: {vehicle_gap:.0f} mm must stay between "
+    "their bodies",
+    "link {link} would be {mm} mm too near to {other_holder}: {body_clearance:.0f} mm must stay "
+    "between them",
+    "links {link} and {other} would be {mm} mm too near: the cable must keep {cable_gap:.0f} mm "
+    "from itself",
+    "{holder} would have to drive {mm} mm further than it can at {top_speed:.3g} m/min",
+    "joint {link} would be bent {bend}° past its limit of {joint_limit:.1f}°",
+)
+"""How a shape breaks a limit, in the same order."""
 
 ROW_TYPE: Final = np.dtype(
     [
@@ -485,14 +474,14 @@ class HardLimits:
 
     def name(self, row: np.void) -> str:
         """Which limit a row is, in words."""
-        return self._describe(row)[0]
+        return self._describe(LIMIT_NAMES, row)
 
     def words(self, row: np.void) -> str:
         """How a shape breaks the limit of a row with a margin below zero."""
-        return self._describe(row)[1]
+        return self._describe(BROKEN_LIMITS, row)
 
-    def _describe(self, row: np.void) -> list[str]:
-        """Texts of `LIMIT_TEXTS` with their figures."""
+    def _describe(self, texts: Sequence[str], row: np.void) -> str:
+        """The text of a row's kind with its figures."""
         link, other = int(row["link"]), int(row["other"])
         figures = {
             "link": link,
@@ -508,7 +497,7 @@ class HardLimits:
             "top_speed": 60 * self.team.top_speed,
             "joint_limit": degrees(self.cable.joint_limit),
         }
-        return [text.format(**figures) for text in LIMIT_TEXTS[LimitKind(row["kind"])]]
+        return texts[int(row["kind"])].format(**figures)
 
     def _holder(self, link: int) -> str:
         """The vehicle that holds a link, if one does."""

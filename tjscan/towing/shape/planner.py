@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -120,7 +120,7 @@ class TowingPlanner:
             pressed = tuple(limits.name(row) for row in limited.pressed)
             iterations += limited.iterations
         halt, rest = shape.objection(now.angles, pressed), readonly_copy(now.rest)
-        return replace(shape.plan(iterations, halt), limits=pressed, rest=rest)
+        return shape.plan(iterations=iterations, halt=halt, limits=pressed, rest=rest)
 
     def _estimate_of(self, plan: TowingPlan) -> CableEstimate:
         """The estimate that a plan was made from."""
@@ -141,14 +141,13 @@ class TowingPlanner:
             begun = replace(problem, estimate=found.angles)
             shape = CheckedShape(begun, limits, found.angles)
             if shape.keeps_all:
-                plans.append(shape.plan(found.iterations))
+                plans.append(shape.plan(iterations=found.iterations))
         # Compiled functions are loaded before anything moves: no plan may have to wait for them.
         optimise_limited(problem, limits, plans[0].angles if plans else resting, most=1)
         last = plans[0] if plans else None
         for _ in range(2 if last else 0):  # from the second plan on, friction is known
             last = self.plan(plans[0].held_poses, welder_pose, dt=1.0, last=last)
-        nowhere = CheckedShape(problem, limits, resting)
-        return plans or [nowhere.plan(0, NO_START)]
+        return plans or [CheckedShape(problem, limits, resting).plan(halt=NO_START)]
 
     def start(self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()) -> TowingPlan:
         """The best of `starts`."""
@@ -171,17 +170,10 @@ class TowingPlanner:
         floor = self._floor.with_discs(obstacles, s.look_ahead)
         fixed = [*still, self.team.welder]
         paced, begin = self._held[drives], begins[drives, :2].copy()
+        fixed_poses = np.vstack((now[still], welder_pose))
         problem = ShapeProblem(
-            self.cable,
-            floor,
-            s.weights,
-            s.targets,
-            estimate,
-            self._held[fixed],
-            np.vstack((now[still], welder_pose)),
-            paced,
-            begin,
-            dt,
+            *(self.cable, floor, s.weights, s.targets, estimate),
+            *(self._held[fixed], fixed_poses, paced, begin, dt),
         )
         return problem, HardLimits(self.cable, self.team, s.limits, floor, paced, begin, dt)
 
@@ -248,14 +240,11 @@ class CheckedShape:
     def _worst(self, rows: LimitRows) -> str:
         return self.limits.words(rows[rows["margin"].argmin()])
 
-    def plan(self, iterations: int, halt: str = "") -> TowingPlan:
-        """The plan of this shape, after so many iterations."""
+    def plan(self, **more: Any) -> TowingPlan:
+        """The plan of this shape, with what else a `TowingPlan` states."""
+        problem, held = self.problem, self.limits.team.held_links
+        terms = PlanTerms(*self._state.terms.tolist())
         plan = TowingPlan.of_angles(
-            self.problem.cable,
-            self.limits.team.held_links,
-            self.problem.estimate,
-            self.angles,
-            PlanTerms(*self._state.terms.tolist()),
-            self.off,
+            problem.cable, held, problem.estimate, self.angles, terms, self.off
         )
-        return replace(plan, iterations=iterations, halt=halt)
+        return replace(plan, **more)

@@ -22,25 +22,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.towing.shape import chain, linear
 from tjscan.towing.shape.area import Obstacles
 from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.chain import (
-    ChainParts,
-    chain_gradient,
-    chain_hessian,
-    place_links,
-    pose_constraints,
-    turned_way,
-)
+from tjscan.towing.shape.chain import ChainParts, place_links
 from tjscan.towing.shape.compiled import Indices, compiled, inlined
 from tjscan.towing.shape.distance import SignedDistance, distance_to_obstacle
 from tjscan.towing.shape.estimate import PULL_TERM, CablePull
-from tjscan.towing.shape.linear import (
-    add_squares,
-    constrained_step,
-    factorise_convex,
-    least_squares_multipliers,
-)
 from tjscan.towing.shape.plan import PlanTerms
 from tjscan.towing.tables import TargetSettings, WeightSettings
 
@@ -180,15 +168,10 @@ class ShapeState(NamedTuple):
 
 def new_state(n: int, fixed: int) -> ShapeState:
     """Room for a chain of n links and a number of fixed ones."""
-    return ShapeState(
-        np.empty((n, 5)),
-        np.empty((n, 2)),
-        np.empty((n, 5)),
-        np.zeros((n, 2)),
-        np.empty(5),
-        np.zeros(3 * fixed),
-        np.zeros((3 * fixed, n)),
-    )
+    links, point = np.empty((n, 5)), np.empty((n, 5))
+    joint, turn = np.empty((n, 2)), np.zeros((n, 2))
+    constraint, jacobian = np.zeros(3 * fixed), np.zeros((3 * fixed, n))
+    return ShapeState(links, joint, point, turn, np.empty(5), constraint, jacobian)
 
 
 make_state = inlined(new_state)
@@ -243,7 +226,7 @@ def evaluate_shape(
         point[k, 3] += xy
         point[k, 4] += yy
     fixed, poses = problem.fixed, problem.fixed_poses
-    pose_constraints(links, problem.root, fixed, poses, state.constraint, state.jacobian)
+    chain.pose_constraints(links, problem.root, fixed, poses, state.constraint, state.jacobian)
     return float(terms.sum())
 
 
@@ -267,7 +250,7 @@ class ShapeProblem:
         θ_init, radians.
     fixed : ndarray of int, shape (E,)
         Links that must have the poses `fixed_poses`, shape (E, 3): the welder's, and those of
-        vehicles that stand.
+        vehicles that are at rest.
     paced : ndarray of int, shape (M,)
         Links of the vehicles that drive, and where their steps begin: `pace_from`, shape (M, 2).
     period : float
@@ -361,11 +344,11 @@ def add_pull_curvature(
     for m in range(len(moved)):
         if costs[m, 0] == PULL_TERM:
             for i in range(moved[m] + 1):
-                x, y = turned_way(i, moved[m], links, root)
+                x, y = chain.turned_way(i, moved[m], links, root)
                 by_x = costs[m, 6] * x + costs[m, 7] * y
                 by_y = costs[m, 7] * x + costs[m, 8] * y
                 for j in range(i + 1):
-                    x, y = turned_way(j, moved[m], links, root)
+                    x, y = chain.turned_way(j, moved[m], links, root)
                     matrix[i, j] += by_x * x + by_y * y
 
 
@@ -379,7 +362,7 @@ def pull_after(
             k = moved[m]
             x, y = links[k, 0] - costs[m, 1], links[k, 1] - costs[m, 2]
             for i in range(k + 1):
-                way = turned_way(i, k, links, root)
+                way = chain.turned_way(i, k, links, root)
                 x += way[0] * step[i]
                 y += way[1] * step[i]
             force[0] = costs[m, 4] + costs[m, 6] * x + costs[m, 7] * y
@@ -411,11 +394,11 @@ def convex_hessian(
     """
     links, moved, costs = state.links, problem.moved, problem.costs
     replace_pull(moved, costs, links, force, state.point)
-    chain_hessian(parts_of(state), links, problem.length, hessian)
-    weight = add_squares(state.jacobian, hessian)
+    chain.chain_hessian(parts_of(state), links, problem.length, hessian)
+    weight = linear.add_squares(state.jacobian, hessian)
     least = 1e-4 * np.abs(np.diag(hessian)).max()
     add_pull_curvature(moved, costs, links, problem.root, hessian)
-    return factorise_convex(hessian, shift, factor, least), weight
+    return linear.factorise_convex(hessian, shift, factor, least), weight
 
 
 @compiled
@@ -455,15 +438,15 @@ def newton_shape(
     penalty, shift, iteration, done = 0.0, 0.0, 0, False
     f = evaluate_shape(angles, problem, obstacles, state)
     while True:
-        chain_gradient(parts_of(state), state.links, problem.length, gradient)
-        residual = least_squares_multipliers(state.jacobian, gradient, y)
+        chain.chain_gradient(parts_of(state), state.links, problem.length, gradient)
+        residual = linear.least_squares_multipliers(state.jacobian, gradient, y)
         violation = np.abs(state.constraint).max() if m > 0 else 0.0
         if done or iteration >= most or (residual < tolerance and violation < 1e-9):
             break
         iteration += 1
         add_multipliers(problem, y, state.point)
         shift, weight = convex_hessian(problem, state, force, shift, hessian, factor)
-        constrained_step(factor, state.jacobian, gradient, state.constraint, step, y)
+        linear.constrained_step(factor, state.jacobian, gradient, state.constraint, step, y)
         pull_after(problem.moved, problem.costs, state.links, problem.root, step, force)
         off = np.abs(state.constraint).sum()
         if m > 0:
@@ -481,7 +464,9 @@ def newton_shape(
                 break
             if share == 1.0 and not corrected and m > 0:
                 corrected = True
-                constrained_step(factor, state.jacobian, np.zeros(n), after.constraint, second, y)
+                linear.constrained_step(
+                    factor, state.jacobian, np.zeros(n), after.constraint, second, y
+                )
                 continue
             corrected = False
             share *= 0.5

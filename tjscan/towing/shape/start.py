@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Area
@@ -102,7 +102,7 @@ def start_shapes(
     welder_pose : ndarray, shape (3,)
     """
     for shapes in first_shapes(problem.cable, area, welder_pose):
-        found = _search(problem, limits, area, shapes)
+        found = _search_from(problem, limits, area, shapes)
         if found:
             return found
     return []
@@ -121,7 +121,7 @@ def first_shapes(cable: Cable, area: Area, welder_pose: Array) -> Iterator[list[
         yield [cable.angles(along) for along in headings]
 
 
-def _search(
+def _search_from(
     problem: ShapeProblem, limits: HardLimits, area: Area, shapes: list[Array]
 ) -> list[StartShape]:
     """What searches from the most promising of some shapes end with."""
@@ -136,40 +136,40 @@ def _search(
         *(disc[:2] for disc in limits.obstacles.discs),
     ]
     found: list[StartShape] = []
-    for guess in _distinct(cable, ranked, centres)[:MOST_SEARCHES]:
+    for guess in _distinct_shapes(cable, ranked, centres)[:MOST_SEARCHES]:
         angles = guess.copy()
         iterations = newton_shape(angles, NEWTON_STEPS, 1e-4, *problem.plain)
-        if not _close(problem, angles) or worst_margin(limits.rows(angles)) < KEPT_MARGIN:
+        if not _is_reached(problem, limits, angles):
             shape = optimise_limited(problem, limits, guess, most=MOST_PROGRAMS)
             angles = shape.angles.copy()
             iterations += shape.iterations
-            if not _close(problem, angles) or worst_margin(limits.rows(angles)) < KEPT_MARGIN:
+            if not _is_reached(problem, limits, angles):
                 continue
         found.append(StartShape(angles, problem.terms(angles).total, iterations))
     found.sort(key=lambda shape: shape.f)
-    kept = _distinct(cable, [shape.angles for shape in found], centres)
+    kept = _distinct_shapes(cable, [shape.angles for shape in found], centres)
     return [shape for shape in found if any(shape.angles is angles for angles in kept)]
 
 
-def _close(problem: ShapeProblem, angles: Array) -> bool:
-    """Take a shape to the welder's pose by least changes, in place; whether it gets there.
+def _is_reached(problem: ShapeProblem, limits: HardLimits, angles: Array) -> bool:
+    """Take a shape to the welder's pose by least changes, in place; whether it keeps its limits.
 
     A search that ends at its last step is still a little off.
     """
     for _ in range(CLOSING_STEPS):
         off, rows = problem.constraint(angles)
         if np.abs(off).max() < 1e-9:
-            return True
+            return worst_margin(limits.rows(angles)) >= KEPT_MARGIN
         angles -= np.linalg.lstsq(rows, off)[0]
     return False
 
 
-def _distinct(cable: Cable, shapes: list[Array], centres: list[Array]) -> list[Array]:
+def _distinct_shapes(cable: Cable, shapes: list[Array], centres: list[Array]) -> list[Array]:
     """Shapes of which none lies like one before it; the first on each side of everything first."""
     sides: dict[tuple[int, ...], list[tuple[Array, Array]]] = {}
     for angles in shapes:
         line = cable.line(angles)
-        kept = sides.setdefault(tuple(_turns(line, centre) for centre in centres), [])
+        kept = sides.setdefault(tuple(_count_turns(line, centre) for centre in centres), [])
         if len(kept) < MOST_SEARCHES and all(
             np.hypot(*(line - other).T).mean() > SAME_SHAPE * cable.length for _, other in kept
         ):
@@ -177,7 +177,7 @@ def _distinct(cable: Cable, shapes: list[Array], centres: list[Array]) -> list[A
     return [angles for each in zip_longest(*sides.values()) for angles, _ in filter(None, each)]
 
 
-def _turns(line: Array, centre: Array) -> int:
+def _count_turns(line: Array, centre: Array) -> int:
     """How often a line goes round a place: no cable on a floor gets from one number to another."""
     x, y = (line - centre).T
     sight = np.unwrap(np.arctan2(y, x))
@@ -204,13 +204,10 @@ def bent_once(start: Array, end: Array, length: float, least_radius: float) -> A
         wrapped. In between it changes evenly.
     """
     turns = 2 * np.pi * np.arange(LEAD_DIRECTIONS) / LEAD_DIRECTIONS
-    share, way, heading, radius = (
-        each.reshape(-1, 1)
-        for each in np.meshgrid(BASE_SHARES, turns, turns, _radii(least_radius), indexing="ij")
-    )
+    share, way, heading, radius = _combine(BASE_SHARES, turns, turns, _radii(least_radius))
     bases = start[:2] + share[..., None] * (end - start)[:2]
     off = np.stack((np.cos(way), np.sin(way)), axis=-1)
-    return _of_length(start, end, length, bases, off, heading, radius[:, 0])
+    return _paths_of_length(start, end, length, bases, off, heading, radius[:, 0])
 
 
 def meanders(
@@ -233,16 +230,8 @@ def meanders(
         See `bent_once`.
     """
     turns = 2 * np.pi * np.arange(LEAD_DIRECTIONS) / LEAD_DIRECTIONS
-    which, axis, first, radius, lane = (
-        each.reshape(-1, 1)
-        for each in np.meshgrid(
-            np.arange(len(centres)),
-            turns,
-            (-1, 1),
-            _radii(least_radius),
-            LANE_WIDTHS,
-            indexing="ij",
-        )
+    which, axis, first, radius, lane = _combine(
+        np.arange(len(centres)), turns, (-1, 1), _radii(least_radius), LANE_WIDTHS
     )
     along = np.stack((np.cos(axis), np.sin(axis)), axis=-1)
     across = np.stack((-np.sin(axis), np.cos(axis)), axis=-1)
@@ -250,14 +239,19 @@ def meanders(
     bases = centres[which] + place[..., None] * along
     off = (first * (-1) ** np.arange(bends))[..., None] * across
     heading = np.broadcast_to(axis, place.shape)
-    return _of_length(start, end, length, bases, off, heading, radius[:, 0])
+    return _paths_of_length(start, end, length, bases, off, heading, radius[:, 0])
+
+
+def _combine(*values: ArrayLike) -> list[NDArray[Any]]:
+    """All combinations of some values, each of shape (M, 1)."""
+    return [each.reshape(-1, 1) for each in np.meshgrid(*values, indexing="ij")]
 
 
 def _radii(least: float) -> Array:
     return np.asarray(LEAST_RADII * least * 2.0 ** np.arange(RADIUS_STEPS))
 
 
-def _of_length(
+def _paths_of_length(
     start: Array, end: Array, length: float, bases: Array, off: Array, heading: Array, radius: Array
 ) -> Array:
     """Paths through poses led from `bases` along `off` so far that they have the length.
@@ -274,7 +268,7 @@ def _of_length(
     def paths(which: NDArray[np.intp], far: Array) -> Array:
         places = bases[which] + far[:, None, None] * off[which]
         between = np.concatenate((places, heading[which, :, None]), axis=-1)
-        return _through(start, between, end, radius[which])
+        return _path_through(start, between, end, radius[which])
 
     everyone = np.arange(len(bases))
     fars = np.linspace(0.0, 0.5 * length, LENGTH_STEPS)
@@ -292,25 +286,25 @@ def _of_length(
     return made[np.abs(made[:, -1, 0] - length) < LENGTH_TOLERANCE * length]
 
 
-def _through(start: Array, between: Array, end: Array, radius: Array) -> Array:
+def _path_through(start: Array, between: Array, end: Array, radius: Array) -> Array:
     """Corners of paths through poses between, shape (M, K, 3), with arcs of radii, shape (M,)."""
     last = np.broadcast_to(start, (len(between), 3))
     whole = np.zeros((len(between), 1, 2))
     whole[:, 0, 1] = start[2]
     for pose in (*between.swapaxes(0, 1), np.broadcast_to(end, last.shape)):
-        piece = _shortest(last, pose, radius)
+        piece = _shortest_path(last, pose, radius)
         piece = piece[:, 1:] - piece[:, :1] + whole[:, -1:]
         whole, last = np.concatenate((whole, piece), axis=1), pose
     return whole
 
 
-def _shortest(start: Array, end: Array, radius: Array) -> Array:
+def _shortest_path(start: Array, end: Array, radius: Array) -> Array:
     """Corners of shortest paths of arc, straight piece, arc, shape (M, 4, 2)."""
     begin = start[:, 2]
     best = np.full((len(radius), 4, 2), np.inf)
     for first, last in TURN_SIDES:
-        a = _centre(start, first * radius)
-        b = _centre(end, last * radius)
+        a = _circle_centre(start, first * radius)
+        b = _circle_centre(end, last * radius)
         dx, dy = (b - a).T
         apart, ahead = np.hypot(dx, dy), np.arctan2(dy, dx)
         # Straight pieces between circles turned in opposite ways cross the line of their centres.
@@ -331,7 +325,7 @@ def _shortest(start: Array, end: Array, radius: Array) -> Array:
     return best
 
 
-def _centre(pose: Array, radius: Array) -> Array:
+def _circle_centre(pose: Array, radius: Array) -> Array:
     """Of a circle to the left, for a radius above 0, of a pose."""
     x, y, heading = pose.T
     return np.stack((x - radius * np.sin(heading), y + radius * np.cos(heading)), axis=-1)
