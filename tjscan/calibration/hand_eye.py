@@ -14,7 +14,7 @@ from tjscan.calibration.closed_form import rotation_equations, solve_closed_form
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.result import HandEyeCalibration, MeasuredRadius
 from tjscan.calibration.solve.refine import estimate_by_laser
-from tjscan.calibration.solve.solution import CalibrationProblem, Solution, Targets
+from tjscan.calibration.solve.solution import CalibrationProblem, SensorSolution, Targets
 from tjscan.calibration.targets.ball import SeenBall, SphereTarget
 from tjscan.calibration.targets.line import stack_lines
 from tjscan.calibration.targets.plane import PlaneModel, PlaneTarget, SeenBoard
@@ -142,11 +142,11 @@ def calibrate_on_targets(
         closed_form=closed_form,
         notes=notes,
         by_laser=estimate_by_laser(estimate),
-        **_estimated_targets(solution),
+        **_target_fields(solution),
     )
 
 
-def _check_radius(targets: Targets, solution: Solution) -> MeasuredRadius:
+def _check_radius(targets: Targets, solution: SensorSolution) -> MeasuredRadius:
     """The first ball's radius as the profiles show it; refused if it is not the stated one."""
     balls = ((k, one.sphere.radius) for k, one in enumerate(targets) if isinstance(one, SeenBall))
     k, stated = next(balls)
@@ -167,7 +167,7 @@ def _check_radius(targets: Targets, solution: Solution) -> MeasuredRadius:
     return MeasuredRadius(radius, sigma, stated)
 
 
-def _check_geometry(T_b_f: Array, solution: Solution, R_guess: Array | None) -> float:
+def _check_geometry(T_b_f: Array, solution: SensorSolution, R_guess: Array | None) -> float:
     """Condition number; refuses profiles that leave the sensor's pose open."""
     estimate, models = solution.estimate, solution.model.models
     first = models[0]
@@ -182,7 +182,7 @@ def _check_geometry(T_b_f: Array, solution: Solution, R_guess: Array | None) -> 
     return condition
 
 
-def _estimated_targets(solution: Solution) -> dict[str, Any]:
+def _target_fields(solution: SensorSolution) -> dict[str, Any]:
     """Fields of the result that hold the targets; of several of a kind, the first."""
     found: dict[str, Any] = {}
     for k, model in reversed(list(enumerate(solution.model.models))):

@@ -59,7 +59,7 @@ class RecordingHeader:
     def metadata(self) -> dict[str, str]:
         """The header as metadata of a recording: names and texts."""
         own = {name: str(value) for name, value in asdict(self).items()}
-        return _with_checksum({"program": PROGRAM_NAME, **own})
+        return _add_checksum({"program": PROGRAM_NAME, **own})
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,10 +91,10 @@ class JobSnapshot:
     @property
     def metadata(self) -> dict[str, str]:
         """The snapshot as metadata of a recording: names and texts."""
-        return _with_checksum(asdict(self))
+        return _add_checksum(asdict(self))
 
 
-def _with_checksum(fields: Mapping[str, str]) -> dict[str, str]:
+def _add_checksum(fields: Mapping[str, str]) -> dict[str, str]:
     return {**fields, CHECKSUM_KEY: _checksum_of(fields)}
 
 

@@ -131,7 +131,7 @@ def _read_record(stream: BinaryIO, place: int, size: int) -> tuple[int, list[Mca
         return length, []
     if length > MAX_RECORD_BYTES:
         raise ValueError(f"it has {length} bytes: none is so long")
-    return length, _parse(head + stream.read(length))
+    return length, _parse_record(head + stream.read(length))
 
 
 def _check_cut_chunk(opcode: int, length: int, stream: BinaryIO) -> None:
@@ -144,7 +144,7 @@ def _check_cut_chunk(opcode: int, length: int, stream: BinaryIO) -> None:
         raise ValueError("it states lengths that contradict each other")
 
 
-def _parse(record: bytes) -> list[McapRecord]:
+def _parse_record(record: bytes) -> list[McapRecord]:
     """The record, or the records in it if it is a chunk; a footer behind it ends the reading."""
     found: list[McapRecord] = []
     stream = BytesIO(record + _END_OF_FILE)

@@ -26,7 +26,7 @@ EQUILIBRIUM_TOLERANCE: Final = 1e-6
 """N and N m: forces that add up to less are in equilibrium."""
 
 MOST_NEWTON_STEPS: Final = 40
-MOST_HALVINGS: Final = 20
+MOST_STEP_HALVINGS: Final = 20
 """Both are far more than any step needs that has an equilibrium."""
 
 LEAST_STIFFNESS_SHARE: Final = 1e-9
@@ -35,10 +35,10 @@ LEAST_STIFFNESS_SHARE: Final = 1e-9
 ROUNDING_ENERGY: Final = 1e-15
 """J: by so much a potential may seem to rise that falls."""
 
-LEAST_LENGTH: Final = 1e-15
+LEAST_DIVISOR_LENGTH: Final = 1e-15
 """Metres: keeps what is divided by a length of nothing finite."""
 
-FARTHEST_STEP: Final = 0.01
+FARTHEST_BODY_STEP: Final = 0.01
 """Metres and radians in one period: a body that nothing holds falls no faster."""
 
 
@@ -112,7 +112,7 @@ class PadPlant:
         self._shear = np.zeros(2 * n, dtype=complex)
         self._step = np.zeros(3)
         self._place_pads(np.zeros(2))
-        self._settle(np.zeros(2))  # it has hung there for long
+        self._settle_pads(np.zeros(2))  # it has hung there for long
 
     @property
     def torques(self) -> tuple[float, ...]:
@@ -124,7 +124,7 @@ class PadPlant:
         """Let the tracks run for a period. See `VehiclePlant.advance`."""
         run = np.array((left, right)) * period
         self._place_pads(run)
-        step = self._settle(run)
+        step = self._settle_pads(run)
         self.pose_w = moved_pose(self.pose_w, step / period, period)
 
     def _place_pads(self, run: Array) -> None:
@@ -148,7 +148,7 @@ class PadPlant:
         peel /= max(float(along @ along), 1e-12)  # on the level there is none
         self._stiffness = s.friction * np.maximum(pressed + peel, 0.0) / s.shear
 
-    def _settle(self, run: Array) -> Array:
+    def _settle_pads(self, run: Array) -> Array:
         """Shear the pads to equilibrium; returns the body's step (forward, sideways, turn).
 
         The equilibrium is where a convex potential is least (that of springs that give way, with
@@ -156,36 +156,36 @@ class PadPlant:
         """
         start = self._shear - np.repeat(run, self._settings.pads)
         step = self._step if run.any() else np.zeros(3)
-        potential, force, hessian = self._equilibrium(start, step)
+        potential, force, hessian = self._equilibrium_residual(start, step)
         for _ in range(MOST_NEWTON_STEPS):
             if float(np.abs(force).max()) < EQUILIBRIUM_TOLERANCE:
                 break
             newton = np.linalg.solve(hessian, force)
-            newton *= min(1.0, FARTHEST_STEP / float(np.abs(newton).max()))
-            for _ in range(MOST_HALVINGS):
-                trial = self._equilibrium(start, step + newton)
+            newton *= min(1.0, FARTHEST_BODY_STEP / float(np.abs(newton).max()))
+            for _ in range(MOST_STEP_HALVINGS):
+                trial = self._equilibrium_residual(start, step + newton)
                 if trial[0] <= potential + ROUNDING_ENERGY:
                     break
                 newton = newton / 2
             step = step + newton
             potential, force, hessian = trial
-        self._step = np.clip(step, -FARTHEST_STEP, FARTHEST_STEP)
-        sheared = self._sheared(start, self._step)
+        self._step = np.clip(step, -FARTHEST_BODY_STEP, FARTHEST_BODY_STEP)
+        sheared = self._pad_shears(start, self._step)
         self._shear = sheared * np.minimum(
-            1.0, self._settings.shear / (np.abs(sheared) + LEAST_LENGTH)
+            1.0, self._settings.shear / (np.abs(sheared) + LEAST_DIVISOR_LENGTH)
         )
         return self._step
 
-    def _sheared(self, start: ComplexArray, step: Array) -> ComplexArray:
+    def _pad_shears(self, start: ComplexArray, step: Array) -> ComplexArray:
         """Shear of each pad's foot, if none slid."""
         forward, sideways, turn = step.tolist()
         return np.asarray(start + (complex(forward, sideways) + 1j * turn * self._at))
 
-    def _equilibrium(self, start: ComplexArray, step: Array) -> tuple[float, Array, Array]:
+    def _equilibrium_residual(self, start: ComplexArray, step: Array) -> tuple[float, Array, Array]:
         """Potential, force (along, across, moment) that is left on the body, and its Hessian."""
         most, k = self._settings.shear, self._stiffness
-        sheared = self._sheared(start, step)
-        length = np.abs(sheared) + LEAST_LENGTH
+        sheared = self._pad_shears(start, step)
+        length = np.abs(sheared) + LEAST_DIVISOR_LENGTH
         slides = length > most
         share = k * np.minimum(1.0, most / length)
         energy = np.where(slides, most * (length - most / 2), length**2 / 2)

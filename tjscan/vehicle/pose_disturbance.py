@@ -25,7 +25,7 @@ FAULT_NOISE: Final = np.array((3e-3, 3e-3, radians(1.0)))
 FAULT_JUMP: Final = np.array((0.5, 0.0, 0.0))
 """By how much the fault `PoseFault.JUMP` puts them off, metres and radians."""
 
-FAULT_DELAY: Final = 0.3
+FAULT_POSE_DELAY: Final = 0.3
 HELD_BACK: Final = 0.12
 """Seconds of the faults late and disorder."""
 
@@ -129,7 +129,7 @@ class DisturbedPoses:
         number = next(self._sent)
         delay = self.settings.delay
         if self._has_fault(PoseFault.LATE, vehicle):
-            delay += FAULT_DELAY
+            delay += FAULT_POSE_DELAY
         sample = round(pose.time / self.settings.period)
         if self._has_fault(PoseFault.DISORDER, vehicle) and sample % 2:
             delay += HELD_BACK

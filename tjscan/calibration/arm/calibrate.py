@@ -89,7 +89,7 @@ def whitened_jacobian(estimate: ArmEstimate, sigmas: Array) -> Array:
     """
     stacked = estimate.in_use
     scale = _units_of_parameters(sigmas, len(estimate.target))
-    return refine.whiten(stacked.lower_root, stacked.jacobian * scale)
+    return refine.whiten_residuals(stacked.lower_root, stacked.jacobian * scale)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,7 +151,10 @@ def without_each_profile(estimate: ArmEstimate) -> tuple[Array, Array]:
     """
     stacked = estimate.in_use
     L = stacked.lower_root
-    J, r = refine.whiten(L, stacked.jacobian), refine.whiten(L, stacked.residuals)
+    J, r = (
+        refine.whiten_residuals(L, stacked.jacobian),
+        refine.whiten_residuals(L, stacked.residuals),
+    )
     gain = estimate.covariance @ J.T
     left = np.eye(len(J)) - J @ gain
     falls, steps = np.zeros(len(estimate.used)), np.zeros((len(estimate.used), 6))

@@ -131,7 +131,7 @@ def plan_views(plan: BallPlan, kinematics: Kinematics) -> tuple[PlannedView, ...
             "round it, half its reach from its base",
         )
     T_b_f = np.array([kinematics.forward(one) for one in q])
-    order = _most_informative_first(plan, _predict_jacobians(plan, kinematics, q, T_b_f))
+    order = _order_by_information(plan, _predict_jacobians(plan, kinematics, q, T_b_f))
     every = wanted / plan.held_out
     checks = {int(every * (k + 0.5)) for k in range(plan.held_out)}
     # Postures that check are not chosen by information: they are taken from the other end.
@@ -183,7 +183,7 @@ def _predict_jacobians(plan: BallPlan, kinematics: Kinematics, q: Array, T_b_f: 
     return np.asarray(np.linalg.solve(np.linalg.cholesky(own), J))
 
 
-def _most_informative_first(plan: BallPlan, rows: Array) -> NDArray[np.intp]:
+def _order_by_information(plan: BallPlan, rows: Array) -> NDArray[np.intp]:
     """Indices of candidates, each next one the D-optimal addition to those before it.
 
     Those that are not needed follow in any order: neighbours among them look the same way.

@@ -146,7 +146,7 @@ class ArmGeometry:
         """RMS of the flange's position over all postures, each axis, metres."""
         rng = np.random.default_rng(0)
         drawn = rng.uniform(-np.pi, np.pi, (DRAWN_POSTURES, len(self.kinematics.lower)))
-        moved = np.array([self._in_flange(q)[:3] for q in drawn])
+        moved = np.array([self._motions_in_flange(q)[:3] for q in drawn])
         return float(np.sqrt(np.mean(np.sum(moved**2, axis=2))))
 
     def moves(self, q: Array) -> Array:
@@ -161,8 +161,8 @@ class ArmGeometry:
             Joint angles, radians.
         """
         R_b_f = self.kinematics.forward(q)[:3, :3]
-        return np.asarray(block_diag(R_b_f, R_b_f) @ self._in_flange(q) / self._size)
+        return np.asarray(block_diag(R_b_f, R_b_f) @ self._motions_in_flange(q) / self._size)
 
-    def _in_flange(self, q: Array) -> Array:
+    def _motions_in_flange(self, q: Array) -> Array:
         by_deviations = deviation_jacobian(self.kinematics, q) * self.tolerance.sigmas
         return by_deviations.reshape(6, -1)

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.solve.refine import RefinedEstimate
 from tjscan.calibration.solve.snooping import blame_prices
-from tjscan.calibration.solve.solution import CalibrationProblem, Solution, inverse_poses
+from tjscan.calibration.solve.solution import CalibrationProblem, SensorSolution, inverse_poses
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array
 
@@ -31,7 +31,7 @@ SHIFTS_TRIED: Final = 5
 """Ways to give profiles one another's poses."""
 
 
-def check_pose_convention(problem: CalibrationProblem, solution: Solution) -> None:
+def check_pose_convention(problem: CalibrationProblem, solution: SensorSolution) -> None:
     """Refuse poses that fit far better when read by another convention.
 
     Parameters
@@ -49,7 +49,7 @@ def check_pose_convention(problem: CalibrationProblem, solution: Solution) -> No
     if solution.whole.is_plausible:
         return
     fits = {
-        name: _fit_with(problem, problem.in_sensor_sense(T))
+        name: _fit_with_poses(problem, problem.in_sensor_sense(T))
         for name, T in other_readings(problem.in_sensor_sense(problem.T_b_f)).items()
     }
     name = min(fits, key=lambda one: _likelihood_cost(fits[one]))
@@ -63,7 +63,7 @@ def check_pose_convention(problem: CalibrationProblem, solution: Solution) -> No
         )
 
 
-def check_pairing(problem: CalibrationProblem, solution: Solution) -> None:
+def check_pairing(problem: CalibrationProblem, solution: SensorSolution) -> None:
     """Refuse profiles that fit their own poses no better than one another's.
 
     Parameters
@@ -84,7 +84,7 @@ def check_pairing(problem: CalibrationProblem, solution: Solution) -> None:
     costs = {}
     for shift in map(int, np.unique(np.linspace(1, count - 1, SHIFTS_TRIED).astype(int))):
         moved = np.concatenate([np.roll(one.T_b_f, shift, axis=0) for one in problem.targets])
-        costs[shift] = _likelihood_cost(_fit_with(problem, moved))
+        costs[shift] = _likelihood_cost(_fit_with_poses(problem, moved))
     best = min(costs, key=lambda one: costs[one])
     if costs[best] - _best_cost(solution) < _likelihood_limit(len(costs)):
         raise CalibrationRefused(
@@ -95,7 +95,7 @@ def check_pairing(problem: CalibrationProblem, solution: Solution) -> None:
         )
 
 
-def swapped_pairs(problem: CalibrationProblem, solution: Solution) -> tuple[str, ...]:
+def swapped_pairs(problem: CalibrationProblem, solution: SensorSolution) -> tuple[str, ...]:
     """Name the rejected profiles that have each other's poses.
 
     Parameters
@@ -119,13 +119,13 @@ def swapped_pairs(problem: CalibrationProblem, solution: Solution) -> tuple[str,
     return tuple(notes)
 
 
-def _fit_with(problem: CalibrationProblem, T_b_f: Array) -> RefinedEstimate:
+def _fit_with_poses(problem: CalibrationProblem, T_b_f: Array) -> RefinedEstimate:
     """The fit to other poses, from the nearest of the starts that these give."""
     other = problem.with_poses(T_b_f)
     return other.fit(other.starts, MAX_REFINED_STARTS)[1]
 
 
-def _best_cost(solution: Solution) -> float:
+def _best_cost(solution: SensorSolution) -> float:
     """Cost of the stated poses, if profiles may be left out at a price."""
     estimate = solution.estimate
     price = float(blame_prices(estimate)[~estimate.used].sum())

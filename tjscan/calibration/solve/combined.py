@@ -145,12 +145,12 @@ class CombinedModel:
             By a step of T_f_s and by the targets' parameters.
         """
         parts = self.linearise_each(T_f_s, target)
-        return np.concatenate([part.residuals.ravel() for part in parts]), _jacobian(parts)
+        return np.concatenate([part.residuals.ravel() for part in parts]), _combined_jacobian(parts)
 
     def linearise(self, T_f_s: Array, target: Array) -> StackedResiduals:
         """Residuals of all profiles, with derivatives and covariance; see `linearise_each`."""
         parts = self.linearise_each(T_f_s, target)
-        plain, shared = stack_residuals(parts), _stacked([part.by_geometry for part in parts])
+        plain, shared = stack_residuals(parts), _stack_rows([part.by_geometry for part in parts])
         if shared is None:
             by_arm = np.concatenate([part.by_arm.reshape(-1, 6) for part in parts])
             correlation = self.correlation[plain.profile][:, plain.profile]
@@ -167,12 +167,12 @@ def stack_residuals(parts: Sequence[LinearisedModel]) -> StackedResiduals:
     counts = np.concatenate(sizes)
     # Range noise and pose noise have nothing in common from one profile to another.
     covariance = np.asarray(block_diag(*(block for part in parts for block in part.covariance)))
-    by_laser = _stacked([part.by_laser for part in parts])
+    by_laser = _stack_rows([part.by_laser for part in parts])
     if by_laser is not None:
         covariance = covariance + by_laser @ by_laser.T
     return StackedResiduals(
         np.concatenate([part.residuals.ravel() for part in parts]),
-        _jacobian(parts),
+        _combined_jacobian(parts),
         covariance,
         np.zeros_like(covariance),
         np.repeat(np.arange(len(counts)), counts),
@@ -180,14 +180,14 @@ def stack_residuals(parts: Sequence[LinearisedModel]) -> StackedResiduals:
     )
 
 
-def _jacobian(parts: Sequence[LinearisedModel]) -> Array:
+def _combined_jacobian(parts: Sequence[LinearisedModel]) -> Array:
     """Derivatives by what all targets share, and by the parameters of each."""
     shared = [part.by_pose.reshape(-1, part.by_pose.shape[2]) for part in parts]
     own = [part.by_target.reshape(-1, part.by_target.shape[2]) for part in parts]
     return np.hstack((np.concatenate(shared), block_diag(*own)))
 
 
-def _stacked(parts: Sequence[Array | None]) -> Array | None:
+def _stack_rows(parts: Sequence[Array | None]) -> Array | None:
     """Rows of all targets, shape (N, m); None if a target has none."""
     known = [part.reshape(-1, part.shape[2]) for part in parts if part is not None]
     return np.concatenate(known) if len(known) == len(parts) else None

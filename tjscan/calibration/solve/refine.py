@@ -20,7 +20,7 @@ MAX_REWEIGHTINGS: Final = 4
 """Weights depend on the geometry only weakly; they settle in two or three rounds."""
 MAX_EVALUATIONS: Final = 60
 """Of each round, for the estimate that is kept."""
-ROUGH_EVALUATIONS: Final = 15
+ROUGH_EVALUATION_LIMIT: Final = 15
 """Of each round, to compare starts or hypotheses: those that lead anywhere get there in ten."""
 SOLVER_TOLERANCES: Final = {"xtol": 1e-12, "ftol": 1e-14}
 """Relative; the same profiles give the same result to the last digit that counts."""
@@ -138,7 +138,9 @@ def refine_by_least_squares(
     values, vectors = np.linalg.eigh(information)
     kept = values > 1e-14 * max(values.max(initial=0.0), 1e-300)
     prior = np.sqrt(values[kept])[:, None] * vectors[:, kept].T
-    rounds, evaluations = (1, ROUGH_EVALUATIONS) if rough else (MAX_REWEIGHTINGS, MAX_EVALUATIONS)
+    rounds, evaluations = (
+        (1, ROUGH_EVALUATION_LIMIT) if rough else (MAX_REWEIGHTINGS, MAX_EVALUATIONS)
+    )
     solver = {**SOLVER_TOLERANCES, "max_nfev": evaluations}
     T_f_s, target = solve_reweighted(
         model, T_f_s, target, used, prior, rounds, settled=CONVERGENCE_SIGMAS, **solver
@@ -208,7 +210,7 @@ def solve_reweighted(
     for _ in range(rounds):
         first = model.linearise(base, target)
         L = first.of_profiles(used).lower_root
-        fit = _LastFit(model, base, prior, used[first.profile], L)
+        fit = _CachedLinearisation(model, base, prior, used[first.profile], L)
         start = np.concatenate((np.zeros(6), target))
         found = least_squares(
             fit.residuals, start, fit.jacobian, method="lm", x_scale="jac", **solver
@@ -220,7 +222,7 @@ def solve_reweighted(
     return base, target
 
 
-class _LastFit:
+class _CachedLinearisation:
     """Whitened residuals and derivatives; the solver asks for one after the other at each step."""
 
     def __init__(
@@ -232,14 +234,14 @@ class _LastFit:
     def residuals(self, theta: Array) -> Array:
         """At a step of the sensor from its base and the other parameters, shape (6 + m,)."""
         found = self._first_order(theta)[0][self._rows]
-        return np.concatenate((whiten(self._L, found), self._prior @ theta[6:]))
+        return np.concatenate((whiten_residuals(self._L, found), self._prior @ theta[6:]))
 
     def jacobian(self, theta: Array) -> Array:
         """Derivatives of `residuals`."""
         J = self._first_order(theta)[1][self._rows]
         # From a small turn on top of theta's rotation to a change of the rotation vector.
         J[:, 3:6] = J[:, 3:6] @ left_jacobian(theta[3:6])
-        return _append_prior(whiten(self._L, J), self._prior)
+        return _append_prior(whiten_residuals(self._L, J), self._prior)
 
     def _first_order(self, theta: Array) -> tuple[Array, Array]:
         if not np.array_equal(theta, self._at):
@@ -253,8 +255,8 @@ def whiten_with_prior(
 ) -> tuple[Array, Array]:
     """Derivatives and residuals over their errors, the prior's below them."""
     L = stacked.lower_root
-    J = _append_prior(whiten(L, stacked.jacobian), prior)
-    return J, np.concatenate((whiten(L, stacked.residuals), prior @ target))
+    J = _append_prior(whiten_residuals(L, stacked.jacobian), prior)
+    return J, np.concatenate((whiten_residuals(L, stacked.residuals), prior @ target))
 
 
 def settle_targets(model: CombinedModel, estimate: RefinedEstimate) -> RefinedEstimate:
@@ -275,7 +277,7 @@ def settle_targets(model: CombinedModel, estimate: RefinedEstimate) -> RefinedEs
     for _ in range(2):
         found = plain.linearise(estimate.T_f_s, target).of_profiles(estimate.used)
         L = found.lower_root
-        J, r = whiten(L, found.jacobian[:, 6:]), whiten(L, found.residuals)
+        J, r = whiten_residuals(L, found.jacobian[:, 6:]), whiten_residuals(L, found.residuals)
         target = target - np.linalg.solve(J.T @ J + prior, J.T @ r + prior @ target)
     return replace(estimate, target=target, stacked=model.linearise(estimate.T_f_s, target))
 
@@ -395,7 +397,7 @@ def covariance_from_information(information: Array) -> Array:
     return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
 
 
-def whiten(L: Array, v: Array) -> Array:
+def whiten_residuals(L: Array, v: Array) -> Array:
     """Independent residuals of variance one, from those with covariance L Lᵀ."""
     return np.asarray(solve_triangular(L, v, lower=True, check_finite=False))
 

@@ -54,7 +54,7 @@ def inverse_pose_errors(T_b_f: Array) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Solution:
+class SensorSolution:
     """Estimate of one sensor and several targets.
 
     Parameters
@@ -135,7 +135,7 @@ class CalibrationProblem:
         parts = zip(self.targets, self._split(T_b_f), strict=True)
         return replace(self, targets=[one.with_poses(part) for one, part in parts])
 
-    def solve(self, begin: Sequence[Array]) -> Solution:
+    def solve(self, begin: Sequence[Array]) -> SensorSolution:
         """Solve without the profiles that contradict the others.
 
         Parameters
@@ -145,7 +145,7 @@ class CalibrationProblem:
         """
         model, whole = self.fit(begin)
         final = reject_outlying_profiles(model, whole, self.noise.geometry)
-        return Solution(whole, final, settle_targets(model, final), model)
+        return SensorSolution(whole, final, settle_targets(model, final), model)
 
     def fit(
         self, begin: Sequence[Array], most: int | None = None

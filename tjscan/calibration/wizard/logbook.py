@@ -229,7 +229,7 @@ class MeasurementsSoFar:
                 )
 
 
-class Logbook(RecordingWriter):
+class CalibrationLogbook(RecordingWriter):
     """Writes the recording of a calibration, entry by entry; a context manager.
 
     Parameters

@@ -149,7 +149,7 @@ class BrokerLink:
         """Announce that this end goes, and disconnect."""
         if self.is_up:
             with suppress(RuntimeError, ValueError):  # it broke this very moment
-                self._announce(alive=False).wait_for_publish(FAREWELL_TIMEOUT)
+                self._publish_presence(alive=False).wait_for_publish(FAREWELL_TIMEOUT)
         self._client.disconnect()
         self._client.loop_stop()
 
@@ -169,7 +169,7 @@ class BrokerLink:
     def _full_topic(self, topic: str) -> str:
         return f"{self._prefix}/{topic}"
 
-    def _announce(self, *, alive: bool) -> MQTTMessageInfo:
+    def _publish_presence(self, *, alive: bool) -> MQTTMessageInfo:
         self._number += 1
         message = replace(self._presence, alive=alive, number=self._number, time=time.monotonic())
         return self._client.publish(
@@ -183,7 +183,7 @@ class BrokerLink:
             return
         if self._topics:
             client.subscribe([(self._full_topic(topic), 0) for topic in self._topics])
-        self._announce(alive=True)
+        self._publish_presence(alive=True)
         self._up.set()
         self._changed(True)
 

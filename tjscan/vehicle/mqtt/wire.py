@@ -24,7 +24,7 @@ PASSER_BY_TOPIC: Final = "passer-by"
 MOST_BYTES: Final = 4096
 """No message is longer."""
 
-MOST_DELAY: Final = 0.25
+LONGEST_MESSAGE_DELAY: Final = 0.25
 """Seconds by which a message may come later than the quickest one did: half the dead-man time."""
 
 CLOCK_DRIFT: Final = 1e-3
@@ -301,7 +301,7 @@ class MessageGate:
         quickest = min(offset, self._offset + CLOCK_DRIFT * (now - self._heard))
         self.session, self._last = message.session, (message.number, message.time)
         self._offset, self._heard = quickest, now
-        if offset - quickest > MOST_DELAY:
+        if offset - quickest > LONGEST_MESSAGE_DELAY:
             return f"it came {offset - quickest:.2f} s late"
         return ""
 
@@ -418,5 +418,5 @@ class PoseGate:
     def _confirm_other_clock(self, offset: float) -> bool:
         """Whether enough messages in a row have this other clock."""
         before, times = self._doubted
-        self._doubted = (offset, times + 1 if abs(offset - before) < MOST_DELAY else 1)
+        self._doubted = (offset, times + 1 if abs(offset - before) < LONGEST_MESSAGE_DELAY else 1)
         return self._doubted[1] >= CLOCK_LEARNED
