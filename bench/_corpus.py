@@ -20,8 +20,8 @@ from tjscan.calibration.pose_files import read_flange_poses, read_points_in_base
 from tjscan.calibration.targets.target import PosedProfile
 from tjscan.calibration.wizard.logbook import (
     BoardTouch,
-    CalibrationLogbook,
     LaserLineTaken,
+    Logbook,
     SkippedPose,
     read_calibration_entries,
 )
@@ -120,7 +120,7 @@ def _recordings(folder: Path, run: Path, scans: list[ScannedSection]) -> Iterato
         )
 
     yield Reader("recording", "scan.mcap", whole, read, 6)
-    with CalibrationLogbook(folder, np.eye(4)) as book:
+    with Logbook(folder, np.eye(4)) as book:
         T, profile = scans[0].view.T_b_f, _short(scans[0].view.profile)
         for entry in (
             BoardTouch(0, T),

@@ -36,7 +36,7 @@ from tjscan.crawler.journal import read_crawl
 from tjscan.crawler.phases import Phase
 from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.buttons import Button
-from tjscan.live.colours import ARM_COLOUR, viridis
+from tjscan.live.colours import ARM_COLOUR, viridis_colours
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import Setting
 from tjscan.recording.journal import RunEvent
@@ -197,7 +197,7 @@ def scan_rows(browser: Browser, folder: Path) -> Iterator[Row]:
     apart = float(np.abs(_recorded(run) - _recorded(folder / "alone-0")).max())
     own = urlsplit(served.url).netloc
     foreign = [one for one in requests if urlsplit(one).netloc not in (own, "")]
-    coloured = sum(share_like(picture, colour) for colour in viridis()[120:256:45])
+    coloured = sum(share_like(picture, colour) for colour in viridis_colours()[120:256:45])
     yield Row("a scan by clicks in two browsers, one killed, opened again", seconds, 60, "s")
     yield Row("… its exit code", code, 0)
     yield Row("… largest difference of its sections", apart, 0, "m")

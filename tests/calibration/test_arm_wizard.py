@@ -10,7 +10,7 @@ from cells import EXAMPLES
 from command import tjscan
 
 from tjscan.calibration.file import read_calibration
-from tjscan.calibration.wizard.operator import DefaultAnswerOperator, OperatorQuestion
+from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Question
 from tjscan.job.files import read_calibration_job, read_scan_job
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
@@ -40,7 +40,7 @@ class Leaving(DefaultAnswerOperator):
         self._left = at
         self.told: list[str] = []
 
-    def confirm(self, question: OperatorQuestion) -> bool:
+    def confirm(self, question: Question) -> bool:
         self._left -= 1
         if self._left == 0:
             raise KeyboardInterrupt

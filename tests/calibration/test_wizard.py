@@ -32,15 +32,15 @@ from tjscan.calibration.wizard.logbook import (
     CALIBRATION_RECORDING,
     BoardTouch,
     CalibrationEntry,
-    CalibrationLogbook,
     LaserLineTaken,
+    Logbook,
     MeasurementsSoFar,
     SkippedPose,
     StartOrResumeEntry,
     messages_of_entry,
     read_calibration_entries,
 )
-from tjscan.calibration.wizard.operator import JoggedProbe, OperatorQuestion
+from tjscan.calibration.wizard.operator import JoggedProbe, Question
 from tjscan.calibration.wizard.session import CalibrationPlan, CalibrationProgress
 from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
 from tjscan.calibration.wizard.wizard import MAX_RETOUCHES, MAX_SKIPPED_IN_A_ROW, CalibrationWizard
@@ -74,13 +74,13 @@ class Watcher:
 
     present = True
 
-    def __init__(self, answer: Callable[[OperatorQuestion], bool] = lambda q: q.default) -> None:
+    def __init__(self, answer: Callable[[Question], bool] = lambda q: q.default) -> None:
         self._answer = answer
-        self.questions: list[OperatorQuestion] = []
+        self.questions: list[Question] = []
         self.told: list[str] = []
         self.progress: list[CalibrationProgress] = []
 
-    def confirm(self, question: OperatorQuestion) -> bool:
+    def confirm(self, question: Question) -> bool:
         self.questions.append(question)
         return self._answer(question)
 
@@ -106,14 +106,14 @@ class Stage:
         self.folder = folder
 
     def run(self, watcher: Watcher, **devices: Any) -> tuple[HandEyeCalibration, Verification]:
-        with CalibrationLogbook(self.folder, self.task.T_f_s) as logbook, self.cell as cell:
+        with Logbook(self.folder, self.task.T_f_s) as logbook, self.cell as cell:
             parts: dict[str, Any] = {"laser": cell.laser, "probe": self.probe} | devices
             return CalibrationWizard(
                 self.task, cell.arm, operator=watcher, logbook=logbook, **parts
             ).run()
 
     def measured(self) -> MeasurementsSoFar:
-        with CalibrationLogbook(self.folder, self.task.T_f_s) as logbook:
+        with Logbook(self.folder, self.task.T_f_s) as logbook:
             return logbook.measured
 
 
@@ -254,7 +254,7 @@ def test_interrupted_before_every_question_it_loses_nothing_and_measures_nothing
     directory, kept, asked = tmp_path / "run", list[tuple[str, bytes]](), set[str]()
     job = read_calibration_job(JOB, SHORT)
 
-    def leave_at_the_first_new_question(question: OperatorQuestion) -> bool:
+    def leave_at_the_first_new_question(question: Question) -> bool:
         if question.text in asked:
             return question.default
         asked.add(question.text)
@@ -322,7 +322,7 @@ def test_nothing_moves_unless_it_is_allowed(tmp_path: Path) -> None:
 def test_what_is_declined_is_passed_over_and_not_asked_again(tmp_path: Path) -> None:
     declined = {"place 2", "Take line 3"}
 
-    def answer(question: OperatorQuestion) -> bool:
+    def answer(question: Question) -> bool:
         hit = next((words for words in declined if words in question.text), None)
         declined.discard(hit or "")
         return question.default and hit is None
@@ -341,7 +341,7 @@ def test_what_is_declined_is_passed_over_and_not_asked_again(tmp_path: Path) -> 
 def test_one_more_line_is_taken_where_the_operator_wants_it(tmp_path: Path) -> None:
     wishes = iter([True, True, False])
 
-    def answer(question: OperatorQuestion) -> bool:
+    def answer(question: Question) -> bool:
         return next(wishes) if "one more line" in question.text else question.default
 
     stage = Stage(tmp_path)
@@ -413,7 +413,7 @@ def test_a_real_arm_is_jogged_onto_the_board_by_hand(tmp_path: Path) -> None:
             read.append(state.T_b_f)
             return state
 
-    def answer(question: OperatorQuestion) -> bool:
+    def answer(question: Question) -> bool:
         if question.text.startswith("Jog"):
             stage.cell.arm.move_joint_to_pose(hand.touch(next(places)).T_b_f)
         return question.default
@@ -445,7 +445,7 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
     turned = np.diag((1.0, -1.0, -1.0, 1.0))
     profile = Profile(np.array([0.1, np.nan, 0.3]), np.array([0.2, np.nan, 1 / 3]))
     file = tmp_path / f"{CALIBRATION_RECORDING}.mcap"
-    with CalibrationLogbook(tmp_path, TRUTH) as logbook:
+    with Logbook(tmp_path, TRUTH) as logbook:
         for entry in (
             BoardTouch(0, T),
             BoardTouch(1, None),
@@ -462,7 +462,7 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
         logbook.record(LaserLineTaken(PosedProfile("cut off", T, profile)))
     cut = whole + file.read_bytes()[len(whole) :][:300]
     file.write_bytes(cut)
-    with CalibrationLogbook(tmp_path, TRUTH) as logbook:
+    with Logbook(tmp_path, TRUTH) as logbook:
         found = logbook.measured
     assert file.read_bytes() == cut
     assert (tmp_path / f"{CALIBRATION_RECORDING}-2.mcap").exists()
@@ -479,7 +479,7 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
 
 def test_every_part_shows_a_viewer_where_the_laser_sits_on_the_flange(tmp_path: Path) -> None:
     for name in (f"{CALIBRATION_RECORDING}.mcap", f"{CALIBRATION_RECORDING}-2.mcap"):
-        with CalibrationLogbook(tmp_path, TRUTH):
+        with Logbook(tmp_path, TRUTH):
             pass
         (entry,) = read_messages(tmp_path / name, [TRANSFORMS_TOPIC])
         (frame,) = entry.message.transforms
@@ -504,7 +504,7 @@ def test_a_damaged_recording_is_refused(
     topic = raw_topic(name, schema)
     with RecordingWriter(tmp_path / f"{CALIBRATION_RECORDING}.mcap", [topic]) as recording:
         recording.write(0, (topic, fields))
-    with pytest.raises(RecordingError, match="damaged"), CalibrationLogbook(tmp_path, TRUTH):
+    with pytest.raises(RecordingError, match="damaged"), Logbook(tmp_path, TRUTH):
         pass
 
 
@@ -513,7 +513,7 @@ def test_a_profile_without_its_line_is_refused(tmp_path: Path) -> None:
         recording.write(0, (PROFILE_TOPIC, PointCloud()))
     with (
         pytest.raises(RecordingError, match="a profile without a line"),
-        CalibrationLogbook(tmp_path, TRUTH),
+        Logbook(tmp_path, TRUTH),
     ):
         pass
 
@@ -522,7 +522,7 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     (tmp_path / f"{CALIBRATION_RECORDING}.mcap").write_text("nonsense", encoding="utf-8")
     with (
         pytest.raises(RecordingError, match="is no recording"),
-        CalibrationLogbook(tmp_path, TRUTH),
+        Logbook(tmp_path, TRUTH),
     ):
         pass
 
@@ -551,14 +551,14 @@ def test_at_the_terminal_a_move_is_allowed_or_passed_over(
     with create_pipe_input() as pipe, create_app_session(input=pipe, output=DummyOutput()):
         operator = TerminalOperator()
         pipe.send_text(keys)
-        assert operator.confirm(OperatorQuestion("Move?", default=True, moves=True)) is expected
+        assert operator.confirm(Question("Move?", default=True, moves=True)) is expected
         if keys.count("[B") == 1:  # and don't ask again
-            assert operator.confirm(OperatorQuestion("Move on?", default=True, moves=True))
+            assert operator.confirm(Question("Move on?", default=True, moves=True))
         pipe.send_text("n")
-        assert not operator.confirm(OperatorQuestion("Save?", default=True))
+        assert not operator.confirm(Question("Save?", default=True))
         pipe.send_text("\x03")
         with pytest.raises(KeyboardInterrupt):
-            operator.confirm(OperatorQuestion("Save?", default=True))
+            operator.confirm(Question("Save?", default=True))
 
 
 @pytest.mark.parametrize(

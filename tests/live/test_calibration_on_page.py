@@ -9,7 +9,7 @@ import pytest
 from cells import EXAMPLES
 from command import tjscan
 
-from tjscan.calibration.wizard.operator import DefaultAnswerOperator, OperatorQuestion
+from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Question
 from tjscan.job.files import CalibrationJob, read_calibration_job
 from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.listening import RunOnPage
@@ -81,7 +81,7 @@ def test_a_press_from_before_the_question_moves_nothing(job: CalibrationJob) -> 
     operator = PageOperator(person, show, print, looks=False)
     person.press = {button.word: button.press for button in operator.buttons(lambda: None)}
     person.press["Take"]()
-    assert not operator.confirm(OperatorQuestion("Move?", True, moves=True))
+    assert not operator.confirm(Question("Move?", True, moves=True))
 
 
 def test_its_recording_is_shown_too(unattended: Path) -> None:

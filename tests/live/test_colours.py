@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.live.colours import UNKNOWN_COLOUR, ColourScale, viridis
+from tjscan.live.colours import UNKNOWN_COLOUR, ColourScale, viridis_colours
 
 FLOATS = st.floats(-1e4, 1e4)
 
@@ -24,8 +24,8 @@ def test_its_ends_are_round() -> None:
 
 def test_its_ends_have_the_ends_of_the_colours() -> None:
     scale = ColourScale(-1.0, 3.0)
-    assert scale.colour_of(-1.0) == scale.colour_of(-9.0) == viridis()[0]
-    assert scale.colour_of(3.0) == scale.colour_of(9.0) == viridis()[-1]
+    assert scale.colour_of(-1.0) == scale.colour_of(-9.0) == viridis_colours()[0]
+    assert scale.colour_of(3.0) == scale.colour_of(9.0) == viridis_colours()[-1]
     assert scale.colour_of(np.nan) == UNKNOWN_COLOUR
 
 

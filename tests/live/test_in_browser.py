@@ -23,7 +23,7 @@ from crawls import SHORT
 from tjscan.core.frames import Array
 from tjscan.crawler.journal import CrawlCycle, read_crawl
 from tjscan.crawler.phases import Phase
-from tjscan.live.colours import ARM_COLOUR, TOOL_COLOUR, viridis
+from tjscan.live.colours import ARM_COLOUR, TOOL_COLOUR, viridis_colours
 from tjscan.recording.journal import RunEvent
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN
@@ -67,7 +67,7 @@ def test_a_scan_is_started_stepped_paused_and_stopped_by_clicks(
         picture = shown.picture()
         assert share_like(picture, ARM_COLOUR) > 0.02
         assert share_like(picture, TOOL_COLOUR) > 0.002
-        assert sum(share_like(picture, colour) for colour in viridis()[120:256:45]) > 5e-4
+        assert sum(share_like(picture, colour) for colour in viridis_colours()[120:256:45]) > 5e-4
         assert shown.faults == []
         asked_of = {urlsplit(address).netloc for address in shown.requests}
         assert asked_of <= {urlsplit(served.url).netloc, ""}

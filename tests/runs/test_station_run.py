@@ -17,7 +17,7 @@ from command import tjscan
 from station_jobs import QUICK, WHOLE, data_of, written
 from written import content
 
-from tjscan.calibration.wizard.operator import OperatorQuestion
+from tjscan.calibration.wizard.operator import Question
 from tjscan.core.config import read_toml
 from tjscan.core.frames import pose, rot_y
 from tjscan.job.files import ScanJob, read_scan_job
@@ -52,7 +52,7 @@ class Asked:
     def __init__(self, answer: bool) -> None:
         self.answer, self.questions = answer, list[str]()
 
-    def confirm(self, question: OperatorQuestion) -> bool:
+    def confirm(self, question: Question) -> bool:
         self.questions.append(question.text)
         return self.answer
 

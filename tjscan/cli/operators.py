@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Operator, OperatorQuestion
+from tjscan.calibration.wizard.operator import DefaultAnswerOperator, Operator, Question
 from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.cli.options.page import LiveOptions
 from tjscan.cli.output.console import print_message
@@ -91,7 +91,7 @@ class TerminalOperator(PrintOnlyOperator):
             raise ConfigurationError(f"there is no terminal to ask at; {otherwise}")
         self._trusted = False
 
-    def confirm(self, question: OperatorQuestion) -> bool:
+    def confirm(self, question: Question) -> bool:
         """Ask yes or no at the terminal; for moves there is also a yes to all that follow.
 
         Raises

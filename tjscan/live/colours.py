@@ -46,12 +46,12 @@ class ColourScale:
         if not isfinite(value):
             return UNKNOWN_COLOUR
         share = min(max((value - self.low) / (self.high - self.low), 0.0), 1.0)
-        return viridis()[round(share * (len(viridis()) - 1))]
+        return viridis_colours()[round(share * (len(viridis_colours()) - 1))]
 
     @property
     def css_gradient(self) -> str:
         """The scale as a CSS gradient from left to right."""
-        stops = [viridis()[k] for k in range(0, 256, 51)]
+        stops = [viridis_colours()[k] for k in range(0, 256, 51)]
         return f"linear-gradient(90deg,{','.join(f'rgb{stop}' for stop in stops)})"
 
 
@@ -72,7 +72,7 @@ def round_ends(values: Iterable[float]) -> tuple[float, float]:
 
 
 @cache
-def viridis() -> tuple[Colour, ...]:
+def viridis_colours() -> tuple[Colour, ...]:
     """The 256 colours of Matplotlib's viridis: even to the eye, and to the colour-blind."""
     import matplotlib as mpl
 

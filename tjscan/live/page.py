@@ -14,7 +14,7 @@ import viser
 from tjscan.core.frames import Array
 from tjscan.live.access import LOOPBACK_ADDRESS, close_server, open_server
 from tjscan.live.buttons import HOLD_RATE, Button
-from tjscan.live.colours import ColourScale, viridis
+from tjscan.live.colours import ColourScale, viridis_colours
 from tjscan.live.drawables import MeasuredPiece
 from tjscan.live.panel import Panel
 from tjscan.live.stage import Stage
@@ -102,7 +102,7 @@ class Page:
         buttons: Sequence[Button] = (),
     ) -> None:
         where, self.token = where or PageAddress(), secrets.token_urlsafe(18)
-        viridis()  # loads Matplotlib, which would hold up the first section
+        viridis_colours()  # loads Matplotlib, which would hold up the first section
         self.server = open_server(where.address, where.port, self.token, "tjscan")
         host = f"[{where.address}]" if ":" in where.address else where.address
         self.url = f"http://{host}:{self.server.get_port()}/{self.token}/"

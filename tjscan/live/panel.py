@@ -26,11 +26,11 @@ from tjscan.live.step import (
 STATE_ORDER: Final = -200.0
 """Of the state: below the buttons, above all else."""
 MOST_EVENTS: Final = 200
-MOST_PLOTTED: Final = 600
+MOST_PLOTTED_SAMPLES: Final = 600
 """Samples in the plot: of more, as many evenly chosen ones."""
 PROFILE_POINTS: Final = 64
 """Of the newest profile in its plot."""
-NO_FACTS: Final = {STATE_FACT: "", PRESS_FACT: ""}
+EMPTY_FACTS: Final = {STATE_FACT: "", PRESS_FACT: ""}
 """Before any is known; these two come first."""
 CHART_HEIGHT: Final = 200
 CHART_PADDING: Final = (8, 24, 0, 0)
@@ -64,7 +64,7 @@ class Panel:
 
     def __init__(self, server: viser.ViserServer, setting: Setting) -> None:
         gui, self._setting = server.gui, setting
-        self._facts = dict(NO_FACTS)
+        self._facts = dict(EMPTY_FACTS)
         self.samples: list[Sample] = []
         self.events: list[tuple[str, str]] = []
         self._state = gui.add_html(_render("facts", {}), order=STATE_ORDER)
@@ -117,7 +117,7 @@ class Panel:
         if step.profile is not None:
             x, *others = columns = profile_columns(step.profile)
             ends = round_ends(np.concatenate(others))
-            _redraw(self._profile, columns, x_ends=round_ends(x), y={"range": ends})
+            _redraw_chart(self._profile, columns, x_ends=round_ends(x), y={"range": ends})
         if step.samples and measure is not None:
             self.samples.extend(step.samples)
             self.plot(measure, scale)
@@ -135,7 +135,7 @@ class Panel:
     def forget(self) -> None:
         """Forget all that was shown: other steps come next."""
         self.samples, self.events = [], []
-        self._facts = dict(NO_FACTS)
+        self._facts = dict(EMPTY_FACTS)
         self._progress.value = 0.0
         self._table.visible = self._diagram.visible = False
         self._drawn_diagram = None
@@ -147,7 +147,7 @@ class Panel:
         x_ends = self._setting.plot_range or round_ends(columns[0])
         ends = plot_range(*columns[1:3])
         scale_of_y: uplot.Scale = {"distr": 3} if measure.logarithmic else {"range": ends}
-        _redraw(self._plot, columns, x_ends=x_ends, y=scale_of_y)
+        _redraw_chart(self._plot, columns, x_ends=x_ends, y=scale_of_y)
         self._plot.visible = bool(self.samples)
         axes = _plot_axes(self._setting.plot_axis, measure.title)
         if self._plot.axes != axes:
@@ -173,7 +173,7 @@ def _add_chart(gui: viser.GuiApi, x: str, y: str, *series: uplot.Series) -> Any:
     )
 
 
-def _redraw(
+def _redraw_chart(
     chart: Any, columns: Sequence[Array], *, x_ends: tuple[float, float], y: uplot.Scale
 ) -> None:
     """Show other data in a chart; a scale that changes makes the browser build it again.
@@ -204,7 +204,7 @@ def plot_columns(samples: Sequence[Sample], name: str) -> tuple[Array, Array, Ar
         Of the measure.
     """
     known = sorted((one for one in samples if name in one.values), key=lambda one: one.x)
-    chosen = known[:: -(-len(known) // MOST_PLOTTED) or 1]
+    chosen = known[:: -(-len(known) // MOST_PLOTTED_SAMPLES) or 1]
     rows = np.array([(one.x, one.values[name], one.sigma(name)) for one in chosen]).reshape(-1, 3)
     x, y, sigma = rows.T
     return x, y, y + sigma, y - sigma

@@ -52,12 +52,12 @@ class Stage:
             opacity = BODY_OPACITY if name in setting.see_through else 1.0
             self._draw_solids(name, solids, ARM_COLOUR, opacity)
         for k, thing in enumerate(setting.ghost):
-            self._draw(f"ghost/{k}", thing)
+            self._draw_thing(f"ghost/{k}", thing)
 
     def draw(self, things: Mapping[str, Drawable]) -> None:
         """Draw things by their names; what had a name before is replaced."""
         for name, thing in things.items():
-            self._draw(name, thing)
+            self._draw_thing(name, thing)
 
     def show_only(self, names: Iterable[str]) -> None:
         """Hide what was drawn and is not named; draw nothing again."""
@@ -78,14 +78,14 @@ class Stage:
             return
         self._colour_by, self._scale = measure, scale
         for name, piece in self._pieces.items():
-            colour = self._colour_of(piece)
+            colour = self._piece_colour(piece)
             for node in self._nodes[name]:
                 if isinstance(node, viser.PointCloudHandle):
                     node.colors = np.array(colour, dtype=np.uint8)
                 else:
                     node.color = colour
 
-    def _draw(self, name: str, thing: Drawable) -> None:
+    def _draw_thing(self, name: str, thing: Drawable) -> None:
         path = f"{self._root}/{name}"
         match thing:
             case Posture():
@@ -166,7 +166,7 @@ class Stage:
 
     def _draw_piece(self, path: str, piece: MeasuredPiece) -> list[Any]:
         """Points about their own middle: half the bits are enough for a hundredth of a mm there."""
-        colour, nodes = self._colour_of(piece), list[Any]()
+        colour, nodes = self._piece_colour(piece), list[Any]()
         points = piece.points[np.isfinite(piece.points).all(axis=1)]
         if len(points):
             middle = points.mean(axis=0)
@@ -185,5 +185,5 @@ class Stage:
             nodes.append(self._draw_mesh(path, piece.vertices, piece.triangles, colour))
         return nodes
 
-    def _colour_of(self, piece: MeasuredPiece) -> Colour:
+    def _piece_colour(self, piece: MeasuredPiece) -> Colour:
         return self._scale.colour_of(piece.values.get(self._colour_by, np.nan))

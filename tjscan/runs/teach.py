@@ -23,7 +23,7 @@ from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 Which = Literal["first", "second"]
 Numbers = tuple[float, ...]
 
-MM_DECIMALS: Final = 3
+DECIMALS_OF_MM: Final = 3
 DEG_DECIMALS: Final = 4
 """What is kept of a pose: finer than any arm repeats."""
 
@@ -109,7 +109,7 @@ def teach_pose(
 def pose_for_job_file(T_b_f: Array) -> tuple[Numbers, Numbers]:
     """Position in millimetres and Z-Y-X Euler angles in degrees, as a job file holds them."""
     position, angles = pose_to_euler_zyx(T_b_f)
-    position_mm = np.round(1e3 * position, MM_DECIMALS) + 0.0  # no minus zero
+    position_mm = np.round(1e3 * position, DECIMALS_OF_MM) + 0.0  # no minus zero
     euler_zyx_deg = np.round(np.degrees(angles), DEG_DECIMALS) + 0.0
     return tuple(position_mm.tolist()), tuple(euler_zyx_deg.tolist())
 

@@ -124,7 +124,7 @@ def _settings_that_go_together(table: dict[str, Any]) -> list[dict[str, Any]]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-MOST_TRIALS: Final = 1_000_000
+MOST_STUDY_TRIALS: Final = 1_000_000
 """A study of more is a mistake in its file."""
 
 
@@ -151,8 +151,8 @@ def trials_of_study(
     names = (study.job,) if isinstance(study.job, str) else study.job
     jobs = [study_file.parent / name for name in names]
     count = len(jobs) * prod(map(len, axes))
-    if count > MOST_TRIALS:
-        reason = f"makes {count} runs, {MOST_TRIALS} at most: vary less at once"
+    if count > MOST_STUDY_TRIALS:
+        reason = f"makes {count} runs, {MOST_STUDY_TRIALS} at most: vary less at once"
         raise ConfigurationError(reason, file=study_file)
     trials: list[Trial] = []
     for job, *settings in product(jobs, *axes):

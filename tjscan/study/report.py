@@ -26,10 +26,10 @@ REPORT_FILE: Final = "report.md"
 
 OVERVIEW_PICTURE: Final = "overview.png"
 
-MOST_CAUSES: Final = 40
+MOST_CAUSES_LISTED: Final = 40
 """Runs that are not complete and listed one by one."""
 
-MOST_VALUES: Final = 12
+MOST_VALUES_LISTED: Final = 12
 """A key with more values is shown in as many ranges."""
 
 
@@ -120,17 +120,17 @@ def _groups_by_value(rows: Rows, key: str) -> dict[str, RowGroup[Any]]:
     values = {row.inputs[key] for row in rows}
     numbers = [value for value in values if isinstance(value, int | float)]
     members: dict[str, list[StudyRow[Any]]]
-    if len(values) <= MOST_VALUES or len(numbers) < len(values):
+    if len(values) <= MOST_VALUES_LISTED or len(numbers) < len(values):
         members = {_cell_text(value): [] for value in sorted(values, key=_sorting_key)}
         for row in rows:
             members[_cell_text(row.inputs[key])].append(row)
     else:
-        edges = np.linspace(min(numbers), max(numbers), MOST_VALUES + 1)
+        edges = np.linspace(min(numbers), max(numbers), MOST_VALUES_LISTED + 1)
         names = [f"{a:.0f} to {b:.0f}" for a, b in pairwise(edges)]
         members = {name: [] for name in names}
         for row in rows:
             place = np.searchsorted(edges, float(row.inputs[key]), side="right") - 1
-            members[names[np.clip(place, 0, MOST_VALUES - 1)]].append(row)
+            members[names[np.clip(place, 0, MOST_VALUES_LISTED - 1)]].append(row)
     return {name: RowGroup(tuple(some)) for name, some in members.items() if some}
 
 
@@ -229,9 +229,9 @@ def _lines_of_failures(rows: Rows) -> Iterator[str]:
     if not failed:
         return
     yield from ("Runs that are not complete:", "")
-    for row in failed[:MOST_CAUSES]:
+    for row in failed[:MOST_CAUSES_LISTED]:
         where = ", ".join(f"{key} {value}" for key, value in row.inputs.items())
         yield f"- row {row.index} ({where}): {row.outcome.detail}"
-    if len(failed) > MOST_CAUSES:
-        yield f"- and {len(failed) - MOST_CAUSES} more, in `study.csv`"
+    if len(failed) > MOST_CAUSES_LISTED:
+        yield f"- and {len(failed) - MOST_CAUSES_LISTED} more, in `study.csv`"
     yield ""

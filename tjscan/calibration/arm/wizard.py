@@ -13,8 +13,8 @@ from tjscan.calibration.arm.design import BallPlan, PlannedView
 from tjscan.calibration.arm.model import ArmModel
 from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget, fit_circle
 from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
-from tjscan.calibration.wizard.logbook import ArmPoseTaken, CalibrationLogbook
-from tjscan.calibration.wizard.operator import Operator, OperatorQuestion
+from tjscan.calibration.wizard.logbook import ArmPoseTaken, Logbook
+from tjscan.calibration.wizard.operator import Operator, Question
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array
 from tjscan.laser.line_laser import LineLaser
@@ -57,7 +57,7 @@ class ArmWizard:
     arm: Arm
     laser: LineLaser
     operator: Operator
-    logbook: CalibrationLogbook
+    logbook: Logbook
     home: Array
 
     def run(self) -> tuple[ArmCalibration, tuple[PosedFit[CircleFit], ...]]:
@@ -106,7 +106,7 @@ class ArmWizard:
         turn = float(np.degrees(np.abs(view.q - self.arm.state().q).max()))
         question = f"Take {what}: joints turn by up to {turn:.0f}°?"
         profile, state = NO_PROFILE, self.arm.state()
-        if self.operator.confirm(OperatorQuestion(question, True, moves=True)):
+        if self.operator.confirm(Question(question, True, moves=True)):
             with suppress(PoseUnreachable):
                 self._move_to_view(view)
                 profile, state = self.laser.capture(), self.arm.state()

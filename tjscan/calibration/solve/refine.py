@@ -20,7 +20,7 @@ MAX_REWEIGHTINGS: Final = 4
 """Weights depend on the geometry only weakly; they settle in two or three rounds."""
 MAX_EVALUATIONS: Final = 60
 """Of each round, for the estimate that is kept."""
-ROUGH_EVALUATION_LIMIT: Final = 15
+ROUGH_EVALUATIONS: Final = 15
 """Of each round, to compare starts or hypotheses: those that lead anywhere get there in ten."""
 SOLVER_TOLERANCES: Final = {"xtol": 1e-12, "ftol": 1e-14}
 """Relative; the same profiles give the same result to the last digit that counts."""
@@ -138,9 +138,7 @@ def refine_by_least_squares(
     values, vectors = np.linalg.eigh(information)
     kept = values > 1e-14 * max(values.max(initial=0.0), 1e-300)
     prior = np.sqrt(values[kept])[:, None] * vectors[:, kept].T
-    rounds, evaluations = (
-        (1, ROUGH_EVALUATION_LIMIT) if rough else (MAX_REWEIGHTINGS, MAX_EVALUATIONS)
-    )
+    rounds, evaluations = (1, ROUGH_EVALUATIONS) if rough else (MAX_REWEIGHTINGS, MAX_EVALUATIONS)
     solver = {**SOLVER_TOLERANCES, "max_nfev": evaluations}
     T_f_s, target = solve_reweighted(
         model, T_f_s, target, used, prior, rounds, settled=CONVERGENCE_SIGMAS, **solver

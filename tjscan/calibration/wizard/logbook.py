@@ -229,7 +229,7 @@ class MeasurementsSoFar:
                 )
 
 
-class CalibrationLogbook(RecordingWriter):
+class Logbook(RecordingWriter):
     """Writes the recording of a calibration, entry by entry; a context manager.
 
     Parameters

@@ -19,7 +19,7 @@ Answer = Literal["Take", "Skip", "Redo", "Finish"]
 
 
 @dataclass(frozen=True, slots=True)
-class OperatorQuestion:
+class Question:
     """A yes-or-no question to the operator.
 
     Parameters
@@ -54,7 +54,7 @@ class Operator(Protocol):
     def present(self) -> bool:
         """Whether a person is there. Without one no real arm moves."""
 
-    def confirm(self, question: OperatorQuestion) -> bool:
+    def confirm(self, question: Question) -> bool:
         """Answer a question: yes or no."""
 
     def report(self, message: str) -> None:
@@ -72,7 +72,7 @@ class DefaultAnswerOperator:
 
     present = False
 
-    def confirm(self, question: OperatorQuestion) -> bool:
+    def confirm(self, question: Question) -> bool:
         """Answer with the question's default."""
         return question.default
 

@@ -17,12 +17,12 @@ from tjscan.calibration.targets.target import PosedProfile, fit_profiles
 from tjscan.calibration.wizard.advice import BoardRectangle
 from tjscan.calibration.wizard.logbook import (
     BoardTouch,
-    CalibrationLogbook,
     LaserLineTaken,
+    Logbook,
     MeasurementsSoFar,
     SkippedPose,
 )
-from tjscan.calibration.wizard.operator import Operator, OperatorQuestion, TouchProbe
+from tjscan.calibration.wizard.operator import Operator, Question, TouchProbe
 from tjscan.calibration.wizard.session import CalibrationPlan, CalibrationProgress
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array, rotation_angle_between
@@ -60,7 +60,7 @@ class CalibrationWizard:
     laser: LineLaser
     probe: TouchProbe
     operator: Operator
-    logbook: CalibrationLogbook
+    logbook: Logbook
 
     @property
     def measurements(self) -> MeasurementsSoFar:
@@ -101,9 +101,7 @@ class CalibrationWizard:
                     raise
                 self.operator.report(str(refusal))
                 k = self.task.worst_touch(self.measurements)
-                question = OperatorQuestion(
-                    f"Touch place {k + 1} again?", True, yes="Redo", no="Finish"
-                )
+                question = Question(f"Touch place {k + 1} again?", True, yes="Redo", no="Finish")
                 if not self.operator.confirm(question):
                     raise
                 self._touch_place(k, places[k])
@@ -168,7 +166,7 @@ class CalibrationWizard:
         self.operator.report(finding)
         keep = "It contradicts the calibration. Keep that all the same?"
         if not found.agrees and not self.operator.confirm(
-            OperatorQuestion(keep, False, yes="Finish", no="Redo")
+            Question(keep, False, yes="Finish", no="Redo")
         ):
             raise CalibrationRefused(
                 "a fresh line contradicts it",
@@ -191,7 +189,7 @@ class CalibrationWizard:
             f"({x:.0f}, {y:.0f}, {z:.0f}) mm?"
         )
         touched = BoardTouch(k, None)
-        if self.operator.confirm(OperatorQuestion(question, True, moves=True)):
+        if self.operator.confirm(Question(question, True, moves=True)):
             try:
                 state = self.probe.touch(place_b)
                 touched = BoardTouch(k, state.T_b_f, state.q)
@@ -207,7 +205,7 @@ class CalibrationWizard:
             if count >= MAX_LINES_RATIO * wanted:
                 return False
             self.operator.report(str(refusal))
-        more = OperatorQuestion("Take one more line?", refusal is not None, no="Finish")
+        more = Question("Take one more line?", refusal is not None, no="Finish")
         return self.operator.confirm(more)
 
     def _take_line(
@@ -270,9 +268,9 @@ class CalibrationWizard:
                 return self.arm.move_joint_to_pose(T_b_f).T_b_f
         return self.arm.move_joint_to_pose(ready[-1]).T_b_f
 
-    def _ask_to_move(self, text: str, T_b_f: Array) -> OperatorQuestion:
+    def _ask_to_move(self, text: str, T_b_f: Array) -> Question:
         """Question whether the arm may move to a flange pose."""
-        return OperatorQuestion(text, True, moves=True, T_b_f=T_b_f, look=self.laser.capture)
+        return Question(text, True, moves=True, T_b_f=T_b_f, look=self.laser.capture)
 
 
 def reaches_and_returns(arm: Arm, ready: Array, T_b_f: Array) -> bool:

@@ -44,7 +44,7 @@ def calibration_chapter(directory: Path) -> ReportChapter:
     return ReportChapter(facts=(("calibration", fact),))
 
 
-MOST_NAMED: Final = 4
+MOST_REJECTED_NAMED: Final = 4
 """Profiles left out that the page names; the file names all."""
 
 IN_USE: Final = "in use"
@@ -63,12 +63,15 @@ def calibration_page(directory: Path) -> ReportChapter:
     check_as_written(directory / JOB_FILE, file)
     found = read_calibration(file)
     frame = "f" if found.T_b_s_mm is None else "b"
-    sheet = ReportSheet("Calibration", tuple(_headline(found)), CALIBRATION_PICTURE, frame)
-    facts, findings = tuple(_facts(found)), tuple(_findings(directory, found))
-    return ReportChapter(facts, findings, tuple(_charts(found)), sheet=sheet)
+    sheet = ReportSheet("Calibration", tuple(_pose_headline(found)), CALIBRATION_PICTURE, frame)
+    facts, findings = (
+        tuple(_calibration_facts(found)),
+        tuple(_calibration_findings(directory, found)),
+    )
+    return ReportChapter(facts, findings, tuple(_calibration_charts(found)), sheet=sheet)
 
 
-def _headline(found: CalibrationFile) -> Iterator[tuple[str, str]]:
+def _pose_headline(found: CalibrationFile) -> Iterator[tuple[str, str]]:
     """The sensor's pose, each number with its standard uncertainty."""
     sigma = np.sqrt(np.diag(found.covariance))
     rows = np.array(found.sensor_rows)
@@ -88,7 +91,7 @@ def _headline(found: CalibrationFile) -> Iterator[tuple[str, str]]:
         )
 
 
-def _facts(found: CalibrationFile) -> Iterator[tuple[str, str]]:
+def _calibration_facts(found: CalibrationFile) -> Iterator[tuple[str, str]]:
     basis = found.basis
     yield "devices", f"arm {found.arm}, laser {found.laser}, {found.date:%Y-%m-%d %H:%M} UTC"
     target = "" if basis is None else basis.target
@@ -145,7 +148,7 @@ def _arm_in_words(arm: ArmKinematicsEntry) -> str:
     )
 
 
-def _findings(directory: Path, found: CalibrationFile) -> Iterator[str]:
+def _calibration_findings(directory: Path, found: CalibrationFile) -> Iterator[str]:
     if (file := directory / JOB_FILE).is_file():
         job = read_calibration_job(file)
         if {job.arm.driver_kind, job.laser.driver_kind} == {DriverKind.SIMULATED}:
@@ -153,13 +156,13 @@ def _findings(directory: Path, found: CalibrationFile) -> Iterator[str]:
     if found.T_b_s_mm is not None:
         yield "The sensor is fixed in the room: this is its pose in the arm's base."
     basis = found.basis or BasisEntry(target="")
-    for line in (*basis.caveats, *basis.left_out[:MOST_NAMED]):
+    for line in (*basis.caveats, *basis.left_out[:MOST_REJECTED_NAMED]):
         yield f"{line[:1].upper()}{line[1:]}."
-    if (more := len(basis.left_out) - MOST_NAMED) > 0:
+    if (more := len(basis.left_out) - MOST_REJECTED_NAMED) > 0:
         yield f"{more} more were left out; {CALIBRATION_FILE} names them."
 
 
-def _charts(found: CalibrationFile) -> Iterator[ReportChart]:
+def _calibration_charts(found: CalibrationFile) -> Iterator[ReportChart]:
     used = np.array([residual.used for residual in found.residuals])
     misfit = np.array([residual.misfit for residual in found.residuals])
     numbers = np.arange(1, len(used) + 1)

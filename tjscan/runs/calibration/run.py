@@ -33,11 +33,11 @@ from tjscan.calibration.targets.target import PosedProfile
 from tjscan.calibration.wizard.advice import BoardRectangle
 from tjscan.calibration.wizard.logbook import (
     CALIBRATION_RECORDING,
-    CalibrationLogbook,
     LaserLineTaken,
+    Logbook,
     MeasurementsSoFar,
 )
-from tjscan.calibration.wizard.operator import JoggedProbe, Operator, OperatorQuestion, TouchProbe
+from tjscan.calibration.wizard.operator import JoggedProbe, Operator, Question, TouchProbe
 from tjscan.calibration.wizard.session import CalibrationPlan
 from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
 from tjscan.calibration.wizard.wizard import CalibrationWizard, reaches_and_returns
@@ -175,7 +175,7 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
     cell, probe = make_calibration_cell(job, T_f_s)
     with (
         lock_and_clean_directory(directory),
-        CalibrationLogbook(directory, T_f_s, operator.show_entry) as logbook,
+        Logbook(directory, T_f_s, operator.show_entry) as logbook,
         cell,
     ):
         task = calibration_plan_of_job(job, T_f_s)
@@ -196,7 +196,7 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
             linearity=0.0 if task.laser is None else task.laser.largest,
             basis=basis,
         )
-    if not operator.confirm(OperatorQuestion(f"Save it as {file}?", True, yes="Finish", no="Skip")):
+    if not operator.confirm(Question(f"Save it as {file}?", True, yes="Finish", no="Skip")):
         raise CalibrationRefused("not saved", f"what was measured stays in {directory}")
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), "f")
     write_calibration(file, found, provenance)

@@ -38,14 +38,14 @@ def crawl_chapter(directory: Path) -> ReportChapter:
     job, found = read_crawl_job(directory / JOB_FILE), read_recorded_crawl(directory)
     events = tuple(ReportEvent(event.time, event.name, event.detail) for event in found.events)
     return ReportChapter(
-        facts=tuple(_facts(job, found)),
-        findings=tuple(_findings(job, found)),
-        charts=tuple(_charts(job, found)),
+        facts=tuple(_crawl_facts(job, found)),
+        findings=tuple(_crawl_findings(job, found)),
+        charts=tuple(_crawl_charts(job, found)),
         events=events,
     )
 
 
-def _facts(job: CrawlJob, found: RecordedCrawl) -> Iterator[tuple[str, str]]:
+def _crawl_facts(job: CrawlJob, found: RecordedCrawl) -> Iterator[tuple[str, str]]:
     yield "joint", job.weld.joint
     yield "vehicle", f"{job.vehicle.device_id} ({job.vehicle.driver}); method: {job.method}"
     yield "welder, procedure", f"{job.weld.welder}, {job.weld.procedure}"
@@ -59,7 +59,7 @@ def _facts(job: CrawlJob, found: RecordedCrawl) -> Iterator[tuple[str, str]]:
         )
 
 
-def _findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
+def _crawl_findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
     if job.simulation is not None:
         yield "Simulated: no real crawler welded this joint."
     if missing := len(job.passes) - len(found.passes):
@@ -84,7 +84,7 @@ def _findings(job: CrawlJob, found: RecordedCrawl) -> Iterator[str]:
         yield f"It was stopped: {reason}"
 
 
-def _charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
+def _crawl_charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
     along, beside = "along the weld / mm", "to the right / mm"
     for one in found.passes:
         for title, x, y in (

@@ -21,7 +21,7 @@ from tjscan.calibration.wizard.logbook import (
     StartOrResumeEntry,
     read_calibration_entries,
 )
-from tjscan.calibration.wizard.operator import Answer, OperatorQuestion
+from tjscan.calibration.wizard.operator import Answer, Question
 from tjscan.calibration.wizard.session import CalibrationProgress
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import LaserFault, PageUnavailable
@@ -215,7 +215,7 @@ class PageOperator:
         stop = Button("Stop", interrupt, "red", "As Ctrl-C; what was measured stays")
         return [*answers, stop]
 
-    def confirm(self, question: OperatorQuestion) -> bool:
+    def confirm(self, question: Question) -> bool:
         """Show a question and the target of its move; wait for one of its two buttons."""
         while not self._pressed.empty():  # an earlier press answers none: the arm might move
             self._pressed.get()
@@ -223,7 +223,7 @@ class PageOperator:
         self._run.post(Step(facts={STATE_FACT: question.text, PRESS_FACT: words}))
         self._run.post(self._show.next_pose(question.T_b_f))
         self._enable_buttons(question.yes, question.no)
-        while (answer := self._next_press(question)) not in (question.yes, question.no):
+        while (answer := self._wait_for_button(question)) not in (question.yes, question.no):
             pass  # of a button that answers nothing now
         self._enable_buttons()
         self._run.post(Step(facts={STATE_FACT: "working", PRESS_FACT: ""}))
@@ -246,7 +246,7 @@ class PageOperator:
         if self._run.page is not None:
             self._run.page.enable({word: word in words for word, _, _ in ANSWER_BUTTONS})
 
-    def _next_press(self, question: OperatorQuestion) -> Answer:
+    def _wait_for_button(self, question: Question) -> Answer:
         """Next button that is pressed; until then a real laser's profiles are shown."""
         look = question.look if self._looks else None
         if look is None:

@@ -150,13 +150,13 @@ class CrawlShow:
         return Step(
             f"{cycle.phase}, {1e3 * cycle.travel:.0f} mm",
             drawn,
-            self._facts(cycle),
+            self._cycle_facts(cycle),
             progress,
             samples,
             diagram=phase_diagram(cycle.phase),
         )
 
-    def _facts(self, cycle: CrawlCycle) -> dict[str, str]:
+    def _cycle_facts(self, cycle: CrawlCycle) -> dict[str, str]:
         reading = f"{1e3 * cycle.d:+.2f} ± {1e3 * cycle.d_sigma:.2f} mm" if cycle.was_read else "no"
         proximity = [value for value in cycle.state.proximity if isfinite(value)]
         nearest = {"nearest corner": f"{1e3 * min(proximity):.0f} mm"} if proximity else {}

@@ -78,14 +78,14 @@ class TowShow:
     def _make_setting(self, title: str) -> Setting:
         job = self._job
         rings = (job.area.outline, *job.area.holes)
-        walls = [_on_floor(np.array((*ring, ring[0])), height=0.0) for ring in rings]
+        walls = [_lift_to_height(np.array((*ring, ring[0])), height=0.0) for ring in rings]
         outline = np.array(job.area.outline)
         middle = np.array((*(0.5 * (outline.min(axis=0) + outline.max(axis=0))), 0.0))
         size = float(np.linalg.norm(np.ptp(outline, axis=0)))
         upright = pose(p=(0.0, 0.0, 0.5 * VEHICLE_HEIGHT))
         shape = Cylinder(job.vehicles.radius, VEHICLE_HEIGHT)
         names = [f"vehicle {k + 1}" for k in range(job.vehicles.count - 1)]
-        seam = _on_floor(self._seam.path.points)
+        seam = _lift_to_height(self._seam.path.points)
         clearances, forces = (CABLE_CLEARANCE, VEHICLE_CLEARANCE), (WELDER_FORCE, VEHICLE_FORCE)
         return Setting(
             title,
@@ -115,19 +115,19 @@ class TowShow:
         bodies = zip(self.setting.bodies, cycle.poses, strict=True)
         drawn: dict[str, Drawable] = {
             **{name: Placement(pose(rot_z(a), (x, y, 0.0))) for name, (x, y, a) in bodies},
-            "cable": Lines.through(_on_floor(estimate), colour=TOOL_COLOUR, width=4.0),
-            "planned": Lines.through(_on_floor(planned), colour=FITTED_COLOUR, width=2.0),
+            "cable": Lines.through(_lift_to_height(estimate), colour=TOOL_COLOUR, width=4.0),
+            "planned": Lines.through(_lift_to_height(planned), colour=FITTED_COLOUR, width=2.0),
             "obstacles": Lines.through(*map(_ring, discs), colour=SOLID_COLOUR, width=3.0),
         }
         return Step(
             f"{time:.1f} s",
             drawn,
-            self._facts(cycle, values),
+            self._cycle_facts(cycle, values),
             min(cycle.along / self._seam.length, 1.0) if self._seam.length else None,
             (Sample(time, values),),
         )
 
-    def _facts(self, cycle: TowCycle, values: dict[str, float]) -> dict[str, str]:
+    def _cycle_facts(self, cycle: TowCycle, values: dict[str, float]) -> dict[str, str]:
         state = f"waits: {cycle.wait}" if cycle.wait else "welding"
         nearest = values.get(CABLE_CLEARANCE.name)
         stopped = ", ".join(str(k + 1) for k in cycle.stopped)
@@ -144,7 +144,7 @@ class TowShow:
 
     def _truth_step(self, truth: TowTruth) -> Step:
         """What a simulation knows too: the true cable, and its forces."""
-        cable = Lines.through(_on_floor(truth.line), colour=NOMINAL_COLOUR, width=2.0)
+        cable = Lines.through(_lift_to_height(truth.line), colour=NOMINAL_COLOUR, width=2.0)
         values = {
             WELDER_FORCE.name: float(np.hypot(*truth.welder_force[:2])),
             VEHICLE_FORCE.name: float(truth.vehicle_forces.max(initial=0.0)),
@@ -174,13 +174,13 @@ def vehicles_apart(poses: Array, radius: float, discs: Array) -> float:
     return float(min(between.min(initial=np.inf), aside.min(initial=np.inf)))
 
 
-def _on_floor(points: Array, height: float = CABLE_HEIGHT) -> Array:
+def _lift_to_height(points: Array, height: float = CABLE_HEIGHT) -> Array:
     return np.column_stack((points[:, :2], np.full(len(points), height)))
 
 
 def _ring(disc: Array) -> Array:
     turn = np.linspace(0, 2 * np.pi, CIRCLE_SIDES + 1)
-    return _on_floor(disc[:2] + disc[2] * np.column_stack((np.cos(turn), np.sin(turn))))
+    return _lift_to_height(disc[:2] + disc[2] * np.column_stack((np.cos(turn), np.sin(turn))))
 
 
 def read_tow_show(directory: Path) -> tuple[TowShow, Iterator[object]]:

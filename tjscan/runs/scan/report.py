@@ -44,8 +44,8 @@ def scan_chapter(directory: Path) -> ReportChapter:
     devices = f"arm {arm}, laser {laser}"
     return ReportChapter(
         facts=(("scanned", started), ("devices", devices), ("job", _scan_in_words(job))),
-        findings=(*map(str, damages), *_findings(job, events)),
-        charts=tuple(_charts([log.sections[i] for i in sorted(log.sections)], job)),
+        findings=(*map(str, damages), *_scan_findings(job, events)),
+        charts=tuple(_scan_charts([log.sections[i] for i in sorted(log.sections)], job)),
         events=events,
         profiles=MappingProxyType({i: one.view.profile for i, one in log.sections.items()}),
         settings=job.groove,
@@ -65,7 +65,7 @@ def _scan_in_words(job: ScanJob) -> str:
     )
 
 
-def _findings(job: ScanJob, events: Sequence[ReportEvent]) -> Iterator[str]:
+def _scan_findings(job: ScanJob, events: Sequence[ReportEvent]) -> Iterator[str]:
     for name, count in Counter(event.name for event in events).items():
         if name not in (*ORDINARY_EVENTS, *COUNTED_EVENTS):
             times = "" if count == 1 else f", {count} times"
@@ -79,7 +79,7 @@ def _findings(job: ScanJob, events: Sequence[ReportEvent]) -> Iterator[str]:
         yield "Simulated: no real arm and laser saw this groove."
 
 
-def _charts(sections: Sequence[ScannedSection], job: ScanJob) -> Iterator[ReportChart]:
+def _scan_charts(sections: Sequence[ScannedSection], job: ScanJob) -> Iterator[ReportChart]:
     """Length of every step, and when each section was finished."""
     index = np.array([section.view.index for section in sections], dtype=float)
     origins = np.array([section.T_b_g[:3, 3] for section in sections]).reshape(-1, 3)

@@ -9,7 +9,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any, Protocol
 
-from tjscan.calibration.wizard.operator import OperatorQuestion
+from tjscan.calibration.wizard.operator import Question
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, RecordingError, StitchingRefused, TjscanError
@@ -39,7 +39,7 @@ Watch = Callable[[str, ScanPlan], AbstractContextManager[Journal]]
 class StationOperator(Protocol):
     """The person who moves the arm from station to station, and confirms that it is there."""
 
-    def confirm(self, question: OperatorQuestion) -> bool:
+    def confirm(self, question: Question) -> bool:
         """Answer a yes-or-no question, such as whether the arm is at a station."""
 
 
@@ -218,7 +218,7 @@ def _is_arm_there(job: ScanJob, station: StationScan, operator: StationOperator)
         f"Station {before.name}{so_far} Move the arm to station {station.name}. Is it there, "
         "firmly, and is the way to its start poses free?"
     )
-    return operator.confirm(OperatorQuestion(text, default=True))
+    return operator.confirm(Question(text, default=True))
 
 
 def _scan_from_station(

@@ -66,15 +66,15 @@ def tow_chapter(directory: Path) -> ReportChapter:
     if figures is None:
         return ReportChapter(findings=("Nothing was towed.",), events=events)
     return ReportChapter(
-        facts=tuple(_facts(job, figures)),
-        findings=tuple(_findings(job, found, figures)),
-        charts=tuple(_charts(job, found)),
+        facts=tuple(_tow_facts(job, figures)),
+        findings=tuple(_tow_findings(job, found, figures)),
+        charts=tuple(_tow_charts(job, found)),
         events=events,
-        animation=_animation(job, found),
+        animation=_cable_animation(job, found),
     )
 
 
-def _facts(job: TowJob, figures: TowFigures) -> Iterator[tuple[str, str]]:
+def _tow_facts(job: TowJob, figures: TowFigures) -> Iterator[tuple[str, str]]:
     seam = Seam(job.seam)
     yield "seam", f"{1e3 * seam.length:.0f} mm at {6e4 * job.seam.speed:g} mm/min"
     yield "cable", f"{job.cable.length:g} m in {job.cable.links} links"
@@ -86,7 +86,7 @@ def _facts(job: TowJob, figures: TowFigures) -> Iterator[tuple[str, str]]:
             yield words, f"{text} {unit}".strip()
 
 
-def _findings(job: TowJob, found: RecordedTow, figures: TowFigures) -> Iterator[str]:
+def _tow_findings(job: TowJob, found: RecordedTow, figures: TowFigures) -> Iterator[str]:
     if job.vehicles.driver == "simulated":
         yield "Simulated: no real vehicle towed this cable."
     for event in found.events:
@@ -105,7 +105,7 @@ def _findings(job: TowJob, found: RecordedTow, figures: TowFigures) -> Iterator[
         )
 
 
-def _charts(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
+def _tow_charts(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
     cycles = found.cycles
     thin = slice(None, None, max(len(cycles) // MOST_POINTS, 1))
     time = np.array([cycle.time - cycles[0].time for cycle in cycles])[thin]
@@ -174,7 +174,7 @@ def _evenly_picked(found: RecordedTow, count: int) -> Array:
     return np.unique(np.linspace(0, len(found.cycles) - 1, count).astype(int))
 
 
-def _animation(job: TowJob, found: RecordedTow) -> PlaneAnimation:
+def _cable_animation(job: TowJob, found: RecordedTow) -> PlaneAnimation:
     picked = _evenly_picked(found, ANIMATION_FRAMES)
     cycles = [found.cycles[k] for k in picked]
     planned = np.array([job.chain.line(cycle.plan.angles) for cycle in cycles])

@@ -51,7 +51,7 @@ class MqttVehicle(BrokerClient):
             settings, wire.COMMANDER_TOPIC, (wire.PRESENCE_TOPIC, wire.STATE_TOPIC, wire.POSE_TOPIC)
         )
 
-    def _reset_state(self) -> None:
+    def _begin(self) -> None:
         self._states: SimpleQueue[VehicleState | None] = SimpleQueue()
         self._wake: SimpleQueue[bool] = SimpleQueue()
         self._gate, self._pose_gate = wire.MessageGate(), wire.PoseGate()
@@ -60,7 +60,7 @@ class MqttVehicle(BrokerClient):
         self._identity = DeviceIdentity()
         self._fault = self._commander = self._lost = ""
         self._heard = time.monotonic()
-        super()._reset_state()
+        super()._begin()
 
     def __enter__(self) -> Self:
         """Connect, and wait until the vehicle takes this program's commands.
@@ -72,7 +72,7 @@ class MqttVehicle(BrokerClient):
         VehicleFault
             If another program commands the vehicle.
         """
-        self._reset_state()
+        self._begin()
         self._stopped = False
         self._link.connect(self.settings.connect_limit)
         self._connected = True
