@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tjscan.laser.genicam.messages import (
     CLOCK_DRIFT,
     HostInterval,
-    cell_time_of_exposure,
+    exposure_on_cell_clock,
     host_time_of_exposure,
 )
 
@@ -47,7 +47,7 @@ def test_the_true_time_lies_within_what_is_stated(
 
     on_host = host_time_of_exposure(ticks, TICKS, latch)
     assert on_host.begin - ROUNDING <= exposed <= on_host.end + ROUNDING
-    found, uncertainty = cell_time_of_exposure(
+    found, uncertainty = exposure_on_cell_clock(
         on_host.middle, on_host.half, read_at + offset, cell_read
     )
     assert abs(found - (exposed + offset)) <= uncertainty + ROUNDING
@@ -56,6 +56,6 @@ def test_the_true_time_lies_within_what_is_stated(
 def test_a_profile_is_never_earlier_than_the_clock_that_was_read_before_it() -> None:
     cell_read, latch = HostInterval(5.0, 5.1), HostInterval(5.1, 5.4)
     on_host = host_time_of_exposure(0, TICKS, latch)
-    found, uncertainty = cell_time_of_exposure(on_host.middle, on_host.half, 70.0, cell_read)
+    found, uncertainty = exposure_on_cell_clock(on_host.middle, on_host.half, 70.0, cell_read)
     assert found >= 70.0
     assert uncertainty == pytest.approx(0.2)

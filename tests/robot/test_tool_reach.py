@@ -5,7 +5,13 @@ import pytest
 from ur_cell import HOME, KINEMATICS
 
 from tjscan.core.frames import Array, inverse_pose, pose, rot_x, rot_z
-from tjscan.robot.tool_reach import OUT_OF_REACH, SPIN_COUNT, Hindrance, ToolHolds, find_tool_holds
+from tjscan.robot.tool_reach import (
+    OUT_OF_REACH,
+    SPIN_COUNT,
+    Hindrance,
+    ToolConfigurations,
+    find_tool_holds,
+)
 
 TOOL = pose(rot_x(0.4), (0.0, 0.05, 0.2))
 SINGULAR = 0.02
@@ -28,7 +34,7 @@ def holds(
     *,
     closed: bool = False,
     singular: float = SINGULAR,
-) -> ToolHolds:
+) -> ToolConfigurations:
     return find_tool_holds(KINEMATICS, TOOL, poses, hindrance, singular=singular, closed=closed)
 
 

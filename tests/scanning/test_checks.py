@@ -14,9 +14,13 @@ from scipy.spatial.transform import Rotation
 from tjscan.core.errors import SetPointRefused
 from tjscan.core.frames import Array, inverse_pose, pose, rot_x, rotation_angle_between
 from tjscan.scanning.journal import StopReason
-from tjscan.scanning.retries import LARGEST_SHIFT, NUDGE_TURN, ViewAdjustment
+from tjscan.scanning.retries import LARGEST_RETRY_SHIFT, NUDGE_TURN, ViewAdjustment
 from tjscan.scanning.section import ScannedSection, SetPoint, StepRequest, Substep
-from tjscan.scanning.sections_before import FARTHEST_STEPS, LARGEST_VIEW_SHIFT, check_set_point
+from tjscan.scanning.sections_before import (
+    FARTHEST_SET_POINT_STEPS,
+    LARGEST_VIEW_SHIFT,
+    check_set_point,
+)
 from tjscan.scanning.target import PREDICTION_CASES, ScanDirection, paper_predictor
 
 ANGLE = 2 * np.arcsin(PLAN.step / 2 / 0.2286)
@@ -37,7 +41,7 @@ def nothing_further(to: SetPoint) -> None:
     assert turned <= REQUEST.max_rotation + 1e-6
     assert (
         moved
-        <= FARTHEST_STEPS * REQUEST.length
+        <= FARTHEST_SET_POINT_STEPS * REQUEST.length
         + 2 * lever * np.sin(turned / 2)
         + LARGEST_VIEW_SHIFT
         + 1e-3
@@ -86,8 +90,8 @@ def test_the_papers_set_points_and_every_nudge_of_them_pass(
     request = StepRequest(LAST, to.T_b_t[:3, 3], share * PLAN.step)
     check_set_point(to, request, PLAN)
     for nudge in (
-        ViewAdjustment(standoff=offset * LARGEST_SHIFT),
-        ViewAdjustment(offset=offset * LARGEST_SHIFT),
+        ViewAdjustment(standoff=offset * LARGEST_RETRY_SHIFT),
+        ViewAdjustment(offset=offset * LARGEST_RETRY_SHIFT),
         ViewAdjustment(work_angle=offset * NUDGE_TURN),
     ):
         check_set_point(nudge.adjusted_set_point(to, PLAN.direction), request, PLAN)

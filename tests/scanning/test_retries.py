@@ -24,7 +24,7 @@ from tjscan.scanning.journal import (
     step_lengths,
 )
 from tjscan.scanning.profile_taker import AGREEING_PROFILES, merge_repeated_profiles
-from tjscan.scanning.retries import MOST_MISSING
+from tjscan.scanning.retries import MOST_MISSING_PROFILES
 from tjscan.scanning.section import Substep
 from tjscan.scanning.sections_before import GrooveReader, check_section_orientation
 
@@ -73,13 +73,13 @@ def test_no_profile_of_another_place_is_taken_however_old_it_is(back: int) -> No
             given.append(super().capture())
             return given[-1]
 
-    failing = range(SIDE_VIEW, SIDE_VIEW + MOST_MISSING)
+    failing = range(SIDE_VIEW, SIDE_VIEW + MOST_MISSING_PROFILES)
     result = scan_example(
         SHORT,
         through=lambda laser: Remembering(laser, lambda k: out_of_a_ring if k in failing else None),
     )
     assert result.stop is StopReason.SECTIONS
-    assert result.counts == RetryCounts(taken_again=MOST_MISSING)
+    assert result.counts == RetryCounts(taken_again=MOST_MISSING_PROFILES)
     assert example_corner_errors(result).max() < TRUE_CORNER
 
 
@@ -96,10 +96,10 @@ def test_points_anywhere_cost_no_section(share: float, merges: bool) -> None:
 @pytest.mark.parametrize("fault", [missing, frozen, late], ids=lambda f: str(f.__name__))
 def test_a_laser_that_stays_away_ends_the_scan_and_what_was_found_is_told(fault: Fault) -> None:
     notes = Notes()
-    with pytest.raises(LaserFault, match=f"{MOST_MISSING + 1} profiles in a row"):
+    with pytest.raises(LaserFault, match=f"{MOST_MISSING_PROFILES + 1} profiles in a row"):
         scan_with(lambda k: fault if k >= SIDE_VIEW else None, notes)
     assert len(notes.sections) == 4
-    assert [name for name, _ in notes.events] == ["taken again"] * MOST_MISSING
+    assert [name for name, _ in notes.events] == ["taken again"] * MOST_MISSING_PROFILES
 
 
 def test_a_groove_that_is_gone_ends_the_scan_after_every_remedy() -> None:

@@ -11,7 +11,7 @@ from tjscan.groove.section import GrooveSection, section_from_points
 from tjscan.laser.profile import Profile
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
-from tjscan.scanning.target import R_REVERSED, ScanDirection
+from tjscan.scanning.target import REVERSED_FRAME_ROTATION, ScanDirection
 
 RADIUS = 0.2286
 GROOVE = section_from_points(
@@ -37,7 +37,9 @@ def ring_section(
     substep: Substep = Substep.CORRECTION,
 ) -> ScannedSection:
     """A section that is seen as the plan wants it, but for `off`, a change of frame t in t."""
-    reverse = pose(R_REVERSED) if plan.direction is ScanDirection.CLOCKWISE else np.eye(4)
+    reverse = (
+        pose(REVERSED_FRAME_ROTATION) if plan.direction is ScanDirection.CLOCKWISE else np.eye(4)
+    )
     T_b_g, T_s_t = ring_pose(turned), plan.target_pose_in_sensor(groove.work_angle)
     T_b_s = T_b_g @ reverse @ (np.eye(4) if off is None else off) @ inverse_pose(T_s_t)
     seen = section_seen(groove, inverse_pose(T_b_s) @ T_b_g)

@@ -97,7 +97,7 @@ def read_groove(
 
     _check_word("model", model, tuple(GROOVE_MODELS))
     chosen = GrooveSettings(GROOVE_MODELS[model], **settings)
-    return read_groove_in_profile(_profile(points), chosen)
+    return read_groove_in_profile(_profile_from_points(points), chosen)
 
 
 def calibrate(
@@ -165,10 +165,10 @@ def calibrate(
     elif touched is not None:
         board = fit_plane(touched, model.touch, poses[:, :3, 3].mean(0), geometry=model.geometry)
     posed = [
-        PosedProfile(f"profile {k}", T, _profile(points))
+        PosedProfile(f"profile {k}", T, _profile_from_points(points))
         for k, (points, T) in enumerate(zip(profiles, poses, strict=True), start=1)
     ]
-    targets = see_targets([(posed, board)], model, _warn)
+    targets = see_targets([(posed, board)], model, _log_rejected_profiles)
     return calibrate_on_targets(targets, model, check_conventions=True)
 
 
@@ -229,7 +229,7 @@ def _check_word(name: str, word: str, known: Sequence[str]) -> None:
         raise ValueError(f"unknown {name} {word!r}; one of {', '.join(known)}")
 
 
-def _profile(points: ArrayLike | Profile) -> Profile:
+def _profile_from_points(points: ArrayLike | Profile) -> Profile:
     """A profile of points (n, 2) or (n, 3) in the laser plane."""
     from tjscan.laser.profile import Profile
 
@@ -243,7 +243,7 @@ def _profile(points: ArrayLike | Profile) -> Profile:
     return Profile(array[:, 0], array[:, -1])
 
 
-def _warn(message: str) -> None:
+def _log_rejected_profiles(message: str) -> None:
     """Log what was left out of a calibration."""
     import logging
 

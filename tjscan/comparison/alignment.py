@@ -40,10 +40,10 @@ MOST_PARTNER_DISTANCE: Final = 20e-3
 NOISE_FLOOR: Final = 20e-6
 """Metres; residuals are never taken for more certain than this."""
 
-LEAST_FITNESS: Final = 0.6
+LEAST_PARTNER_SHARE: Final = 0.6
 """Share of the points that must have a partner in the end."""
 
-LEAST_STIFFNESS: Final = 1e-4
+LEAST_EIGENVALUE: Final = 1e-4
 """Smallest eigenvalue of the mean normal matrix; lengths count in radii of the cloud."""
 
 NORMAL_NEIGHBOURS: Final = 12
@@ -178,10 +178,10 @@ def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
         T, rounds = step @ T, rounds + 1
     held = near & (off < width)
     fitness = float(held.mean())
-    if fitness < LEAST_FITNESS:
+    if fitness < LEAST_PARTNER_SHARE:
         raise ComparisonRefused(
             f"only {100 * fitness:.0f} % of the points come to lie on the reference, "
-            f"{100 * LEAST_FITNESS:.0f} % must: they show something else for the most part"
+            f"{100 * LEAST_PARTNER_SHARE:.0f} % must: they show something else for the most part"
         )
     residual = float(np.sqrt(np.mean(off[held] ** 2)))
     far = float(np.sqrt(np.mean(np.sum((transform_points(T, points) - points) ** 2, axis=1))))
@@ -190,11 +190,11 @@ def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
 
 def _check_fitness(near: NDArray[np.bool_], when: str, causes: str) -> None:
     """Refuse points if too few are near the reference."""
-    if near.mean() < LEAST_FITNESS:
+    if near.mean() < LEAST_PARTNER_SHARE:
         raise ComparisonRefused(
             f"{100 * near.mean():.0f} % of the points lie within "
             f"{1e3 * MOST_PARTNER_DISTANCE:.0f} mm of the reference{when}, "
-            f"{100 * LEAST_FITNESS:.0f} % must: {causes}"
+            f"{100 * LEAST_PARTNER_SHARE:.0f} % must: {causes}"
         )
 
 
@@ -203,10 +203,10 @@ def _check_stiffness(points: Array, normals: Array) -> None:
     radius = float(np.sqrt(np.mean(np.sum(points * points, axis=1))))
     J = np.column_stack((np.cross(points / radius, normals), normals))
     least = float(np.linalg.eigvalsh(J.T @ J / len(J))[0])
-    if least < LEAST_STIFFNESS:
+    if least < LEAST_EIGENVALUE:
         raise ComparisonRefused(
             f"the points could slide or turn along the reference (stiffness {least:.1e}, "
-            f"{LEAST_STIFFNESS:g} is needed): they hold no pose. Compare more of the surface, or "
+            f"{LEAST_EIGENVALUE:g} is needed): they hold no pose. Compare more of the surface, or "
             "with --align none"
         )
 

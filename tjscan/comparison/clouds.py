@@ -61,7 +61,7 @@ BYTES_PER_COMPRESSED_POINT: Final = 260
 
 
 @dataclass(frozen=True, slots=True)
-class _Head:
+class _PcdHeader:
     """What a header states: the layout of a point, how many there are, and how they are written."""
 
     layout: np.dtype[Any]
@@ -88,7 +88,7 @@ def read_pcd(path: Path) -> Array:
         refuse_memory(path, head.points * (rate + head.layout.itemsize))
         if head.data == "ascii":
             lines = (line.decode("ascii") for line in stream)
-            columns = [_first_column(head.layout, axis) for axis in "xyz"]
+            columns = [_first_column_of_field(head.layout, axis) for axis in "xyz"]
             return np.loadtxt(lines, usecols=columns, ndmin=2, max_rows=head.points)
         if head.data == "binary":
             if head.points * head.layout.itemsize > rest:
@@ -102,7 +102,7 @@ def read_pcd(path: Path) -> Array:
     return _read_compressed(path)
 
 
-def _read_head(stream: BinaryIO) -> _Head:
+def _read_head(stream: BinaryIO) -> _PcdHeader:
     words: dict[str, list[str]] = {}
     for _ in range(MOST_HEADER_LINES):
         line = stream.readline(10_000).decode("ascii").split()
@@ -125,10 +125,10 @@ def _read_head(stream: BinaryIO) -> _Head:
         raise ValueError("its header contradicts itself")
     if any(axis not in names or layout[axis].shape for axis in "xyz"):
         raise ValueError("it holds no points x, y, z")
-    return _Head(layout, points, data)
+    return _PcdHeader(layout, points, data)
 
 
-def _first_column(layout: np.dtype[Any], axis: str) -> int:
+def _first_column_of_field(layout: np.dtype[Any], axis: str) -> int:
     """Column of a field in a text, if a field of many numbers takes as many."""
     names = list(layout.names or ())
     return sum(prod(layout[name].shape) for name in names[: names.index(axis)])

@@ -233,13 +233,13 @@ def compare_shapes(
     elif align == "joint":
         alignment = align_joints(measured, reference, surface)
     moved = measured.transformed(alignment.T, theirs)
-    found = tuple(_deviations(moved, reference, surface, tolerance))
+    found = tuple(_measure_deviations(moved, reference, surface, tolerance))
     if not found:
         raise ConfigurationError(
             f"{reference.name} holds edges only, and {measured.name} no corners to compare with "
             "them: name a run directory, or a mesh or cloud as the reference"
         )
-    warnings = tuple(_warnings(moved, reference, surface))
+    warnings = tuple(_comparison_warnings(moved, reference, surface))
     if alignment.note:
         warnings = (*warnings, alignment.note)
     uncertainty = _corner_uncertainty(moved, alignment, in_joint=measured.is_in_joint_frame)
@@ -288,7 +288,7 @@ def check_plausible_sizes(measured: Shape, reference: Shape) -> None:
         raise ConfigurationError(message, key="units")
 
 
-def _deviations(
+def _measure_deviations(
     measured: Shape, reference: Shape, surface: MeshDistance | None, tolerance: float | None
 ) -> Iterator[DeviationDistances]:
     points, corners = measured.points, measured.corners
@@ -336,7 +336,9 @@ def _deviations(
         )
 
 
-def _warnings(measured: Shape, reference: Shape, surface: MeshDistance | None) -> Iterator[str]:
+def _comparison_warnings(
+    measured: Shape, reference: Shape, surface: MeshDistance | None
+) -> Iterator[str]:
     if surface is not None and not surface.facets.watertight:
         yield (
             f"{reference.name} is not watertight: a sign shows the side of the nearest triangle, "

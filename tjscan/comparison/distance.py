@@ -239,7 +239,7 @@ class MeshFacets:
         feature = np.full(len(points), INSIDE_TRIANGLE, dtype=np.intp)
         out = np.flatnonzero((u < 0) | (v < 0) | (u + v > 1))
         if out.size:
-            away, feature[out] = self._to_edges(points[out], ids[out])
+            away, feature[out] = self._vectors_from_rims(points[out], ids[out])
             outward = np.sum(away * self.feature_normals[feature[out]], axis=1)
             signed[out] = np.where(outward < 0, -1, 1) * np.linalg.norm(away, axis=1)
         return signed, feature
@@ -258,7 +258,7 @@ class MeshFacets:
         feet = points - signed[:, None] * self.normals[ids]
         out = np.flatnonzero(feature != INSIDE_TRIANGLE)
         if out.size:
-            feet[out] = points[out] - self._to_edges(points[out], ids[out])[0]
+            feet[out] = points[out] - self._vectors_from_rims(points[out], ids[out])[0]
         return np.asarray(feet)
 
     def triangles_around_features(self, features: IndexArray) -> tuple[IndexArray, IndexArray]:
@@ -268,7 +268,7 @@ class MeshFacets:
         within = np.arange(len(rows)) - np.repeat(count.cumsum() - count, count)
         return rows, self._around[first[rows] + within]
 
-    def _to_edges(self, points: Array, ids: IndexArray) -> tuple[Array, IndexArray]:
+    def _vectors_from_rims(self, points: Array, ids: IndexArray) -> tuple[Array, IndexArray]:
         """Vectors to points from the rims of triangles, and the features where they start."""
         corners = self.corners[ids]
         best = np.full(len(points), np.inf)
@@ -301,7 +301,7 @@ PIECES_PER_TRIANGLE: Final = 2
 
 FEWEST_PIECES: Final = 20_000
 
-MOST_WALKS: Final = 200
+MOST_WALK_STEPS: Final = 200
 """Steps from triangle to triangle. A walk only ever goes downhill, so it ends by itself."""
 
 
@@ -341,14 +341,14 @@ class MeshDistance:
 
     def signed_distances(self, points: Array) -> Array:
         """Signed distances in metres of points, shape (k, 3), positive outside, shape (k,)."""
-        return self._nearest(points)[0]
+        return self._nearest_triangles(points)[0]
 
     def nearest_points_and_normals(self, points: Array) -> tuple[Array, Array]:
         """Nearest points on the mesh and the normals of their triangles, each (k, 3)."""
-        _, ids = self._nearest(points)
+        _, ids = self._nearest_triangles(points)
         return self.facets.nearest_points(points, ids), self.facets.normals[ids]
 
-    def _nearest(self, points: Array) -> tuple[Array, IndexArray]:
+    def _nearest_triangles(self, points: Array) -> tuple[Array, IndexArray]:
         o3d: Any = import_module("open3d")
         points = np.ascontiguousarray(points, dtype=float)
         if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
@@ -364,7 +364,7 @@ class MeshDistance:
 
         def refine(start: int) -> None:
             part = slice(start, start + POINTS_PER_CHUNK)
-            signed[part], ids[part] = self._walk(points[part], ids[part])
+            signed[part], ids[part] = self._walk_downhill(points[part], ids[part])
 
         with ThreadPoolExecutor() as pool:
             list(pool.map(refine, range(0, len(points), POINTS_PER_CHUNK)))
@@ -372,11 +372,11 @@ class MeshDistance:
         back[order] = np.arange(len(order))
         return signed[back], ids[back]
 
-    def _walk(self, points: Array, ids: IndexArray) -> tuple[Array, IndexArray]:
+    def _walk_downhill(self, points: Array, ids: IndexArray) -> tuple[Array, IndexArray]:
         """Go from triangle to triangle until no neighbour is nearer."""
         signed, feature = self.facets.paired_signed_distances(points, ids)
         open_ = np.flatnonzero(feature != INSIDE_TRIANGLE)
-        for _ in range(MOST_WALKS):
+        for _ in range(MOST_WALK_STEPS):
             if not open_.size:
                 break
             rows, near = self.facets.triangles_around_features(feature[open_])

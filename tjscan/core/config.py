@@ -61,7 +61,7 @@ MOST_CONFIGURATION_BYTES: Final = 1_000_000
 LONGEST_LINE: Final = 5000
 """Characters. A key of thousands of parts would keep the parser busy for minutes."""
 
-LONGEST_VALUE: Final = 200
+LONGEST_VALUE_CHARACTERS: Final = 200
 """Characters of a wrong value that a message repeats."""
 
 
@@ -214,7 +214,7 @@ def _shortened_repr(value: Any) -> str:
         text = repr(value)
     except (ValueError, RecursionError):
         return f"a {type(value).__name__} of great size"
-    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}…"
+    return text if len(text) <= LONGEST_VALUE_CHARACTERS else f"{text[:LONGEST_VALUE_CHARACTERS]}…"
 
 
 def _known_keys_at(model: Any, path: Sequence[str]) -> list[str]:

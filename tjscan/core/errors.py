@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 
-def _copy_of(values: ArrayLike) -> NDArray[np.float64]:
+def _copy_evidence(values: ArrayLike) -> NDArray[np.float64]:
     """Evidence that is not changed later. The command line's help needs no NumPy."""
     import numpy as np
 
@@ -62,7 +62,7 @@ class FlangePoseRefused(ArmFault):
     refusal: ClassVar[str]
 
     def __init__(self, reason: str, T_b_f: ArrayLike) -> None:
-        self.reason, self.T_b_f = reason, _copy_of(T_b_f)
+        self.reason, self.T_b_f = reason, _copy_evidence(T_b_f)
         x, y, z = 1e3 * self.T_b_f[:3, 3]
         place = f"({x:.1f}, {y:.1f}, {z:.1f}) mm in the base frame"
         super().__init__(f"{self.refusal} {place}: {reason}")
@@ -183,7 +183,7 @@ class PoseNotReached(ArmFault):
     """
 
     def __init__(self, detail: str, asked: ArrayLike, reached: ArrayLike) -> None:
-        self.asked, self.reached = _copy_of(asked), _copy_of(reached)
+        self.asked, self.reached = _copy_evidence(asked), _copy_evidence(reached)
         super().__init__(f"the arm did not arrive where it was sent: {detail}")
 
 
@@ -279,7 +279,7 @@ class GrooveNotFound(TjscanError):
 
     def __init__(self, reason: str, detail: str, points_s: ArrayLike | None = None) -> None:
         self.reason, self.detail = reason, detail
-        self.points_s = None if points_s is None else _copy_of(points_s)
+        self.points_s = None if points_s is None else _copy_evidence(points_s)
         super().__init__(f"no groove found ({reason}): {detail}")
 
 

@@ -18,7 +18,7 @@ from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.locks import lock_directory
 from tjscan.core.manifest import MANIFEST_FILE, manifest_text
 
-ON_WINDOWS: Final = os.name == "nt"
+IS_WINDOWS: Final = os.name == "nt"
 """There the names of a directory need no help, and a file must be open for writing."""
 
 
@@ -30,9 +30,9 @@ def bring_stream_to_disk(stream: IO[Any]) -> None:
 
 def bring_to_disk(path: Path) -> None:
     """Bring a closed file to the disk, or the names in a directory; OSError if it can't be."""
-    if ON_WINDOWS and path.is_dir():
+    if IS_WINDOWS and path.is_dir():
         return
-    handle = os.open(path, os.O_RDWR if ON_WINDOWS else os.O_RDONLY)
+    handle = os.open(path, os.O_RDWR if IS_WINDOWS else os.O_RDONLY)
     try:
         os.fsync(handle)
     finally:

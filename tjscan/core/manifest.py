@@ -66,7 +66,7 @@ def changed_since_written(*files: Path) -> list[Path]:
             for file in files
             if file.is_file()
             and (manifest := file.parent / MANIFEST_FILE).is_file()
-            and _read_manifest(manifest).get(file.name) != _sha256(file)
+            and _read_manifest(manifest).get(file.name) != _sha256_of_file(file)
         ]
     except OSError as error:
         raise RecordingError(f"{error.filename}: can't be read: {error.strerror}") from error
@@ -87,7 +87,7 @@ def manifest_text(directory: Path, written: Path, removed: Sequence[Path] = ()) 
     kept = _read_manifest(directory / MANIFEST_FILE)
     for file in removed:
         kept.pop(file.name, None)
-    new = {file.name: _sha256(file) for file in written.iterdir() if file.is_file()}
+    new = {file.name: _sha256_of_file(file) for file in written.iterdir() if file.is_file()}
     return "".join(f"{sha256}  {name}\n" for name, sha256 in sorted((kept | new).items()))
 
 
@@ -101,6 +101,6 @@ def _read_manifest(manifest: Path) -> dict[str, str]:
     return {match[2]: match[1] for match in matches if match}
 
 
-def _sha256(file: Path) -> str:
+def _sha256_of_file(file: Path) -> str:
     with file.open("rb") as stream:
         return file_digest(stream, "sha256").hexdigest()

@@ -242,10 +242,10 @@ def _accept_lists_and_words(schema: Any) -> Any:
     return schema
 
 
-FARTHEST_MM: Final = 1e5
+FARTHEST_DISTANCE_MM: Final = 1e5
 """A hundred metres: nothing in a cell is further."""
 
-Coordinate = Annotated[float, Ge(-FARTHEST_MM), Le(FARTHEST_MM)]
+Coordinate = Annotated[float, Ge(-FARTHEST_DISTANCE_MM), Le(FARTHEST_DISTANCE_MM)]
 
 Position = Annotated[tuple[Coordinate, Coordinate, Coordinate], MM]
 """Three coordinates, metres."""

@@ -21,13 +21,13 @@ from tjscan.robot import settings as arm_settings
 from tjscan.robot.settings import SolidSettings
 from tjscan.scanning.target import ScanDirection
 
-MOST_SOLIDS: Final = MaxLen(300)
+MOST_SOLIDS_OF_CELL: Final = MaxLen(300)
 """Of a cell: each is checked against every link of the arm, at every step of a path."""
 
-SMALLEST_BOARD: Final = 0.1
+SMALLEST_BOARD_SIZE: Final = 0.1
 """Metres."""
 
-LengthMm = Annotated[float, Gt(0), Le(units.FARTHEST_MM)]
+LengthMm = Annotated[float, Gt(0), Le(units.FARTHEST_DISTANCE_MM)]
 """In the unit of the file; a unit after it converts it."""
 
 
@@ -62,8 +62,10 @@ class ClearanceSettings(arm_settings.ClearanceMargins):
         tuple[Annotated[tuple[str, str], units.LIST_OR_WORD_IN_FILE], ...],
         units.LIST_OR_WORD_IN_FILE,
     ] = ()
-    solid: Annotated[tuple[PlacedSolidSettings, ...], MOST_SOLIDS, units.LIST_OR_WORD_IN_FILE] = ()
-    tool: Annotated[tuple[SolidSettings, ...], MOST_SOLIDS, units.LIST_OR_WORD_IN_FILE] = ()
+    solid: Annotated[
+        tuple[PlacedSolidSettings, ...], MOST_SOLIDS_OF_CELL, units.LIST_OR_WORD_IN_FILE
+    ] = ()
+    tool: Annotated[tuple[SolidSettings, ...], MOST_SOLIDS_OF_CELL, units.LIST_OR_WORD_IN_FILE] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,8 +96,8 @@ class BoardSettings(units.PoseSettings):
     noise: NoiseModel = field(default_factory=NoiseModel)
 
     def __post_init__(self) -> None:
-        if min(self.size) < SMALLEST_BOARD:
-            raise ValueError(f"size_mm: a board is {1e3 * SMALLEST_BOARD:g} mm wide or wider")
+        if min(self.size) < SMALLEST_BOARD_SIZE:
+            raise ValueError(f"size_mm: a board is {1e3 * SMALLEST_BOARD_SIZE:g} mm wide or wider")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

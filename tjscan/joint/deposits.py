@@ -22,7 +22,7 @@ SINK_DEPTH: Final = 1.5e-3
 """How deep weld metal dips into brace and leg, in metres: solids that only touch don't join."""
 
 _STATIONS, _FACE = 61, 12
-_LEAST_RISE = 0.1e-3
+_LEAST_RISE_HEIGHT = 0.1e-3
 
 
 def tack_solid(definition: JointDefinition, tack: TackWeld, span: Array) -> manifold3d.Manifold:
@@ -37,7 +37,7 @@ def tack_solid(definition: JointDefinition, tack: TackWeld, span: Array) -> mani
     s = groove_sections(definition, phi)
     along = np.linspace(0, tack.length, _STATIONS)
     ramp = np.clip(np.minimum(along, tack.length - along) / TACK_RAMP_LENGTH, 0, 1)
-    rise = np.maximum(tack.height * np.sqrt(ramp * (2 - ramp)), _LEAST_RISE)
+    rise = np.maximum(tack.height * np.sqrt(ramp * (2 - ramp)), _LEAST_RISE_HEIGHT)
     on_bevel = s.p3 + rise[:, None] * s.bevel
     rho = s.p4[:, 0] + rise / np.hypot(1, definition.leg_surface.slope(phi, s.p4[:, 0]))
     on_leg = np.column_stack((rho, definition.leg_surface.height(phi, rho)))

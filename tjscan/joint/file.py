@@ -86,23 +86,23 @@ def _check_tubes(d: JointDefinition) -> None:
     for name, (table, key, _) in LENGTH_KEYS.items():
         value = getattr(d, name)
         if not 0 <= value < np.inf and key != "wall_mm":
-            _refuse(f"{table}.{key}", f"{_mm(value)} is no length")
+            _raise_wrong_key(f"{table}.{key}", f"{_mm(value)} is no length")
     for key, radius, wall in (
         ("leg.wall_mm", d.leg_radius, d.leg_wall),
         ("brace.wall_mm", d.brace_radius, d.brace_wall),
     ):
         if not 0 < wall <= radius - LEAST_BORE_RADIUS:
             most = _mm(radius - LEAST_BORE_RADIUS)
-            _refuse(key, f"a wall of {_mm(wall)} leaves no bore; stay at or below {most}")
+            _raise_wrong_key(key, f"a wall of {_mm(wall)} leaves no bore; stay at or below {most}")
     if d.brace_radius > MOST_RADIUS_RATIO * d.leg_radius:
         most = _mm(2 * MOST_RADIUS_RATIO * d.leg_radius)
-        _refuse(
+        _raise_wrong_key(
             "brace.outer_diameter_mm",
             f"{_mm(2 * d.brace_radius)} is too wide for a leg of {_mm(2 * d.leg_radius)}: "
             f"the groove opens flat at the saddle; stay at or below {most}",
         )
     if not LEAST_BRACE_ANGLE <= d.angle <= MOST_BRACE_ANGLE:
-        _refuse(
+        _raise_wrong_key(
             "brace.angle_deg",
             f"{_deg(d.angle)} is out of range; the angle on the heel side lies between "
             f"{_deg(LEAST_BRACE_ANGLE)} and {_deg(MOST_BRACE_ANGLE)}",
@@ -113,25 +113,25 @@ def _check_groove_table(d: JointDefinition) -> None:
     key = "groove.angle_deg"
     table = np.asarray(d.groove_table, dtype=float)
     if table.ndim != 2 or table.shape[1] != 2 or not np.isfinite(table).all():
-        _refuse(key, "is a list of at least one pair [dihedral_deg, groove_deg]")
+        _raise_wrong_key(key, "is a list of at least one pair [dihedral_deg, groove_deg]")
     if np.any(np.diff(table[:, 0]) <= 0):
-        _refuse(key, "its dihedral angles must grow from pair to pair")
+        _raise_wrong_key(key, "its dihedral angles must grow from pair to pair")
     for angle in table[:, 1]:
         if not LEAST_GROOVE_ANGLE <= angle <= MOST_GROOVE_ANGLE:
-            _refuse(
+            _raise_wrong_key(
                 key,
                 f"a groove angle of {_deg(angle)} is out of range; stay between "
                 f"{_deg(LEAST_GROOVE_ANGLE)} and {_deg(MOST_GROOVE_ANGLE)}",
             )
     widest = min(d.brace_wall, d.brace_inner_radius / 2)
     if d.root_gap > widest:
-        _refuse(
+        _raise_wrong_key(
             "groove.root_gap_mm",
             f"{_mm(d.root_gap)} is too wide for this brace; stay at or below {_mm(widest)}",
         )
     if d.root_face >= d.brace_wall - LEAST_FREE_BEVEL:
         most = _mm(d.brace_wall - LEAST_FREE_BEVEL)
-        _refuse(
+        _raise_wrong_key(
             "groove.root_face_mm",
             f"{_mm(d.root_face)} of a wall of {_mm(d.brace_wall)} leaves no bevel; "
             f"stay below {most}",
@@ -142,7 +142,7 @@ def _check_bevel(s: JointGrooveSections) -> None:
     sharpness = np.arctan2(s.bevel[:, 0], s.bevel[:, 1])
     i = int(np.argmin(sharpness))
     if sharpness[i] < LEAST_BEVEL_ANGLE:
-        _refuse(
+        _raise_wrong_key(
             "groove.angle_deg",
             f"a groove angle of {_deg(s.groove_angle[i])} where the local dihedral angle is "
             f"{_deg(s.dihedral[i])} leaves no bevel on the brace; make it smaller there by at "
@@ -154,14 +154,14 @@ def _check_root(d: JointDefinition, s: JointGrooveSections) -> None:
     free = float(np.min(s.bevel_length)) - d.root_bead
     if free < LEAST_FREE_BEVEL:
         most = _mm(d.root_bead + free - LEAST_FREE_BEVEL)
-        _refuse(
+        _raise_wrong_key(
             "groove.root_bead_mm",
             f"{_mm(d.root_bead)} covers the bevel, which is {_mm(free + d.root_bead)} long; "
             f"stay at or below {most}",
         )
     width = float(np.min(s.root_width))
     if not width >= LEAST_ROOT_WIDTH:
-        _refuse(
+        _raise_wrong_key(
             "groove.root_gap_mm",
             f"gap and bead leave a root only {_mm(width)} wide; open the gap or raise the bead "
             f"until it is {_mm(LEAST_ROOT_WIDTH)}",
@@ -171,7 +171,7 @@ def _check_root(d: JointDefinition, s: JointGrooveSections) -> None:
 def _check_lengths(d: JointDefinition, s: JointGrooveSections) -> None:
     top = float(np.max(s.p2[:, 1])) + LEAST_TUBE_BEYOND_GROOVE
     if d.brace_length < top:
-        _refuse(
+        _raise_wrong_key(
             "brace.length_mm",
             f"{_mm(d.brace_length)} ends in the groove; from where the axes cross it takes at "
             f"least {_mm(top)}",
@@ -180,7 +180,7 @@ def _check_lengths(d: JointDefinition, s: JointGrooveSections) -> None:
     root = cylindrical_to_j(s.phi, s.p4[:, 0], s.p4[:, 1]) @ d.leg_surface.axis
     least = 2 * (float(np.max(np.abs((foot, root)))) + LEAST_TUBE_BEYOND_GROOVE)
     if d.leg_length < least:
-        _refuse(
+        _raise_wrong_key(
             "leg.length_mm",
             f"{_mm(d.leg_length)} doesn't hold the intersection; it takes at least {_mm(least)}",
         )
@@ -192,14 +192,14 @@ def _check_seams(d: JointDefinition, s: JointGrooveSections) -> None:
         y = abs(d.leg_radius * np.sin(seam.at)) - seam.width / 2
         if np.cos(seam.at) > 0 and y < reach:
             least = np.arcsin(min(1.0, (reach + seam.width / 2) / d.leg_radius))
-            _refuse(
+            _raise_wrong_key(
                 f"imperfections.seams.{i}.at_deg",
                 f"at {_deg(seam.at)} the cap runs into the groove, where it would be ground off; "
                 f"keep it {_deg(least)} or more from the top of the leg",
             )
 
 
-def _refuse(key: str, message: str) -> NoReturn:
+def _raise_wrong_key(key: str, message: str) -> NoReturn:
     raise ConfigurationError(message, key=key)
 
 

@@ -251,7 +251,7 @@ class OvalLegSurface(LegSurface):
         radius: Any = np.add(self.radius, distance)
         return replace(self, radius=radius, section=wider)
 
-    def _up(self, y: Array) -> tuple[Array, Array]:
+    def _height_over_axis(self, y: Array) -> tuple[Array, Array]:
         """Height over the leg's axis where the surface is at y, and its slope by y."""
         A, B, C = self.section.quadratic_coefficients()
         up = (-B * y + np.sqrt(np.square(B * y) - A * (C * y * y - 1))) / A
@@ -260,19 +260,19 @@ class OvalLegSurface(LegSurface):
     def height(self, phi: ArrayLike, rho: ArrayLike) -> Array:
         """Z of the surface at an azimuth and a distance from the brace's axis."""
         x, y = np.multiply(rho, np.cos(phi)), np.multiply(rho, np.sin(phi))
-        up, _ = self._up(y)
+        up, _ = self._height_over_axis(y)
         return np.asarray((x * np.cos(self.angle) + up) / np.sin(self.angle))
 
     def slope(self, phi: ArrayLike, rho: ArrayLike) -> Array:
         """Rise of the surface per distance from the brace's axis, in the radial half-plane."""
-        _, fall = self._up(np.multiply(rho, np.sin(phi)))
+        _, fall = self._height_over_axis(np.multiply(rho, np.sin(phi)))
         climb = np.cos(phi) * np.cos(self.angle) + fall * np.sin(phi)
         return np.asarray(climb / np.sin(self.angle))
 
     def azimuth_derivative(self, phi: ArrayLike, rho: ArrayLike) -> Array:
         """Derivative of `point` by the azimuth, in frame j, shape (..., 3)."""
         x, y = np.multiply(rho, np.cos(phi)), np.multiply(rho, np.sin(phi))
-        _, fall = self._up(y)
+        _, fall = self._height_over_axis(y)
         climb = (fall * x - y * np.cos(self.angle)) / np.sin(self.angle)
         return np.stack(np.broadcast_arrays(-y, x, climb), axis=-1)
 

@@ -23,7 +23,7 @@ from tjscan.core.units import DEG, LIST_OR_WORD_IN_FILE, MM, FileUnit, SettingsT
 
 IN_METRES: Final = FileUnit("m")
 
-NARROWEST_GAP: Final = -1e-6
+LEAST_ROOT_GAP: Final = -1e-6
 """Least root gap, in metres: below zero by no more than what rounding of the file leaves."""
 
 
@@ -117,7 +117,7 @@ class HullJoint(SettingsTable):
     def __post_init__(self) -> None:
         if not self.root_face < self.depth:
             raise ValueError("root_face_mm leaves no bevel: it must be smaller than depth_mm")
-        if self.root_gap < NARROWEST_GAP:
+        if self.root_gap < LEAST_ROOT_GAP:
             raise ValueError(
                 f"bevels of {1e3 * (self.depth - self.root_face):.4g} mm depth at this opening "
                 f"angle are {1e3 * (self.width - self.root_gap):.4g} mm wide: make width_mm at "
@@ -210,7 +210,7 @@ def laser_offset(joint: HullJoint, x: float, y: float, heading: float) -> tuple[
     return along, offset
 
 
-HALF_EXTENT: Final = 0.25
+HALF_PLATE_WIDTH: Final = 0.25
 """How far each plate is drawn from the joint, in metres: no laser line is longer."""
 
 OPEN_DEPTH: Final = 0.5
@@ -247,7 +247,7 @@ def hull_section(joint: HullJoint, along: float, passes: int = 0) -> Array:
     """
     along = round(along, MILLIMETRE_DIGITS)
     rises = (min(t.height, t.length / 2 - abs(along - t.at)) for t in joint.tacks)
-    ripples = tuple(joint.ripple * _ripple(along, k) for k in range(len(joint.beads[:passes])))
+    ripples = tuple(joint.ripple * _bead_ripple(along, k) for k in range(len(joint.beads[:passes])))
     return _section_with_welds(joint, max((0.0, *rises)), ripples)
 
 
@@ -256,9 +256,9 @@ def _section_with_welds(joint: HullJoint, tack: float, ripples: tuple[float, ...
     """Section with a tack and with beads whose crowns rise higher by their ripples."""
     section = _section_as_prepared(joint)
     if tack > 0:
-        section = _with_bead(joint, section, WeldBead(level=tack), 0.0)
+        section = _lay_bead(joint, section, WeldBead(level=tack), 0.0)
     for bead, ripple in zip(joint.beads, ripples, strict=False):
-        section = _with_bead(joint, section, bead, ripple)
+        section = _lay_bead(joint, section, bead, ripple)
     return readonly_copy(section)
 
 
@@ -276,13 +276,13 @@ def _section_as_prepared(joint: HullJoint) -> Array:
 def _flank_nodes(joint: HullJoint) -> Array:
     """The right plate from the bottom of its root face outward, without high-low, (n, 2)."""
     gap = max(joint.root_gap / 2, FACE_LEAN)
-    nodes = [(gap, -joint.depth), (joint.width / 2, 0.0), (HALF_EXTENT, 0.0)]
+    nodes = [(gap, -joint.depth), (joint.width / 2, 0.0), (HALF_PLATE_WIDTH, 0.0)]
     if joint.root_face > 0:
         nodes.insert(1, (gap + FACE_LEAN, joint.root_face - joint.depth))
     return np.array(nodes)
 
 
-def _with_bead(joint: HullJoint, section: Array, bead: WeldBead, ripple: float) -> Array:
+def _lay_bead(joint: HullJoint, section: Array, bead: WeldBead, ripple: float) -> Array:
     """Lay a bead on a section: its toes lie on what is there, and it hides what it covers."""
     flank = _flank_nodes(joint)[:-1]
     half = np.interp(bead.level - joint.depth, flank[:, 1], flank[:, 0])
@@ -308,7 +308,7 @@ def _with_bead(joint: HullJoint, section: Array, bead: WeldBead, ripple: float) 
     return np.vstack((rest[:k], np.column_stack((nodes, height)), rest[k:]))
 
 
-def _ripple(along: float, k: int) -> float:
+def _bead_ripple(along: float, k: int) -> float:
     """Ripple along bead k at a place, of standard deviation one."""
     lengths = RIPPLE_WAVELENGTHS
     waves = (sin(2 * pi * along / length + 2.4 * k + i) for i, length in enumerate(lengths))

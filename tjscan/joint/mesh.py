@@ -22,7 +22,7 @@ MOST_CHORD_ERROR: Final = 2e-6
 MOST_BORE_CHORD_ERROR: Final = 50e-6
 """The same for the leg's bore, which no laser sees."""
 
-FEWEST_AZIMUTHS: Final = 1440
+FEWEST_MESH_AZIMUTHS: Final = 1440
 
 BEVEL_STRIPS, BEAD_STRIPS = 8, 4
 """Bevel and bead twist on their way round. Cut into strips, flat triangles follow them."""
@@ -90,7 +90,7 @@ def brace_vertex_azimuths(definition: JointDefinition) -> Array:
     They are even, and closer where triangles would leave an edge, or the faces between, by more
     than `MOST_CHORD_ERROR`: the groove's table has kinks.
     """
-    phi = np.linspace(0, 2 * np.pi, FEWEST_AZIMUTHS, endpoint=False)
+    phi = np.linspace(0, 2 * np.pi, FEWEST_MESH_AZIMUTHS, endpoint=False)
     while True:
         middle = _between(phi)
         coarse = _chord_errors(definition, phi, middle) > MOST_CHORD_ERROR
@@ -102,7 +102,10 @@ def brace_vertex_azimuths(definition: JointDefinition) -> Array:
 def largest_chord_error(definition: JointDefinition) -> float:
     """Largest distance in metres of the mesh near the groove from the true surfaces."""
     phi = brace_vertex_azimuths(definition)
-    radius, segments = (definition.leg_radius, _segments(definition.leg_radius, MOST_CHORD_ERROR))
+    radius, segments = (
+        definition.leg_radius,
+        _prism_sides(definition.leg_radius, MOST_CHORD_ERROR),
+    )
     leg = float(radius * (1 - np.cos(np.pi / segments)))
     return max(leg, float(_chord_errors(definition, phi, _between(phi)).max()))
 
@@ -134,7 +137,7 @@ def _chord_errors(definition: JointDefinition, phi: Array, middle: Array) -> Arr
 
 def _leg_rod(d: JointDefinition, radius: float, length: float, error: float) -> manifold3d.Manifold:
     """A prism about the leg's axis; that of a round leg has the middle of a face on top."""
-    segments = _segments(radius, error)
+    segments = _prism_sides(radius, error)
     across = np.array((-np.cos(d.angle), 0.0, np.sin(d.angle)))
     T = np.column_stack((across, tangential_direction(0.0), d.leg_surface.axis, np.zeros(3)))
     rod = manifold3d.Manifold.cylinder(length, radius, circular_segments=segments, center=True)
@@ -147,7 +150,7 @@ def _leg_rod(d: JointDefinition, radius: float, length: float, error: float) -> 
     return rod.transform(T)
 
 
-def _segments(radius: float, error: float) -> int:
+def _prism_sides(radius: float, error: float) -> int:
     """How many sides a prism takes to stay within `error` of its cylinder; a multiple of 4."""
     return 4 * int(np.ceil(np.pi / np.arccos(1 - error / radius) / 4))
 

@@ -30,7 +30,7 @@ def make_relief_height_function(definition: JointDefinition) -> ReliefHeight | N
     if scale.thickness > 0:
         parts.append(_mill_scale(definition, scale))
     if bevel.scallop_depth > 0:
-        parts.append(_scallops(definition))
+        parts.append(_scallop_heights(definition))
     if not parts:
         return None
     return lambda points_j: np.asarray(sum(part(points_j) for part in parts))
@@ -60,7 +60,7 @@ def _mill_scale(definition: JointDefinition, scale: MillScale) -> ReliefHeight:
     return height
 
 
-def _scallops(definition: JointDefinition) -> ReliefHeight:
+def _scallop_heights(definition: JointDefinition) -> ReliefHeight:
     """Arcs between sharp crests along the bevel, half above and half below its line."""
     cut = definition.imperfections.bevel
 

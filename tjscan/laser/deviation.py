@@ -23,7 +23,7 @@ TERM_DEGREES: Final = tuple(
 )
 """Degrees in x and z of the polynomials that a laser's deviation is made of."""
 
-BY_DEGREE: Final = (0.34, 0.19, 0.13)
+COEFFICIENT_SIGMAS_BY_DEGREE: Final = (0.34, 0.19, 0.13)
 """Standard deviations of the coefficients of first, second and third degree, of lasers whose
 largest deviation in the window is one (`tests/uncertainty/test_causes.py`)."""
 
@@ -82,7 +82,10 @@ class LaserDeviation:
             Metres.
         """
         by_x, by_z = np.moveaxis(legvander((xz - self.middle) / self.half, HIGHEST_DEGREE), 1, 0)
-        each = [BY_DEGREE[i + j - 1] * by_x[:, i] * by_z[:, j] for i, j in TERM_DEGREES]
+        each = [
+            COEFFICIENT_SIGMAS_BY_DEGREE[i + j - 1] * by_x[:, i] * by_z[:, j]
+            for i, j in TERM_DEGREES
+        ]
         terms = self.largest * np.stack(each, axis=1)
         none = np.zeros_like(terms)
         return np.stack((np.hstack((terms, none)), np.hstack((none, terms))), axis=1)
@@ -142,15 +145,15 @@ class Distortion:
         z = np.linspace(model.near, model.far, SAMPLE_COUNT)
         slopes = np.linspace(-1, 1, SAMPLE_COUNT)[:, None]
         x = slopes * (z - model.emitter_z) * np.tan(model.half_angle)
-        errors = field._errors(x.ravel(), np.broadcast_to(z, x.shape).ravel())
+        errors = field._errors_at(x.ravel(), np.broadcast_to(z, x.shape).ravel())
         largest = np.abs(errors).max()
         return cls(model.linearity / largest * field.coefficients, field.middle, field.half)
 
     def distort(self, x_s: Array, z_s: Array) -> tuple[Array, Array]:
         """Give points as the sensor reports them, for where they are; shape (n,), metres."""
-        dx, dz = self._errors(x_s, z_s)
+        dx, dz = self._errors_at(x_s, z_s)
         return x_s + dx, z_s + dz
 
-    def _errors(self, x_s: Array, z_s: Array) -> Array:
+    def _errors_at(self, x_s: Array, z_s: Array) -> Array:
         u, v = (x_s - self.middle[0]) / self.half[0], (z_s - self.middle[1]) / self.half[1]
         return np.array([legval2d(u, v, c) for c in self.coefficients])

@@ -96,7 +96,7 @@ class LaserDriverInputs:
 LaserDriverFactory = DriverFactory[LaserDriverInputs, LineLaser]
 
 
-def _simulated(context: LaserDriverInputs, settings: NoSettings) -> SimulatedLaser:
+def _make_simulated_laser(context: LaserDriverInputs, settings: NoSettings) -> SimulatedLaser:
     import numpy as np
 
     from tjscan.core.frames import inverse_pose
@@ -117,30 +117,32 @@ def _simulated(context: LaserDriverInputs, settings: NoSettings) -> SimulatedLas
     )
 
 
-def _replayed(context: LaserDriverInputs, settings: NoSettings) -> ReplayedLaser:
+def _make_replayed_laser(context: LaserDriverInputs, settings: NoSettings) -> ReplayedLaser:
     from tjscan.laser.replay import ReplayedLaser
 
     poses, profiles = context.recording()
     return ReplayedLaser(poses, profiles, context.carrier.T_b_f, context.carrier.time)
 
 
-def _genicam(inputs: LaserDriverInputs, settings: GenicamSettings) -> GenicamLaser:
+def _make_genicam_laser(inputs: LaserDriverInputs, settings: GenicamSettings) -> GenicamLaser:
     from tjscan.laser.genicam.gige import GenicamLaser
 
     return GenicamLaser(settings, inputs.carrier.time)
 
 
-def _scancontrol(inputs: LaserDriverInputs, settings: ScanControlSettings) -> ScanControlLaser:
+def _make_scancontrol_laser(
+    inputs: LaserDriverInputs, settings: ScanControlSettings
+) -> ScanControlLaser:
     from tjscan.laser.genicam.gige import ScanControlLaser
 
     return ScanControlLaser(settings, inputs.carrier.time)
 
 
-SIMULATED_DRIVER: Final = LaserDriverFactory(_simulated, kind=DriverKind.SIMULATED)
-REPLAY_DRIVER: Final = LaserDriverFactory(_replayed, kind=DriverKind.REPLAYED)
+SIMULATED_DRIVER: Final = LaserDriverFactory(_make_simulated_laser, kind=DriverKind.SIMULATED)
+REPLAY_DRIVER: Final = LaserDriverFactory(_make_replayed_laser, kind=DriverKind.REPLAYED)
 
-GENICAM_DRIVER: Final = LaserDriverFactory(_genicam, GenicamSettings)
-SCANCONTROL_DRIVER: Final = LaserDriverFactory(_scancontrol, ScanControlSettings)
+GENICAM_DRIVER: Final = LaserDriverFactory(_make_genicam_laser, GenicamSettings)
+SCANCONTROL_DRIVER: Final = LaserDriverFactory(_make_scancontrol_laser, ScanControlSettings)
 
 LASER_DRIVERS: Final[DriverRegistry[LaserDriverFactory]] = DriverRegistry(
     "laser",

@@ -84,18 +84,18 @@ def apply_faults(
     kind = np.where(hits.seen, PointOrigin.TRUE, PointOrigin.MISSING).astype(np.int8)
     intensity = np.where(hits.seen, cosine, 0.0)
 
-    flying = _flyers(hits, model, streams.flyers)
+    flying = _flying_point_distances(hits, model, streams.flyers)
     flies = np.isfinite(flying)
-    distance += _bias(cosine, model)
-    distance -= _interreflection(hits, model)
+    distance += _incidence_bias(cosine, model)
+    distance -= _interreflection_pulls(hits, model)
     distance[flies], kind[flies] = flying[flies], PointOrigin.FLYER
-    kind[_dropped(cosine, model, streams.dropout)] = PointOrigin.MISSING
+    kind[_columns_dropped(cosine, model, streams.dropout)] = PointOrigin.MISSING
 
-    ghosts = _ghosts(hits, model, streams.ghosts)
+    ghosts = _columns_with_mirror_image(hits, model, streams.ghosts)
     distance[ghosts], kind[ghosts] = hits.ghost[ghosts], PointOrigin.GHOST
     intensity[ghosts] *= model.ghost_intensity
 
-    strays, offsets = _strays(hits, model, streams.strays)
+    strays, offsets = _stray_points(hits, model, streams.strays)
     are_true = kind[strays] == PointOrigin.TRUE
     strays, offsets = strays[are_true], offsets[are_true]
     distance[strays] += offsets
@@ -111,7 +111,7 @@ def apply_faults(
     z_s = model.emitter_z + distance * hits.directions_s[:, 2]
     if distortion is not None:
         x_s, z_s = distortion.distort(x_s, z_s)
-    x_s, z_s = _quantised(x_s, model.step), _quantised(z_s, model.step)
+    x_s, z_s = _quantise(x_s, model.step), _quantise(z_s, model.step)
     kind[~((z_s >= model.near) & (z_s <= model.far))] = PointOrigin.MISSING
     gone = kind == PointOrigin.MISSING
     x_s[gone], z_s[gone], intensity[gone] = np.nan, np.nan, 0.0
@@ -169,7 +169,7 @@ def choose_column_runs(
     return np.asarray(eligible[np.repeat(first, lengths) + inside])
 
 
-def _bias(cosine: Array, model: LaserModel) -> Array:
+def _incidence_bias(cosine: Array, model: LaserModel) -> Array:
     """Excess of the range, growing with the tangent of the incidence up to its limit."""
     if model.bias == 0:
         return np.zeros_like(cosine)
@@ -177,13 +177,15 @@ def _bias(cosine: Array, model: LaserModel) -> Array:
     return np.minimum(model.bias * tangent, model.bias_limit)
 
 
-def _dropped(cosine: Array, model: LaserModel, rng: Generator) -> NDArray[np.bool_]:
+def _columns_dropped(cosine: Array, model: LaserModel, rng: Generator) -> NDArray[np.bool_]:
     """Columns that lose their point to a grazing incidence."""
     ramp = (np.arccos(cosine) - model.dropout_start) / (model.dropout_end - model.dropout_start)
     return np.asarray(rng.random(len(cosine)) < model.dropout * np.clip(ramp, 0.0, 1.0))
 
 
-def _ghosts(hits: LaserRayHits, model: LaserModel, rng: Generator) -> NDArray[np.intp]:
+def _columns_with_mirror_image(
+    hits: LaserRayHits, model: LaserModel, rng: Generator
+) -> NDArray[np.intp]:
     """Columns that show the mirror image instead of the face."""
     if model.ghosts == 0:
         return np.empty(0, dtype=np.intp)
@@ -193,7 +195,7 @@ def _ghosts(hits: LaserRayHits, model: LaserModel, rng: Generator) -> NDArray[np
     return choose_column_runs(rng, possible, count, model.ghost_run)
 
 
-def _flyers(hits: LaserRayHits, model: LaserModel, rng: Generator) -> Array:
+def _flying_point_distances(hits: LaserRayHits, model: LaserModel, rng: Generator) -> Array:
     """Distances of the points that fly, NaN for the others, shape (n,).
 
     They are somewhere between the two sides of an edge, and miss that span at random.
@@ -212,7 +214,7 @@ def _flyers(hits: LaserRayHits, model: LaserModel, rng: Generator) -> Array:
     return flying
 
 
-def _strays(
+def _stray_points(
     hits: LaserRayHits, model: LaserModel, rng: Generator
 ) -> tuple[NDArray[np.intp], Array]:
     """Columns that stray, rising, and how far along their rays; one distance for each run."""
@@ -225,7 +227,7 @@ def _strays(
     return strays, np.asarray(offsets[run])
 
 
-def _interreflection(hits: LaserRayHits, model: LaserModel) -> Array:
+def _interreflection_pulls(hits: LaserRayHits, model: LaserModel) -> Array:
     """How far each point is pulled towards the sensor, shape (n,).
 
     Light that one face throws onto the other fills a notch. The pull is largest at the notch
@@ -261,7 +263,7 @@ def _edges_between_columns(hits: LaserRayHits, model: LaserModel) -> NDArray[np.
     return np.asarray(edge & hit[:-1] & hit[1:])
 
 
-def _quantised(values: Array, step: float) -> Array:
+def _quantise(values: Array, step: float) -> Array:
     """Values rounded to whole steps."""
     return np.asarray(np.round(values / step) * step) if step > 0 else values
 

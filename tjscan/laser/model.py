@@ -19,7 +19,7 @@ EXTENDED_RANGE: Final = (0.125, 0.390)
 
 # The trapezoid is 83 mm wide at z = 190 mm and 121 mm at z = 290 mm; its sides meet at the emitter.
 _WINDOW_SLOPE: Final = 0.5 * (0.121 - 0.083) / (0.290 - 0.190)
-_APEX_Z: Final = 0.190 - 0.5 * 0.083 / _WINDOW_SLOPE
+_WINDOW_APEX_Z: Final = 0.190 - 0.5 * 0.083 / _WINDOW_SLOPE
 
 _PROBABILITY_FIELDS: Final = ("dropout", "missing", "ghosts", "flyers", "strays")
 _AMPLITUDE_FIELDS: Final = (
@@ -129,10 +129,10 @@ class LaserModel(SettingsTable):
     columns: Annotated[int, NOT_IN_FILE] = 640
     near: Annotated[float, NOT_IN_FILE] = STANDARD_RANGE[0]
     far: Annotated[float, NOT_IN_FILE] = STANDARD_RANGE[1]
-    emitter_z: Annotated[float, NOT_IN_FILE] = _APEX_Z
+    emitter_z: Annotated[float, NOT_IN_FILE] = _WINDOW_APEX_Z
     half_angle: Annotated[float, NOT_IN_FILE] = math.atan(_WINDOW_SLOPE)
     detector_y: Annotated[float, NOT_IN_FILE] = 0.080
-    detector_z: Annotated[float, NOT_IN_FILE] = _APEX_Z
+    detector_z: Annotated[float, NOT_IN_FILE] = _WINDOW_APEX_Z
     noise: Annotated[float, Ge(0), Le(5), MM] = 30e-6
     noise_correlation: Annotated[float, Ge(0), Le(100), POINTS] = 4.0
     bias: Annotated[float, Ge(0), Le(5), MM] = 20e-6
@@ -165,28 +165,32 @@ class LaserModel(SettingsTable):
         for field in fields(self):
             value = getattr(self, field.name) or 0.0
             values = value if isinstance(value, tuple) else (value,)
-            _require(all(map(math.isfinite, values)), field.name, "must be finite")
+            _require_valid(all(map(math.isfinite, values)), field.name, "must be finite")
         in_steps = 80 <= self.columns <= 640 and self.columns % 80 == 0
-        _require(in_steps, "columns", "must be 80 to 640 in steps of 80")
-        _require(0 < self.near < self.far, "near", "must be positive and smaller than far")
+        _require_valid(in_steps, "columns", "must be 80 to 640 in steps of 80")
+        _require_valid(0 < self.near < self.far, "near", "must be positive and smaller than far")
         for name in ("emitter_z", "detector_z"):
-            _require(getattr(self, name) < self.near, name, "must be before the range")
-        _require(0 < self.half_angle < math.pi / 2, "half_angle", "must be between 0 and 90°")
+            _require_valid(getattr(self, name) < self.near, name, "must be before the range")
+        _require_valid(0 < self.half_angle < math.pi / 2, "half_angle", "must be between 0 and 90°")
         for name in (*_PROBABILITY_FIELDS, "ghost_share", "ghost_intensity"):
-            _require(0 <= getattr(self, name) <= 1, name, "is a fraction, from 0 to 1")
+            _require_valid(0 <= getattr(self, name) <= 1, name, "is a fraction, from 0 to 1")
         for name in _AMPLITUDE_FIELDS:
-            _require(getattr(self, name) >= 0, name, "can't be negative; 0 switches it off")
+            _require_valid(getattr(self, name) >= 0, name, "can't be negative; 0 switches it off")
         rising = 0 <= self.dropout_start < self.dropout_end <= math.pi / 2
-        _require(rising, "dropout_end", "must be above dropout_start and not above 90°")
+        _require_valid(rising, "dropout_end", "must be above dropout_start and not above 90°")
         for name in ("flyer_crease", "notch"):
-            _require(0 < getattr(self, name) < math.pi, name, "must be between 0 and 180°")
+            _require_valid(0 < getattr(self, name) < math.pi, name, "must be between 0 and 180°")
         for name in ("flyer_jump", "interreflection_reach"):
-            _require(getattr(self, name) > 0, name, "must be positive")
+            _require_valid(getattr(self, name) > 0, name, "must be positive")
         least, largest = self.stray_offset
-        _require(0 <= least <= largest, "stray_offset", "is the least and the largest distance")
+        _require_valid(
+            0 <= least <= largest, "stray_offset", "is the least and the largest distance"
+        )
         for name in ("missing_run", "ghost_run", "stray_run"):
             shortest, longest = getattr(self, name)
-            _require(1 <= shortest <= longest, name, "is the shortest and the longest run, from 1")
+            _require_valid(
+                1 <= shortest <= longest, name, "is the shortest and the longest run, from 1"
+            )
 
     @classmethod
     def without_faults(cls, **changes: Any) -> Self:
@@ -195,6 +199,6 @@ class LaserModel(SettingsTable):
         return cls(**{**dict.fromkeys(faults, 0.0), **changes})
 
 
-def _require(condition: bool, key: str, message: str) -> None:
+def _require_valid(condition: bool, key: str, message: str) -> None:
     if not condition:
         raise ConfigurationError(message, key=key)

@@ -193,7 +193,7 @@ def trace_laser_rays(
     emitter = transform_points(T_j_s, (0.0, 0.0, model.emitter_z))
     rays = directions_s @ R.T
     hits = surface.cast_rays(np.broadcast_to(emitter, rays.shape), rays)
-    seen = _in_range(hits.distance, directions_s, model)
+    seen = _is_in_range(hits.distance, directions_s, model)
     ghost = np.full(len(rays), np.nan)
 
     index = np.flatnonzero(seen)
@@ -208,7 +208,7 @@ def trace_laser_rays(
         seen[index] = ~surface.is_hidden_from(points, hits.normals[index], detector)
     if model.ghosts > 0 and index.size:
         ghost[index] = _mirror_images(surface, points, rays[index], hits, index)
-        ghost[~(seen & _in_range(ghost, directions_s, model))] = np.nan
+        ghost[~(seen & _is_in_range(ghost, directions_s, model))] = np.nan
     return LaserRayHits(directions_s, distance, hits.normals @ R, seen, ghost)
 
 
@@ -231,7 +231,7 @@ def _mirror_images(
     return np.where(np.isfinite(second) & (second > LEAST_GHOST_DISTANCE), image, np.nan)
 
 
-def _in_range(distance: Array, directions_s: Array, model: LaserModel) -> NDArray[np.bool_]:
+def _is_in_range(distance: Array, directions_s: Array, model: LaserModel) -> NDArray[np.bool_]:
     """Whether points at these distances from the emitter are in the trapezoid, shape (n,)."""
     z = model.emitter_z + distance * directions_s[:, 2]
     return np.asarray((z >= model.near) & (z <= model.far))

@@ -66,11 +66,11 @@ class RecordedPoses:
         """
         at = self._at
         for T in T_b_f:
-            at = self._find(T, at + 1)
+            at = self._find_view(T, at + 1)
 
     def go_to_view(self, T_b_f: Array) -> None:
         """Go on to the view from a pose; raises as `check_recorded` does."""
-        self._at, self._taken = self._find(T_b_f, self._at + 1), False
+        self._at, self._taken = self._find_view(T_b_f, self._at + 1), False
 
     def take_profile_number(self, T_b_f: Array) -> int:
         """Number of the profile that was recorded from a pose; goes on in the recording.
@@ -87,21 +87,21 @@ class RecordedPoses:
         """
         if self._taken or self._at < 0:
             try:
-                self._at = self._find(T_b_f, self._at + 1)
+                self._at = self._find_view(T_b_f, self._at + 1)
             except ViewNotRecorded as error:
                 message = f"the recording holds no further profile from there: {error.reason}"
                 raise LaserFault(message) from None
         self._taken = True
         return self._at
 
-    def _find(self, T_b_f: Array, start: int) -> int:
+    def _find_view(self, T_b_f: Array, start: int) -> int:
         """First view from `start` on that was recorded from a pose."""
-        gaps = _gaps(self._poses[start:], T_b_f)
+        gaps = _pose_differences(self._poses[start:], T_b_f)
         for limits in ((SAME_POSE_TOLERANCE, SAME_POSE_TOLERANCE), (self._distance, self._angle)):
             near = np.flatnonzero((gaps <= limits).all(axis=1))
             if len(near):
                 return start + int(near[0])
-        raise ViewNotRecorded(_what_is_near(gaps), T_b_f)
+        raise ViewNotRecorded(_describe_nearest_pose(gaps), T_b_f)
 
 
 class ReplayedLaser(LocalDevice):
@@ -144,7 +144,7 @@ class ReplayedLaser(LocalDevice):
         return replace(profile, time=profile.time + (self._time() - self._poses.times[i]))
 
 
-def _gaps(poses: Array, T: Array) -> Array:
+def _pose_differences(poses: Array, T: Array) -> Array:
     """Metres and radians from each of many poses, shape (n, 4, 4), to one, shape (n, 2)."""
     apart = poses - T
     chord = np.linalg.norm(apart[:, :3, :3], axis=(1, 2)) / np.sqrt(8)  # sin(angle / 2)
@@ -152,7 +152,7 @@ def _gaps(poses: Array, T: Array) -> Array:
     return np.column_stack((np.linalg.norm(apart[:, :3, 3], axis=1), angle))
 
 
-def _what_is_near(gaps: Array) -> str:
+def _describe_nearest_pose(gaps: Array) -> str:
     if not len(gaps):
         return "the recording ends before it"
     distance, angle = gaps[int(gaps[:, 0].argmin())]

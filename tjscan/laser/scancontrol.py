@@ -125,7 +125,7 @@ def parse_scancontrol(
     row = raw[:size]
     if settings.layout == "full" or settings.time_stamp:
         _check_time_stamp(row[-TIME_STAMP_BYTES:])
-    read = _full_profile if settings.layout == "full" else _container
+    read = _full_profile if settings.layout == "full" else _raw_coordinates
     raw_x, raw_z = read(row, settings)
     missing = raw_z == 0  # also if the axis is turned round
     if settings.layout == "full" and settings.reflection == REFLECTION_COUNT:
@@ -145,7 +145,7 @@ def _full_profile(row: bytes, settings: ScanControlSettings) -> tuple[Array, Arr
     return chosen[:, 2], chosen[:, 3]
 
 
-def _container(row: bytes, settings: ScanControlSettings) -> tuple[Array, Array]:
+def _raw_coordinates(row: bytes, settings: ScanControlSettings) -> tuple[Array, Array]:
     """Raw x and z: fields of the row, one behind the other."""
     words = np.frombuffer(row, dtype="<u2" if settings.little_endian else ">u2").astype(np.float64)
     found, begin = {}, 0

@@ -25,7 +25,7 @@ from tjscan.result.directions import section_directions
 IN_PLANE_DISTANCE: Final = 0.2e-3
 """Metres from a section's plane within which points belong to its profile."""
 
-MOST_DOTS: Final = 250
+MOST_PROFILE_DOTS: Final = 250
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +190,7 @@ def _draw_section(
             "steel": _steel_path(plane, bore, is_open="root opening" in by_name) if rooted else "",
             "outline": straight + ("M" + plane.bent_leg if plane.seen[3] else ""),
             "dots": "".join(
-                f"M{x:.2f} {y:.2f}h0" for x, y in dots[:: -(-len(dots) // MOST_DOTS) or 1]
+                f"M{x:.2f} {y:.2f}h0" for x, y in dots[:: -(-len(dots) // MOST_PROFILE_DOTS) or 1]
             ),
             "thin": "".join(thin for thin, _, _ in marks),
         },

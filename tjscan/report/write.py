@@ -26,7 +26,7 @@ from tjscan.result.picture import write_png
 from tjscan.result.section import MEASURE_FIELDS, SIGMA_FIELDS
 from tjscan.runs.tasks import page_of_task, task_with_own_page
 
-ALIGNED_BY: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest points"}
+ALIGNMENT_METHOD_TEXTS: Final = {"none": "", "joint": "the tubes of both", "icp": "nearest points"}
 """What brought what was measured onto its reference."""
 
 REPORT_PICTURES: Final = {
@@ -73,7 +73,9 @@ def render_report_page(data: ReportData) -> str:
         by_the_clock=data.unwrapped_azimuths is not None,
         comparison=comparison,
         compared_with="" if comparison is None else findings.name_of_reference(comparison),
-        aligned_by=ALIGNED_BY["none" if comparison is None else comparison.alignment.method],
+        aligned_by=ALIGNMENT_METHOD_TEXTS[
+            "none" if comparison is None else comparison.alignment.method
+        ],
         scans=[*scans, ("all" if several else "scan", data.summary)],
         events=[(place.name, event) for place in data.places for event in place.events][
             :MOST_EVENTS

@@ -229,7 +229,7 @@ def draw_profile(axes: Any, reading: ProfileReading) -> None:
     profile = reading.profile
     axes.plot(1e3 * profile.z_s, 1e3 * profile.x_s, ".", color=LASER_COLOUR, markersize=1.2)
     for i, (x, _, z) in enumerate(1e3 * reading.points_s, start=1):
-        if not reading.is_seen[i - 1]:
+        if not reading.corners_seen[i - 1]:
             continue
         axes.plot(z, x, "o", color=CORNER_COLOUR, markersize=3)
         axes.annotate(f"$p_{i}$", (z, x), xytext=(8, -2), textcoords="offset points")

@@ -53,7 +53,7 @@ class ProfileReading:
         return ", ".join(found)
 
     @property
-    def is_seen(self) -> tuple[bool, ...]:
+    def corners_seen(self) -> tuple[bool, ...]:
         """Which of the corners show in the profile, one for each of `points_s`."""
         absent = () if self.section is None else self.section.absent
         return tuple(f"p{i}" not in absent for i in range(1, len(self.points_s) + 1))

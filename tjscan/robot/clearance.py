@@ -110,7 +110,7 @@ class ClearPathPlanner:
         if self.kinematics.smallest_singular_value(goal) < self.margins.singular:
             return False
         walk = _DistancesOnPath(self._model, np.array([q, goal]))
-        return self._first_too_near(walk)[1] is None
+        return self._find_first_contact(walk)[1] is None
 
     def _check_singular(self, path: Array, T_b_f: Array) -> None:
         smallest = np.array([self.kinematics.smallest_singular_value(q) for q in path])
@@ -128,7 +128,7 @@ class ClearPathPlanner:
 
     def _check_clear(self, path: Array, T_b_f: Array) -> None:
         walk = _DistancesOnPath(self._model, path)
-        least, touched = self._first_too_near(walk)
+        least, touched = self._find_first_contact(walk)
         if touched is None:
             return
         short = least - walk.distances(touched)
@@ -150,7 +150,7 @@ class ClearPathPlanner:
         own = np.array([pair.own for pair in self._model.pairs], dtype=bool)
         return np.where(own, self.margins.own, self.margins.solids)
 
-    def _first_too_near(self, walk: _DistancesOnPath) -> tuple[Array, float | None]:
+    def _find_first_contact(self, walk: _DistancesOnPath) -> tuple[Array, float | None]:
         """Least distances of a walk, and the first s at which one is less, or None."""
         start, margins = walk.distances(0.0), self._margins_of_pairs
         least = np.where(start < margins, np.maximum(start - MARGIN_ROUNDING, 0.0), margins)

@@ -99,7 +99,7 @@ def _shoulder_angles(g: UrDhLengths, T: Array) -> Array:
     """Joint 1 both ways, shape (m, 2)."""
     p5 = T[:, :3, 3] - g.d6 * T[:, :3, 2]
     # z1 = (sin q1, -cos q1, 0), and the wrist is d4 along it: p5 . z1 = d4.
-    lean = np.arcsin(_bounded(g.d4, np.hypot(p5[:, 0], p5[:, 1])))
+    lean = np.arcsin(_cosine_or_nan(g.d4, np.hypot(p5[:, 0], p5[:, 1])))
     bearing = np.arctan2(p5[:, 1], p5[:, 0])
     return np.stack((bearing + lean, bearing + pi - lean), axis=1)
 
@@ -133,14 +133,14 @@ def _joint_angles(g: UrDhLengths, T: Array, q1: Array, q5: Array, q6: Array) -> 
     c5, s5 = np.cos(q5)[..., None], np.sin(q5)[..., None]
     x4 = c5 * x6 - s5 * R[..., 2]
     q234 = np.arctan2(x4[..., 2], c1 * x4[..., 0] + s1 * x4[..., 1])
-    cosine = _bounded(x**2 + y**2 - g.a2**2 - g.a3**2, 2 * g.a2 * g.a3)
+    cosine = _cosine_or_nan(x**2 + y**2 - g.a2**2 - g.a3**2, 2 * g.a2 * g.a3)
     bend = np.arccos(cosine)[..., None] * np.array((1.0, -1.0))
     q2 = np.arctan2(y, x)[..., None] - np.arctan2(g.a3 * np.sin(bend), g.a2 + g.a3 * np.cos(bend))
     q1, q5, q6 = (np.broadcast_to(q[..., None], q2.shape) for q in (q1, q5, q6))
     return np.stack((q1, q2, bend, q234[..., None] - q2 - bend, q5, q6), axis=-1)
 
 
-def _bounded(part: Array | float, whole: Array | float) -> Array:
+def _cosine_or_nan(part: Array | float, whole: Array | float) -> Array:
     """``part / whole`` if that is a sine or cosine, not a number if no angle has it."""
     part, whole = np.asarray(part), np.asarray(whole)
     can = (np.abs(part) <= np.abs(whole) * (1 + REACH_ROUNDING)) & (whole != 0)

@@ -55,7 +55,7 @@ class BodyPair:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Body:
+class _CollisionBody:
     """A body as Pinocchio knows it, with what it is to the pairs."""
 
     geometry: Any
@@ -114,9 +114,12 @@ class CollisionModel:
         self._data = kinematics.model.createData()
         self._ignored = {frozenset(pair) for pair in (*IGNORED_PAIRS, *ignored)}
         self._self_collision = self_collision
-        self._arm = [*_links(kinematics), *(_carried(kinematics, solid) for solid in tool)]
+        self._arm = [
+            *_link_bodies(kinematics),
+            *(_carried_body(kinematics, solid) for solid in tool),
+        ]
         self._around = [_fixed(kinematics, solid) for solid in solids]
-        self._build(self._around)
+        self._build_geometry(self._around)
 
     def distances(self, q: Array) -> Array:
         """Distances of `pairs` in metres, shape (p,), for joint angles, shape (n,), in radians.
@@ -176,9 +179,11 @@ class CollisionModel:
         mesh.endModel()
         T_root_b = pin.SE3(self._kinematics.T_root_b)
         groove = pin.GeometryObject(SCANNED_GROOVE, 0, T_root_b, mesh)
-        self._build([*self._around, _Body(groove, SCANNED_GROOVE, SCANNED_GROOVE)])
+        self._build_geometry(
+            [*self._around, _CollisionBody(groove, SCANNED_GROOVE, SCANNED_GROOVE)]
+        )
 
-    def _build(self, around: Sequence[_Body]) -> None:
+    def _build_geometry(self, around: Sequence[_CollisionBody]) -> None:
         self._geometry = geometry = pin.GeometryModel()
         bodies = [*self._arm, *around]
         for body in bodies:
@@ -199,12 +204,12 @@ class CollisionModel:
         self.reach = np.array(reach).reshape(len(pairs), self._kinematics.model.nq)
         self._results = pin.GeometryData(geometry)
 
-    def _must_keep_apart(self, first: _Body, second: _Body) -> bool:
+    def _must_keep_apart(self, first: _CollisionBody, second: _CollisionBody) -> bool:
         """Whether two bodies of the arm are looked at: not those that one joint connects."""
         ignored = frozenset((first.ignored_as, second.ignored_as)) in self._ignored
         return self._self_collision and abs(first.joint - second.joint) > 1 and not ignored
 
-    def _approach_by_joint(self, first: _Body, second: _Body) -> Array:
+    def _approach_by_joint(self, first: _CollisionBody, second: _CollisionBody) -> Array:
         """Farthest that a point of the outer body can be from each joint between the two."""
         inner, outer = sorted((first, second), key=lambda body: body.joint)
         shape = outer.geometry.geometry
@@ -232,7 +237,7 @@ def check_ignored_links(kinematics: Kinematics, pairs: Iterable[tuple[str, str]]
         raise ConfigurationError(f"no link {name!r}; did you mean: {nearest_word(name, known)}?")
 
 
-def _links(kinematics: Kinematics) -> list[_Body]:
+def _link_bodies(kinematics: Kinematics) -> list[_CollisionBody]:
     model, urdf = kinematics.model, kinematics.urdf
     try:
         kind = pin.GeometryType.COLLISION
@@ -247,7 +252,7 @@ def _links(kinematics: Kinematics) -> list[_Body]:
         if any(_is_end_of_capsule(one, capsule) for capsule in capsules):
             continue
         name = str(model.frames[one.parentFrame].name)
-        bodies.append(_Body(one, name, name))
+        bodies.append(_CollisionBody(one, name, name))
     return bodies
 
 
@@ -269,21 +274,21 @@ def _is_end_of_capsule(one: Any, capsule: Any) -> bool:
     return bool(aside + one.geometry.radius <= capsule.geometry.radius + 1e-6)
 
 
-def _carried(kinematics: Kinematics, solid: Solid) -> _Body:
-    flange, shape = kinematics.flange, _shape(solid.shape)
+def _carried_body(kinematics: Kinematics, solid: Solid) -> _CollisionBody:
+    flange, shape = kinematics.flange, _collision_geometry(solid.shape)
     frame = kinematics.model.frames[flange]
     placement = frame.placement * pin.SE3(np.asarray(solid.T))
     geometry = pin.GeometryObject(solid.name, frame.parentJoint, flange, placement, shape)
-    return _Body(geometry, solid.name, TOOL_SOLIDS)
+    return _CollisionBody(geometry, solid.name, TOOL_SOLIDS)
 
 
-def _fixed(kinematics: Kinematics, solid: Solid) -> _Body:
+def _fixed(kinematics: Kinematics, solid: Solid) -> _CollisionBody:
     placement = pin.SE3(kinematics.T_root_b @ solid.T)
-    geometry = pin.GeometryObject(solid.name, 0, placement, _shape(solid.shape))
-    return _Body(geometry, solid.name, solid.name)
+    geometry = pin.GeometryObject(solid.name, 0, placement, _collision_geometry(solid.shape))
+    return _CollisionBody(geometry, solid.name, solid.name)
 
 
-def _shape(shape: SolidShape) -> Any:
+def _collision_geometry(shape: SolidShape) -> Any:
     if isinstance(shape, Box):
         return coal.Box(*shape.size)
     kinds = {Cylinder: coal.Cylinder, Capsule: coal.Capsule}

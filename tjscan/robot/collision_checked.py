@@ -26,7 +26,7 @@ its nominal model, far less than another configuration does."""
 Way = Sequence[tuple[bool, Array, Array | None]]
 """Segments of a way: each straight or in joint space, its end, joint angles near its end."""
 
-LARGEST_SWEEP: Final = np.pi / 2
+LARGEST_JOINT_SWEEP: Final = np.pi / 2
 """Radians a joint may turn on a move that has to end near given joint angles: where
 one runs into its limit, the same pose a whole turn away is not near."""
 
@@ -72,11 +72,11 @@ class ClearPath:
         near = f"come within {1e3 * blocked.distance:.1f} mm of it"
         touches = near if blocked.distance > 0 else "run into it"
         return (
-            f"round {blocked.other}, {self._how()}: {blocked.share:.0%} of the direct way "
+            f"round {blocked.other}, {self._describe()}: {blocked.share:.0%} of the direct way "
             f"{blocked.moving} would {touches}"
         )
 
-    def _how(self) -> str:
+    def _describe(self) -> str:
         if len(self.segments) == 1:
             return "into another configuration"
         if not self.segments[0].straight:
@@ -121,17 +121,17 @@ class CollisionCheckedArm:
         self._arm, self.clearance, self._lifts = arm, clearance, tuple(lifts)
         self._back_f = -np.asarray(T_f_s)[:3, 2]
         self._report: EventListener = lambda name, detail: None
-        self._latch = MotionLock()
+        self._latch_clock = MotionLock()
 
     def __enter__(self) -> Self:
         """Connect the arm."""
-        self._latch.clear_stop()
+        self._latch_clock.clear_stop()
         self._arm.__enter__()
         return self
 
     def __exit__(self, *error: Any) -> None:
         """Stop and disconnect the arm."""
-        self._latch.stop()
+        self._latch_clock.stop()
         self._arm.__exit__(*error)
 
     def state(self) -> ArmState:
@@ -176,7 +176,7 @@ class CollisionCheckedArm:
         PathBlocked
             Before anything moves, if arm or tool come too near to something, detours included.
         """
-        return self._move(T_b_f, straight=True)
+        return self._move_segment(T_b_f, straight=True)
 
     def move_joint_to_pose(
         self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
@@ -185,16 +185,16 @@ class CollisionCheckedArm:
 
         With `near` it ends in that configuration and no other.
         """
-        return self._move(T_b_f, straight=False, near=near, direct=direct)
+        return self._move_segment(T_b_f, straight=False, near=near, direct=direct)
 
     def stop(self) -> None:
         """Bring the arm to rest now, and begin no further segment. See `Arm.stop`."""
-        self._latch.stop()
+        self._latch_clock.stop()
         self._arm.stop()
 
     def accept_moves_again(self) -> None:
         """Take commands again after a stop, once all segments of the move have ended."""
-        self._latch.clear_stop()
+        self._latch_clock.clear_stop()
         self._arm.accept_moves_again()
 
     def plan_clear_path(
@@ -230,18 +230,18 @@ class CollisionCheckedArm:
             Of the direct path, if no other way keeps clear either.
         """
         try:
-            return ClearPath(self._segments(q, [(straight, T_b_f, near)]))
+            return ClearPath(self._check_segments(q, [(straight, T_b_f, near)]))
         except PathBlocked as blocked:
             if direct or blocked.share == 0:  # where it is now: no way begins elsewhere
                 raise
-            ways = self._detours(q, T_b_f, near, straight=straight)
+            ways = self._propose_detours(q, T_b_f, near, straight=straight)
             if near is not None:
-                ways = chain(ways, self._searched(q, T_b_f, near))
+                ways = chain(ways, self._search_path(q, T_b_f, near))
             elif not straight:
-                ways = chain(ways, self._configurations(q, T_b_f))
+                ways = chain(ways, self._paths_to_configurations(q, T_b_f))
             for way in ways:
                 try:
-                    segments = self._segments(q, way)
+                    segments = self._check_segments(q, way)
                     if near is not None:
                         _check_near(segments[-1].q, T_b_f, near)
                     return ClearPath(segments, blocked)
@@ -252,7 +252,7 @@ class CollisionCheckedArm:
                 reason += f" No detour up to {1e3 * max(self._lifts):g} mm back keeps clear either."
             raise PathBlocked(**(vars(blocked) | {"reason": reason})) from None
 
-    def _detours(
+    def _propose_detours(
         self, q: Array, T_b_f: Array, near: Array | None, *, straight: bool
     ) -> Iterator[Way]:
         """Ways back, across and forward; the nearer ones first."""
@@ -261,7 +261,7 @@ class CollisionCheckedArm:
             back, ahead = (self._drawn_back(T, lift) for T in (T_start, T_b_f))
             yield [(True, back, None), (across, ahead, near), (True, T_b_f, None)]
 
-    def _searched(self, q: Array, T_b_f: Array, near: Array) -> Iterator[Way]:
+    def _search_path(self, q: Array, T_b_f: Array, near: Array) -> Iterator[Way]:
         """A way through postures to a pose drawn back from the end, and forward from there.
 
         Straight to the end if no line leads forward.
@@ -272,7 +272,7 @@ class CollisionCheckedArm:
             forward: Way = [(True, T_b_f, None)] if lift else []
             try:
                 goal = kinematics.inverse(ahead, near=near)
-                for end in self._segments(goal, forward):
+                for end in self._check_segments(goal, forward):
                     _check_near(end.q, T_b_f, near)
             except PoseUnreachable:
                 continue
@@ -283,7 +283,7 @@ class CollisionCheckedArm:
                 yield [*between, (False, ahead, goal), *forward]
             return
 
-    def _configurations(self, q: Array, T_b_f: Array) -> Iterator[Way]:
+    def _paths_to_configurations(self, q: Array, T_b_f: Array) -> Iterator[Way]:
         """Direct ways into the other configurations; the nearer ones first."""
         for other in self.clearance.kinematics.all_inverse_solutions(T_b_f, near=q)[1:]:
             yield [(False, T_b_f, other)]
@@ -298,7 +298,7 @@ class CollisionCheckedArm:
         T[:3, 3] += lift * T[:3, :3] @ self._back_f
         return T
 
-    def _segments(self, q: Array, way: Way) -> tuple[PathSegment, ...]:
+    def _check_segments(self, q: Array, way: Way) -> tuple[PathSegment, ...]:
         clearance, segments = self.clearance, []
         for straight, T, near in way:
             if straight:
@@ -310,16 +310,16 @@ class CollisionCheckedArm:
             segments.append(PathSegment(straight, T, q))
         return tuple(segments)
 
-    def _move(
+    def _move_segment(
         self, T_b_f: Array, *, straight: bool, near: Array | None = None, direct: bool = False
     ) -> ArmState:
-        with self._latch.hold_for_move():
+        with self._latch_clock.hold_for_move():
             state = self._arm.state()
             path = self.plan_clear_path(state.q, T_b_f, straight=straight, near=near, direct=direct)
             if path.blocked is not None:
                 self._report("detour", str(path))
             for segment in path.segments:
-                self._latch.check_not_stopped()
+                self._latch_clock.check_not_stopped()
                 if segment.straight:
                     state = self._arm.move_linear(segment.T_b_f)
                 else:
@@ -331,7 +331,7 @@ class CollisionCheckedArm:
 def _check_near(q: Array, T_b_f: Array, near: Array) -> None:
     """Refuse a move that is short for the flange and long for a joint."""
     away = np.abs(q - near)
-    if away.max() > LARGEST_SWEEP:
+    if away.max() > LARGEST_JOINT_SWEEP:
         i = int(away.argmax())
         raise PoseUnreachable(
             f"joint {i + 1} would turn by {np.degrees(away[i]):.0f} deg to hold it: the joints "

@@ -109,28 +109,28 @@ class CorrectedArm:
 
     def state(self) -> ArmState:
         """Joint angles, flange pose and time. See `Arm.state`."""
-        return self._corrected(self._arm.state())
+        return self._correct_state(self._arm.state())
 
     def check_moves(self, *T_b_f: Array) -> None:
         """Check that moves are possible, without moving. See `Arm.check_moves`."""
         q, commanded = self._arm.state().q, []
         for T in T_b_f:
             q = self._calibrated.inverse(T, near=q)
-            commanded.append(self._commanded(T, q))
+            commanded.append(self._pose_to_command(T, q))
         self._arm.check_moves(*commanded)
 
     def move_linear(self, T_b_f: Array) -> ArmState:
         """Move the flange on a straight line to a pose. See `Arm.move_linear`."""
         q = self._calibrated.inverse(T_b_f, near=self._arm.state().q)
-        return self._corrected(self._arm.move_linear(self._commanded(T_b_f, q)))
+        return self._correct_state(self._arm.move_linear(self._pose_to_command(T_b_f, q)))
 
     def move_joint_to_pose(
         self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
     ) -> ArmState:
         """Move to the nearest configuration that holds a pose. See `Arm.move_joint_to_pose`."""
         q = self._calibrated.inverse(T_b_f, near=self._arm.state().q if near is None else near)
-        commanded = self._commanded(T_b_f, q)
-        return self._corrected(self._arm.move_joint_to_pose(commanded, near, direct=direct))
+        commanded = self._pose_to_command(T_b_f, q)
+        return self._correct_state(self._arm.move_joint_to_pose(commanded, near, direct=direct))
 
     def stop(self) -> None:
         """Bring the arm to rest now. See `Arm.stop`."""
@@ -140,11 +140,11 @@ class CorrectedArm:
         """Take commands again after a stop. See `Arm.accept_moves_again`."""
         self._arm.accept_moves_again()
 
-    def _corrected(self, state: ArmState) -> ArmState:
+    def _correct_state(self, state: ArmState) -> ArmState:
         further = inverse_pose(self._model.forward(state.q)) @ self._calibrated.forward(state.q)
         return ArmState(state.q, state.T_b_f @ further, state.time)
 
-    def _commanded(self, T_b_f: Array, q: Array) -> Array:
+    def _pose_to_command(self, T_b_f: Array, q: Array) -> Array:
         """Pose to command so that the flange truly gets to a pose."""
         back = inverse_pose(self._calibrated.forward(q)) @ self._model.forward(q)
         return T_b_f @ back

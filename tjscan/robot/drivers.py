@@ -68,7 +68,7 @@ class ArmDriverFactory(DriverFactory[ArmDriverInputs, Arm]):
     truth: Callable[[Any], Array] = field(default=lambda arm: arm.state().T_b_f)
 
 
-def _simulated(context: ArmDriverInputs, settings: NoSettings) -> SimulatedArm:
+def _make_simulated_arm(context: ArmDriverInputs, settings: NoSettings) -> SimulatedArm:
     import numpy as np
 
     from tjscan.robot.simulated import SimulatedArm, SimulatedArmErrors
@@ -92,7 +92,7 @@ def _simulated(context: ArmDriverInputs, settings: NoSettings) -> SimulatedArm:
         )
 
 
-def _replayed(context: ArmDriverInputs, settings: NoSettings) -> ReplayedArm:
+def _make_replayed_arm(context: ArmDriverInputs, settings: NoSettings) -> ReplayedArm:
     from tjscan.robot.replay import ReplayedArm
 
     return ReplayedArm(*context.recording())
@@ -105,9 +105,9 @@ def _ur(inputs: ArmDriverInputs, settings: UrSettings) -> UrArm:
 
 
 SIMULATED_DRIVER: Final = ArmDriverFactory(
-    _simulated, kind=DriverKind.SIMULATED, truth=attrgetter("true_T_b_f")
+    _make_simulated_arm, kind=DriverKind.SIMULATED, truth=attrgetter("true_T_b_f")
 )
-REPLAY_DRIVER: Final = ArmDriverFactory(_replayed, kind=DriverKind.REPLAYED)
+REPLAY_DRIVER: Final = ArmDriverFactory(_make_replayed_arm, kind=DriverKind.REPLAYED)
 
 UR_DRIVER: Final = ArmDriverFactory(_ur, UrSettings)
 

@@ -41,10 +41,10 @@ POSITION_TOLERANCE: Final = 1e-7
 ROTATION_TOLERANCE: Final = 1e-7
 """Radians."""
 
-MOST_ITERATIONS: Final = 60
+MOST_DESCENT_ITERATIONS: Final = 60
 """A descent from a good seed takes four or five."""
 
-LEAST_DAMPING: Final = 1e-12
+LEAST_DESCENT_DAMPING: Final = 1e-12
 """Least damping, in squared metres and radians: keeps a singular arm's equations solvable."""
 
 LONGEST_STEP: Final = 0.5
@@ -53,7 +53,7 @@ LONGEST_STEP: Final = 0.5
 SEED_DISTANCE: Final = 0.5
 """Radians: a descent that stays this close to its seed has kept the configuration."""
 
-NEAR_SINGULAR: Final = 0.05
+SINGULARITY_THRESHOLD: Final = 0.05
 """Smallest singular value below which joints have to run to let the flange walk."""
 
 SEED_COUNT: Final = 64
@@ -67,7 +67,7 @@ LIMIT_ROUNDING: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Fit:
+class _DescentResult:
     """The best of a descent: joint angles and what is left in metres and radians."""
 
     q: Array
@@ -79,7 +79,7 @@ class _Fit:
         return self.position <= POSITION_TOLERANCE and self.rotation <= ROTATION_TOLERANCE
 
 
-class _Workspace(threading.local):
+class _ThreadWorkspace(threading.local):
     """Pinocchio's scratch memory, one for each thread."""
 
     def __init__(self, model: Any) -> None:
@@ -122,7 +122,7 @@ class Kinematics:
             self.model = model = read_urdf(urdf)
             base, self.flange = frames_b_and_f(model)
             check_chain(model, self.flange)
-        self._workspace = _Workspace(model)
+        self._workspace = _ThreadWorkspace(model)
         self.urdf = urdf
         self.name = str(model.name)
         self.base_name = str(model.frames[base].name)
@@ -182,7 +182,7 @@ class Kinematics:
         other.model = model = self.model.copy()
         for i, T in enumerate(placements, start=1):
             model.jointPlacements[i] = pin.SE3(np.asarray(T, dtype=float))
-        other._workspace = _Workspace(model)
+        other._workspace = _ThreadWorkspace(model)
         other._geometry = dh_lengths_of_chain(model)
         return other
 
@@ -261,7 +261,7 @@ class Kinematics:
             With the reason: the reach, or a joint's limit and by how much.
         """
         near = np.asarray(near, dtype=float)
-        warm = self._descend(self._target(T_b_f), near)
+        warm = self._descend(self._target_in_root(T_b_f), near)
         is_near = np.abs(warm.q - near).max() < SEED_DISTANCE
         if warm.solved and is_near and self.excess(warm.q).max() <= 0:
             return warm.q
@@ -279,10 +279,10 @@ class Kinematics:
             Radians, within limits; at least one.
         """
         near = np.asarray(near, dtype=float)
-        target = self._target(T_b_f)
-        seeds = (near, *self._seeds(target, near))
+        target = self._target_in_root(T_b_f)
+        seeds = (near, *self._inverse_seeds(target, near))
         fits = [self._descend(target, seed) for seed in seeds]
-        solved = [self._turned(fit.q, near) for fit in fits if fit.solved]
+        solved = [self._nearest_turns(fit.q, near) for fit in fits if fit.solved]
         if not solved:
             raise PoseUnreachable(self._out_of_reach(fits), T_b_f)
         allowed = [q for q in solved if self.excess(q).max() <= LIMIT_ROUNDING]
@@ -325,14 +325,14 @@ class Kinematics:
         q = inverse_branches(self._geometry, T_0_6)
         return np.asarray(q - 2 * np.pi * np.round(q / (2 * np.pi)))
 
-    def _target(self, T_b_f: Array) -> Any:
+    def _target_in_root(self, T_b_f: Array) -> Any:
         """Pose of f in the root of the URDF, its rotation freed from rounding."""
         try:
             return pin.SE3(inverse_pose(self._T_b_root) @ pose_from_rounded_matrix(T_b_f))
         except ValueError as error:
             raise PoseUnreachable(f"it is no pose: {error}", T_b_f) from None
 
-    def _descend(self, target: Any, seed: Array) -> _Fit:
+    def _descend(self, target: Any, seed: Array) -> _DescentResult:
         """Damped Gauss-Newton on SE(3).
 
         The damping is the squared error (Sugihara 2011, Solvability-unconcerned inverse
@@ -343,7 +343,7 @@ class Kinematics:
         q = np.array(seed, dtype=float)
         best, best_error, least = q, np.full(6, np.inf), np.inf
         eye = np.eye(6)
-        for _ in range(MOST_ITERATIONS):
+        for _ in range(MOST_DESCENT_ITERATIONS):
             # In this order: a Jacobian in local axes leaves the placements as they were.
             pin.framesForwardKinematics(model, data, q)
             error = pin.log6(data.oMf[flange].actInv(target)).vector
@@ -353,13 +353,15 @@ class Kinematics:
             if squared < DESCENT_TOLERANCE**2:
                 break
             J = pin.computeFrameJacobian(model, data, q, flange, pin.LOCAL)
-            step = J.T @ np.linalg.solve(J @ J.T + (0.5 * squared + LEAST_DAMPING) * eye, error)
+            step = J.T @ np.linalg.solve(
+                J @ J.T + (0.5 * squared + LEAST_DESCENT_DAMPING) * eye, error
+            )
             longest = np.abs(step).max()
             q = q + (step if longest < LONGEST_STEP else step * (LONGEST_STEP / longest))
         position, rotation = (float(np.linalg.norm(e)) for e in (best_error[:3], best_error[3:]))
-        return _Fit(best, position, rotation)
+        return _DescentResult(best, position, rotation)
 
-    def _seeds(self, target: Any, near: Array) -> Iterable[Array]:
+    def _inverse_seeds(self, target: Any, near: Array) -> Iterable[Array]:
         """Where to begin a search for other configurations."""
         if self._geometry is not None:
             # Frame 6 is the last link's frame here; the flange is anywhere on it.
@@ -372,7 +374,7 @@ class Kinematics:
         seeds = near + spread * random.standard_normal((SEED_COUNT, near.size))
         return np.clip(seeds, self.lower, self.upper)
 
-    def _turned(self, q: Array, near: Array) -> Array:
+    def _nearest_turns(self, q: Array, near: Array) -> Array:
         """`q` with each joint in the turn nearest to `near` that its limits allow."""
         turn = 2 * np.pi
         turns = q + turn * (np.round((near - q) / turn) + np.arange(-2, 3)[:, None])
@@ -381,13 +383,13 @@ class Kinematics:
         order = np.lexsort((np.abs(turns - near), beyond), axis=0)
         return np.asarray(np.take_along_axis(turns, order[:1], axis=0)[0])
 
-    def _out_of_reach(self, fits: list[_Fit]) -> str:
+    def _out_of_reach(self, fits: list[_DescentResult]) -> str:
         best = min(fits, key=lambda fit: fit.position + fit.rotation)
         stretched = self.smallest_singular_value(best.q)
         return (
             f"it is out of reach; the nearest found is {1e3 * best.position:.1f} mm and "
             f"{np.degrees(best.rotation):.1f} deg off, with the arm "
-            f"{'near singular' if stretched < NEAR_SINGULAR else 'free'} "
+            f"{'near singular' if stretched < SINGULARITY_THRESHOLD else 'free'} "
             f"(smallest singular value {stretched:.3f}). Move the base or the pose."
         )
 

@@ -11,7 +11,7 @@ import numpy as np
 from tjscan.core import pose_vector
 from tjscan.core.errors import PoseUnreachable
 from tjscan.core.frames import Array, rotation_angle_between
-from tjscan.robot.kinematics import NEAR_SINGULAR, Kinematics
+from tjscan.robot.kinematics import SINGULARITY_THRESHOLD, Kinematics
 from tjscan.robot.motion import JointTrajectory, MotionLimits, fastest_joint_path
 
 WAYPOINT_SPACING: Final = 5e-3
@@ -151,7 +151,7 @@ def _reason_of_jump(kinematics: Kinematics, q: Array, following: Array) -> str:
     smallest = kinematics.smallest_singular_value(q)
     room = np.minimum(q - kinematics.lower, kinematics.upper - q)
     i = int(room.argmin())
-    if room[i] < LARGEST_TURN and smallest > NEAR_SINGULAR:
+    if room[i] < LARGEST_TURN and smallest > SINGULARITY_THRESHOLD:
         return (
             f"{kinematics.joint_names[i]} runs into its limit (it is at {np.degrees(q[i]):.1f} "
             "deg). Start with that joint a turn further from its limit, or move the base."

@@ -12,7 +12,7 @@ from annotated_types import Ge, Gt, Le, MinLen
 from tjscan.core.frames import Array, frozen_arrays
 from tjscan.core.units import (
     DEG,
-    FARTHEST_MM,
+    FARTHEST_DISTANCE_MM,
     MM,
     SECONDS,
     EulerAngles,
@@ -198,7 +198,7 @@ class Solid:
     T: Array
 
 
-_LengthMm = Annotated[float, Gt(0), Le(FARTHEST_MM)]
+_LengthMm = Annotated[float, Gt(0), Le(FARTHEST_DISTANCE_MM)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

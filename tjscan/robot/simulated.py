@@ -163,14 +163,14 @@ class SimulatedArm(LocalDevice):
         self._spread = np.repeat(repeatability, 3) / np.sqrt(3)
         self._random = np.random.default_rng(seed)
         self._now = (readonly_copy(q), time)
-        self._errors = errors
+        self._errors_at = errors
         self._turning = np.zeros(len(self._now[0]))
         self._error = self._draw_error()
-        self._latch = MotionLock()
+        self._latch_clock = MotionLock()
 
     def __enter__(self) -> Self:
         """Make ready to move."""
-        self._latch.clear_stop()
+        self._latch_clock.clear_stop()
         return super().__enter__()
 
     def __exit__(self, *error: object) -> None:
@@ -182,10 +182,10 @@ class SimulatedArm(LocalDevice):
     def true_T_b_f(self) -> Array:
         """True pose of the flange, shape (4, 4), which no real arm knows."""
         q, now = self._now
-        if self._errors is None:
+        if self._errors_at is None:
             T_b_f = self.kinematics.forward(q)
         else:
-            T_b_f = self._errors.flange_pose(q, self._turning, now)
+            T_b_f = self._errors_at.flange_pose(q, self._turning, now)
         turn = Rotation.from_rotvec(self._error[3:]).as_matrix()
         return pose(T_b_f[:3, :3] @ turn, T_b_f[:3, 3] + self._error[:3])
 
@@ -202,31 +202,31 @@ class SimulatedArm(LocalDevice):
 
     def move_linear(self, T_b_f: Array) -> ArmState:
         """Move the flange on a straight line to a pose. See `Arm.move_linear`."""
-        return self._move(lambda q: self._planner.linear_path(q, T_b_f))
+        return self._follow_motion(lambda q: self._planner.linear_path(q, T_b_f))
 
     def move_joint_to_pose(
         self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
     ) -> ArmState:
         """Move to the nearest configuration that holds a pose. See `Arm.move_joint_to_pose`."""
-        return self._move(lambda q: self._planner.joint_path(q, T_b_f, near))
+        return self._follow_motion(lambda q: self._planner.joint_path(q, T_b_f, near))
 
     def stop(self) -> None:
         """End the move under way where it is, and begin nothing more. See `Arm.stop`."""
-        self._latch.stop()
+        self._latch_clock.stop()
 
     def accept_moves_again(self) -> None:
         """Take commands again after a stop. See `Arm.accept_moves_again`."""
-        self._latch.clear_stop()
+        self._latch_clock.clear_stop()
 
-    def _move(self, plan: Callable[[Array], JointTrajectory]) -> ArmState:
+    def _follow_motion(self, plan: Callable[[Array], JointTrajectory]) -> ArmState:
         self.check_connected()
-        with self._latch.hold_for_move():
+        with self._latch_clock.hold_for_move():
             q, start = self._now
             path = plan(q)
-            with self._latch.begin_move():
+            with self._latch_clock.begin_move():
                 passed = 0.0 if self.realtime else path.duration
             if self.realtime:
-                passed = self._wait(path, start)
+                passed = self._let_time_pass(path, start)
             reached = readonly_copy(path.joint_angles_at(passed))
             last = reached - path.joint_angles_at(max(passed - TICK_PERIOD, 0.0))
             self._turning = np.where(last == 0.0, self._turning, np.sign(last))
@@ -239,12 +239,12 @@ class SimulatedArm(LocalDevice):
             )
         return self.state()
 
-    def _wait(self, path: JointTrajectory, start: float) -> float:
+    def _let_time_pass(self, path: JointTrajectory, start: float) -> float:
         """Let a move take its time, and return the seconds of it that passed."""
         began = time.monotonic()
         while (passed := time.monotonic() - began) < path.duration:
             self._now = (readonly_copy(path.joint_angles_at(passed)), start + passed)
-            if self._latch.wait_for_stop(min(TICK_PERIOD, path.duration - passed)):
+            if self._latch_clock.wait_for_stop(min(TICK_PERIOD, path.duration - passed)):
                 return min(time.monotonic() - began, path.duration)
         return path.duration
 

@@ -31,14 +31,14 @@ JOINT_JUMP: Final = np.radians(30.0)
 """A joint that turns further from one place to the next is taken to jump."""
 
 OUT_OF_REACH: Final = "out of the arm's reach"
-NEAR_SINGULARITY: Final = "the arm is too near to a singularity"
+NEAR_SINGULARITY_TEXT: Final = "the arm is too near to a singularity"
 
 Hindrance = Callable[[Array], str]
 """What keeps an arm from having these joint angles, shape (6,); empty if nothing does."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ToolHolds:
+class ToolConfigurations:
     """How an arm can hold a tool at m places along a line.
 
     Parameters
@@ -135,7 +135,7 @@ def find_tool_holds(
     *,
     singular: float,
     closed: bool,
-) -> ToolHolds:
+) -> ToolConfigurations:
     """Find how an arm can hold a tool along a line, its z axis the one it may turn about.
 
     Parameters
@@ -174,7 +174,7 @@ def find_tool_holds(
         for spin, branch in np.argwhere(within.all(axis=(0, 3))):
             held = q[:, spin, branch]
             if kinematics.smallest_singular_value(held[0]) < singular:
-                reason = NEAR_SINGULARITY
+                reason = NEAR_SINGULARITY_TEXT
             else:
                 reason = next(filter(None, map(hindrance, held)), "")
             can[i, spin, branch] = not reason
@@ -182,13 +182,13 @@ def find_tool_holds(
         likely = (reason for reason, _ in reasons.most_common())
         hindrances.append("" if can[i].any() else next(likely, OUT_OF_REACH))
     held = np.array(first)
-    return ToolHolds(can, held, _squared_turns(can, held), tuple(hindrances), closed)
+    return ToolConfigurations(can, held, _squared_turns(can, held), tuple(hindrances), closed)
 
 
 def _squared_turns(can: NDArray[np.bool_], q: Array) -> Array:
-    """Squared turns from place to place, as `ToolHolds` has them; a last place leads to the first.
+    """Squared turns from place to place, as `ToolConfigurations` has them.
 
-    That is not looked at if the line does not close.
+    The last place leads to the first; this is not used if the line does not close.
     """
     found = []
     for a in range(len(can)):

@@ -93,7 +93,7 @@ def _visual_mesh(visual: ElementTree.Element, beside: Path) -> trimesh.Trimesh |
         return None
     match shape.tag:
         case "box":
-            mesh = trimesh.creation.box(_numbers(shape.get("size", "")))
+            mesh = trimesh.creation.box(_parse_numbers(shape.get("size", "")))
         case "cylinder":
             radius, length = float(shape.attrib["radius"]), float(shape.attrib["length"])
             mesh = trimesh.creation.cylinder(radius, length, sections=CYLINDER_SIDES)
@@ -103,14 +103,14 @@ def _visual_mesh(visual: ElementTree.Element, beside: Path) -> trimesh.Trimesh |
         case "mesh" if not shape.attrib["filename"].startswith("package://"):
             file = beside / shape.attrib["filename"].removeprefix("file://")
             mesh = trimesh.load(file, force="mesh")
-            mesh.apply_scale(_numbers(shape.get("scale", "1 1 1")))
+            mesh.apply_scale(_parse_numbers(shape.get("scale", "1 1 1")))
         case _:
             return None
     if (origin := visual.find("origin")) is not None:
-        turn = Rotation.from_euler("xyz", _numbers(origin.get("rpy", "0 0 0")))
-        mesh.apply_transform(pose(turn.as_matrix(), _numbers(origin.get("xyz", "0 0 0"))))
+        turn = Rotation.from_euler("xyz", _parse_numbers(origin.get("rpy", "0 0 0")))
+        mesh.apply_transform(pose(turn.as_matrix(), _parse_numbers(origin.get("xyz", "0 0 0"))))
     return mesh
 
 
-def _numbers(text: str) -> Array:
+def _parse_numbers(text: str) -> Array:
     return np.array([float(word) for word in text.split()])

@@ -17,7 +17,7 @@ from tjscan.core.frames import Array, readonly_copy
 TREE_STEP: Final = 0.5
 """Radians of joint space, summed in squares over the joints, by which a tree grows at once."""
 
-MOST_DRAWS: Final = 1000
+MOST_RANDOM_POSTURES: Final = 1000
 """Postures that are drawn before it is given up."""
 
 DRAW_MARGIN: Final = np.pi
@@ -27,7 +27,7 @@ IsClear = Callable[[Array, Array], bool]
 """Whether a straight line in joint space keeps clear, ends included."""
 
 
-class _Tree:
+class _PostureTree:
     """Postures that are reached from a root by clear lines."""
 
     def __init__(self, root: Array) -> None:
@@ -73,14 +73,15 @@ def find_way(
     Returns
     -------
     list of ndarray of shape (n,), or None
-        From start to goal, both included; the same each time. None where `MOST_DRAWS` lead to none.
+        From start to goal, both included; the same each time. None if `MOST_RANDOM_POSTURES`
+        lead to none.
     """
     dice = np.random.default_rng(0)
     least = np.maximum(limits[0], np.minimum(start, goal) - DRAW_MARGIN)
     most = np.minimum(limits[1], np.maximum(start, goal) + DRAW_MARGIN)
-    first = _Tree(readonly_copy(start))
-    one, other = first, _Tree(readonly_copy(goal))
-    for _ in range(MOST_DRAWS):
+    first = _PostureTree(readonly_copy(start))
+    one, other = first, _PostureTree(readonly_copy(goal))
+    for _ in range(MOST_RANDOM_POSTURES):
         reached = one.grow(dice.uniform(least, most), is_clear)
         if reached is not None and _grow_until_connected(other, reached, is_clear):
             ways = one.way_to_root()[::-1], other.way_to_root()[1:]
@@ -90,7 +91,7 @@ def find_way(
     return None
 
 
-def _grow_until_connected(tree: _Tree, to: Array, is_clear: IsClear) -> bool:
+def _grow_until_connected(tree: _PostureTree, to: Array, is_clear: IsClear) -> bool:
     """Grow a tree towards a posture as far as it goes; whether it arrived."""
     while (reached := tree.grow(to, is_clear)) is not None:
         if np.array_equal(reached, to):

@@ -15,7 +15,7 @@ from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import ScanResultsJournal
-from tjscan.scanning.retries import MERGED_PROFILES, MOST_MISSING
+from tjscan.scanning.retries import MERGED_PROFILES, MOST_MISSING_PROFILES
 from tjscan.scanning.section import ProfileView, SetPoint, Substep
 from tjscan.scanning.sections_before import GrooveReader
 from tjscan.scanning.stopping import StopRequest
@@ -138,7 +138,7 @@ class ProfileTaker:
         Raises
         ------
         LaserFault
-            If more than `MOST_MISSING` profiles in a row are missing, late or frozen.
+            If more than `MOST_MISSING_PROFILES` profiles in a row are missing, late or frozen.
         ScanInterrupted
             If everything is to stop at once.
         """
@@ -180,7 +180,7 @@ class ProfileTaker:
                 return profile
             except LaserFault as error:
                 missed += 1
-                if missed > MOST_MISSING:
+                if missed > MOST_MISSING_PROFILES:
                     raise LaserFault(
                         f"{missed} profiles in a row were no good, the last one because: {error}"
                     ) from error

@@ -25,7 +25,7 @@ from tjscan.scanning.target import ScanDirection
 NotRead = (GrooveNotFound, SetPointRefused)
 """What another set-point or another step may mend."""
 
-MOST_MISSING: Final = 6
+MOST_MISSING_PROFILES: Final = 6
 """Profiles in a row that may be missing, late, frozen or empty before the sensor is given up."""
 
 REPEATED_PROFILES: Final = 1
@@ -98,7 +98,7 @@ def step_retries(step: float, *, past_tacks: bool = True) -> Iterator[StepRetry]
 NUDGE_SHIFT: Final = 6e-3
 """Metres by which a nudge moves the groove in the sensor."""
 
-LARGEST_SHIFT: Final = 10e-3
+LARGEST_RETRY_SHIFT: Final = 10e-3
 """Metres by which it does so if the surface was seen nearer or further."""
 
 NUDGE_TURN: Final = radians(5)
@@ -154,7 +154,7 @@ class ViewAdjustment:
 
 def max_profiles_per_pose(error: GrooveNotFound) -> int:
     """How many profiles are taken at one place before it is left."""
-    return 1 + (MOST_MISSING if error.reason == TOO_FEW_POINTS else REPEATED_PROFILES)
+    return 1 + (MOST_MISSING_PROFILES if error.reason == TOO_FEW_POINTS else REPEATED_PROFILES)
 
 
 def view_adjustments(
@@ -183,7 +183,7 @@ def view_adjustments(
     turns = [ViewAdjustment(work_angle=turn), ViewAdjustment(work_angle=-turn)]
     off = _distance_beyond_usual(seen, last.view.profile)
     if abs(off) > EVIDENT_OFFSET:
-        shift = float(np.clip(-off, -LARGEST_SHIFT, LARGEST_SHIFT))
+        shift = float(np.clip(-off, -LARGEST_RETRY_SHIFT, LARGEST_RETRY_SHIFT))
         return [ViewAdjustment(standoff=shift), *turns]
     if error.reason == "out of range":
         aside = [ViewAdjustment(offset=-NUDGE_SHIFT), ViewAdjustment(offset=NUDGE_SHIFT)]

@@ -170,21 +170,21 @@ class Scanner:
         while True:
             d_st = self._step_length(sections)
             if (stop := reason_to_stop(self._plan, sections, d_st)) is not None:
-                return self._end(stop)
+                return self._end_scan(stop)
             after = f"after section {len(sections) - 1}"
             self._stop.wait_while_paused(partial(self._log.record_event, ScanEvent.PAUSED, after))
             self._stop.raise_if_stop_now()
             if self._stop.ends_after_section:
                 self._log.record_event(ScanEvent.STOP_REQUESTED, after)
-                return self._end(StopReason.REQUESTED)
+                return self._end_scan(StopReason.REQUESTED)
             try:
                 self._finish_section(self._step_with_retries(d_st))
             except PoseUnreachable as error:
-                return self._end(StopReason.UNREACHABLE, str(error))
+                return self._end_scan(StopReason.UNREACHABLE, str(error))
             except (GrooveNotFound, JointMoved) as error:
-                return self._end(StopReason.LOST, str(error))
+                return self._end_scan(StopReason.LOST, str(error))
             except SetPointRefused as error:
-                return self._end(StopReason.REFUSED, str(error))
+                return self._end_scan(StopReason.REFUSED, str(error))
 
     def _finish_section(self, section: ScannedSection) -> None:
         """Finish a section.
@@ -238,14 +238,16 @@ class Scanner:
         # Prediction substep
         ahead = self._predict(self._log.sections, d_st)  # (7)
         step = StepRequest(last, ahead.T_b_t[:3, 3], d_st)
-        predicted = self._scan(Substep.PREDICTION, ahead, step)
+        predicted = self._read_near_set_point(Substep.PREDICTION, ahead, step)
 
         # Correction substep
         T_s_t = self._plan.target_pose_in_sensor(predicted.groove.work_angle)  # (14)
         ideal = SetPoint(correction_target_pose(last.T_b_g, predicted.T_b_g), T_s_t)  # (12)
         if self._needs_no_correction(predicted, ideal, ahead, step):
             return predicted
-        return self._scan(Substep.CORRECTION, ideal, replace(step, predicted=predicted))
+        return self._read_near_set_point(
+            Substep.CORRECTION, ideal, replace(step, predicted=predicted)
+        )
 
     def _needs_no_correction(
         self, predicted: ScannedSection, ideal: SetPoint, ahead: SetPoint, step: StepRequest
@@ -259,7 +261,9 @@ class Scanner:
         clear = root_is_seen(predicted.groove)
         return near and clear and measures_are_plausible(predicted, step)
 
-    def _scan(self, substep: Substep, to: SetPoint, step: StepRequest) -> ScannedSection:
+    def _read_near_set_point(
+        self, substep: Substep, to: SetPoint, step: StepRequest
+    ) -> ScannedSection:
         """Read the groove from a set-point, or from others near it.
 
         Raises
@@ -273,7 +277,7 @@ class Scanner:
         """
         lost: GrooveNotFound | SetPointRefused
         try:
-            return self._scan_from(to, substep, step)
+            return self._read_from_set_point(to, substep, step)
         except NotRead as error:
             lost = error
         before, seen = self._log.sections[-2], self._log.views[-1].profile
@@ -282,20 +286,22 @@ class Scanner:
             where = f"section {len(self._log.sections)}, {substep}"
             self._log.record_event(ScanEvent.NUDGE, f"{where}, {change}: {lost}")
             try:
-                return self._scan_from(other, substep, step, once=True)
+                return self._read_from_set_point(other, substep, step, once=True)
             except (*NotRead, PoseUnreachable):
                 continue
         raise lost
 
-    def _scan_from(
+    def _read_from_set_point(
         self, to: SetPoint, substep: Substep, step: StepRequest, *, once: bool = False
     ) -> ScannedSection:
         """Move frame t to a set-point and read the groove there."""
         check_set_point(to, step, self._plan)
         state = self._taker.move_to_set_point(to)
-        return self._read_at(state, len(self._log.sections), substep, to.T_s_t, step, once=once)
+        return self._read_until_found(
+            state, len(self._log.sections), substep, to.T_s_t, step, once=once
+        )
 
-    def _read_at(
+    def _read_until_found(
         self,
         state: ArmState,
         index: int,
@@ -320,7 +326,7 @@ class Scanner:
         rootless: ScannedSection | None = None
         while True:
             try:
-                section = self._read(views[-1], T_s_t, step)
+                section = self._read_and_check(views[-1], T_s_t, step)
                 if once or root_is_seen(section.groove):
                     return section
                 rootless, why, most = section, "the root is not seen", 1 + REPEATED_PROFILES
@@ -337,14 +343,14 @@ class Scanner:
             what = f"section {index}, {substep}, {MERGED_PROFILES} profiles: {why}"
             self._log.record_event(ScanEvent.MERGED, what)
             try:
-                return self._read(merged, T_s_t, step)
+                return self._read_and_check(merged, T_s_t, step)
             except GrooveNotFound as error:
                 lost = error
         if rootless:
             return rootless
         raise lost
 
-    def _read(
+    def _read_and_check(
         self, view: ProfileView, T_s_t: Array | None, step: StepRequest | None
     ) -> ScannedSection:
         """Read the groove in a view and check that it fits the step, if there is one.
@@ -373,7 +379,7 @@ class Scanner:
     def _scan_taught(self, which: str, state: ArmState) -> None:
         """Read the groove at a taught pose, as the next section."""
         try:
-            section = self._read_at(state, len(self._log.sections), Substep.TAUGHT)
+            section = self._read_until_found(state, len(self._log.sections), Substep.TAUGHT)
         except GrooveNotFound as error:
             raise StartSeesNoGroove(which, error) from None
         if section.groove.on_tack:
@@ -391,7 +397,7 @@ class Scanner:
         last, tolerance = self._log.sections[-1], self._plan.return_tolerance
         index = len(self._log.sections) - 1
         try:
-            now = self._read_at(state, index, Substep.RESUMED, last.T_s_t)
+            now = self._read_until_found(state, index, Substep.RESUMED, last.T_s_t)
         except GrooveNotFound as error:
             raise JointMoved(f"the last section is not there any more: {error}") from None
         apart = np.linalg.norm(now.points_b - last.points_b, axis=1)[1:4]
@@ -419,7 +425,7 @@ class Scanner:
                 key="scan.second",
             )
 
-    def _end(self, stop: StopReason, cause: str = "") -> ScanResult:
+    def _end_scan(self, stop: StopReason, cause: str = "") -> ScanResult:
         log = self._log
         length = 1e3 * groove_length(log.sections[1:])
         detail = f"{stop} after {length:.1f} mm from the second taught section"

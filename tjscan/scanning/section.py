@@ -19,7 +19,7 @@ TIGHTEST_BEND: Final = 0.04
 """Metres: radius of the tightest bend of a groove. A brace of 168 mm on a leg hardly larger bends
 its groove so at the saddle."""
 
-EXTRA_TURN: Final = radians(20)
+EXTRA_TURN_PER_SECTION: Final = radians(20)
 """Turn from section to section beside the groove's own: noise, and retries that turn the sensor."""
 
 EXTRA_TURN_TAUGHT: Final = radians(45)
@@ -174,7 +174,7 @@ class StepRequest:
     @property
     def max_rotation(self) -> float:
         """Radians that sensor or groove may turn over the step."""
-        turn = min(EXTRA_TURN + self.length / TIGHTEST_BEND, LARGEST_TURN)
+        turn = min(EXTRA_TURN_PER_SECTION + self.length / TIGHTEST_BEND, LARGEST_TURN)
         return turn + EXTRA_TURN_TAUGHT if self.last.view.substep is Substep.TAUGHT else turn
 
 

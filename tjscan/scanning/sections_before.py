@@ -26,7 +26,7 @@ from tjscan.scanning.section import (
     Substep,
 )
 
-FARTHEST_STEPS: Final = 2.0
+FARTHEST_SET_POINT_STEPS: Final = 2.0
 """Steps that a set-point lies from the last section, at most."""
 
 LARGEST_VIEW_SHIFT: Final = 0.02
@@ -59,7 +59,7 @@ def check_set_point(to: SetPoint, step: StepRequest, plan: ScanPlan) -> None:
     p_b = to.T_b_t[:3, 3]
     starts = (step.groove_origin_b, step.last.T_b_t[:3, 3])
     away = min(float(np.linalg.norm(p_b - start)) for start in starts)
-    if not away <= FARTHEST_STEPS * step.length:  # a length that is no number allows none
+    if not away <= FARTHEST_SET_POINT_STEPS * step.length:  # a length that is no number allows none
         raise SetPointRefused(
             f"it lies {1e3 * away:.1f} mm from the last section, after a step of "
             f"{1e3 * step.length:.1f} mm"
@@ -90,7 +90,7 @@ def _is_rigid_pose(T: Array) -> bool:
 MOST_SECTIONS: Final = 30
 """Sections that are looked back upon."""
 
-KNOWN_ROOT: Final = 1e-3
+KNOWN_ROOT_SIGMA: Final = 1e-3
 """Standard deviation of a corner of the root in metres from which a view does not show it well: a
 fifth of a usual root's width."""
 
@@ -112,7 +112,7 @@ LEAST_UPRIGHT_COSINE: Final = 0.25
 CHANCE_SIGMAS: Final = 5.0
 """Standard deviations by which two readings of the same groove hardly ever differ."""
 
-ANGLE_CHANGE: Final = (radians(3), radians(250))
+LARGEST_ANGLE_CHANGE: Final = (radians(3), radians(250))
 """Radians by which the groove angle differs from section to section, and radians per metre.
 
 The tightest groove (see `TIGHTEST_BEND`) changes by 200° per metre; a laser plane that is turned a
@@ -120,7 +120,7 @@ little further than the last one sees a little more.
 """
 
 ROOT_CHANGE: Final = (0.1, 5.0)
-DEPTH_CHANGE: Final = (0.1, 3.0)
+LARGEST_DEPTH_CHANGE: Final = (0.1, 3.0)
 """Share by which root width and depth differ, and share per metre, of the same groove."""
 
 BEAD_HEIGHT: Final = 0.8e-3
@@ -195,7 +195,7 @@ def root_is_seen(groove: GrooveSection) -> bool:
 def root_is_known(groove: GrooveSection) -> bool:
     """Whether the root's corners are known well, as far as they are there."""
     variances = np.trace(groove.corner_covariances_s[1:], axis1=1, axis2=2)
-    known = bool(np.sqrt(variances.max()) < KNOWN_ROOT)
+    known = bool(np.sqrt(variances.max()) < KNOWN_ROOT_SIGMA)
     return known if not groove.absent else root_is_seen(groove)
 
 
@@ -402,9 +402,10 @@ def _compare_measures(found: ScannedSection, step: StepRequest) -> tuple[Array, 
     before, after = (np.array((g.groove_angle, g.root_width, g.depth)) for g in (last, now))
     allowed = noise + factor * np.array(
         (
-            ANGLE_CHANGE[0] + ANGLE_CHANGE[1] * step.length,
+            LARGEST_ANGLE_CHANGE[0] + LARGEST_ANGLE_CHANGE[1] * step.length,
             largest_root_width_change(last, step.length),
-            BEAD_HEIGHT + (DEPTH_CHANGE[0] + DEPTH_CHANGE[1] * step.length) * before[2],
+            BEAD_HEIGHT
+            + (LARGEST_DEPTH_CHANGE[0] + LARGEST_DEPTH_CHANGE[1] * step.length) * before[2],
         )
     )
     return before, after, np.asarray(allowed)

@@ -27,7 +27,7 @@ class ScanDirection(StrEnum):
 R_S_T = rot_z(pi / 2) @ rot_x(pi)
 """The large constant rotation of eq. (14): x_t along y_s, y_t along x_s, z_t back to the sensor."""
 
-R_REVERSED = rot_y(pi)
+REVERSED_FRAME_ROTATION = rot_y(pi)
 """What turns frame g (or t) round for the clockwise scan, eq. (27): x back, z into the joint."""
 
 
@@ -64,7 +64,7 @@ def target_pose_in_sensor(
     if direction is ScanDirection.COUNTERCLOCKWISE:
         R = R_S_T @ rot_y(-pull_angle) @ rot_x(work_angle)  # (14), (15)
     else:
-        R = R_S_T @ R_REVERSED @ rot_y(pull_angle) @ rot_x(-work_angle)  # (14), (28)
+        R = R_S_T @ REVERSED_FRAME_ROTATION @ rot_y(pull_angle) @ rot_x(-work_angle)  # (14), (28)
     return pose(R, p_s_t)
 
 
@@ -162,7 +162,7 @@ def predicted_target_pose(
         return T_I @ T_b_t
     R_t = R_before.T @ R_last  # (9)
     if direction is ScanDirection.CLOCKWISE:
-        R_t = R_REVERSED.T @ R_t @ R_REVERSED  # (27)
+        R_t = REVERSED_FRAME_ROTATION.T @ R_t @ REVERSED_FRAME_ROTATION  # (27)
     return T_I @ T_b_t @ pose(R_t)  # (7)
 
 

@@ -15,11 +15,11 @@ from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.joint.geometry import LegSurface, cylindrical_to_j
 from tjscan.joint.tubes.fit import ArmRepeatability, TubeDimensions
 from tjscan.stitching.registration import SMOOTH_AZIMUTH, point_covariance_from_pose
-from tjscan.stitching.stations import FULL_TURN, Station
-from tjscan.stitching.unrolled_views import WIDEST_SHARE
+from tjscan.stitching.stations import FULL_TURN_ANGLE, Station
+from tjscan.stitching.unrolled_views import WIDEST_LEG_SHARE
 from tjscan.uncertainty.budget import SectionShare
 
-ONE_PLACE: Final = 0.55
+SAME_PLACE_STEP_SHARE: Final = 0.55
 """Sections of different stations closer than this share of a step are of one place."""
 
 ROOT_AND_BEVEL: Final = slice(1, 4)
@@ -115,7 +115,7 @@ def fuse_sections(
     curves = _fit_curves([one for sections in unrolled for one in sections])
     azimuths = [np.unwrap([section.azimuth for section in sections]) for sections in stations]
     steps = np.concatenate([np.abs(np.diff(azimuth)) for azimuth in azimuths])
-    near = ONE_PLACE * float(np.median(steps))
+    near = SAME_PLACE_STEP_SHARE * float(np.median(steps))
     places = sorted(
         (section.azimuth, k, i)
         for k, sections in enumerate(stations)
@@ -142,14 +142,14 @@ def _group_places(places: Sequence[Place], near: float) -> list[list[Place]]:
     """Neighbours of different stations that are one place; nearest pairs first."""
     n = len(places)
     member = list(range(n))
-    ahead = [(places[(i + 1) % n][0] - places[i][0]) % FULL_TURN for i in range(n)]
+    ahead = [(places[(i + 1) % n][0] - places[i][0]) % FULL_TURN_ANGLE for i in range(n)]
     groups = {i: [places[i]] for i in range(n)}
     for i in np.argsort(ahead, kind="stable").tolist():
         a, b = member[i], member[(i + 1) % n]
         if ahead[i] >= near:
             break
         # The whole group must be near, and hold no station twice.
-        shift = FULL_TURN if (i + 1) % n == 0 else 0.0
+        shift = FULL_TURN_ANGLE if (i + 1) % n == 0 else 0.0
         joined = groups[a] + [(azimuth + shift, k, m) for azimuth, k, m in groups[b]]
         spread = max(p[0] for p in joined) - min(p[0] for p in joined)
         if spread >= near or len({p[1] for p in joined}) < len(joined):
@@ -195,7 +195,7 @@ def _unroll_section(section: MeasuredSection, shape: TubeDimensions) -> Unrolled
 
 def _leg_height(azimuth: Array, out: Array, shape: TubeDimensions) -> Array:
     surface = LegSurface(shape.leg_radius, shape.angle)
-    return surface.height(azimuth, np.minimum(out, WIDEST_SHARE * shape.leg_radius))
+    return surface.height(azimuth, np.minimum(out, WIDEST_LEG_SHARE * shape.leg_radius))
 
 
 def _fused_section(

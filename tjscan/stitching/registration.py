@@ -36,7 +36,7 @@ AZIMUTH_BEYOND_OVERLAP: Final = radians(25.0)
 REWEIGHTING_ROUNDS: Final = 8
 LEAST_WEIGHT: Final = 1e-6
 
-MOST_CONDITION: Final = 1e12
+LARGEST_CONDITION_NUMBER: Final = 1e12
 FREE_VARIANCE: Final = 1.0
 """Square metres and square radians: the variances of a pose about which nothing is known."""
 
@@ -165,7 +165,7 @@ def align_second_to_first(
         solved = cho_solve(factor, np.column_stack((design, value.ravel())))
         information = design.T @ solved[:, :6]
         scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-        if not np.linalg.cond(information / np.outer(scale, scale)) < MOST_CONDITION:
+        if not np.linalg.cond(information / np.outer(scale, scale)) < LARGEST_CONDITION_NUMBER:
             spread, motion = FREE_VARIANCE * np.eye(6), np.zeros(6)
             by_value = np.zeros((len(value), 6, VALUES_PER_VIEW))
             break
@@ -190,7 +190,7 @@ def align_second_to_first(
         overlap,
         pose_vector.pose_from_vector(motion),
         max(1.0, reduced_chi2) * spread,
-        *_middle_of(overlap, first),
+        *_overlap_middle(overlap, first),
         reduced_chi2,
         azimuth[:, 2],
         residual[:, :CORNER_VALUES],
@@ -207,7 +207,7 @@ def _mahalanobis_sq(residual: Array, covariance: Array) -> Array:
     return np.asarray(np.sum(residual * standard, axis=1))
 
 
-def _middle_of(overlap: StationOverlap, seen: UnrolledViews) -> tuple[Array, Array]:
+def _overlap_middle(overlap: StationOverlap, seen: UnrolledViews) -> tuple[Array, Array]:
     """Where a station saw the groove amid the overlap, and the groove's direction there."""
     order = np.argsort(np.abs(overlap.arc.offset_from_middle(seen.place)), kind="stable")
     centre = seen.middle[order[0]]

@@ -74,11 +74,11 @@ class StitchSettings:
 DEFAULT_STITCH_SETTINGS = StitchSettings()
 
 
-SIDE_W = unit_vector(np.array((4.0, 2.0, 1.0)))
+SIDE_DIRECTION_W = unit_vector(np.array((4.0, 2.0, 1.0)))
 """What x of j points to, in frame w, where half a turn makes no difference: +x of w if it lies
 along ±x, else +y, else +z."""
 
-MOST_TURNED = radians(30.0)
+LARGEST_POSE_DISAGREEMENT = radians(30.0)
 """By which nominal poses may disagree; at 90° nothing would show which side is which."""
 
 FEWEST_SECTIONS = 4
@@ -117,11 +117,11 @@ class Station:
 
     def shares_views_with(self, other: Station) -> bool:
         """Whether any view of both is one and the same: noise never comes twice alike."""
-        own = {_fingerprint(section.view) for section in self.all_sections}
-        return not own.isdisjoint(_fingerprint(one.view) for one in other.all_sections)
+        own = {_view_fingerprint(section.view) for section in self.all_sections}
+        return not own.isdisjoint(_view_fingerprint(one.view) for one in other.all_sections)
 
 
-def _fingerprint(view: ProfileView) -> bytes:
+def _view_fingerprint(view: ProfileView) -> bytes:
     """Bytes that no other view has."""
     return view.T_b_f.tobytes() + view.profile.x_s.tobytes() + view.profile.z_s.tobytes()
 
@@ -203,7 +203,7 @@ def fit_tubes_to_stations(
         If one does not see enough of the tubes.
     """
     fits: list[StationTubeFit] = []
-    side_w = SIDE_W
+    side_w = SIDE_DIRECTION_W
     for station in stations:
         try:
             brace, leg = _initial_tubes(station)
@@ -228,13 +228,14 @@ def fit_tubes_to_stations(
 def _check_nominal(first: StationTubeFit, other: StationTubeFit) -> None:
     """Refuse nominal poses too far off to decide which side of the joint a station saw."""
     a, b = (one.station.T_w_b @ one.frame.T for one in (first, other))
-    if (turned := rotation_angle_between(a, b)) > MOST_TURNED:
+    if (turned := rotation_angle_between(a, b)) > LARGEST_POSE_DISAGREEMENT:
         raise StitchingRefused(
             "nominal poses disagree",
             f"by where their bases were meant to stand, stations {first.station.name} and "
             f"{other.station.name} see the joint turned by {np.degrees(turned):.0f}°, "
-            f"{np.degrees(MOST_TURNED):.0f}° are allowed: which side of it each saw stays open. "
-            "Put euler_zyx_deg of their [[station]] right in job.toml, and stitch again",
+            f"{np.degrees(LARGEST_POSE_DISAGREEMENT):.0f}° are allowed: which side of it each saw "
+            "stays open. Put euler_zyx_deg of their [[station]] right in job.toml, and stitch "
+            "again",
         )
 
 
@@ -272,7 +273,7 @@ def widen_for_out_of_round(frame: JointFrame, out_of_round: float) -> JointFrame
     return replace(frame, covariance=frame.covariance + np.diag(allowance**2))
 
 
-FULL_TURN: Final = 2 * pi
+FULL_TURN_ANGLE: Final = 2 * pi
 
 GAP_IN_STEPS: Final = 1.6
 """Usual steps between neighbouring sections beyond which it is a gap between stations."""
@@ -355,7 +356,7 @@ def find_overlaps(azimuths: Sequence[Array]) -> list[StationOverlap]:
     for a, b in combinations(range(len(azimuths)), 2):
         one, other = arc_of_azimuths(azimuths[a]), arc_of_azimuths(azimuths[b])
         for turn in range(-3, 4):
-            shift = turn * FULL_TURN
+            shift = turn * FULL_TURN_ANGLE
             start, end = max(one.start, other.start + shift), min(one.end, other.end + shift)
             shared = AzimuthArc(start, end)
             if shared.span_angle > 0:
@@ -369,9 +370,9 @@ def azimuth_coverage(azimuths: Sequence[Array]) -> tuple[float, list[AzimuthArc]
 
     Neighbouring sections further apart than `GAP_IN_STEPS` usual steps have a gap between them.
     """
-    around = np.sort(np.concatenate(azimuths) % FULL_TURN)
-    steps = np.diff(np.append(around, around[0] + FULL_TURN))
+    around = np.sort(np.concatenate(azimuths) % FULL_TURN_ANGLE)
+    steps = np.diff(np.append(around, around[0] + FULL_TURN_ANGLE))
     usual = float(np.median(np.concatenate([np.abs(np.diff(a)) for a in azimuths])))
     gaps = [AzimuthArc(float(around[k]), float(around[k] + steps[k])) for k in range(len(around))]
     gaps = [gap for gap in gaps if gap.span_angle > GAP_IN_STEPS * usual]
-    return FULL_TURN - sum(gap.span_angle for gap in gaps), gaps
+    return FULL_TURN_ANGLE - sum(gap.span_angle for gap in gaps), gaps

@@ -33,7 +33,7 @@ from tjscan.stitching.registration import (
 )
 from tjscan.stitching.stations import (
     DEFAULT_STITCH_SETTINGS,
-    FULL_TURN,
+    FULL_TURN_ANGLE,
     AzimuthArc,
     Station,
     StationOverlap,
@@ -58,7 +58,7 @@ CONVERGED_MOTION = 1e-8
 AGREED_CHI2 = 2.5
 """Chi-squared per degree of freedom of stations and overlaps that agree."""
 
-LARGEST_MOTION = 0.05
+SETTLED_STATION_MOTION = 0.05
 """Metres and radians by which no station is laid again: both see something else."""
 
 
@@ -138,7 +138,7 @@ class StitchedGroove:
     @property
     def is_closed(self) -> bool:
         """Whether the stitched sections go all the way round, without a gap."""
-        return self.covered > FULL_TURN - 1e-9
+        return self.covered > FULL_TURN_ANGLE - 1e-9
 
 
 def stitch_stations(
@@ -247,7 +247,7 @@ def register_overlaps(
             edge = align_second_to_first(overlap, first, second)
             T = edge.T @ T
             moved = float(np.abs(pose_vector.pose_to_vector(edge.T)).max())
-            if moved < CONVERGED_MOTION or moved > LARGEST_MOTION:
+            if moved < CONVERGED_MOTION or moved > SETTLED_STATION_MOTION:
                 break
             second = seen(overlap.second, T)
         edges.append(replace(edge, T=T))

@@ -30,7 +30,7 @@ TILT_LEVER: Final = 0.02
 CORNER_VALUES: Final = 6
 """The first values are those of p2, p3 and p4."""
 
-WIDEST_SHARE: Final = 0.999
+WIDEST_LEG_SHARE: Final = 0.999
 """Share of the leg's radius beyond which nothing is over the leg."""
 
 
@@ -170,7 +170,7 @@ def _unroll_points(
     x, y, z = np.moveaxis(shifted, -1, 0)
     phi, rho = np.arctan2(y, x), np.hypot(x, y)
     phi = phi[0, 2] + np.angle(np.exp(1j * (phi - phi[0, 2])))  # no jump within a view
-    height = z - surface.height(phi, np.minimum(rho, WIDEST_SHARE * shape.leg_radius))
+    height = z - surface.height(phi, np.minimum(rho, WIDEST_LEG_SHARE * shape.leg_radius))
     off = np.concatenate(
         (
             rho[:, : 3 + on_brace] - shape.brace_radius,
@@ -212,7 +212,7 @@ def _corner_covariance(
     """Covariance of the corners' six values that the laser's noise makes, shape (6, 6)."""
     surface = LegSurface(shape.leg_radius, shape.angle)
     phi, rho = np.arctan2(corners[:, 1], corners[:, 0]), np.hypot(corners[:, 0], corners[:, 1])
-    rho = np.minimum(rho, WIDEST_SHARE * shape.leg_radius)
+    rho = np.minimum(rho, WIDEST_LEG_SHARE * shape.leg_radius)
     out = np.column_stack((np.cos(phi), np.sin(phi), np.zeros(3)))
     side = np.column_stack((-np.sin(phi), np.cos(phi), np.zeros(3)))
     climb = surface.azimuth_derivative(phi, rho)[:, 2] / rho

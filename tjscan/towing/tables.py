@@ -9,7 +9,7 @@ from typing import Annotated, Final
 
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
-from tjscan.core.units import DEG, FARTHEST_MM, MM, SECONDS, FileUnit, SettingsTable
+from tjscan.core.units import DEG, FARTHEST_DISTANCE_MM, MM, SECONDS, FileUnit, SettingsTable
 
 MM_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
 N_M_RAD: Final = FileUnit("n_m_rad")
@@ -19,7 +19,7 @@ KG_M: Final = FileUnit("kg_m")
 
 MOST_LINKS: Final = 1000
 
-Coordinate = Annotated[float, Ge(-FARTHEST_MM), Le(FARTHEST_MM)]
+Coordinate = Annotated[float, Ge(-FARTHEST_DISTANCE_MM), Le(FARTHEST_DISTANCE_MM)]
 Point = tuple[Coordinate, Coordinate]
 Ring = Annotated[tuple[Point, ...], MinLen(3), MaxLen(1000)]
 Path = Annotated[tuple[Point, ...], MinLen(1), MaxLen(1000)]
@@ -47,11 +47,11 @@ class CableSettings(SettingsTable):
         Coefficient between cable and floor.
     """
 
-    length: Annotated[float, Gt(0), Le(FARTHEST_MM), MM] = 6.0
+    length: Annotated[float, Gt(0), Le(FARTHEST_DISTANCE_MM), MM] = 6.0
     link: Annotated[float, Gt(0), Le(5000), MM] = 0.1
     stiffness: Annotated[float, Gt(0), Le(1e4), N_M_RAD] = 1.7
     damping: Annotated[float, Ge(0), Le(1e4), N_M_S_RAD] = 0.15
-    least_radius: Annotated[float, Gt(0), Le(FARTHEST_MM), MM] = 0.1332
+    least_radius: Annotated[float, Gt(0), Le(FARTHEST_DISTANCE_MM), MM] = 0.1332
     radius: Annotated[float, Gt(0), Le(200), MM] = 8.5e-3
     mass: Annotated[float, Gt(0), Le(100), KG_M] = 1.0
     friction: Annotated[float, Ge(0), Le(2)] = 0.87

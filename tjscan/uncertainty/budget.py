@@ -223,7 +223,7 @@ def covariance_factor(covariance: Array) -> Array:
 
 ALIGNMENT_CAUSE: Final = "alignment"
 
-ON_WALLS: Final = (0, 1, 3, 4)
+POINTS_ON_WALLS: Final = (0, 1, 3, 4)
 """p1 and p2 lie on the brace's wall, p4 and p5 on the leg."""
 
 
@@ -250,7 +250,7 @@ def aligned_budget(
         was measured was laid on the reference as it is.
     """
     n = len(points)
-    at = points[:, ON_WALLS].reshape(-1, 3)
+    at = points[:, POINTS_ON_WALLS].reshape(-1, 3)
     across = normals[:, (0, 0, 1, 1)].reshape(-1, 3)
     turned = np.cross(at, across)
     columns = [across, turned]
@@ -263,7 +263,7 @@ def aligned_budget(
     components, own = [], np.zeros((6, 6))
     for one in budget.components:
         m = one.points.shape[-1]
-        off = np.einsum("kc,kcm->km", across, one.points[:, ON_WALLS].reshape(-1, 3, m))
+        off = np.einsum("kc,kcm->km", across, one.points[:, POINTS_ON_WALLS].reshape(-1, 3, m))
         if one.is_shared:
             moved = points_moved_by_twist(points, taken_back @ off)
             one = replace(one, points=one.points + moved)

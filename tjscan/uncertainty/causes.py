@@ -70,7 +70,7 @@ class ViewCause:
     measures: Array
     bend: ProfileBend | None = None
 
-    def moved_too(self, sections: Sections, twists: Array) -> Self:
+    def with_station_motions(self, sections: Sections, twists: Array) -> Self:
         """The same cause, whose draws move the views as a whole as well.
 
         Parameters
@@ -270,7 +270,7 @@ def budget_of_causes(causes: Sequence[ViewCause], T_r_b: Array, count: int) -> U
 LINEARITY_CAUSE: Final = "laser's linearity"
 RANGE_BIAS_CAUSE: Final = "range bias at steep incidence"
 
-MOST_TANGENT: Final = 5.0
+LARGEST_INCIDENCE_TANGENT: Final = 5.0
 """Tangent of the incidence beyond which a range errs by no more: such points are lost."""
 
 SLOPE_STEP: Final = 1e-6
@@ -341,7 +341,7 @@ def range_bias_cause(sections: Sections, bias: float, evidence: str) -> ViewCaus
         ray = xz / np.linalg.norm(xz, axis=1, keepdims=True)
         along = np.abs(np.sum(ray * tangents, axis=1))
         square = np.abs(ray[:, 0] * tangents[:, 1] - ray[:, 1] * tangents[:, 0])
-        tangent = np.minimum(along / np.maximum(square, 1e-9), MOST_TANGENT)
+        tangent = np.minimum(along / np.maximum(square, 1e-9), LARGEST_INCIDENCE_TANGENT)
         return np.asarray((bias * tangent[:, None] * ray)[..., None])
 
     moves, measures = [], []

@@ -42,7 +42,7 @@ def job_keys_as_options(app: App) -> Iterator[None]:
                 command = command[word]
             function = command.default_command
             stack.callback(setattr, command, "default_command", function)
-            command.default_command = _with_options(function, dict(options_of_job(kind)))
+            command.default_command = _add_parameters(function, dict(options_of_job(kind)))
         yield
 
 
@@ -82,7 +82,7 @@ def _resolved_schema(
     return schema
 
 
-def _with_options(
+def _add_parameters(
     function: Callable[..., Any] | None, options: Mapping[str, tuple[str, ...]]
 ) -> Callable[..., Any]:
     """Function with the parameters of another, and one more for each option."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from tjscan.live.page import PageAddress
 
 
-MOST_PORTS: Final = 65_535
+HIGHEST_PORT: Final = 65_535
 
 
 @Parameter(name="*")
@@ -45,8 +45,8 @@ class PageOptions:
         ConfigurationError
             If it is not installed, or there is no such port.
         """
-        if not 0 <= self.port <= MOST_PORTS:
-            raise ConfigurationError(f"--port is 0 to {MOST_PORTS}")
+        if not 0 <= self.port <= HIGHEST_PORT:
+            raise ConfigurationError(f"--port is 0 to {HIGHEST_PORT}")
         with explain_missing_viser():
             from tjscan.live.page import PageAddress
         return PageAddress(port=self.port, address=self.address)

@@ -17,7 +17,7 @@ from tjscan.laser.line_laser import DescribedLaser, LineLaser
 from tjscan.result.readings import ProfileReading, measures_with_sigmas, reading_to_dict
 
 DRAWING_ROWS: Final = 18
-WIDEST_DRAWING: Final = 110
+WIDEST_DRAWING_CHARACTERS: Final = 110
 """Characters of the drawing of a profile."""
 
 POINT_MARK, CORNER_MARKS = "·", "12345678"
@@ -93,7 +93,7 @@ def live_profiles(*, json: bool) -> Iterator[Callable[[ProfileReading], None]]:
         elif live is None:
             print(describe_reading(reading), flush=True)
         else:
-            columns = min(console.width, WIDEST_DRAWING)
+            columns = min(console.width, WIDEST_DRAWING_CHARACTERS)
             lines = [*draw_profile(reading, columns, DRAWING_ROWS), describe_reading(reading)]
             with suppress(BlockingIOError):  # a terminal that is slower than the laser
                 live.update(Text("\n".join(lines)), refresh=True)

@@ -85,7 +85,7 @@ def _corner_cells(reading: ProfileReading) -> dict[str, str]:
     return {
         f"p{i}_x_z_mm": f"{x:.3f} {z:.3f}" if seen else "not seen"
         for i, (seen, (x, _, z)) in enumerate(
-            zip(reading.is_seen, 1e3 * reading.points_s, strict=True), start=1
+            zip(reading.corners_seen, 1e3 * reading.points_s, strict=True), start=1
         )
     }
 

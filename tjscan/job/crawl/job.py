@@ -30,7 +30,7 @@ from tjscan.vehicle.drivers import VEHICLE_DRIVERS
 from tjscan.vehicle.simulated_body import VehicleSimulationSettings
 from tjscan.vehicle.tracks import TrackGeometry
 
-HULL_SEEN: Final = 5e-3
+LEAST_HULL_EACH_SIDE: Final = 5e-3
 """Metres of a plate at least: its pose needs ten points, and half as many may be missing."""
 
 PERCENT_UNIT: Final = FileUnit("percent", 0.01)
@@ -131,12 +131,12 @@ class CrawlSimulationSettings(SettingsTable):
                 f"{joint.radius:g} m: both are positive if the joint bends to the right",
             )
         line = 2 * STAND_OFF * tan(self.laser.half_angle)
-        if not joint.width + 2 * HULL_SEEN < line:
+        if not joint.width + 2 * LEAST_HULL_EACH_SIDE < line:
             yield (
                 "simulation.joint.width_mm",
                 f"the joint is {1e3 * joint.width:g} mm wide, and the laser's line "
-                f"{1e3 * line:.0f} mm: it must see {1e3 * HULL_SEEN:g} mm of hull on both sides. "
-                "Take a wider simulation.laser.half_angle_deg",
+                f"{1e3 * line:.0f} mm: it must see {1e3 * LEAST_HULL_EACH_SIDE:g} mm of hull on "
+                "both sides. Take a wider simulation.laser.half_angle_deg",
             )
 
 

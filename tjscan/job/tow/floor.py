@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 SEAM_SAMPLE_STEP: Final = 0.1
 """Metres of seam between two places that are checked."""
 
-ON_EDGE: Final = 1e-6
+EDGE_TOLERANCE: Final = 1e-6
 """Metres within which a point counts as on an edge: work begins and ends at walls."""
 
 
@@ -26,7 +26,7 @@ def floor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
     """Yield key and message of areas, roots and seams that can't be, and of ways too narrow."""
     outline = shapely.Polygon(job.area.outline)
     yield from _crossing_contradictions(job.area.outline, "area.outline_mm")
-    inside = outline.buffer(ON_EDGE)
+    inside = outline.buffer(EDGE_TOLERANCE)
     for hole in job.area.holes:
         yield from _crossing_contradictions(hole, "area.holes_mm")
         if not inside.contains(shapely.Polygon(hole)):
@@ -41,7 +41,7 @@ def floor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
         off = 1e3 * inside.distance(root)
         yield "root.position_mm", f"{at_root} lies {off:.0f} mm outside the area"
     for solid in solids:
-        if solid.shape.buffer(-ON_EDGE).contains(root):
+        if solid.shape.buffer(-EDGE_TOLERANCE).contains(root):
             yield solid.key, f"{solid.name} stands on the root, at {at_root}"
     seam = Seam(job.seam)
     line: Any = (
@@ -54,7 +54,7 @@ def floor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
             f"the seam leaves the area: {1e3 * along:.0f} mm from its beginning it lies "
             f"{1e3 * off:.0f} mm outside",
         )
-    blocked = line.difference(_free_floor(job, solids).buffer(ON_EDGE))
+    blocked = line.difference(_free_floor(job, solids).buffer(EDGE_TOLERANCE))
     if not blocked.is_empty:
         along = min(line.project(shapely.Point(at)) for at in shapely.get_coordinates(blocked))
         first = shapely.Point(seam.path.point_at(along))

@@ -37,11 +37,11 @@ class Cylinder:
 
     def signed_distances(self, points: Array) -> Array:
         """Distances of points, shape (..., 3), outside the cylinder, in metres."""
-        return np.asarray(np.linalg.norm(self._across(points), axis=-1) - self.radius)
+        return np.asarray(np.linalg.norm(self._radial_vectors(points), axis=-1) - self.radius)
 
     def normals(self, points: Array) -> Array:
         """Outward unit normals, shape (..., 3), at or beside points off the axis."""
-        across = self._across(points)
+        across = self._radial_vectors(points)
         return np.asarray(across / np.linalg.norm(across, axis=-1, keepdims=True))
 
     def transformed(self, T: Array) -> Cylinder:
@@ -72,7 +72,7 @@ class Cylinder:
         along = (points - self.point) @ self.axis
         return -np.column_stack((sideways, along[:, None] * sideways, np.ones(len(points))))
 
-    def _across(self, points: Array) -> Array:
+    def _radial_vectors(self, points: Array) -> Array:
         q = points - self.point
         return np.asarray(q - (q @ self.axis)[..., None] * self.axis)
 
@@ -83,7 +83,7 @@ def perpendicular_pair(axis: Array) -> Array:
     return np.array((first, np.cross(axis, first)))
 
 
-FIRST_REACH: Final = 3e-3
+FIRST_REACH_FROM_CYLINDER: Final = 3e-3
 """Metres from a rough cylinder within which its points are sought at first."""
 
 LEAST_POINT_SIGMA: Final = 10e-6
@@ -194,7 +194,7 @@ def refine_cylinder(tube: Cylinder, points: Array) -> Cylinder:
     points : ndarray, shape (n, 3)
         Of the wall and of anything else, metres.
     """
-    reach = FIRST_REACH
+    reach = FIRST_REACH_FROM_CYLINDER
     for _ in range(MOST_ROUNDS):
         off = tube.signed_distances(points)
         near = np.abs(off) < reach

@@ -27,7 +27,7 @@ CYLINDER_TRIALS: Final = 4000
 REFINED_TRIALS: Final = 24
 """How many of the best trials are refined."""
 
-MOST_POLISHED: Final = 30_000
+MOST_POLISH_POINTS: Final = 30_000
 """Points that the tubes are settled on in the end; more would not make ten numbers surer."""
 
 TRIAL_REACH: Final = 0.02
@@ -88,13 +88,13 @@ def find_tubes_in_cloud(points: Array, *, seed: int = 0) -> FittedTubes:
     on, off = apart < ON_TUBE_DISTANCE, apart > 3 * ON_TUBE_DISTANCE
     first, _ = fit_cylinder(first, thin[on[0] & off[1]], LOSS_SCALE)
     second, _ = fit_cylinder(second, thin[on[1] & off[0]], LOSS_SCALE)
-    chosen = points[:: max(1, len(points) // MOST_POLISHED)]
+    chosen = points[:: max(1, len(points) // MOST_POLISH_POINTS)]
     first, second = refine_cylinder(first, chosen), refine_cylinder(second, chosen)
     brace, leg = sorted((first, second), key=lambda tube: tube.radius)
     if leg.radius - brace.radius < ON_TUBE_DISTANCE:
         message = f"both tubes are {2e3 * leg.radius:.1f} mm wide: which one is the leg stays open"
         raise TubesNotFound(message)
-    return _with_covariance(brace, leg, thin)
+    return _add_covariance(brace, leg, thin)
 
 
 def _best_cylinder(
@@ -171,7 +171,7 @@ def _crosses_tube(axes: Array, other: Cylinder) -> NDArray[np.bool_]:
     return np.asarray(np.abs(axes @ other.axis) < np.cos(LEAST_AXES_ANGLE))
 
 
-def _with_covariance(brace: Cylinder, leg: Cylinder, points: Array) -> FittedTubes:
+def _add_covariance(brace: Cylinder, leg: Cylinder, points: Array) -> FittedTubes:
     """Both tubes with the covariance that independent points give."""
     covariance, total, count = np.zeros((10, 10)), 0.0, 0
     for tube, at in ((brace, slice(0, 5)), (leg, slice(5, 10))):

@@ -85,7 +85,7 @@ CONVERGED_STEP: Final = 1e-9
 
 LEAST_WEIGHT: Final = 1e-6
 
-FEWEST_VIEWS: Final = 3
+FEWEST_FIT_VIEWS: Final = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +144,7 @@ def fit_tubes_to_walls(
     TubesNotFound
         If the points don't hold both cylinders.
     """
-    if len(views := walls.indices_by_view()) < FEWEST_VIEWS:
+    if len(views := walls.indices_by_view()) < FEWEST_FIT_VIEWS:
         raise TubesNotFound(f"{len(views)} views of the walls are too few for two cylinders")
     common = repeatability.covariance
     brace = brace.recentred_beside(walls.points[walls.on_brace])

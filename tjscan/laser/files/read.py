@@ -18,7 +18,7 @@ from tjscan.laser.files.format import (
     check_scale,
     check_unit,
 )
-from tjscan.laser.files.tables import read_npy, read_ply, read_text
+from tjscan.laser.files.tables import read_npy, read_ply_profile, read_text
 from tjscan.laser.files.text import read_text_table
 from tjscan.laser.profile import Profile
 
@@ -102,7 +102,7 @@ def _read_file(file: Path, form: ProfileFormat) -> FileProfiles:
                 file=file,
             )
         if suffix == ".ply":
-            return read_ply(file, form)
+            return read_ply_profile(file, form)
         if suffix == ".npy":
             return read_npy(file, form)
         return read_text(file, read_text_table(file), form)

@@ -66,7 +66,7 @@ def read_npy(file: Path, form: ProfileFormat) -> FileProfiles:
     return table
 
 
-def read_ply(file: Path, form: ProfileFormat) -> FileProfiles:
+def read_ply_profile(file: Path, form: ProfileFormat) -> FileProfiles:
     """The profile that a PLY holds, its points in the plane y = 0.
 
     Raises
@@ -181,9 +181,9 @@ def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> FileProfi
     """A point per row, in columns x and z; a column `GROUP_COLUMNS` separates the profiles."""
     (header, first), *rows = text.rows
     names = [cell.lower() for cell in first]
-    z_at, z_unit = _column(file, names, "z")
+    z_at, z_unit = _find_column(file, names, "z")
     pitched = form.pitch is not None and not any(_is_axis(name, "x") for name in names)
-    x_at, x_unit = (z_at, z_unit) if pitched else _column(file, names, "x")
+    x_at, x_unit = (z_at, z_unit) if pitched else _find_column(file, names, "x")
     x_scale, z_scale = (
         metres_per_number(file, unit or form.unit, "a column without a unit in its name")
         for unit in (x_unit, z_unit)
@@ -216,7 +216,7 @@ def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> FileProfi
     return table
 
 
-def _column(file: Path, names: Sequence[str], axis: str) -> tuple[int, str | None]:
+def _find_column(file: Path, names: Sequence[str], axis: str) -> tuple[int, str | None]:
     """Place of a column such as x, x_s or x_mm, and the unit in its name."""
     for i, name in enumerate(names):
         match = _is_axis(name, axis)

@@ -31,7 +31,7 @@ FEWEST_COLUMN_NUMBERS: Final = 5
 LONGEST_LINE: Final = 1_000_000
 """Characters: a profile has some thousand points."""
 
-MOST_CELLS: Final = 3_000_000
+MOST_TABLE_CELLS: Final = 3_000_000
 """Of a table: some two thousand profiles. Each takes a hundred bytes while it is read."""
 
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
@@ -73,7 +73,7 @@ def read_text_table(file: Path) -> TextTable:
     Raises
     ------
     UnicodeDecodeError, csv.Error, OSError
-        If it is no text, holds more than `MOST_CELLS` cells or a line of more than
+        If it is no text, holds more than `MOST_TABLE_CELLS` cells or a line of more than
         `LONGEST_LINE` characters, or can't be read.
     """
     lines = [
@@ -82,37 +82,39 @@ def read_text_table(file: Path) -> TextTable:
         if not line.lstrip().startswith(COMMENT_MARK)
     ]
     lines = [(number, line) for number, line in lines if line.strip(" ")]
-    separator = _separator([line for _, line in lines[:SEPARATOR_SAMPLE_LINES]])
-    rows = tuple(_cells(lines, separator))
+    separator = _find_separator([line for _, line in lines[:SEPARATOR_SAMPLE_LINES]])
+    rows = tuple(_split_cells(lines, separator))
     cells = [cell for _, row in rows[:SEPARATOR_SAMPLE_LINES] for cell in row]
     return TextTable(rows, separator != "," and any(map(_DECIMAL_COMMA.fullmatch, cells)))
 
 
-def _separator(lines: list[str]) -> str | None:
+def _find_separator(lines: list[str]) -> str | None:
     """What separates cells; None for blanks."""
     for mark in (";", "\t"):
         if any(mark in line for line in lines):
             return mark
     # Between blanks a comma may be the decimal one.
     with_comma = [line for line in lines if "," in line]
-    return None if all(_all_decimal(line) for line in with_comma) else ","
+    return None if all(_have_decimal_commas(line) for line in with_comma) else ","
 
 
-def _all_decimal(line: str) -> bool:
+def _have_decimal_commas(line: str) -> bool:
     """Whether every word of several is a number with a decimal comma."""
     words = line.split()
     return len(words) > 1 and all(_DECIMAL_COMMA.fullmatch(word) for word in words)
 
 
-def _cells(lines: list[tuple[int, str]], separator: str | None) -> Iterator[tuple[int, list[str]]]:
-    left = MOST_CELLS
+def _split_cells(
+    lines: list[tuple[int, str]], separator: str | None
+) -> Iterator[tuple[int, list[str]]]:
+    left = MOST_TABLE_CELLS
     for number, line in lines:
         if len(line) > LONGEST_LINE:
             raise csv.Error(f"line {number} has more than {LONGEST_LINE} characters")
         row = line.split() if separator is None else next(csv.reader([line], delimiter=separator))
         left -= len(row)
         if left < 0:
-            raise csv.Error(f"it holds more than {MOST_CELLS} cells; split the file")
+            raise csv.Error(f"it holds more than {MOST_TABLE_CELLS} cells; split the file")
         yield number, [cell.strip() for cell in row]
 
 
@@ -131,7 +133,7 @@ METRES_PER_MM = 1e-3
 
 def is_gocator_export(table: TextTable) -> bool:
     """Whether a table is a CSV export of a Gocator sensor."""
-    return any(_title(row) in PROFILE_SECTIONS for _, row in table.rows)
+    return any(_section_title(row) in PROFILE_SECTIONS for _, row in table.rows)
 
 
 def read_gocator_profiles(table: TextTable) -> tuple[dict[str, tuple[Array, Array]], list[str]]:
@@ -148,7 +150,7 @@ def read_gocator_profiles(table: TextTable) -> tuple[dict[str, tuple[Array, Arra
     ranges: dict[str, dict[str, Array]] = {}
     header: list[float | None] = []
     for number, row in table.rows:
-        title = _title(row)
+        title = _section_title(row)
         if title in PROFILE_SECTIONS:
             raw, names = PROFILE_SECTIONS[title], None
         elif len([cell for cell in row if cell]) == 1 and table.parse_number(row[0]) is None:
@@ -180,7 +182,7 @@ def read_gocator_profiles(table: TextTable) -> tuple[dict[str, tuple[Array, Arra
     return found, bad
 
 
-def _title(row: list[str]) -> str:
+def _section_title(row: list[str]) -> str:
     """What a row names that has one cell only, in lower case."""
     full = [cell for cell in row if cell]
     return full[0].lower() if len(full) == 1 else ""

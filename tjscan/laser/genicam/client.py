@@ -41,7 +41,7 @@ from tjscan.laser.genicam.messages import (
 )
 from tjscan.laser.genicam.settings import FeatureValue, GigeSettings
 
-DISCOVERY_MS: Final = (100, 300, 900)
+DISCOVERY_TIMEOUT_MS: Final = (100, 300, 900)
 """Milliseconds to wait for lasers to answer each broadcast, until one that does not is given up.
 
 Most answer at once; a datagram may get lost, and GigE Vision lets an answer take up to a second.
@@ -81,16 +81,16 @@ class GenicamClient:
     def connect(self, settings: GigeSettings, setup: StreamSetup) -> ConnectedLaser:
         """Connect, set everything up, and begin to stream."""
         self._setup = setup
-        address = self._open(settings.address, settings.serial)
+        address = self._open_laser(settings.address, settings.serial)
         for name, value in settings.features.items():
-            self._set(name, value)
+            self._set_feature(name, value)
         for register, number in setup.registers.items():
             self._camera.write_register(register, number.to_bytes(4))
         if setup.exposure is not None:
             self._camera.set_exposure_time(1e6 * setup.exposure)
         chosen = self._choose_format(setup.pixel_format) if setup.chooses_format else ""
         if setup.rows is not None:
-            self._set("Height", setup.rows)
+            self._set_feature("Height", setup.rows)
         if setup.trigger == "software":
             self._camera.enable_trigger(self._choose_trigger(), "Software")
         elif "TriggerMode" in self._names:
@@ -105,13 +105,13 @@ class GenicamClient:
             identity=self.identity(),
             address=address,
             pixel_format=chosen,
-            columns=self._read("Width", self._camera.get_integer) or 0,
-            rows=self._read("Height", self._camera.get_integer) or 0,
+            columns=self._read_feature("Width", self._camera.get_integer) or 0,
+            rows=self._read_feature("Height", self._camera.get_integer) or 0,
             packet_size=int.from_bytes(self._camera.read_register(PACKET_SIZE)) & 0xFFFF,
-            unit=self._read("Scan3dDistanceUnit", self._camera.get_enum),
-            output_mode=self._read("Scan3dOutputMode", self._camera.get_enum),
-            x=self._axis("CoordinateA"),
-            z=self._axis("CoordinateC"),
+            unit=self._read_feature("Scan3dDistanceUnit", self._camera.get_enum),
+            output_mode=self._read_feature("Scan3dOutputMode", self._camera.get_enum),
+            x=self._read_axis_scale("CoordinateA"),
+            z=self._read_axis_scale("CoordinateC"),
             exposure=self._exposure,
             latches=self._latches,
         )
@@ -127,7 +127,7 @@ class GenicamClient:
 
     def capture(self, attempts: int, timeout: float) -> ReceivedBlock:
         """Take a block that was exposed after this call; trigger again while none comes."""
-        latched, latched_at = self._latch()
+        latched, latched_at = self._latch_clock()
         stale, began = 0, time.monotonic()
         for attempt in range(1, attempts + 1):
             until = time.monotonic() + timeout
@@ -211,15 +211,15 @@ class GenicamClient:
         margin = self._exposure if self._setup.margin is None else self._setup.margin
         return (margin or 0.0) * self._ticks_per_second
 
-    def _open(self, address: str | None, serial: str | None) -> str:
+    def _open_laser(self, address: str | None, serial: str | None) -> str:
         """Find and control the laser; gives its address."""
         seen: dict[str, str] = {}
-        for patience in DISCOVERY_MS:
+        for patience in DISCOVERY_TIMEOUT_MS:
             for info in viva_genicam.discover(timeout_ms=patience, all=True):
                 seen[info.ip] = f"{info.manufacturer} {info.model} at {info.ip}"
                 # Which laser it is that has the address is judged later.
-                if info.ip == address or (address is None and _serial_of(info) == serial):
-                    self._camera = self._control(info)
+                if info.ip == address or (address is None and _read_serial_number(info) == serial):
+                    self._camera = self._take_control(info)
                     return str(info.ip)
         others = f"; there is {', '.join(seen.values())}" if seen else ""
         wanted = f"at {address}" if address is not None else f"with serial number {serial}"
@@ -228,7 +228,7 @@ class GenicamClient:
             "this computer has an address in its subnet."
         )
 
-    def _control(self, info: Any) -> Any:
+    def _take_control(self, info: Any) -> Any:
         """Take control of a laser; one that was left to its heartbeat comes free by itself."""
         until = time.monotonic() + IN_USE_PATIENCE
         while True:
@@ -260,10 +260,10 @@ class GenicamClient:
         return chosen
 
     def _choose_trigger(self) -> str:
-        there = self._read("TriggerSelector", self._camera.available_enum_entries) or ()
+        there = self._read_feature("TriggerSelector", self._camera.available_enum_entries) or ()
         return next((name for name in TRIGGER_SELECTORS if name in there), TRIGGER_SELECTORS[0])
 
-    def _set(self, name: str, value: FeatureValue) -> None:
+    def _set_feature(self, name: str, value: FeatureValue) -> None:
         text = str(value).lower() if isinstance(value, bool) else str(value)
         try:
             if isinstance(value, bool):
@@ -276,25 +276,25 @@ class GenicamClient:
             message = f"the laser's feature {name} can't be set to {text}: {error}"
             raise ProfileFormatRefused(message) from error
 
-    def _read(self, name: str, read: Callable[[str], Any]) -> Any:
+    def _read_feature(self, name: str, read: Callable[[str], Any]) -> Any:
         """A feature's value; None if the laser lacks it."""
         with suppress(GenicamError):
             return read(name)
         return None
 
-    def _axis(self, coordinate: str) -> StatedAxis:
+    def _read_axis_scale(self, coordinate: str) -> StatedAxis:
         if "Scan3dCoordinateSelector" not in self._names:
             return StatedAxis()
         with suppress(GenicamError):
             self._camera.set_enum("Scan3dCoordinateSelector", coordinate)
             number = self._camera.get_float
-            marks = self._read("Scan3dInvalidDataFlag", self._camera.get_bool)
+            marks = self._read_feature("Scan3dInvalidDataFlag", self._camera.get_bool)
             return StatedAxis(
-                scale=self._read("Scan3dCoordinateScale", number),
-                offset=self._read("Scan3dCoordinateOffset", number),
-                low=self._read("Scan3dAxisMin", number),
-                high=self._read("Scan3dAxisMax", number),
-                invalid=self._read("Scan3dInvalidDataValue", number) if marks else None,
+                scale=self._read_feature("Scan3dCoordinateScale", number),
+                offset=self._read_feature("Scan3dCoordinateOffset", number),
+                low=self._read_feature("Scan3dAxisMin", number),
+                high=self._read_feature("Scan3dAxisMax", number),
+                invalid=self._read_feature("Scan3dInvalidDataValue", number) if marks else None,
             )
         return StatedAxis()
 
@@ -307,7 +307,7 @@ class GenicamClient:
                 readings.add(self._camera.read_register(LATCHED_TIME, 8))
         return len(readings) > 1
 
-    def _latch(self) -> tuple[int, HostInterval]:
+    def _latch_clock(self) -> tuple[int, HostInterval]:
         """Read the laser's clock now, and when that was; without a clock, restart the stream.
 
         What an acquisition that has just begun brings was exposed after that.
@@ -326,7 +326,7 @@ class GenicamClient:
         return ticks, HostInterval(before, after)
 
 
-def _serial_of(info: Any) -> str:
+def _read_serial_number(info: Any) -> str:
     """Serial number of a laser that was discovered, read without taking control of it."""
     try:
         with viva_genicam.connect_gige(info, monitor=True) as camera:

@@ -17,7 +17,7 @@ from tjscan.laser.genicam.messages import (
     ReceivedBlock,
     StatedAxis,
     StreamSetup,
-    cell_time_of_exposure,
+    exposure_on_cell_clock,
 )
 from tjscan.laser.genicam.settings import GenicamSettings, GigeSettings, ScanControlSettings
 from tjscan.laser.line_laser import LaserDescription
@@ -141,7 +141,7 @@ class GigeLaser(ABC, Generic[S]):
                 f"the laser sends {block.pixel_format}, and was set to {laser.pixel_format}. "
                 "Start again."
             )
-        when, uncertainty = cell_time_of_exposure(block.exposed, block.uncertainty, cell, read)
+        when, uncertainty = exposure_on_cell_clock(block.exposed, block.uncertainty, cell, read)
         return self._profile(block, when, uncertainty)
 
     @abstractmethod

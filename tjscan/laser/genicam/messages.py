@@ -182,7 +182,7 @@ def host_time_of_exposure(ticks: int, ticks_per_second: int, read: HostInterval)
     return HostInterval(read.begin + later - spread, read.end + later + spread)
 
 
-def cell_time_of_exposure(
+def exposure_on_cell_clock(
     exposed: float, uncertainty: float, cell: float, cell_read: HostInterval
 ) -> tuple[float, float]:
     """When a profile was exposed on the cell's clock, and how far off that may be, in seconds.

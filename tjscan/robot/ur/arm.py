@@ -54,7 +54,7 @@ SETTING_LIMIT: Final = 2.0
 READ_BACK_TOLERANCE: Final = 1e-6
 """Metres, radians or kilograms between a value that was set and the same read back."""
 
-OTHER_ARM: Final = 0.005
+OTHER_ARM_DISTANCE: Final = 0.005
 """Metres between the flange as the controller and as the model has it, beyond calibration.
 
 Less than the clearance's default margins: what is planned on the model holds for the arm.
@@ -157,7 +157,7 @@ def _set_tcp(session: ControllerSession) -> None:
     offset = session.call_client_method(list, "active_tcp_offset")
     if len(offset) != 6 or np.abs(offset).max() > READ_BACK_TOLERANCE:
         session.read_state()  # the true reason, if the arm is not well
-        raise _disobeyed("TCP", "zero", offset)
+        raise _raise_setting_ignored("TCP", "zero", offset)
     session.T_tcp_f = inverse_pose(pose_vector.pose_from_vector(offset))
 
 
@@ -171,7 +171,7 @@ def _set_payload(session: ControllerSession) -> None:
         if _reports_payload(now, np.array([mass, *centre])):
             return
         if late:
-            raise _disobeyed("payload", f"{mass:g} kg", now.payload)
+            raise _raise_setting_ignored("payload", f"{mass:g} kg", now.payload)
 
 
 def _reports_payload(now: ControllerState, wanted: Array) -> bool:
@@ -185,7 +185,7 @@ def _reports_payload(now: ControllerState, wanted: Array) -> bool:
 def _check_model(session: ControllerSession, kinematics: Kinematics) -> None:
     state = session.arm_state()
     apart = np.linalg.norm(kinematics.forward(state.q)[:3, 3] - state.T_b_f[:3, 3])
-    if apart > OTHER_ARM:
+    if apart > OTHER_ARM_DISTANCE:
         raise ConfigurationError(
             f"the controller has its flange {1e3 * apart:.0f} mm from where a "
             f"{kinematics.name} with these joint angles has it: name the "
@@ -194,7 +194,7 @@ def _check_model(session: ControllerSession, kinematics: Kinematics) -> None:
         )
 
 
-def _disobeyed(what: str, wanted: str, found: object) -> ArmFault:
+def _raise_setting_ignored(what: str, wanted: str, found: object) -> ArmFault:
     return ArmFault(
         f"the controller was asked to set its {what} to {wanted} and reports {found}. See "
         "that no other program works with it, then start again."
@@ -222,7 +222,7 @@ class UrArm(DeviceBase):
         self._planner = PathPlanner(kinematics, MotionLimits() if limits is None else limits)
         self._session: ControllerSession | None = None
         self._identity = UrIdentity()
-        self._latch = MotionLock()
+        self._latch_clock = MotionLock()
         self._listener: EventListener = lambda name, detail: None
 
     def __enter__(self) -> Self:
@@ -235,8 +235,8 @@ class UrArm(DeviceBase):
         ConfigurationError
             If it is another model than it should be.
         """
-        self._latch.clear_stop()
-        settings, latch = self.settings, self._latch
+        self._latch_clock.clear_stop()
+        settings, latch = self.settings, self._latch_clock
         session = connect_to_controller(
             settings, self.kinematics, latch, lambda *event: self._listener(*event)
         )
@@ -288,13 +288,13 @@ class UrArm(DeviceBase):
         PoseNotReached
             If the arm came to rest somewhere else. It takes no more commands then.
         """
-        return self._move(T_b_f, linear=True)
+        return self._execute_move(T_b_f, linear=True)
 
     def move_joint_to_pose(
         self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
     ) -> ArmState:
         """Move to the nearest configuration that holds a pose. See `move_linear`."""
-        return self._move(T_b_f, near)
+        return self._execute_move(T_b_f, near)
 
     def run_program(self, program: UrProgram, started: Callable[[], object]) -> None:
         """Run a program in URScript to its end; the arm takes no moves after it.
@@ -312,16 +312,16 @@ class UrArm(DeviceBase):
             As `program.run_program` does. The program is stopped then.
         """
         session = self._connected
-        with self._latch.hold_for_move():
+        with self._latch_clock.hold_for_move():
             run_program(session, program, started)
 
     def stop(self) -> None:
         """Bring the arm to rest, and begin nothing more. See `Arm.stop`."""
-        self._latch.stop()
+        self._latch_clock.stop()
 
     def accept_moves_again(self) -> None:
         """Take commands again after a stop. See `Arm.accept_moves_again`."""
-        self._latch.clear_stop()
+        self._latch_clock.clear_stop()
 
     @property
     def _connected(self) -> ControllerSession:
@@ -329,9 +329,11 @@ class UrArm(DeviceBase):
             raise ArmFault("the arm is not connected: use it inside a 'with' block")
         return self._session
 
-    def _move(self, T_b_f: Array, near: Array | None = None, *, linear: bool = False) -> ArmState:
+    def _execute_move(
+        self, T_b_f: Array, near: Array | None = None, *, linear: bool = False
+    ) -> ArmState:
         session, planner = self._connected, self._planner
-        with self._latch.hold_for_move():
+        with self._latch_clock.hold_for_move():
             q = session.arm_state().q
             path = planner.linear_path(q, T_b_f) if linear else planner.joint_path(q, T_b_f, near)
             if path.duration > 0:

@@ -24,7 +24,7 @@ from tjscan.robot.ur.messages import (
     SafetyMode,
 )
 
-TOO_SILENT: Final = 0.7 * WATCHDOG_PERIOD
+LONG_SILENCE_SECONDS: Final = 0.7 * WATCHDOG_PERIOD
 """Seconds of silence that may be why a program ended; the rest was lost on the way there."""
 
 _REMOTE_MESSAGE: Final = (
@@ -73,7 +73,7 @@ def program_fault(now: ControllerState) -> ArmFault:
 
     A computer that was held up saw nothing either: that nothing was sent is reported first.
     """
-    if now.unheard >= TOO_SILENT:
+    if now.unheard >= LONG_SILENCE_SECONDS:
         return MoveSupervisionLost(
             f"this computer was held up, and sent the arm's controller nothing for "
             f"{now.unheard:.1f} s: most likely that is why the controller stopped the arm and "
@@ -81,7 +81,7 @@ def program_fault(now: ControllerState) -> ArmFault:
             "that the way is clear and that nothing else keeps this computer busy, then start "
             "again."
         )
-    if now.unseen >= TOO_SILENT:
+    if now.unseen >= LONG_SILENCE_SECONDS:
         return ArmConnectionLost(
             f"nothing came from the arm's controller for {now.unseen:.1f} s, and its program has "
             "ended: most likely the network between the two was interrupted, or the controller "

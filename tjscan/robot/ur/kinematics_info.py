@@ -30,14 +30,14 @@ KINEMATICS_CONTENT: Final = struct.Struct(">6I24d")
 MOST_BYTES: Final = 1 << 16
 """A longer message is none."""
 
-SAME_KINEMATICS: Final = 1e-5
+SAME_KINEMATICS_TOLERANCE: Final = 1e-5
 """Metres within which a controller's calibration is the model itself."""
 
 
 def describe_difference(dh: DhParameters, kinematics: Kinematics) -> str:
     """Where a controller's own calibration and a model of the arm disagree, in words."""
     rms, largest = compare_with_model(dh, kinematics)
-    if largest < SAME_KINEMATICS:
+    if largest < SAME_KINEMATICS_TOLERANCE:
         return f"the controller's kinematics are those of the model {kinematics.name}"
     return (
         f"the controller's own calibration has the flange {1e3 * rms:.2f} mm RMS, "

@@ -24,16 +24,16 @@ from tjscan.robot.ur.session import ControllerSession
 NO_LENGTH: Final = 1e-6
 """Metres: a shorter line is none."""
 
-LARGEST_SWING: Final = 0.005
+LARGEST_FLANGE_SWING: Final = 0.005
 """Metres that the flange may swing aside while it turns on the spot, within any margin."""
 
-OTHER_CONFIGURATION: Final = 0.1
+OTHER_CONFIGURATION_ANGLE: Final = 0.1
 """Radians between the controller's inverse and ours, beyond calibration."""
 
 FASTEST_JOINT: Final = 3.0
 """rad/s: the client library refuses more than 3.14."""
 
-LARGEST_ACCELERATION: Final = 39.0
+LARGEST_JOINT_ACCELERATION: Final = 39.0
 """rad/s²: the client library refuses more than 40."""
 
 
@@ -72,11 +72,11 @@ def joint_command(session: ControllerSession, path: JointTrajectory, T_b_f: Arra
     """
     goal, tcp = path.q[-1], session.active_tcp_pose(T_b_f)
     q = np.array(session.call_client_method(list, "inverse", tcp, tuple(goal.tolist())))
-    if q.shape != goal.shape or np.abs(q - goal).max() > OTHER_CONFIGURATION:
+    if q.shape != goal.shape or np.abs(q - goal).max() > OTHER_CONFIGURATION_ANGLE:
         session.read_state()  # the true reason, if the arm is not well
         raise TargetRefused("it finds no configuration near the one planned.", T_b_f)
     speed, acceleration = _speed_and_acceleration(path, float(np.abs(goal - path.q[0]).max()))
-    limited = min(speed, FASTEST_JOINT), min(acceleration, LARGEST_ACCELERATION)
+    limited = min(speed, FASTEST_JOINT), min(acceleration, LARGEST_JOINT_ACCELERATION)
     return ("move_joint", tuple(q.tolist()), *limited)
 
 
@@ -86,7 +86,7 @@ def _turn_command(
     """A line without length: a speed of the flange bounds no turn, speeds of joints do."""
     straight = path.q[0] + np.linspace(0, 1, 9)[:, None] * (path.q[-1] - path.q[0])
     places = np.array([kinematics.forward(q)[:3, 3] for q in straight])
-    if np.linalg.norm(places - places[0], axis=1).max() > LARGEST_SWING:
+    if np.linalg.norm(places - places[0], axis=1).max() > LARGEST_FLANGE_SWING:
         message = "a turn this wide on the spot would swing the flange aside; turn in parts."
         raise TargetRefused(message, T_b_f)
     return joint_command(session, path, T_b_f)

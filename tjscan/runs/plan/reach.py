@@ -37,7 +37,12 @@ from tjscan.robot.collision import SCANNED_GROOVE, CollisionModel
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import LARGEST_TURN, linear_waypoints
-from tjscan.robot.tool_reach import NEAR_SINGULARITY, Hindrance, ToolHolds, find_tool_holds
+from tjscan.robot.tool_reach import (
+    NEAR_SINGULARITY_TEXT,
+    Hindrance,
+    ToolConfigurations,
+    find_tool_holds,
+)
 from tjscan.runs.scan.context import RunContext
 from tjscan.scanning.journal import grid_triangles
 
@@ -208,7 +213,7 @@ class StationReach:
     hindrance: Hindrance
     places: Array
     length: float
-    holds: ToolHolds
+    holds: ToolConfigurations
 
     @property
     def longest(self) -> tuple[int, int] | None:
@@ -332,7 +337,9 @@ class _TorchLeader:
 
     def _check(self, q: Array, T_b_f: Array, where: str) -> None:
         arm, least = self._station.kinematics, self._station.job.clearance.singular
-        reason = NEAR_SINGULARITY if arm.smallest_singular_value(q) < least else self._hindrance(q)
+        reason = (
+            NEAR_SINGULARITY_TEXT if arm.smallest_singular_value(q) < least else self._hindrance(q)
+        )
         if reason:
             raise PoseUnreachable(f"{where}: {reason}", T_b_f)
 

@@ -141,7 +141,7 @@ OUT_OF_ROUND_WAVE: Final = 0.15
 
 MISREAD_SIGMAS: Final = 5.0
 """Standard deviations from what its neighbours show by which no true reading is off."""
-MOST_REVISIONS: Final = 3
+MOST_WEIGHT_REVISIONS: Final = 3
 """How often the rest is asked again."""
 
 AXIS_STARTS: Final = 4
@@ -155,7 +155,7 @@ _DIFFERENCE_STEP: Final = 1e-5
 
 _RESIDUAL_SIGMAS: Final = (OUT_OF_ROUND,) * 4 + (OUT_OF_LINE,) * 2
 
-_LEAST_ROOT: Final = 1e-12
+_LEAST_AXIS_COMPONENT: Final = 1e-12
 """Of the tube's axis, where nothing points outwards, a search may pass by."""
 
 # Per tube: shift along the normal, tilts of the normal up and along, turn of the axis, ln(1/r).
@@ -204,7 +204,7 @@ class LocalWalls:
         h, c, k = q[..., 0], q[..., 1], self.curvatures[..., None]
         # sqrt((h + r)² + c²) - r, without the difference of large numbers.
         w = 2 * h + k * (h * h + c * c)
-        root = np.sqrt(np.maximum(1 + k * w, _LEAST_ROOT))
+        root = np.sqrt(np.maximum(1 + k * w, _LEAST_AXIS_COMPONENT))
         slopes = ((1 + k * h) * t[..., 0] + k * c * t[..., 1]) / root
         return np.asarray(w / (1 + root)), np.asarray(slopes)
 
@@ -307,7 +307,7 @@ def fit_tubes_to_sections(track: RecentSections) -> LocalTubeFit:
     """
     sigmas = track.sigmas
     seam = _fit_walls(track, sigmas)
-    for _ in range(MOST_REVISIONS):
+    for _ in range(MOST_WEIGHT_REVISIONS):
         off, expected = seam.leave_one_out_residuals()
         misread = np.abs(off) > MISREAD_SIGMAS * expected
         if not misread.any():
@@ -395,7 +395,7 @@ def _prior_residuals(walls: LocalWalls, thetas: Array) -> Array:
     radii = 1 / walls.curvatures
     middles = walls.feet - walls.normals * radii[..., None]
     common = cross(axes[..., 0, :], axes[..., 1, :])
-    sine = np.sqrt(np.sum(common**2, axis=-1) + _LEAST_ROOT)
+    sine = np.sqrt(np.sum(common**2, axis=-1) + _LEAST_AXIS_COMPONENT)
     apart = np.sum((middles[..., 0, :] - middles[..., 1, :]) * common, axis=-1) / sine
     shape = (
         np.log(radii[..., 0] / BRACE_RADIUS[0]) / BRACE_RADIUS[1],
