@@ -35,7 +35,7 @@ class Wire:
         self._swallows = False
 
     def __enter__(self) -> Self:
-        self._open_laser = asyncio.Event()
+        self._open = asyncio.Event()
         self._thread.start()
         self._do(self._listen())
         return self
@@ -47,11 +47,11 @@ class Wire:
 
     def hold(self) -> None:
         """Let nothing through until `release`; nothing is lost."""
-        self._loop.call_soon_threadsafe(self._open_laser.clear)
+        self._loop.call_soon_threadsafe(self._open.clear)
 
     def release(self) -> None:
         """Let everything through again."""
-        self._loop.call_soon_threadsafe(self._open_laser.set)
+        self._loop.call_soon_threadsafe(self._open.set)
 
     def swallow(self) -> None:
         """Lose everything from now on, while the connections stay."""
@@ -72,7 +72,7 @@ class Wire:
         asyncio.run_coroutine_threadsafe(what, self._loop).result(30)
 
     async def _listen(self) -> None:
-        self._open_laser.set()
+        self._open.set()
         for port in PORTS:
             self._servers.append(await asyncio.start_server(self._serve(port), self.host, port))
 
@@ -102,7 +102,7 @@ class Wire:
             while data := await reader.read(CHUNK):
                 if self.delay:
                     await asyncio.sleep(self.delay)
-                await self._open_laser.wait()
+                await self._open.wait()
                 if self._swallows:
                     continue
                 if self.garbled and self._random.random() < self.garbled:

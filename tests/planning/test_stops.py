@@ -9,7 +9,12 @@ from plates import sheared_groove
 from ringed_grooves import corners_along_arc, edges_of
 
 from tjscan.planning.plan import WeldPlan, plan_weld
-from tjscan.planning.stops import NO_STATION, StationStretch, StopPlacement, crowns_and_saddles
+from tjscan.planning.stops import (
+    UNREACHED_STATION,
+    StationStretch,
+    StopPlacement,
+    crowns_and_saddles,
+)
 from tjscan.planning.wps import read_wps
 
 WPS = read_wps(Path(__file__).parent.parent.parent / "examples" / "wps.toml")
@@ -44,7 +49,7 @@ def test_a_ring_has_four_crowns_and_saddles_a_quarter_turn_apart() -> None:
 
 def test_starts_of_a_ring_are_spread_and_keep_from_crown_and_saddle() -> None:
     plan = plan_weld(EDGES, WPS, DOWN, MARKS)
-    starts = stops(plan, NO_STATION)[:, 0]
+    starts = stops(plan, UNREACHED_STATION)[:, 0]
     assert np.diff(starts).min() >= SPREAD - 1e-9
     away = np.abs(starts[:, None] - np.append(MARKS, LENGTH))
     assert away.min() >= WPS.sequence.stop_distance - 1e-9
@@ -102,7 +107,7 @@ def test_a_window_without_room_for_the_spread_is_used_up_and_named() -> None:
 def test_what_no_station_reaches_is_nobody_s_and_still_planned() -> None:
     short = replace(RIGHT, end=LENGTH + LEFT.begin - 0.1)
     plan = plan_weld(EDGES, WPS, DOWN, MARKS, (LEFT, short))
-    nobody = stops(plan, NO_STATION)
+    nobody = stops(plan, UNREACHED_STATION)
     lengths = nobody[:, 1] - nobody[:, 0] - WPS.sequence.overlap
     np.testing.assert_allclose(lengths, 0.1 + WPS.sequence.overlap)
 

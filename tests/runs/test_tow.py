@@ -88,7 +88,7 @@ def test_a_tow_that_was_interrupted_is_whole_and_goes_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "cut"
-    cycle = CableTow._cycle
+    cycle = CableTow._run_cycle
     left = 15
 
     def interrupted(self: CableTow, *arguments: object) -> None:

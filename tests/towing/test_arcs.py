@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
-from tjscan.towing.shape.start import LENGTH_TOLERANCE, bent_once, meanders
+from tjscan.towing.shape.start import LENGTH_TOLERANCE, bent_once, meander_headings
 
 RADIUS = 0.2
 PLACES = st.floats(-3.0, 3.0)
@@ -30,8 +30,8 @@ def test_paths_have_the_length_meet_both_poses_and_bend_no_tighter(
     middle = 0.5 * tip[None, :2]
     for path in (
         *bent_once(start, tip, 7.0, RADIUS)[::40],
-        *meanders(start, tip, 7.0, RADIUS, 2, middle)[::10],
-        *meanders(start, tip, 7.0, RADIUS, 3, middle)[::10],
+        *meander_headings(start, tip, 7.0, RADIUS, 2, middle)[::10],
+        *meander_headings(start, tip, 7.0, RADIUS, 3, middle)[::10],
     ):
         np.testing.assert_allclose(path[-1, 0], 7.0, rtol=LENGTH_TOLERANCE)
         np.testing.assert_allclose(walked(path, start), tip[:2], atol=1e-4)

@@ -7,8 +7,8 @@ from tjscan.core.frames import Array
 from tjscan.towing.standstill import (
     DRIVEN_SHARE,
     ERROR_RATE,
-    FIRST_RETRY,
-    LEAST_WINDOW,
+    FIRST_RETRY_SECONDS,
+    SHORTEST_JUDGED_WINDOW,
     StandstillCheck,
 )
 
@@ -29,9 +29,9 @@ def run(asked: list[Array], share: float) -> list[bool]:
 def test_a_vehicle_that_stands_is_noticed_after_the_window_and_tried_again() -> None:
     found = run([ALONG] * 160, 0.05)
     first = found.index(True)
-    assert LEAST_WINDOW <= first * PERIOD <= LEAST_WINDOW + 2 * PERIOD
+    assert SHORTEST_JUDGED_WINDOW <= first * PERIOD <= SHORTEST_JUDGED_WINDOW + 2 * PERIOD
     again = first + found[first:].index(False)
-    assert (again - first) * PERIOD == FIRST_RETRY
+    assert (again - first) * PERIOD == FIRST_RETRY_SECONDS
 
 
 def test_one_that_goes_where_it_is_told_is_let_alone_also_where_it_turns_back() -> None:
@@ -59,7 +59,7 @@ def test_noise_makes_no_driving_vehicle_stand_and_hides_none_that_stands(sigma: 
         needed = (
             2 * sigma * np.sqrt(2 * np.log(1 / ERROR_RATE)) / DRIVEN_SHARE / (ALONG[0] / PERIOD)
         )
-        assert first <= max(LEAST_WINDOW, needed) + 1.0
+        assert first <= max(SHORTEST_JUDGED_WINDOW, needed) + 1.0
 
 
 def test_one_that_is_told_to_stay_does_not_stand_for_good() -> None:
@@ -78,7 +78,9 @@ def test_each_trial_in_vain_makes_the_next_one_wait_twice_as_long() -> None:
     ends = [k for k in range(1, len(found)) if found[k - 1] and not found[k]]
     lasted = [PERIOD * (end - begin) for begin, end in zip(begins, ends, strict=False)]
     np.testing.assert_allclose(
-        lasted, [FIRST_RETRY, 2 * FIRST_RETRY, 4 * FIRST_RETRY][: len(lasted)], atol=PERIOD
+        lasted,
+        [FIRST_RETRY_SECONDS, 2 * FIRST_RETRY_SECONDS, 4 * FIRST_RETRY_SECONDS][: len(lasted)],
+        atol=PERIOD,
     )
     assert len(lasted) >= 2
 

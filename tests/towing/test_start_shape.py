@@ -11,7 +11,7 @@ from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Area
 from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
 from tjscan.towing.shape.plan import PlannerSettings, TowingLimits
-from tjscan.towing.shape.planner import NO_HASTE, TowingPlanner
+from tjscan.towing.shape.planner import START_SEARCH_PERIOD, TowingPlanner
 from tjscan.towing.shape.start import StartShape, start_shapes
 
 OUTLINE = np.array([(0.0, -5.0), (2.6, -5.0), (2.6, 5.0), (0.0, 5.0)])
@@ -23,7 +23,7 @@ def found(planner: TowingPlanner, pose: Array) -> list[StartShape]:
     problem, limits = planner.problem(resting, pose, 1.0)
     weights = replace(planner.settings.weights, change=0.0, pace=0.0)
     free = replace(problem, weights=weights)
-    return start_shapes(free, replace(limits, period=NO_HASTE), planner.area, pose)
+    return start_shapes(free, replace(limits, period=START_SEARCH_PERIOD), planner.area, pose)
 
 
 @pytest.mark.parametrize(("links", "length", "vehicles"), [(100, 0.2, 20), (120, 0.5, 20)])

@@ -80,7 +80,7 @@ class ClientProcess:
                 stdout=self._output,
                 stderr=self._output,
             )
-        self._open_laser, self._number = True, 0
+        self._open, self._number = True, 0
         self._asking = threading.Lock()
 
     @property
@@ -112,7 +112,7 @@ class ClientProcess:
             If it does not answer in time. It is ended then.
         """
         with self._asking:
-            if not self._open_laser:
+            if not self._open:
                 raise ClientClosed
             self._number += 1
             until = time.monotonic() + limit
@@ -135,9 +135,9 @@ class ClientProcess:
         patience : float, optional
             Seconds in which it may end by itself, for its link has ended.
         """
-        if not self._open_laser:
+        if not self._open:
             return
-        self._open_laser = False
+        self._open = False
         self._connection.close()
         try:
             self._process.wait(patience)

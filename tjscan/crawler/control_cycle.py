@@ -103,7 +103,7 @@ class JointSensor:
             If no profile comes.
         """
         profile = self._devices.laser.capture()
-        off = self._seconds_off(profile)
+        off = self._profile_age(profile)
         was_late, self._late = self._late, off > OLDEST_PROFILE
         if self._late:
             if not was_late:
@@ -122,7 +122,7 @@ class JointSensor:
         """The last profiles that were read, with laser minus joint in each, metres."""
         return tuple(self._seen)
 
-    def _seconds_off(self, profile: Profile) -> float:
+    def _profile_age(self, profile: Profile) -> float:
         """Seconds between a profile and now, at the least; none if the laser dates nothing."""
         clock = self._devices.clock
         if clock is None or profile.time == 0.0:

@@ -199,7 +199,7 @@ class Crawler:
             self._align_forward(home)
             cycle.enter(Event.ALIGNED, "the torch is above the joint")
             self._go_back(home)
-            cycle.enter(Event.AT_START, "back at the start")
+            cycle.enter(Event.START_POSITION_TOLERANCE, "back at the start")
         else:
             if start.last_view is not None:
                 start.last_view.check(cycle.seen)
@@ -256,7 +256,7 @@ class Crawler:
         """Go along the joint with the arc burning where the weld is."""
         one, end = self._plan.passes[number - 1], self._plan.weld.length
         self._cycle.number = number
-        self._run_up(one, arc_from)
+        self._run_up_to_strike(one, arc_from)
         burning = 0.0
         while self._cycle.travel < end:
             self._guards.watch_weld(self._cycle.deviation, self._method.torch.sigma)
@@ -266,7 +266,7 @@ class Crawler:
         self._cycle.set_arc(burning=False)
         self._cycle.enter(Event.PASS_WELDED, f"pass {number} is welded")
 
-    def _run_up(self, one: PassSettings, arc_from: float) -> None:
+    def _run_up_to_strike(self, one: PassSettings, arc_from: float) -> None:
         """Come to where the arc is to be struck; again if the torch is not known there.
 
         What is not known is the crab, which only a reversal shows. It goes on without the arc

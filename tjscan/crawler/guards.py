@@ -18,7 +18,7 @@ from tjscan.crawler.method import LaserEstimate
 from tjscan.crawler.plan import GuardSettings
 from tjscan.vehicle.vehicle import PROXIMITY_CORNERS, Twist, VehicleState
 
-NO_SAMPLE: Final = 0.5
+SENSOR_SILENCE_SECONDS: Final = 0.5
 """Seconds without a sample of the proximity sensors, five of theirs, after which it stops."""
 
 VOUCHED_TIME: Final = 0.1
@@ -148,7 +148,7 @@ class Guards:
         self._proximity.add_sample(state.proximity)
         silent = self._without_sample + min(period, VOUCHED_TIME)
         self._without_sample = 0.0 if state.proximity else silent
-        if self._without_sample > NO_SAMPLE:
+        if self._without_sample > SENSOR_SILENCE_SECONDS:
             raise CrawlStopped(
                 "proximity",
                 f"the proximity sensors have been silent for {self._without_sample:.1f} s: "

@@ -105,14 +105,14 @@ class PaperFilter:
         ):
             H = np.zeros(5)
             H[which] = 1.0
-            self._correct_state(value - self.x[which], H, (scale * ENCODER_SIGMA) ** 2)
+            self._corrected(value - self.x[which], H, (scale * ENCODER_SIGMA) ** 2)
 
     def read(self, d: float) -> None:
         """Take in a reading of the joint: laser minus joint, metres."""
         expected, H = paper_laser_offset(self.x)
-        self._correct_state(d - expected, H, READING_SIGMA**2)
+        self._corrected(d - expected, H, READING_SIGMA**2)
 
-    def _correct_state(self, difference: float, H: Array, variance: float) -> None:
+    def _corrected(self, difference: float, H: Array, variance: float) -> None:
         PH = self.P @ H
         gain = PH / (H @ PH + variance)
         self.x = self.x + gain * difference

@@ -171,7 +171,7 @@ def smoothness_kernel(d: Array, order: int, *, closed: bool, derivative: int = 0
     """
     sign, degree = (-1) ** order, 2 * order - derivative
     if closed:
-        return np.asarray(-sign * _bernoulli(degree)(np.mod(d, 1.0)) / factorial(degree))
+        return np.asarray(-sign * _bernoulli_polynomial(degree)(np.mod(d, 1.0)) / factorial(degree))
     power = np.abs(d) ** (degree - 1)
     if derivative:
         power = np.sign(d) * power
@@ -179,7 +179,7 @@ def smoothness_kernel(d: Array, order: int, *, closed: bool, derivative: int = 0
 
 
 @lru_cache
-def _bernoulli(degree: int) -> Polynomial:
+def _bernoulli_polynomial(degree: int) -> Polynomial:
     """Bernoulli's polynomial: B' = degree · that before, and no mean from 0 to 1."""
     found = Polynomial([1.0])
     for k in range(1, degree + 1):

@@ -15,7 +15,7 @@ from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.path import LONGEST_STEP
 from tjscan.planning.wps import SequenceSettings
 
-NO_STATION: Final = ""
+UNREACHED_STATION: Final = ""
 """Name of the station of a length that none reaches, and of all if no stations are named."""
 
 NO_LENGTH: Final = 1e-6
@@ -178,7 +178,7 @@ class StopPlacement:
             turn = self.length * (i + 1 == len(links))
             if len(links) == 1 and not whole:
                 seams.append(np.full(layers, a.begin + self.length))  # zones begin and end anyway
-            elif len(links) > 1 and NO_STATION in (a.station, b.station):
+            elif len(links) > 1 and UNREACHED_STATION in (a.station, b.station):
                 seams.append(np.full(layers, b.begin + turn))
             else:
                 window = (b.begin + turn, a.end - overlap)
@@ -224,7 +224,7 @@ class StopPlacement:
         """
         if not self.stretches:
             end = begin + (3 * self.length if self.closed else self.length)
-            return (StationStretch(NO_STATION, begin, end + self.sequence.overlap),)
+            return (StationStretch(UNREACHED_STATION, begin, end + self.sequence.overlap),)
         if not self.closed:
             return self._chain_stretches(0.0, self.stretches)
         turned = tuple(
@@ -235,7 +235,7 @@ class StopPlacement:
         chains = [self._chain_stretches(one.begin, turned) for one in self.stretches]
 
         def gaps_and_count(chain: tuple[StationStretch, ...]) -> tuple[float, int]:
-            gaps = sum(link.end - link.begin for link in chain if link.station == NO_STATION)
+            gaps = sum(link.end - link.begin for link in chain if link.station == UNREACHED_STATION)
             return round(gaps, 6), len(chain)
 
         return min(chains, key=gaps_and_count)
@@ -255,6 +255,6 @@ class StopPlacement:
                 continue
             later = [one.begin for one in stretches if one.begin > at + NO_LENGTH]
             follows = min([*later, end])
-            links.append(StationStretch(NO_STATION, at, follows))
+            links.append(StationStretch(UNREACHED_STATION, at, follows))
             at = follows
         return tuple(links)

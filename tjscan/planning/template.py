@@ -160,7 +160,7 @@ class SectionTemplate:
         middles = self.points(np.full_like(w, 0.5), w)
         return np.asarray(np.linalg.norm(np.diff(middles, axis=1), axis=2))
 
-    def area_beside(self, w0: Array, w1: Array, u: Array, *, capped: bool) -> Array:
+    def layer_area_from_bevel(self, w0: Array, w1: Array, u: Array, *, capped: bool) -> Array:
         """Area of a layer from the bevel up to u, shape (m, k), m²; with its reinforcement."""
         a, b, c = (x[:, None] for x in self.jacobian)
         middle, height = 0.5 * (w0 + w1)[:, None], (w1 - w0)[:, None]
@@ -176,7 +176,7 @@ class SectionTemplate:
             low, high = np.zeros_like(inside), np.ones_like(inside)
             for _ in range(BISECTION_STEPS):
                 u = 0.5 * (low + high)
-                short = self.area_beside(w0, w1, u, capped=True) < inside
+                short = self.layer_area_from_bevel(w0, w1, u, capped=True) < inside
                 low, high = np.where(short, u, low), np.where(short, high, u)
             return np.asarray(0.5 * (low + high))
         a, b, c = (x[:, None] for x in self.jacobian)
@@ -211,7 +211,10 @@ class BeadCells:
         """Area of each bead between its lines, shape (m, n), m²."""
         last = len(self.counts) - 1
         parts = [
-            np.diff(self.template.area_beside(*self._layer_borders(k), u, capped=k == last), axis=1)
+            np.diff(
+                self.template.layer_area_from_bevel(*self._layer_borders(k), u, capped=k == last),
+                axis=1,
+            )
             for k, u in enumerate(self.u)
         ]
         found = np.concatenate(parts, axis=1)

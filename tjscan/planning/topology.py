@@ -22,7 +22,7 @@ from tjscan.planning.path import GrooveStations, bead_lines
 from tjscan.planning.template import SectionTemplate
 from tjscan.planning.wps import ArcSettings, RootSettings, WeldingProcedure
 
-MOST_BEADS: Final = 400
+MOST_BEADS_IN_SECTION: Final = 400
 """More in one section are no weld of a tubular joint."""
 
 LIMIT_TOLERANCE: Final = 1e-9
@@ -30,7 +30,7 @@ LIMIT_TOLERANCE: Final = 1e-9
 
 KIND_NAMES: Final = ("root", "fill", "cap")
 
-BETWEEN_STATIONS: Final = 2e-3
+AREA_TOLERANCE_BETWEEN_STATIONS: Final = 2e-3
 """Share by which a bead's area may pass, between two stations, what it is at the stations."""
 
 TRIED_FEEDS: Final = 101
@@ -205,7 +205,7 @@ class _BeadArranger:
         lows, highs = zip(*map(self._area_window, KIND_NAMES), strict=True)
         low, high = min(lows), max(highs)
         first = max(1 if self.root == "welded" else 3, ceil(largest / high - 1e-9))
-        last = min(MOST_BEADS, floor(smallest / low + 1e-9))
+        last = min(MOST_BEADS_IN_SECTION, floor(smallest / low + 1e-9))
         if first > last:
             raise NoArrangementFits(
                 f"no number of beads fits: {1e6 * smallest:.1f} to {1e6 * largest:.1f} mm² of "
@@ -300,8 +300,8 @@ class _BeadArranger:
         for name in KIND_NAMES:
             of_kind = laid[:, names == name] if name in names else laid
             low, high = self._area_window(name)
-            least = float(of_kind.min() * (1 - BETWEEN_STATIONS))
-            most = float(of_kind.max() * (1 + BETWEEN_STATIONS))
+            least = float(of_kind.min() * (1 - AREA_TOLERANCE_BETWEEN_STATIONS))
+            most = float(of_kind.max() * (1 + AREA_TOLERANCE_BETWEEN_STATIONS))
             if name in names and not low <= least <= most <= high:
                 raise NoArrangementFits(
                     f"a {name} bead is {1e6 * least:.1f} to {1e6 * most:.1f} mm²",
@@ -339,8 +339,8 @@ class _BeadArranger:
         low, high = self._area_window(kind)
         smallest, largest = float(self.template.area.min()), float(self.template.area.max())
         less, more = self._laid_shares[kind]
-        lowest = low * (1 + 2 * BETWEEN_STATIONS) / (smallest * less)
-        highest = high * (1 - 2 * BETWEEN_STATIONS) / (largest * more)
+        lowest = low * (1 + 2 * AREA_TOLERANCE_BETWEEN_STATIONS) / (smallest * less)
+        highest = high * (1 - 2 * AREA_TOLERANCE_BETWEEN_STATIONS) / (largest * more)
         if lowest > highest * (1 + 1e-12):
             raise NoArrangementFits(
                 f"the groove's area changes by {largest / smallest:.2f} times, more than the "

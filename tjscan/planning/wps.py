@@ -32,7 +32,7 @@ Position = Literal["PA", "PB", "PC", "PD", "PE", "PF", "PG"]
 """Welding positions by the letters of ISO 6947."""
 
 
-def _filled_window(limits: tuple[float, float]) -> tuple[float, float]:
+def _check_window(limits: tuple[float, float]) -> tuple[float, float]:
     """Return a window, and refuse an empty one.
 
     Raises
@@ -53,7 +53,7 @@ def _power_table(rows: Any) -> Any:
 
 
 _Positive = Annotated[float, Gt(0)]
-_Window = Annotated[tuple[_Positive, _Positive], AfterValidator(_filled_window)]
+_Window = Annotated[tuple[_Positive, _Positive], AfterValidator(_check_window)]
 _Share = Annotated[float, Gt(0), Le(1)]
 _Tilt = Annotated[float, Ge(-60), Le(60)]
 _Angle = Annotated[float, Ge(0), Le(180)]
@@ -292,10 +292,10 @@ class JointDetail(Table):
     """
 
     name: Annotated[str, MinLen(1)]
-    dihedral: Annotated[tuple[_Angle, _Angle], AfterValidator(_filled_window), DEG]
-    groove_angle: Annotated[tuple[_Angle, _Angle], AfterValidator(_filled_window), DEG]
-    root_opening: Annotated[tuple[_Length, _Length], AfterValidator(_filled_window), MM]
-    size: Annotated[tuple[_Length, _Length], AfterValidator(_filled_window), MM]
+    dihedral: Annotated[tuple[_Angle, _Angle], AfterValidator(_check_window), DEG]
+    groove_angle: Annotated[tuple[_Angle, _Angle], AfterValidator(_check_window), DEG]
+    root_opening: Annotated[tuple[_Length, _Length], AfterValidator(_check_window), MM]
+    size: Annotated[tuple[_Length, _Length], AfterValidator(_check_window), MM]
 
 
 class WeldingProcedure(StrictFileModel):

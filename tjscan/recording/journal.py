@@ -105,7 +105,7 @@ class RecordingJournal(RecordingWriter):
         errors: Container[str] = (),
     ) -> None:
         super().__init__(file, topics, origin, attachments)
-        self._errors_at = errors
+        self._errors = errors
         self._began = self.now = time.time_ns()
         self._first_reading: float | None = None
         self.waiting: list[tuple[int, Topic[Any], Any]] = []
@@ -128,7 +128,7 @@ class RecordingJournal(RecordingWriter):
 
     def add_event(self, event: RunEvent) -> None:
         """Let an event wait for the next `flush`."""
-        level = Log.Level.ERROR if event.name in self._errors_at else Log.Level.INFO
+        level = Log.Level.ERROR if event.name in self._errors else Log.Level.INFO
         self.add(LOG_TOPIC, event_log_message(self.now, level, event.name, event.detail))
 
     @hold_ctrl_c()

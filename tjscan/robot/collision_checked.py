@@ -121,17 +121,17 @@ class CollisionCheckedArm:
         self._arm, self.clearance, self._lifts = arm, clearance, tuple(lifts)
         self._back_f = -np.asarray(T_f_s)[:3, 2]
         self._report: EventListener = lambda name, detail: None
-        self._latch_clock = MotionLock()
+        self._latch = MotionLock()
 
     def __enter__(self) -> Self:
         """Connect the arm."""
-        self._latch_clock.clear_stop()
+        self._latch.clear_stop()
         self._arm.__enter__()
         return self
 
     def __exit__(self, *error: Any) -> None:
         """Stop and disconnect the arm."""
-        self._latch_clock.stop()
+        self._latch.stop()
         self._arm.__exit__(*error)
 
     def state(self) -> ArmState:
@@ -189,12 +189,12 @@ class CollisionCheckedArm:
 
     def stop(self) -> None:
         """Bring the arm to rest now, and begin no further segment. See `Arm.stop`."""
-        self._latch_clock.stop()
+        self._latch.stop()
         self._arm.stop()
 
     def accept_moves_again(self) -> None:
         """Take commands again after a stop, once all segments of the move have ended."""
-        self._latch_clock.clear_stop()
+        self._latch.clear_stop()
         self._arm.accept_moves_again()
 
     def plan_clear_path(
@@ -313,13 +313,13 @@ class CollisionCheckedArm:
     def _move_segment(
         self, T_b_f: Array, *, straight: bool, near: Array | None = None, direct: bool = False
     ) -> ArmState:
-        with self._latch_clock.hold_for_move():
+        with self._latch.hold_for_move():
             state = self._arm.state()
             path = self.plan_clear_path(state.q, T_b_f, straight=straight, near=near, direct=direct)
             if path.blocked is not None:
                 self._report("detour", str(path))
             for segment in path.segments:
-                self._latch_clock.check_not_stopped()
+                self._latch.check_not_stopped()
                 if segment.straight:
                     state = self._arm.move_linear(segment.T_b_f)
                 else:

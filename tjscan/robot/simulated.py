@@ -163,14 +163,14 @@ class SimulatedArm(LocalDevice):
         self._spread = np.repeat(repeatability, 3) / np.sqrt(3)
         self._random = np.random.default_rng(seed)
         self._now = (readonly_copy(q), time)
-        self._errors_at = errors
+        self._errors = errors
         self._turning = np.zeros(len(self._now[0]))
         self._error = self._draw_error()
-        self._latch_clock = MotionLock()
+        self._latch = MotionLock()
 
     def __enter__(self) -> Self:
         """Make ready to move."""
-        self._latch_clock.clear_stop()
+        self._latch.clear_stop()
         return super().__enter__()
 
     def __exit__(self, *error: object) -> None:
@@ -182,10 +182,10 @@ class SimulatedArm(LocalDevice):
     def true_T_b_f(self) -> Array:
         """True pose of the flange, shape (4, 4), which no real arm knows."""
         q, now = self._now
-        if self._errors_at is None:
+        if self._errors is None:
             T_b_f = self.kinematics.forward(q)
         else:
-            T_b_f = self._errors_at.flange_pose(q, self._turning, now)
+            T_b_f = self._errors.flange_pose(q, self._turning, now)
         turn = Rotation.from_rotvec(self._error[3:]).as_matrix()
         return pose(T_b_f[:3, :3] @ turn, T_b_f[:3, 3] + self._error[:3])
 
@@ -212,18 +212,18 @@ class SimulatedArm(LocalDevice):
 
     def stop(self) -> None:
         """End the move under way where it is, and begin nothing more. See `Arm.stop`."""
-        self._latch_clock.stop()
+        self._latch.stop()
 
     def accept_moves_again(self) -> None:
         """Take commands again after a stop. See `Arm.accept_moves_again`."""
-        self._latch_clock.clear_stop()
+        self._latch.clear_stop()
 
     def _follow_motion(self, plan: Callable[[Array], JointTrajectory]) -> ArmState:
         self.check_connected()
-        with self._latch_clock.hold_for_move():
+        with self._latch.hold_for_move():
             q, start = self._now
             path = plan(q)
-            with self._latch_clock.begin_move():
+            with self._latch.begin_move():
                 passed = 0.0 if self.realtime else path.duration
             if self.realtime:
                 passed = self._let_time_pass(path, start)
@@ -244,7 +244,7 @@ class SimulatedArm(LocalDevice):
         began = time.monotonic()
         while (passed := time.monotonic() - began) < path.duration:
             self._now = (readonly_copy(path.joint_angles_at(passed)), start + passed)
-            if self._latch_clock.wait_for_stop(min(TICK_PERIOD, path.duration - passed)):
+            if self._latch.wait_for_stop(min(TICK_PERIOD, path.duration - passed)):
                 return min(time.monotonic() - began, path.duration)
         return path.duration
 

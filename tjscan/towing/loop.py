@@ -21,7 +21,7 @@ from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
-from tjscan.towing.standstill import Patience, StandingVehicles, Waiting
+from tjscan.towing.standstill import Patience, StandingVehicles, WaitingReason
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings
 from tjscan.vehicle.localisation import Localisation
 from tjscan.vehicle.vehicle import AT_REST, Twist, Vehicle, VehicleState
@@ -38,10 +38,10 @@ START_POSE_SIGMA: Final = 0.15e-3
 LONGEST_START_LOOK: Final = 10.0
 """Seconds that this may take; then they drive as well as they are known."""
 
-AT_START: Final = 0.05
+START_POSITION_TOLERANCE: Final = 0.05
 """Metres by which the welder may be off its seam when a tow begins."""
 
-NEAR_START: Final = 0.3
+START_VEHICLE_TOLERANCE: Final = 0.3
 """The same of a towing vehicle and its place in the first shape: it is led there."""
 
 
@@ -150,7 +150,7 @@ class CableTow:
             estimate = self._wait_for_poses()
             self._journal.record(RunEvent("start", f"{1e3 * along:.0f} mm along the seam"))
             while not self._is_finished:
-                self._cycle(estimate)
+                self._run_cycle(estimate)
                 estimate = self._take_measurements()
             self._journal.record(RunEvent(WELDED_EVENT, f"{1e3 * self._along:.0f} mm of seam"))
 
@@ -192,7 +192,7 @@ class CableTow:
         places[-1] = self._setting.seam.pose_at(self._along)
         for v, (place, pose) in enumerate(zip(places, estimate.poses, strict=True)):
             off, welder = hypot(*(pose - place)[:2]), v == len(places) - 1
-            if off > (AT_START if welder else NEAR_START):
+            if off > (START_POSITION_TOLERANCE if welder else START_VEHICLE_TOLERANCE):
                 name = "the welder" if welder else f"vehicle {v + 1}"
                 x, y = 1e3 * place[:2]
                 raise TowHalted(
@@ -220,7 +220,7 @@ class CableTow:
         self._due = due if now < due + PLAN_PERIOD else now  # what was missed is not made up for
         return estimate
 
-    def _cycle(self, estimate: TeamEstimate) -> None:
+    def _run_cycle(self, estimate: TeamEstimate) -> None:
         """Plan, and send the vehicles where to go."""
         now = self._team.time
         self._standing.update(now, PLAN_PERIOD, self._states, self._asked, estimate)
@@ -232,9 +232,9 @@ class CableTow:
         plan, pace = self._plan_step(estimate, obstacles, pace)
         seconds = host.thread_time() - began
         if plan.halt:
-            waiting = waiting or Waiting(plan.halt)
+            waiting = waiting or WaitingReason(plan.halt)
         elif pace == 0 and waiting is None:
-            waiting = Waiting("one step on, the cable has no shape within its limits")
+            waiting = WaitingReason("one step on, the cable has no shape within its limits")
         self._shapeless = bool(plan.halt) or (pace == 0 and allowed > 0)
         self._patience.update(now, waiting, self._along)
         step = pace * self._setting.seam.settings.speed * PLAN_PERIOD
@@ -321,15 +321,15 @@ class CableTow:
                 vehicle.command(self._asked[v])
         return targets
 
-    def _reason_to_wait(self, estimate: TeamEstimate) -> Waiting | None:
+    def _reason_to_wait(self, estimate: TeamEstimate) -> WaitingReason | None:
         """Why the welder must wait, whatever the plan is."""
         gone = [v for v, s in enumerate(self._states) if isinstance(s, VehicleLinkLost)]
         if gone:
-            return Waiting(f"vehicle {gone[0] + 1}: {self._states[gone[0]]}", device=True)
+            return WaitingReason(f"vehicle {gone[0] + 1}: {self._states[gone[0]]}", device=True)
         lost = self._poses.lost(estimate)
         if lost:
             v, why = next(iter(lost.items()))
-            return Waiting(f"the pose of vehicle {v + 1} is lost: {why}")
+            return WaitingReason(f"the pose of vehicle {v + 1} is lost: {why}")
         return self._standing.reason_to_wait(estimate.poses, self._last)
 
     def _stop_vehicles(self) -> None:

@@ -36,10 +36,10 @@ OUTLIER_SIGMAS: Final = 5.0
 KEPT_UPDATES: Final = 40
 """Updates that are kept, 2 s of them, so that a late pose meets the estimate of its own time."""
 
-SCATTER_FROM: Final = 30
+FEWEST_POSES_FOR_SCATTER: Final = 30
 """Poses from whose differences their scatter is found."""
 
-SAME_POSES: Final = 10
+FROZEN_POSE_COUNT: Final = 10
 """Poses equal in every digit, while the vehicle drives, that show a frozen measurement."""
 
 
@@ -97,7 +97,7 @@ class VehiclePoseFilter:
         self._sigma = self._stated
         self._taken_before: tuple[float, Array] | None = None
         self._step: Array | None = None
-        self._bends: deque[Array] = deque(maxlen=SCATTER_FROM)
+        self._bends: deque[Array] = deque(maxlen=FEWEST_POSES_FOR_SCATTER)
         self._top = np.array((top_speed, top_speed, top_turn_rate))
         self._longest_gap = settings.lost
         self._pose: Array | None = None
@@ -226,7 +226,7 @@ class VehiclePoseFilter:
         if self._step is not None:
             self._bends.append(step - self._step)
         self._step = step
-        if len(self._bends) == SCATTER_FROM:
+        if len(self._bends) == FEWEST_POSES_FOR_SCATTER:
             # Weights 1, -2 and 1 of three independent poses.
             sigma = np.median(np.abs(self._bends), axis=0) * MAD_TO_SIGMA / sqrt(6)
             place = hypot(sigma[0], sigma[1]) / sqrt(2)
@@ -245,7 +245,7 @@ class VehiclePoseFilter:
             self._equal += 1
         else:
             self._last, self._equal, self._way = tuple(found), 0, 0.0
-        return self._equal >= SAME_POSES and self._way > OUTLIER_SIGMAS * self._sigma[0]
+        return self._equal >= FROZEN_POSE_COUNT and self._way > OUTLIER_SIGMAS * self._sigma[0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

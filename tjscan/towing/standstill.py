@@ -19,13 +19,13 @@ from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.plan import TowingPlan
 from tjscan.vehicle.vehicle import Twist, VehicleState
 
-LEAST_WINDOW: Final = 3.0
+SHORTEST_JUDGED_WINDOW: Final = 3.0
 """Seconds of motion that are judged, at least: the lag of a vehicle is short against them."""
 
-LONGEST_WINDOW: Final = 30.0
+LONGEST_JUDGED_WINDOW: Final = 30.0
 """The same at most, when much of it is needed to distinguish a standstill from noise."""
 
-LEAST_WAY: Final = 0.02
+LEAST_COMMANDED_WAY: Final = 0.02
 """Metres that a vehicle must have been commanded to go before its standstill means anything."""
 
 DRIVEN_SHARE: Final = 0.6
@@ -39,7 +39,7 @@ DECIDING_EVIDENCE: Final = log(1 / ERROR_RATE)
 EXPECTED_RATIO: Final = 2.0
 """Evidence to be expected in a window, over what is needed: it is found in spite of noise."""
 
-FIRST_RETRY: Final = 10.0
+FIRST_RETRY_SECONDS: Final = 10.0
 """Seconds after which a stopped vehicle is commanded to drive again; twice as long after each
 time that it did not."""
 
@@ -58,7 +58,7 @@ before the welder waits: pulled from its other end, it bends more than planned a
 EASED_SHARE: Final = 0.85
 """The same below which the welder goes on after it waited."""
 
-LEAST_PACE: Final = 0.1
+LEAST_WELDING_PACE: Final = 0.1
 """Share of its speed with which it goes on until it waits: ever slower, it would never arrive."""
 
 FIGURE_WITH_UNIT: Final = re.compile(r"\d+(\.\d+)?(?= (mm|s|m/min)\b|°)")
@@ -66,7 +66,7 @@ FIGURE_WITH_UNIT: Final = re.compile(r"\d+(\.\d+)?(?= (mm|s|m/min)\b|°)")
 
 
 @dataclass(frozen=True, slots=True)
-class Waiting:
+class WaitingReason:
     """Why the welder waits.
 
     Parameters
@@ -97,7 +97,7 @@ class Patience:
         self._said: set[str] = set()
         self._since = 0.0
 
-    def update(self, now: float, waiting: Waiting | None, along: float) -> None:
+    def update(self, now: float, waiting: WaitingReason | None, along: float) -> None:
         """Take in whether the welder waits.
 
         Parameters
@@ -147,7 +147,7 @@ class StandstillCheck:
     def __init__(self) -> None:
         self._way: deque[_WayPoint] = deque()
         self._since: float | None = None
-        self._retry = FIRST_RETRY
+        self._retry = FIRST_RETRY_SECONDS
         self._doubted = self._faulty = False
 
     @property
@@ -187,7 +187,7 @@ class StandstillCheck:
             self._way.clear()
         total = asked + (self._way[-1].asked if self._way else 0.0)
         self._way.append(_WayPoint(time, pose[:2], total, sigma))
-        while self._is_enough_from(1) or time - self._way[0].time > LONGEST_WINDOW:
+        while self._is_enough_from(1) or time - self._way[0].time > LONGEST_JUDGED_WINDOW:
             self._way.popleft()
         if not self._is_enough_from(0):
             return False
@@ -195,7 +195,7 @@ class StandstillCheck:
         if evidence > DECIDING_EVIDENCE:
             self._doubted, self._since = True, time
         elif evidence < -DECIDING_EVIDENCE:
-            self._doubted, self._retry = False, FIRST_RETRY
+            self._doubted, self._retry = False, FIRST_RETRY_SECONDS
         return self._since is not None
 
     def _is_enough_from(self, k: int) -> bool:
@@ -205,7 +205,11 @@ class StandstillCheck:
         begin, end = self._way[k], self._way[-1]
         asked, noise = hypot(*(end.asked - begin.asked)), hypot(begin.sigma, end.sigma)
         expected = (DRIVEN_SHARE * asked / noise) ** 2 / 2 >= EXPECTED_RATIO * DECIDING_EVIDENCE
-        return end.time - begin.time >= LEAST_WINDOW and asked > LEAST_WAY and expected
+        return (
+            end.time - begin.time >= SHORTEST_JUDGED_WINDOW
+            and asked > LEAST_COMMANDED_WAY
+            and expected
+        )
 
     def _standstill_evidence(self) -> float:
         """Logarithm of the likelihoods' ratio, a standstill over driving."""
@@ -265,14 +269,14 @@ class StandingVehicles:
             if check.update(now, poses[v], way, sigma=sigmas[v, 0], fault=fault):
                 stopped.append(v)
                 if v not in self._doubted and not isinstance(state, VehicleLinkLost):
-                    why = _fault_of(state) or "it is told to drive, and does not move"
+                    why = _describe_fault(state) or "it is told to drive, and does not move"
                     self._report("stands", f"vehicle {v + 1}: {why}")
         doubted = tuple(v for v, check in enumerate(self._checks) if check.doubted)
         for v in sorted(set(self._doubted) - set(doubted)):
             self._report("drives again", f"vehicle {v + 1}")
         self._states, self.stopped, self._doubted = states, tuple(stopped), doubted
 
-    def reason_to_wait(self, poses: Array, last: TowingPlan | None) -> Waiting | None:
+    def reason_to_wait(self, poses: Array, last: TowingPlan | None) -> WaitingReason | None:
         """Why the welder must wait for those at a standstill.
 
         Parameters
@@ -284,8 +288,8 @@ class StandingVehicles:
         """
         welder = self._team.welder
         if welder in self.stopped:
-            why = _fault_of(self._states[welder]) or "it does not move"
-            return Waiting(f"the welder stands: {why}", device=True)
+            why = _describe_fault(self._states[welder]) or "it does not move"
+            return WaitingReason(f"the welder stands: {why}", device=True)
         share, standing = self._tautest_piece(poses)
         self._taut = share >= (SLACK_SHARE if self._taut else TAUT_SHARE)
         strained = "is taut" if self._taut else ""
@@ -296,12 +300,14 @@ class StandingVehicles:
         if not strained:
             return None
         why = f"vehicle {standing + 1} stands, and the cable beside it {strained}"
-        return Waiting(why, device=True)
+        return WaitingReason(why, device=True)
 
     def pace(self, poses: Array) -> float:
         """Share of the welding speed that the pieces of cable beside them allow."""
         share, _ = self._tautest_piece(poses)
-        return float(np.clip((TAUT_SHARE - share) / (TAUT_SHARE - SLACK_SHARE), LEAST_PACE, 1.0))
+        return float(
+            np.clip((TAUT_SHARE - share) / (TAUT_SHARE - SLACK_SHARE), LEAST_WELDING_PACE, 1.0)
+        )
 
     def _tautest_piece(self, poses: Array) -> tuple[float, int]:
         """Largest chord of a piece beside one at a standstill, over its length, and which one."""
@@ -326,5 +332,5 @@ class StandingVehicles:
         return max(beside, default=(0.0, 0))
 
 
-def _fault_of(state: VehicleState | VehicleFault) -> str:
+def _describe_fault(state: VehicleState | VehicleFault) -> str:
     return state.fault if isinstance(state, VehicleState) else str(state)

@@ -17,7 +17,7 @@ N_M_S_RAD: Final = FileUnit("n_m_s_rad")
 NEWTON: Final = FileUnit("n")
 KG_M: Final = FileUnit("kg_m")
 
-MOST_LINKS: Final = 1000
+MOST_CABLE_LINKS: Final = 1000
 
 Coordinate = Annotated[float, Ge(-FARTHEST_DISTANCE_MM), Le(FARTHEST_DISTANCE_MM)]
 Point = tuple[Coordinate, Coordinate]
@@ -58,9 +58,9 @@ class CableSettings(SettingsTable):
 
     def __post_init__(self) -> None:
         count = self.length / self.link
-        if abs(count - round(count)) > 1e-6 or not 2 <= round(count) <= MOST_LINKS:
+        if abs(count - round(count)) > 1e-6 or not 2 <= round(count) <= MOST_CABLE_LINKS:
             raise ValueError(
-                f"length_mm must be a whole number of links, 2 to {MOST_LINKS}: it is "
+                f"length_mm must be a whole number of links, 2 to {MOST_CABLE_LINKS}: it is "
                 f"{count:g} times link_mm"
             )
         if self.link >= 2 * self.least_radius:

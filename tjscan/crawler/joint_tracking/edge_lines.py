@@ -34,7 +34,7 @@ SETTLED_SIGMAS: Final = 0.02
 DEPTH_OF_FIELD: Final = 0.08
 """Range of z over which points of the background lie, in metres."""
 
-LEAST_FILL: Final = 1e-3
+LEAST_FILL_RANGE: Final = 1e-3
 """Least range of z over which the steel may lie where a bevel has ended, in metres."""
 
 BEVEL_SPREAD: Final = radians(1.0)
@@ -288,7 +288,7 @@ def _bevel_feet(t: Array, z: Array, found: EdgeLines, last: Array) -> Array:
         on = np.exp(-0.5 * np.minimum(((seen - height) / sigma) ** 2, 100.0))
         on *= (1 - share) / (sqrt(tau) * sigma)
         # Beyond a bevel's end the steel lies nearer than its continuation, or behind a gap.
-        room = np.maximum(height - hull, LEAST_FILL)
+        room = np.maximum(height - hull, LEAST_FILL_RANGE)
         off = np.where(np.abs(seen - height) < room, (1 - share) / room, 0.0)
         evidence = np.cumsum(np.log((on + arc) / (off + arc)))
         evidence[np.abs(u - old) < SAME_FOOT_POINTS * pitch] += SAME_FOOT_LOG_ODDS

@@ -27,7 +27,7 @@ SMOOTHED_POINTS: Final = 7
 """Points over which a reference's slope is taken: that of its noise must not look like shape."""
 
 MOST_ROUNDS: Final = 8
-SETTLED_MOVE: Final = 1e-6
+SETTLED_SHIFT: Final = 1e-6
 """Most rounds after the first wide ones, and the move, in metres, from which a fit is final."""
 
 FEWEST_ON_REFERENCE: Final = 40
@@ -41,7 +41,7 @@ DEEPER_SIGMAS, FARTHEST_DEEPER = 4.0, 6e-3
 """Standard deviations and metres between which a point lies deeper than the reference as another
 joint's would: the arc's light lies anywhere, mostly farther."""
 
-MOST_DEEPER: Final = 0.2
+MOST_DEEPER_SHARE: Final = 0.2
 """Share of what a side shows that may lie deeper: a pass adds steel and takes none away."""
 
 
@@ -218,7 +218,7 @@ def register_profile(
             return None
         place += step[:2]
         roll += float(step[2])
-        if k >= len(CAPTURE_SIGMAS) and np.abs(step[:2]).max() < SETTLED_MOVE:
+        if k >= len(CAPTURE_SIGMAS) and np.abs(step[:2]).max() < SETTLED_SHIFT:
             break
     telling = (slope / spread) ** 2
     for side in (u < 0, u > 0):
@@ -226,7 +226,7 @@ def register_profile(
         if weight[side] @ telling[side] < LEAST_OF_SIDE * tells:
             return None
         deeper = (away[side] > DEEPER_SIGMAS * spread[side]) & (away[side] < FARTHEST_DEEPER)
-        if telling[side] @ deeper > MOST_DEEPER * tells:
+        if telling[side] @ deeper > MOST_DEEPER_SHARE * tells:
             return None
     c, s = cos(roll), sin(roll)
     centre, hull_z = float(c * place[0] + s * place[1]), float(c * place[1] - s * place[0])

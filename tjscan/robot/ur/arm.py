@@ -222,7 +222,7 @@ class UrArm(DeviceBase):
         self._planner = PathPlanner(kinematics, MotionLimits() if limits is None else limits)
         self._session: ControllerSession | None = None
         self._identity = UrIdentity()
-        self._latch_clock = MotionLock()
+        self._latch = MotionLock()
         self._listener: EventListener = lambda name, detail: None
 
     def __enter__(self) -> Self:
@@ -235,8 +235,8 @@ class UrArm(DeviceBase):
         ConfigurationError
             If it is another model than it should be.
         """
-        self._latch_clock.clear_stop()
-        settings, latch = self.settings, self._latch_clock
+        self._latch.clear_stop()
+        settings, latch = self.settings, self._latch
         session = connect_to_controller(
             settings, self.kinematics, latch, lambda *event: self._listener(*event)
         )
@@ -312,16 +312,16 @@ class UrArm(DeviceBase):
             As `program.run_program` does. The program is stopped then.
         """
         session = self._connected
-        with self._latch_clock.hold_for_move():
+        with self._latch.hold_for_move():
             run_program(session, program, started)
 
     def stop(self) -> None:
         """Bring the arm to rest, and begin nothing more. See `Arm.stop`."""
-        self._latch_clock.stop()
+        self._latch.stop()
 
     def accept_moves_again(self) -> None:
         """Take commands again after a stop. See `Arm.accept_moves_again`."""
-        self._latch_clock.clear_stop()
+        self._latch.clear_stop()
 
     @property
     def _connected(self) -> ControllerSession:
@@ -333,7 +333,7 @@ class UrArm(DeviceBase):
         self, T_b_f: Array, near: Array | None = None, *, linear: bool = False
     ) -> ArmState:
         session, planner = self._connected, self._planner
-        with self._latch_clock.hold_for_move():
+        with self._latch.hold_for_move():
             q = session.arm_state().q
             path = planner.linear_path(q, T_b_f) if linear else planner.joint_path(q, T_b_f, near)
             if path.duration > 0:

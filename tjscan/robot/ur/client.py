@@ -78,7 +78,7 @@ class RtdeClient:
     """Client of a Universal Robots controller over RTDE: one link to command, one to receive."""
 
     def __init__(self) -> None:
-        self._take_control: Any = None
+        self._control: Any = None
         self._receive: Any = None
         self._reports_payload = True
         self._watched = self._foreign = False
@@ -96,12 +96,12 @@ class RtdeClient:
         except (RuntimeError, ValueError):
             self._reports_payload = False
             self._receive = RTDEReceiveInterface(host, RTDE_HZ, STATE_OUTPUTS)
-        self._take_control = RTDEControlInterface(host, RTDE_HZ)
+        self._control = RTDEControlInterface(host, RTDE_HZ)
         self._received = LongestSilence(time.monotonic())
 
     def start_watchdog(self) -> bool:
         """Start the controller's watchdog, which stops the arm when this process falls silent."""
-        self._watched = bool(self._take_control.setWatchdog(1 / WATCHDOG_PERIOD))
+        self._watched = bool(self._control.setWatchdog(1 / WATCHDOG_PERIOD))
         moment = time.monotonic()
         self._sent, self._received = LongestSilence(moment), LongestSilence(moment)
         return self._watched
@@ -117,10 +117,10 @@ class RtdeClient:
     def read_state(self) -> ControllerState:
         """Read the controller's state."""
         self._watch_clock()
-        receive, status = self._receive, self._take_control.getAsyncOperationProgressEx()
+        receive, status = self._receive, self._control.getAsyncOperationProgressEx()
         reported, moment = self._reports_payload, time.monotonic()
         return ControllerState(
-            connected=bool(receive.isConnected() and self._take_control.isConnected()),
+            connected=bool(receive.isConnected() and self._control.isConnected()),
             time=receive.getTimestamp(),
             q=tuple(receive.getActualQ()),
             speed=tuple(receive.getActualQd()),
@@ -138,45 +138,45 @@ class RtdeClient:
 
     def set_tcp(self, T_f_tcp: SixNumbers) -> bool:
         """Set the active TCP."""
-        return bool(self._take_control.setTcp(list(T_f_tcp)))
+        return bool(self._control.setTcp(list(T_f_tcp)))
 
     def active_tcp_offset(self) -> list[float]:
         """Read the offset of the active TCP; nothing if the controller does not answer."""
-        return list(self._take_control.getTCPOffset())
+        return list(self._control.getTCPOffset())
 
     def set_payload(self, mass: float, centre_of_gravity: tuple[float, ...]) -> bool:
         """Set the payload and its centre of gravity."""
-        return bool(self._take_control.setPayload(mass, list(centre_of_gravity)))
+        return bool(self._control.setPayload(mass, list(centre_of_gravity)))
 
     def pose_is_safe(self, tcp: SixNumbers) -> bool:
         """Ask the controller whether a pose is within its safety limits."""
-        return bool(self._take_control.isPoseWithinSafetyLimits(list(tcp)))
+        return bool(self._control.isPoseWithinSafetyLimits(list(tcp)))
 
     def inverse(self, tcp: SixNumbers, near: SixNumbers) -> list[float]:
         """Ask the controller for the inverse kinematics of a pose; nothing if it has none."""
-        if not self._take_control.getInverseKinematicsHasSolution(list(tcp), list(near)):
+        if not self._control.getInverseKinematicsHasSolution(list(tcp), list(near)):
             return []
-        return list(self._take_control.getInverseKinematics(list(tcp), list(near)))
+        return list(self._control.getInverseKinematics(list(tcp), list(near)))
 
     def move_joint(self, q: SixNumbers, speed: float, acceleration: float) -> bool:
         """Begin a move in joint space."""
         self._expect_to_be_followed()
-        return bool(self._take_control.moveJ(list(q), speed, acceleration, True))
+        return bool(self._control.moveJ(list(q), speed, acceleration, True))
 
     def move_linear(self, tcp: SixNumbers, speed: float, acceleration: float) -> bool:
         """Begin a linear move."""
         self._expect_to_be_followed()
-        return bool(self._take_control.moveL(list(tcp), speed, acceleration, True))
+        return bool(self._control.moveL(list(tcp), speed, acceleration, True))
 
     def stop_move(self, deceleration: float) -> None:
         """Stop the move under way, and wait until the arm is at rest."""
-        self._take_control.stopJ(deceleration)
+        self._control.stopJ(deceleration)
         self._before = None
 
     def stop_control_script(self) -> None:
         """End the control script."""
         self._watched, self._before = False, None
-        self._take_control.stopScript()
+        self._control.stopScript()
 
     def feed_foreign_watchdog(self) -> None:
         """Feed the watchdog of the program that runs in place of the control script."""
@@ -188,7 +188,7 @@ class RtdeClient:
         if self._watched and time.monotonic() - self._fed >= FEED_INTERVAL:
             self._watch_clock()
             try:
-                self._take_control.kickWatchdog()
+                self._control.kickWatchdog()
             except Exception:  # the library raises what it likes
                 if not self._foreign:
                     raise
@@ -201,7 +201,7 @@ class RtdeClient:
         """Whether the main process no longer supervises the move under way."""
         if self._before is None or time.monotonic() - self._followed < UNFOLLOWED_LIMIT:
             return False
-        status = self._take_control.getAsyncOperationProgressEx()
+        status = self._control.getAsyncOperationProgressEx()
         if not status.isAsyncOperationRunning() and status.operationId() != self._before:
             self._before = None  # it has ended meanwhile
         return self._before is not None
@@ -209,9 +209,9 @@ class RtdeClient:
     def stop_arm_and_script(self) -> None:
         """Stop the arm and end the control script: the arm is not supervised."""
         self._watched = False  # whatever hangs below, the controller's watchdog stops the arm
-        if self._take_control is not None:
-            self._take_control.stopJ(STOP_DECELERATION)
-            self._take_control.stopScript()
+        if self._control is not None:
+            self._control.stopJ(STOP_DECELERATION)
+            self._control.stopScript()
 
     def _watch_clock(self) -> None:
         """Note when something new has come from the controller: its clock has advanced."""
@@ -221,7 +221,7 @@ class RtdeClient:
 
     def _expect_to_be_followed(self) -> None:
         self._followed = time.monotonic()
-        self._before = self._take_control.getAsyncOperationProgressEx().operationId()
+        self._before = self._control.getAsyncOperationProgressEx().operationId()
 
 
 def serve_main_process(connection: Connection, client: RtdeClient) -> None:

@@ -253,7 +253,7 @@ class PageHandDrive:
             "Hold: back": Twist(-speed, 0.0),
         }
         self._heard = dict.fromkeys(self._twists, float("-inf"))
-        self._clock, self._let_time_pass, self._last = clock, wait, float("-inf")
+        self._clock, self._wait, self._last = clock, wait, float("-inf")
         self._begun = threading.Event()
 
     @classmethod
@@ -276,7 +276,7 @@ class PageHandDrive:
 
     def order(self) -> Twist | None:
         """Return what is asked for now; see `HandDrive.order`."""
-        self._let_time_pass(max(0.0, self._last + SHORTEST_CYCLE - self._clock()))
+        self._wait(max(0.0, self._last + SHORTEST_CYCLE - self._clock()))
         self._last = now = self._clock()
         if self._begun.is_set():
             return None

@@ -25,7 +25,7 @@ from tjscan.planning.details import DetailStretch, compare_with_details
 from tjscan.planning.document import PlanDocument, StationEntry, beads_to_csv, plan_document
 from tjscan.planning.edges import GrooveEdges, fit_groove_edges
 from tjscan.planning.plan import WeldPlan, plan_weld
-from tjscan.planning.stops import NO_STATION, StationStretch, crowns_and_saddles
+from tjscan.planning.stops import UNREACHED_STATION, StationStretch, crowns_and_saddles
 from tjscan.planning.urscript import StationPath, path_to_urscript
 from tjscan.planning.weldx_file import weldx_is_installed, write_plan_as_weldx
 from tjscan.planning.wps import WeldingProcedure, read_wps
@@ -231,7 +231,11 @@ class WrittenPlan:
         """Lengths that no station reaches, if that was looked for; metres."""
         if not self.document.stations:
             return ()
-        found = [bead for bead in self.plan.beads if bead.station == NO_STATION and bead.layer == 1]
+        found = [
+            bead
+            for bead in self.plan.beads
+            if bead.station == UNREACHED_STATION and bead.layer == 1
+        ]
         return tuple((float(bead.s.min()), float(bead.s.max())) for bead in found)
 
 

@@ -238,7 +238,7 @@ class LocalTubeFit:
     theta: Array
     covariance: Array
     along: Array
-    whiten_residuals: Array
+    whiten: Array
     residuals: Array
     residual_jacobian: Array
 
@@ -263,7 +263,7 @@ class LocalTubeFit:
 
         Also the standard deviations that this should have.
         """
-        precision = np.swapaxes(self.whiten_residuals, 1, 2) @ self.whiten_residuals
+        precision = np.swapaxes(self.whiten, 1, 2) @ self.whiten
         own = np.diagonal(precision, axis1=1, axis2=2)
         return np.einsum("cmn,cn->cm", precision, self.residuals) / own, 1 / np.sqrt(own)
 
@@ -280,8 +280,8 @@ class LocalTubeFit:
         """
         kernels = (Matern52(sigma, OUT_OF_ROUND_WAVE) for sigma in _RESIDUAL_SIGMAS)
         towards = np.array([kernel(self.along - at) for kernel in kernels])
-        white = np.einsum("cmn,cn->cm", self.whiten_residuals, towards)
-        weights = np.einsum("cmn,cm->cn", self.whiten_residuals, white)
+        white = np.einsum("cmn,cn->cm", self.whiten, towards)
+        weights = np.einsum("cmn,cm->cn", self.whiten, white)
         variances = np.array(_RESIDUAL_SIGMAS) ** 2 - np.sum(white**2, axis=1)
         return (
             np.sum(weights * self.residuals, axis=1),
@@ -324,11 +324,11 @@ def _fit_walls(track: RecentSections, sigmas: Array) -> LocalTubeFit:
         Matern52(out, OUT_OF_ROUND_WAVE)(between) + np.diag(own**2)
         for out, own in zip(_RESIDUAL_SIGMAS, sigmas, strict=True)
     ]
-    whiten_residuals = np.array([np.linalg.inv(np.linalg.cholesky(C)) for C in covariances])
+    whiten = np.array([np.linalg.inv(np.linalg.cholesky(C)) for C in covariances])
 
     def residuals(thetas: Array) -> Array:
         walls = _tube_walls(bases, thetas)
-        white = np.einsum("cmn,...cn->...cm", whiten_residuals, _off_tubes(walls, track))
+        white = np.einsum("cmn,...cn->...cm", whiten, _off_tubes(walls, track))
         flat = white.reshape(*thetas.shape[:-1], -1)
         return np.concatenate((flat, _prior_residuals(walls, thetas)), axis=-1)
 
@@ -339,7 +339,7 @@ def _fit_walls(track: RecentSections, sigmas: Array) -> LocalTubeFit:
     lefts = _off_tubes(_tube_walls(bases, with_small_steps(theta, _DIFFERENCE_STEP)), track)
     by_theta = np.moveaxis((lefts[1:] - lefts[0]) / _DIFFERENCE_STEP, 0, -1)
     covariance = spread * max(1.0, reduced_chi2)
-    return LocalTubeFit(bases, theta, covariance, track.along, whiten_residuals, lefts[0], by_theta)
+    return LocalTubeFit(bases, theta, covariance, track.along, whiten, lefts[0], by_theta)
 
 
 def _off_tubes(walls: LocalWalls, track: RecentSections) -> Array:

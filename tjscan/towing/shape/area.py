@@ -35,8 +35,8 @@ class Area:
     pillars: tuple[Array, ...] = ()
 
     def __init__(self, outline: ArrayLike, pillars: Sequence[ArrayLike] = ()) -> None:
-        object.__setattr__(self, "outline", _corners(outline))
-        object.__setattr__(self, "pillars", tuple(_corners(pillar) for pillar in pillars))
+        object.__setattr__(self, "outline", _ordered_corners(outline))
+        object.__setattr__(self, "pillars", tuple(_ordered_corners(pillar) for pillar in pillars))
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ class Obstacles(NamedTuple):
     @classmethod
     def of_area(cls, area: Area) -> Obstacles:
         """Walls and polygons of an area."""
-        walls, pockets = _outside(area.outline)
+        walls, pockets = _split_outside(area.outline)
         polygons = (*pockets, *area.pillars)
         starts = np.cumsum([0, *(len(polygon) for polygon in polygons)])
         corners = np.concatenate((np.zeros((0, 2)), *polygons))
@@ -114,7 +114,7 @@ class Obstacles(NamedTuple):
         return [self.corners[a:b] for a, b in pairwise(self.starts.tolist())]
 
 
-def _outside(outline: Array) -> tuple[Array, list[Array]]:
+def _split_outside(outline: Array) -> tuple[Array, list[Array]]:
     """Half planes beyond the hull, and pockets between hull and outline."""
     tolerance = 1e-9 * float(np.ptp(outline, axis=0).max())
     # Corners in the middle of a hull's edge may or may not count as its own: take them out.
@@ -122,11 +122,11 @@ def _outside(outline: Array) -> tuple[Array, list[Array]]:
     for i in list(hull):
         at = hull.index(i)
         before, after = outline[hull[at - 1]], outline[hull[(at + 1) % len(hull)]]
-        if abs((outline[i] - before) @ _inward(before, after)) < tolerance:
+        if abs((outline[i] - before) @ _inward_normal(before, after)) < tolerance:
             hull.remove(i)
     walls, pockets = [], []
     for a, b in pairwise((*hull, hull[0] + len(outline))):
-        inward = _inward(outline[a], outline[b % len(outline)])
+        inward = _inward_normal(outline[a], outline[b % len(outline)])
         walls.append((*inward, inward @ outline[a]))
         chain = outline[np.arange(a, b + 1) % len(outline)]
         on_wall = np.flatnonzero(abs(chain @ inward - walls[-1][2]) < tolerance)
@@ -134,13 +134,13 @@ def _outside(outline: Array) -> tuple[Array, list[Array]]:
     return np.array(walls), pockets
 
 
-def _inward(a: Array, b: Array) -> Array:
+def _inward_normal(a: Array, b: Array) -> Array:
     """Normal to the left of the way from a to b."""
     edge = b - a
     return np.asarray(np.array((-edge[1], edge[0])) / np.hypot(*edge))
 
 
-def _corners(corners: ArrayLike) -> Array:
+def _ordered_corners(corners: ArrayLike) -> Array:
     """Read-only copy in counter-clockwise order."""
     points = readonly_copy(corners)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:

@@ -101,7 +101,7 @@ def chain_hessian(parts: ChainParts, links: Array, length: float, hessian: Array
 
 
 @compiled
-def turned_way(i: int, k: int, links: Array, root: Array) -> tuple[float, float]:
+def link_motion_by_joint(i: int, k: int, links: Array, root: Array) -> tuple[float, float]:
     """How the end of link k goes as joint i turns."""
     if i > k:
         return 0.0, 0.0

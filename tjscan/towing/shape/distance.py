@@ -15,7 +15,7 @@ SignedDistance = tuple[float, float, float, float, float, float]
 
 
 @compiled
-def from_point(x: float, y: float, sign: float, radius: float) -> SignedDistance:
+def distance_from_point(x: float, y: float, sign: float, radius: float) -> SignedDistance:
     """Signed length of (x, y) less a radius, with gradient and Hessian (xx, xy, yy)."""
     length = max(hypot(x, y), 1e-9)
     nx, ny = x / length, y / length
@@ -50,7 +50,7 @@ def distance_to_polygon(x: float, y: float, corners: Array) -> SignedDistance:
     ex, ey = corners[after, 0] - ax, corners[after, 1] - ay
     if at_corner and nearest > 1e-18:
         bx, by = ax - corners[which - 1, 0], ay - corners[which - 1, 1]
-        return from_point(x - ax, y - ay, 1.0 if bx * ey - by * ex > 0 else -1.0, 0.0)
+        return distance_from_point(x - ax, y - ay, 1.0 if bx * ey - by * ex > 0 else -1.0, 0.0)
     length = hypot(ex, ey)
     nx, ny = ey / length, -ex / length
     return nx * (x - ax) + ny * (y - ay), nx, ny, 0.0, 0.0, 0.0
@@ -65,7 +65,7 @@ def distance_to_swept_disc(x: float, y: float, disc: Array) -> SignedDistance:
     if along > 0.0:
         t = min(max(((x - disc[0]) * ex + (y - disc[1]) * ey) / along, 0.0), 1.0)
     rx, ry = x - disc[0] - t * ex, y - disc[1] - t * ey
-    d, gx, gy, hxx, hxy, hyy = from_point(rx, ry, 1.0, disc[4])
+    d, gx, gy, hxx, hxy, hyy = distance_from_point(rx, ry, 1.0, disc[4])
     if 0.0 < t < 1.0:
         return d, gx, gy, 0.0, 0.0, 0.0
     return d, gx, gy, hxx, hxy, hyy

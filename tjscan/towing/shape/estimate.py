@@ -37,7 +37,7 @@ WARM_ITERATIONS: Final = 60
 COLD_ITERATIONS: Final = 10 * WARM_ITERATIONS
 """The same of a search that knows no shape before."""
 
-GUESSED_BULGES: Final = (-0.3, 0.0, 0.3)
+TRIED_BULGES: Final = (-0.3, 0.0, 0.3)
 """Sideways, in chords between vehicles, of the shapes where such a search begins."""
 
 RELIEF_TIME: Final = 0.2
@@ -220,7 +220,7 @@ def estimate_shape(
     """
     problem = estimate_arrays(cable, held_links, poses, trust or PoseTrust(), last)
     if last is None:
-        starts, most = _guesses(cable, problem.held, problem.poses), COLD_ITERATIONS
+        starts, most = _guess_shapes(cable, problem.held, problem.poses), COLD_ITERATIONS
     else:
         starts, most = [last.angles], WARM_ITERATIONS
     best, least = np.zeros(cable.links), np.inf
@@ -266,11 +266,11 @@ def estimate_arrays(
     )
 
 
-def _guesses(cable: Cable, held: Indices, poses: Array) -> list[Array]:
+def _guess_shapes(cable: Cable, held: Indices, poses: Array) -> list[Array]:
     """Shapes through the poses as cubic curves, with bulges to either side."""
     knots = np.vstack((np.array(cable.root), poses))
     guesses = []
-    for bulge in GUESSED_BULGES:
+    for bulge in TRIED_BULGES:
         headings = np.empty(cable.links)
         first = 0
         for a, b, link in zip(knots, knots[1:], held, strict=False):
@@ -389,11 +389,11 @@ def _force_by_place(angles: Array, problem: EstimateArrays) -> Array:
     before, tip = problem.held[last - 1], problem.held[last]
     for axis in range(2):
         for i in range(n):
-            way = chain.turned_way(i, before, links, root)
+            way = chain.link_motion_by_joint(i, before, links, root)
             change[i] = stiff[last - 1, 0] * way[axis]
         back_substitute(factor, change)
         for i in range(n):
-            way = chain.turned_way(i, tip, links, root)
+            way = chain.link_motion_by_joint(i, tip, links, root)
             derivative[0, axis] += stiff[last, 0] * way[0] * change[i]
             derivative[1, axis] += stiff[last, 0] * way[1] * change[i]
     return derivative

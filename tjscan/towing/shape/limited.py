@@ -40,7 +40,7 @@ from tjscan.towing.shape.problem import (
     pull_after,
 )
 
-NEAR_BAND: Final = 0.05
+LIMIT_BAND_WIDTH: Final = 0.05
 """Metres of margin below which a limit is in the program: some steps of a slow vehicle."""
 
 LONGEST_TURN: Final = 0.2
@@ -57,7 +57,7 @@ OUTER_ITERATIONS: Final = 100
 INNER_ITERATIONS: Final = 20
 """Its steps in each of them; one or two are usual."""
 
-MOST_ACTIVE: Final = 20
+MOST_ACTIVE_ROWS: Final = 20
 """Rows that may be active in a guess; beyond, ProxQP looks for them."""
 
 
@@ -78,7 +78,7 @@ class LimitedShape:
     pressed: LimitRows
 
 
-class _Program(NamedTuple):
+class _QuadraticProgram(NamedTuple):
     """A quadratic program in the step, without its slack.
 
     Parameters
@@ -96,7 +96,7 @@ class _Program(NamedTuple):
     force: Array
 
 
-class _Iterate:
+class _ShapeIterate:
     """All that is known at a shape: objective, constraints, rows of limits that are near."""
 
     def __init__(self, problem: ShapeProblem, limits: HardLimits) -> None:
@@ -111,7 +111,7 @@ class _Iterate:
         """Evaluate other angles."""
         self.angles[:] = angles
         while True:
-            self.f, self.off, self.worst, self._used = _evaluate(
+            self.f, self.off, self.worst, self._used = _evaluate_shape(
                 self.angles, *self._given, self.plain_state, self._rows, band
             )
             if self._used <= len(self._rows):
@@ -129,7 +129,7 @@ class _Iterate:
 
 
 @compiled
-def _evaluate(
+def _evaluate_shape(
     angles: Array,
     plain_problem: Any,
     plain_obstacles: Any,
@@ -166,7 +166,13 @@ def _add_limit_forces(rows: LimitRows, z: Array, point: Array) -> None:
 
 @inlined
 def _guess_active(
-    program: _Program, state: ShapeState, C: Array, rows: LimitRows, step: Array, y: Array, z: Array
+    program: _QuadraticProgram,
+    state: ShapeState,
+    C: Array,
+    rows: LimitRows,
+    step: Array,
+    y: Array,
+    z: Array,
 ) -> bool:
     """Solve a program by adding the worst row and dropping those that pull; True if that ends.
 
@@ -178,7 +184,7 @@ def _guess_active(
     linear.back_substitute(program.factor, free)
     solved[:m] = state.jacobian
     linear.back_substitute_rows(program.factor, solved[:m])
-    for _ in range(MOST_ACTIVE):
+    for _ in range(MOST_ACTIVE_ROWS):
         count = m + active.sum()
         A, by_A, b = np.empty((count, n)), np.empty((count, n)), np.empty(count)
         A[:m], by_A[:m], b[:m], k = state.jacobian, solved[:m], state.constraint, m
@@ -228,7 +234,7 @@ def _model_step(
     rows, and their derivatives; those of the constraints are filled.
     """
     problem, state = ShapeArrays(*plain_problem), ShapeState(*plain_state)
-    program, n = _Program(*plain_program), len(state.links)
+    program, n = _QuadraticProgram(*plain_program), len(state.links)
     chain_gradient(parts_of(state), state.links, problem.length, program.gradient)
     if len(last_z) == 0:
         linear.least_squares_multipliers(state.jacobian, program.gradient, y)
@@ -261,11 +267,11 @@ def optimise_limited(
     The search ends when a step promises less than 1e-7 of the objective, or when none gains.
     """
     n, bound, arrays = len(start), problem.cable.joint_limit - SPARE_MARGIN, problem.arrays
-    now, after = _Iterate(problem, limits), _Iterate(problem, limits)
-    now.move_to(np.clip(start, -bound, bound), NEAR_BAND)
+    now, after = _ShapeIterate(problem, limits), _ShapeIterate(problem, limits)
+    now.move_to(np.clip(start, -bound, bound), LIMIT_BAND_WIDTH)
     y, z = np.zeros(len(now.state.constraint)), np.zeros(0)
-    fix, shift, band, iteration = 1.0, 0.0, NEAR_BAND, 0
-    program = _Program(np.empty(n), np.empty((n, n)), np.zeros((n, n)), np.zeros(2))
+    fix, shift, band, iteration = 1.0, 0.0, LIMIT_BAND_WIDTH, 0
+    program = _QuadraticProgram(np.empty(n), np.empty((n, n)), np.zeros((n, n)), np.zeros(2))
     plain, plain_program = tuple(arrays), tuple(program)
     while iteration < most:
         iteration += 1
@@ -291,7 +297,7 @@ def optimise_limited(
                 break
             share *= 0.5
         else:
-            if len(z) == 0 or band > NEAR_BAND:
+            if len(z) == 0 or band > LIMIT_BAND_WIDTH:
                 break
             band *= 3.0  # a limit out of the program may be in the way
             now.move_to(now.angles.copy(), band)
@@ -306,7 +312,7 @@ def optimise_limited(
 
 
 def _solve_program(
-    program: _Program, shift: float, now: _Iterate, C: Array
+    program: _QuadraticProgram, shift: float, now: _ShapeIterate, C: Array
 ) -> tuple[Array, float, Array, Array, float]:
     """Step, slack left, multipliers of constraints and rows, and the share of c that is met.
 

@@ -155,7 +155,7 @@ class ChainPoint(NamedTuple):
     y: float
 
 
-NO_POINT = ChainPoint(-1, 0.0, 0.0)
+NO_CHAIN_POINT = ChainPoint(-1, 0.0, 0.0)
 
 
 @inlined
@@ -206,7 +206,7 @@ def add_to_obstacles(
     for k in range(len(walls) + len(starts) - 1 + len(discs)):
         d, gx, gy, _, _, _ = distance_to_obstacle(k, at.x, at.y, walls, corners, starts, discs)
         if d - apart < room.band:
-            add_row(room, kind, d - apart, gx, gy, at, NO_POINT)
+            add_row(room, kind, d - apart, gx, gy, at, NO_CHAIN_POINT)
 
 
 @inlined
@@ -239,7 +239,9 @@ def add_crossed_edges(
             end = link_end(i if is_ahead else i - 1, root, links)
             sign = -1.0 if side > 0.0 else 1.0
             margin = -abs(side) - apart
-            add_row(room, LimitKind.LINK_TO_OBSTACLE, margin, sign * nx, sign * ny, end, NO_POINT)
+            add_row(
+                room, LimitKind.LINK_TO_OBSTACLE, margin, sign * nx, sign * ny, end, NO_CHAIN_POINT
+            )
 
 
 @inlined
@@ -292,7 +294,7 @@ def add_links_apart(room: RowRoom, apart: float, i: int, j: int, root: Array, li
     kind = LimitKind.LINK_TO_LINK
     before_i, before_j = root[:2] if i == 0 else links[i - 1, :2], links[j - 1, :2]
     crossed = do_cross(before_i, links[i, :2], before_j, links[j, :2])
-    least, nearest, nearest_end = 1e300, NO_POINT, NO_POINT
+    least, nearest, nearest_end = 1e300, NO_CHAIN_POINT, NO_CHAIN_POINT
     for a, b in ((i, j), (j, i)):
         for end in (link_end(a - 1, root, links), link_end(a, root, links)):
             at = nearest_on_link(b, end.x, end.y, root, links)
@@ -331,7 +333,7 @@ def add_speeds(room: RowRoom, links: Array, limits: LimitArrays) -> None:
         d = hypot(x, y)
         if limits.pace - d < room.band:
             d = max(d, 1e-9)
-            add_row(room, LimitKind.SPEED, limits.pace - d, -x / d, -y / d, at, NO_POINT)
+            add_row(room, LimitKind.SPEED, limits.pace - d, -x / d, -y / d, at, NO_CHAIN_POINT)
 
 
 @inlined
@@ -341,7 +343,7 @@ def add_joints(room: RowRoom, angles: Array, most: float) -> None:
         margin = most - abs(angles[i])
         if margin < JOINT_BAND * room.band:
             sign, joint = -1.0 if angles[i] > 0 else 1.0, ChainPoint(i, 0.0, 0.0)
-            add_row(room, LimitKind.JOINT, margin, sign, 0.0, joint, NO_POINT)
+            add_row(room, LimitKind.JOINT, margin, sign, 0.0, joint, NO_CHAIN_POINT)
 
 
 @inlined
@@ -412,7 +414,7 @@ def worst_margin(rows: LimitRows) -> float:
     return float(rows["margin"].min(initial=0.0))
 
 
-def rounded(figure: float) -> str:
+def round_for_message(figure: float) -> str:
     """A figure as a message states it: what is below ten is not rounded to nothing."""
     return f"{figure:.0f}" if figure >= 10 else f"{figure:.2g}"
 
@@ -486,10 +488,10 @@ class HardLimits:
         figures = {
             "link": link,
             "other": other,
-            "holder": self._holder(link),
-            "other_holder": self._holder(other),
-            "mm": rounded(-1e3 * row["margin"]),
-            "bend": rounded(degrees(-row["margin"])),
+            "holder": self._vehicle_of_link(link),
+            "other_holder": self._vehicle_of_link(other),
+            "mm": round_for_message(-1e3 * row["margin"]),
+            "bend": round_for_message(degrees(-row["margin"])),
             "link_clearance": 1e3 * self.limits.link_clearance,
             "body_clearance": 1e3 * self.limits.body_clearance,
             "vehicle_gap": 1e3 * self.limits.vehicle_gap,
@@ -499,7 +501,7 @@ class HardLimits:
         }
         return texts[int(row["kind"])].format(**figures)
 
-    def _holder(self, link: int) -> str:
+    def _vehicle_of_link(self, link: int) -> str:
         """The vehicle that holds a link, if one does."""
         if link not in self.team.held_links:
             return ""

@@ -11,7 +11,7 @@ from tjscan.towing.shape.compiled import compiled
 
 
 @compiled
-def factorise(matrix: Array, shift: float, factor: Array) -> bool:
+def factorise_shifted(matrix: Array, shift: float, factor: Array) -> bool:
     """Cholesky factor of a matrix with a shift added to its diagonal; False if there is none."""
     for i in range(len(matrix)):
         for j in range(i):
@@ -31,10 +31,10 @@ def factorise(matrix: Array, shift: float, factor: Array) -> bool:
 @compiled
 def factorise_convex(matrix: Array, shift: float, factor: Array, least: float) -> float:
     """Factorise with the least shift of a few tried, none or `least` on, and return it."""
-    if factorise(matrix, 0.0, factor):
+    if factorise_shifted(matrix, 0.0, factor):
         return 0.0
     shift = max(0.25 * shift, least)
-    while not factorise(matrix, shift, factor):
+    while not factorise_shifted(matrix, shift, factor):
         shift *= 4.0
     return shift
 

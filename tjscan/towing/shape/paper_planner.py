@@ -69,10 +69,12 @@ class PaperPlanner(TowingPlanner):
             guess = estimate_shape(self.cable, held, poses).angles
         links = [held[m] for m in known]
         known_poses = self._pose_constraint(links, np.asarray(poses)[known])
-        estimate, count, failed = minimise(lambda a: (float(a @ a), 2 * a), known_poses, guess)
+        estimate, count, failed = minimise_with_slsqp(
+            lambda a: (float(a @ a), 2 * a), known_poses, guess
+        )
         floor = self._floor.with_discs(obstacles, 0.0)
         at_welder = self._pose_constraint(held[-1:], welder_pose[None])
-        angles, more, failed_too = minimise(
+        angles, more, failed_too = minimise_with_slsqp(
             lambda a: self.objective(a, estimate, floor)[1:], at_welder, estimate
         )
         off = float(np.abs(at_welder(angles)[0]).max())
@@ -124,7 +126,7 @@ class PaperPlanner(TowingPlanner):
         return off
 
 
-def minimise(f: Scalar, constraint: Vector, start: Array) -> tuple[Array, int, str]:
+def minimise_with_slsqp(f: Scalar, constraint: Vector, start: Array) -> tuple[Array, int, str]:
     """Solution of SLSQP, its iterations, and why it failed if it did."""
     found = scipy.optimize.minimize(  # type: ignore[call-overload]
         f,

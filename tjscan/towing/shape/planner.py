@@ -18,7 +18,7 @@ from tjscan.towing.shape.limits import (
     HardLimits,
     LimitKind,
     LimitRows,
-    rounded,
+    round_for_message,
     worst_margin,
 )
 from tjscan.towing.shape.plan import PlannerSettings, PlanTerms, TowingPlan
@@ -41,10 +41,10 @@ it: between vehicles the floor holds it back from where it is planned."""
 NEWTON_ITERATIONS: Final = 60
 """Of Newton's method; four or five are usual."""
 
-NO_HASTE: Final = 1e9
+START_SEARCH_PERIOD: Final = 1e9
 """Seconds: a start has no step before it."""
 
-NO_START: Final = (
+NO_START_TEXT: Final = (
     "no shape of the cable was found that reaches the welder, bends within its limit and keeps its "
     "clearances: move the root, the seam or the held links, or allow less clearance"
 )
@@ -135,7 +135,7 @@ class TowingPlanner:
         resting = np.zeros(self.cable.links)
         problem, limits = self.problem(resting, welder_pose, 1.0, None, obstacles)
         problem = replace(problem, weights=replace(self.settings.weights, change=0.0, pace=0.0))
-        limits = replace(limits, period=NO_HASTE)
+        limits = replace(limits, period=START_SEARCH_PERIOD)
         plans = []
         for found in start_shapes(problem, limits, self.area, welder_pose):
             begun = replace(problem, estimate=found.angles)
@@ -147,7 +147,7 @@ class TowingPlanner:
         last = plans[0] if plans else None
         for _ in range(2 if last else 0):  # from the second plan on, friction is known
             last = self.plan(plans[0].held_poses, welder_pose, dt=1.0, last=last)
-        return plans or [CheckedShape(problem, limits, resting).plan(halt=NO_START)]
+        return plans or [CheckedShape(problem, limits, resting).plan(halt=NO_START_TEXT)]
 
     def start(self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()) -> TowingPlan:
         """The best of `starts`."""
@@ -217,27 +217,27 @@ class CheckedShape:
         """
         if not self.keeps_all:
             if self.margin < KEPT_MARGIN and self.off < max(-self.margin, MISSED_POSE):
-                return self._worst(self.rows)
+                return self._worst_row(self.rows)
             held = f"; what holds it: {', '.join(pressed[:3])}" if pressed else ""
             return (
                 "the cable does not reach within its limits: it ends "
-                f"{rounded(1e3 * self.off)} mm short of the welder or of a vehicle that does not "
-                f"move{held}"
+                f"{round_for_message(1e3 * self.off)} mm short of the welder or of a vehicle that "
+                f"does not move{held}"
             )
         here = self.limits.rows(estimate)
         near = here[np.isin(here["kind"], (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK))]
         if worst_margin(near) < -LYING_NEAR:
-            return f"as the cable lies, {self._worst(near)}"
+            return f"as the cable lies, {self._worst_row(near)}"
         cable = self.problem.cable
         way = cable.poses(self.angles)[:, :2] - cable.poses(estimate)[:, :2]
         steps = int(np.ceil(np.sqrt(np.square(way).sum(axis=1).max()) / LINK_STEP))
         for k in range(1, steps):
             between = self.limits.rows(estimate + k / steps * (self.angles - estimate))
             if worst_margin(between) < -LINK_STEP:
-                return f"on the way there, {self._worst(between)}"
+                return f"on the way there, {self._worst_row(between)}"
         return ""
 
-    def _worst(self, rows: LimitRows) -> str:
+    def _worst_row(self, rows: LimitRows) -> str:
         return self.limits.words(rows[rows["margin"].argmin()])
 
     def plan(self, **more: Any) -> TowingPlan:

@@ -41,7 +41,7 @@ SMOOTH_CHANGE = 0.02
 PACE_TERM = 3
 """Index of the term of the vehicles' steps."""
 
-FAR_TARGETS = 10.0
+NEGLIGIBLE_TARGET_DISTANCES = 10.0
 """Target distances beyond which an obstacle's loss is below 1e-7 and left out."""
 
 SHARES_AND_SLOPES = ((0.8, 4.0), (0.2, 1.0))
@@ -90,7 +90,7 @@ def obstacle_loss(
     log_free, gx, gy, hxx, hxy, hyy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(walls) + len(starts) - 1 + len(discs)):
         d, dx, dy, dxx, dxy, dyy = distance_to_obstacle(k, x, y, walls, corners, starts, discs)
-        if d > FAR_TARGETS * target:
+        if d > NEGLIGIBLE_TARGET_DISTANCES * target:
             continue
         q, first, second = free_share(d, target)
         q = max(q, 1e-300)
@@ -344,11 +344,11 @@ def add_pull_curvature(
     for m in range(len(moved)):
         if costs[m, 0] == PULL_TERM:
             for i in range(moved[m] + 1):
-                x, y = chain.turned_way(i, moved[m], links, root)
+                x, y = chain.link_motion_by_joint(i, moved[m], links, root)
                 by_x = costs[m, 6] * x + costs[m, 7] * y
                 by_y = costs[m, 7] * x + costs[m, 8] * y
                 for j in range(i + 1):
-                    x, y = chain.turned_way(j, moved[m], links, root)
+                    x, y = chain.link_motion_by_joint(j, moved[m], links, root)
                     matrix[i, j] += by_x * x + by_y * y
 
 
@@ -362,7 +362,7 @@ def pull_after(
             k = moved[m]
             x, y = links[k, 0] - costs[m, 1], links[k, 1] - costs[m, 2]
             for i in range(k + 1):
-                way = chain.turned_way(i, k, links, root)
+                way = chain.link_motion_by_joint(i, k, links, root)
                 x += way[0] * step[i]
                 y += way[1] * step[i]
             force[0] = costs[m, 4] + costs[m, 6] * x + costs[m, 7] * y

@@ -38,7 +38,7 @@ RADIUS_STEPS: Final = 4
 LANE_WIDTHS: Final = (2.2, 4.4)
 """Radii from one lane of a meander to the next: two would make half circles of its bends."""
 
-LEAST_RADII: Final = 1.05
+LEAST_RADIUS_FACTORS: Final = 1.05
 """Times the least radius is the smallest: links are chords, and are yet to be fitted."""
 
 LENGTH_STEPS: Final = 48
@@ -50,7 +50,7 @@ LENGTH_HALVINGS: Final = 24
 LENGTH_TOLERANCE: Final = 1e-3
 """Share of the length within which it is met: nearer is a matter for the chain's own solver."""
 
-MOST_SEARCHES: Final = 12
+MOST_START_SHAPES: Final = 12
 """First shapes from which the best one is looked for, of the many that are made."""
 
 MOST_BENDS: Final = 4
@@ -116,7 +116,7 @@ def first_shapes(cable: Cable, area: Area, welder_pose: Array) -> Iterator[list[
     share = np.array((0.25, 0.5, 0.75))
     centres = np.stack(np.meshgrid(*(low + (high - low) * share[:, None]).T), -1).reshape(-1, 2)
     for bends in range(1, 1 + MOST_BENDS):
-        paths = bent_once(*given) if bends == 1 else meanders(*given, bends, centres)
+        paths = bent_once(*given) if bends == 1 else meander_headings(*given, bends, centres)
         headings = (np.interp(middles, path[:, 0], path[:, 1]) for path in paths)
         yield [cable.angles(along) for along in headings]
 
@@ -136,7 +136,7 @@ def _search_from(
         *(disc[:2] for disc in limits.obstacles.discs),
     ]
     found: list[StartShape] = []
-    for guess in _distinct_shapes(cable, ranked, centres)[:MOST_SEARCHES]:
+    for guess in _distinct_shapes(cable, ranked, centres)[:MOST_START_SHAPES]:
         angles = guess.copy()
         iterations = newton_shape(angles, NEWTON_STEPS, 1e-4, *problem.plain)
         if not _is_reached(problem, limits, angles):
@@ -170,7 +170,7 @@ def _distinct_shapes(cable: Cable, shapes: list[Array], centres: list[Array]) ->
     for angles in shapes:
         line = cable.line(angles)
         kept = sides.setdefault(tuple(_count_turns(line, centre) for centre in centres), [])
-        if len(kept) < MOST_SEARCHES and all(
+        if len(kept) < MOST_START_SHAPES and all(
             np.hypot(*(line - other).T).mean() > SAME_SHAPE * cable.length for _, other in kept
         ):
             kept.append((angles, line))
@@ -204,13 +204,13 @@ def bent_once(start: Array, end: Array, length: float, least_radius: float) -> A
         wrapped. In between it changes evenly.
     """
     turns = 2 * np.pi * np.arange(LEAD_DIRECTIONS) / LEAD_DIRECTIONS
-    share, way, heading, radius = _combine(BASE_SHARES, turns, turns, _radii(least_radius))
+    share, way, heading, radius = _combine(BASE_SHARES, turns, turns, _radii_to_try(least_radius))
     bases = start[:2] + share[..., None] * (end - start)[:2]
     off = np.stack((np.cos(way), np.sin(way)), axis=-1)
     return _paths_of_length(start, end, length, bases, off, heading, radius[:, 0])
 
 
-def meanders(
+def meander_headings(
     start: Array, end: Array, length: float, least_radius: float, bends: int, centres: Array
 ) -> Array:
     """Headings along paths from pose to pose that go to and fro in lanes.
@@ -231,7 +231,7 @@ def meanders(
     """
     turns = 2 * np.pi * np.arange(LEAD_DIRECTIONS) / LEAD_DIRECTIONS
     which, axis, first, radius, lane = _combine(
-        np.arange(len(centres)), turns, (-1, 1), _radii(least_radius), LANE_WIDTHS
+        np.arange(len(centres)), turns, (-1, 1), _radii_to_try(least_radius), LANE_WIDTHS
     )
     along = np.stack((np.cos(axis), np.sin(axis)), axis=-1)
     across = np.stack((-np.sin(axis), np.cos(axis)), axis=-1)
@@ -247,8 +247,8 @@ def _combine(*values: ArrayLike) -> list[NDArray[Any]]:
     return [each.reshape(-1, 1) for each in np.meshgrid(*values, indexing="ij")]
 
 
-def _radii(least: float) -> Array:
-    return np.asarray(LEAST_RADII * least * 2.0 ** np.arange(RADIUS_STEPS))
+def _radii_to_try(least: float) -> Array:
+    return np.asarray(LEAST_RADIUS_FACTORS * least * 2.0 ** np.arange(RADIUS_STEPS))
 
 
 def _paths_of_length(

@@ -106,7 +106,7 @@ class TowingWorld:
         self._inertia = np.array((mass, mass, turning))
         self._forces = np.zeros((self.vehicles, 3))
         self._summed, self._most_push = 0, np.zeros(self.vehicles)
-        self._pose_to_command = np.zeros((self.vehicles, 3))
+        self._commanded = np.zeros((self.vehicles, 3))
         self._braked = np.ones(self.vehicles, dtype=bool)
         self._jammed = np.zeros(self.vehicles, dtype=bool)
         self._pushed = np.zeros((self.vehicles, 3))
@@ -132,7 +132,7 @@ class TowingWorld:
         """Let a vehicle drive a twist until the next order; None brakes it to rest."""
         self._braked[vehicle] = twist is None
         if twist is not None:
-            self._pose_to_command[vehicle] = (twist.speed, twist.sideways, twist.turn_rate)
+            self._commanded[vehicle] = (twist.speed, twist.sideways, twist.turn_rate)
 
     def advance(self, period: float) -> None:
         """Go on by a period, seconds: by as many whole steps of the plant as it has room for.
@@ -223,7 +223,7 @@ class TowingWorld:
         plant, step = self.plant, self.plant.step
         drift = np.where((self.time < self._push_ends)[:, None], self._pushed, 0.0)
         forces = self._drives.forces(
-            self._pose_to_command,
+            self._commanded,
             self._braked | self._jammed,
             plant.poses[:, 2],
             plant.speeds,

@@ -91,13 +91,13 @@ class BrokerLink:
         self._presence_topic, self._presence = presence_topic, presence
         self._topics, self._receive, self._changed = topics, receive, changed
         self._number = 0
-        self._height_over_axis = threading.Event()
+        self._up = threading.Event()
         self._client = self._make_client()
 
     @property
     def is_up(self) -> bool:
         """Whether the broker is connected."""
-        return self._height_over_axis.is_set()
+        return self._up.is_set()
 
     def connect(self, limit: float) -> None:
         """Connect, and stay connected until `close`.
@@ -122,7 +122,7 @@ class BrokerLink:
                 f"instance: mosquitto -p {self._port}"
             ) from None
         self._client.loop_start()
-        if not self._height_over_axis.wait(limit):
+        if not self._up.wait(limit):
             self.close()
             raise VehicleLinkLost(
                 f"the MQTT broker at {self._host}:{self._port} does not take this client. See its "
@@ -136,7 +136,7 @@ class BrokerLink:
     def drop(self) -> None:
         """Cut the connection as a broken network does, without a farewell, until `connect`."""
         client, self._client.on_disconnect = self._client, None
-        self._height_over_axis.clear()
+        self._up.clear()
         sock = client.socket()
         if isinstance(sock, socket.socket):
             with suppress(OSError):  # cut already
@@ -184,13 +184,13 @@ class BrokerLink:
         if self._topics:
             client.subscribe([(self._full_topic(topic), 0) for topic in self._topics])
         self._publish_presence(alive=True)
-        self._height_over_axis.set()
+        self._up.set()
         self._changed(True)
 
     def _on_disconnect(
         self, client: Client, data: Any, flags: DisconnectFlags, code: ReasonCode, properties: Any
     ) -> None:
-        self._height_over_axis.clear()
+        self._up.clear()
         self._changed(False)
 
     def _on_message(self, client: Client, data: Any, message: MQTTMessage) -> None:

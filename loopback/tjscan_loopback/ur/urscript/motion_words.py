@@ -51,7 +51,7 @@ class MotionWords:
     def __init__(self, host: ScriptHost, current_thread: Callable[[], int]) -> None:
         self._host, self._thread = host, current_thread
         self._owner = 0
-        self._target_in_root = self._tool
+        self._target = self._tool
         self._corner: Array | None = None  # of the blend that the arm is about to pass
         self._radius = 0.0
 
@@ -113,7 +113,7 @@ class MotionWords:
 
     def get_target_waypoint(self) -> Pose:
         """Pose that the last move went to."""
-        return Pose(pose_vector.pose_to_vector(self._target_in_root).tolist())
+        return Pose(pose_vector.pose_to_vector(self._target).tolist())
 
     # By speeds and by servo: until told else
 
@@ -228,7 +228,7 @@ class MotionWords:
             )
 
     def _follow(self, motion: Motion, goal: Array) -> Iterator[None]:
-        self._target_in_root = goal
+        self._target = goal
         self._owner, self._corner = self._thread(), None
         self._host.begin_motion(motion)
         while self._host.moving:
