@@ -36,7 +36,7 @@ class NoiseModel(SettingsTable):
         Of one touched point, in metres, in each axis, the arm's own error included.
     geometry : float
         Of the flange's position, in metres, in each axis, from the arm's lengths and zeros of
-        joints: alike at poses that are alike; see `tjscan.calibration.noise`. At least so
+        joints: alike at poses that are alike; see `geometry_correlation`. At least so
         much is allowed for; if the residuals show more, that. The default is what a maker's
         own calibration of an arm leaves; zero suits an exact, simulated one.
 

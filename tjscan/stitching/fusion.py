@@ -73,9 +73,8 @@ def sections_in_joint_frame(
     sections = []
     for scan in station.sections:
         T_j_s = T_j_b @ scan.view.T_b_s
-        section = section_to_result_frame(
-            scan.groove, T_j_s, "j", index=scan.view.index, station=station.name
-        )
+        index, name = scan.view.index, station.name
+        section = section_to_result_frame(scan.groove, T_j_s, "j", index=index, station=name)
         corners = section.points[ROOT_AND_BEVEL]
         flange = transform_points(T_j_b, scan.view.T_b_f[:3, 3])
         whole = section.covariances + point_covariance_from_pose(covariance, corners)

@@ -332,9 +332,8 @@ def _overlaps_that_count(draft: StitchingDraft, settings: StitchSettings) -> lis
     parts = [np.flatnonzero(part_of == part) for part in range(part_of.max() + 1)]
     if len(parts) > 1:
         apart = " | ".join(", ".join(draft.names[k] for k in part) for part in parts)
-        raise StitchingRefused(
-            "not connected", f"no overlap ties {apart}; {draft.describe_coverage()}; {needed}"
-        )
+        evidence = f"no overlap ties {apart}; {draft.describe_coverage()}; {needed}"
+        raise StitchingRefused("not connected", evidence)
     return held
 
 

@@ -104,10 +104,9 @@ def flatten_to_dotted_keys(table: Mapping[str, Any], prefix: str = "") -> dict[s
     """
     flat: dict[str, Any] = {}
     for key, value in table.items():
-        if isinstance(value, Mapping):
-            flat |= flatten_to_dotted_keys(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = value
+        name = f"{prefix}{key}"
+        is_table = isinstance(value, Mapping)
+        flat |= flatten_to_dotted_keys(value, f"{name}.") if is_table else {name: value}
     return flat
 
 

@@ -390,6 +390,5 @@ def _typical_places(variances: Array, counted: NDArray[np.bool_]) -> NDArray[np.
 
 def _budget_row(name: str, evidence: str, shared: bool, sigmas: Array) -> BudgetRow:
     corner, *measures = sigmas.tolist()
-    return BudgetRow(
-        name, evidence, shared, corner / MM.factor, *(np.array(measures) / MEASURE_UNITS).tolist()
-    )
+    values = (np.array(measures) / MEASURE_UNITS).tolist()
+    return BudgetRow(name, evidence, shared, corner / MM.factor, *values)

@@ -117,9 +117,8 @@ class ViewCause:
             How many sections.
         """
         points = np.einsum("ij,nkjm->nkim", R_r_b, self.points[:count])
-        return BudgetComponent(
-            self.name, self.evidence, self.is_shared, points, self.measures[:count]
-        )
+        measures = self.measures[:count]
+        return BudgetComponent(self.name, self.evidence, self.is_shared, points, measures)
 
 
 def motion_cause(

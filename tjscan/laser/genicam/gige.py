@@ -162,10 +162,8 @@ class GigeLaser(ABC, Generic[S]):
         if not laser.latches:
             clock = "its clock can't be read, so that its stream restarts for each profile"
         count = -(-size // max(laser.packet_size, 1))
-        return (
-            f"{laser.address}, about {count} packets of at most {laser.packet_size} bytes a "
-            f"profile, {clock}"
-        )
+        most = f"at most {laser.packet_size} bytes"
+        return f"{laser.address}, about {count} packets of {most} a profile, {clock}"
 
     def _advice(self) -> str:
         """What the job should state."""

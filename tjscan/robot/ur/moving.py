@@ -182,9 +182,8 @@ def _follow_move_to_its_end(session: ControllerSession, before: ControllerState)
         session.keep_dashboard_connected()
         if now.operation == before.operation:
             if moment > began + START_LIMIT:
-                raise session.end_for_fault(
-                    ProgramStopped("the controller accepted a move and does not begin it.")
-                )
+                fault = ProgramStopped("the controller accepted a move and does not begin it.")
+                raise session.end_for_fault(fault)
         elif not now.moving:
             return
         q = np.array(now.q)

@@ -269,9 +269,8 @@ class ControllerSession:
         try:
             self.dashboard.stop_program()
         except ArmFault as unheard:
-            because.add_note(
-                f"What is more, {unheard} Press the emergency stop if the arm still moves."
-            )
+            advice = "Press the emergency stop if the arm still moves."
+            because.add_note(f"What is more, {unheard} {advice}")
 
     def end_program_and_disconnect(self, because: BaseException | None) -> None:
         """End the control script and disconnect.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -285,13 +285,9 @@ def operator_on_page(
     """
     show = CalibrationShow(job, job_file, job_file.stem)
     looks = job.laser.driver_kind is DriverKind.REAL
-    made: list[PageOperator] = []
-
-    def buttons(run: RunOnPage) -> Sequence[Button]:
-        made.append(PageOperator(run, show, report, looks=looks))
-        return made[0].buttons(interrupt)
-
-    with show_run(show, where, report, buttons):
-        if not made:
+    with show_run(show, where, report, lambda _: ()) as run:
+        if run.page is None:
             raise PageUnavailable("questions can't be answered without the page: leave out --live")
-        yield made[0]
+        operator = PageOperator(run, show, report, looks=looks)
+        run.page.add_buttons(operator.buttons(interrupt))
+        yield operator

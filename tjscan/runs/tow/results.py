@@ -83,18 +83,11 @@ class RecordedTow:
 
 def read_recorded_tow(directory: Path) -> RecordedTow:
     """Read what a tow recorded, over all its parts; raises as `read_tow` does."""
-    cycles: list[TowCycle] = []
-    truths: list[TowTruth] = []
-    events: list[RunEvent] = []
-    for entry in read_tow(directory):
-        if isinstance(entry, TowCycle):
-            cycles.append(entry)
-        elif isinstance(entry, TowTruth):
-            truths.append(entry)
-        else:
-            events.append(entry)
-    known = tuple(truths) if len(truths) == len(cycles) else ()
-    return RecordedTow(tuple(cycles), known, tuple(events))
+    entries = list(read_tow(directory))
+    cycles = tuple(entry for entry in entries if isinstance(entry, TowCycle))
+    truths = tuple(entry for entry in entries if isinstance(entry, TowTruth))
+    events = tuple(entry for entry in entries if isinstance(entry, RunEvent))
+    return RecordedTow(cycles, truths if len(truths) == len(cycles) else (), events)
 
 
 def write_tow_results(directory: Path, job: TowJob) -> None:
