@@ -286,7 +286,7 @@ def optimise_limited(
         if problem.pull is not None:
             moved, costs, root = arrays.moved, arrays.costs, arrays.root
             pull_after(moved, costs, now.state.links, root, step, program.force)
-        fix = max(fix, 2 * float(np.abs(y).max(initial=0.0)))
+        fix = max(fix, 2 * max(map(abs, y.tolist()), default=0.0))
         slope = float(program.gradient @ step) - fix * reach * now.off
         slope -= SLACK_COST * max(now.worst - left, 0.0)
         merit = now.merit(fix)
