@@ -16,7 +16,6 @@ from statistics import median
 from typing import Final
 
 import numpy as np
-from _paper_joint import read_joint_as_paper
 from _stopwatch import Stopwatch
 from _table import Row, main
 
@@ -25,6 +24,7 @@ from tjscan.core.frames import Array
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.joint_tracking.registration import JointPlacement, ReferenceProfile
 from tjscan.crawler.joint_tracking.tracking import JointTracker
+from tjscan.crawler.paper_joint import read_joint_as_paper
 from tjscan.joint.hull import HullJoint, HullTack, WeldBead, hull_section
 from tjscan.laser.profile import Profile
 from tjscan.laser.section_laser import (

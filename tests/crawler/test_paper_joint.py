@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from _paper_joint import polygon_barycentre, read_joint_as_paper
 from hull_views import ARC_20, DEFAULT, EXACT, mirrored, see
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
+from tjscan.crawler.paper_joint import polygon_barycentre, read_joint_as_paper
 from tjscan.joint.hull import HullJoint
 from tjscan.laser.profile import Profile
 from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose
