@@ -76,7 +76,7 @@ def test_where_directories_cannot_be_opened_files_are_written_all_the_same(
         return real(path, flags)
 
     real = os.open
-    monkeypatch.setattr(files, "ON_WINDOWS", True)
+    monkeypatch.setattr(files, "IS_WINDOWS", True)
     monkeypatch.setattr(files, "os", SimpleNamespace(**{**vars(os), "open": open_no_directory}))
     with write_files_atomically(tmp_path) as draft:
         (draft / "a.txt").write_text("a", encoding="utf-8")

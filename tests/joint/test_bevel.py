@@ -48,7 +48,7 @@ def measured_groove_angle(joint: JointDefinition, phi: float) -> float:
 
 def test_groove_angle_in_the_normal_section_is_the_prescribed_one(joint: JointDefinition) -> None:
     for phi in np.linspace(0, np.pi, 13):
-        prescribed = joint.groove_angle_at(
+        prescribed = joint.groove_angle_for_dihedral(
             joint.leg_surface.dihedral_angle(phi, joint.brace_radius)
         )
         measured = measured_groove_angle(joint, float(phi))

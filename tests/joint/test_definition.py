@@ -36,7 +36,9 @@ def test_the_papers_joint_in_metres_and_radians() -> None:
 def test_groove_angle_is_linear_between_pairs_and_flat_beyond() -> None:
     joint = read_joint(PAPER)
     at = np.deg2rad([10, 90, 115, 140, 170])
-    np.testing.assert_allclose(np.rad2deg(joint.groove_angle_at(at)), [50, 50, 57.5, 65, 65])
+    np.testing.assert_allclose(
+        np.rad2deg(joint.groove_angle_for_dihedral(at)), [50, 50, 57.5, 65, 65]
+    )
 
 
 @pytest.mark.parametrize("file", JOINTS, ids=lambda file: file.stem)

@@ -27,7 +27,7 @@ from tjscan.result.directory import BUDGET_FILE
 from tjscan.result.section import MEASURE_FIELDS
 from tjscan.result.summary import (
     OverlapReport,
-    StationReport,
+    StationPlacement,
     StitchingReport,
     read_stitching_report,
     read_summary,
@@ -256,7 +256,7 @@ def stitched(run: Path, tmp_path: Path) -> Path:
     single = read_summary(run / "summary.json")
     parts = {"left & <b>": single, "right": single}
     write_summary(directory / "summary.json", summarise_stations(parts, sections, "j"))
-    station = StationReport(
+    station = StationPlacement(
         name="left & <b>",
         source="left & <b>",
         position_mm=(1.0, 2.0, 3.0),

@@ -98,7 +98,7 @@ def test_a_tow_that_was_interrupted_is_whole_and_goes_on(
             signal.raise_signal(signal.SIGINT)
         cycle(self, *arguments)  # type: ignore[arg-type]
 
-    with patch.object(CableTow, "_cycle", interrupted):
+    with patch.object(CableTow, "_run_cycle", interrupted):
         assert tjscan("tow", "run", EXAMPLE, *SHORT, "--out", out) == 130
     job = (out / "job.toml").read_text()
     for table, key, other, said in (

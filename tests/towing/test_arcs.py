@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
-from tjscan.towing.shape.start import LENGTH_TOLERANCE, bent_once, meander_headings
+from tjscan.towing.shape.start import LENGTH_TOLERANCE, meander_headings, one_bend_headings
 
 RADIUS = 0.2
 PLACES = st.floats(-3.0, 3.0)
@@ -29,7 +29,7 @@ def test_paths_have_the_length_meet_both_poses_and_bend_no_tighter(
     start, tip = np.array((0.0, 0.0, begin)), np.array((x, y, end))
     middle = 0.5 * tip[None, :2]
     for path in (
-        *bent_once(start, tip, 7.0, RADIUS)[::40],
+        *one_bend_headings(start, tip, 7.0, RADIUS)[::40],
         *meander_headings(start, tip, 7.0, RADIUS, 2, middle)[::10],
         *meander_headings(start, tip, 7.0, RADIUS, 3, middle)[::10],
     ):
@@ -43,9 +43,9 @@ def test_paths_have_the_length_meet_both_poses_and_bend_no_tighter(
 def test_there_are_paths_for_a_cable_that_is_nearly_straight_and_one_that_is_slack() -> None:
     """Nine tenths of the length away, and close by."""
     for x in (6.3, 0.5):
-        assert len(bent_once(np.zeros(3), np.array((x, 0.0, 0.0)), 7.0, RADIUS)) > 10
+        assert len(one_bend_headings(np.zeros(3), np.array((x, 0.0, 0.0)), 7.0, RADIUS)) > 10
 
 
 def test_nothing_reaches_farther_than_the_length() -> None:
     """No path at all, and no error."""
-    assert len(bent_once(np.zeros(3), np.array((7.1, 0.0, 0.0)), 7.0, RADIUS)) == 0
+    assert len(one_bend_headings(np.zeros(3), np.array((7.1, 0.0, 0.0)), 7.0, RADIUS)) == 0

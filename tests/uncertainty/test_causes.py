@@ -24,8 +24,8 @@ from tjscan.uncertainty.causes import (
     ViewCause,
     arm_geometry_cause,
     budget_of_causes,
-    calibrated_arm_cause,
     hand_eye_cause,
+    jointly_calibrated_cause,
     linearity_cause,
     range_bias_cause,
     reading_cause,
@@ -113,7 +113,7 @@ def test_sensor_and_arm_calibrated_together_err_together() -> None:
     size = np.concatenate((np.repeat((1e-4, 3e-4), 3), np.tile(PlacementTolerance().sigmas, 6)))
     half = rng.normal(size=(42, 42)) * size[:, None] / 6
     covariance = half @ half.T
-    cause = calibrated_arm_cause(SECTIONS, T_F_S, by_deviations(), covariance, "calibrated")
+    cause = jointly_calibrated_cause(SECTIONS, T_F_S, by_deviations(), covariance, "calibrated")
     drawn = []
     for step in rng.multivariate_normal(np.zeros(42), covariance, DRAWS // 4):
         arm, T_f_s = with_deviations(ur10e(), step[6:].reshape(6, 6)), turned(T_F_S, step[:6])

@@ -83,7 +83,7 @@ def read_flange_poses(file: Path) -> FlangePoseList:
         names, rows = _read_table(file)
         convention, orientation = _find_orientation(names)
         position = _find_position(names, convention.length_unit)
-        joints = _find_joints(names)
+        joints = _find_joint_columns(names)
         key_at = next((names.index(name) for name in GROUP_COLUMNS if name in names), None)
         found = FlangePoseList({}, key_at is not None, convention.meaning)
         for number, row in enumerate(rows, start=1):
@@ -227,7 +227,7 @@ def _find_columns(
     return found if len(found) == len(axes) else None
 
 
-def _find_joints(names: Sequence[str]) -> Columns:
+def _find_joint_columns(names: Sequence[str]) -> Columns:
     """Columns ``q1_deg``, ``q2_deg`` and so on; as many as there are."""
     found: Columns = []
     while (one := _find_columns(names, (f"q{len(found) + 1}",), RADIANS_PER_UNIT)) is not None:

@@ -98,10 +98,10 @@ def calibrate(
         if mode.dry_run and (mode.arm or out is not None):
             raise ConfigurationError("--dry-run plans the lines of a job: no --out, no --arm")
     # A job with a mistake in it is refused before anything heavy is loaded.
-    from tjscan.cli.output.calibration import calibrate_and_print, print_calibration_check
+    from tjscan.cli.output.calibration import calibrate_and_print, print_job_check
 
     if mode.dry_run and not isinstance(parsed, files.RecordedJob):
-        print_calibration_check(parsed, file)
+        print_job_check(parsed, file)
     else:
         again = resume is not None
         calibrate_and_print(parsed, file, out, page, mode, resume=again, json=json)

@@ -206,13 +206,13 @@ def laser(
     from contextlib import ExitStack
     from itertools import islice
 
-    from tjscan.cli.output.laser import live_profiles, print_description
+    from tjscan.cli.output.laser import live_profiles, print_laser_description
     from tjscan.runs.laser import open_laser_of_job, open_profile_file, read_live_profiles
 
     with ExitStack() as stack:
         device, settings = stack.enter_context(open_laser_of_job(job, parse_overrides(overrides)))
         keep = None if write is None else stack.enter_context(open_profile_file(write))
-        print_description(device)
+        print_laser_description(device)
         show_reading = stack.enter_context(live_profiles(json=json))
         for reading in islice(read_live_profiles(device, settings), profiles):
             show_reading(reading)

@@ -223,7 +223,7 @@ MOST_DIAMETER_DIFFERENCE: Final = 5e-3
 CLEAR_RESIDUAL_RATIO: Final = 0.8
 """Ratio of residuals below which one of two turns is the right one."""
 
-TURN_SAMPLE: Final = 20_000
+TURN_DECISION_POINTS: Final = 20_000
 """Points that decide between both turns."""
 
 
@@ -254,7 +254,7 @@ def align_joints(measured: Shape, reference: Shape, surface: MeshDistance | None
     ours, theirs = _joint_frame_of_shape(measured), _joint_frame_of_shape(reference)
     _check_diameters(measured, ours, reference, theirs)
     T_m, T_r = (np.eye(4) if frame is None else frame.T for frame in (ours, theirs))
-    sample = points[:: max(1, len(points) // TURN_SAMPLE)]
+    sample = points[:: max(1, len(points) // TURN_DECISION_POINTS)]
     far = _distance_function(reference, surface)
     turns = [T_r @ pose(rot_z(angle)) @ inverse_pose(T_m) for angle in (0.0, np.pi)]
     off = [np.abs(far(transform_points(T, sample))) for T in turns]

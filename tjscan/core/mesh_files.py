@@ -41,12 +41,12 @@ TEXT_RATES: Final = {
 }
 """Bytes of memory for each byte and for each word of a text; the larger product counts."""
 
-PLY_VERTEX: Final = 120
-PLY_FACE: Final = 180
+PLY_VERTEX_MEMORY: Final = 120
+PLY_FACE_MEMORY: Final = 180
 """Bytes for each element of a binary PLY, beside those of the file."""
 
-MODEL_ELEMENT: Final = 135
-MODEL_ATTRIBUTE: Final = 300
+MODEL_ELEMENT_MEMORY: Final = 135
+MODEL_ATTRIBUTE_MEMORY: Final = 300
 """Bytes for each element of a 3MF's model, and for each of its attributes."""
 
 WORD_SEPARATORS: Final = bytes.maketrans(b",;/", b"   ")
@@ -107,7 +107,7 @@ def _memory_of_binary_ply(path: Path) -> float | None:
     if ["format", "ascii", "1.0"] in lines:
         return None
     counts = {words[1]: int(words[2]) for words in lines if words[:1] == ["element"]}
-    needed = PLY_VERTEX * counts.get("vertex", 0) + PLY_FACE * counts.get("face", 0)
+    needed = PLY_VERTEX_MEMORY * counts.get("vertex", 0) + PLY_FACE_MEMORY * counts.get("face", 0)
     return float(needed + path.stat().st_size)
 
 
@@ -117,8 +117,8 @@ def _memory_of_3mf(path: Path) -> float:
         for part in archive.infolist():
             with archive.open(part) as stream:
                 for chunk in _file_chunks(stream):
-                    needed += MODEL_ELEMENT * chunk.count(b"<")
-                    needed += MODEL_ATTRIBUTE * chunk.count(b"=")
+                    needed += MODEL_ELEMENT_MEMORY * chunk.count(b"<")
+                    needed += MODEL_ATTRIBUTE_MEMORY * chunk.count(b"=")
     return float(needed)
 
 

@@ -110,7 +110,7 @@ def size_crawler(
     least_radius : float
         Of the turns that the job allows, metres.
     """
-    return (*_closed_form_figures(size, tracks), *_turn_figures(size, tracks, least_radius))
+    return (*_closed_form_figures(size, tracks), *_turn_torque_figures(size, tracks, least_radius))
 
 
 def broken_rules(
@@ -118,7 +118,7 @@ def broken_rules(
 ) -> tuple[SizeFigure, ...]:
     """Figures of a sizing that break their rule; see `size_crawler`, which takes longer."""
     holds = torque_of_turn(size.pads, tracks, least_radius) <= size.torque
-    turns = () if holds else _turn_figures(size, tracks, least_radius)
+    turns = () if holds else _turn_torque_figures(size, tracks, least_radius)
     return tuple(one for one in (*_closed_form_figures(size, tracks), *turns) if not one.holds)
 
 
@@ -152,7 +152,7 @@ def _closed_form_figures(size: SizeSettings, tracks: TrackGeometry) -> tuple[Siz
     return tuple(SizeFigure(name, value, unit, **rule) for name, value, unit, rule in rows)
 
 
-def _turn_figures(
+def _turn_torque_figures(
     size: SizeSettings, tracks: TrackGeometry, least_radius: float
 ) -> tuple[SizeFigure, ...]:
     """Torque against radius, and the rule of the tightest turn that the job allows."""

@@ -28,7 +28,7 @@ from tjscan.groove.sides import (
     end_of_support,
 )
 
-PAIR_LAGS: Final = (2, 4, 7, 12, 20, 35, 60, 110)
+LINE_PAIR_LAGS: Final = (2, 4, 7, 12, 20, 35, 60, 110)
 """How many points apart the pairs are that propose a line."""
 
 GAP_COST: Final = 0.15
@@ -214,7 +214,7 @@ def _propose_lines(region: Array, outer: Array, tolerance: float, most: int) -> 
     """
     # What an outer side explains needs no other line, except near the region's ends.
     free = np.flatnonzero((np.abs(outer) > 0.6).all(axis=0))
-    pairs = [(free[:-k], free[k:]) for k in PAIR_LAGS if k < len(free)]
+    pairs = [(free[:-k], free[k:]) for k in LINE_PAIR_LAGS if k < len(free)]
     if not pairs:
         return np.zeros((0, 4)), np.zeros((0, len(region)))
     a, b = (np.concatenate(v) for v in zip(*pairs, strict=True))

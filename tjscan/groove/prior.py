@@ -57,14 +57,14 @@ SCALE_CHANGE_PROBABILITY: Final = 0.1
 """Probability that scale or pull are no more as they were: then nothing is known of them."""
 
 
-def _base_log_pulls() -> Array:
+def _pull_log_prior() -> Array:
     width = np.gradient(NOTCH_PULLS) * np.exp(-0.5 * (NOTCH_PULLS / USUAL_PULL) ** 2)
     share = (1 - NO_SCALE_PROBABILITY) * width / width[1:].sum()
     share[0] = NO_SCALE_PROBABILITY
     return readonly_copy(np.log(share))
 
 
-def _base_log_thicknesses() -> Array:
+def _thickness_log_prior() -> Array:
     share = np.full(
         len(SCALE_THICKNESSES), (1 - NO_SCALE_PROBABILITY) / (len(SCALE_THICKNESSES) - 1)
     )
@@ -118,8 +118,8 @@ class GroovePrior:
 
     bends: Array = field(default_factory=lambda: np.zeros(2))
     bend_sigmas: Array = field(default_factory=lambda: np.full(2, inf))
-    log_pulls: Array = field(default_factory=_base_log_pulls)
-    log_thicknesses: Array = field(default_factory=_base_log_thicknesses)
+    log_pulls: Array = field(default_factory=_pull_log_prior)
+    log_thicknesses: Array = field(default_factory=_thickness_log_prior)
 
     forms: frozenset[str] = frozenset()
 

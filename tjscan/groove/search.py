@@ -134,7 +134,7 @@ def find_best_fit(row: OrderedProfilePoints, settings: GrooveSettings) -> Groove
                 continue
             best = min(sound, key=lambda fit: fit.cost)
             enough = every and budget is not SEARCH_BUDGETS[0]
-            explained = best.cost < left_out * len(row.points) or search.leaves_few_points(best)
+            explained = best.cost < left_out * len(row.points) or search.explains_most_points(best)
             if explained and (enough or _is_convincing(best, compared=every)):
                 return with_other_readings(best, [fit for fit in sound if fit is not best])
     if sound:
@@ -179,7 +179,7 @@ class _FitSearch:
         loss = bound_cost_of_removing_root(self._row, best.fitted, self.tolerance)
         return bool(loss > saved + MOST_REFIT_GAIN)
 
-    def leaves_few_points(self, fit: GrooveFit) -> bool:
+    def explains_most_points(self, fit: GrooveFit) -> bool:
         """Whether nearly all points lie on a side or on what sticks to it."""
         off = np.abs(fit.fitted.residuals) > NEAR_SIDE_TOLERANCES * self.tolerance
         return bool(off.mean() < REFLECTED_SHARE)

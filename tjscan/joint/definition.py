@@ -320,7 +320,7 @@ class JointDefinition:
         """Radius of the brace's bore."""
         return self.brace_radius - self.brace_wall
 
-    def groove_angle_at(self, dihedral: ArrayLike) -> Array:
+    def groove_angle_for_dihedral(self, dihedral: ArrayLike) -> Array:
         """Prescribed groove angle where the local dihedral angle is `dihedral`."""
         at, angle = np.transpose(self.groove_table)
         return np.asarray(np.interp(np.asarray(dihedral, dtype=float), at, angle))

@@ -80,7 +80,7 @@ def groove_sections(definition: JointDefinition, phi: ArrayLike) -> JointGrooveS
     leg = definition.leg_surface
     gapped = leg.offset_surface(definition.root_opening_at(phi))
     dihedral = leg.dihedral_angle(phi, definition.brace_radius)
-    groove_angle = definition.groove_angle_at(dihedral)
+    groove_angle = definition.groove_angle_for_dihedral(dihedral)
 
     rho_inner = _bore_radius(definition, gapped, phi)
     land_inner = _points_rz(gapped, phi, rho_inner)

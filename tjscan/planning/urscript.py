@@ -99,9 +99,9 @@ def path_to_urscript(path: StationPath, torch: TorchSettings, output: int, *, ar
     ]
     for one in path.beads:
         lines.append(f"  # bead {one.bead.number}: {one.bead.kind}, layer {one.bead.layer}")
-        lines += _linear_moves(one.approach)
+        lines += _movel_lines(one.approach)
         lines += _bead_moves(one, output, arc=arc)
-        lines += _linear_moves(one.retreat)
+        lines += _movel_lines(one.retreat)
     return "\n".join((*lines, "end", ""))
 
 
@@ -117,7 +117,7 @@ def _bead_moves(one: BeadPath, output: int, *, arc: bool) -> Iterator[str]:
     yield f"  set_standard_digital_out({output}, False)"
 
 
-def _linear_moves(poses: Array | Sequence[Array]) -> Iterator[str]:
+def _movel_lines(poses: Array | Sequence[Array]) -> Iterator[str]:
     for T in poses:
         yield f"  movel({_pose_text(T)}, a={TOOL_ACCELERATION}, v={AIR_MOVE_SPEED})"
 

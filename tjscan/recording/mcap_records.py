@@ -20,7 +20,7 @@ from mcap.writer import MCAP0_MAGIC
 _RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode, and length of what follows
 _CHUNK_HEAD: Final = struct.Struct("<QQQIIQ")  # times, size, CRC, length of compression, size
 _END_OF_FILE: Final = _RECORD_HEAD.pack(Opcode.FOOTER, 20) + bytes(20) + MCAP0_MAGIC
-_DATA_END_BYTES: Final = 4
+_DATA_END_LENGTH: Final = 4
 
 _CHUNK_START: Final = re.compile(
     rb"\x06(?=.{3}\x00{5}.{16}.{3}\x00{5}.{4}\x00{4}.{3}\x00{5})", re.DOTALL
@@ -120,7 +120,7 @@ def _read_record(stream: BinaryIO, place: int, size: int) -> tuple[int, list[Mca
     opcode, length = _RECORD_HEAD.unpack(head)
     if opcode == 0 and _only_zeros(head, stream):
         raise _CutOff  # what a machine that lost its power leaves behind the last whole record
-    if opcode == Opcode.DATA_END and length == _DATA_END_BYTES:
+    if opcode == Opcode.DATA_END and length == _DATA_END_LENGTH:
         return length, None
     if opcode not in _KINDS_READ | _KINDS_SKIPPED:
         raise ValueError(f"its kind is {opcode}, which does not belong there")

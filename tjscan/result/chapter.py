@@ -21,7 +21,7 @@ from tjscan.laser.profile import Profile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MovingLine:
+class AnimatedLine:
     """A line that changes its shape.
 
     Parameters
@@ -46,7 +46,7 @@ class MovingDiscs:
     Parameters
     ----------
     name, colour : str
-        As of `MovingLine`.
+        As of `AnimatedLine`.
     circles : ndarray, shape (frames, n, 3)
         x, y and radius, metres.
     """
@@ -83,7 +83,7 @@ class PlaneAnimation:
     times: Array
     polygons: Sequence[Array]
     path: Array
-    lines: Sequence[MovingLine]
+    lines: Sequence[AnimatedLine]
     discs: Sequence[MovingDiscs]
     values: Sequence[tuple[str, Array]] = ()
     notes: Sequence[str] = ()

@@ -283,7 +283,7 @@ def uncertainty_lines(summary: ScanSummary) -> Iterator[tuple[str, str]]:
 
 
 @dataclass(frozen=True, slots=True)
-class StationReport:
+class StationPlacement:
     """Where stitching placed a station, how sure that is, and what the station saw.
 
     Parameters
@@ -403,7 +403,7 @@ class StitchingReport:
     out_of_round_mm: float
     loop_gap_before_mm: float | None
     loop_gap_after_mm: float | None
-    stations: tuple[StationReport, ...]
+    stations: tuple[StationPlacement, ...]
     overlaps: tuple[OverlapReport, ...]
     provenance: Provenance | None = None
 

@@ -238,7 +238,7 @@ class CollisionCheckedArm:
             if near is not None:
                 ways = chain(ways, self._search_path(q, T_b_f, near))
             elif not straight:
-                ways = chain(ways, self._paths_to_configurations(q, T_b_f))
+                ways = chain(ways, self._ways_to_other_configurations(q, T_b_f))
             for way in ways:
                 try:
                     segments = self._check_segments(q, way)
@@ -283,7 +283,7 @@ class CollisionCheckedArm:
                 yield [*between, (False, ahead, goal), *forward]
             return
 
-    def _paths_to_configurations(self, q: Array, T_b_f: Array) -> Iterator[Way]:
+    def _ways_to_other_configurations(self, q: Array, T_b_f: Array) -> Iterator[Way]:
         """Direct ways into the other configurations; the nearer ones first."""
         for other in self.clearance.kinematics.all_inverse_solutions(T_b_f, near=q)[1:]:
             yield [(False, T_b_f, other)]

@@ -23,9 +23,9 @@ from tjscan.robot.closed_form import all_inverse_solutions, inverse_branches
 from tjscan.robot.urdf import (
     ARM_MODELS,
     check_chain,
-    dh_lengths_of_chain,
     frames_b_and_f,
     read_urdf,
+    ur_dh_lengths,
 )
 
 DESCENT_TOLERANCE: Final = 1e-13
@@ -134,7 +134,7 @@ class Kinematics:
         self.upper = readonly_copy(model.upperPositionLimit)
         self.velocity = readonly_copy(model.velocityLimit)
         self._T_b_root = inverse_pose(model.frames[base].placement.homogeneous)
-        self._geometry = dh_lengths_of_chain(model)
+        self._geometry = ur_dh_lengths(model)
 
     @property
     def T_root_b(self) -> Array:
@@ -183,7 +183,7 @@ class Kinematics:
         for i, T in enumerate(placements, start=1):
             model.jointPlacements[i] = pin.SE3(np.asarray(T, dtype=float))
         other._workspace = _ThreadWorkspace(model)
-        other._geometry = dh_lengths_of_chain(model)
+        other._geometry = ur_dh_lengths(model)
         return other
 
     def placement_jacobian(self, q: Array) -> Array:

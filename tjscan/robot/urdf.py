@@ -97,7 +97,7 @@ def check_chain(model: Any, flange: int) -> None:
         raise ConfigurationError(message)
 
 
-def dh_lengths_of_chain(model: Any) -> UrDhLengths | None:
+def ur_dh_lengths(model: Any) -> UrDhLengths | None:
     """DH lengths if the arm is of the Universal Robots type, up to its calibration.
 
     A joint's frame may slide along its axis; the DH length is the sum along that axis.

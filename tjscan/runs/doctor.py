@@ -134,8 +134,8 @@ def _check_devices(job: ScanJob, job_file: Path) -> Iterator[CheckResult]:
             yield _check("profile", _describe_profile, cell, groove_reader_of_job(job))
         if arm.passed:
             first, second = (start.T for start in job.start_poses)
-            yield _check("first pose", _check_path, cell, first)
-            yield _check("second pose", _check_path, cell, first, second)
+            yield _check("first pose", _check_arm_path, cell, first)
+            yield _check("second pose", _check_arm_path, cell, first, second)
 
 
 def _check(what: str, look: Callable[..., str], *things: Any) -> CheckResult:
@@ -229,6 +229,6 @@ def _describe_profile(cell: Cell, read: Callable[[Profile], GrooveSection]) -> s
     return f"{points}, and a groove at the arm's place"
 
 
-def _check_path(cell: Cell, *T_b_f: Any) -> str:
+def _check_arm_path(cell: Cell, *T_b_f: Any) -> str:
     cell.arm.check_moves(*T_b_f)
     return "the way there is clear"

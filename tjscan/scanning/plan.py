@@ -107,7 +107,7 @@ def _likely_change(process: OrdinaryKriging, steps: Array) -> Array:
     return np.asarray(np.abs(change) + sigma)
 
 
-DOUBT_SIGMAS: Final = 2.0
+ADDED_SIGMAS: Final = 2.0
 """Standard deviations that count in addition to the deviation itself."""
 
 
@@ -150,7 +150,7 @@ class CorrectionCriterion(SettingsTable):
         sigma : ndarray, shape (6,)
             Their standard deviations.
         """
-        doubt = DOUBT_SIGMAS * sigma
+        doubt = ADDED_SIGMAS * sigma
         return bool(
             np.linalg.norm(off[:3]) + doubt[:3].max() <= self.position
             and abs(off[3]) + doubt[3] <= self.work_angle

@@ -50,10 +50,14 @@ def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
             seam = fit_tubes_to_sections(track)
             ahead = ExpectedSection.from_track(track, seam, last.T_b_g, step)
             guess = ahead.initial_section(track, R_b_now)
-            section, ideal = _solve_section(ahead, plan, guess, R_b_now, R_b_now, (0.0, 0.0))
+            section, ideal = _solve_section_and_pose(
+                ahead, plan, guess, R_b_now, R_b_now, (0.0, 0.0)
+            )
             covariance = ahead.covariance(section, _R_b_s(ideal))
             slack = _free_rotation(plan, covariance, track, step)
-            _, lagging = _solve_section(ahead, plan, section, _R_b_s(ideal), R_b_now, slack)
+            _, lagging = _solve_section_and_pose(
+                ahead, plan, section, _R_b_s(ideal), R_b_now, slack
+            )
             to = replace(lagging, covariance=covariance, straight=False)
             check_set_point(to, StepRequest(last, lagging.T_b_t[:3, 3], step), plan)
         except (TubesNotFound, SetPointRefused, np.linalg.LinAlgError):
@@ -63,7 +67,7 @@ def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
     return predictor
 
 
-def _solve_section(
+def _solve_section_and_pose(
     ahead: ExpectedSection,
     plan: ScanPlan,
     section: Array,

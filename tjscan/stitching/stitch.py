@@ -162,7 +162,7 @@ def stitch_stations(
         If there are fewer than two stations, or two of one name or of one recording.
     """
     stations = sorted(stations, key=lambda station: station.name)
-    _check_apart(stations)
+    _check_distinct(stations)
     fits = fit_tubes_to_stations(stations, settings)
     azimuths = [section_azimuths(fit) for fit in fits]
     overlaps = find_overlaps(azimuths)
@@ -292,7 +292,7 @@ def place_stations_with_out_of_round(
         allowance *= 2
 
 
-def _check_apart(stations: Sequence[Station]) -> None:
+def _check_distinct(stations: Sequence[Station]) -> None:
     """Refuse what is no two stations: nothing could be learnt of one laid on itself."""
     if len(stations) < 2:
         raise ConfigurationError("stitching takes two stations or more")

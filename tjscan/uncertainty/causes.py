@@ -227,7 +227,7 @@ def arm_geometry_cause(
     )
 
 
-def calibrated_arm_cause(
+def jointly_calibrated_cause(
     sections: Sections, T_f_s: Array, flange_by_deviations: Array, covariance: Array, evidence: str
 ) -> ViewCause:
     """Sensor's pose and arm's deviations that were calibrated together: their errors go together.

@@ -12,7 +12,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import pose, rot_x, rot_z
 from tjscan.robot.dh import DhParameters
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.urdf import ARM_MODELS, dh_lengths_of_chain, frames_b_and_f, read_urdf
+from tjscan.robot.urdf import ARM_MODELS, frames_b_and_f, read_urdf, ur_dh_lengths
 
 LENGTH_SIGMA: Final = 3e-4
 ANGLE_SIGMA: Final = 3e-4
@@ -31,7 +31,7 @@ def nominal_dh_parameters(model: str) -> DhParameters | None:
         return None
     urdf = Kinematics.load(model).urdf
     chain = read_urdf(urdf)
-    lengths = dh_lengths_of_chain(chain)
+    lengths = ur_dh_lengths(chain)
     if lengths is None:
         raise ConfigurationError(f"the URDF of {model} is not of the Universal Robots type")
     a = (0.0, lengths.a2, lengths.a3, 0.0, 0.0, 0.0)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tjscan.cli.calibrate import CalibrationMode
 
 
-def print_calibration_check(job: CalibrationJob, file: Path) -> None:
+def print_job_check(job: CalibrationJob, file: Path) -> None:
     """Check the job of a calibration, plan its lines, and print how sure they would make it."""
     found = run.check_calibration_job(job, file)
     print_message(

@@ -23,7 +23,7 @@ WIDEST_DRAWING_CHARACTERS: Final = 110
 POINT_MARK, CORNER_MARKS = "·", "12345678"
 
 
-def print_description(laser: LineLaser) -> None:
+def print_laser_description(laser: LineLaser) -> None:
     """Print on stderr the identity of a laser and the data that it sends, as far as known."""
     if laser.identity:
         print_message(str(laser.identity))

@@ -19,7 +19,7 @@ from tjscan.core.frames import Array
 PLATE_LINES, BEVEL_LINES = [0, 3], [1, 2]
 """Places of the lines of the left and of the right plate, and of the left and the right bevel."""
 
-EDGE_SIDES: Final = tuple(zip(PLATE_LINES, BEVEL_LINES, strict=True))
+EDGE_LINE_PAIRS: Final = tuple(zip(PLATE_LINES, BEVEL_LINES, strict=True))
 """The two lines that meet at the left and at the right top edge."""
 
 CAPTURE_SIGMAS: Final = (0.35e-3, 0.15e-3)
@@ -37,7 +37,7 @@ DEPTH_OF_FIELD: Final = 0.08
 LEAST_FILL_RANGE: Final = 1e-3
 """Least range of z over which the steel may lie where a bevel has ended, in metres."""
 
-BEVEL_SPREAD: Final = radians(1.0)
+BEVEL_ANGLE_SIGMA: Final = radians(1.0)
 """By how much a bevel's angle differs from what it was before, one standard deviation."""
 
 CLEAR_SIGMAS: Final = 3.0
@@ -98,7 +98,7 @@ class EdgeLines:
     def point_covariances(self) -> Array:
         """Covariance of x and z of each top edge, in m², shape (2, 2, 2)."""
         found, points = np.empty((2, 2, 2)), self.points.tolist()
-        for k, (plate, bevel) in enumerate(EDGE_SIDES):
+        for k, (plate, bevel) in enumerate(EDGE_LINE_PAIRS):
             t, (x, z) = float(self.edges[k]), points[k]
             slope = float(self.lines[plate, 1] - self.lines[bevel, 1])
             terms = np.array((1.0, t))
@@ -229,7 +229,7 @@ def _fit_once(
     sizes = np.maximum(spans[:, 1] - spans[:, 0], 1)
     background = 1 - float(on.sum()) / float(sizes.sum())
     counts = on.copy()
-    for plate, bevel in EDGE_SIDES:
+    for plate, bevel in EDGE_LINE_PAIRS:
         own = slice(*spans[bevel].tolist())
         below = z[own] - 1 / (lines[plate, 0] + lines[plate, 1] * t[own])
         counts[bevel] = weight[own] @ (below > CLEAR_SIGMAS * before.noise)
@@ -266,7 +266,7 @@ def _angle_prior(start: EdgeLines, bevel_angles: Array | None) -> Array:
             # (a, b) is (cos, -sin) of the line's angle over its distance from the sensor.
             across = np.array((sin(angle), cos(angle)))
             length = hypot(*start.lines[line].tolist())
-            found[line] = np.outer(across, across) / (BEVEL_SPREAD * length) ** 2
+            found[line] = np.outer(across, across) / (BEVEL_ANGLE_SIGMA * length) ** 2
     return found
 
 

@@ -25,7 +25,7 @@ COMMENT_MARK: Final = "#"
 SEPARATOR_SAMPLE_LINES: Final = 50
 """Lines that the separator is found from."""
 
-FEWEST_COLUMN_NUMBERS: Final = 5
+FEWEST_COUNTED_FROM_ONE: Final = 5
 """Shorter rows 1, 2, 3 are heights."""
 
 LONGEST_LINE: Final = 1_000_000
@@ -122,7 +122,7 @@ def is_column_numbering(values: list[float | None]) -> bool:
     """Whether numbers count columns: 0, 1, 2 … or 1, 2, 3 …, which a few heights may, too."""
     from_zero = values == [float(i) for i in range(len(values))]
     from_one = values == [float(i) for i in range(1, len(values) + 1)]
-    return (from_zero and len(values) > 1) or (from_one and len(values) >= FEWEST_COLUMN_NUMBERS)
+    return (from_zero and len(values) > 1) or (from_one and len(values) >= FEWEST_COUNTED_FROM_ONE)
 
 
 PROFILE_SECTIONS = {"profile": False, "rawprofile": True}

@@ -34,7 +34,7 @@ from tjscan.towing.seam import Seam
 CABLE_CLEARANCE: Final = Measure("cable's clearance of obstacles", "mm")
 VEHICLE_CLEARANCE: Final = Measure("vehicles' clearance", "mm")
 LARGEST_BEND: Final = Measure("largest planned bend", "°")
-PLAN_OBJECTIVE: Final = Measure("objective", "of 100")
+OBJECTIVE_MEASURE: Final = Measure("objective", "of 100")
 WELDER_FORCE: Final = Measure("force on the welder", "N")
 VEHICLE_FORCE: Final = Measure("largest force of a vehicle", "N")
 
@@ -89,7 +89,7 @@ class TowShow:
         clearances, forces = (CABLE_CLEARANCE, VEHICLE_CLEARANCE), (WELDER_FORCE, VEHICLE_FORCE)
         return Setting(
             title,
-            (LARGEST_BEND, *clearances, PLAN_OBJECTIVE, *forces),
+            (LARGEST_BEND, *clearances, OBJECTIVE_MEASURE, *forces),
             "time / s",
             bodies={name: (Solid(name, shape, upright),) for name in (*names, "welder")},
             ghost=(
@@ -107,7 +107,7 @@ class TowShow:
         discs, radius = cycle.obstacles[:, :3], self._job.vehicles.radius
         values = {
             LARGEST_BEND.name: float(np.degrees(np.abs(plan.angles).max())),
-            PLAN_OBJECTIVE.name: plan.terms.paper,
+            OBJECTIVE_MEASURE.name: plan.terms.paper,
             VEHICLE_CLEARANCE.name: 1e3 * vehicles_apart(cycle.poses, radius, discs),
         }
         if len(discs):

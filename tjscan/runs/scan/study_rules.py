@@ -124,7 +124,7 @@ def _groove_extent(d: JointDefinition) -> tuple[float, float]:
 TEACHING_STREAM: Final = 11
 """Keeps these random numbers apart from the arm's and the laser's."""
 
-TABULATED_AZIMUTHS: Final = np.linspace(-2 * np.pi, 4 * np.pi, 4321)
+GROOVE_LENGTH_AZIMUTHS: Final = np.linspace(-2 * np.pi, 4 * np.pi, 4321)
 """Where the groove's length is tabulated: a turn, and one more either way."""
 
 
@@ -205,12 +205,12 @@ def azimuth_further_along(
     direction : ScanDirection
         Which way round.
     """
-    tangents = joint.leg_surface.azimuth_derivative(TABULATED_AZIMUTHS, joint.brace_radius)
+    tangents = joint.leg_surface.azimuth_derivative(GROOVE_LENGTH_AZIMUTHS, joint.brace_radius)
     speed = np.linalg.norm(tangents, axis=1)
-    length = cumulative_trapezoid(speed, TABULATED_AZIMUTHS, initial=0)
+    length = cumulative_trapezoid(speed, GROOVE_LENGTH_AZIMUTHS, initial=0)
     signed = distance if direction is ScanDirection.COUNTERCLOCKWISE else -distance
-    place = np.interp(azimuth, TABULATED_AZIMUTHS, length) + signed
-    return float(np.interp(place, length, TABULATED_AZIMUTHS))
+    place = np.interp(azimuth, GROOVE_LENGTH_AZIMUTHS, length) + signed
+    return float(np.interp(place, length, GROOVE_LENGTH_AZIMUTHS))
 
 
 def azimuths_at_plan_shares(

@@ -18,9 +18,9 @@ from tjscan.scanning.section import ScannedSection
 from tjscan.uncertainty.causes import (
     ViewCause,
     arm_geometry_cause,
-    calibrated_arm_cause,
     calibration_twists,
     hand_eye_cause,
+    jointly_calibrated_cause,
     linearity_cause,
     range_bias_cause,
     reading_cause,
@@ -125,7 +125,9 @@ def _causes_of_arm(
     if covariance is not None and without_laser and mount.by_laser is not None:
         covariance = covariance - mount.by_laser @ mount.by_laser.T
     if mount.deviations is not None and covariance is not None:
-        yield calibrated_arm_cause(sections, mount.T_f_s, moved, covariance, CALIBRATED_EVIDENCE)
+        yield jointly_calibrated_cause(
+            sections, mount.T_f_s, moved, covariance, CALIBRATED_EVIDENCE
+        )
         return
     if covariance is not None:
         evidence = EVIDENCE_STATED if mount.file is None else CALIBRATED_EVIDENCE

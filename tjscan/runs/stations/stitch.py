@@ -39,7 +39,7 @@ from tjscan.result.section import absent_corners
 from tjscan.result.summary import (
     OverlapReport,
     ScanSummary,
-    StationReport,
+    StationPlacement,
     StitchingReport,
     Triple,
     check_recording_complete,
@@ -117,13 +117,13 @@ def _as_triple(values: Array) -> Triple:
 
 def _station_report(
     one: PlacedStation, first: PlacedStation, middle: Array, source: str
-) -> StationReport:
+) -> StationPlacement:
     position, angles = pose_to_euler_zyx(one.T_j_b)
     spread = np.sqrt(np.diag(one.covariance))
     meant = inverse_pose(first.station.T_w_b) @ one.station.T_w_b
     found = inverse_pose(first.T_j_b) @ one.T_j_b
     at_groove = point_covariance_from_pose(one.covariance, middle)
-    return StationReport(
+    return StationPlacement(
         name=one.station.name,
         source=source,
         position_mm=_as_triple(1e3 * position),

@@ -12,8 +12,8 @@ from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
 from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.result.chapter import (
+    AnimatedLine,
     MovingDiscs,
-    MovingLine,
     PlaneAnimation,
     ReportChapter,
     ReportChart,
@@ -179,7 +179,7 @@ def _cable_animation(job: TowJob, found: RecordedTow) -> PlaneAnimation:
     cycles = [found.cycles[k] for k in picked]
     planned = np.array([job.chain.line(cycle.plan.angles) for cycle in cycles])
     estimate = np.array([job.chain.line(cycle.plan.estimate) for cycle in cycles])
-    cable = MovingLine("estimated", "#222222", estimate)
+    cable = AnimatedLine("estimated", "#222222", estimate)
     poses = np.array([cycle.poses for cycle in cycles])
     values = [
         ("objective f of 100", np.array([cycle.plan.terms.paper for cycle in cycles])),
@@ -188,7 +188,7 @@ def _cable_animation(job: TowJob, found: RecordedTow) -> PlaneAnimation:
     ]
     if found.truths:
         truths = [found.truths[k] for k in picked]
-        cable = MovingLine("cable", "#222222", np.array([truth.line for truth in truths]))
+        cable = AnimatedLine("cable", "#222222", np.array([truth.line for truth in truths]))
         poses = np.array([truth.poses for truth in truths])
         force = np.array([np.hypot(*truth.welder_force[:2]) for truth in truths])
         values.append(("force on the welder / N", force))
@@ -211,7 +211,7 @@ def _cable_animation(job: TowJob, found: RecordedTow) -> PlaneAnimation:
         np.array([cycle.time - cycles[0].time for cycle in cycles]),
         [np.array(ring) for ring in (job.area.outline, *job.area.holes)],
         Seam(job.seam).path.points,
-        [cable, MovingLine("planned", "#1f77b4", planned, dashed=True)],
+        [cable, AnimatedLine("planned", "#1f77b4", planned, dashed=True)],
         discs,
         values,
         [cycle.wait for cycle in cycles],

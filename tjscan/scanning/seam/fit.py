@@ -131,10 +131,10 @@ WALL_TILT: Final = radians(30)
 """Of its direction beside what the last two sections show, and of the brace's axis beside the
 laser plane."""
 
-OUT_OF_ROUND: Final = 0.3e-3
+WALL_OFFSET_SIGMA: Final = 0.3e-3
 """Metres by which a wall leaves its cylinder, standard deviation: assumption for rolled tubes,
 over the `OUT_OF_ROUND_WAVE` that cylinders through a few neighbouring sections do not follow."""
-OUT_OF_LINE: Final = radians(0.15)
+WALL_DIRECTION_SIGMA: Final = radians(0.15)
 """The same of a wall's direction in the section."""
 OUT_OF_ROUND_WAVE: Final = 0.15
 """Metres along the groove over which it does."""
@@ -153,7 +153,7 @@ SETTLED_SHARE: Final = 1e-5
 """Shares of a parameter's prior standard deviation: smaller steps end the search."""
 _DIFFERENCE_STEP: Final = 1e-5
 
-_RESIDUAL_SIGMAS: Final = (OUT_OF_ROUND,) * 4 + (OUT_OF_LINE,) * 2
+_RESIDUAL_SIGMAS: Final = (WALL_OFFSET_SIGMA,) * 4 + (WALL_DIRECTION_SIGMA,) * 2
 
 _LEAST_AXIS_COMPONENT: Final = 1e-12
 """Of the tube's axis, where nothing points outwards, a search may pass by."""

@@ -116,7 +116,9 @@ def first_shapes(cable: Cable, area: Area, welder_pose: Array) -> Iterator[list[
     share = np.array((0.25, 0.5, 0.75))
     centres = np.stack(np.meshgrid(*(low + (high - low) * share[:, None]).T), -1).reshape(-1, 2)
     for bends in range(1, 1 + MOST_BENDS):
-        paths = bent_once(*given) if bends == 1 else meander_headings(*given, bends, centres)
+        paths = (
+            one_bend_headings(*given) if bends == 1 else meander_headings(*given, bends, centres)
+        )
         headings = (np.interp(middles, path[:, 0], path[:, 1]) for path in paths)
         yield [cable.angles(along) for along in headings]
 
@@ -185,7 +187,7 @@ def _count_turns(line: Array, centre: Array) -> int:
     return round(float(sight[-1] - sight[0] - straight) / (2 * np.pi))
 
 
-def bent_once(start: Array, end: Array, length: float, least_radius: float) -> Array:
+def one_bend_headings(start: Array, end: Array, length: float, least_radius: float) -> Array:
     """Headings along paths from pose to pose through one pose between, off to any side.
 
     Parameters
@@ -218,7 +220,7 @@ def meander_headings(
     Parameters
     ----------
     start, end, length, least_radius
-        See `bent_once`.
+        See `one_bend_headings`.
     bends : int
         From lane to lane, two or more.
     centres : ndarray, shape (C, 2)
@@ -227,7 +229,7 @@ def meander_headings(
     Returns
     -------
     ndarray, shape (M, 3 + 3 bends + 1, 2)
-        See `bent_once`.
+        See `one_bend_headings`.
     """
     turns = 2 * np.pi * np.arange(LEAD_DIRECTIONS) / LEAD_DIRECTIONS
     which, axis, first, radius, lane = _combine(
@@ -259,7 +261,7 @@ def _paths_of_length(
     Parameters
     ----------
     start, end, length
-        See `bent_once`.
+        See `one_bend_headings`.
     bases, off : ndarray, shape (M, K, 2)
     heading : ndarray, shape (M, K)
     radius : ndarray, shape (M,)
