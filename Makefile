@@ -1,12 +1,12 @@
 # Everything sets itself up: `make scan` and `make test` are all a stranger needs.
-.PHONY: scan test check docs compiled bench soak licences pins image setup clean
+.PHONY: scan test check docs bench soak licences pins image setup clean
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PLAIN := $(VENV)/plain
-# Two more than there are cores: many tests wait for a controller's or a vehicle's clock.
-WORKERS := $(shell expr 2 + $$(getconf _NPROCESSORS_ONLN))
+# One more than there are cores: many tests wait for a controller's or a vehicle's clock.
+WORKERS := $(shell expr 1 + $$(getconf _NPROCESSORS_ONLN))
 READY := $(VENV)/ready
 SYSTEM_LIBRARIES := libEGL.so.1 libGL.so.1 libgomp.so.1 libidn2.so.0 libudev.so.1 libusb-1.0.so.0 libX11.so.6
 SYSTEM_PACKAGES := libegl1 libgl1 libgomp1 libidn2-0 libudev1 libusb-1.0-0 libx11-6
@@ -35,10 +35,6 @@ docs: $(READY)
 	@$(BIN)/python -c 'import mkdocs, mkdocstrings' 2>/dev/null \
 		|| $(PIP) -e '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
-
-# What Numba compiles for the towing planner is kept; without it several workers compile the same.
-compiled: $(READY)
-	$(BIN)/pytest -q tests/towing/test_planner.py -k "the_tip_is_where or limits_that_press"
 
 bench: $(READY)
 	@status=0; for file in $(filter-out bench/reliability.py bench/paper_tables.py,$(wildcard bench/[a-z]*.py)); do $(BIN)/python $$file || status=1; done; exit $$status

@@ -168,7 +168,7 @@ def _localisation_over_mqtt(
     return MqttLocalisation(settings, inputs.vehicles)
 
 
-SIMULATED_LOCALISATION: Final = LocalisationDriverFactory(
+SIMULATED_LOCALISATION_DRIVER: Final = LocalisationDriverFactory(
     _simulated_localisation, kind=DriverKind.SIMULATED
 )
 MQTT_LOCALISATION_DRIVER: Final = LocalisationDriverFactory(
