@@ -91,6 +91,6 @@ def test_the_radius_is_measured_beside_the_stated_one() -> None:
     result = calibrate_on_sphere(arcs(np.random.default_rng(2)), SphereTarget(RADIUS))
     measured = result.measured_radius
     assert measured is not None
-    assert measured.stated_radius == RADIUS
-    assert measured.measured_radius == pytest.approx(RADIUS, abs=4 * measured.sigma_radius)
+    assert measured.stated == RADIUS
+    assert measured.radius == pytest.approx(RADIUS, abs=4 * measured.sigma)
     assert result.radius == pytest.approx(RADIUS, abs=40e-6)  # four tolerances of the stated one

@@ -8,12 +8,28 @@ import pytest
 
 from tjscan.core.devices import DriverRegistry
 from tjscan.core.errors import ConfigurationError
+from tjscan.job.torch_drivers import TORCH_DRIVERS
+from tjscan.laser.drivers import LASER_DRIVERS
+from tjscan.robot.drivers import ARM_DRIVERS
+from tjscan.vehicle.drivers import LOCALISATION_DRIVERS, VEHICLE_DRIVERS
 
 KNOWN: DriverRegistry[object] = DriverRegistry("thing", {"pi": "math:pi", "tau": "math:tau"})
 
 
 def test_an_entry_is_loaded_when_it_is_asked_for() -> None:
     assert KNOWN.load("pi") == pytest.approx(3.14159, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    "registry",
+    [ARM_DRIVERS, LASER_DRIVERS, VEHICLE_DRIVERS, LOCALISATION_DRIVERS, TORCH_DRIVERS],
+    ids=lambda registry: registry.kind,
+)
+def test_every_driver_of_this_package_is_where_its_registry_names_it(
+    registry: DriverRegistry[object],
+) -> None:
+    for name in registry.own:
+        registry.load(name)
 
 
 def test_an_unknown_name_is_refused_with_the_nearest_and_all_known() -> None:

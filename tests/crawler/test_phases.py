@@ -29,7 +29,7 @@ def test_a_job_goes_round_and_ends_in_manual() -> None:
     for event in (
         Event.JOINT_IN_VIEW,
         Event.ALIGNED,
-        Event.START_POSITION_TOLERANCE,
+        Event.AT_START,
         Event.WELD_CONFIRMED,
         Event.PASS_WELDED,
         Event.PASSES_LEFT,

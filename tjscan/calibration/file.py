@@ -401,7 +401,12 @@ def to_calibration_file(
         "condition": result.condition,
         "excess": result.sigma_scale,
         "geometry_mm": 1e3 * result.geometry,
-        "ball": ball and _entry_from_si(BallEntry, ball),
+        "ball": ball
+        and BallEntry(
+            stated_radius_mm=None if ball.stated is None else 1e3 * ball.stated,
+            measured_radius_mm=1e3 * ball.radius,
+            sigma_radius_mm=1e3 * ball.sigma,
+        ),
         "noise": noise,
         "verification": verification and _entry_from_si(VerificationEntry, verification),
         "kinematics": result.kinematics,

@@ -50,17 +50,17 @@ class MeasuredRadius:
 
     Parameters
     ----------
-    measured_radius : float
+    radius : float
         By the arcs.
-    sigma_radius : float
+    sigma : float
         Its standard deviation.
-    stated_radius : float or None
+    stated : float or None
         As stated; None if it was not.
     """
 
-    measured_radius: float
-    sigma_radius: float
-    stated_radius: float | None
+    radius: float
+    sigma: float
+    stated: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,9 +205,9 @@ class HandEyeCalibration:
                 f"{1e3 * self.geometry:.2f} mm off; the uncertainty allows for that"
             )
         ball = self.measured_radius
-        if ball and ball.stated_radius and ball.sigma_radius > MAX_RADIUS_SIGMA:
+        if ball and ball.stated and ball.sigma > MAX_RADIUS_SIGMA:
             found.append(
-                f"the arcs show the ball's radius to {1e3 * ball.sigma_radius:.2f} mm only, too "
+                f"the arcs show the ball's radius to {1e3 * ball.sigma:.2f} mm only, too "
                 "little to check the stated one; take arcs on both sides of its middle"
             )
         if self.sigma_scale > 1:

@@ -199,7 +199,7 @@ class Crawler:
             self._align_forward(home)
             cycle.enter(Event.ALIGNED, "the torch is above the joint")
             self._go_back(home)
-            cycle.enter(Event.START_POSITION_TOLERANCE, "back at the start")
+            cycle.enter(Event.AT_START, "back at the start")
         else:
             if start.last_view is not None:
                 start.last_view.check(cycle.seen)

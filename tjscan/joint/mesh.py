@@ -117,7 +117,7 @@ def _between(phi: Array) -> Array:
 
 def _chord_errors(definition: JointDefinition, phi: Array, middle: Array) -> Array:
     """How far triangles leave bead and bevel between azimuths and the next ones, shape (n,)."""
-    # From the corner of `_outline` at which the groove begins: the bead's foot, or an open root's
+    # From the corner of `_outlines` at which the groove begins: the bead's foot, or an open root's
     # land.
     groove = slice(2 if definition.imperfections.root.is_open else 3, -1)
     at = _outlines(definition, phi)[:, groove]

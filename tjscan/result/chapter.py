@@ -70,7 +70,7 @@ class PlaneAnimation:
         What does not move: the first is the floor, the others are on it.
     path : ndarray, shape (n, 2)
         A line that does not move.
-    lines : sequence of MovingLine
+    lines : sequence of AnimatedLine
     discs : sequence of MovingDiscs
     values : sequence of (str, ndarray of shape (frames,))
         Numbers to show at each time, with their names and units.

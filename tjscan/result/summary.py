@@ -382,7 +382,7 @@ class StitchingReport:
     loop_gap_before_mm, loop_gap_after_mm : float or None
         Largest gap across the groove if the way round closes: with the stations chained by
         their overlaps, and in the end. None if it does not close.
-    stations : tuple of StationReport
+    stations : tuple of StationPlacement
         By name.
     overlaps : tuple of OverlapReport
         Every one that was used.

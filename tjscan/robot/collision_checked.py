@@ -250,7 +250,10 @@ class CollisionCheckedArm:
             reason = blocked.reason
             if self._lifts:
                 reason += f" No detour up to {1e3 * max(self._lifts):g} mm back keeps clear either."
-            raise PathBlocked(**(vars(blocked) | {"reason": reason})) from None
+            contact = {
+                key: getattr(blocked, key) for key in ("moving", "other", "share", "distance")
+            }
+            raise PathBlocked(reason, blocked.T_b_f, **contact) from None
 
     def _propose_detours(
         self, q: Array, T_b_f: Array, near: Array | None, *, straight: bool

@@ -104,7 +104,7 @@ class Patience:
         ----------
         now : float
             Seconds.
-        waiting : Waiting or None
+        waiting : WaitingReason or None
             Why it waits, if it does.
         along : float
             Where along its seam, metres.

@@ -38,7 +38,7 @@ def check_pose_convention(problem: CalibrationProblem, solution: SensorSolution)
     ----------
     problem : CalibrationProblem
         The profiles.
-    solution : Solution
+    solution : SensorSolution
         With the poses as they were read.
 
     Raises
@@ -70,7 +70,7 @@ def check_pairing(problem: CalibrationProblem, solution: SensorSolution) -> None
     ----------
     problem : CalibrationProblem
         The profiles.
-    solution : Solution
+    solution : SensorSolution
         With each profile's own pose.
 
     Raises
@@ -102,7 +102,7 @@ def swapped_pairs(problem: CalibrationProblem, solution: SensorSolution) -> tupl
     ----------
     problem : CalibrationProblem
         The profiles.
-    solution : Solution
+    solution : SensorSolution
         Without the profiles that contradict the others.
     """
     pairs = list(combinations(np.flatnonzero(~solution.estimate.used), 2))[:MAX_PAIRS_TRIED]

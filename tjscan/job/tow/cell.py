@@ -101,7 +101,7 @@ class TowCell(DeviceGroup):
     def truth(self) -> Callable[[], TowTruth] | None:
         """Function that returns the true state of the simulation; None for real vehicles."""
         world = self.world
-        return None if world is None else lambda: _truth_reader(world)
+        return None if world is None else lambda: _make_truth(world)
 
 
 def make_tow_cell(job: TowJob, angles: Array, left: TowTruth | None = None) -> TowCell:
@@ -170,7 +170,7 @@ def _mqtt_team(job: TowJob) -> ConnectedTeam:
     return PacedTeam([MqttVehicle(replace(link, prefix=prefix)) for prefix in prefixes])
 
 
-def _truth_reader(world: TowingWorld) -> TowTruth:
+def _make_truth(world: TowingWorld) -> TowTruth:
     truth = world.truth()
     return TowTruth(
         truth.time,

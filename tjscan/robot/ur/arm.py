@@ -157,7 +157,7 @@ def _set_tcp(session: ControllerSession) -> None:
     offset = session.call_client_method(list, "active_tcp_offset")
     if len(offset) != 6 or np.abs(offset).max() > READ_BACK_TOLERANCE:
         session.read_state()  # the true reason, if the arm is not well
-        raise _raise_setting_ignored("TCP", "zero", offset)
+        raise _setting_ignored_error("TCP", "zero", offset)
     session.T_tcp_f = inverse_pose(pose_vector.pose_from_vector(offset))
 
 
@@ -171,7 +171,7 @@ def _set_payload(session: ControllerSession) -> None:
         if _reports_payload(now, np.array([mass, *centre])):
             return
         if late:
-            raise _raise_setting_ignored("payload", f"{mass:g} kg", now.payload)
+            raise _setting_ignored_error("payload", f"{mass:g} kg", now.payload)
 
 
 def _reports_payload(now: ControllerState, wanted: Array) -> bool:
@@ -194,7 +194,7 @@ def _check_model(session: ControllerSession, kinematics: Kinematics) -> None:
         )
 
 
-def _raise_setting_ignored(what: str, wanted: str, found: object) -> ArmFault:
+def _setting_ignored_error(what: str, wanted: str, found: object) -> ArmFault:
     return ArmFault(
         f"the controller was asked to set its {what} to {wanted} and reports {found}. See "
         "that no other program works with it, then start again."

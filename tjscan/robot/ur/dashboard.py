@@ -40,9 +40,9 @@ class DashboardClient:
 
     def __init__(self, host: str) -> None:
         self._host = host
-        self._connect_tree(ANSWER_LIMIT)
+        self._connect(ANSWER_LIMIT)
 
-    def _connect_tree(self, limit: float) -> None:
+    def _connect(self, limit: float) -> None:
         self._silence: ArmNotResponding | None = None
         try:
             self._socket = socket.create_connection((self._host, DASHBOARD_PORT), limit)
@@ -78,7 +78,7 @@ class DashboardClient:
             Seconds to wait for it, and as long for its greeting.
         """
         self.close()
-        self._connect_tree(limit)
+        self._connect(limit)
 
     def ask(self, line: str) -> str:
         """Send a line to the dashboard and return its answer.
@@ -93,7 +93,7 @@ class DashboardClient:
         try:
             self._socket.sendall(f"{line}\n".encode())
         except OSError as error:
-            raise self._raise_no_answer(str(error)) from None
+            raise self._no_answer_error(str(error)) from None
         return self._read_line()
 
     def ask_value(self, line: str) -> str:
@@ -126,12 +126,12 @@ class DashboardClient:
         try:
             line = self._lines.readline(LONGEST_LINE)
         except OSError as error:
-            raise self._raise_no_answer(str(error)) from None
+            raise self._no_answer_error(str(error)) from None
         if not line:
-            raise self._raise_no_answer("it hung up")
+            raise self._no_answer_error("it hung up")
         return line.decode(errors="replace").strip()
 
-    def _raise_no_answer(self, why: str) -> ArmNotResponding:
+    def _no_answer_error(self, why: str) -> ArmNotResponding:
         self._silence = ArmNotResponding(
             f"the dashboard of the controller at {self._host} does not answer ({why}). Look at "
             "its pendant, restart the controller if it hangs, then start again."

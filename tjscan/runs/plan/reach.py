@@ -205,7 +205,7 @@ class StationReach:
         Where holds were looked for, metres along the groove.
     length : float
         Of the groove, metres.
-    holds : ToolHolds
+    holds : ToolConfigurations
         What was found.
     """
 

@@ -338,7 +338,7 @@ class CablePull:
         Returns
         -------
         ndarray
-            A row of what `problem.shape_terms` takes.
+            A row of the pulls that the objective of `problem` takes.
         """
         force, stiffness = self.force, self.stiffness
         doubt = max(self.doubt, PLACE_ERROR)
