@@ -158,7 +158,8 @@ def test_scale_is_told_from_section_to_section() -> None:
         np.linalg.norm([corners(one) - GROOVE.corners for one in some], axis=2)[1:, [0, 2]]
         for some in (found, alone)
     )
-    assert np.sqrt(np.mean(errors**2)) < 0.6 * np.sqrt(np.mean(before**2))
+    # Where it shows in a profile it is found without the sections before, too.
+    assert np.sqrt(np.mean(errors**2)) < 0.9 * np.sqrt(np.mean(before**2))
     last = GroovePrior.from_sections([(evidence(one), STEP) for one in found])
     assert SCALE_THICKNESSES[last.log_thicknesses.argmax()] == pytest.approx(
         0.3 * MM, abs=0.05 * MM

@@ -11,7 +11,7 @@ import numpy as np
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.prior import GroovePrior
-from tjscan.groove.root import read_root
+from tjscan.groove.root import WELD_IN_GROOVE, read_root
 from tjscan.groove.search import find_best_fit
 from tjscan.groove.section import GrooveSection
 from tjscan.groove.settings import DEFAULT_SETTINGS, OPENING_LEAST, OPENING_MOST, GrooveSettings
@@ -20,8 +20,8 @@ from tjscan.groove.sides import GrooveFit, OrderedProfilePoints, bearing_tangent
 from tjscan.groove.steel import fit_bare_steel
 from tjscan.laser.profile import Profile
 
-LEAST_DEPTH: Final = 4e-3
-"""Depth of the shallowest groove that is read, in metres."""
+LEAST_DEPTH, LEAST_DEPTH_OVER_WELD = 4e-3, 1.5e-3
+"""Depth of the shallowest groove that is read, and of what is left over a weld, in metres."""
 
 CONTRADICTION_SIGMAS: Final = 2.5
 """Standard deviations from which a profile contradicts what is expected of its bends."""
@@ -39,8 +39,8 @@ def read_groove(
     settings : GrooveSettings
         With a model of four sides, such as `TEE_GROOVE`.
     prior : GroovePrior, optional
-        What the sections before it show. Only with a prior are scale and light between the faces
-        looked for, and the section holds what its own profile shows of them.
+        What the sections before it show. Mill scale is looked for without them, too; where light
+        between the faces pulls the notch in, only with them.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def read_groove_with_fit(
     if not settings.model.has_section_points:
         raise ValueError(f"model {settings.model.name!r} has no section of five points")
     row = order_points(profile, settings)
-    fit = find_best_fit(row, settings) if prior is None else _fit_with_prior(row, settings, prior)
+    fit = _fit_on_steel(row, settings, prior)
     corners, covariance = corner_estimates(fit)
     covariance += fit.steel_covariance
     fit = replace(fit, fitted=replace(fit.fitted, corners=corners))
@@ -117,10 +117,12 @@ def order_points(profile: Profile, settings: GrooveSettings) -> OrderedProfilePo
     return OrderedProfilePoints(points.T[:, order].T, tangents[order], columns, len(profile))
 
 
-def _fit_with_prior(
-    row: OrderedProfilePoints, settings: GrooveSettings, prior: GroovePrior
+def _fit_on_steel(
+    row: OrderedProfilePoints, settings: GrooveSettings, prior: GroovePrior | None
 ) -> GrooveFit:
     """Fit with what the sections before show, as far as the profile does not contradict it."""
+    if prior is None:
+        return fit_bare_steel(find_best_fit(row, settings), None, settings.support_tolerance)
     expected = replace(settings, model=prior.expected_model(settings.model))
     try:
         fit = find_best_fit(row, expected)
@@ -129,7 +131,7 @@ def _fit_with_prior(
     except GrooveNotFound:
         if not prior.knows_bends:
             raise
-    return _fit_with_prior(row, settings, prior.without_bends)
+    return _fit_on_steel(row, settings, prior.without_bends)
 
 
 def _contradicts_bends(fit: GrooveFit) -> bool:
@@ -165,7 +167,8 @@ def _check_shape(section: GrooveSection, points: Array) -> None:
             f"an opening of {np.degrees(section.groove_angle):.0f}° is not that of a groove",
             points,
         )
-    if section.depth < LEAST_DEPTH:
+    least = LEAST_DEPTH_OVER_WELD if WELD_IN_GROOVE in section.conditions else LEAST_DEPTH
+    if section.depth < least:
         raise GrooveNotFound(
             "no bevel",
             f"what lies between wall and leg is {1e3 * section.depth:.1f} mm deep: the groove is "

@@ -345,11 +345,12 @@ def refine_fit(
 
 def _face_bluntness(line: Polyline, model: tuple[SideModel, ...]) -> Array:
     """How far the face of each bead may lie off a parabola, shape (k,), in metres; else zero."""
-    found = np.zeros(len(model))
+    found = np.array([side.roughness for side in model])
     for k, side in enumerate(model):
         if side.bead:
             gap = line.corners[k] - line.corners[k - 1]
-            found[k] = FACE_BLUNTNESS * abs(line.sides[k].c2) * float(gap @ gap) / 4
+            bow = abs(line.sides[k].c2) * float(gap @ gap) / 4
+            found[k] = max(found[k], FACE_BLUNTNESS * bow)
     return found
 
 

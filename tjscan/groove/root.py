@@ -18,6 +18,7 @@ from tjscan.groove.reflections import (
     sides_that_meet,
 )
 from tjscan.groove.section import TACK_WELD, GrooveSection, section_from_points
+from tjscan.groove.settings import TEE_PARTLY_FILLED
 from tjscan.groove.shape import gaps_beside_corners
 from tjscan.groove.sides import (
     LEAST_NOISE,
@@ -30,9 +31,11 @@ from tjscan.groove.sides import (
     intersect_curves,
     true_stretches,
 )
+from tjscan.groove.weld import find_toe, weld_surface
 
 OPEN_ROOT: Final = "open root"
 WELD_IN_ROOT: Final = "weld in the root"
+WELD_IN_GROOVE: Final = "weld in the groove"
 ROOT_NOT_SEEN: Final = "root not seen"
 SEAM_BESIDE: Final = "seam weld beside"
 
@@ -79,6 +82,10 @@ FARTHEST_ROOT_DISTANCE: Final = 20e-3
 FACE_HEIGHT_SAMPLES: Final = 21
 """Points by which a face's height over its chord is found."""
 
+AREA_SIGMA_SHARE: Final = 0.1
+"""Standard deviation of the area between a face and its chord, as a share of it: no bead is a
+parabola."""
+
 
 def read_root(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSection:
     """Read the section of a fitted tee: its corners p2, p3 and p4, and what is found at its root.
@@ -92,17 +99,22 @@ def read_root(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSect
     tolerance : float
         Distance within which a point lies on a side, in metres.
     """
-    section = (
-        _section_with_face(fit, covariance)
-        if fit.model.has_root_bead
-        else _section_without_face(fit, covariance, tolerance)
-    )
+    if fit.model.name == TEE_PARTLY_FILLED.name:
+        section = _section_over_weld(fit, covariance)
+    elif fit.model.has_root_bead:
+        section = _section_with_face(fit, covariance)
+    else:
+        section = _section_without_face(fit, covariance, tolerance)
     seam = (SEAM_BESIDE,) if _has_seam_beside(fit) else ()
     return replace(section, model=fit.model.name, conditions=(*section.conditions, *seam))
 
 
 def _section_with_corners(
-    fit: GrooveFit, corners: Array, covariance: Array, places: tuple[float, float]
+    fit: GrooveFit,
+    corners: Array,
+    covariance: Array,
+    places: tuple[float, float],
+    surface: Array | None = None,
 ) -> GrooveSection:
     """Section with given corners p2, p3 and p4, x and z, shape (3, 2), in metres.
 
@@ -112,6 +124,8 @@ def _section_with_corners(
         Of the coordinates of p2, p3, p4, and of the angles of wall and leg.
     places : tuple of float
         s of p2 on the wall and of p4 on the leg.
+    surface : ndarray, shape (m, 2), optional
+        Points between p3 and p4 that bound the area.
     """
     fitted = fit.fitted
     wall, leg = fitted.curves[0], fitted.curves[-1]
@@ -127,6 +141,7 @@ def _section_with_corners(
         leg_s=(t4[0], 0.0, t4[1]),
         rms=float(np.sqrt(np.mean(fitted.residuals[fitted.keep] ** 2))),
         covariance=covariance,
+        surface=surface,
     )
     return replace(section, model_probability=fit.probability, evidence=fit.evidence)
 
@@ -157,7 +172,45 @@ def _section_with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
         conditions = (WELD_IN_ROOT,)
     places = fitted.places[0][0], fitted.places[-1][1]
     section = _section_with_corners(fit, fitted.corners[chosen], spread, places)
-    return replace(section, conditions=conditions, absent=absent)
+    section = replace(section, conditions=conditions, absent=absent)
+    return _with_area_over_face(section, fit)
+
+
+def _with_area_over_face(section: GrooveSection, fit: GrooveFit) -> GrooveSection:
+    """The section with the area over its face, which bulges or sags, not over the face's chord."""
+    fitted, face = fit.fitted, len(fit.fitted.curves) - 2
+    curve, (start, end) = fitted.curves[face], (fitted.places[face - 1][1], fitted.places[face][0])
+    s = np.linspace(start, end, FACE_HEIGHT_SAMPLES)
+    points = np.array([curve.point_on_curve(at) for at in s.tolist()])
+    x, z = (points - points[0]).T
+    hollow = 0.5 * float(x[:-1] @ z[1:] - z[:-1] @ x[1:])  # behind the chord
+    measure_covariance = section.measure_covariance.copy()
+    measure_covariance[3, 3] += (AREA_SIGMA_SHARE * hollow) ** 2
+    return replace(section, area=section.area + hollow, measure_covariance=measure_covariance)
+
+
+def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
+    """p3 and p4 are the toes of the weld, which bounds the area that is left."""
+    fitted, weld = fit.fitted, len(fit.fitted.curves) - 2
+    height = np.sqrt(_height_variances(fitted))
+    total = np.zeros((8, 8)) + fit.other_readings
+    total[:2, :2], total[6:, 6:] = covariance[:2, :2], covariance[-2:, -2:]
+    corners, places, ends = [fitted.corners[0]], [], []
+    for k, flank in ((2, weld - 1), (4, weld + 1)):
+        s, sigma, end = find_toe(fit, flank)
+        curve = fitted.curves[flank]
+        total[k : k + 2, k : k + 2] += _covariance_along_side(curve, s, sigma, height[flank])
+        corners.append(np.array(curve.point_on_curve(s)))
+        places.append(s)
+        ends.append(end)
+    section = _section_with_corners(
+        fit,
+        np.array(corners),
+        total,
+        (fitted.places[0][0], places[1]),
+        weld_surface(fit, *ends),
+    )
+    return replace(section, conditions=(WELD_IN_GROOVE,))
 
 
 def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.alternatives import (
+    TOLERANCE_GROWTH_COST,
     add_faces_along_neighbours,
     add_root_arc,
     bound_cost_of_removing_root,
@@ -260,18 +261,29 @@ class _FitSearch:
                 sides = tuple(replace(s, bend=0.0, twist=0.0) if s.bead else s for s in model.sides)
             fitted = refine_fit(row, start, sides, tolerance, annealed=annealed, known=known)
             if fitted is not None:
-                scaled = fitted.residuals / tolerance
-                total = float(np.minimum(scaled * scaled, 1).sum())
-                if total < least:
-                    best, least = fitted, total
+                pays = _point_costs(fitted, model, tolerance)
+                if (total := float(pays.sum())) < least:
+                    best, least, costs = fitted, total, pays
             if least < start.cost + STRAYED_SHARE * len(row.points):
                 break
         if best is None:
             return None
         seen = _points_beside_corners(best)
-        cost = float(runs.total_cost(np.minimum((best.residuals / tolerance) ** 2, 1)))
+        cost = float(runs.total_cost(costs))
         cost += SIDE_COST * len(model.sides) + DETACHED_COST * np.count_nonzero(~seen)
         return GrooveFit(row, model, best, cost, seen)
+
+
+def _point_costs(fitted: FittedProfile, model: GrooveModel, tolerance: float) -> Array:
+    """What each point pays for its distance from its side, shape (n,), in outliers.
+
+    A side that may be rough explains its points less precisely, which costs them, too.
+    """
+    reach = np.array([max(side.roughness, tolerance) for side in model.sides])
+    less = TOLERANCE_GROWTH_COST * np.log(reach / tolerance)
+    reach, less = np.array((reach, less)).repeat(np.diff(fitted.edges), axis=1)
+    scaled = fitted.residuals / reach
+    return np.minimum(scaled * scaled + less, 1)
 
 
 def _is_near(corners: Array, others: Iterable[Array], distance: float) -> bool:
@@ -393,7 +405,8 @@ def _reason_to_reject(found: GrooveFit, settings: GrooveSettings) -> str | None:
     for side, length in zip(model.sides[1:-1], lengths.tolist(), strict=True):
         if not LENGTH_SLACK * side.shortest < length < side.longest / LENGTH_SLACK:
             return f"the {side.name} is {1e3 * length:.1f} mm long"
-    rms = float(np.sqrt(np.mean(fitted.residuals[fitted.keep] ** 2)))
+    smooth = np.array([not side.roughness for side in model.sides]).repeat(np.diff(fitted.edges))
+    rms = float(np.sqrt(np.mean(fitted.residuals[fitted.keep & smooth] ** 2)))
     if rms > settings.largest_rms:
         return f"the points lie {1e3 * rms:.2f} mm (rms) off the sides fitted to them"
     return None

@@ -166,7 +166,9 @@ class GrooveMeasures:
     jacobian: Array
 
 
-def measure_groove(p2: Pair, p3: Pair, p4: Pair, wall: Pair, leg: Pair) -> GrooveMeasures:
+def measure_groove(
+    p2: Pair, p3: Pair, p4: Pair, wall: Pair, leg: Pair, surface: Array | None = None
+) -> GrooveMeasures:
     """Measure a groove's section from its corners and the tangents of wall and leg.
 
     Parameters
@@ -175,6 +177,8 @@ def measure_groove(p2: Pair, p3: Pair, p4: Pair, wall: Pair, leg: Pair) -> Groov
         Corners, metres.
     wall, leg : pair of float
         Unit tangents of the wall (down) and of the leg (out), not parallel.
+    surface : ndarray, shape (m, 2), optional
+        Points from p3 to p4 that bound the area there, instead of the line between these two.
     """
     (wx, wz), (lx, lz) = wall, leg
     qx, qz = p2[0] - p3[0], p2[1] - p3[1]  # up the bevel
@@ -203,13 +207,21 @@ def measure_groove(p2: Pair, p3: Pair, p4: Pair, wall: Pair, leg: Pair) -> Groov
     ax, az = qz - (lz * lever - wz * reach) / sine, -qx + (lx * lever - wx * reach) / sine
     by_wall = along * ((wz * bz + wx * bx) - lever * (wz * lz + wx * lx) / sine)
     by_leg = (lever / sine) * (along * (wx * lx + wz * lz) - (bx * lx + bz * lz))
+    fx, fz, ex, ez = rx, rz, rx, rz  # from p3 to the surface's first point, from its last to p4
+    if surface is not None and len(surface):
+        x, z = (surface - p3).T
+        double += float(x[:-1] @ z[1:] - z[:-1] @ x[1:]) + float(x[-1] * rz - z[-1] * rx)
+        fx, fz, ex, ez = float(x[0]), float(z[0]), rx - float(x[-1]), rz - float(z[-1])
     half = copysign(0.5, double)
     jacobian = np.array(
         [
             (gx, gz, -gx, -gz, 0.0, 0.0, 0.0, -sign),
             (0.0, 0.0, -ux, -uz, ux, uz, 0.0, 0.0),
             (zx, zz, -0.5 * zx, -0.5 * zz, -0.5 * zx, -0.5 * zz, -sign * (mx * wx + mz * wz), 0.0),
-            (-bz - ax, bx - az, bz, -bx, ax, az, by_wall, by_leg),
+            (
+                *(-bz - ax, bx - az, bz + fz - rz, -bx - fx + rx),
+                *(ax + ez - rz, az - ex + rx, by_wall, by_leg),
+            ),
         ]
     )
     jacobian[3] *= half
@@ -225,6 +237,7 @@ def section_from_points(
     leg_s: ArrayLike | None = None,
     rms: float = 0.0,
     covariance: ArrayLike | None = None,
+    surface: Array | None = None,
 ) -> GrooveSection:
     """Build frame g and the measures of a groove from its five points.
 
@@ -239,6 +252,8 @@ def section_from_points(
         Of the fit, in metres.
     covariance : array_like, shape (8, 8), optional
         Of x and z of p2, p3, p4 and of the angles of both tangents in the x-z plane.
+    surface : ndarray, shape (m, 2), optional
+        Points from p3 to p4, x and z, over which the area is measured.
 
     Raises
     ------
@@ -258,7 +273,7 @@ def section_from_points(
             "no bevel", "wall and leg are parallel, so they span no frame", points[:, [0, 2]]
         )
     p2, p3, p4 = points[1:4, [0, 2]].tolist()
-    found = measure_groove(p2, p3, p4, wall.tolist(), leg.tolist())
+    found = measure_groove(p2, p3, p4, wall.tolist(), leg.tolist(), surface)
     covariance = np.zeros((8, 8)) if covariance is None else np.asarray(covariance, dtype=float)
     (wx, wz), sign = wall.tolist(), found.sign
     T = np.array(

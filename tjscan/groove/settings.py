@@ -39,6 +39,8 @@ class SideModel:
         well be straight.
     bead : bool
         Whether it is the face of a weld bead, which may bulge or sag by a good part of its width.
+    roughness : float
+        How far its surface may lie off such a cross-section, in metres: beads side by side.
     """
 
     name: str
@@ -48,6 +50,7 @@ class SideModel:
     twist: float = 0.0
     expected_bend: float | None = None
     bead: bool = False
+    roughness: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +112,7 @@ _HALF_VALLEY_TURN: Final = TurnBounds(radians(8), radians(150))
 _VALLEY_TURN: Final = TurnBounds(radians(180) - OPENING_MOST, radians(180) - OPENING_LEAST)
 _ROOT_FACE: Final = SideModel("root", 0.8e-3, 14e-3, bend=100.0, twist=8000.0, bead=True)
 
+_WELD_TURN: Final = TurnBounds(radians(20), radians(150))
 _KNEE_TURN: Final = TurnBounds(-radians(16), radians(16))
 _WALL_SIDE: Final = SideModel("wall", 4e-3, bend=0.7)
 _BEVEL_SIDE: Final = SideModel("bevel", 4e-3, 120e-3, bend=0.25)
@@ -138,12 +142,27 @@ TEE_NO_ROOT: Final = GrooveModel(
 )
 """The same if no face closes the root, or none is seen."""
 
+TEE_PARTLY_FILLED: Final = GrooveModel(
+    "partly filled tee",
+    (
+        _WALL_SIDE,
+        SideModel("bevel", 2e-3, 120e-3, bend=0.25),
+        # Narrower, the surface of a weld and a root's face are one and the same.
+        SideModel("weld", 12e-3, 80e-3, bend=30.0, twist=300.0, bead=True, roughness=0.5e-3),
+        _LEG_SIDE,
+    ),
+    # A flank that turns by less into what is beside it has two facets.
+    (_RIDGE_TURN, _WELD_TURN, _WELD_TURN),
+    _TEE_ACROSS,
+)
+"""The same with beads in it that hide the root: bevel and leg end at the weld's toes."""
+
 TEE_GROOVE: Final = GrooveModel(
     "tee",
     (_WALL_SIDE, _BEVEL_SIDE, _ROOT_FACE, _LEG_SIDE),
     (_RIDGE_TURN, _HALF_VALLEY_TURN, _HALF_VALLEY_TURN),
     _TEE_ACROSS,
-    (TEE_TWO_FACETS, TEE_NO_ROOT),
+    (TEE_TWO_FACETS, TEE_NO_ROOT, TEE_PARTLY_FILLED),
 )
 """Tubular T-joint: wall, bevel, root and leg; five points."""
 

@@ -25,6 +25,7 @@ from tjscan.groove.prior import (
     posterior,
 )
 from tjscan.groove.refinement import refine_fit
+from tjscan.groove.shape import patch_sigmas
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
@@ -71,6 +72,10 @@ assumptions, after what tubes show that have lain in a yard."""
 
 BLOCK_WEIGHT: Final = 0.5
 """Weight of a block's evidence: neighbours undulate together."""
+
+MISTAKEN_LEVEL_SHARE: Final = 0.1
+"""Share of the corners beside which steel is taken for scale, or scale for steel: one in ten of
+simulated ones."""
 
 MOST_STEEL_ROUNDS: Final = 5
 
@@ -235,29 +240,34 @@ def _scale_costs(off: Array, steps: Array, along: Array) -> Array:
     return found
 
 
-def fit_bare_steel(fit: GrooveFit, prior: GroovePrior, tolerance: float) -> GrooveFit:
+def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) -> GrooveFit:
     """Move points to the steel, and fit the groove to them again.
 
     Parameters
     ----------
     fit : GrooveFit
         Of any form of a tee.
-    prior : GroovePrior
-        What is known from the sections before.
+    prior : GroovePrior, optional
+        What is known from the sections before; without it points are moved for scale alone, and
+        only where a side shows patches.
     tolerance : float
         Distance within which a point belongs to a side, in metres.
     """
+    if prior is None and not patch_sigmas(fit.fitted)[[0, -1]].any():
+        return fit
     fit, back = _fit_without_scale(fit, prior, tolerance)
-    return _fit_without_pull(fit, back, prior, tolerance) if fit.model.has_root_bead else fit
+    if prior is None or not fit.model.has_root_bead:
+        return fit
+    return _fit_without_pull(fit, back, prior, tolerance)
 
 
 def _fit_without_scale(
-    fit: GrooveFit, prior: GroovePrior, tolerance: float
+    fit: GrooveFit, prior: GroovePrior | None, tolerance: float
 ) -> tuple[GrooveFit, Array]:
     """The fit on the steel under mill scale, and how far points were moved back, (n,) metres."""
     row, fitted, last = fit.row, fit.fitted, len(fit.model.sides) - 1
     has_face = fit.model.has_root_bead
-    expected_pull = float(np.exp(prior.log_pulls) @ NOTCH_PULLS) if has_face else 0.0
+    expected_pull = float(np.exp(prior.log_pulls) @ NOTCH_PULLS) if prior and has_face else 0.0
     notch = fitted.corners[-2:] if has_face else fitted.corners[-1:]
     pulled = expected_pull * closeness_to_notch(row.points, notch)
     scaled: dict[int, ScaledSide] = {}
@@ -272,7 +282,7 @@ def _fit_without_scale(
     for seen in scaled.values():
         log_thicknesses = log_thicknesses + seen.log_likelihoods
     thickness = _mean_if_present(
-        SCALE_THICKNESSES, posterior(prior.log_thicknesses, log_thicknesses)
+        SCALE_THICKNESSES, posterior((prior or GroovePrior()).log_thicknesses, log_thicknesses)
     )
     covariance = np.zeros((2 * last + 2,) * 2)
     back = np.zeros(len(row.points))
@@ -290,7 +300,8 @@ def _fit_without_scale(
         s = seen.base.position_along_chord(*fitted.corners[corner].tolist())
         shift = fitted.corner_shift(corner, k)
         index = slice(2 * corner, 2 * corner + 2)
-        covariance[index, index] += seen.height_variance(thickness, s) * np.outer(shift, shift)
+        variance = seen.height_variance(thickness, s) + MISTAKEN_LEVEL_SHARE * thickness**2
+        covariance[index, index] += variance * np.outer(shift, shift)
     no_pulls = np.zeros(len(NOTCH_PULLS))
     evidence = SectionEvidence(bends, sigmas, no_pulls, log_thicknesses, fit.model.name)
     fit = replace(fit, steel_covariance=covariance, evidence=evidence)
