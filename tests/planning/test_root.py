@@ -13,8 +13,8 @@ from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.planning.document import beads_to_csv, plan_document, read_beads_csv
-from tjscan.planning.edges import GrooveEdges, root_of_sections
-from tjscan.planning.path import LARGEST_KINK, LONGEST_STEP
+from tjscan.planning.edges import GrooveEdges, fit_groove_edges, root_of_sections
+from tjscan.planning.path import LARGEST_KINK, LONGEST_STEP, stations_at, template_at
 from tjscan.planning.plan import plan_weld
 from tjscan.planning.weldx_file import write_plan_as_weldx
 from tjscan.planning.wps import WeldingProcedure, read_wps
@@ -184,3 +184,43 @@ def test_where_a_section_does_not_show_its_root_those_beside_it_do() -> None:
     np.testing.assert_array_equal(root.tacked, (False, True, False, False, False))
     assert root.is_open_between(0.0, 2.0)
     assert not root_of_sections(sections[3:], s[:2], 1.0, closed=False).is_open_between(0, 1)
+
+
+def measured(count: int, conditions: dict[int, str], area: float = 1.0) -> list[MeasuredSection]:
+    """Sections 10 mm apart of a groove of 275 mm², with a root of 10 mm."""
+    corners = 1e-3 * np.array([(-5, 40, 0), (0, 20, 0), (5, 0, 0), (15, 0, 0), (45, 30, 0)])
+    found = []
+    for k in range(count):
+        origin, along = np.eye(4), np.array((0, 0, 10e-3 * k))
+        origin[:3, 3] = (25e-3, 10e-3, 10e-3 * k)
+        found.append(
+            replace(
+                section(conditions.get(k, "")),
+                index=k,
+                T_r_g=origin,
+                points=corners + along,
+                covariances=1e-10 * np.tile(np.eye(3), (3, 1, 1)),
+                measures=np.array((1.0, 10e-3, 10e-3, area * 275e-6)),
+                measure_covariance=1e-14 * np.eye(4),
+            )
+        )
+    return found
+
+
+def test_a_stretch_without_a_root_is_not_planned() -> None:
+    fit_groove_edges(measured(12, {4: "root not seen", 5: "root not seen"}), 31e-3)
+    for hidden in (range(4, 8), range(4), range(8, 12), range(12)):
+        with pytest.raises(ConfigurationError, match="no root is seen") as error:
+            fit_groove_edges(measured(12, dict.fromkeys(hidden, "root not seen")), 31e-3)
+        assert error.value.key == "sections"
+
+
+@pytest.mark.parametrize("share", [0.6, 0.9, 1.1])
+def test_over_a_weld_the_measured_area_is_filled(share: float) -> None:
+    """Its surface bulges or sags: the line between its toes is not what bounds the area."""
+    s = np.linspace(0, 0.09, 10)
+    straight = fit_groove_edges(measured(10, {}), 31e-3)
+    welded = dict.fromkeys(range(10), "weld in the groove")
+    bulged = fit_groove_edges(measured(10, welded, share), 31e-3)
+    areas = [template_at(stations_at(edges, s), 0.0).area for edges in (straight, bulged)]
+    np.testing.assert_allclose(areas[1], share * areas[0], rtol=2e-3)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, cross
 from tjscan.groove.measured import MeasuredSection
-from tjscan.groove.root import OPEN_ROOT, ROOT_NOT_SEEN
+from tjscan.groove.root import OPEN_ROOT, ROOT_NOT_SEEN, WELD_IN_GROOVE
 from tjscan.groove.section import TACK_WELD
 from tjscan.planning.smoothing import SmoothCurve, fit_smooth_curve
 
@@ -21,6 +21,9 @@ FEWEST_SECTIONS: Final = 4
 
 LEAST_SIGMA: Final = 1e-6
 """Metres: no corner counts as known better."""
+
+AREA_ROUNDS: Final = 8
+"""Rounds in which the line between the toes of a weld is moved to where the area agrees."""
 
 CORNER_NAMES: Final = ("p3", "p4", "g", "p2")
 
@@ -164,7 +167,7 @@ def fit_groove_edges(
     Raises
     ------
     ConfigurationError
-        If there are too few, they are out of order, or one is missing.
+        If there are too few, they are out of order, one is missing, or a stretch shows no root.
     """
     if len(sections) < FEWEST_SECTIONS:
         raise ConfigurationError(f"{FEWEST_SECTIONS} sections or more are needed", key="sections")
@@ -174,11 +177,44 @@ def fit_groove_edges(
         axis=1,
     )
     areas = np.array([section.measures[3] for section in sections])
+    welded = np.array([WELD_IN_GROOVE in section.conditions for section in sections])
+    corners[welded] = _with_areas(corners[welded], areas[welded])
     sigmas = np.array([section.sigmas[3] for section in sections])
     own = np.sqrt(np.maximum(sigmas**2 - shared_area_sigma**2, 0.0))
     edges = fit_edges_to_corners(corners, _corner_sigmas(sections), own / areas, longest_step)
+    _check_root_is_seen(sections, edges.sections, longest_step)
     root = root_of_sections(sections, edges.sections, edges.length, closed=edges.closed)
     return replace(edges, shared_area_sigma=shared_area_sigma, root=root)
+
+
+def _check_root_is_seen(sections: Sequence[MeasuredSection], s: Array, longest_step: float) -> None:
+    """Refuse a stretch of groove whose root was inferred, and not seen, in metres."""
+    seen = np.flatnonzero([ROOT_NOT_SEEN not in section.conditions for section in sections])
+    stops = np.concatenate(([0], seen, [len(s) - 1]))
+    gaps = np.diff(s[stops])
+    k = int(gaps.argmax())
+    if gaps[k] > longest_step or not len(seen):
+        raise ConfigurationError(
+            f"between sections number {stops[k] + 1} and {stops[k + 1] + 1} of the table no root "
+            f"is seen over {1e3 * gaps[k]:.0f} mm: a plan would rest on guessed corners. Scan that "
+            "stretch again, more squarely or from nearer",
+            key="sections",
+        )
+
+
+def _with_areas(corners: Array, areas: Array) -> Array:
+    """Corners, shape (m, 4, 3), with p3 and p4 moved along their flanks until the area is given.
+
+    The line between the toes of a weld is raised, or lowered, to where it bounds the area that is
+    left over the weld's surface, shape (m,), in m².
+    """
+    moved, share = corners.copy(), np.zeros(len(corners))
+    towards = corners[:, [3, 2]] - corners[:, :2]  # from p3 to p2, and from p4 to g
+    for _ in range(AREA_ROUNDS):
+        # The area is nearly in proportion to what is left of the way.
+        share = 1 - (1 - share) * areas / _quad_areas(moved)
+        moved[:, :2] = corners[:, :2] + share[:, None, None] * towards
+    return moved
 
 
 def root_of_sections(

@@ -14,6 +14,7 @@ from tjscan.core.files import refuse_links_outside
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.manifest import check_as_written
 from tjscan.groove.measured import MeasuredSection
+from tjscan.groove.root import WELD_IN_GROOVE
 from tjscan.result.directions import section_directions
 from tjscan.result.directory import BUDGET_FILE, CLOUD_FILE, SECTIONS_FILE, SUMMARY_FILE
 from tjscan.result.section import absent_corners
@@ -79,12 +80,14 @@ def read_run_shape(directory: Path) -> Shape:
         raise ConfigurationError("holds no section", file=directory / SECTIONS_FILE)
     check_as_written(directory / CLOUD_FILE)
     cloud = read_file(directory / CLOUD_FILE, StatedUnitAndFrame("mm", frame))
+    welded = [WELD_IN_GROOVE in section.conditions for section in sections]
     return Shape(
         directory.resolve().name,
         UnitAndFrame("mm", "the run", frame),
         cloud.points,
         readonly_copy(np.array([section.points for section in sections])),
-        absent_corners(sections),
+        # Under a weld the root's corners are buried: the toes are at hand for them.
+        absent_corners(sections) | np.outer(welded, (False, True, True)),
         dropped=cloud.dropped,
         # Stitching makes frame j of the tubes that it finds; a job only states where j should be.
         is_in_joint_frame=frame == "j" and bool(summary.stations),

@@ -19,6 +19,7 @@ from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import MM2
 from tjscan.groove.measured import MeasuredSection
+from tjscan.groove.root import WELD_IN_GROOVE
 from tjscan.joint.tubes.find import find_tubes_in_cloud
 from tjscan.joint.tubes.fit import dihedral_angles, dihedral_sigmas
 from tjscan.planning.details import DetailStretch, compare_with_details
@@ -73,6 +74,17 @@ def add_file_of_key(wps_file: Path, sections: Path) -> Iterator[None]:
         file = error.file or (wps_file if of_wps else sections)
         named = None if key.startswith("--") else file
         raise ConfigurationError(error.message, file=named, key=error.key) from None
+
+
+def _check_stated_passes(sections: Sequence[MeasuredSection], after_pass: int) -> None:
+    """Refuse a groove with weld in it if no passes are stated: its root would be welded again."""
+    welded = [k for k, one in enumerate(sections, 1) if WELD_IN_GROOVE in one.conditions]
+    if welded and not after_pass:
+        raise ConfigurationError(
+            f"{len(welded)} of {len(sections)} sections, the first number {welded[0]}, have weld "
+            "in the groove: state how many passes are welded",
+            key="--after-pass",
+        )
 
 
 def details_of_run(
@@ -331,6 +343,7 @@ def plan_run(
     summary = read_finished_summary(directory)
     sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
     with add_file_of_key(wps_file, directory / SECTIONS_FILE):
+        _check_stated_passes(sections, after_pass)
         # By what the areas of all sections err alike, m²; 0 if that is not known.
         parts = () if summary.uncertainty is None else summary.uncertainty.components
         areas = [part.area_mm2 for part in parts if part.shared]
