@@ -215,6 +215,50 @@ def root_pass(g: Groove, rng: np.random.Generator) -> None:
     _fill(g, MM * rng.uniform(3, 6), rng.uniform(0.08, 0.16))
 
 
+FILL_SHAPES: Final = ("flat", "convex", "concave", "beads", "one-sided")
+
+
+def partly_filled(share: float, shape: str) -> Steel:
+    """Weld up to a share of the bevel; its toes are the corners now."""
+
+    def change(g: Groove, rng: np.random.Generator) -> None:
+        top, p3, p4 = g.corners
+        rise = share * float(np.linalg.norm(top - p3))
+        out = rise * rng.uniform(0.8, 1.2)
+        if shape == "one-sided":
+            out *= rng.uniform(0.2, 0.5) if rng.random() < 0.5 else rng.uniform(1.5, 1.9)
+        leg = g.leg_cut.going(p4, g.leg_cut.forward)
+        a, b = p3 + rise * _unit(top - p3), leg.at(np.array([out]))[0]
+        width = float(np.linalg.norm(b - a))
+        if shape == "beads":
+            g.root = _beads(a, b, rng)
+        else:
+            bow = {"convex": rng.uniform(0.05, 0.15), "concave": -rng.uniform(0.03, 0.08)}
+            g.root = bowed(a, b, width * bow.get(shape, 0.0), TO_SENSOR)
+        g.bevel, g.leg = straight(top, a), leg.at(np.arange(out, out + REACH, CHORD))
+        g.corners = np.array((top, a, b))
+
+    return change
+
+
+def _beads(a: Array, b: Array, rng: np.random.Generator) -> Array:
+    """Two beads or more side by side, 7 to 11 mm wide and 0.5 to 1.2 mm high."""
+    count = max(2, round(float(np.linalg.norm(b - a)) / (MM * rng.uniform(7, 11))))
+    s = np.linspace(0, 1, 40 * count + 1)
+    each = MM * rng.uniform(0.5, 1.2, count + 1)[np.minimum((s * count).astype(int), count)]
+    height = each * 4 * (s * count % 1) * (1 - s * count % 1)
+    height += MM * rng.uniform(-0.5, 0.5) * 4 * s * (1 - s)
+    return np.asarray(a + s[:, None] * (b - a) + height[:, None] * square_to(b - a, TO_SENSOR))
+
+
+def area_left(g: Groove) -> float:
+    """Area between the weld and where the tangents of wall and leg meet, in m²."""
+    (top, _, toe), down = g.corners, _unit(g.wall[-1] - g.wall[-3])
+    along = np.linalg.solve(np.column_stack((down, _unit(g.leg[0] - g.leg[2]))), toe - top)[0]
+    x, z = np.vstack((top, g.root, top + along * down)).T
+    return 0.5 * abs(float(x @ np.roll(z, -1) - z @ np.roll(x, -1)))
+
+
 def two_facets(g: Groove, rng: np.random.Generator) -> None:
     """A bevel ground in two facets, 5 to 8 degrees apart."""
     top, p3 = g.corners[:2]
@@ -537,6 +581,13 @@ GROOVES: Final = (
     ),
 )
 """Everything that has a groove."""
+
+FILLED: Final = tuple(
+    Fault(f"{share} % filled, {shape}", (partly_filled(share / 100, shape),))
+    for share in (10, 25, 50, 75, 90)
+    for shape in FILL_SHAPES
+)
+"""Grooves with weld in them: from 50 % on most of them are wider than any root."""
 
 NO_GROOVE: Final = (
     Fault("plain plate", (plate,)),

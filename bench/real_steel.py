@@ -25,7 +25,19 @@ from typing import Final
 
 import numpy as np
 from _sections import EMITTER_Z, Array, look_at
-from _steel import GROOVES, MM, NO_GROOVE, RHO, Fault, Groove, draw, noise, shoot
+from _steel import (
+    FILLED,
+    GROOVES,
+    MM,
+    NO_GROOVE,
+    RHO,
+    Fault,
+    Groove,
+    area_left,
+    draw,
+    noise,
+    shoot,
+)
 from _stopwatch import Stopwatch
 from _table import Row, main
 
@@ -46,25 +58,30 @@ REAL: Final = Path("shared") / "data" / "v-groove-real"
 LEAST_READ: Final = {"spatter": 95.0, "several at once": 95.0}
 """Per cent; 97 elsewhere."""
 
-FAULTS: Final = {fault.name: fault for fault in (*GROOVES, *NO_GROOVE)}
+NEARLY_FULL, LEAST_FILLED_READ = 75, 90
+"""Per cent of fill from which a groove may be refused as welded already, and share that is read."""
+
+FAULTS: Final = {fault.name: fault for fault in (*GROOVES, *FILLED, *NO_GROOVE)}
 FEWEST_FOR_MEAN: Final = 20
 """Fewer corners than this have no mean worth a bar."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What the reader gave: corners (3, 2), their standard deviations, and what it named."""
+    """What the reader gave: corners (3, 2), their standard deviations, what it named, the area."""
 
     corners: Array
     sigmas: Array
     words: str
+    area: tuple[float, float] = (math.nan, math.nan)
 
     @classmethod
     def of(cls, section: GrooveSection) -> Reading:
         """Corners that are not given are NaN, or have no finite uncertainty."""
         spread = np.trace(section.corner_covariances_s, axis1=1, axis2=2)
         words = [str(getattr(section, key, "")) for key in ("conditions", "model", "root")]
-        return cls(section.points_s[1:4, [0, 2]], np.sqrt(spread), " ".join(words).lower())
+        area = section.area, section.area_sigma
+        return cls(section.points_s[1:4, [0, 2]], np.sqrt(spread), " ".join(words).lower(), area)
 
 
 def profile_of(points: Array) -> Profile:
@@ -159,6 +176,39 @@ def rows_of(fault: Fault, verdicts: Sequence[Verdict]) -> list[Row]:
 def no_groove_row(fault: Fault, verdicts: Sequence[Verdict]) -> Row:
     accepted = sum(v.read and not v.named for v in verdicts)
     return Row(f"{fault.name}: read, and not named", accepted, 0)
+
+
+# --- grooves with weld in them
+
+
+def judge_fill(name: str, k: int) -> tuple[bool, float, float]:
+    """Whether a corner is wrong and sure; error of the area as a share of it, and its z²."""
+    shot = shoot(FAULTS[name], k)
+    reading = read(shot.points)
+    if isinstance(reading, str):
+        return False, math.nan, math.nan
+    off = np.linalg.norm(reading.corners - shot.groove.corners, axis=1)
+    truth, (area, sigma) = area_left(shot.groove), reading.area
+    wrong = bool(np.any((reading.sigmas < SURE) & (off > WRONG)))
+    return wrong, abs(area / truth - 1), ((area - truth) / sigma) ** 2
+
+
+def fill_rows(fault: Fault, found: Sequence[tuple[bool, float, float]]) -> list[Row]:
+    """The bars of a row; a profile that is refused states no area."""
+    wrong, errors, scaled = np.array(found).T
+    seen = np.isfinite(errors)
+    rows = [Row(f"{fault.name}: sure and wrong", 100 * float(wrong.mean()), 0.5, "%")]
+    if np.count_nonzero(seen) >= FEWEST_FOR_MEAN:
+        p95 = 100 * float(np.percentile(errors[seen], 95))
+        rows += [
+            Row(f"{fault.name}: area left, mean error", 100 * float(errors[seen].mean()), 2, "%"),
+            Row(f"{fault.name}: area left, 95 %", p95, 5, "%"),
+            Row(f"{fault.name}: area left, mean z²", float(scaled[seen].mean()), 2, at_least=0.5),
+        ]
+    if int(fault.name.split()[0]) < NEARLY_FULL:
+        share = 100 * float(seen.mean())
+        rows.append(Row(f"{fault.name}: read", share, 100, "%", at_least=LEAST_FILLED_READ))
+    return rows
 
 
 # --- the best there can be
@@ -302,13 +352,17 @@ def measure(count: int) -> list[Row]:
     rows: list[Row] = []
     with ProcessPoolExecutor(max_workers=os.cpu_count()) as pool:
         work = partial(pool.map, chunksize=20)
-        waiting = [(f, work(partial(judge, f.name), range(count))) for f in FAULTS.values()]
+        faults = (*GROOVES, *NO_GROOVE)
+        waiting = [(f, work(partial(judge, f.name), range(count))) for f in faults]
+        filled = [(f, work(partial(judge_fill, f.name), range(count))) for f in FILLED]
         bounds = work(against_bound, range(count))
         for fault, verdicts in waiting:
             if fault in GROOVES:
                 rows += rows_of(fault, list(verdicts))
             else:
                 rows.append(no_groove_row(fault, list(verdicts)))
+        for fault, found in filled:
+            rows += fill_rows(fault, list(found))
         rows += bound_rows(list(bounds))
     return rows + real_rows(min(count, 40)) + time_rows(min(count, 300))
 
