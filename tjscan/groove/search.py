@@ -283,7 +283,7 @@ def _point_costs(fitted: FittedProfile, model: GrooveModel, tolerance: float) ->
     less = TOLERANCE_GROWTH_COST * np.log(reach / tolerance)
     reach, less = np.array((reach, less)).repeat(np.diff(fitted.edges), axis=1)
     scaled = fitted.residuals / reach
-    return np.minimum(scaled * scaled + less, 1)
+    return np.asarray(np.minimum(scaled * scaled + less, 1))
 
 
 def _is_near(corners: Array, others: Iterable[Array], distance: float) -> bool:
