@@ -1,11 +1,12 @@
 """``tjscan groove`` on the files that people have."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command import tjscan
-from grooves import MM, Groove, Noise, draw
+from grooves import MM, Groove, Noise, draw, seen
 
 from tjscan.groove.settings import GrooveSettings
 from tjscan.result.readings import fitted_side_polylines
@@ -18,10 +19,10 @@ def heights(folder: Path, *, sign: int, header: bool = True) -> Path:
     x = np.arange(-450, 451) * 0.1 * MM
     rows = [",".join(str(i) for i in range(len(x)))] if header else []
     for seed in range(3):
-        seen = draw(Groove(), NOISE, seed)
-        order = np.argsort(seen.x_s)
-        good = order[np.isfinite(seen.x_s[order])]
-        z = np.interp(x, seen.x_s[good], seen.z_s[good])
+        shot = draw(Groove(), NOISE, seed)
+        order = np.argsort(shot.x_s)
+        good = order[np.isfinite(shot.x_s[order])]
+        z = np.interp(x, shot.x_s[good], shot.z_s[good])
         rows.append(",".join(f"{v:.0f}" for v in sign * 1e5 * (z - 0.24)))
     file = folder / "heights.csv"
     file.write_text("# from the shop\n" + "\n".join(rows) + "\n", encoding="utf-8")
@@ -79,3 +80,22 @@ def test_a_picture_shows_the_fitted_sides_on_their_points() -> None:
         # Every drawn point has a measured one near: columns are at most half a millimetre apart.
         off = np.linalg.norm(side[:, None] - points, axis=2).min(axis=1)
         assert np.median(off) < 0.5 * MM
+
+
+def test_the_corners_of_a_butt_joint_have_standard_deviations(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    points = np.array([(-30, 230), (-8, 230), (-1, 242), (1, 242), (8, 230), (30, 230)]) * MM
+    profile = seen([points], NOISE)
+    file = tmp_path / "profile.csv"
+    rows = 1e3 * np.column_stack((profile.x_s, profile.z_s))
+    np.savetxt(file, rows, delimiter=",", header="x_mm,z_mm", comments="")
+    assert tjscan("groove", file, "--model", "butt-v", "--json") == 0
+    (reading,) = json.loads(capsys.readouterr().out)["readings"]
+    assert reading["model"] == "butt-v"
+    off = np.array(reading["points_mm"]).ravel() - 1e3 * points[4:0:-1].ravel()
+    sigmas = np.array(reading["corner_sigma_mm"])
+    assert (np.abs(off) < 4 * sigmas).all()
+    assert (sigmas < 0.3).all()
+    assert tjscan("groove", file, "--model", "butt-v") == 0
+    assert capsys.readouterr().out.count("±") == 4

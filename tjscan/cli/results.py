@@ -71,7 +71,7 @@ class GrooveReadingOptions:
     minimum_points
         Fewest points of a profile that are worth a search; 80.
     largest_sigma_mm
-        Largest standard deviation of a corner that is still accepted; 0.4.
+        Largest standard deviation of a corner that is still accepted; 0.6.
     largest_rms_mm
         Largest deviation of the points from the fitted sides; 0.15.
     inlier_share

@@ -89,7 +89,8 @@ def fit_groove(profile: Profile, settings: GrooveSettings = DEFAULT_SETTINGS) ->
     variances = np.diag(covariance)[:-2].reshape(-1, 2).max(axis=1)
     # What is not seen well has its uncertainty; one of the tops has to be known.
     _check_corner_uncertainty(row, float(variances[[0, -1]].min()), settings)
-    return replace(fit, fitted=replace(fit.fitted, corners=corners))
+    fitted = replace(fit.fitted, corners=corners)
+    return replace(fit, fitted=fitted, covariance=covariance + fit.other_readings)
 
 
 def order_points(profile: Profile, settings: GrooveSettings) -> OrderedProfilePoints:

@@ -356,6 +356,9 @@ class GrooveFit:
         corners and of its outer sides' angles.
     other_readings : float or ndarray, shape (2 k, 2 k)
         What other readings of the points add to it.
+    covariance : ndarray, shape (2 k, 2 k), optional
+        Of the corners' coordinates and of the angles of the first and the last side, all causes
+        together.
     probability : float
         That the groove has this form, not another one.
     evidence : SectionEvidence, optional
@@ -370,6 +373,7 @@ class GrooveFit:
     objection: str | None = None
     steel_covariance: Array | float = 0.0
     other_readings: Array | float = 0.0
+    covariance: Array | None = None
     probability: float = nan
     evidence: SectionEvidence | None = None
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from math import nan
 from typing import Any, Final
 
 import numpy as np
@@ -32,6 +33,10 @@ class ProfileReading:
         The profile.
     points_s : ndarray, shape (k, 3)
         Corners in frame s, metres; with the ends for a tee; empty if refused.
+    corner_sigmas : ndarray, shape (m, 2)
+        Standard deviations of x and z of the corners, without a tee's ends, metres.
+    model, model_probability : str, float
+        The form of groove that explains the points best, and its probability.
     section : GrooveSection or None
         The section of a tee.
     refusal : GrooveNotFound or None
@@ -41,6 +46,9 @@ class ProfileReading:
     name: str
     profile: Profile
     points_s: Array
+    corner_sigmas: Array = field(default_factory=lambda: np.empty((0, 2)))
+    model: str = ""
+    model_probability: float = nan
     section: GrooveSection | None = None
     refusal: GrooveNotFound | None = None
 
@@ -74,11 +82,17 @@ def measure_grooves(
     for name, profile in profiles.items():
         try:
             if settings.model is TEE_GROOVE:
-                section = read_groove(profile, settings)
-                yield ProfileReading(name, profile, section.points_s, section)
+                section: GrooveSection | None = read_groove(profile, settings)
+                assert section is not None
+                points, covariance = section.points_s, section.covariance_s
+                form = section.model, section.model_probability
             else:
-                corners = fit_groove(profile, settings).fitted.corners
-                yield ProfileReading(name, profile, np.insert(corners, 1, 0.0, axis=1))
+                section, fit = None, fit_groove(profile, settings)
+                points = np.insert(fit.fitted.corners, 1, 0.0, axis=1)
+                covariance = np.asarray(fit.covariance)[:-2, :-2]
+                form = fit.model.name, fit.probability
+            sigmas = np.sqrt(np.diag(covariance)).reshape(-1, 2)
+            yield ProfileReading(name, profile, points, sigmas, *form, section)
         except GrooveNotFound as refusal:
             yield ProfileReading(name, profile, np.empty((0, 3)), refusal=refusal)
 
@@ -123,13 +137,13 @@ def reading_to_dict(reading: ProfileReading) -> dict[str, Any]:
     if reading.refusal is not None:
         return fields | {"reason": reading.refusal.reason, "detail": reading.refusal.detail}
     fields["points_mm"] = (1e3 * reading.points_s[:, [0, 2]]).round(5).tolist()
+    fields["corner_sigma_mm"] = (1e3 * reading.corner_sigmas.ravel()).round(5).tolist()
+    fields["model"] = reading.model
+    fields["model_probability"] = reading.model_probability
     if (section := reading.section) is not None:
-        fields["corner_sigma_mm"] = (1e3 * np.sqrt(np.diag(section.covariance_s))).round(5).tolist()
         fields |= {name: [value, sigma] for name, value, sigma in measures_with_sigmas(section)}
         fields["work_angle_deg"] = float(np.degrees(section.work_angle))
         fields["rms_mm"] = 1e3 * section.rms
-        fields["model"] = section.model
-        fields["model_probability"] = section.model_probability
         fields["conditions"] = list(section.conditions)
         fields["absent_corners"] = list(section.absent)
         if np.isfinite(section.root_opening):
@@ -147,7 +161,7 @@ def measures_with_sigmas(section: GrooveSection) -> list[tuple[str, float, float
     """
     rows = []
     sigmas = np.sqrt(np.diag(section.measure_covariance))
-    for field, sigma in zip(MEASURE_FIELDS, sigmas, strict=True):
-        value, factor = getattr(section, field.name), field.unit.factor
-        rows.append((field.column_names()[0], float(value / factor), float(sigma / factor)))
+    for measure, sigma in zip(MEASURE_FIELDS, sigmas, strict=True):
+        value, factor = getattr(section, measure.name), measure.unit.factor
+        rows.append((measure.column_names()[0], float(value / factor), float(sigma / factor)))
     return rows

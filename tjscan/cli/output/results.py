@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from itertools import islice
 from json import dumps
+from math import hypot
 from pathlib import Path
 from typing import Final
 
@@ -82,10 +83,14 @@ def _measure_cells(reading: ProfileReading) -> dict[str, str]:
 
 
 def _corner_cells(reading: ProfileReading) -> dict[str, str]:
+    """Each corner with the standard deviation of x and z together; a tee's ends have none."""
+    ends = (len(reading.points_s) - len(reading.corner_sigmas)) // 2
+    sigmas = ["" for _ in range(ends)]
+    sigmas = [*sigmas, *(f" ± {1e3 * hypot(*one):.3f}" for one in reading.corner_sigmas), *sigmas]
     return {
-        f"p{i}_x_z_mm": f"{x:.3f} {z:.3f}" if seen else "not seen"
-        for i, (seen, (x, _, z)) in enumerate(
-            zip(reading.corners_seen, 1e3 * reading.points_s, strict=True), start=1
+        f"p{i}_x_z_mm": f"{x:.3f} {z:.3f}{sigma}" if seen else "not seen"
+        for i, (seen, (x, _, z), sigma) in enumerate(
+            zip(reading.corners_seen, 1e3 * reading.points_s, sigmas, strict=True), start=1
         )
     }
 

@@ -163,7 +163,7 @@ def write_scan_results(
     summary = summarise_scan(result, plan, frame, error, calibration, uncertainty)
     middle = result.sections[len(result.sections) // 2]
     groove, view = middle.groove, middle.view
-    example = ProfileReading(f"section {view.index}", view.profile, groove.points_s, groove)
+    example = ProfileReading(f"section {view.index}", view.profile, groove.points_s, section=groove)
     picture = draw_groove_overview(
         sections,
         points,
