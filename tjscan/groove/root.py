@@ -82,7 +82,7 @@ FARTHEST_ROOT_DISTANCE: Final = 20e-3
 FACE_HEIGHT_SAMPLES: Final = 21
 """Points by which a face's height over its chord is found."""
 
-AREA_SIGMA_SHARE: Final = 0.1
+HOLLOW_SIGMA_SHARE: Final = 0.1
 """Standard deviation of the area between a face and its chord, as a share of it: no bead is a
 parabola."""
 
@@ -154,7 +154,7 @@ def _section_with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
     index = [v for c in chosen for v in (2 * c, 2 * c + 1)] + [2 * last + 2, 2 * last + 3]
     root = fitted.curves[-2]
     start, end = fitted.places[last - 1][1], fitted.places[last][0]
-    bow, chord = _height_over_chord(root, start, end)
+    bow, chord, hollow = _face_over_chord(root, start, end)
     spread = covariance[np.ix_(index, index)]
     spread[2:6, 2:6] += _covariance_if_face_is_reflection(fit)
     conditions: tuple[str, ...] = ()
@@ -172,21 +172,16 @@ def _section_with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
         conditions = (WELD_IN_ROOT,)
     places = fitted.places[0][0], fitted.places[-1][1]
     section = _section_with_corners(fit, fitted.corners[chosen], spread, places)
-    section = replace(section, conditions=conditions, absent=absent)
-    return _with_area_over_face(section, fit)
-
-
-def _with_area_over_face(section: GrooveSection, fit: GrooveFit) -> GrooveSection:
-    """The section with the area over its face, which bulges or sags, not over the face's chord."""
-    fitted, face = fit.fitted, len(fit.fitted.curves) - 2
-    curve, (start, end) = fitted.curves[face], (fitted.places[face - 1][1], fitted.places[face][0])
-    s = np.linspace(start, end, FACE_HEIGHT_SAMPLES)
-    points = np.array([curve.point_on_curve(at) for at in s.tolist()])
-    x, z = (points - points[0]).T
-    hollow = 0.5 * float(x[:-1] @ z[1:] - z[:-1] @ x[1:])  # behind the chord
+    # The area is that over the face, which bulges or sags, not that over its chord.
     measure_covariance = section.measure_covariance.copy()
-    measure_covariance[3, 3] += (AREA_SIGMA_SHARE * hollow) ** 2
-    return replace(section, area=section.area + hollow, measure_covariance=measure_covariance)
+    measure_covariance[3, 3] += (HOLLOW_SIGMA_SHARE * hollow) ** 2
+    return replace(
+        section,
+        conditions=conditions,
+        absent=absent,
+        area=section.area + hollow,
+        measure_covariance=measure_covariance,
+    )
 
 
 def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
@@ -251,15 +246,16 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
     return found
 
 
-def _height_over_chord(root: CubicCurve, start: float, end: float) -> tuple[float, float]:
-    """Height of a face over its chord, towards the sensor, and length of the chord."""
+def _face_over_chord(root: CubicCurve, start: float, end: float) -> tuple[float, float, float]:
+    """Height of a face over its chord, towards the sensor, the chord, and the area behind it."""
     points = np.array(
         [root.point_on_curve(float(s)) for s in np.linspace(start, end, FACE_HEIGHT_SAMPLES)]
     )
     along = points[-1] - points[0]
     chord = hypot(*along.tolist())
     away = (points - points[0]) @ np.array((along[1], -along[0])) / max(chord, 1e-9)
-    return float(-away[np.abs(away).argmax()]), chord
+    hollow = float(away.sum()) * chord / (FACE_HEIGHT_SAMPLES - 1)
+    return float(-away[np.abs(away).argmax()]), chord, hollow
 
 
 def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSection:
