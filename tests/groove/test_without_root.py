@@ -7,7 +7,7 @@ from grooves import MM, Groove, Noise, draw
 
 from tjscan.groove.alternatives import bound_cost_of_removing_root
 from tjscan.groove.read import order_points
-from tjscan.groove.search import DETACHED_COST, MOST_REFIT_GAIN, SIDE_COST, find_best_fit
+from tjscan.groove.search import MOST_REFIT_GAIN, SIDE_COST, UNREACHED_CORNER_COST, find_best_fit
 from tjscan.groove.settings import DEFAULT_SETTINGS, TEE_GROOVE, TEE_NO_ROOT
 
 ALONE = replace(TEE_GROOVE, alternatives=())
@@ -23,7 +23,7 @@ def test_a_search_finds_nothing_below_the_bound(ghosts: float, seed: int) -> Non
     with_root = find_best_fit(row, replace(DEFAULT_SETTINGS, model=ALONE))
     without = find_best_fit(row, replace(DEFAULT_SETTINGS, model=TEE_NO_ROOT))
     bound = bound_cost_of_removing_root(row, with_root.fitted, DEFAULT_SETTINGS.support_tolerance)
-    least = bound - SIDE_COST - CORNER_SIDES * DETACHED_COST - MOST_REFIT_GAIN
+    least = bound - SIDE_COST - CORNER_SIDES * UNREACHED_CORNER_COST - MOST_REFIT_GAIN
     assert without.cost - with_root.cost > least
 
 

@@ -35,13 +35,13 @@ BEAD_POINT_SHARES: Final = np.array(
 FEWEST_BEAD_POINTS: Final = 6
 """Points between the neighbours that are worth a parabola."""
 
-FEWEST_FACE_RUN: Final = 4
+FEWEST_POINTS_OF_FACE: Final = 4
 """Points that show where a face goes which begins at bevel or leg."""
 
-LEAST_BEAD_GAIN: Final = 3.0
+LEAST_GAIN_OF_PARABOLA: Final = 3.0
 """By how many points a parabola must explain more than a straight face."""
 
-TOLERANCE_GROWTH_COST: Final = 0.3
+WIDER_TOLERANCE_COST: Final = 0.3
 """What each point costs a face that reaches farther, times the logarithm of how much farther."""
 
 KNEE_POINT_SHARES: Final = np.array(
@@ -49,14 +49,14 @@ KNEE_POINT_SHARES: Final = np.array(
 )
 """Where, as shares of the side's points, the three points of a proposed pair of lines lie."""
 
-KNEE_POINT_DISTANCE: Final = 2.0e-3
+FARTHEST_KNEE_POINT: Final = 2.0e-3
 """Farther from the side a point proposes nothing, in metres."""
 
 FEWEST_DIVIDED_POINTS: Final = 12
 """Points of a side that is worth dividing."""
 
 
-def fit_bead(
+def fit_parabola_to_bead(
     row: OrderedProfilePoints,
     runs: PointRuns,
     line: Polyline,
@@ -89,7 +89,9 @@ def fit_bead(
     pays = np.minimum((straight.signed_distances(points) / tolerance) ** 2, 1)
     own = runs.within(a, b)
     flat = float(own.total_cost(pays))
-    curve = _cheapest_parabola(points, own, (before, after), tolerance, flat - LEAST_BEAD_GAIN)
+    curve = _cheapest_parabola(
+        points, own, (before, after), tolerance, flat - LEAST_GAIN_OF_PARABOLA
+    )
     if curve is None:
         return line
     sides = (*line.sides[:k], curve, *line.sides[k + 1 :])
@@ -142,7 +144,7 @@ def add_faces_along_neighbours(
         (a, min(runs.bounds_of_run(max(a - 1, 0))[1], b)),
         (max(runs.bounds_of_run(min(b, len(row.points) - 1))[0], a), b),
     ):
-        if end - start < FEWEST_FACE_RUN:
+        if end - start < FEWEST_POINTS_OF_FACE:
             continue
         points = row.points[start:end]
         middle = points.mean(axis=0)
@@ -223,7 +225,7 @@ def _cheapest_parabola(
     # A face that rises high is no parabola.
     reach = np.maximum(tolerance, FACE_BLUNTNESS * np.abs(coefficients[:, 2]) * length**2 / 4)
     cost = runs.total_cost(np.minimum((away / reach[:, None]) ** 2, 1)) + 1e9 * steep
-    cost += TOLERANCE_GROWTH_COST * len(points) * np.log(reach / tolerance)
+    cost += WIDER_TOLERANCE_COST * len(points) * np.log(reach / tolerance)
     best = int(cost.argmin())
     if cost[best] > most:
         return None
@@ -257,7 +259,7 @@ def divide_side_at_knee(
     """
     own = fitted.spans[k]
     points, residuals = row.points[own], fitted.residuals[own]
-    near = np.flatnonzero(np.abs(residuals) < KNEE_POINT_DISTANCE)
+    near = np.flatnonzero(np.abs(residuals) < FARTHEST_KNEE_POINT)
     if len(near) < FEWEST_DIVIDED_POINTS:
         return None
     side = fitted.curves[k]

@@ -31,13 +31,13 @@ from tjscan.groove.sides import (
 LINE_PAIR_LAGS: Final = (2, 4, 7, 12, 20, 35, 60, 110)
 """How many points apart the pairs are that propose a line."""
 
-GAP_COST: Final = 0.15
+STRETCH_OUTLIER_COST: Final = 0.15
 """What a point costs the stretch it lies in, in points, unless the line explains it."""
 
 STRETCH_BLOCK_POINTS: Final = 6
 """Points between the ends that a stretch may have."""
 
-SUPPORT_GAIN: Final = 0.2
+LEAST_SUPPORT_GAIN: Final = 0.2
 """Gain from which a line counts as explaining a point."""
 
 OUTER_MARGIN_POINTS: Final = 10
@@ -49,7 +49,7 @@ FEWEST_INNER_POINTS: Final = 4
 LEAST_SUPPORT_SHARE: Final = 0.12
 """Share of an inner side's points that must support it."""
 
-DISTINCT_DISTANCE: Final = 1e-3
+LEAST_DISTANCE_OF_RIVALS: Final = 1e-3
 """Chains that differ less than this at every corner are the same one, in metres."""
 
 MOST_HYPOTHESES_REFINED: Final = 3
@@ -61,7 +61,7 @@ MOST_HYPOTHESES_COMPARED: Final = 150
 RIVAL_COST_MARGIN: Final = 12.0
 """By how many outliers a hypothesis may be dearer than the cheapest and still be looked at."""
 
-NEAREST_RANGE: Final = 0.02
+LEAST_SENSOR_RANGE: Final = 0.02
 """Least distance of anything from the sensor, in metres."""
 
 CORNER_DISTANCE_BEYOND_POINTS: Final = 30e-3
@@ -169,7 +169,7 @@ def best_hypotheses(
     lines, distances = _propose_lines(region.points, scaled, tolerance, budget.proposals)
     if not len(lines):
         return []
-    paid, support = _running_sums(scaled)
+    paid, support = _running_costs_and_support(scaled)
     nowhere = np.zeros((1, 2))
     first, last = (
         _LineCosts(nowhere, nowhere, paid[k : k + 1], support[k : k + 1]) for k in (0, 1)
@@ -178,7 +178,7 @@ def best_hypotheses(
     gains = distances * distances
     np.subtract(1, gains, out=gains)
     np.maximum(gains, 0, out=gains)
-    gains -= np.float32(GAP_COST)
+    gains -= np.float32(STRETCH_OUTLIER_COST)
     proposed = _ProposedLines(lines, distances, gains)
     layers = [first]
     for k in range(inner):
@@ -197,7 +197,7 @@ def _point_costs(scaled: Array) -> Array:
     return np.minimum(scaled * scaled, 1)
 
 
-def _running_sums(scaled: Array) -> tuple[Array, Array]:
+def _running_costs_and_support(scaled: Array) -> tuple[Array, Array]:
     """Running sums of costs and of support, shape (m, n) to (m, n + 1)."""
     m, n = scaled.shape
     cost = np.minimum(scaled * scaled, 1)
@@ -262,13 +262,13 @@ def _select_inner_lines(
         corner = np.where(keep[:, None], corner, 1.0)
         bounds[i] = np.searchsorted(region.tangents, bearing_tangents(corner))
         end = corner + (longest if following else -longest) * lines[:, 2:]
-        end[:, 1] = np.maximum(end[:, 1], NEAREST_RANGE)
+        end[:, 1] = np.maximum(end[:, 1], LEAST_SENSOR_RANGE)
         bounds[1 - i] = np.searchsorted(region.tangents, bearing_tangents(end))
     which = np.flatnonzero(keep)
     if not len(which):
         return _LineCosts(lines[:0, :2], lines[:0, 2:], np.zeros((0, 1)), np.zeros((0, 1)))
     if neighbours == (None, None):
-        gains = proposed.gains[which] + np.float32(GAP_COST)
+        gains = proposed.gains[which] + np.float32(STRETCH_OUTLIER_COST)
         best = which[_select_greedily(gains, most)]
     else:
         index = np.arange(n)
@@ -277,7 +277,10 @@ def _select_inner_lines(
         best = which[_select_by_best_stretch(gain, most, backward=neighbours[0] is None)]
     ends = [None if m is None else (m[0][best], m[1][best]) for m in met]
     return _LineCosts(
-        lines[best, :2], lines[best, 2:], *_running_sums(proposed.distances[best]), *ends
+        lines[best, :2],
+        lines[best, 2:],
+        *_running_costs_and_support(proposed.distances[best]),
+        *ends,
     )
 
 
@@ -291,7 +294,7 @@ def _select_by_best_stretch(gain: Array, most: int, *, backward: bool) -> Index:
     order = np.argsort(-score, kind="stable")
     order = order[: max(np.count_nonzero(score > 0), 1)]
     # Of the lines that explain a point the best one claims it.
-    claims = gain[order] > SUPPORT_GAIN - GAP_COST
+    claims = gain[order] > LEAST_SUPPORT_GAIN - STRETCH_OUTLIER_COST
     winners = np.zeros(len(order), dtype=np.bool_)
     winners[claims.argmax(axis=0)[claims.any(axis=0)]] = True
     winners &= score[order] > 0
@@ -303,7 +306,7 @@ def _select_greedily(gain: Array, most: int) -> Index:
     gain, found = gain.copy(), []
     for _ in range(most):
         best = int(gain.sum(axis=1).argmax())
-        explained = gain[best] > SUPPORT_GAIN
+        explained = gain[best] > LEAST_SUPPORT_GAIN
         if np.count_nonzero(explained) < FEWEST_INNER_POINTS:
             break
         found.append(best)
@@ -346,7 +349,7 @@ def _find_cheapest_chains(
         joints.append(_pair_neighbours(a, b, corner, turned, bounds, region.tangents, box))
     value, choices = joints[0].pay, []
     for k in range(1, len(joints)):
-        between = _fits_between_neighbours(joints[k - 1], joints[k], model.sides[k])
+        between = _lines_fit_between_neighbours(joints[k - 1], joints[k], model.sides[k])
         total = np.where(between, value[:, :, None], np.inf) + joints[k].pay[None]
         if k < len(joints) - 1:
             choices.append(total.argmin(axis=0))
@@ -366,7 +369,7 @@ def _find_cheapest_chains(
         corners = np.array(
             [j.corner[hypothesis[i], hypothesis[i + 1]] for i, j in enumerate(joints)]
         )
-        if all(np.abs(corners - c.corners).max() > DISTINCT_DISTANCE for c in found):
+        if all(np.abs(corners - c.corners).max() > LEAST_DISTANCE_OF_RIVALS for c in found):
             inner = [
                 _line_as_curve(layers[k], hypothesis[k]) for k in range(1, len(hypothesis) - 1)
             ]
@@ -436,7 +439,7 @@ def _pair_neighbours(
     return _NeighbourPairs(corner, place, pay, a.support[i, place], b.support[j, place])
 
 
-def _fits_between_neighbours(
+def _lines_fit_between_neighbours(
     before: _NeighbourPairs, after: _NeighbourPairs, side: SideModel
 ) -> NDArray[np.bool_]:
     """Whether a line can be between two neighbours, shape (m1, m2, m3)."""

@@ -33,13 +33,13 @@ TRIED_NOTCH_PULLS: Final = 1e-3 * np.array(
 TRIED_PULL_REACHES: Final = 1e-3 * np.array((3.0, 4.0, 5.0))
 """How far a notch may be pulled in, and how far up its flanks that may be seen, in metres."""
 
-STEEPEST_PULL: Final = 0.5
+LARGEST_PULL_OVER_REACH: Final = 0.5
 """A pull is smooth: it is no greater than this share of its reach."""
 
 PULL_PRIOR_ODDS: Final = 0.1
 """Odds that a notch is pulled in, before its points are looked at."""
 
-PULL_SHAPE_SPREAD: Final = 0.05
+PULL_SHAPE_SIGMA: Final = 0.05
 """A pull may differ from a raised cosine by this share, one standard deviation."""
 
 NOTCH_REGION_LENGTH: Final = 8e-3
@@ -83,7 +83,7 @@ class NotchPull:
 
 NO_PULL: Final = NotchPull(0.0, np.zeros(2), np.zeros(2))
 
-_PULL_IS_SMOOTH: Final = TRIED_NOTCH_PULLS[:, None] <= STEEPEST_PULL * TRIED_PULL_REACHES
+_PULL_IS_SMOOTH: Final = TRIED_NOTCH_PULLS[:, None] <= LARGEST_PULL_OVER_REACH * TRIED_PULL_REACHES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -232,7 +232,7 @@ def _pull_costs(
     for flank, met, on in zip(flanks, corners, (before, after), strict=True):
         share = (met[:, None] - flank.inward)[:, None] / TRIED_PULL_REACHES[:, None]
         pull = TRIED_NOTCH_PULLS[:, None, None] * (0.5 + 0.5 * np.cos(np.pi * np.minimum(share, 1)))
-        fuzzy = (PULL_SHAPE_SPREAD * OUTLIER_SIGMAS / flank.limit * pull) ** 2
+        fuzzy = (PULL_SHAPE_SIGMA * OUTLIER_SIGMAS / flank.limit * pull) ** 2
         away = ((flank.behind + flank.square * pull) / flank.limit) ** 2
         pays = np.minimum(away / (1 + fuzzy), 1) + np.log1p(fuzzy) / OUTLIER_SIGMAS**2
         total = total + (pays * on[:, None]).sum(axis=2)

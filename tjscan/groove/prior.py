@@ -30,10 +30,10 @@ SCALE_THICKNESSES: Final = readonly_copy(np.concatenate(([0.0], np.arange(4, 21,
 NO_SCALE_PROBABILITY: Final = 0.5
 """Probability that there is no scale, or no pull: as likely as not."""
 
-USUAL_PULL: Final = 0.5e-3
+TYPICAL_NOTCH_PULL: Final = 0.5e-3
 """About how far a notch is pulled in, in metres, if it is."""
 
-LENGTH_WITH_LIKE_SCALE: Final = 0.5
+SCALE_CORRELATION_LENGTH: Final = 0.5
 """Length of groove over which scale and the faces' gloss stay alike, in metres."""
 
 SCALE_PATCH_LENGTH: Final = 20e-3
@@ -46,10 +46,10 @@ from none at the crown to all of it at the saddle. Across the groove it changes 
 LEAST_BEND_SIGMA: Final = 0.15
 """Least standard deviation of a bend in 1/m: of 0.02 mm in 12 mm, which undulation makes too."""
 
-SECTIONS_WITH_FORMS: Final = 3
+SECTIONS_ASKED_FOR_FORM: Final = 3
 """Of so many sections before, one with another form is reason enough to look for it again."""
 
-STRAIGHT_BEND: Final = 1.0
+LARGEST_STRAIGHT_BEND: Final = 1.0
 """A side that bends by less, in 1/m, is most likely straight: how far others seemed to bend shows
 less of it than that."""
 
@@ -58,7 +58,7 @@ SCALE_CHANGE_PROBABILITY: Final = 0.1
 
 
 def _pull_log_prior() -> Array:
-    width = np.gradient(NOTCH_PULLS) * np.exp(-0.5 * (NOTCH_PULLS / USUAL_PULL) ** 2)
+    width = np.gradient(NOTCH_PULLS) * np.exp(-0.5 * (NOTCH_PULLS / TYPICAL_NOTCH_PULL) ** 2)
     share = (1 - NO_SCALE_PROBABILITY) * width / width[1:].sum()
     share[0] = NO_SCALE_PROBABILITY
     return readonly_copy(np.log(share))
@@ -135,7 +135,7 @@ class GroovePrior:
 
         Notes
         -----
-        Log-likelihoods add, fading over `LENGTH_WITH_LIKE_SCALE`. Of each bend the nearest good
+        Log-likelihoods add, fading over `SCALE_CORRELATION_LENGTH`. Of each bend the nearest good
         one is taken, for what it has changed since is common to all before.
         """
         prior = cls()
@@ -147,7 +147,7 @@ class GroovePrior:
             apart = (
                 SCALE_PATCH_LENGTH if k + 1 == len(sections) else max(away - further[k + 1], 0.0)
             )
-            weight = exp(-away / LENGTH_WITH_LIKE_SCALE) * min(apart / SCALE_PATCH_LENGTH, 1.0)
+            weight = exp(-away / SCALE_CORRELATION_LENGTH) * min(apart / SCALE_PATCH_LENGTH, 1.0)
             pulls += weight * one.log_pulls
             thicknesses += weight * one.log_thicknesses
         aways = np.array(further)[:, None]
@@ -160,7 +160,7 @@ class GroovePrior:
             sigmas[best, (0, 1)],
             _mix_with_base_probabilities(pulls, prior.log_pulls),
             _mix_with_base_probabilities(thicknesses, prior.log_thicknesses),
-            frozenset(one.form for one, _ in sections[-SECTIONS_WITH_FORMS:] if one.form),
+            frozenset(one.form for one, _ in sections[-SECTIONS_ASKED_FOR_FORM:] if one.form),
         )
 
     @property
@@ -177,7 +177,7 @@ class GroovePrior:
         """A groove's model, and its alternatives, with what is known of their form and bends."""
         sides = list(model.sides)
         for k, bend, sigma in zip((0, -1), self.bends, self.bend_sigmas, strict=True):
-            if sigma < sides[k].bend and sides[k].bend > STRAIGHT_BEND:
+            if sigma < sides[k].bend and sides[k].bend > LARGEST_STRAIGHT_BEND:
                 sides[k] = replace(
                     sides[k],
                     bend=float(sigma),

@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.reflections import HOLE_COLUMNS
+from tjscan.groove.reflections import LEAST_COLUMNS_OF_HOLE
 from tjscan.groove.settings import SideModel
 from tjscan.groove.sides import (
     FIXED_WEIGHT,
     LEAST_NOISE,
     OUTLIER_SIGMAS,
-    UNIT_LENGTH,
-    UNIT_POWERS,
+    SCALING_LENGTH,
+    SCALING_LENGTH_POWERS,
     CubicCurve,
     FittedProfile,
     Index,
@@ -42,13 +42,13 @@ LONGEST_LAG: Final = 24
 WIDEST_HALF_LAG: Final = LONGEST_LAG / 2 * 0.83
 """Largest lag of half the correlation: what stays correlated for longer is shape, not noise."""
 
-LARGEST_FIT_SHARE: Final = 0.6
+LARGEST_NOISE_SHARE_IN_FIT: Final = 0.6
 """No fit is thought to take out a greater share of the noise."""
 
 UNDULATION_BLOCK: Final = 10
 """Points over which residuals are averaged: undulation is longer, most noise is not."""
 
-FEWEST_BLOCKS: Final = 3
+FEWEST_UNDULATION_BLOCKS: Final = 3
 """Blocks that distinguish undulation from noise."""
 
 SIGNIFICANT_SIGMAS: Final = 3.0
@@ -64,7 +64,7 @@ _CORRELATION_LAG_POWERS: Final = np.array(
 GHOST_SIGMAS: Final = 0.7
 """Off the surface by more, in standard deviations, and next to a run of outliers: a ghost."""
 
-GHOST_RUN_POINTS: Final = 3
+FEWEST_POINTS_OF_GHOST: Final = 3
 """Outliers that make a run."""
 
 FEWEST_SIDE_POINTS: Final = 3
@@ -183,7 +183,7 @@ def noise_share_in_fit(parameters: ArrayLike, inflation: float, count: ArrayLike
         Number of points.
     """
     taken = np.asarray(parameters) * max(inflation, 1.0) / np.asarray(count)
-    return np.asarray(np.minimum(taken, LARGEST_FIT_SHARE))
+    return np.asarray(np.minimum(taken, LARGEST_NOISE_SHARE_IN_FIT))
 
 
 def correlated_normal_matrices(
@@ -257,7 +257,7 @@ def undulation_sigmas(fitted: FittedProfile) -> Array:
         side = fitted.spans[k]
         own = fitted.residuals[side][fitted.keep[side]]
         count = len(own) // block
-        if count < FEWEST_BLOCKS:
+        if count < FEWEST_UNDULATION_BLOCKS:
             continue
         start = (len(own) - count * block) // 2
         means = own[start : start + count * block].reshape(count, block).mean(axis=1)
@@ -303,7 +303,7 @@ def refine_fit(
     reach = np.ones(len(model))
     reach[[0, -1]] = OUTER_SIDE_REACH
     sigmas = np.full(len(model), tolerance / 4)
-    holes = np.flatnonzero(np.abs(np.diff(row.columns)) > HOLE_COLUMNS)
+    holes = np.flatnonzero(np.abs(np.diff(row.columns)) > LEAST_COLUMNS_OF_HOLE)
     fitted: FittedProfile | None = None
     noise: NoiseCorrelation | None = None
     straight: Array | None = None
@@ -420,7 +420,7 @@ def _fit_sides_once(
     if left_out is not None:
         keep &= ~left_out
 
-    u = s / UNIT_LENGTH
+    u = s / SCALING_LENGTH
     terms = np.empty((11, len(u)))
     terms[0] = keep
     for j in range(6):
@@ -439,12 +439,13 @@ def _fit_sides_once(
     residuals = d - (c0 + u * (c1 + u * (c2 + u * c3)))
     sigmas = _residual_sigmas(residuals, keep, edges, counts)
     fitted = tuple(
-        CubicCurve(*f[:4], *q) for f, q in zip(start.sides, (c / UNIT_POWERS).tolist(), strict=True)
+        CubicCurve(*f[:4], *q)
+        for f, q in zip(start.sides, (c / SCALING_LENGTH_POWERS).tolist(), strict=True)
     )
     met = corners_between_sides(fitted, start.corners)
     if met is None:
         return None
-    middles = tuple((UNIT_LENGTH * sums[1] / counts).tolist())
+    middles = tuple((SCALING_LENGTH * sums[1] / counts).tolist())
     weight, _ = prior
     return FittedProfile(
         fitted,
@@ -489,7 +490,7 @@ def _residual_sigmas(
 
 def _drop_points_beside_ghosts(scaled: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Drop points that lead over from the surface to a run of reflections beside it."""
-    if len(keep) - np.count_nonzero(keep) < GHOST_RUN_POINTS:
+    if len(keep) - np.count_nonzero(keep) < FEWEST_POINTS_OF_GHOST:
         return keep
     beside = (scaled > GHOST_SIGMAS).view(np.int8) - (scaled < -GHOST_SIGMAS).view(np.int8)
     starts = (beside[1:] != beside[:-1]).nonzero()[0] + 1
@@ -498,7 +499,7 @@ def _drop_points_beside_ghosts(scaled: Array, keep: NDArray[np.bool_]) -> NDArra
     # Outliers lie beside the surface themselves.
     edges = np.empty(len(starts) + 2, dtype=np.intp)
     edges[0], edges[1:-1], edges[-1] = 0, starts, len(keep)
-    surface = np.add.reduceat(~keep, edges[:-1], dtype=np.intp) < GHOST_RUN_POINTS
+    surface = np.add.reduceat(~keep, edges[:-1], dtype=np.intp) < FEWEST_POINTS_OF_GHOST
     return keep & surface.repeat(np.diff(edges))
 
 
@@ -537,7 +538,7 @@ def _log_odds_of_straight_sides(
     """Logarithm of the odds that each side is straight, not curved (Savage–Dickey ratio)."""
     spread = prior_shape_sigmas(model)
     keep = fitted.keep
-    u = fitted.along[keep] / UNIT_LENGTH
+    u = fitted.along[keep] / SCALING_LENGTH
     c0, c1, c2, c3 = fitted.inverse[:, 2].T.repeat(fitted.counts, axis=1)
     # What each point adds to the bend of its side.
     share = c0 + u * (c1 + u * (c2 + u * c3))
@@ -546,7 +547,7 @@ def _log_odds_of_straight_sides(
     variance = noise_variances(fitted) * sums[:, 0, 0]
     variance += ((fitted.inverse[:, 2, 2:] * doubt) ** 2).sum(axis=1)
     variance = np.maximum(variance, 1e-30)
-    bend = np.array([c.c2 for c in fitted.curves]) * UNIT_LENGTH**2
+    bend = np.array([c.c2 for c in fitted.curves]) * SCALING_LENGTH**2
     prior = np.maximum(spread[:, 0], 1e-15)
     odds = np.log(prior) - 0.5 * np.log(variance) - bend**2 / (2 * variance)
     known = np.array([side.expected_bend is not None for side in model])
@@ -555,11 +556,13 @@ def _log_odds_of_straight_sides(
 
 def prior_shape_sigmas(model: tuple[SideModel, ...]) -> Array:
     """Prior standard deviations of each side's bend and twist, shape (k, 2)."""
-    return np.array([[side.bend * UNIT_LENGTH**2, side.twist * UNIT_LENGTH**3] for side in model])
+    return np.array(
+        [[side.bend * SCALING_LENGTH**2, side.twist * SCALING_LENGTH**3] for side in model]
+    )
 
 
 def prior_shape_means(model: tuple[SideModel, ...]) -> Array:
     """Prior means of each side's coefficients, shape (k, 4): of its bend only."""
     means = np.zeros((len(model), 4))
-    means[:, 2] = [(side.expected_bend or 0.0) * UNIT_LENGTH**2 for side in model]
+    means[:, 2] = [(side.expected_bend or 0.0) * SCALING_LENGTH**2 for side in model]
     return means

@@ -32,7 +32,7 @@ JUMP_DISTANCE, JUMP_STEEPNESS = 0.5e-3, 1.5
 """Neighbouring points of one surface lie no farther apart than this, in metres, with this many
 times the distance of their neighbours."""
 
-HOLE_COLUMNS: Final = 6
+LEAST_COLUMNS_OF_HOLE: Final = 6
 """Columns without points after which nothing shows whether a surface goes on."""
 
 RUN_COST, POINT_COST = 3.0, 0.35
@@ -125,7 +125,7 @@ def find_runs(points: Array, columns: Index) -> PointRuns:
     apart = np.abs(np.diff(columns))
     each = np.concatenate((step[:1] / apart[:1], step / apart, step[-1:] / apart[-1:]))
     usual = np.minimum(each[:-2], each[2:])
-    hole = apart > HOLE_COLUMNS
+    hole = apart > LEAST_COLUMNS_OF_HOLE
     jump = ~hole & (step > JUMP_DISTANCE + JUMP_STEEPNESS * usual * apart)
     ends = np.flatnonzero(jump | hole) + 1
     first = np.concatenate(([0], ends))

@@ -43,7 +43,7 @@ TACK_RATIO, TACK_HEIGHT = 0.165, 1.45e-3
 """Height of a tack over its chord: a share of it, and metres. A pass that lies in a groove wets
 both faces and is lower; a root bead that bulges is smaller."""
 
-WELD_RATIO: Final = 0.06
+CONVEX_WELD_RATIO: Final = 0.06
 """Height over its chord, as a share of it, from which a face is that of convex weld metal."""
 
 LEAST_OPENING: Final = 0.8e-3
@@ -70,10 +70,10 @@ BURIED_DEPTH_IN_CHORDS: Final = 0.5
 LEAST_UNSEEN_SIGMA: Final = 0.5e-3
 """Least standard deviation, in metres along its side, of a corner that is not seen."""
 
-ANY_FORM_PROBABILITY: Final = 0.5
+PROBABILITY_OF_NO_FACE: Final = 0.5
 """Probability that a root which is not seen has no face: as likely as not."""
 
-NOTCH_REFLECTIONS: Final = 2.0
+REFLECTION_DENSITY_IN_NOTCH: Final = 2.0
 """By how much reflections are denser about a notch, where light finds many ways."""
 
 FARTHEST_ROOT_DISTANCE: Final = 20e-3
@@ -154,7 +154,7 @@ def _section_with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
     index = [v for c in chosen for v in (2 * c, 2 * c + 1)] + [2 * last + 2, 2 * last + 3]
     root = fitted.curves[-2]
     start, end = fitted.places[last - 1][1], fitted.places[last][0]
-    bow, chord, hollow = _face_over_chord(root, start, end)
+    bow, chord, hollow = _height_and_area_of_face(root, start, end)
     spread = covariance[np.ix_(index, index)]
     spread[2:6, 2:6] += _covariance_if_face_is_reflection(fit)
     conditions: tuple[str, ...] = ()
@@ -168,7 +168,7 @@ def _section_with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
             spread[k : k + 2, k : k + 2] += _covariance_along_side(
                 curve, s, BURIED_DEPTH_IN_CHORDS * chord, 0.0
             )
-    elif bow > WELD_RATIO * chord:
+    elif bow > CONVEX_WELD_RATIO * chord:
         conditions = (WELD_IN_ROOT,)
     places = fitted.places[0][0], fitted.places[-1][1]
     section = _section_with_corners(fit, fitted.corners[chosen], spread, places)
@@ -232,7 +232,7 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
                 jumping=SHARE_ENDING_AT_SURFACE if meets[k // 2] else 1.0,
             )
         else:
-            probability = NOTCH_REFLECTIONS * reflection_probability(fitted)
+            probability = REFLECTION_DENSITY_IN_NOTCH * reflection_probability(fitted)
         place = fitted.places[-2][0] if k == 0 else fitted.places[-1][1]
         near = float(-gaps[0, 0] if k == 0 else gaps[1, 1])
         far = near + (FARTHEST_ROOT_DISTANCE if k == 0 else -FARTHEST_ROOT_DISTANCE)
@@ -246,7 +246,9 @@ def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:
     return found
 
 
-def _face_over_chord(root: CubicCurve, start: float, end: float) -> tuple[float, float, float]:
+def _height_and_area_of_face(
+    root: CubicCurve, start: float, end: float
+) -> tuple[float, float, float]:
     """Height of a face over its chord, towards the sensor, the chord, and the area behind it."""
     points = np.array(
         [root.point_on_curve(float(s)) for s in np.linspace(start, end, FACE_HEIGHT_SAMPLES)]
@@ -319,7 +321,7 @@ def _section_without_face(fit: GrooveFit, covariance: Array, tolerance: float) -
         section,
         conditions=(ROOT_NOT_SEEN,),
         absent=("p3", "p4"),
-        model_probability=fit.probability * ANY_FORM_PROBABILITY,
+        model_probability=fit.probability * PROBABILITY_OF_NO_FACE,
     )
 
 

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.alternatives import (
-    TOLERANCE_GROWTH_COST,
+    WIDER_TOLERANCE_COST,
     add_faces_along_neighbours,
     add_root_arc,
     bound_cost_of_removing_root,
     divide_side_at_knee,
-    fit_bead,
+    fit_parabola_to_bead,
     remove_root_face,
 )
 from tjscan.groove.hypotheses import (
@@ -64,7 +64,7 @@ came of it, is not refined again."""
 TURN_SLACK: Final = radians(3)
 """How far the fitted turns may lie outside the model's."""
 
-STRAYED_SHARE: Final = 0.05
+STRAYED_SUPPORT_SHARE: Final = 0.05
 """A refined hypothesis that explains fewer points than before, by this share, has strayed."""
 
 SIDE_COST: Final = 5.0
@@ -90,7 +90,7 @@ CORNER_POINT_DISTANCE: Final = 1.5e-3
 FEWEST_AT_CORNER: Final = 2
 """Points of a side that show its corner."""
 
-DETACHED_COST: Final = 2.0
+UNREACHED_CORNER_COST: Final = 2.0
 """What a side whose points end before its corner costs, in outliers: reflections often do."""
 
 LEAST_SEEN_SHARE: Final = 0.25
@@ -123,13 +123,13 @@ def find_best_fit(row: OrderedProfilePoints, settings: GrooveSettings) -> Groove
         segments = find_segments(row.points, search.tolerance, budget)
         for forms in stages:
             for form in forms:
-                if len(form.sides) <= len(model.sides) and not search.rules_out(form):
+                if len(form.sides) <= len(model.sides) and not search.is_hopeless(form):
                     search.add(
                         form, _hypotheses_of_form(row, segments, form, search.tolerance, budget)
                     )
             every = forms is stages[-1]
             if every and others:
-                search.derive()
+                search.try_suggested_forms()
             sound = search.sound
             if not sound:
                 continue
@@ -170,13 +170,13 @@ class _FitSearch:
             model, *(one for one in likely if one.cost <= likely[0].cost + RIVAL_COST_MARGIN)
         )
 
-    def rules_out(self, form: GrooveModel) -> bool:
+    def is_hopeless(self, form: GrooveModel) -> bool:
         """Whether a form without the face at the root explains too little to be looked for."""
         sound = [fit for fit in self.sound if fit.model.has_root_bead]
         if not sound or form.has_root_bead:
             return False
         best = min(sound, key=lambda fit: fit.cost)
-        saved = SIDE_COST + DETACHED_COST * np.count_nonzero(~best.seen)
+        saved = SIDE_COST + UNREACHED_CORNER_COST * np.count_nonzero(~best.seen)
         loss = bound_cost_of_removing_root(self._row, best.fitted, self.tolerance)
         return bool(loss > saved + MOST_REFIT_GAIN)
 
@@ -185,7 +185,7 @@ class _FitSearch:
         off = np.abs(fit.fitted.residuals) > NEAR_SIDE_TOLERANCES * self.tolerance
         return bool(off.mean() < REFLECTED_SHARE)
 
-    def derive(self) -> None:
+    def try_suggested_forms(self) -> None:
         """Try what other forms the fits so far suggest."""
         model = self._settings.model
         while self._derived < len(self.found):
@@ -193,20 +193,20 @@ class _FitSearch:
             self._derived += 1
             as_fitted = Polyline(one.fitted.curves, one.fitted.corners, one.cost)
             if one.model.has_root_bead:
-                self._derive_faces(one, as_fitted)
+                self._try_other_faces(one, as_fitted)
             for form in (model, *model.alternatives):
                 if len(form.sides) == len(one.model.sides) + 1:
-                    self._derive_form(one, form, as_fitted)
+                    self._try_larger_form(one, form, as_fitted)
 
-    def _derive_faces(self, one: GrooveFit, as_fitted: Polyline) -> None:
+    def _try_other_faces(self, one: GrooveFit, as_fitted: Polyline) -> None:
         """Try other faces at the root of a fit with one."""
-        again = fit_bead(self._row, self._runs, as_fitted, one.model, self.tolerance)
+        again = fit_parabola_to_bead(self._row, self._runs, as_fitted, one.model, self.tolerance)
         if again is not as_fitted:
             self._refine(one.model, again)
         if not sides_that_meet(one.fitted)[-2:].any() and (bare := remove_root_face(as_fitted)):
-            self._attach(one.model, bare)
+            self._try_faces_along_neighbours(one.model, bare)
 
-    def _derive_form(self, one: GrooveFit, form: GrooveModel, as_fitted: Polyline) -> None:
+    def _try_larger_form(self, one: GrooveFit, form: GrooveModel, as_fitted: Polyline) -> None:
         """Try a form with one side more than a fit has: a face at the root, or a knee."""
         # Where bevel and leg end a bead may begin; a second facet is no root's face.
         if form.has_root_bead and (
@@ -215,7 +215,7 @@ class _FitSearch:
             or not sides_that_meet(one.fitted)[-1]
         ):
             self._refine(form, add_root_arc(self._row, self._runs, as_fitted, self.tolerance))
-            self._attach(form, as_fitted)
+            self._try_faces_along_neighbours(form, as_fitted)
         model = self._settings.model
         if one.model is model:
             k = next(k for k, side in enumerate(model.sides) if side != form.sides[k])
@@ -223,7 +223,7 @@ class _FitSearch:
                 form, divide_side_at_knee(self._row, one.fitted, k, self.tolerance, SIDE_COST)
             )
 
-    def _attach(self, form: GrooveModel, bare: Polyline) -> None:
+    def _try_faces_along_neighbours(self, form: GrooveModel, bare: Polyline) -> None:
         """Try faces at the root that go on from bevel or leg."""
         self._refine(form, *add_faces_along_neighbours(self._row, self._runs, bare, self.tolerance))
 
@@ -250,7 +250,7 @@ class _FitSearch:
         None if its sides fit no points together.
         """
         row, runs, tolerance = self._row, self._runs, self.tolerance
-        start = fit_bead(row, runs, start, model, tolerance)
+        start = fit_parabola_to_bead(row, runs, start, model, tolerance)
         best: FittedProfile | None = None
         least = np.inf
         for sides, annealed in ((model.sides, True), (model.sides, False), (None, False)):
@@ -264,13 +264,13 @@ class _FitSearch:
                 pays = _point_costs(fitted, model, tolerance)
                 if (total := float(pays.sum())) < least:
                     best, least, costs = fitted, total, pays
-            if least < start.cost + STRAYED_SHARE * len(row.points):
+            if least < start.cost + STRAYED_SUPPORT_SHARE * len(row.points):
                 break
         if best is None:
             return None
         seen = _points_beside_corners(best)
         cost = float(runs.total_cost(costs))
-        cost += SIDE_COST * len(model.sides) + DETACHED_COST * np.count_nonzero(~seen)
+        cost += SIDE_COST * len(model.sides) + UNREACHED_CORNER_COST * np.count_nonzero(~seen)
         return GrooveFit(row, model, best, cost, seen)
 
 
@@ -280,7 +280,7 @@ def _point_costs(fitted: FittedProfile, model: GrooveModel, tolerance: float) ->
     A side that may be rough explains its points less precisely, which costs them, too.
     """
     reach = np.array([max(side.roughness, tolerance) for side in model.sides])
-    less = TOLERANCE_GROWTH_COST * np.log(reach / tolerance)
+    less = WIDER_TOLERANCE_COST * np.log(reach / tolerance)
     reach, less = np.array((reach, less)).repeat(np.diff(fitted.edges), axis=1)
     scaled = fitted.residuals / reach
     return np.asarray(np.minimum(scaled * scaled + less, 1))

@@ -22,13 +22,13 @@ from tjscan.groove.sides import Index
 THINNED_POINT_COUNT: Final = 107
 """About how many points judge a window: noise is correlated over more than what is skipped."""
 
-CURVATURE_SPREAD: Final = 3.0
+CURVATURE_SIGMA: Final = 3.0
 """Standard deviation of a side's curvature coefficient, 1/m: pipes of a radius of 170 mm."""
 
 LEAST_SEGMENT_GAIN: Final = 1.0
 """What a segment has to add to those before it, in points of the thinned row."""
 
-WIDE_GAP: Final = 10
+DIVIDING_GAP_POINTS: Final = 10
 """Points without support that may divide a segment into two sides."""
 
 
@@ -110,10 +110,10 @@ def find_segments(points: Array, tolerance: float, budget: SearchBudget) -> Curv
     segments = _fit_windows(points, tolerance, budget.windows)
     if not len(segments):
         return segments
-    segments, gain = _find_best_stretches(segments, row, tolerance, budget.gap_cost)
+    segments, gain = _best_stretch_per_segment(segments, row, tolerance, budget.gap_cost)
     segments = _select_greedily(segments, gain, budget.kept)
     for _ in range(budget.refits):
-        segments, gain = _find_best_stretches(
+        segments, gain = _best_stretch_per_segment(
             _refit_parabolas(segments, row, tolerance), row, tolerance, budget.gap_cost
         )
     segments = _select_distinct(segments, gain, budget.kept)
@@ -134,7 +134,7 @@ def add_halves_at_gaps(segments: CurvedSegments, points: Array, tolerance: float
     for k in range(len(segments)):
         on = np.flatnonzero(good[k])
         gaps = np.diff(on)
-        if len(gaps) and gaps.max() > WIDE_GAP:
+        if len(gaps) and gaps.max() > DIVIDING_GAP_POINTS:
             cut = int(gaps.argmax()) + 1
             for half in (on[:cut], on[cut:]):
                 one = segments.select_segments(np.array([k]))
@@ -192,7 +192,7 @@ def _fit_windows(points: Array, tolerance: float, windows: tuple[int, ...]) -> C
     return CurvedSegments(centre, direction, np.zeros((m, 3)), nothing, nothing, np.zeros(m))
 
 
-def _find_best_stretches(
+def _best_stretch_per_segment(
     segments: CurvedSegments, row: Array, tolerance: float, gap_cost: float
 ) -> tuple[CurvedSegments, Array]:
     """Give each segment the stretch of the row of the highest total gain (Kadane's algorithm).
@@ -262,7 +262,7 @@ def _refit_parabolas(segments: CurvedSegments, row: Array, tolerance: float) -> 
     m = powers.sum(axis=2)
     b = (powers[:3] * d).sum(axis=2)
     # A pipe's side is nearly straight: a short stretch is taken for straight until it shows more.
-    prior = (tolerance / 2 / CURVATURE_SPREAD) ** 2
+    prior = (tolerance / 2 / CURVATURE_SIGMA) ** 2
     a = np.array(
         [[m[0] + 1e-9, m[1], m[2]], [m[1], m[2] + 1e-15, m[3]], [m[2], m[3], m[4] + prior]]
     )

@@ -31,7 +31,7 @@ from tjscan.groove.refinement import (
 )
 from tjscan.groove.settings import SideModel
 from tjscan.groove.sides import (
-    UNIT_POWERS,
+    SCALING_LENGTH_POWERS,
     FittedProfile,
     GrooveFit,
     OrderedProfilePoints,
@@ -42,7 +42,7 @@ from tjscan.groove.sides import (
 CORNER_NEIGHBOURHOOD: Final = 1.5e-3
 """Points this near a corner, in metres along their side, belong to its neighbourhood."""
 
-REFLECTION_OFFSET: Final = 2.0e-3
+LEAST_REFLECTION_OFFSET: Final = 2.0e-3
 """Farther from its side a point is a reflection, in metres."""
 
 FEWEST_BESIDE_CORNER: Final = 4
@@ -76,7 +76,7 @@ LEAVING_POINTS, LEAVING_STEP = 6, 0.25e-3
 """Points in a row that leave a side, and the most by which one lies farther off than the last, in
 metres."""
 
-RESIDUAL_JUMP: Final = 0.7e-3
+LARGEST_STEP_ON_SURFACE: Final = 0.7e-3
 """Neighbouring points of one surface lie no farther apart, square to it, in metres."""
 
 FACE_END_SHARE: Final = 0.1
@@ -223,7 +223,7 @@ def departures_beside_corners(fitted: FittedProfile, model: tuple[SideModel, ...
     found = np.zeros((len(fitted.corners), 2))
     chance = np.ones_like(found)
     edges = fitted.edges
-    near = np.abs(fitted.residuals) < REFLECTION_OFFSET
+    near = np.abs(fitted.residuals) < LEAST_REFLECTION_OFFSET
     for i, places in enumerate(fitted.places):
         for j, s in enumerate(places):
             a, b = edges[i + j], edges[i + j + 1]
@@ -268,7 +268,7 @@ def points_lead_away_from_side(fitted: FittedProfile, k: int) -> bool:
     starts, stops = true_stretches(~keep)
     for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
         run = residuals[a:b]
-        if b - a < LEAVING_POINTS or np.abs(run).max() > 1.5 * REFLECTION_OFFSET:
+        if b - a < LEAVING_POINTS or np.abs(run).max() > 1.5 * LEAST_REFLECTION_OFFSET:
             continue
         # Reflections grow out of corners; what leaves a side does so from its inside.
         ends = [(a - 1, run)] * (a > 0) + [(b, run[::-1])] * (b < len(keep))
@@ -288,7 +288,7 @@ def _has_jump(residuals: Array) -> bool:
     """Whether a row of residuals jumps, as reflections do, single points apart."""
     a, b, c = residuals[:-2], residuals[1:-1], residuals[2:]
     middle = np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c))
-    return bool(np.abs(np.diff(middle)).max(initial=0.0) > RESIDUAL_JUMP)
+    return bool(np.abs(np.diff(middle)).max(initial=0.0) > LARGEST_STEP_ON_SURFACE)
 
 
 def _errors_if_pulled_in(fitted: FittedProfile, k: int, pull: NotchPull) -> ShapeErrors:
@@ -379,7 +379,7 @@ def _coefficient_covariances(fit: GrooveFit) -> Array:
     fitted, sides = fit.fitted, fit.model.sides
     spread, expected = prior_shape_sigmas(sides), prior_shape_means(sides)
     keep = fitted.keep
-    u = fitted.along[keep] / UNIT_POWERS[1]
+    u = fitted.along[keep] / SCALING_LENGTH_POWERS[1]
     basis = np.empty((4, len(u)))
     basis[0], basis[1] = 1.0, u
     np.multiply(u, u, out=basis[2])
@@ -387,7 +387,7 @@ def _coefficient_covariances(fit: GrooveFit) -> Array:
     meat = correlated_normal_matrices(fitted.noise, basis, fitted.counts, fit.row.columns[keep])
     meat *= noise_variances(fitted)[:, None, None]
     bends = spread[:, 0] > 0
-    here = UNIT_POWERS * [(c.c0, c.c1, c.c2, c.c3) for c in fitted.curves]
+    here = SCALING_LENGTH_POWERS * [(c.c0, c.c1, c.c2, c.c3) for c in fitted.curves]
     total = _sandwich_covariance(fitted.inverse, meat, fitted.weight, spread)
     if fitted.straight is not None:
         other = prior_weights(
@@ -400,7 +400,7 @@ def _coefficient_covariances(fit: GrooveFit) -> Array:
         total *= 1 - share
         total += share * _sandwich_covariance(inverse, meat, other, spread)
         total += share * away[:, :, None] * away[:, None]
-    return np.asarray(total / (UNIT_POWERS[:, None] * UNIT_POWERS))
+    return np.asarray(total / (SCALING_LENGTH_POWERS[:, None] * SCALING_LENGTH_POWERS))
 
 
 def _sandwich_covariance(inverse: Array, meat: Array, weight: Array, spread: Array) -> Array:

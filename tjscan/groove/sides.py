@@ -26,13 +26,13 @@ OUTLIER_SIGMAS: Final = 3.3
 LEAST_NOISE: Final = 4e-6
 """Least standard deviation that a threshold rests on, in metres: shape, not noise."""
 
-UNIT_LENGTH: Final = 0.02
+SCALING_LENGTH: Final = 0.02
 """Metres: lengths along a side are of this order."""
 
 FIXED_WEIGHT: Final = 1e12
 """Weight of a coefficient that has to be zero."""
 
-UNIT_POWERS: Final = UNIT_LENGTH ** np.arange(4)
+SCALING_LENGTH_POWERS: Final = SCALING_LENGTH ** np.arange(4)
 """Metres per unit of s / 20 mm, to the powers of a side's coefficients."""
 
 SUPPORT_NEIGHBOURS: Final = 4

@@ -39,7 +39,7 @@ MISLEADING_FLANK_SHARE: Final = 0.02
 """Share of the profiles whose flanks the model of a pull does not describe: they show nothing."""
 
 
-SCALE_BLOCK: Final = 6
+POINTS_PER_SCALE_BLOCK: Final = 6
 """Points that are averaged."""
 
 FEWEST_BLOCKS_OF_SIDE: Final = 5
@@ -51,10 +51,10 @@ SURFACE_REACH: Final = 1.0e-3
 BLOCK_UNDULATION: Final = 0.02e-3
 """Standard deviation, in metres, of a block of points beyond noise: no surface is a parabola."""
 
-STEEPEST_STEEL: Final = 0.06
+STEEPEST_SLOPE_UNDER_SCALE: Final = 0.06
 """Slope against the fitted side that the steel under scale may have."""
 
-TRIED_BENDS: Final = np.linspace(-1.5, 1.5, 7)
+TRIED_BEND_SIGMAS: Final = np.linspace(-1.5, 1.5, 7)
 LARGEST_EXPECTED_BEND: Final = 1.0
 """Bends that are tried, in standard deviations about the expected one; and the largest one of
 these, in 1/m, with which a side is looked at."""
@@ -65,12 +65,12 @@ MOST_TRIED_LINES: Final = 80
 STRAY_BLOCK_COST: Final = 9.0
 """What a block costs that lies on neither level, in squared standard deviations."""
 
-COVERED_SHARE: Final = 0.35
-PATCH_WIDTH: Final = 12e-3
+SCALE_COVERED_SHARE: Final = 0.35
+SCALE_PATCH_WIDTH: Final = 12e-3
 """Share of a surface that scale covers, and about how wide its patches are, in metres:
 assumptions, after what tubes show that have lain in a yard."""
 
-BLOCK_WEIGHT: Final = 0.5
+BLOCK_EVIDENCE_WEIGHT: Final = 0.5
 """Weight of a block's evidence: neighbours undulate together."""
 
 MISTAKEN_LEVEL_SHARE: Final = 0.1
@@ -81,7 +81,7 @@ MOST_STEEL_ROUNDS: Final = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ScaledSide:
+class SideWithScale:
     """One side looked at as two levels of surface.
 
     Parameters
@@ -114,13 +114,13 @@ class ScaledSide:
     def log_likelihoods(self) -> Array:
         """Log-likelihood of each of `SCALE_THICKNESSES`, shape (n,)."""
         least = self.costs.min(axis=1)
-        return np.asarray(-0.5 * BLOCK_WEIGHT * (least - least[0]))
+        return np.asarray(-0.5 * BLOCK_EVIDENCE_WEIGHT * (least - least[0]))
 
     def height_variance(self, thickness: float, s: float) -> float:
         """Mean square by which other likely surfaces lie off the likeliest one at s, in m²."""
         cost = self.costs[int(np.abs(SCALE_THICKNESSES - thickness).argmin())]
         best = int(cost.argmin())
-        likely = np.exp(-0.5 * BLOCK_WEIGHT * (cost - cost[best]))
+        likely = np.exp(-0.5 * BLOCK_EVIDENCE_WEIGHT * (cost - cost[best]))
         away = (self.surfaces - self.surfaces[best]) @ np.array((1.0, s, s * s))
         return float(likely @ away**2 / likely.sum())
 
@@ -136,10 +136,10 @@ class ScaledSide:
             on_scale = (np.abs(off + thickness) < np.abs(off)) & (thickness > 0)
             raised = np.where(on_scale, self.heights + thickness, self.heights)
             used = np.abs(raised - surface @ basis) < OUTLIER_SIGMAS * self.sigma
-            if np.count_nonzero(used) < FEWEST_BLOCKS_OF_SIDE * SCALE_BLOCK:
+            if np.count_nonzero(used) < FEWEST_BLOCKS_OF_SIDE * POINTS_PER_SCALE_BLOCK:
                 break
             # A block's standard deviation is that of a mean: its points count as one.
-            weighted = basis[:, used] / (SCALE_BLOCK * self.sigma**2)
+            weighted = basis[:, used] / (POINTS_PER_SCALE_BLOCK * self.sigma**2)
             information, seen = weighted @ basis[:, used].T, weighted @ raised[used]
             surface = np.linalg.solve(information + known, seen + known @ expected)
         else:
@@ -174,7 +174,7 @@ class SteelSurface:
     bend_sigma: float
 
 
-def find_scaled_side(fit: GrooveFit, k: int, pulled: Array) -> ScaledSide | None:
+def find_side_with_scale(fit: GrooveFit, k: int, pulled: Array) -> SideWithScale | None:
     """Look at an outer side as two levels; None if it shows too little.
 
     Parameters
@@ -188,16 +188,16 @@ def find_scaled_side(fit: GrooveFit, k: int, pulled: Array) -> ScaledSide | None
     fitted, side = fit.fitted, fit.model.sides[k]
     own = fitted.spans[k]
     near = np.flatnonzero(np.abs(fitted.residuals[own]) < SURFACE_REACH)
-    count = len(near) // SCALE_BLOCK
+    count = len(near) // POINTS_PER_SCALE_BLOCK
     if count < FEWEST_BLOCKS_OF_SIDE:
         return None
     base = fitted.curves[k].rebased_at_tangent(fitted.middles[k])
     s, d = base.local_coordinates(fit.row.points[own])
     d = d + pulled[own] - base.c3 * s**3
-    blocks = near[: count * SCALE_BLOCK].reshape(count, SCALE_BLOCK)
+    blocks = near[: count * POINTS_PER_SCALE_BLOCK].reshape(count, POINTS_PER_SCALE_BLOCK)
     along, heights = s[blocks].mean(axis=1), np.median(d[blocks], axis=1)
     least = max(float(fitted.sigmas.min()), LEAST_NOISE)
-    correlated = min(fitted.noise.variance_inflation / SCALE_BLOCK, 1.0)
+    correlated = min(fitted.noise.variance_inflation / POINTS_PER_SCALE_BLOCK, 1.0)
     sigma = hypot(least * sqrt(correlated), BLOCK_UNDULATION)
     known = side.expected_bend is not None or side.bend < LARGEST_EXPECTED_BEND
     expected = (side.expected_bend or 0.0) if known else base.c2
@@ -205,11 +205,11 @@ def find_scaled_side(fit: GrooveFit, k: int, pulled: Array) -> ScaledSide | None
     i, j = np.triu_indices(count, max(2, count // 4))
     every = -(-len(i) // MOST_TRIED_LINES)
     i, j = i[::every], j[::every]
-    bends = expected + bend_sigma * TRIED_BENDS
+    bends = expected + bend_sigma * TRIED_BEND_SIGMAS
     flat = heights - bends[:, None] * along**2
     slope = (flat[:, j] - flat[:, i]) / (along[j] - along[i])
     level = flat[:, i] - slope * along[i]
-    usual = np.abs(slope) < STEEPEST_STEEL
+    usual = np.abs(slope) < STEEPEST_SLOPE_UNDER_SCALE
     which, line = usual.nonzero()
     if not len(which):
         return None
@@ -219,13 +219,13 @@ def find_scaled_side(fit: GrooveFit, k: int, pulled: Array) -> ScaledSide | None
     off = heights - surfaces @ np.stack((np.ones_like(along), along, along**2))
     costs = _scale_costs(off / sigma, SCALE_THICKNESSES / sigma, along)
     costs += ((surfaces[:, 2] - expected) / bend_sigma) ** 2
-    return ScaledSide(base, costs, surfaces, sigma, s, d, expected, bend_sigma)
+    return SideWithScale(base, costs, surfaces, sigma, s, d, expected, bend_sigma)
 
 
 def _scale_costs(off: Array, steps: Array, along: Array) -> Array:
     """What surfaces cost, shape (n, l), whose blocks, shape (l, b), lie so far behind them."""
     bare = off**2
-    pitch = abs(float(np.median(np.diff(along)))) / PATCH_WIDTH
+    pitch = abs(float(np.median(np.diff(along)))) / SCALE_PATCH_WIDTH
     rarely = max(-2 * log(pitch), 0.0)
     found = np.empty((len(steps), len(off)))
     found[0] = np.minimum(bare, STRAY_BLOCK_COST).sum(axis=1)
@@ -235,7 +235,9 @@ def _scale_costs(off: Array, steps: Array, along: Array) -> Array:
         pays = np.minimum(np.minimum(raised, bare), STRAY_BLOCK_COST)
         seen = pays < STRAY_BLOCK_COST
         change = (on_scale[:, 1:] != on_scale[:, :-1]) & seen[:, 1:] & seen[:, :-1]
-        begins = np.where((on_scale & seen)[:, 0], log(COVERED_SHARE), log(1 - COVERED_SHARE))
+        begins = np.where(
+            (on_scale & seen)[:, 0], log(SCALE_COVERED_SHARE), log(1 - SCALE_COVERED_SHARE)
+        )
         found[k] = pays.sum(axis=1) + rarely * change.sum(axis=1) - 2 * begins
     return found
 
@@ -270,12 +272,12 @@ def _fit_without_scale(
     expected_pull = float(np.exp(prior.log_pulls) @ NOTCH_PULLS) if prior and has_face else 0.0
     notch = fitted.corners[-2:] if has_face else fitted.corners[-1:]
     pulled = expected_pull * closeness_to_notch(row.points, notch)
-    scaled: dict[int, ScaledSide] = {}
+    scaled: dict[int, SideWithScale] = {}
     for k in (0, last):
         own = fitted.spans[k]
         square = np.zeros(len(row.points))
         square[own] = fitted.curves[k].chord_sines_with_rays(row.points[own])
-        seen = find_scaled_side(fit, k, pulled * square)
+        seen = find_side_with_scale(fit, k, pulled * square)
         if seen is not None:
             scaled[k] = seen
     log_thicknesses = np.zeros(len(SCALE_THICKNESSES))
