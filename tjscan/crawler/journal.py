@@ -112,16 +112,13 @@ class SimulatedPlace:
 CRAWL_RECORDING: Final = "crawl"
 """What the names of a crawl's recordings begin with."""
 
-REPLAY_EVENT: Final = "replay"
-"""Name of the event that begins a recording whose estimates were made by a replay."""
-
 WARNING_EVENT: Final = "warning"
 """Name of an event that warns of what may go wrong."""
 
 CYCLES_TOGETHER: Final = 50
 """Cycles that are written at once."""
 
-LONGEST_WAIT: Final = 500_000_000
+LONGEST_WRITE_DELAY: Final = 500_000_000
 """Nanoseconds that cycles wait: a killed program loses no more, and never the first cycle of an arc
 that was struck, without which it would not be known that a pass was begun."""
 
@@ -201,7 +198,7 @@ class CrawlRecording(RecordingJournal):
         self._cycles += 1
         struck, self._arc = cycle.arc and not self._arc, cycle.arc
         is_last = self._cycles % CYCLES_TOGETHER == 0
-        if is_last or struck or self.now - self.waiting[0][0] >= LONGEST_WAIT:
+        if is_last or struck or self.now - self.waiting[0][0] >= LONGEST_WRITE_DELAY:
             self.flush()
 
     def _is_profile_due(self, cycle: CrawlCycle) -> bool:

@@ -24,6 +24,9 @@ from tjscan.recording.writer import NO_ATTACHMENTS, RecordingWriter
 
 LOG_TOPIC: Final = Topic.of("/log", Log)
 
+REPLAY_EVENT: Final = "replay"
+"""Name of the event that begins a recording whose estimates or plans were made by a replay."""
+
 
 @dataclass(frozen=True, slots=True)
 class RunEvent:

@@ -107,9 +107,6 @@ class TowTruth:
 TOW_RECORDING: Final = "tow"
 """What the names of a tow's recordings begin with."""
 
-REPLAY_EVENT: Final = "replay"
-"""Name of the event that begins a recording whose plans were made by a replay."""
-
 CYCLES_TOGETHER: Final = 5
 """Cycles that are written at once, after the first, from which a tow can be gone on with: half a
 second is lost at most if the program is killed."""

@@ -18,8 +18,7 @@ from tjscan.crawler import plan
 from tjscan.crawler.guards import ProximitySettings
 from tjscan.crawler.sizing import SizeSettings
 from tjscan.crawler.slip_aware import SteeringSettings
-from tjscan.crawler.slip_estimator import SlipUncertainty
-from tjscan.crawler.slip_model import CrawlerGeometry
+from tjscan.crawler.slip_estimator import CrawlerGeometry, SlipUncertainty
 from tjscan.job.devices import DeviceSettings
 from tjscan.job.reading import read_job
 from tjscan.job.torch_drivers import TORCH_DRIVERS

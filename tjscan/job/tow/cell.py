@@ -40,7 +40,7 @@ def make_planner(job: TowJob) -> ShapePlanner:
     known = job.localisation
     try:
         from tjscan.towing.shape.paper_planner import PaperPlanner
-        from tjscan.towing.shape.plan import PlannerSettings, PoseTrust
+        from tjscan.towing.shape.plan import PlannerSettings, PoseAccuracy
         from tjscan.towing.shape.planner import TowingPlanner
     except ModuleNotFoundError as error:
         raise package_missing(error, "towing", TOWING_EXTRA, "method") from error
@@ -48,7 +48,7 @@ def make_planner(job: TowJob) -> ShapePlanner:
         job.weights,
         job.targets,
         job.hard_limits,
-        PoseTrust(known.position_sigma, known.heading_sigma),
+        PoseAccuracy(known.position_sigma, known.heading_sigma),
     )
     kind = PaperPlanner if job.method == "paper" else TowingPlanner
     return kind(job.planned_chain, job.team, job.floor, settings)

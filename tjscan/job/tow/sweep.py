@@ -13,7 +13,7 @@ from tjscan.job.tow.cell import fixed_obstacles
 from tjscan.job.tow.job import TowJob
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
-from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
+from tjscan.towing.shape.plan import PlanInputs, ShapePlanner, TowingPlan
 
 SWEEP_STEP: Final = 0.01
 """Metres of seam from one plan to the next."""
@@ -115,9 +115,8 @@ def _sweep_from_start(
     count = 1 + int(np.ceil((seam.length - begin) / SWEEP_STEP))
     steps = np.linspace(begin, seam.length, count)[1:]
     for along in () if start.halt else steps:
-        plan = planner.plan(
-            plan.held_poses, seam.pose_at(along), dt=STEP_SECONDS, last=plan, obstacles=obstacles
-        )
+        pose = seam.pose_at(along)
+        plan = planner.plan(PlanInputs(plan.held_poses, pose, STEP_SECONDS, plan, obstacles))
         plans.append(plan)
         if plan.halt:
             break

@@ -25,7 +25,6 @@ from tjscan.crawler.journal import (
     CRAWL_RECORDING,
     CRAWL_TOPICS,
     CYCLES_TOGETHER,
-    REPLAY_EVENT,
     SET_DOWN_EVENT,
     WARNING_EVENT,
     CrawlCycle,
@@ -45,12 +44,11 @@ from tjscan.crawler.slip_calibration import (
     read_slip_calibration,
     write_slip_calibration,
 )
-from tjscan.crawler.slip_estimator import SlipEstimate
-from tjscan.crawler.slip_model import SlipState
+from tjscan.crawler.slip_estimator import SlipEstimate, SlipStateIndex
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.recording.foxglove import event_log_message
-from tjscan.recording.journal import LOG_TOPIC, Journal, RunEvent
+from tjscan.recording.journal import LOG_TOPIC, REPLAY_EVENT, Journal, RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.recording.topic import Topic
 from tjscan.recording.writer import RecordingWriter
@@ -200,7 +198,7 @@ def short_way(job: CrawlJob, slip: SlipEstimate | None) -> str:
     """
     if slip is None:
         return ""
-    crab = abs(float(slip.x[SlipState.CRAB])) + slip.sigma(SlipState.CRAB)
+    crab = abs(float(slip.x[SlipStateIndex.CRAB])) + slip.sigma(SlipStateIndex.CRAB)
     way = job.weld.run_up + job.weld.length
     needed = SETTLING_GAINS / job.steering.gain + TURNING_RADII * crab * job.steering.least_radius
     if way >= needed:

@@ -18,7 +18,7 @@ from tjscan.core.frames import Array
 from tjscan.job.tow.cell import TowCell, fixed_obstacles, make_planner, make_tow_cell
 from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.job.tow.sweep import sweep_seam
-from tjscan.recording.journal import Journal, RunEvent, event_recorder
+from tjscan.recording.journal import REPLAY_EVENT, Journal, RunEvent, event_recorder
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.run import (
@@ -34,7 +34,6 @@ from tjscan.runs.run import (
 )
 from tjscan.runs.tow.results import read_recorded_tow, write_tow_results
 from tjscan.towing.journal import (
-    REPLAY_EVENT,
     TOW_RECORDING,
     WELDED_EVENT,
     TowCycle,
@@ -42,10 +41,10 @@ from tjscan.towing.journal import (
     TowTruth,
     read_tow,
 )
-from tjscan.towing.loop import PLAN_PERIOD, CableTow, TowSetting
+from tjscan.towing.loop import PLAN_PERIOD, CableTow, TowSetup
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
-from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
+from tjscan.towing.shape.plan import PlanInputs, ShapePlanner, TowingPlan
 
 RESUMABLE_KEYS: Final = (
     "method",
@@ -93,7 +92,7 @@ class TowContext(JobContext[TowJob]):
 def make_tow(job: TowJob, cell: TowCell, planner: ShapePlanner, journal: Journal) -> CableTow:
     """Make the loop of a job for a cell whose devices are connected."""
     line, obstacles = Seam(job.seam), cell.obstacles
-    setting = TowSetting(job.chain, job.team, line, job.localisation, job.following, obstacles)
+    setting = TowSetup(job.chain, job.team, line, job.localisation, job.following, obstacles)
     return CableTow(cell.team, cell.localisation, setting, planner, journal)
 
 
@@ -253,13 +252,9 @@ def _distance_of_poses(poses: Array, start: TowingPlan) -> float:
 def _plan_again(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: TowingPlan) -> TowCycle:
     obstacles = [DiscObstacle(x, y, r, (vx, vy)) for x, y, r, vx, vy in np.array(cycle.obstacles)]
     began = host.thread_time()
+    welder_pose = seam.pose_at(cycle.along)
     plan = planner.plan(
-        cycle.poses,
-        seam.pose_at(cycle.along),
-        dt=PLAN_PERIOD,
-        last=last,
-        obstacles=obstacles,
-        stopped=cycle.stopped,
+        PlanInputs(cycle.poses, welder_pose, PLAN_PERIOD, last, obstacles, cycle.stopped)
     )
     seconds = host.thread_time() - began
     if plan.halt:
