@@ -21,7 +21,7 @@ from tjscan.laser.profile import Profile
 from tjscan.recording import foxglove
 from tjscan.recording.foxglove import PROFILE_TOPIC
 from tjscan.recording.header import JobSnapshot
-from tjscan.recording.journal import LOG_TOPIC, RecordingJournal, RunEvent
+from tjscan.recording.journal import LOG_TOPIC, RecordingWriter, RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import RecordedMessage, read_messages
 from tjscan.recording.topic import Topic
@@ -139,7 +139,7 @@ CRAWL_TOPICS: Final[tuple[Topic[Any], ...]] = (CYCLE_TOPIC, PLACE_TOPIC, PROFILE
 """Everything that a crawl records."""
 
 
-class CrawlRecording(RecordingJournal):
+class CrawlRecording(RecordingWriter):
     """The journal that writes a crawl's recording; a context manager.
 
     Parameters

@@ -31,11 +31,10 @@ from tjscan.recording.foxglove import (
     profile_to_cloud_message,
 )
 from tjscan.recording.header import JobSnapshot
-from tjscan.recording.journal import LOG_TOPIC, RecordingJournal, RunEvent
+from tjscan.recording.journal import LOG_TOPIC, NO_ATTACHMENTS, RecordingWriter, RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import RecordingDamage, ReportDamage, read_messages, refuse_damage
 from tjscan.recording.topic import Topic
-from tjscan.recording.writer import NO_ATTACHMENTS
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import RecordedScan, grid_triangles
 from tjscan.scanning.section import ProfileView, ScannedSection
@@ -57,7 +56,7 @@ SCAN_TOPICS: Final = (*TOPICS_READ, TRANSFORMS_TOPIC, JOINTS_TOPIC, SCENE_TOPIC)
 """Everything that a scan records."""
 
 
-class ScanRecording(RecordingJournal):
+class ScanRecording(RecordingWriter):
     """The journal that writes a scan's recording; a context manager.
 
     Parameters

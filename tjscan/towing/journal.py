@@ -12,7 +12,7 @@ from tjscan.core.array_fields import ArrayForm, PlanarPoints, PlanarPoses
 from tjscan.core.frames import Array
 from tjscan.core.signals import hold_ctrl_c
 from tjscan.recording.header import JobSnapshot
-from tjscan.recording.journal import LOG_TOPIC, RecordingJournal, RunEvent
+from tjscan.recording.journal import LOG_TOPIC, RecordingWriter, RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic
@@ -124,7 +124,7 @@ TOW_TOPICS: Final[tuple[Topic[Any], ...]] = (CYCLE_TOPIC, TRUTH_TOPIC, LOG_TOPIC
 """Everything that a tow records."""
 
 
-class TowRecording(RecordingJournal):
+class TowRecording(RecordingWriter):
     """The journal that writes a tow's recording; a context manager.
 
     Parameters
