@@ -22,7 +22,7 @@ from tjscan.robot.arm import (
     check_not_moved,
 )
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import MotionLimits
+from tjscan.robot.path import MotionLimits
 from tjscan.robot.simulated import SimulatedArm
 
 FLICKER = 5e-5

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tjscan.core.frames import Array
-from tjscan.robot.way_search import IsClear, find_way
+from tjscan.robot.collision_checked import IsClear, find_way
 
 LIMITS = np.full(2, -2 * np.pi), np.full(2, 2 * np.pi)
 START, GOAL = np.array([-1.0, 0.0]), np.array([1.0, 0.0])

@@ -15,9 +15,10 @@ from tjscan.groove.read import read_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import CombinedJournal, RunEvent
-from tjscan.scanning.events import RetryCounts, ScanEvent
 from tjscan.scanning.journal import (
     RecordedScan,
+    RetryCounts,
+    ScanEvent,
     ScanResult,
     ScanResultsJournal,
     StopReason,

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from seams import Noise, seam
 
-from tjscan.scanning.seam.fit import (
+from tjscan.scanning.seam_fit import (
     MOST_SECTIONS,
     LocalWalls,
     fit_tubes_to_sections,

@@ -17,8 +17,7 @@ from tjscan.core.errors import StartOnTack
 from tjscan.groove.root import WELD_IN_ROOT
 from tjscan.groove.section import section_from_points
 from tjscan.laser.profile import Profile
-from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.journal import StopReason, step_lengths
+from tjscan.scanning.journal import ScanEvent, StopReason, step_lengths
 from tjscan.scanning.retries import step_retries
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.scanning.sections_before import with_tack_named

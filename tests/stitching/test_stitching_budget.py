@@ -17,9 +17,9 @@ from tjscan.core.pose_vector import pose_to_vector
 from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ScannedSection
-from tjscan.stitching.sides import moves_of_walls
 from tjscan.stitching.stations import Station, StitchSettings, fit_tubes_to_stations
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
+from tjscan.stitching.unrolled_views import moves_of_walls
 from tjscan.uncertainty.causes import (
     HAND_EYE_CAUSE,
     LINEARITY_CAUSE,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Final
 
@@ -16,7 +15,7 @@ from tjscan.comparison.shapes import Mesh, Shape
 from tjscan.core.errors import ComparisonRefused, TubesNotFound
 from tjscan.core.frames import (
     Array,
-    frozen_arrays,
+    array_dataclass,
     inverse_pose,
     pose,
     rot_z,
@@ -55,8 +54,7 @@ NearestOnReference = Callable[[Array], tuple[Array, Array]]
 """Maps points to their nearest ones on the reference, and the normals there."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class Alignment:
     """Result of an alignment: the pose that brings what was measured onto its reference, and fit.
 

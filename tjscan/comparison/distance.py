@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, array_dataclass
 from tjscan.joint.edges import FeatureEdges
 
 
@@ -53,8 +53,7 @@ class DistanceStatistics:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class DeviationDistances:
     """Distances of one kind between what was measured and its reference.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, TypeVar
+from typing import Final, TypeVar, dataclass_transform
 
 import numpy as np
 import scipy  # its parts are loaded at first use
@@ -71,6 +71,15 @@ def frozen_arrays(cls: type[T]) -> type[T]:
 
     cls.__post_init__ = freeze  # type: ignore[attr-defined]
     return cls
+
+
+@dataclass_transform(frozen_default=True, eq_default=False)
+def array_dataclass(cls: type[T]) -> type[T]:
+    """Make a frozen dataclass that holds its arrays as read-only copies, see `frozen_arrays`.
+
+    Its instances are compared by identity: arrays are not equal or unequal as a whole.
+    """
+    return dataclass(frozen=True, slots=True, eq=False)(frozen_arrays(cls))
 
 
 def _array_kind(annotation: str) -> str:

@@ -7,14 +7,14 @@ the groove with a face from the bevel to the leg; an open root has none.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Final
 
 import numpy as np
 import scipy  # its parts are loaded at first use
 from numpy.typing import ArrayLike, NDArray
 
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, array_dataclass
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import (
     LegSurface,
@@ -27,8 +27,7 @@ WALL_CORRECTION_ROUNDS: Final = 12
 """Corrections of where a tilted wall is met; each is smaller by a fifth or less."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class JointGrooveSections:
     """Sections of a joint's designed groove in radial half-planes, one for each azimuth.
 
@@ -168,8 +167,7 @@ FEWEST_NEIGHBOURS = 4
 """Vertices that a first search looks at; it looks at more where these can't prove the result."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class ClosedPolyline:
     """A closed line through points.
 
@@ -225,8 +223,7 @@ class ClosedPolyline:
         return feet[rows, best], distances[rows, best]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class FeatureEdges:
     """The groove's three feature edges, along which the corners p2, p3 and p4 run (Fig. 3).
 

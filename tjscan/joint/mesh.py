@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import manifold3d
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, array_dataclass
 from tjscan.joint.definition import JointDefinition, interpolate_around_joint
 from tjscan.joint.deposits import seam_cap_solid, spatter_solids, tack_solid
 from tjscan.joint.edges import JointGrooveSections, groove_sections, leg_normal_rz, tack_spans
@@ -34,8 +33,7 @@ SINK_DEPTH: Final = 2e-3
 """How deep bead and brace dip into the leg's wall, in metres, if the wall allows it."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class TriangleMesh:
     """Triangles, counter-clockwise seen from outside.
 

@@ -28,6 +28,7 @@ RootKind = Literal["closed", "open", "welded"]
 """Closed by a bead or by the faces themselves, open, or under passes that are welded."""
 
 Span = tuple[float, float]
+"""Begin and end along the groove, metres; if it closes, any number of turns on."""
 
 HIDDEN_ROOT_CONDITIONS: Final = (TACK_WELD, ROOT_NOT_SEEN)
 """Conditions of a section that does not show whether its root is open."""

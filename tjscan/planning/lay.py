@@ -13,7 +13,8 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, cross
 from tjscan.planning import path
 from tjscan.planning.bead import PlannedBead
-from tjscan.planning.edges import GrooveEdges, Span
+from tjscan.planning.edges import GrooveEdges
+from tjscan.planning.stops import StationStretch
 from tjscan.planning.template import BeadCells
 from tjscan.planning.topology import Arrangement
 from tjscan.planning.wps import WeldingProcedure
@@ -90,7 +91,7 @@ class ArrangedGroove:
         )
 
     def lay_layer(
-        self, layer: int, span: Span, step: float, gravity: Array, stops: Sequence[float] = ()
+        self, layer: int, span: StationStretch, step: float, gravity: Array, at: Sequence[float]
     ) -> tuple[PlannedBead, ...]:
         """Lay the beads of one layer, in the order of welding.
 
@@ -100,18 +101,19 @@ class ArrangedGroove:
         ----------
         layer : int
             Number of the layer, from 0.
-        span : tuple of float
-            From where to where along the groove, metres.
+        span : StationStretch
+            Which length of groove, and which station welds it.
         step : float
             Between two points along the groove, at most; metres.
         gravity : ndarray, shape (3,)
             Unit vector downwards.
-        stops : sequence of float
+        at : sequence of float
             Lengths within the span that get a point of their own, metres.
         """
         arrangement, wps = self.arrangement, self.wps
-        s = np.linspace(*span, max(2, ceil((span[1] - span[0]) / step)) + 1)
-        s = np.union1d(s, stops)
+        begin, end = span.begin, span.end
+        s = np.linspace(begin, end, max(2, ceil((end - begin) / step)) + 1)
+        s = np.union1d(s, at)
         stations, cells = self.cut(s)
         lines = path.bead_lines(stations, cells)
         middles = free_angle_middles(cells, layer)
@@ -139,8 +141,6 @@ class ArrangedGroove:
             way = slice(None, None, -1 if wps.sequence.reverse else 1)
             found.append(
                 PlannedBead(
-                    number=0,
-                    zone=0,
                     layer=layer + 1,
                     place=place + 1,
                     kind=name,
@@ -156,6 +156,7 @@ class ArrangedGroove:
                     positions=position_names(slope, rotation)[way],
                     width=widths[way, place],
                     relative_sigma=sigma[way],
+                    station=span.station,
                     open_root=arrangement.root_kind == "open" and name == "root",
                 )
             )

@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tjscan.core.units import MM
@@ -25,7 +24,6 @@ KIND_COLOURS: Final = {"root": "#d62728", "fill": "#2f7ed8", "cap": "#2ca02c"}
 def draw_plan(plan: WeldPlan) -> Figure:
     """Draw three sections with their beads, numbered in the order of welding, speed and heat."""
     figure = Figure(figsize=(14, 8), layout="constrained")
-    FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 6)
     for k, share in enumerate(DRAWN_SHARES):
         _draw_section(figure.add_subplot(grid[0, 2 * k : 2 * k + 2]), plan, share)

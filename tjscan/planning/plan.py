@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from math import ceil
 from typing import Final
 
@@ -18,7 +19,7 @@ from tjscan.planning.edges import GrooveEdges, RootAlongGroove, RootKind, Span
 from tjscan.planning.lay import ArrangedGroove
 from tjscan.planning.path import LONGEST_STEP, stations_at, template_at
 from tjscan.planning.stops import NO_LENGTH, StationStretch, StopPlacement
-from tjscan.planning.topology import Arrangement, NoArrangementFits, arrange_beads
+from tjscan.planning.topology import Arrangement, BeadArranger, NoArrangementFits
 from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN, WeldingProcedure
 
 LIMIT_TOLERANCE: Final = 1e-9
@@ -291,21 +292,15 @@ def plan_weld(
             over_tacks = layer == 0 and after_pass == 0
             laid = []
             for span in spans:
-                way = span.begin, span.end
-                skipped = spans_to_skip(edges.root, way, wps) if over_tacks else ()
+                skipped = spans_to_skip(edges.root, span, wps) if over_tacks else ()
                 ends = [end for part in skipped for end in part]
-                done = groove.lay_layer(layer, way, step, gravity, ends)
+                done = groove.lay_layer(layer, span, step, gravity, ends)
                 laid.append([without_spans(bead, skipped) for bead in done])
-            for parts in zip(*laid, strict=True):
+            for parts_by_span in zip(*laid, strict=True):
                 last += 1
-                whose = [
-                    (piece, span.station)
-                    for pieces, span in zip(parts, spans, strict=True)
-                    for piece in pieces
-                ]
                 beads += [
-                    replace(piece, number=last, part=part, zone=number, station=station)
-                    for part, (piece, station) in enumerate(whose, start=1)
+                    replace(bead, number=last, part=part, zone=number)
+                    for part, bead in enumerate(chain.from_iterable(parts_by_span), start=1)
                 ]
     found = (
         *(finding for bead in beads for finding in findings_of_bead(bead, wps)),
@@ -352,7 +347,8 @@ def _fit_zones_from(
         ends = [(s[first] - turn, s[last] - turn) for turn in turns]
         if not after_pass and any(edges.root.is_open_between(*one) for one in ends):
             root = "open"
-        return arrange_beads(template.part(first, last), stations.part(first, last), wps, root)
+        parts = template.part(first, last), stations.part(first, last)
+        return BeadArranger(*parts, wps, root).find_best_arrangement()
 
     found: list[PlannedZone] = []
     first = 0
@@ -393,7 +389,9 @@ def check_passes_are_there(root: RootAlongGroove, after_pass: int) -> None:
         )
 
 
-def spans_to_skip(root: RootAlongGroove, span: Span, wps: WeldingProcedure) -> tuple[Span, ...]:
+def spans_to_skip(
+    root: RootAlongGroove, stretch: StationStretch, wps: WeldingProcedure
+) -> tuple[Span, ...]:
     """Parts of a bead's path over which it is not laid because of tacks; metres.
 
     It ends `overlap` on each tack, and goes on as much before its end.
@@ -402,8 +400,8 @@ def spans_to_skip(root: RootAlongGroove, span: Span, wps: WeldingProcedure) -> t
     ----------
     root : RootAlongGroove
         Where tacks are.
-    span : tuple of float
-        Begin and end of the bead along the groove; beyond its length if it closes.
+    stretch : StationStretch
+        The bead's length of groove.
     wps : WeldingProcedure
         Whether tacks are skipped.
     """
@@ -412,7 +410,8 @@ def spans_to_skip(root: RootAlongGroove, span: Span, wps: WeldingProcedure) -> t
     turns = (-root.length, 0.0, root.length) if root.closed else (0.0,)
     over = wps.sequence.overlap
     inner = [(a + over, b - over) for a, b in root.tack_spans(wps.root.tack_length)]
-    shifted = [(max(a + t, span[0]), min(b + t, span[1])) for t in turns for a, b in inner]
+    begin, end = stretch.begin, stretch.end
+    shifted = [(max(a + t, begin), min(b + t, end)) for t in turns for a, b in inner]
     return tuple(sorted((a, b) for a, b in shifted if b > a))
 
 

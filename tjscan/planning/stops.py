@@ -11,7 +11,7 @@ import numpy as np
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, transform_points
-from tjscan.planning.edges import GrooveEdges
+from tjscan.planning.edges import GrooveEdges, Span
 from tjscan.planning.path import LONGEST_STEP
 from tjscan.planning.wps import SequenceSettings
 
@@ -20,9 +20,6 @@ UNREACHED_STATION: Final = ""
 
 NO_LENGTH: Final = 1e-6
 """Metres: a shorter span is none."""
-
-Span = tuple[float, float]
-"""Begin and end along the groove, metres; if it closes, any number of turns on."""
 
 
 @dataclass(frozen=True, slots=True)

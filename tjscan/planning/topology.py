@@ -115,17 +115,9 @@ def bead_kinds(counts: tuple[int, ...], root: RootKind) -> tuple[str, ...]:
     return ("root",) * roots + ("fill",) * sum(counts[roots:-1]) + ("cap",) * counts[-1]
 
 
-def arrange_beads(
-    template: SectionTemplate,
-    stations: GrooveStations,
-    wps: WeldingProcedure,
-    root: RootKind = "closed",
-) -> Arrangement:
-    """Choose layers, beads and wire feeds that fit all of some sections.
-
-    Of those that fit, the one that comes nearest to the highest wire feeds of its beads, and so
-    takes least time with the arc on; then the one with the fewest beads, then the fewest layers.
-    Where the heat input fits nowhere, the rest still does.
+@dataclass(frozen=True)
+class BeadArranger:
+    """Chooses layers, beads and wire feeds that fit all of some sections.
 
     Parameters
     ----------
@@ -137,26 +129,25 @@ def arrange_beads(
         The windows.
     root : str
         What is at their root.
-
-    Raises
-    ------
-    NoArrangementFits
-        If no number of beads fits.
     """
-    return _BeadArranger(template, stations, wps, root).find_best()
-
-
-@dataclass(frozen=True)
-class _BeadArranger:
-    """Sections that are arranged alike, and the windows of their beads; see `arrange_beads`."""
 
     template: SectionTemplate
     stations: GrooveStations
     wps: WeldingProcedure
     root: RootKind
 
-    def find_best(self) -> Arrangement:
-        """The best arrangement that fits; see `arrange_beads`."""
+    def find_best_arrangement(self) -> Arrangement:
+        """Find the best arrangement that fits.
+
+        The one that comes nearest to the highest wire feeds of its beads, and so takes least time
+        with the arc on; then the one with the fewest beads, then the fewest layers. If the heat
+        input fits nowhere, the rest still does.
+
+        Raises
+        ------
+        NoArrangementFits
+            If no number of beads fits.
+        """
         found: list[tuple[tuple[bool, float, int, int], Arrangement]] = []
         problems: list[NoArrangementFits] = []
         if self.root != "welded" and self._laid_shares:

@@ -196,12 +196,12 @@ def _place_along(section: MeasuredSection, corner: int, direction: Array) -> tup
 
 
 def _dimension_from_si(
-    name: str, value: float, sigma: float, designed: float, tolerance: float
+    name: str, value: float, sigma: float, designed: float, tolerance: float | None
 ) -> Dimension:
     """A dimension from radians or metres."""
-    is_angle = name == "groove angle"
+    is_angle, largest = name == "groove angle", inf if tolerance is None else tolerance
     numbers = (
-        float(v) * (180 / pi if is_angle else 1e3) for v in (value, sigma, designed, tolerance)
+        float(v) * (180 / pi if is_angle else 1e3) for v in (value, sigma, designed, largest)
     )
     return Dimension(name, "°" if is_angle else "mm", *numbers)
 

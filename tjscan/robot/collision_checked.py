@@ -1,20 +1,122 @@
-"""An arm whose paths are checked for collisions before it moves."""
+"""An arm whose paths are checked for collisions before it moves, and go round what blocks them.
+
+If no detour is clear, a way is searched by RRT-Connect after J. Kuffner and S. LaValle,
+*RRT-Connect: an efficient approach to single-query path planning*, ICRA 2000: a tree of clear lines
+grows from either end, towards postures drawn by lot, and each towards what the other has just
+reached.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain, product
+from itertools import product
 from typing import Any, Final, Self
 
 import numpy as np
 
 from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.errors import ArmFault, PathBlocked, PoseUnreachable
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, readonly_copy
 from tjscan.robot.arm import Arm, ArmState, MotionLock
 from tjscan.robot.clearance import ClearPathPlanner
-from tjscan.robot.way_search import find_way
+
+TREE_STEP: Final = 0.5
+"""Radians of joint space, summed in squares over the joints, by which a tree grows at once."""
+
+MOST_RANDOM_POSTURES: Final = 1000
+"""Postures that are drawn before it is given up."""
+
+DRAW_MARGIN: Final = np.pi
+"""Radians beyond both ends within which a joint's angle is drawn: no way winds an arm up."""
+
+IsClear = Callable[[Array, Array], bool]
+"""Whether a straight line in joint space keeps clear, ends included."""
+
+
+class _PostureTree:
+    """Postures that are reached from a root by clear lines."""
+
+    def __init__(self, root: Array) -> None:
+        self.postures, self._before = [root], [-1]
+
+    def grow(self, towards: Array, is_clear: IsClear) -> Array | None:
+        """Grow a step towards a posture from the nearest one; the posture reached, if any."""
+        away = towards - np.array(self.postures)
+        nearest = int(np.einsum("ij,ij->i", away, away).argmin())
+        length = float(np.linalg.norm(away[nearest]))
+        reached = towards
+        if length > TREE_STEP:
+            reached = self.postures[nearest] + TREE_STEP / length * away[nearest]
+        if length == 0 or not is_clear(self.postures[nearest], reached):
+            return None
+        self.postures.append(reached)
+        self._before.append(nearest)
+        return reached
+
+    def way_to_root(self) -> list[Array]:
+        """From the posture that was reached last back to the root."""
+        way, at = [], len(self.postures) - 1
+        while at >= 0:
+            way.append(self.postures[at])
+            at = self._before[at]
+        return way
+
+
+def find_way(
+    start: Array, goal: Array, limits: tuple[Array, Array], is_clear: IsClear
+) -> list[Array] | None:
+    """Find postures between which straight lines in joint space keep clear.
+
+    Parameters
+    ----------
+    start, goal : ndarray, shape (n,)
+        Joint angles, radians.
+    limits : (ndarray, ndarray), each of shape (n,)
+        Least and greatest of them.
+    is_clear : callable
+        See `IsClear`.
+
+    Returns
+    -------
+    list of ndarray of shape (n,), or None
+        From start to goal, both included; the same each time. None if `MOST_RANDOM_POSTURES`
+        lead to none.
+    """
+    dice = np.random.default_rng(0)
+    least = np.maximum(limits[0], np.minimum(start, goal) - DRAW_MARGIN)
+    most = np.minimum(limits[1], np.maximum(start, goal) + DRAW_MARGIN)
+    first = _PostureTree(readonly_copy(start))
+    one, other = first, _PostureTree(readonly_copy(goal))
+    for _ in range(MOST_RANDOM_POSTURES):
+        reached = one.grow(dice.uniform(least, most), is_clear)
+        if reached is not None and _grow_until_connected(other, reached, is_clear):
+            ways = one.way_to_root()[::-1], other.way_to_root()[1:]
+            way = [*ways[0], *ways[1]]
+            return _shortened_path(way if one is first else way[::-1], is_clear)
+        one, other = other, one
+    return None
+
+
+def _grow_until_connected(tree: _PostureTree, to: Array, is_clear: IsClear) -> bool:
+    """Grow a tree towards a posture as far as it goes; whether it arrived."""
+    while (reached := tree.grow(to, is_clear)) is not None:
+        if np.array_equal(reached, to):
+            return True
+    return False
+
+
+def _shortened_path(way: list[Array], is_clear: IsClear) -> list[Array]:
+    """Leave out postures between which the straight line keeps clear, until none is left to."""
+    short = list(way)
+    for span in range(len(way) - 1, 1, -1):
+        at = 0
+        while at + span < len(short):
+            if is_clear(short[at], short[at + span]):
+                del short[at + 1 : at + span]
+            at += 1
+    return short
+
 
 DETOUR_LIFTS: Final = (0.05, 0.1, 0.2, 0.3)
 """Metres that a detour draws the sensor back from where it looks, tried in this order."""
@@ -234,12 +336,7 @@ class CollisionCheckedArm:
         except PathBlocked as blocked:
             if direct or blocked.share == 0:  # where it is now: no way begins elsewhere
                 raise
-            ways = self._propose_detours(q, T_b_f, near, straight=straight)
-            if near is not None:
-                ways = chain(ways, self._search_path(q, T_b_f, near))
-            elif not straight:
-                ways = chain(ways, self._ways_to_other_configurations(q, T_b_f))
-            for way in ways:
+            for way in self._ways_round(q, T_b_f, near, straight=straight):
                 try:
                     segments = self._check_segments(q, way)
                     if near is not None:
@@ -255,14 +352,24 @@ class CollisionCheckedArm:
             }
             raise PathBlocked(reason, blocked.T_b_f, **contact) from None
 
-    def _propose_detours(
+    def _ways_round(
         self, q: Array, T_b_f: Array, near: Array | None, *, straight: bool
     ) -> Iterator[Way]:
-        """Ways back, across and forward; the nearer ones first."""
-        T_start = self.clearance.kinematics.forward(q)
+        """Ways back, across and forward, the nearer ones first.
+
+        After these, a move in joint space has one that is searched, if it has to end near given
+        joint angles, else the direct ways into the other configurations, the nearer ones first.
+        """
+        kinematics = self.clearance.kinematics
+        T_start = kinematics.forward(q)
         for lift, across in product(self._lifts, (straight, not straight)):
             back, ahead = (self._drawn_back(T, lift) for T in (T_start, T_b_f))
             yield [(True, back, None), (across, ahead, near), (True, T_b_f, None)]
+        if near is not None:
+            yield from self._search_path(q, T_b_f, near)
+        elif not straight:
+            for other in kinematics.all_inverse_solutions(T_b_f, near=q)[1:]:
+                yield [(False, T_b_f, other)]
 
     def _search_path(self, q: Array, T_b_f: Array, near: Array) -> Iterator[Way]:
         """A way through postures to a pose drawn back from the end, and forward from there.
@@ -285,11 +392,6 @@ class CollisionCheckedArm:
                 between = [(False, kinematics.forward(one), one) for one in found[1:-1]]
                 yield [*between, (False, ahead, goal), *forward]
             return
-
-    def _ways_to_other_configurations(self, q: Array, T_b_f: Array) -> Iterator[Way]:
-        """Direct ways into the other configurations; the nearer ones first."""
-        for other in self.clearance.kinematics.all_inverse_solutions(T_b_f, near=q)[1:]:
-            yield [(False, T_b_f, other)]
 
     def _is_nearest(self, q: Array, segment: PathSegment) -> bool:
         """Whether a move in joint space ends where an arm at `q` would go of itself."""

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from tjscan.core.frames import Array, frozen_arrays, pose, rot_x, rot_z
+from tjscan.core.frames import Array, array_dataclass, pose, rot_x, rot_z
 from tjscan.robot.kinematics import Kinematics
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class DhParameters:
     """Standard DH parameters: frame i is Rz(theta + q) Tz(d) Tx(a) Rx(alpha) in frame i - 1.
 

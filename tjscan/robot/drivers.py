@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tjscan.laser.replay import RecordedPoses
     from tjscan.robot.arm import ArmState
     from tjscan.robot.kinematics import Kinematics
-    from tjscan.robot.motion import MotionLimits
+    from tjscan.robot.path import MotionLimits
     from tjscan.robot.replay import ReplayedArm
     from tjscan.robot.settings import ArmSimulationSettings
     from tjscan.robot.simulated import SimulatedArm

@@ -20,13 +20,7 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, PoseUnreachable, nearest_word
 from tjscan.core.frames import Array, inverse_pose, pose_from_rounded_matrix, readonly_copy
 from tjscan.robot.closed_form import all_inverse_solutions, inverse_branches
-from tjscan.robot.urdf import (
-    ARM_MODELS,
-    check_chain,
-    frames_b_and_f,
-    read_urdf,
-    ur_dh_lengths,
-)
+from tjscan.robot.urdf import ARM_MODELS, read_urdf, ur_dh_lengths
 
 DESCENT_TOLERANCE: Final = 1e-13
 """Metres and radians at which a descent ends; it comes this close unless singular.
@@ -119,9 +113,8 @@ class Kinematics:
 
     def __init__(self, urdf: Path) -> None:
         with add_file_to_errors(urdf):
-            self.model = model = read_urdf(urdf)
-            base, self.flange = frames_b_and_f(model)
-            check_chain(model, self.flange)
+            model, base, self.flange = read_urdf(urdf)
+        self.model = model
         self._workspace = _ThreadWorkspace(model)
         self.urdf = urdf
         self.name = str(model.name)

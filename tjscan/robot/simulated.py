@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final, Self
 
 import numpy as np
@@ -15,20 +14,18 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.devices import LocalDevice
 from tjscan.core.errors import ArmFault, ConfigurationError
-from tjscan.core.frames import Array, frozen_arrays, pose, readonly_copy
+from tjscan.core.frames import Array, array_dataclass, pose, readonly_copy
 from tjscan.robot.arm import ArmState, MotionLock
 from tjscan.robot.deviations import length_growth, with_deviations
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import JointTrajectory, MotionLimits
-from tjscan.robot.path import PathPlanner
+from tjscan.robot.path import JointTrajectory, MotionLimits, PathPlanner
 from tjscan.robot.settings import ArmErrorSettings
 
 RANDOM_STREAM: Final = 3
 """Keeps the random numbers of an arm's make apart from those of its moves."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class SimulatedArmErrors:
     """The true arm, which differs from the one that its controller plans and reports with.
 

@@ -28,13 +28,13 @@ MOST_BYTES: Final = 5_000_000
 """A larger file describes no arm."""
 
 
-def read_urdf(urdf: Path) -> Any:
-    """Pinocchio's model of what a file describes.
+def read_urdf(urdf: Path) -> tuple[Any, int, int]:
+    """Pinocchio's model of the arm that a file describes, and the numbers of its frames b and f.
 
     Raises
     ------
     ConfigurationError
-        If there is no such file, or it is no URDF.
+        If there is no such file, or it is no URDF of an open chain that the inverse can handle.
     """
     if not urdf.exists():
         beside = [file.name for file in urdf.parent.glob("*.urdf")]
@@ -42,19 +42,16 @@ def read_urdf(urdf: Path) -> Any:
         raise ConfigurationError(f"there is no such URDF; did you mean: {known}?")
     try:
         check_file_size(urdf, MOST_BYTES, "a URDF")
-        return pin.buildModelFromXML(urdf.read_text(encoding="utf-8"))
+        model = pin.buildModelFromXML(urdf.read_text(encoding="utf-8"))
     except (ValueError, RuntimeError, OSError) as error:
         raise ConfigurationError(f"is not a URDF: {error}") from None
+    base, flange = _frames_b_and_f(model)
+    _check_chain(model, flange)
+    return model, base, flange
 
 
-def frames_b_and_f(model: Any) -> tuple[int, int]:
-    """Indices of the frames b and f.
-
-    Raises
-    ------
-    ConfigurationError
-        If b moves, or there is no frame f.
-    """
+def _frames_b_and_f(model: Any) -> tuple[int, int]:
+    """Numbers of the frames b and f; b must not move."""
     names = [str(frame.name) for frame in model.frames]
     kinds = [frame.type for frame in model.frames]
     base = names.index("base") if "base" in names else kinds.index(pin.FrameType.BODY)
@@ -69,14 +66,8 @@ def frames_b_and_f(model: Any) -> tuple[int, int]:
     )
 
 
-def check_chain(model: Any, flange: int) -> None:
-    """Refuse what the inverse can't handle.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is no open chain of six or more revolute joints that have limits.
-    """
+def _check_chain(model: Any, flange: int) -> None:
+    """Refuse all but an open chain of six or more revolute joints that have limits."""
     moving_joints = set(model.supports[model.frames[flange].parentJoint])
     for i in range(1, model.njoints):
         name, kind = model.names[i], model.joints[i].shortname()

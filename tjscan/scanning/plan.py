@@ -22,13 +22,14 @@ from tjscan.core.units import (
     SettingsTable,
 )
 from tjscan.groove.section import GrooveSection
-from tjscan.scanning.seam.fit import (
+from tjscan.scanning.seam_fit import (
     MOST_SECTIONS,
+    SHAPE_SPREAD,
+    SHAPE_WAVE,
     RecentSections,
     fit_tubes_to_sections,
     recent_section_arrays,
 )
-from tjscan.scanning.seam.next_section import SHAPE_SPREAD, SHAPE_WAVE
 from tjscan.scanning.section import ScannedSection, Sections, SetPoint, StepLengthRule
 from tjscan.scanning.target import SMOOTH_PREDICTION, ScanDirection, target_pose_in_sensor
 

@@ -36,8 +36,7 @@ from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import RecordingDamage, ReportDamage, read_messages, refuse_damage
 from tjscan.recording.topic import Topic
 from tjscan.recording.writer import NO_ATTACHMENTS
-from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.journal import RecordedScan, grid_triangles
+from tjscan.scanning.journal import RecordedScan, ScanEvent, grid_triangles
 from tjscan.scanning.section import ProfileView, ScannedSection
 
 VIEW_TOPIC: Final = Topic.of("/view", ProfileView)

@@ -18,7 +18,7 @@ from tjscan.core import pose_vector
 from tjscan.core.errors import GrooveNotFound, SetPointRefused, TjscanError
 from tjscan.core.frames import Array, inverse_pose, pose, rot_x
 from tjscan.laser.profile import Profile
-from tjscan.scanning.events import ScanEvent
+from tjscan.scanning.journal import ScanEvent
 from tjscan.scanning.section import ScannedSection, SetPoint, StepRequest
 from tjscan.scanning.target import ScanDirection
 

@@ -20,9 +20,9 @@ from tjscan.core.frames import Array
 from tjscan.groove.section import GrooveSection
 from tjscan.recording.journal import Journal
 from tjscan.robot.arm import ArmState
-from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import (
     RecordedScan,
+    ScanEvent,
     ScanResult,
     ScanResultsJournal,
     StopReason,
@@ -62,15 +62,9 @@ from tjscan.scanning.sections_before import (
     read_section,
     root_is_seen,
 )
-from tjscan.scanning.smooth import tube_fit_predictor
+from tjscan.scanning.smooth import predictor_for_plan
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.target import (
-    PREDICTION_CASES,
-    SMOOTH_PREDICTION,
-    ScanDirection,
-    correction_target_pose,
-    paper_predictor,
-)
+from tjscan.scanning.target import ScanDirection, correction_target_pose
 
 
 class Scanner:
@@ -158,8 +152,10 @@ class Scanner:
             As `run` does.
         """
         self._log.restore_from_recording(done, sections)
-        self._taker.remember_views(done.views)
-        moved = self._check_last_section(self._taker.return_to_view(sections[-1].view))
+        for view in done.views:
+            self._taker.remember_view(view)
+        last = sections[-1].view
+        moved = self._check_last_section(self._taker.move_joint_to_pose(last.T_b_f, near=last.q))
         detail = f"after section {len(sections) - 1}, moved {1e3 * moved:.3f} mm"
         self._log.record_event(ScanEvent.RESUMED, detail)
         return self._scan_on()
@@ -178,22 +174,17 @@ class Scanner:
                 self._log.record_event(ScanEvent.STOP_REQUESTED, after)
                 return self._end_scan(StopReason.REQUESTED)
             try:
-                self._finish_section(self._step_with_retries(d_st))
+                section = self._step_with_retries(d_st)
+                if section.groove.on_tack:  # wall and leg, which lead the scan, are seen there
+                    detail = f"section {section.view.index}: stepped over"
+                    self._log.record_event(ScanEvent.TACK, detail)
+                self._log.record(section)
             except PoseUnreachable as error:
                 return self._end_scan(StopReason.UNREACHABLE, str(error))
             except (GrooveNotFound, JointMoved) as error:
                 return self._end_scan(StopReason.LOST, str(error))
             except SetPointRefused as error:
                 return self._end_scan(StopReason.REFUSED, str(error))
-
-    def _finish_section(self, section: ScannedSection) -> None:
-        """Finish a section.
-
-        From one on a tack weld the scan steps on: wall and leg, which lead it, are seen there.
-        """
-        if section.groove.on_tack:
-            self._log.record_event(ScanEvent.TACK, f"section {section.view.index}: stepped over")
-        self._log.record(section)
 
     def _step_with_retries(self, d_st: float) -> ScannedSection:
         """Make a step; if it leads to no section, one of `step_retries`.
@@ -432,10 +423,3 @@ class Scanner:
         detail = f"{detail}: {cause}" if cause else detail
         log.record_event(ScanEvent.STOP, detail)
         return ScanResult(tuple(log.sections), tuple(log.views), stop, detail, log.counts)
-
-
-def predictor_for_plan(plan: ScanPlan) -> SetPointPredictor:
-    """Predictor of set-points that a plan names."""
-    if plan.prediction == SMOOTH_PREDICTION:
-        return tube_fit_predictor(plan)
-    return paper_predictor(PREDICTION_CASES[plan.prediction], plan.direction)

@@ -18,8 +18,8 @@ from tjscan.core.frames import Array, inverse_pose, transform_points
 from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.stitching.graph import StationErrors, StationPoses
 from tjscan.stitching.registration import Registrations
-from tjscan.stitching.sides import NODES_PER_SIDE, moves_of_walls
 from tjscan.stitching.stations import StationTubeFit, TubeFits
+from tjscan.stitching.unrolled_views import NODES_PER_SIDE, moves_of_walls
 from tjscan.uncertainty.budget import (
     CORNER_POINTS,
     BudgetComponent,

@@ -18,13 +18,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from tjscan.core import pose_vector
-from tjscan.core.frames import Array, frozen_arrays, inverse_pose, transform_points
+from tjscan.core.frames import Array, array_dataclass, inverse_pose, transform_points
 from tjscan.joint.tubes.fit import JointFrame, TubeDimensions
 from tjscan.stitching.registration import Registrations, StationRegistration
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class StationPoses:
     """Solved poses of all stations in the joint's frame, with covariances and the tubes' shape.
 

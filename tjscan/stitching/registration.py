@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from tjscan.core import pose_vector
-from tjscan.core.frames import Array, frozen_arrays, skew_matrix, unit_vector
+from tjscan.core.frames import Array, array_dataclass, skew_matrix, unit_vector
 from tjscan.core.gaussian_process import PeriodicKernel
 from tjscan.core.robust import tukey_weights
 from tjscan.stitching.stations import StationOverlap, arc_of_azimuths
@@ -44,8 +44,7 @@ LEAST_STEP: Final = 5e-3
 """Metres between views that show which way the groove runs."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class StationRegistration:
     """Pose of one station against another, found from their overlap.
 

@@ -13,7 +13,7 @@ import numpy as np
 from tjscan.core.errors import GrooveNotFound, StitchingRefused, TubesNotFound
 from tjscan.core.frames import (
     Array,
-    frozen_arrays,
+    array_dataclass,
     inverse_pose,
     rotation_angle_between,
     transform_points,
@@ -31,7 +31,7 @@ from tjscan.joint.tubes.fit import (
 )
 from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ProfileView, ScannedSection, Sections
-from tjscan.stitching.sides import moves_of_walls, wall_points_of_views
+from tjscan.stitching.unrolled_views import moves_of_walls, wall_points_of_views
 from tjscan.uncertainty.causes import ViewCause
 
 
@@ -88,8 +88,7 @@ SAME_POSE = 1e-9
 """Metres and shares of one, by which the poses of an arm that did not move differ."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class Station:
     """Sections that were scanned from one station, and where the arm's base nominally was.
 

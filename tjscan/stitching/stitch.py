@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from tjscan.core import pose_vector
 from tjscan.core.errors import ConfigurationError, StitchingRefused
-from tjscan.core.frames import Array, frozen_arrays, inverse_pose
+from tjscan.core.frames import Array, array_dataclass, inverse_pose
 from tjscan.groove.measured import MeasuredSection
 from tjscan.joint.tubes.fit import TubeDimensions
 from tjscan.stitching.budget import shared_causes, stitching_budget
@@ -62,8 +62,7 @@ SETTLED_STATION_MOTION = 0.05
 """Metres and radians by which no station is laid again: both see something else."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class PlacedStation:
     """Pose of a station's base in the joint's frame, with covariance and what it rests on.
 
@@ -92,8 +91,7 @@ class PlacedStation:
     tubes_rms: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class StitchedGroove:
     """One groove stitched from the sections of several stations.
 

@@ -12,8 +12,13 @@ from scipy.interpolate import CubicSpline
 from tjscan.core.errors import PoseUnreachable
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import MotionLimits, fastest_joint_path
-from tjscan.robot.path import FEWEST_PIECES, JOINT_SPACING, LARGEST_TURN
+from tjscan.robot.path import (
+    FEWEST_PIECES,
+    JOINT_SPACING,
+    LARGEST_TURN,
+    MotionLimits,
+    fastest_joint_path,
+)
 from tjscan_loopback.ur.tool_path import ToolPath
 
 UNBOUNDED_SPEED: Final = 1e3

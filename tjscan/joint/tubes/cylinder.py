@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from tjscan.core.errors import TubesNotFound
-from tjscan.core.frames import Array, frozen_arrays, readonly_copy, transform_points, unit_vector
+from tjscan.core.frames import Array, array_dataclass, readonly_copy, transform_points, unit_vector
 from tjscan.core.robust import mad_sigma, tukey_root_weights
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class Cylinder:
     """A cylinder of unlimited length.
 

@@ -30,21 +30,20 @@ from tjscan.core.errors import (
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.arm import ArmState, MotionLock
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import MotionLimits
-from tjscan.robot.path import PathPlanner
+from tjscan.robot.path import MotionLimits, PathPlanner
 from tjscan.robot.ur.dashboard import DashboardClient, UrIdentity, read_ur_identity
-from tjscan.robot.ur.faults import connection_start_fault, fault_from_state
 from tjscan.robot.ur.kinematics_info import describe_difference, read_controller_kinematics
-from tjscan.robot.ur.messages import ControllerState
+from tjscan.robot.ur.messages import ControllerState, connection_start_fault, fault_from_state
 from tjscan.robot.ur.moving import (
     POLL_PERIOD,
+    UrProgram,
     await_arrival,
     check_target_is_safe,
     execute_move,
     joint_command,
     linear_command,
+    run_program,
 )
-from tjscan.robot.ur.program import UrProgram, run_program
 from tjscan.robot.ur.session import ClientLibraryError, ControllerSession, not_ready_fault
 from tjscan.robot.ur.settings import UrSettings
 

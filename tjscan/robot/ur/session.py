@@ -23,8 +23,15 @@ from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.process import ClientClosed, ClientDied, ClientProcess, ClientSilent
 from tjscan.robot.arm import ArmState, MotionLock
 from tjscan.robot.ur.dashboard import DashboardClient
-from tjscan.robot.ur.faults import fault_from_state, power_fault, remote_fault, safety_fault
-from tjscan.robot.ur.messages import HOST_GONE, PROGRAM_PLAYING, ControllerState
+from tjscan.robot.ur.messages import (
+    HOST_GONE,
+    PROGRAM_PLAYING,
+    ControllerState,
+    fault_from_state,
+    power_fault,
+    remote_fault,
+    safety_fault,
+)
 from tjscan.robot.ur.settings import UrSettings
 
 T = TypeVar("T")

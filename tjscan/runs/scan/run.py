@@ -31,9 +31,9 @@ from tjscan.runs.run import (
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
 from tjscan.runs.scan.results import write_scan_results
 from tjscan.runs.scan.uncertainty import causes_of_job
-from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import (
     RecordedScan,
+    ScanEvent,
     ScannedSurfaceObstacle,
     ScanResult,
     plan_is_fulfilled,

@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, cross, frozen_arrays, unit_vector
+from tjscan.core.frames import Array, array_dataclass, cross, unit_vector
 from tjscan.core.gaussian_process import Matern52
 from tjscan.scanning.section import Sections
 
@@ -37,8 +37,7 @@ LEAST_SIGMA: Final = 1e-6
 """Metres and radians: nothing is known better, not even without any noise."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class RecentSections:
     """The last sections, the oldest first, in frame b. n sections; k = 0 brace, 1 leg.
 
@@ -131,6 +130,11 @@ WALL_TILT: Final = radians(30)
 """Of its direction beside what the last two sections show, and of the brace's axis beside the
 laser plane."""
 
+SHAPE_SPREAD: Final = (4e-3, 4e-3, radians(8))
+"""How much the distances of p2 and p4 from the origin, and the opening, vary round a joint."""
+SHAPE_WAVE: Final = 0.2
+"""Metres along the groove over which they do."""
+
 WALL_OFFSET_SIGMA: Final = 0.3e-3
 """Metres by which a wall leaves its cylinder, standard deviation: assumption for rolled tubes,
 over the `OUT_OF_ROUND_WAVE` that cylinders through a few neighbouring sections do not follow."""
@@ -209,8 +213,7 @@ class LocalWalls:
         return np.asarray(w / (1 + root)), np.asarray(slopes)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class LocalTubeFit:
     """Fit of both tubes to the recent sections: most likely parameters and their covariance.
 
