@@ -14,7 +14,7 @@ import numpy as np
 import scipy  # its parts are loaded at first use
 from numpy.typing import ArrayLike, NDArray
 
-from tjscan.core.frames import Array, array_dataclass
+from tjscan.core.frames import Array, array_dataclass, unit_vectors
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import (
     LegSurface,
@@ -123,7 +123,7 @@ def bevel_direction(gapped: LegSurface, phi: Array, rho: Array, groove_angle: Ar
     sideways = np.sum(up * around, axis=1) / np.sum(tangent * around, axis=1)
     in_half_plane = up - sideways[:, None] * tangent
     rho_part = np.sum(in_half_plane * radial_direction(phi), axis=1)
-    return _unit_rows(np.column_stack((rho_part, in_half_plane[:, 2])))
+    return unit_vectors(np.column_stack((rho_part, in_half_plane[:, 2])))
 
 
 def leg_normal_rz(leg: LegSurface, phi: Array, rho: Array) -> Array:
@@ -156,11 +156,7 @@ def _points_rz(leg: LegSurface, phi: Array, rho: Array) -> Array:
 
 def _unit_slope(leg: LegSurface, phi: Array, rho: Array) -> Array:
     """Unit vectors along the leg in the radial half-planes, away from the brace, (n, 2)."""
-    return _unit_rows(np.column_stack((np.ones_like(phi), leg.slope(phi, rho))))
-
-
-def _unit_rows(v: Array) -> Array:
-    return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))
+    return unit_vectors(np.column_stack((np.ones_like(phi), leg.slope(phi, rho))))
 
 
 FEWEST_NEIGHBOURS = 4

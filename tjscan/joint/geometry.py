@@ -17,7 +17,7 @@ import scipy  # its parts are loaded at first use
 from numpy.typing import ArrayLike
 from scipy.special import ellipe
 
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, unit_vectors
 
 
 def cylindrical_to_j(phi: ArrayLike, rho: ArrayLike, z: ArrayLike) -> Array:
@@ -100,13 +100,11 @@ class LegSurface:
 
     def tangent(self, phi: ArrayLike, rho: ArrayLike) -> Array:
         """Unit tangents in frame j, shape (..., 3), of the curve at constant ``rho``."""
-        v = self.azimuth_derivative(phi, rho)
-        return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
+        return unit_vectors(self.azimuth_derivative(phi, rho))
 
     def normal(self, points_j: Array) -> Array:
         """Outward unit normals in frame j, shape (..., 3), at or below points off the axis."""
-        across = points_j - (points_j @ self.axis)[..., None] * self.axis
-        return np.asarray(across / np.linalg.norm(across, axis=-1, keepdims=True))
+        return unit_vectors(points_j - (points_j @ self.axis)[..., None] * self.axis)
 
     def signed_distances(self, points_j: Array) -> Array:
         """Distances of points, shape (..., 3), outside the surface, in metres."""
@@ -275,8 +273,7 @@ class OvalLegSurface(LegSurface):
         A, B, C = self.section.quadratic_coefficients()
         u, v, up = self._across(points_j)
         gradient = (A * u + B * v)[..., None] * up
-        gradient = gradient + (B * u + C * v)[..., None] * (0.0, 1.0, 0.0)
-        return np.asarray(gradient / np.linalg.norm(gradient, axis=-1, keepdims=True))
+        return unit_vectors(gradient + (B * u + C * v)[..., None] * (0.0, 1.0, 0.0))
 
     def signed_distances(self, points_j: Array) -> Array:
         """Distances of points, shape (..., 3), outside the surface, to first order, in metres."""

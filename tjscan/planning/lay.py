@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, cross
+from tjscan.core.frames import Array, cross, unit_vectors
 from tjscan.planning import path
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges
@@ -130,7 +130,7 @@ class ArrangedGroove:
         for place in laying_order(arrangement.counts[layer], layer):
             j = first + place
             kind, name = arrangement.kinds[j], arrangement.kind_names[j]
-            area, travel = lines.areas[:, j], path.unit_vectors(lines.along[:, j])
+            area, travel = lines.areas[:, j], unit_vectors(lines.along[:, j])
             if wps.sequence.reverse:
                 travel = -travel
             slope, rotation = slope_and_rotation(face[:, place], travel, gravity)
@@ -233,8 +233,8 @@ def torch_rotations(outward: Array, travel: Array, travel_angle: float) -> Array
     -------
     ndarray, shape (m, 3, 3)
     """
-    x, z = travel, np.sum(outward * travel, axis=1, keepdims=True) * travel - outward
-    z = z / np.linalg.norm(z, axis=1, keepdims=True)
+    x = travel
+    z = unit_vectors(np.sum(outward * travel, axis=1, keepdims=True) * travel - outward)
     c, s = np.cos(travel_angle), np.sin(travel_angle)
     return np.stack((c * x - s * z, cross(z, x), c * z + s * x), axis=2)
 

@@ -8,7 +8,7 @@ from typing import Final, Literal
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, cross
+from tjscan.core.frames import Array, cross, unit_vectors
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.template import BeadCells, SectionTemplate
 
@@ -139,11 +139,6 @@ def chord_error_and_kink(points: Array, middles: Array) -> tuple[float, float]:
     sines = np.linalg.norm(cross(units[1:], units[:-1]), axis=2)
     kinks = np.arctan2(sines, cosines)
     return float(np.linalg.norm(off, axis=2).max()), float(kinks.max(initial=0.0))
-
-
-def unit_vectors(v: Array) -> Array:
-    """Vectors, shape (m, 3), of length one."""
-    return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))
 
 
 def centroids(cells: BeadCells) -> Array:

@@ -12,17 +12,8 @@ from tjscan.core import pose_vector
 from tjscan.core.errors import SetPointRefused, TubesNotFound
 from tjscan.core.frames import Array, cross, inverse_pose, pose, unit_vector
 from tjscan.core.gaussian_process import Matern52, OrdinaryKriging
+from tjscan.scanning import seam_fit
 from tjscan.scanning.plan import ScanPlan
-from tjscan.scanning.seam_fit import (
-    SHAPE_SPREAD,
-    SHAPE_WAVE,
-    LocalTubeFit,
-    LocalWalls,
-    RecentSections,
-    fit_tubes_to_sections,
-    recent_section_arrays,
-    with_small_steps,
-)
 from tjscan.scanning.section import Sections, SetPoint, SetPointPredictor, StepRequest
 from tjscan.scanning.sections_before import check_set_point
 from tjscan.scanning.target import (
@@ -55,11 +46,11 @@ class ExpectedSection:
     """
 
     def __init__(
-        self, track: RecentSections, seam: LocalTubeFit, T_b_g: Array, step: float
+        self, track: seam_fit.RecentSections, seam: seam_fit.LocalTubeFit, T_b_g: Array, step: float
     ) -> None:
         self._track, self._seam, self._T_b_g, self._step = track, seam, T_b_g, step
         at = np.array([step])
-        kernels = (Matern52(spread, SHAPE_WAVE) for spread in SHAPE_SPREAD)
+        kernels = (Matern52(spread, seam_fit.SHAPE_WAVE) for spread in seam_fit.SHAPE_SPREAD)
         rows = zip(track.shape.T, track.shape_sigmas.T, kernels, strict=True)
         shape = [np.concatenate(OrdinaryKriging(track.along, *row).predict(at)) for row in rows]
         # Distances of p2 and p4 from the origin along their tangents (metres), opening (radians).
@@ -94,7 +85,7 @@ class ExpectedSection:
         R_b_s : ndarray, shape (3, 3)
             Orientation of the sensor.
         """
-        around = with_small_steps(section, _DIFFERENCE_STEP)
+        around = seam_fit.with_small_steps(section, _DIFFERENCE_STEP)
         values = self._off_walls(self._seam.walls(), around, R_b_s)
         J = (values[1:] - values[0]).T / _DIFFERENCE_STEP
         return np.asarray(section - np.linalg.solve(J, values[0]))
@@ -126,7 +117,7 @@ class ExpectedSection:
             Orientation of the sensor.
         """
         around, thetas, shapes = (
-            with_small_steps(values, _DIFFERENCE_STEP)
+            seam_fit.with_small_steps(values, _DIFFERENCE_STEP)
             for values in (section, self._seam.theta, self._shape[:2])
         )
         walls = self._seam.walls()
@@ -145,7 +136,7 @@ class ExpectedSection:
         return np.asarray(total)
 
     def _off_walls(
-        self, walls: LocalWalls, section: Array, R_b_s: Array, lengths: Array | None = None
+        self, walls: seam_fit.LocalWalls, section: Array, R_b_s: Array, lengths: Array | None = None
     ) -> Array:
         """How far sections (..., 5) are from lying on the walls a step away, shape (..., 5)."""
         lengths = self._shape[:2] if lengths is None else lengths
@@ -208,10 +199,10 @@ def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
     otherwise = paper_predictor(PREDICTION_CASES[3], plan.direction)
 
     def predictor(sections: Sections, step: float) -> SetPoint:
-        track, last = recent_section_arrays(sections), sections[-1]
+        track, last = seam_fit.recent_section_arrays(sections), sections[-1]
         R_b_now = last.view.T_b_s[:3, :3]
         try:
-            seam = fit_tubes_to_sections(track)
+            seam = seam_fit.fit_tubes_to_sections(track)
             ahead = ExpectedSection(track, seam, last.T_b_g, step)
             guess = ahead.initial_section(R_b_now)
             section, ideal = _solve_section_and_pose(
@@ -280,7 +271,7 @@ def _lag_rotation(R_b_t_ideal: Array, R_b_t_now: Array, slack: tuple[float, floa
 
 
 def _free_rotation(
-    plan: ScanPlan, covariance: Array, track: RecentSections, step: float
+    plan: ScanPlan, covariance: Array, track: seam_fit.RecentSections, step: float
 ) -> tuple[float, float]:
     """What the doubt of prediction and reading leaves of the tolerances, radians."""
     criterion = plan.correction_criterion

@@ -33,25 +33,6 @@ STATION_PLACES: Final = "stations' places"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StitchingBudget:
-    """Uncertainty of stations and of their sections, before these are fused.
-
-    Parameters
-    ----------
-    sections : UncertaintyBudget
-        Of the sections of all stations, one station after the other, in the common j.
-    station_covariances : ndarray, shape (k, 6, 6)
-        Of the stations' places: translation and rotation vector in j, about its origin.
-    shape_covariance : ndarray, shape (4, 4)
-        Of the tubes' dimensions.
-    """
-
-    sections: UncertaintyBudget
-    station_covariances: Array
-    shape_covariance: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class SharedCauses:
     """Causes that stations share, and how what is fitted to their views errs with them.
 
@@ -145,8 +126,8 @@ def stitching_budget(
     placement: StationPoses,
     shared: SharedCauses,
     repeatability: ArmRepeatability,
-) -> StitchingBudget:
-    """Budget of the sections of placed stations.
+) -> tuple[UncertaintyBudget, Array, Array]:
+    """Budget of the sections of placed stations, before these are fused.
 
     Parameters
     ----------
@@ -160,6 +141,15 @@ def stitching_budget(
         What stations share.
     repeatability : ArmRepeatability
         Of their arms.
+
+    Returns
+    -------
+    sections : UncertaintyBudget
+        Of the sections of all stations, one station after the other, in the common j.
+    station_covariances : ndarray, shape (k, 6, 6)
+        Of the stations' places: translation and rotation vector in j, about its origin.
+    shape_covariance : ndarray, shape (4, 4)
+        Of the tubes' dimensions.
     """
     T_j_b = [T @ inverse_pose(fit.frame.T) for T, fit in zip(placement.T, fits, strict=True)]
     scans = [fit.station.sections for fit in fits]
@@ -188,7 +178,7 @@ def stitching_budget(
                 part = replace(own, points=points, measures=measures)
             parts.append(part)
         components.append(_join_parts(parts).compressed())
-    return StitchingBudget(UncertaintyBudget(tuple(components)), stations, shape)
+    return UncertaintyBudget(tuple(components)), stations, shape
 
 
 def _in_frame_j(causes: Sequence[ViewCause], T_j_b: Sequence[Array]) -> BudgetComponent:

@@ -18,6 +18,7 @@ from tjscan.core.frames import (
     rotation_angle_between,
     transform_points,
     unit_vector,
+    unit_vectors,
 )
 from tjscan.groove.section import GrooveSection
 from tjscan.joint.tubes.cylinder import Cylinder, cylinder_from_normals
@@ -250,8 +251,7 @@ def _initial_tubes(station: Station) -> tuple[Cylinder, Cylinder]:
     cylinders = []
     for k, name in enumerate(("wall_s", "leg_s")):
         across = np.array([s.view.T_b_s[:3, :3] @ getattr(s.groove, name) for s in sections[1:-1]])
-        normals = np.cross(along[:, k], across)
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = unit_vectors(np.cross(along[:, k], across))
         cylinders.append(cylinder_from_normals(corners[1:-1, k], normals))
     return cylinders[0], cylinders[1]
 

@@ -37,6 +37,7 @@ from tjscan.stitching.stations import (
     AzimuthArc,
     Station,
     StationOverlap,
+    StationTubeFit,
     StitchSettings,
     TubeFits,
     arc_of_azimuths,
@@ -68,27 +69,20 @@ class PlacedStation:
 
     Parameters
     ----------
-    station : Station
-        Which one.
+    fit : StationTubeFit
+        Which station, and its tubes.
     T_j_b : ndarray, shape (4, 4)
         Its base in frame j.
     covariance : ndarray, shape (6, 6)
         Of translation and rotation vector, in j and about its origin.
     arc : AzimuthArc
         What it saw.
-    views : int
-        Number of views that its place rests on.
-    tubes_reduced_chi2, tubes_rms : float
-        How far its walls are from leg and brace: chi-squared per degree of freedom, and metres.
     """
 
-    station: Station
+    fit: StationTubeFit
     T_j_b: Array
     covariance: Array
     arc: AzimuthArc
-    views: int
-    tubes_reduced_chi2: float
-    tubes_rms: float
 
 
 @array_dataclass
@@ -178,32 +172,28 @@ def stitch_stations(
         _check_placement(draft, placement, settings)
     except StitchingRefused as error:
         raise StitchingRefused(error.reason, error.evidence, draft) from None
-    uncertain = stitching_budget(fits, registrations, placement, shared, settings.repeatability)
+    budget, covariances, shape_covariance = stitching_budget(
+        fits, registrations, placement, shared, settings.repeatability
+    )
     placed = [
-        PlacedStation(
-            fit.station,
-            placement.T[k] @ inverse_pose(fit.frame.T),
-            uncertain.station_covariances[k],
-            arc_of_azimuths(azimuth),
-            len(fit.station.all_sections),
-            fit.tubes.reduced_chi2,
-            fit.tubes.rms,
+        PlacedStation(fit, T @ inverse_pose(fit.frame.T), covariance, arc_of_azimuths(azimuth))
+        for fit, T, covariance, azimuth in zip(
+            fits, placement.T, covariances, azimuths, strict=True
         )
-        for k, (fit, azimuth) in enumerate(zip(fits, azimuths, strict=True))
     ]
     # Weighed by what is each station's own: what they share would not make one of them worse.
     single = [
-        sections_in_joint_frame(one.station, one.T_j_b, covariance, settings.repeatability)
+        sections_in_joint_frame(one.fit.station, one.T_j_b, covariance, settings.repeatability)
         for one, covariance in zip(placed, placement.covariance, strict=True)
     ]
     fused = fuse_sections(single, placement.shape)
-    budget = uncertain.sections.made_of([one.shares for one in fused])
+    budget = budget.made_of([one.shares for one in fused])
     gaps = tuple(overlap_gap(edge, placement.T) for edge in registrations)
     chain, closing = spanning_tree_poses(len(stations), registrations)
     return StitchedGroove(
         tuple(placed),
         placement.shape,
-        np.sqrt(np.diag(uncertain.shape_covariance)),
+        np.sqrt(np.diag(shape_covariance)),
         tuple(registrations),
         gaps,
         out_of_round,

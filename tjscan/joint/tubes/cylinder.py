@@ -7,7 +7,14 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.errors import TubesNotFound
-from tjscan.core.frames import Array, array_dataclass, readonly_copy, transform_points, unit_vector
+from tjscan.core.frames import (
+    Array,
+    array_dataclass,
+    readonly_copy,
+    transform_points,
+    unit_vector,
+    unit_vectors,
+)
 from tjscan.core.robust import mad_sigma, tukey_root_weights
 
 
@@ -39,8 +46,7 @@ class Cylinder:
 
     def normals(self, points: Array) -> Array:
         """Outward unit normals, shape (..., 3), at or beside points off the axis."""
-        across = self._radial_vectors(points)
-        return np.asarray(across / np.linalg.norm(across, axis=-1, keepdims=True))
+        return unit_vectors(self._radial_vectors(points))
 
     def transformed(self, T: Array) -> Cylinder:
         """The same cylinder in the outer frame of `T`, shape (4, 4)."""

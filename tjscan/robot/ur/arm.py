@@ -31,19 +31,10 @@ from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.arm import ArmState, MotionLock
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import MotionLimits, PathPlanner
+from tjscan.robot.ur import moving
 from tjscan.robot.ur.dashboard import DashboardClient, UrIdentity, read_ur_identity
 from tjscan.robot.ur.kinematics_info import describe_difference, read_controller_kinematics
 from tjscan.robot.ur.messages import ControllerState, connection_start_fault, fault_from_state
-from tjscan.robot.ur.moving import (
-    POLL_PERIOD,
-    UrProgram,
-    await_arrival,
-    check_target_is_safe,
-    execute_move,
-    joint_command,
-    linear_command,
-    run_program,
-)
 from tjscan.robot.ur.session import ClientLibraryError, ControllerSession, not_ready_fault
 from tjscan.robot.ur.settings import UrSettings
 
@@ -121,7 +112,7 @@ def _polls_until_limit(latch: MotionLock) -> Iterator[bool]:
     limit = time.monotonic() + SETTING_LIMIT
     while True:
         yield time.monotonic() > limit
-        latch.wait_for_stop(POLL_PERIOD)
+        latch.wait_for_stop(moving.POLL_PERIOD)
 
 
 def _await_end_of_other_program(dashboard: DashboardClient, latch: MotionLock) -> None:
@@ -295,7 +286,7 @@ class UrArm(DeviceBase):
         """Move to the nearest configuration that holds a pose. See `move_linear`."""
         return self._execute_move(T_b_f, near)
 
-    def run_program(self, program: UrProgram, started: Callable[[], object]) -> None:
+    def run_program(self, program: moving.UrProgram, started: Callable[[], object]) -> None:
         """Run a program in URScript to its end; the arm takes no moves after it.
 
         Parameters
@@ -312,7 +303,7 @@ class UrArm(DeviceBase):
         """
         session = self._connected
         with self._latch.hold_for_move():
-            run_program(session, program, started)
+            moving.run_program(session, program, started)
 
     def stop(self) -> None:
         """Bring the arm to rest, and begin nothing more. See `Arm.stop`."""
@@ -336,10 +327,10 @@ class UrArm(DeviceBase):
             q = session.arm_state().q
             path = planner.linear_path(q, T_b_f) if linear else planner.joint_path(q, T_b_f, near)
             if path.duration > 0:
-                check_target_is_safe(session, T_b_f)
+                moving.check_target_is_safe(session, T_b_f)
                 if linear:
-                    command = linear_command(self.kinematics, session, path, T_b_f)
+                    command = moving.linear_command(self.kinematics, session, path, T_b_f)
                 else:
-                    command = joint_command(session, path, T_b_f)
-                execute_move(session, command, T_b_f)
-            return await_arrival(session, T_b_f)
+                    command = moving.joint_command(session, path, T_b_f)
+                moving.execute_move(session, command, T_b_f)
+            return moving.await_arrival(session, T_b_f)
