@@ -81,7 +81,7 @@ def test_where_nobody_watches_any_more_the_controller_ends_the_program(
 ) -> None:
     """The client that feeds the watchdog is gone, as when this computer fails."""
     with arm_at(loopback.host) as arm:
-        session = arm._connected
+        session = arm._connected_session
 
         def vanish() -> None:
             session.link._process.kill()

@@ -167,10 +167,16 @@ def test_the_covariance_is_that_of_the_misses(step: float) -> None:
         true = world.look(SetPoint(ahead.T_b_t, ahead.T_s_t))
         T_b_t = correction_target_pose(seen[-1].T_b_g, true.T_b_g)
         away = inverse_pose(ahead.T_b_t) @ T_b_t
-        miss = np.concatenate((away[:3, 3], Rotation.from_matrix(away[:3, :3]).as_rotvec()))
+        distance_and_angle_missed = np.concatenate(
+            (away[:3, 3], Rotation.from_matrix(away[:3, :3]).as_rotvec())
+        )
         parts = [1, 2, 3]  # along x it is known, and turns about y and z follow from shifts
         P = ahead.covariance[np.ix_(parts, parts)]
-        squared.append(miss[parts] @ np.linalg.solve(P, miss[parts]) / len(parts))
+        squared.append(
+            distance_and_angle_missed[parts]
+            @ np.linalg.solve(P, distance_and_angle_missed[parts])
+            / len(parts)
+        )
     assert 0.2 < np.mean(squared) < 1.5
 
 
@@ -205,7 +211,7 @@ def test_where_the_tubes_tell_nothing_the_papers_case_3_predicts(
 
     world = seam()
     scans = walk_of(world, 0.04, 3)
-    monkeypatch.setattr(smooth, "fit_tubes_to_sections", lost)
+    monkeypatch.setattr(smooth.seam_fit, "fit_tubes_to_sections", lost)
     ahead = tube_fit_predictor(world.plan)(scans, 0.04)
     case_3 = paper_predictor(PREDICTION_CASES[3], world.direction)(scans, 0.04)
     np.testing.assert_array_equal(ahead.T_b_t, case_3.T_b_t)

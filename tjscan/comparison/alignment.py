@@ -154,7 +154,7 @@ def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
         apart = np.linalg.norm(moved - feet, axis=1)
         off = np.abs(np.sum((moved - feet) * normals, axis=1))
         near = apart < MOST_PARTNER_DISTANCE
-        _check_fitness(
+        _check_enough_points_near(
             near,
             "",
             "they overlap too little, or begin too far apart to be aligned from where they are",
@@ -186,7 +186,7 @@ def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
     return Alignment("icp", T, fitness, residual, rounds, far)
 
 
-def _check_fitness(near: NDArray[np.bool_], when: str, causes: str) -> None:
+def _check_enough_points_near(near: NDArray[np.bool_], when: str, causes: str) -> None:
     """Refuse points if too few are near the reference."""
     if near.mean() < LEAST_PARTNER_SHARE:
         raise ComparisonRefused(
@@ -263,7 +263,7 @@ def align_joints(measured: Shape, reference: Shape, surface: MeshDistance | None
     clear = medians[best] < CLEAR_RESIDUAL_RATIO * medians[1 - best]
     chosen = best if clear else less
     near = off[chosen] < MOST_PARTNER_DISTANCE
-    _check_fitness(
+    _check_enough_points_near(
         near,
         " once the joints' own frames coincide",
         "these are two different joints, or one of them was not seen well enough",

@@ -22,8 +22,8 @@ import numpy as np
 from tjscan.comparison.shapes import (
     Mesh,
     Shape,
-    StatedUnitAndFrame,
     UnitAndFrame,
+    UserUnitAndFrame,
     find_sidecar,
     read_sidecar,
     resolve_unit_and_frame,
@@ -134,7 +134,7 @@ FileContent = tuple[Array, "np.ndarray[Any, np.dtype[np.intp]] | None", tuple[st
 """Points, triangles or None, and the unit that the file states with where it states it."""
 
 
-def read_shape_file(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:
+def read_shape_file(path: Path, options: UserUnitAndFrame | None = None) -> Shape:
     """Read a shape from a joint's TOML, a mesh, a cloud or ``edges.csv``.
 
     Parameters
@@ -150,7 +150,7 @@ def read_shape_file(path: Path, options: StatedUnitAndFrame | None = None) -> Sh
         If it is missing, damaged or empty, takes more memory to read than `MOST_MEMORY`, or
         nothing states its unit or its frame.
     """
-    options = options or StatedUnitAndFrame()
+    options = options or UserUnitAndFrame()
     kind = path.suffix.lower()
     if kind == ".toml":
         return _joint_shape(read_joint(path), UnitAndFrame("mm", "the joint's file", "j"))

@@ -152,7 +152,7 @@ def median_point_spacing(points: Array) -> float:
 
 IndexArray = NDArray[np.intp]
 
-INSIDE_TRIANGLE: Final = -1
+INSIDE_TRIANGLE_FEATURE: Final = -1
 """The feature of a foot that lies inside its triangle."""
 
 
@@ -231,11 +231,11 @@ class MeshFacets:
         distance : ndarray, shape (k,)
             Metres, positive on the side of the triangle's normal.
         feature : ndarray of int, shape (k,)
-            The corner or edge that each nearest point lies on; `INSIDE_TRIANGLE` inside a triangle.
+            The corner or edge that each nearest point lies on; `INSIDE_TRIANGLE_FEATURE` if none.
         """
         offset = points - self.corners[ids, 0]
         u, v, signed = np.einsum("ki,kij->jk", offset, self._dual[ids], optimize=False)
-        feature = np.full(len(points), INSIDE_TRIANGLE, dtype=np.intp)
+        feature = np.full(len(points), INSIDE_TRIANGLE_FEATURE, dtype=np.intp)
         out = np.flatnonzero((u < 0) | (v < 0) | (u + v > 1))
         if out.size:
             away, feature[out] = self._vectors_from_rims(points[out], ids[out])
@@ -255,7 +255,7 @@ class MeshFacets:
         """
         signed, feature = self.paired_signed_distances(points, ids)
         feet = points - signed[:, None] * self.normals[ids]
-        out = np.flatnonzero(feature != INSIDE_TRIANGLE)
+        out = np.flatnonzero(feature != INSIDE_TRIANGLE_FEATURE)
         if out.size:
             feet[out] = points[out] - self._vectors_from_rims(points[out], ids[out])[0]
         return np.asarray(feet)
@@ -374,7 +374,7 @@ class MeshDistance:
     def _walk_downhill(self, points: Array, ids: IndexArray) -> tuple[Array, IndexArray]:
         """Go from triangle to triangle until no neighbour is nearer."""
         signed, feature = self.facets.paired_signed_distances(points, ids)
-        open_ = np.flatnonzero(feature != INSIDE_TRIANGLE)
+        open_ = np.flatnonzero(feature != INSIDE_TRIANGLE_FEATURE)
         for _ in range(MOST_WALK_STEPS):
             if not open_.size:
                 break
@@ -386,7 +386,7 @@ class MeshDistance:
             better = np.abs(there[best]) < np.abs(signed[open_])
             open_, best = open_[better], best[better]
             signed[open_], feature[open_], ids[open_] = there[best], on[best], near[best]
-            open_ = open_[feature[open_] != INSIDE_TRIANGLE]
+            open_ = open_[feature[open_] != INSIDE_TRIANGLE_FEATURE]
         return signed, ids
 
 

@@ -78,18 +78,18 @@ class LocalDevice(DeviceBase):
     not_connected: ClassVar[tuple[type[TjscanError], str]]
     """Error of a call outside a ``with`` block, and its message."""
 
-    _connected = False
+    _connected_session = False
 
     def __enter__(self) -> Self:
-        self._connected = True
+        self._connected_session = True
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._connected = False
+        self._connected_session = False
 
     def check_connected(self) -> None:
         """Refuse a call outside a ``with`` block."""
-        if not self._connected:
+        if not self._connected_session:
             error, message = self.not_connected
             raise error(message)
 

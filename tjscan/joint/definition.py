@@ -264,7 +264,7 @@ class FitUpTolerance(SettingsTable):
     high_low: _TolerableLength = None
 
 
-NOT_STATED = FitUpTolerance()
+NO_TOLERANCE_STATED = FitUpTolerance()
 """Of a drawing that states none."""
 
 
@@ -310,7 +310,7 @@ class JointDefinition:
     root_face: float
     root_bead: float
     imperfections: Imperfections = NO_IMPERFECTIONS
-    tolerance: FitUpTolerance = NOT_STATED
+    tolerance: FitUpTolerance = NO_TOLERANCE_STATED
 
     @property
     def leg_surface(self) -> LegSurface:

@@ -241,7 +241,7 @@ class FeatureEdges:
 
     def on_tack(self, points_j: Array) -> NDArray[np.bool_]:
         """Whether points, shape (m, 3), lie at azimuths where a tack covers the root, (m,)."""
-        return within_spans(self.tacks, np.arctan2(points_j[:, 1], points_j[:, 0]))
+        return is_within_spans(self.tacks, np.arctan2(points_j[:, 1], points_j[:, 0]))
 
     def distances(self, points_j: Array) -> Array:
         """Distances of points, shape (m, 3), from p2, p3 and p4 in metres, shape (m, 3)."""
@@ -272,7 +272,7 @@ def tack_spans(definition: JointDefinition) -> Array:
     return spans
 
 
-def within_spans(spans: Array, phi: ArrayLike) -> NDArray[np.bool_]:
+def is_within_spans(spans: Array, phi: ArrayLike) -> NDArray[np.bool_]:
     """Whether azimuths lie in one of the spans that `tack_spans` gives, the shape of `phi`.
 
     Parameters

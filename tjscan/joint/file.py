@@ -12,7 +12,7 @@ from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.joint.definition import (
     NO_IMPERFECTIONS,
-    NOT_STATED,
+    NO_TOLERANCE_STATED,
     FitUpTolerance,
     Imperfections,
     JointDefinition,
@@ -258,7 +258,7 @@ class JointFile(StrictFileModel):
         }
         for name, (table, key, metres) in LENGTH_KEYS.items():
             tables[table][key] = _rounded(getattr(d, name) / metres)
-        if d.tolerance != NOT_STATED:
+        if d.tolerance != NO_TOLERANCE_STATED:
             tables["tolerance"] = d.tolerance
         if d.imperfections != NO_IMPERFECTIONS:
             tables["imperfections"] = d.imperfections
@@ -284,7 +284,7 @@ class JointFile(StrictFileModel):
                 for psi, angle in self.groove.angle_deg
             ),
             imperfections=self.imperfections or NO_IMPERFECTIONS,
-            tolerance=self.tolerance or NOT_STATED,
+            tolerance=self.tolerance or NO_TOLERANCE_STATED,
             **lengths,
         )
         check_buildable(definition)

@@ -178,11 +178,11 @@ def fit_groove_edges(
     sigmas = np.array([section.sigmas[3] for section in sections])
     own = np.sqrt(np.maximum(sigmas**2 - shared_area_sigma**2, 0.0))
     edges = fit_edges_to_corners(corners, _corner_sigmas(sections), own / areas, longest_step)
-    root = root_of_sections(sections, edges.sections, edges.length, closed=edges.closed)
+    root = root_along_sections(sections, edges.sections, edges.length, closed=edges.closed)
     return replace(edges, shared_area_sigma=shared_area_sigma, root=root)
 
 
-def root_of_sections(
+def root_along_sections(
     sections: Sequence[MeasuredSection], s: Array, length: float, *, closed: bool
 ) -> RootAlongGroove:
     """The root as sections show it; for one that does not, the sections beside it count.

@@ -78,7 +78,7 @@ class ArrangedGroove:
         while step >= SHORTEST_STEP:
             count = ceil((end - begin) / step)
             stations, cells = self.cut(np.linspace(begin, end, 2 * count + 1))
-            points = stations.to_space(path.aim_points(cells))
+            points = stations.points_to_space(path.aim_points(cells))
             error, kink = path.chord_error_and_kink(points[::2], points[1::2])
             if error <= path.CHORD_ERROR and kink <= path.LARGEST_KINK:
                 return step

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from tjscan.core.units import MM
 from tjscan.planning.lay import ArrangedGroove, laying_order
-from tjscan.planning.path import centroids
+from tjscan.planning.path import bead_centroids
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.wps import KJ_MM, MM_MIN
 
@@ -59,7 +59,7 @@ def _draw_section(axes: Axes, plan: WeldPlan, share: float) -> None:
         for place in laying_order(count, k)
     ]
     colours = colormaps["viridis"]
-    middles = centroids(cells)[0] / MM.factor
+    middles = bead_centroids(cells)[0] / MM.factor
     for j, outline in enumerate(cells.outlines(0)):
         turn = order.index(j)
         x, y = (outline / MM.factor).T

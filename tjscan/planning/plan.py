@@ -121,16 +121,16 @@ def findings_of_stops(
             yield _make_finding(bead, "sequence.shortest_bead_mm", whole, text)
         for end, at in enumerate((float(bead.s.min()), float(bead.s.max()))):
             seen.setdefault((bead.zone, bead.station, end, bead.layer), []).append(at)
-            if stops.is_open_end(at):
+            if stops.is_at_open_end(at):
                 continue
-            near = stops.nearest_landmark(at)
+            near = stops.distance_to_nearest_landmark(at)
             if near < wps.sequence.stop_distance - NO_LENGTH:
                 text = f"a stop {1e3 * near:.0f} from crown or saddle"
                 yield _make_finding(bead, "sequence.stop_distance_mm", bead.s == at, text)
             if len(seen[bead.zone, bead.station, end, bead.layer]) > 1:
                 continue  # the beads of a layer start and stop together
             below = seen.get((bead.zone, bead.station, end, bead.layer - 1), [])
-            away = min((stops.apart(at, other) for other in below), default=spread)
+            away = min((stops.way_between(at, other) for other in below), default=spread)
             if away < spread - NO_LENGTH:
                 text = f"a stop {1e3 * away:.0f} from that of the layer below, {apart:g} asked for"
                 yield _make_finding(bead, "sequence.start_spread_mm", bead.s == at, text)
@@ -277,7 +277,7 @@ def plan_weld(
     if not np.isfinite(size) or size == 0:
         raise ConfigurationError("must be a direction, not zero", key="--gravity")
     gravity = gravity / size
-    check_passes_are_there(edges.root, after_pass)
+    check_root_is_welded(edges.root, after_pass)
     zones = _fit_zones(edges, wps, after_pass)
     borders = [(zone.begin, zone.end) for zone in zones]
     stops = StopPlacement(
@@ -292,10 +292,10 @@ def plan_weld(
             over_tacks = layer == 0 and after_pass == 0
             laid = []
             for span in spans:
-                skipped = spans_to_skip(edges.root, span, wps) if over_tacks else ()
+                skipped = tack_spans_to_skip(edges.root, span, wps) if over_tacks else ()
                 ends = [end for part in skipped for end in part]
                 done = groove.lay_layer(layer, span, step, gravity, ends)
-                laid.append([without_spans(bead, skipped) for bead in done])
+                laid.append([bead_parts_outside_spans(bead, skipped) for bead in done])
             for parts_by_span in zip(*laid, strict=True):
                 last += 1
                 beads += [
@@ -372,7 +372,7 @@ def _fit_zones_from(
     return tuple(found)
 
 
-def check_passes_are_there(root: RootAlongGroove, after_pass: int) -> None:
+def check_root_is_welded(root: RootAlongGroove, after_pass: int) -> None:
     """Refuse sections that show no weld where passes were welded.
 
     Raises
@@ -389,7 +389,7 @@ def check_passes_are_there(root: RootAlongGroove, after_pass: int) -> None:
         )
 
 
-def spans_to_skip(
+def tack_spans_to_skip(
     root: RootAlongGroove, stretch: StationStretch, wps: WeldingProcedure
 ) -> tuple[Span, ...]:
     """Parts of a bead's path over which it is not laid because of tacks; metres.
@@ -415,7 +415,7 @@ def spans_to_skip(
     return tuple(sorted((a, b) for a, b in shifted if b > a))
 
 
-def without_spans(bead: PlannedBead, spans: Sequence[Span]) -> tuple[PlannedBead, ...]:
+def bead_parts_outside_spans(bead: PlannedBead, spans: Sequence[Span]) -> tuple[PlannedBead, ...]:
     """A bead in parts, without some spans at whose ends it has points."""
     middles = 0.5 * (bead.s[1:] + bead.s[:-1])
     laid = np.ones(len(middles), dtype=bool)

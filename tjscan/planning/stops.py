@@ -127,22 +127,22 @@ class StopPlacement:
             found.append(tuple(spans))
         return found
 
-    def is_open_end(self, s: float) -> bool:
+    def is_at_open_end(self, s: float) -> bool:
         """Whether an end of a groove that does not close is at s: a stop there can't be moved.
 
         Of a cascade it is the lowest layer's alone.
         """
         return not self.closed and min(abs(s), abs(s - self.length)) < NO_LENGTH
 
-    def apart(self, a: float, b: float) -> float:
+    def way_between(self, a: float, b: float) -> float:
         """Length of groove between two places, the shorter way round, metres."""
         if not self.closed:
             return abs(a - b)
         return abs((a - b + 0.5 * self.length) % self.length - 0.5 * self.length)
 
-    def nearest_landmark(self, s: float) -> float:
+    def distance_to_nearest_landmark(self, s: float) -> float:
         """Length of groove to the nearest crown or saddle, metres; infinite without any."""
-        return min((self.apart(s, float(mark)) for mark in self.landmarks), default=np.inf)
+        return min((self.way_between(s, float(mark)) for mark in self.landmarks), default=np.inf)
 
     def _station_rank(self, station: str) -> int:
         """Which of the stations it is, in the order of welding; those that are none come last."""

@@ -97,16 +97,16 @@ class Arm(Device, Protocol):
         """
 
 
-STILL_TOLERANCE: Final = 2e-4
+LARGEST_TURN_AT_REST: Final = 2e-4
 """Radians a joint may turn while the arm rests: more than encoders flicker, 0.2 mm at 1 m."""
 
-STILL_DURATION: Final = 0.25
+REST_DURATION: Final = 0.25
 """Seconds for which no joint may turn further."""
 
 REST_LIMIT: Final = 10.0
 """Seconds within which the arm has to come to rest."""
 
-READING_PAUSE: Final = 0.02
+STATE_READING_PAUSE: Final = 0.02
 """Seconds between two looks."""
 
 
@@ -137,11 +137,11 @@ def await_rest(
     """
     until, since, start = now() + REST_LIMIT, now(), arm.state()
     while True:
-        pause(READING_PAUSE)
+        pause(STATE_READING_PAUSE)
         state, moment = arm.state(), now()
-        if largest_joint_rotation(start, state) > STILL_TOLERANCE:
+        if largest_joint_rotation(start, state) > LARGEST_TURN_AT_REST:
             since, start = moment, state
-        elif moment - since >= STILL_DURATION:
+        elif moment - since >= REST_DURATION:
             return state
         if moment > until:
             raise ArmFault(
@@ -150,7 +150,7 @@ def await_rest(
             )
 
 
-def check_not_moved(before: ArmState, after: ArmState) -> None:
+def check_arm_has_not_moved(before: ArmState, after: ArmState) -> None:
     """Check that an arm has not moved between two states.
 
     Raises
@@ -158,7 +158,7 @@ def check_not_moved(before: ArmState, after: ArmState) -> None:
     ArmFault
         If it has.
     """
-    if (angle := largest_joint_rotation(before, after)) > STILL_TOLERANCE:
+    if (angle := largest_joint_rotation(before, after)) > LARGEST_TURN_AT_REST:
         raise ArmFault(
             f"the arm moved while the laser looked: a joint turned by {np.degrees(angle):.2f} "
             "deg. Let it stand, leave freedrive, then start again."

@@ -27,7 +27,7 @@ TREE_STEP: Final = 0.5
 MOST_RANDOM_POSTURES: Final = 1000
 """Postures that are drawn before it is given up."""
 
-DRAW_MARGIN: Final = np.pi
+POSTURE_DRAW_MARGIN: Final = np.pi
 """Radians beyond both ends within which a joint's angle is drawn: no way winds an arm up."""
 
 IsClear = Callable[[Array, Array], bool]
@@ -63,7 +63,7 @@ class _PostureTree:
         return way
 
 
-def find_way(
+def find_way_of_postures(
     start: Array, goal: Array, limits: tuple[Array, Array], is_clear: IsClear
 ) -> list[Array] | None:
     """Find postures between which straight lines in joint space keep clear.
@@ -84,8 +84,8 @@ def find_way(
         lead to none.
     """
     dice = np.random.default_rng(0)
-    least = np.maximum(limits[0], np.minimum(start, goal) - DRAW_MARGIN)
-    most = np.minimum(limits[1], np.maximum(start, goal) + DRAW_MARGIN)
+    least = np.maximum(limits[0], np.minimum(start, goal) - POSTURE_DRAW_MARGIN)
+    most = np.minimum(limits[1], np.maximum(start, goal) + POSTURE_DRAW_MARGIN)
     first = _PostureTree(readonly_copy(start))
     one, other = first, _PostureTree(readonly_copy(goal))
     for _ in range(MOST_RANDOM_POSTURES):
@@ -93,7 +93,7 @@ def find_way(
         if reached is not None and _grow_until_connected(other, reached, is_clear):
             ways = one.way_to_root()[::-1], other.way_to_root()[1:]
             way = [*ways[0], *ways[1]]
-            return _shortened_path(way if one is first else way[::-1], is_clear)
+            return _shorten_way(way if one is first else way[::-1], is_clear)
         one, other = other, one
     return None
 
@@ -106,7 +106,7 @@ def _grow_until_connected(tree: _PostureTree, to: Array, is_clear: IsClear) -> b
     return False
 
 
-def _shortened_path(way: list[Array], is_clear: IsClear) -> list[Array]:
+def _shorten_way(way: list[Array], is_clear: IsClear) -> list[Array]:
     """Leave out postures between which the straight line keeps clear, until none is left to."""
     short = list(way)
     for span in range(len(way) - 1, 1, -1):
@@ -264,7 +264,7 @@ class CollisionCheckedArm:
         for i, T in enumerate(T_b_f):
             path = self.plan_clear_path(q, T, straight=i > 0)
             last = path.segments[-1]
-            direct = direct and path.blocked is None and (i > 0 or self._is_nearest(q, last))
+            direct = direct and path.blocked is None and (i > 0 or self._ends_nearest(q, last))
             q = last.q
         if direct:
             # The driver may know more of its arm; of other ways it can't be asked beforehand.
@@ -278,7 +278,7 @@ class CollisionCheckedArm:
         PathBlocked
             Before anything moves, if arm or tool come too near to something, detours included.
         """
-        return self._move_segment(T_b_f, straight=True)
+        return self._move_on_clear_path(T_b_f, straight=True)
 
     def move_joint_to_pose(
         self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
@@ -287,7 +287,7 @@ class CollisionCheckedArm:
 
         With `near` it ends in that configuration and no other.
         """
-        return self._move_segment(T_b_f, straight=False, near=near, direct=direct)
+        return self._move_on_clear_path(T_b_f, straight=False, near=near, direct=direct)
 
     def stop(self) -> None:
         """Bring the arm to rest now, and begin no further segment. See `Arm.stop`."""
@@ -311,7 +311,7 @@ class CollisionCheckedArm:
         """Plan a collision-free path: the direct one, else a detour: back, across and forward.
 
         A move in joint space has one choice more: another configuration at its end; or, if it
-        has to end near given joint angles, a way that is searched; see `find_way`.
+        has to end near given joint angles, a way that is searched; see `find_way_of_postures`.
 
         Parameters
         ----------
@@ -332,15 +332,15 @@ class CollisionCheckedArm:
             Of the direct path, if no other way keeps clear either.
         """
         try:
-            return ClearPath(self._check_segments(q, [(straight, T_b_f, near)]))
+            return ClearPath(self._check_way_is_clear(q, [(straight, T_b_f, near)]))
         except PathBlocked as blocked:
             if direct or blocked.share == 0:  # where it is now: no way begins elsewhere
                 raise
             for way in self._ways_round(q, T_b_f, near, straight=straight):
                 try:
-                    segments = self._check_segments(q, way)
+                    segments = self._check_way_is_clear(q, way)
                     if near is not None:
-                        _check_near(segments[-1].q, T_b_f, near)
+                        _check_joints_stay_near(segments[-1].q, T_b_f, near)
                     return ClearPath(segments, blocked)
                 except PoseUnreachable:
                     continue
@@ -363,7 +363,7 @@ class CollisionCheckedArm:
         kinematics = self.clearance.kinematics
         T_start = kinematics.forward(q)
         for lift, across in product(self._lifts, (straight, not straight)):
-            back, ahead = (self._drawn_back(T, lift) for T in (T_start, T_b_f))
+            back, ahead = (self._draw_sensor_back(T, lift) for T in (T_start, T_b_f))
             yield [(True, back, None), (across, ahead, near), (True, T_b_f, None)]
         if near is not None:
             yield from self._search_path(q, T_b_f, near)
@@ -378,32 +378,32 @@ class CollisionCheckedArm:
         """
         clearance, kinematics = self.clearance, self.clearance.kinematics
         for lift in (*self._lifts, 0.0):
-            ahead = self._drawn_back(T_b_f, lift)
+            ahead = self._draw_sensor_back(T_b_f, lift)
             forward: Way = [(True, T_b_f, None)] if lift else []
             try:
                 goal = kinematics.inverse(ahead, near=near)
-                for end in self._check_segments(goal, forward):
-                    _check_near(end.q, T_b_f, near)
+                for end in self._check_way_is_clear(goal, forward):
+                    _check_joints_stay_near(end.q, T_b_f, near)
             except PoseUnreachable:
                 continue
             limits = kinematics.lower, kinematics.upper
-            found = find_way(q, goal, limits, clearance.line_is_clear)
+            found = find_way_of_postures(q, goal, limits, clearance.line_is_clear)
             if found is not None:
                 between = [(False, kinematics.forward(one), one) for one in found[1:-1]]
                 yield [*between, (False, ahead, goal), *forward]
             return
 
-    def _is_nearest(self, q: Array, segment: PathSegment) -> bool:
+    def _ends_nearest(self, q: Array, segment: PathSegment) -> bool:
         """Whether a move in joint space ends where an arm at `q` would go of itself."""
         nearest = self.clearance.kinematics.inverse(segment.T_b_f, near=q)
         return bool(np.abs(nearest - segment.q).max() < SAME_CONFIGURATION)
 
-    def _drawn_back(self, T_b_f: Array, lift: float) -> Array:
+    def _draw_sensor_back(self, T_b_f: Array, lift: float) -> Array:
         T = np.array(T_b_f)
         T[:3, 3] += lift * T[:3, :3] @ self._back_f
         return T
 
-    def _check_segments(self, q: Array, way: Way) -> tuple[PathSegment, ...]:
+    def _check_way_is_clear(self, q: Array, way: Way) -> tuple[PathSegment, ...]:
         clearance, segments = self.clearance, []
         for straight, T, near in way:
             if straight:
@@ -411,11 +411,11 @@ class CollisionCheckedArm:
             else:
                 q = clearance.joint_angles_after_joint_move(q, T, near)
                 if near is not None:
-                    _check_near(q, T, near)
+                    _check_joints_stay_near(q, T, near)
             segments.append(PathSegment(straight, T, q))
         return tuple(segments)
 
-    def _move_segment(
+    def _move_on_clear_path(
         self, T_b_f: Array, *, straight: bool, near: Array | None = None, direct: bool = False
     ) -> ArmState:
         with self._latch.hold_for_move():
@@ -429,11 +429,11 @@ class CollisionCheckedArm:
                     state = self._arm.move_linear(segment.T_b_f)
                 else:
                     state = self._arm.move_joint_to_pose(segment.T_b_f, near=segment.q)
-                _check_configuration(state, segment)
+                _check_planned_configuration(state, segment)
             return state
 
 
-def _check_near(q: Array, T_b_f: Array, near: Array) -> None:
+def _check_joints_stay_near(q: Array, T_b_f: Array, near: Array) -> None:
     """Refuse a move that is short for the flange and long for a joint."""
     away = np.abs(q - near)
     if away.max() > LARGEST_JOINT_SWEEP:
@@ -445,7 +445,7 @@ def _check_near(q: Array, T_b_f: Array, near: Array) -> None:
         )
 
 
-def _check_configuration(state: ArmState, segment: PathSegment) -> None:
+def _check_planned_configuration(state: ArmState, segment: PathSegment) -> None:
     """Refuse to go on if the arm took joint angles that were not checked."""
     off = np.abs(state.q - segment.q)
     if off.max() > SAME_CONFIGURATION:

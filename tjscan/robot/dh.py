@@ -35,7 +35,7 @@ COMPARED_POSTURES = 200
 """Joint angles at which two descriptions are compared, always the same ones."""
 
 
-def compare_with_model(dh: DhParameters, kinematics: Kinematics) -> tuple[float, float]:
+def compare_flange_with_model(dh: DhParameters, kinematics: Kinematics) -> tuple[float, float]:
     """Distances, RMS and largest, of the flange by DH parameters from where a model has it.
 
     Parameters

@@ -153,10 +153,10 @@ def _spline_derivatives(values: Array) -> tuple[Array, Array]:
 WAYPOINT_SPACING: Final = 5e-3
 """Metres between the waypoints of a line; the spline between them strays by micrometres."""
 
-TURN_SPACING: Final = radians(2)
+FLANGE_TURN_SPACING: Final = radians(2)
 """Radians the flange turns between waypoints."""
 
-JOINT_SPACING: Final = radians(4)
+JOINT_TURN_SPACING: Final = radians(4)
 """Radians a joint turns between the waypoints of a path in joint space."""
 
 FEWEST_PIECES: Final = 4
@@ -252,7 +252,7 @@ def linear_waypoints(kinematics: Kinematics, q: Array, T_b_f: Array) -> tuple[Ar
         except PoseUnreachable as error:
             raise PoseUnreachable(place_on_path(share) + error.reason, T_b_f) from None
         if np.abs(following - waypoints[-1]).max() > LARGEST_TURN:
-            reason = _reason_of_jump(kinematics, waypoints[-1], following)
+            reason = _explain_joint_jump(kinematics, waypoints[-1], following)
             raise PoseUnreachable(place_on_path(share) + reason, T_b_f)
         waypoints.append(following)
     return np.array(waypoints), poses_b_f[:, :3, 3]
@@ -260,7 +260,7 @@ def linear_waypoints(kinematics: Kinematics, q: Array, T_b_f: Array) -> tuple[Ar
 
 def interpolate_joints(q: Array, goal: Array) -> Array:
     """Joint angles evenly spaced from `q` to `goal`, shape (m, n), in radians."""
-    pieces = max(FEWEST_PIECES, ceil(float(np.abs(goal - q).max()) / JOINT_SPACING))
+    pieces = max(FEWEST_PIECES, ceil(float(np.abs(goal - q).max()) / JOINT_TURN_SPACING))
     return np.linspace(q, goal, pieces + 1)
 
 
@@ -268,7 +268,7 @@ def _poses_on_line(T_start: Array, T_end: Array) -> Array:
     """Poses on a line, shape (m, 4, 4)."""
     length = float(np.linalg.norm(T_end[:3, 3] - T_start[:3, 3]))
     angle = rotation_angle_between(T_start, T_end)
-    pieces = max(FEWEST_PIECES, ceil(length / WAYPOINT_SPACING), ceil(angle / TURN_SPACING))
+    pieces = max(FEWEST_PIECES, ceil(length / WAYPOINT_SPACING), ceil(angle / FLANGE_TURN_SPACING))
     u = np.linspace(0, 1, pieces + 1)[:, None]
     turn = pose_vector.rotation_to_vector(T_start[:3, :3].T @ T_end[:3, :3])
     poses = np.tile(np.eye(4), (pieces + 1, 1, 1))
@@ -282,7 +282,7 @@ def place_on_path(share: float) -> str:
     return "" if share in (0, 1) else f"{share:.0%} of the way there, "
 
 
-def _reason_of_jump(kinematics: Kinematics, q: Array, following: Array) -> str:
+def _explain_joint_jump(kinematics: Kinematics, q: Array, following: Array) -> str:
     """Why two waypoints close to each other have joint angles far apart."""
     smallest = kinematics.smallest_singular_value(q)
     room = np.minimum(q - kinematics.lower, kinematics.upper - q)

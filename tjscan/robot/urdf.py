@@ -21,7 +21,7 @@ from tjscan.robot.closed_form import UrDhLengths
 ARM_MODELS: Final = ("ur5e", "ur10e", "ur16e", "ur20", "ur30")
 """Names of the arms whose URDF comes with tjscan."""
 
-CALIBRATION_TOLERANCE: Final = 0.005
+GEOMETRY_TOLERANCE: Final = 0.005
 """Metres and radians by which a calibrated arm may differ from the ideal geometry."""
 
 MOST_BYTES: Final = 5_000_000
@@ -99,11 +99,11 @@ def ur_dh_lengths(model: Any) -> UrDhLengths | None:
     for T, twist in zip(M, (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2), strict=True):
         c, s = np.cos(twist), np.sin(twist)
         if not np.allclose(
-            T[:3, :3], [[1, 0, 0], [0, c, -s], [0, s, c]], rtol=0, atol=CALIBRATION_TOLERANCE
+            T[:3, :3], [[1, 0, 0], [0, c, -s], [0, s, c]], rtol=0, atol=GEOMETRY_TOLERANCE
         ):
             return None
     (x2, y2, z2), (x3, y3, z3), (x4, y4, z4), (x5, y5, z5), (x6, y6, z6) = (T[:3, 3] for T in M)
-    if np.abs([x2, y3, y4, x5, x6]).max() > CALIBRATION_TOLERANCE:
+    if np.abs([x2, y3, y4, x5, x6]).max() > GEOMETRY_TOLERANCE:
         return None
     lengths = (z2, x3, x4, z3 + z4 + z5 - y2, z6 - y5, y6)
     return UrDhLengths(*(float(length) for length in lengths))

@@ -98,7 +98,7 @@ def groove_length(sections: Sections) -> float:
     return float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum())
 
 
-def step_lengths(sections: Sections) -> list[float]:
+def untaught_step_lengths(sections: Sections) -> list[float]:
     """Distances in metres between the groove origins of the steps that were not taught."""
     origins = np.array([scan.T_b_g[:3, 3] for scan in sections[1:]])
     lengths: list[float] = np.linalg.norm(np.diff(origins, axis=0), axis=1).tolist()
@@ -201,7 +201,7 @@ class RecordedScan:
         return RetryCounts.of_events(event.name for event in self.events)
 
     @property
-    def stop_reason(self) -> str:
+    def stop_detail(self) -> str:
         """Reason why the scan ended; empty if it did not."""
         last = self.events[-1] if self.events else None
         return last.detail if last is not None and last.name == ScanEvent.STOP else ""
@@ -209,7 +209,7 @@ class RecordedScan:
     @property
     def stop(self) -> StopReason:
         """Why the scan ended; `StopReason.CUT` if it did not."""
-        known = (reason for reason in StopReason if self.stop_reason.startswith(reason))
+        known = (reason for reason in StopReason if self.stop_detail.startswith(reason))
         return next(known, StopReason.CUT)
 
     def reread_sections(self, read: GrooveReader) -> tuple[ScannedSection, ...]:

@@ -29,7 +29,7 @@ from tjscan.scanning.target import SMOOTH_PREDICTION, ScanDirection, target_pose
 AREA_SPREAD: Final = 0.4
 """How much the area varies round a joint, standard deviation as a share of it."""
 
-TRIED_LENGTHS: Final = 50
+TRIED_STEP_LENGTHS: Final = 50
 """Lengths between the shortest and the longest that are looked at."""
 
 
@@ -69,7 +69,7 @@ def adaptive_step_rule(adaptive: AdaptiveStepSettings) -> StepLengthRule:
     own errors: noise is not taken for change, and what can't be foreseen shortens the step.
     A change counts as what is expected and one standard deviation more.
     """
-    steps = np.linspace(adaptive.least, adaptive.most, TRIED_LENGTHS)
+    steps = np.linspace(adaptive.least, adaptive.most, TRIED_STEP_LENGTHS)
 
     def rule(sections: Sections) -> float:
         track = seam_fit.recent_section_arrays(sections)

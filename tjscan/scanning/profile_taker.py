@@ -19,7 +19,7 @@ from tjscan.scanning.section import ProfileView, SetPoint, Substep
 from tjscan.scanning.sections_before import GrooveReader
 from tjscan.scanning.stopping import StopRequest
 
-MOVED_SENSOR: Final = 1e-4
+SENSOR_MOTION_TOLERANCE: Final = 1e-4
 """Metres, or entries of a rotation: a sensor that moved further sees another profile."""
 
 AGREEING_PROFILES: Final = 3
@@ -207,7 +207,7 @@ class ProfileTaker:
                 "before the arm came to rest"
             )
         place = self._place_of_digest.get(profile.digest)
-        if place is not None and np.abs(state.T_b_f - place).max() > MOVED_SENSOR:
+        if place is not None and np.abs(state.T_b_f - place).max() > SENSOR_MOTION_TOLERANCE:
             raise LaserFault("the profile is frozen: it is one of a place before")
 
 

@@ -123,7 +123,7 @@ class ScanRecording(RecordingJournal):
 
 Entry = ProfileView | ScannedSection | RunEvent
 
-RIGID_TOLERANCE: Final = 1e-6
+RIGID_MOUNT_TOLERANCE: Final = 1e-6
 """Metres, and entries of a rotation: how far the sensor's pose on the flange, written to the last
 digit, may differ between two views."""
 
@@ -181,7 +181,7 @@ def read_recording_entries(
         view = entry.view if isinstance(entry, ScannedSection) else entry
         if isinstance(view, ProfileView):
             apart = float(np.abs(_sensor_on_flange(view) - T_f_s).max())
-            if apart > RIGID_TOLERANCE:
+            if apart > RIGID_MOUNT_TOLERANCE:
                 what = "section" if isinstance(entry, ScannedSection) else "view of section"
                 reason = (
                     f"in a {what} {view.index} the poses of flange and sensor contradict each "

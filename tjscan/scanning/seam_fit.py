@@ -29,7 +29,7 @@ after the ±0.05 mm that makers state. No section knows of it, yet it outweighs 
 ANGULAR_REPEATABILITY: Final = 1e-4 / np.sqrt(3)
 """Radians about one axis: assumption, the above over half a metre of arm."""
 
-END_SIGMA: Final = 0.15e-3
+SIDE_END_SIGMA: Final = 0.15e-3
 """Metres by which p1 and p5 lie off their walls, standard deviation: assumption. The curve that
 is fitted between them and p2 or p4 is a parabola, or a line if that is doubtful."""
 
@@ -109,7 +109,7 @@ def recent_section_arrays(sections: Sections) -> RecentSections:
         ends=np.moveaxis(ends_s @ np.swapaxes(R, 1, 2) + p[:, None], 1, 0),
         tangents=np.moveaxis(tangents_s @ np.swapaxes(R, 1, 2), 1, 0),
         shape=np.column_stack((lengths, openings[:, 0])),
-        sigmas=np.sqrt(np.concatenate((read + LEAST_SIGMA**2, read + END_SIGMA**2, tilts))),
+        sigmas=np.sqrt(np.concatenate((read + LEAST_SIGMA**2, read + SIDE_END_SIGMA**2, tilts))),
         shape_sigmas=np.sqrt(
             np.column_stack((reached[:, None] + unseen, openings[:, 1])) + LEAST_SIGMA**2
         ),
@@ -135,7 +135,7 @@ SHAPE_SPREAD: Final = (4e-3, 4e-3, radians(8))
 SHAPE_WAVE: Final = 0.2
 """Metres along the groove over which they do."""
 
-WALL_OFFSET_SIGMA: Final = 0.3e-3
+OUT_OF_ROUND_SIGMA: Final = 0.3e-3
 """Metres by which a wall leaves its cylinder, standard deviation: assumption for rolled tubes,
 over the `OUT_OF_ROUND_WAVE` that cylinders through a few neighbouring sections do not follow."""
 WALL_DIRECTION_SIGMA: Final = radians(0.15)
@@ -150,14 +150,14 @@ MOST_WEIGHT_REVISIONS: Final = 3
 
 AXIS_STARTS: Final = 4
 """Directions of the leg's axis to start from: at the crown nothing shows it beforehand."""
-ROUNDS_TOGETHER: Final = 4
+ROUNDS_OF_ALL_STARTS: Final = 4
 """Rounds after which the best of them goes on alone."""
 MOST_ROUNDS: Final = 40
 SETTLED_SHARE: Final = 1e-5
 """Shares of a parameter's prior standard deviation: smaller steps end the search."""
 _DIFFERENCE_STEP: Final = 1e-5
 
-_RESIDUAL_SIGMAS: Final = (WALL_OFFSET_SIGMA,) * 4 + (WALL_DIRECTION_SIGMA,) * 2
+_RESIDUAL_SIGMAS: Final = (OUT_OF_ROUND_SIGMA,) * 4 + (WALL_DIRECTION_SIGMA,) * 2
 
 _LEAST_AXIS_COMPONENT: Final = 1e-12
 """Of the tube's axis, where nothing points outwards, a search may pass by."""
@@ -424,7 +424,7 @@ def _minimise(residuals: Callable[[Array], Array], starts: Array) -> tuple[Array
     values = residuals(theta[:, None] + beside)
     cost = np.sum(values[:, 0] ** 2, axis=-1)
     for i in range(MOST_ROUNDS):
-        if i == ROUNDS_TOGETHER:
+        if i == ROUNDS_OF_ALL_STARTS:
             best = slice(int(cost.argmin()), int(cost.argmin()) + 1)
             theta, damping, values, cost = theta[best], damping[best], values[best], cost[best]
         J = np.swapaxes(values[:, 1:] - values[:, :1], 1, 2) / _DIFFERENCE_STEP
@@ -437,6 +437,6 @@ def _minimise(residuals: Callable[[Array], Array], starts: Array) -> tuple[Array
         values = np.where(better[:, None, None], tried, values)
         cost = np.where(better, tried_cost, cost)
         damping = np.where(better, 0.1 * damping, 10 * damping)
-        if i > ROUNDS_TOGETHER and np.abs(step).max() < SETTLED_SHARE:
+        if i > ROUNDS_OF_ALL_STARTS and np.abs(step).max() < SETTLED_SHARE:
             break
     return theta[0], (values[0, 1:] - values[0, 0]).T / _DIFFERENCE_STEP

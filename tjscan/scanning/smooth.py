@@ -170,7 +170,7 @@ MOST_ROUNDS: Final = 30
 SETTLED_STEP: Final = 1e-7
 """Metres and radians: a smaller step ends the search for the section."""
 
-KEPT_SIGMAS: Final = 3.0
+SAFETY_SIGMAS: Final = 3.0
 """Standard deviations that are kept from the tolerances of a view: a view planned at
 their edge often needs a correction."""
 
@@ -208,10 +208,10 @@ def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
             section, ideal = _solve_section_and_pose(
                 ahead, plan, guess, R_b_now, R_b_now, (0.0, 0.0)
             )
-            covariance = ahead.covariance(section, _R_b_s(ideal))
+            covariance = ahead.covariance(section, _sensor_rotation(ideal))
             slack = _free_rotation(plan, covariance, track, step)
             _, lagging = _solve_section_and_pose(
-                ahead, plan, section, _R_b_s(ideal), R_b_now, slack
+                ahead, plan, section, _sensor_rotation(ideal), R_b_now, slack
             )
             to = replace(lagging, covariance=covariance, straight=False)
             check_set_point(to, StepRequest(last, lagging.T_b_t[:3, 3], step), plan)
@@ -281,10 +281,10 @@ def _free_rotation(
     about = covariance[3, 3] + covariance[6, 6] + 2 * turns * covariance[3, 6]
     aside = max(covariance[4, 4], covariance[5, 5])
     origin, opening = track.shape_sigmas[-1, [0, 2]]
-    work_angle = criterion.work_angle - KEPT_SIGMAS * hypot(sqrt(max(about, 0.0)), 0.5 * opening)
-    rotation = criterion.rotation - KEPT_SIGMAS * hypot(sqrt(aside), origin / step)
+    work_angle = criterion.work_angle - SAFETY_SIGMAS * hypot(sqrt(max(about, 0.0)), 0.5 * opening)
+    rotation = criterion.rotation - SAFETY_SIGMAS * hypot(sqrt(aside), origin / step)
     return max(0.0, work_angle), max(0.0, rotation)
 
 
-def _R_b_s(to: SetPoint) -> Array:
+def _sensor_rotation(to: SetPoint) -> Array:
     return np.asarray(to.T_b_t[:3, :3] @ to.T_s_t[:3, :3].T)

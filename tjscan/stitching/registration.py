@@ -37,7 +37,7 @@ REWEIGHTING_ROUNDS: Final = 8
 LEAST_WEIGHT: Final = 1e-6
 
 LARGEST_CONDITION_NUMBER: Final = 1e12
-FREE_VARIANCE: Final = 1.0
+UNKNOWN_POSE_VARIANCE: Final = 1.0
 """Square metres and square radians: the variances of a pose about which nothing is known."""
 
 LEAST_STEP: Final = 5e-3
@@ -165,7 +165,7 @@ def align_second_to_first(
         information = design.T @ solved[:, :6]
         scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
         if not np.linalg.cond(information / np.outer(scale, scale)) < LARGEST_CONDITION_NUMBER:
-            spread, motion = FREE_VARIANCE * np.eye(6), np.zeros(6)
+            spread, motion = UNKNOWN_POSE_VARIANCE * np.eye(6), np.zeros(6)
             by_value = np.zeros((len(value), 6, VALUES_PER_VIEW))
             break
         spread = np.asarray(np.linalg.inv(information), dtype=float)

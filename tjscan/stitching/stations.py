@@ -32,7 +32,7 @@ from tjscan.joint.tubes.fit import (
 )
 from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ProfileView, ScannedSection, Sections
-from tjscan.stitching.unrolled_views import moves_of_walls, wall_points_of_views
+from tjscan.stitching.unrolled_views import moves_of_wall_points, wall_points_of_views
 from tjscan.uncertainty.causes import ViewCause
 
 
@@ -209,7 +209,7 @@ def fit_tubes_to_stations(
             brace, leg = _initial_tubes(station)
             sections = station.all_sections
             walls = wall_points_of_views(sections)
-            shared = [moves_of_walls(walls, sections, cause) for cause in station.causes]
+            shared = [moves_of_wall_points(walls, sections, cause) for cause in station.causes]
             moves = np.concatenate(shared, axis=2) if shared else None
             tubes = fit_tubes_to_walls(walls, settings.repeatability, brace, leg, moves)
             found = joint_frame_from_tubes(tubes, station.T_w_b[:3, :3].T @ side_w)
@@ -221,11 +221,11 @@ def fit_tubes_to_stations(
         fits.append(StationTubeFit(station, walls, tubes, found))
         if len(fits) == 1:
             side_w = station.T_w_b[:3, :3] @ found.T[:3, 0]
-        _check_nominal(fits[0], fits[-1])
+        _check_nominal_poses_agree(fits[0], fits[-1])
     return fits
 
 
-def _check_nominal(first: StationTubeFit, other: StationTubeFit) -> None:
+def _check_nominal_poses_agree(first: StationTubeFit, other: StationTubeFit) -> None:
     """Refuse nominal poses too far off to decide which side of the joint a station saw."""
     a, b = (one.station.T_w_b @ one.frame.T for one in (first, other))
     if (turned := rotation_angle_between(a, b)) > LARGEST_POSE_DISAGREEMENT:

@@ -59,7 +59,7 @@ CONVERGED_MOTION = 1e-8
 AGREED_CHI2 = 2.5
 """Chi-squared per degree of freedom of stations and overlaps that agree."""
 
-SETTLED_STATION_MOTION = 0.05
+LARGEST_ALIGNMENT_MOTION = 0.05
 """Metres and radians by which no station is laid again: both see something else."""
 
 
@@ -154,7 +154,7 @@ def stitch_stations(
         If there are fewer than two stations, or two of one name or of one recording.
     """
     stations = sorted(stations, key=lambda station: station.name)
-    _check_distinct(stations)
+    _check_distinct_stations(stations)
     fits = fit_tubes_to_stations(stations, settings)
     azimuths = [section_azimuths(fit) for fit in fits]
     overlaps = find_overlaps(azimuths)
@@ -235,7 +235,7 @@ def register_overlaps(
             edge = align_second_to_first(overlap, first, second)
             T = edge.T @ T
             moved = float(np.abs(pose_vector.pose_to_vector(edge.T)).max())
-            if moved < CONVERGED_MOTION or moved > SETTLED_STATION_MOTION:
+            if moved < CONVERGED_MOTION or moved > LARGEST_ALIGNMENT_MOTION:
                 break
             second = seen(overlap.second, T)
         edges.append(replace(edge, T=T))
@@ -280,7 +280,7 @@ def place_stations_with_out_of_round(
         allowance *= 2
 
 
-def _check_distinct(stations: Sequence[Station]) -> None:
+def _check_distinct_stations(stations: Sequence[Station]) -> None:
     """Refuse what is no two stations: nothing could be learnt of one laid on itself."""
     if len(stations) < 2:
         raise ConfigurationError("stitching takes two stations or more")

@@ -29,13 +29,13 @@ from tjscan.uncertainty.causes import ViewCause
 NODES_PER_SIDE: Final = 4
 """Per side: enough for its place and its tilt, which is all that a view's side shows."""
 
-FROM_CORNER: Final = 1e-3
+CORNER_GAP: Final = 1e-3
 """Metres that a side's points keep from its corner, where edges are never quite sharp."""
 
-OFF_SIDE: Final = 0.2e-3
+LARGEST_OFF_SIDE: Final = 0.2e-3
 """Metres off the fitted side beyond which a point is a reflection or flies."""
 
-FAR_OFF_SIDE: Final = 1e-3
+ROUGH_OFF_SIDE: Final = 1e-3
 """The same off a parabola from the corner to the side's end, which a side follows roughly."""
 
 SIDE_DEGREE: Final = 4
@@ -75,7 +75,7 @@ def wall_points_of_views(sections: Sections) -> WallPoints:
     return WallPoints(points, on_brace, sigma, view, pivots)
 
 
-def moves_of_walls(walls: WallPoints, sections: Sections, cause: ViewCause) -> Array:
+def moves_of_wall_points(walls: WallPoints, sections: Sections, cause: ViewCause) -> Array:
     """How wall points move with a cause of error, in the station's base frame.
 
     Parameters
@@ -130,9 +130,9 @@ def _nodes_of_side(points: Array, corner: Array, tangent: Array, end: Array) -> 
     normal = np.array((-tangent[1], tangent[0]))
     length, off = (end - corner) @ tangent, (end - corner) @ normal
     s, d = (points - corner) @ tangent, (points - corner) @ normal
-    on = (s > FROM_CORNER) & (s <= length) & (np.abs(d - off * (s / length) ** 2) < FAR_OFF_SIDE)
+    on = (s > CORNER_GAP) & (s <= length) & (np.abs(d - off * (s / length) ** 2) < ROUGH_OFF_SIDE)
     s, d = s[on], d[on]
-    bins = (BINS_PER_SIDE * (s - FROM_CORNER) / (length - FROM_CORNER)).astype(int)
+    bins = (BINS_PER_SIDE * (s - CORNER_GAP) / (length - CORNER_GAP)).astype(int)
     share = np.minimum(bins, BINS_PER_SIDE - 1)
     filled = [chosen for k in range(BINS_PER_SIDE) if (chosen := share == k).sum() >= FEWEST_POINTS]
     if len(filled) <= SIDE_DEGREE + 1:
@@ -140,7 +140,7 @@ def _nodes_of_side(points: Array, corner: Array, tangent: Array, end: Array) -> 
     # Medians first: they take no notice of reflections. Then all points beside their curve.
     medians = np.array([(np.median(s[k]), np.median(d[k])) for k in filled])
     rough = _side_curve(medians[:, 0], medians[:, 1], float(length))
-    on = np.abs(d - rough(s)) < OFF_SIDE
+    on = np.abs(d - rough(s)) < LARGEST_OFF_SIDE
     s, d, share = s[on], d[on], share[on] * NODES_PER_SIDE // BINS_PER_SIDE
     count = np.bincount(share, minlength=NODES_PER_SIDE)
     if (count < FEWEST_POINTS).any():
@@ -211,12 +211,12 @@ class UnrolledViews:
 
         Translation and rotation vector in j.
         """
-        return _by_pose(self.by_points, self.points)
+        return _change_with_motion(self.by_points, self.points)
 
     @property
     def azimuth_by_pose(self) -> Array:
         """How its azimuth does, shape (n, 10, 6)."""
-        return _by_pose(self.azimuth_by_points, self.points)
+        return _change_with_motion(self.azimuth_by_points, self.points)
 
     def __len__(self) -> int:
         return len(self.place)
@@ -273,7 +273,7 @@ def _unroll_view(
 
     # The arm's error turns the view about its flange.
     lever = transform_points(T_j_b, section.view.T_b_f[:3, 3])
-    arm = _by_pose(by_points, points) @ pose_vector.adjoint(pose(p=lever))
+    arm = _change_with_motion(by_points, points) @ pose_vector.adjoint(pose(p=lever))
     covariance = arm @ repeatability.covariance @ arm.T
     covariance[:6, :6] += _corner_covariance(section, T_j_s, points[:3], shape)
     for at, response, sigma in ((6, walls[0], brace_sigma), (8, walls[1], leg_sigma)):
@@ -283,7 +283,7 @@ def _unroll_view(
     return azimuth, value, points, by_points, azimuth_by_points, covariance, place, middle
 
 
-def _by_pose(by_points: Array, points: Array) -> Array:
+def _change_with_motion(by_points: Array, points: Array) -> Array:
     """Change with a motion of all points (..., k, 3), of what changes by (..., 10, k, 3)."""
     moved = points_moved_by_twist(points, np.eye(6))
     return np.asarray(np.einsum("...vki,...kij->...vj", by_points, moved))

@@ -14,7 +14,7 @@ from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import (
     FEWEST_PIECES,
-    JOINT_SPACING,
+    JOINT_TURN_SPACING,
     LARGEST_TURN,
     MotionLimits,
     fastest_joint_path,
@@ -138,7 +138,7 @@ def joint_motion(
     kinematics: Kinematics, q: Array, goal: Array, speed: float, acceleration: float
 ) -> Motion:
     """Motion of all joints in proportion; speed and acceleration are those of the leading axis."""
-    pieces = max(FEWEST_PIECES, ceil(float(np.abs(goal - q).max()) / JOINT_SPACING))
+    pieces = max(FEWEST_PIECES, ceil(float(np.abs(goal - q).max()) / JOINT_TURN_SPACING))
     waypoints = np.linspace(q, goal, pieces + 1)
     points_b = np.array([kinematics.forward(w)[:3, 3] for w in waypoints])
     limits = MotionLimits(UNBOUNDED_SPEED, UNBOUNDED_SPEED, 1.0, acceleration)

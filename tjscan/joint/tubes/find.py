@@ -42,8 +42,8 @@ LOSS_SCALE: Final = 0.2 * ON_TUBE_DISTANCE
 LEAST_SHARE: Final = 0.08
 """Of the cloud, that must be on either tube."""
 
-LEAST_RADIUS: Final = 0.02
-MOST_RADIUS: Final = 5.0
+LEAST_TUBE_RADIUS: Final = 0.02
+MOST_TUBE_RADIUS: Final = 5.0
 """Metres."""
 
 
@@ -123,7 +123,7 @@ def _best_cylinder(
         held = held and (other is None or bool(_crosses_tube(refined.axis, other)))
         on_tube = np.abs(refined.signed_distances(points)) < ON_TUBE_DISTANCE
         supporters = int(on_tube.sum()) if held else 0
-        if supporters > most and LEAST_RADIUS < refined.radius < MOST_RADIUS:
+        if supporters > most and LEAST_TUBE_RADIUS < refined.radius < MOST_TUBE_RADIUS:
             best, most = refined, supporters
     if best is None or most < LEAST_SHARE * len(everything):
         share = 100 * most / len(everything)
@@ -161,7 +161,7 @@ def _cylinders_through_triples(
         r = (dn - cosine * dm) / sine**2
         s = (cosine * dn - dm) / sine**2
     good = stout & (sine > 0.2) & (np.abs(np.abs(r) - np.abs(s)) < 0.1 * np.abs(r)) & (r * s > 0)
-    good &= (np.abs(r) > LEAST_RADIUS) & (np.abs(r) < MOST_RADIUS)
+    good &= (np.abs(r) > LEAST_TUBE_RADIUS) & (np.abs(r) < MOST_TUBE_RADIUS)
     r, p, n = r[good], p[good], n[good]
     return p - r[:, None] * n, axes[good], np.abs(r)
 

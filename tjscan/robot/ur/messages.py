@@ -46,7 +46,7 @@ class SafetyMode(IntEnum):
     FAULT = 9
 
 
-HOST_GONE: Final = "the move was not supervised"
+NOT_SUPERVISED: Final = "the move was not supervised"
 """The client's answer to every request after it had to stop an unsupervised move."""
 
 WATCHDOG_PERIOD: Final = 1.0
@@ -109,7 +109,7 @@ _REMOTE_MESSAGE: Final = (
 )
 
 
-def safety_fault(mode: str) -> ArmFault | None:
+def fault_of_safety_mode(mode: str) -> ArmFault | None:
     """Fault that a safety mode means, None if it means none; by the dashboard's name."""
     if "EMERGENCY" in mode:
         return EmergencyStop(
@@ -129,7 +129,7 @@ def safety_fault(mode: str) -> ArmFault | None:
     return None
 
 
-def power_fault(mode: str) -> ArmFault | None:
+def fault_of_robot_mode(mode: str) -> ArmFault | None:
     """Fault that a robot mode means, None if it means none; by the dashboard's name."""
     if mode == RobotMode.RUNNING.name:
         return None
@@ -139,12 +139,12 @@ def power_fault(mode: str) -> ArmFault | None:
     )
 
 
-def remote_fault(answer: str) -> ArmFault | None:
+def fault_of_local_control(answer: str) -> ArmFault | None:
     """Fault if the dashboard reports that the arm is not in remote control."""
     return ArmNotInRemoteMode(_REMOTE_MESSAGE) if answer.lower() == "false" else None
 
 
-def program_fault(now: ControllerState) -> ArmFault:
+def fault_of_ended_program(now: ControllerState) -> ArmFault:
     """Fault of a program that does not run any more, by which side fell silent before, if one did.
 
     A computer that was held up saw nothing either: that nothing was sent is reported first.
@@ -179,13 +179,13 @@ def fault_from_state(now: ControllerState) -> ArmFault | None:
             "network cable sits, then start again."
         )
     return (
-        safety_fault(_mode_name(SafetyMode, now.safety_mode))
-        or power_fault(_mode_name(RobotMode, now.robot_mode))
-        or (None if now.runtime_state == PROGRAM_PLAYING else program_fault(now))
+        fault_of_safety_mode(_mode_name(SafetyMode, now.safety_mode))
+        or fault_of_robot_mode(_mode_name(RobotMode, now.robot_mode))
+        or (None if now.runtime_state == PROGRAM_PLAYING else fault_of_ended_program(now))
     )
 
 
-def connection_start_fault(host: str, words: str) -> ArmFault:
+def connection_fault(host: str, words: str) -> ArmFault:
     """Fault that kept the client library from connecting, from the library's own words."""
     if "already in use" in words:
         return RegistersInUse(

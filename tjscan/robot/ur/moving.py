@@ -67,7 +67,7 @@ def linear_command(
     end, start = (kinematics.forward(path.q[i])[:3, 3] for i in (-1, 0))
     length = float(np.linalg.norm(end - start))
     if length < NO_LENGTH:
-        return _turn_command(kinematics, session, path, T_b_f)
+        return _turn_on_spot_command(kinematics, session, path, T_b_f)
     return ("move_linear", session.active_tcp_pose(T_b_f), *_speed_and_acceleration(path, length))
 
 
@@ -91,7 +91,7 @@ def joint_command(session: ControllerSession, path: JointTrajectory, T_b_f: Arra
     return ("move_joint", tuple(q.tolist()), *limited)
 
 
-def _turn_command(
+def _turn_on_spot_command(
     kinematics: Kinematics, session: ControllerSession, path: JointTrajectory, T_b_f: Array
 ) -> MoveCommand:
     """A line without length: a speed of the flange bounds no turn, speeds of joints do."""
@@ -165,7 +165,7 @@ def execute_move(session: ControllerSession, command: MoveCommand, T_b_f: Array)
     ArmFault
         If the arm was stopped, or something is wrong with it.
     """
-    session.keep_dashboard()
+    session.ensure_dashboard_answers()
     before = session.read_state()
     try:
         with session.latch.begin_move():
@@ -190,7 +190,7 @@ def _follow_move_to_its_end(session: ControllerSession, before: ControllerState)
                 "the arm was stopped on its way. See that the way is clear, then move again "
                 "from where it is."
             )
-        session.keep_dashboard_connected()
+        session.ensure_dashboard_connected()
         if now.operation == before.operation:
             if moment > began + START_LIMIT:
                 fault = ProgramStopped("the controller accepted a move and does not begin it.")
@@ -224,7 +224,7 @@ def await_arrival(session: ControllerSession, T_b_f: Array) -> ArmState:
         # A look later than the one that saw the end: both links have the end by then.
         newer, state = now.time > first, session.arm_state_from(now)
         rests = newer and np.abs(now.speed).max() < REST_SPEED
-        distance, angle, near = session.settings.miss(state.T_b_f, T_b_f)
+        distance, angle, near = session.settings.distance_and_angle_missed(state.T_b_f, T_b_f)
         if rests and near:
             return state
         if newer and time.monotonic() > limit:
@@ -243,7 +243,7 @@ def await_arrival(session: ControllerSession, T_b_f: Array) -> ArmState:
 PROGRAM_PORT: Final = 30002
 """Of the secondary interface, which takes programs."""
 
-LOOK_PERIOD: Final = 0.05
+PROGRAM_LOOK_PERIOD: Final = 0.05
 """Seconds between two looks at a program."""
 
 WATCHDOG_STATEMENT: Final = (
@@ -295,22 +295,22 @@ def run_program(
     PoseNotReached
         If it did not lead where it should: it was stopped on its way.
     """
-    session.keep_dashboard()
+    session.ensure_dashboard_answers()
     session.read_state()
     try:
         with session.latch.begin_move():
             session.call_client_method(NoneType, "stop_control_script")
-            _await_program(session, runs=False)
+            _await_program_state(session, runs=False)
             head, _, rest = program.script.partition("\n")
             _send_script(session, "\n".join((head, WATCHDOG_STATEMENT, rest)))
-        _await_program(session, runs=True)
+        _await_program_state(session, runs=True)
         session.call_client_method(NoneType, "feed_foreign_watchdog")
         started()
         while session.read_state(beside_program=True).runtime_state == PROGRAM_PLAYING:
-            if session.latch.wait_for_stop(LOOK_PERIOD):
+            if session.latch.wait_for_stop(PROGRAM_LOOK_PERIOD):
                 raise ArmFault("the program was stopped on its way. See that the way is clear.")
-            session.keep_dashboard_connected()
-        _check_end(session, program.T_b_tcp)
+            session.ensure_dashboard_connected()
+        _check_program_end_pose(session, program.T_b_tcp)
     except BaseException as error:
         session.stop_program(error)
         try:
@@ -326,7 +326,7 @@ def _send_script(session: ControllerSession, script: str) -> None:
         with socket.create_connection((host, PROGRAM_PORT), START_LIMIT) as link:
             link.sendall(f"{script.rstrip()}\n".encode())
             # Some controllers drop what they have not read when the link closes.
-            time.sleep(4 * LOOK_PERIOD)
+            time.sleep(4 * PROGRAM_LOOK_PERIOD)
     except OSError as error:
         raise ArmNotConnected(
             f"the controller at {host} takes no programs (port {PROGRAM_PORT}: "
@@ -335,19 +335,19 @@ def _send_script(session: ControllerSession, script: str) -> None:
         ) from None
 
 
-def _await_program(session: ControllerSession, *, runs: bool) -> None:
+def _await_program_state(session: ControllerSession, *, runs: bool) -> None:
     """Wait until a program runs, or none does."""
     limit = time.monotonic() + START_LIMIT
     while (session.read_state(beside_program=True).runtime_state == PROGRAM_PLAYING) != runs:
         if time.monotonic() > limit:
             verb = "begin the program" if runs else "end the program before"
             raise ProgramStopped(f"the controller does not {verb}. Read its log.")
-        session.latch.wait_for_stop(LOOK_PERIOD)
+        session.latch.wait_for_stop(PROGRAM_LOOK_PERIOD)
 
 
-def _check_end(session: ControllerSession, T_b_tcp: Array) -> None:
+def _check_program_end_pose(session: ControllerSession, T_b_tcp: Array) -> None:
     there = pose_vector.pose_from_vector(np.array(session.read_state(beside_program=True).tcp))
-    distance, angle, near = session.settings.miss(there, T_b_tcp)
+    distance, angle, near = session.settings.distance_and_angle_missed(there, T_b_tcp)
     if not near:
         raise PoseNotReached(
             f"the program ended {1e3 * distance:.1f} mm and {np.degrees(angle):.1f} deg from where "

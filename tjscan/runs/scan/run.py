@@ -180,7 +180,7 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
             nothing_left = "nothing is left to scan; the results are written from the recording"
             context.journal.record(RunEvent(ScanEvent.COMPLETE, nothing_left))
             sections = done.reread_sections(groove_reader_of_job(context.job))
-            ended = done.stop, done.stop_reason, done.retry_counts
+            ended = done.stop, done.stop_detail, done.retry_counts
             return write_job_results(context, directory, ScanResult(sections, done.views, *ended))
         left = done.views[-1] if done and done.views else None
         if left is not None:
