@@ -14,7 +14,7 @@ from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.planning.document import beads_to_csv, plan_document, read_beads_csv
 from tjscan.planning.edges import GrooveEdges, root_along_sections
-from tjscan.planning.path import LARGEST_KINK, LONGEST_STEP
+from tjscan.planning.path import LARGEST_KINK, LONGEST_STATION_STEP
 from tjscan.planning.plan import plan_weld
 from tjscan.planning.weldx_file import write_plan_as_weldx
 from tjscan.planning.wps import WeldingProcedure, read_wps
@@ -93,7 +93,7 @@ def test_files_keep_the_parts_of_a_bead_apart_however_near_they_are(tmp_path: Pa
     plan = plan_weld(plate(tacked=(4,)), wps(tacks="skip"), UP)
     first, second = plan.beads[:2]
     assert [(b.number, b.part) for b in (first, second)] == [(1, 1), (1, 2)]
-    assert second.s[0] - first.s[-1] == pytest.approx(LONGEST_STEP)
+    assert second.s[0] - first.s[-1] == pytest.approx(LONGEST_STATION_STEP)
     provenance = Provenance.for_file_written_now("job", "j", "mm")
     file = tmp_path / "beads.csv"
     file.write_text(beads_to_csv(plan, provenance), encoding="utf-8")

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from seams import Noise, seam
 
 from tjscan.scanning.seam_fit import (
-    MOST_SECTIONS,
+    MOST_RECENT_SECTIONS,
     LocalWalls,
     fit_tubes_to_sections,
     recent_section_arrays,
@@ -56,11 +56,11 @@ def test_at_the_crown_the_seam_bends_as_both_tubes_do() -> None:
 
 
 def test_only_the_last_sections_count() -> None:
-    scans = seam().walk(-1.0, 0.01, MOST_SECTIONS + 3)
+    scans = seam().walk(-1.0, 0.01, MOST_RECENT_SECTIONS + 3)
     track = recent_section_arrays(scans)
-    assert len(track.along) == MOST_SECTIONS
+    assert len(track.along) == MOST_RECENT_SECTIONS
     assert track.along[-1] == 0
-    assert track.along[0] == pytest.approx(-0.01 * (MOST_SECTIONS - 1), rel=1e-3)
+    assert track.along[0] == pytest.approx(-0.01 * (MOST_RECENT_SECTIONS - 1), rel=1e-3)
 
 
 @settings(deadline=None, max_examples=50)

@@ -298,7 +298,7 @@ POINTS_PER_CHUNK: Final = 32_768
 PIECES_PER_TRIANGLE: Final = 2
 """Long triangles are cut until there are about this many times as many, for the search alone."""
 
-FEWEST_PIECES: Final = 20_000
+FEWEST_MESH_PIECES: Final = 20_000
 
 MOST_WALK_STEPS: Final = 200
 """Steps from triangle to triangle. A walk only ever goes downhill, so it ends by itself."""
@@ -400,7 +400,7 @@ def _order_by_place(points: Array) -> IndexArray:
 def _cut_long_triangles(corners: Array) -> tuple[Array, IndexArray]:
     """Triangles, shape (k, 3, 3), cut at their longest edges, and the whole each is part of."""
     whole: IndexArray = np.arange(len(corners))
-    most = max(PIECES_PER_TRIANGLE * len(corners), FEWEST_PIECES)
+    most = max(PIECES_PER_TRIANGLE * len(corners), FEWEST_MESH_PIECES)
     longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
     limit = float(longest.max())
     # A triangle of length L gives about (L / limit)² pieces if it is stout, L / limit if thin.

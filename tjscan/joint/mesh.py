@@ -29,7 +29,7 @@ BEVEL_STRIPS, BEAD_STRIPS = 8, 4
 BOWED_STRIPS = 12
 """Strips of a curved bead's face, whose edges lie on the true one."""
 
-SINK_DEPTH: Final = 2e-3
+BEAD_SINK_DEPTH: Final = 2e-3
 """How deep bead and brace dip into the leg's wall, in metres, if the wall allows it."""
 
 
@@ -224,7 +224,7 @@ def _bead_feet(d: JointDefinition, s: JointGrooveSections, above: Array) -> tupl
     Both cross the leg's surface at a good angle, so the union's edge there is sharp and lies on
     p4 however finely the leg is cut into faces.
     """
-    sunk = d.leg_surface.offset_surface(-min(SINK_DEPTH, d.leg_wall / 2, 0.02 * d.leg_radius))
+    sunk = d.leg_surface.offset_surface(-min(BEAD_SINK_DEPTH, d.leg_wall / 2, 0.02 * d.leg_radius))
     outer = sunk.ray_intersections(s.phi, above, s.p4 - above)
     gapped = d.leg_surface.offset_surface(d.root_opening_at(s.phi))
     back = -leg_normal_rz(gapped, s.phi, s.land_inner[:, 0])

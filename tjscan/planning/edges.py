@@ -19,7 +19,7 @@ from tjscan.planning.smoothing import SmoothCurve, fit_smooth_curve
 FEWEST_SECTIONS: Final = 4
 """Sections that a cubic needs."""
 
-LEAST_SIGMA: Final = 1e-6
+LEAST_CORNER_SIGMA: Final = 1e-6
 """Metres: no corner counts as known better."""
 
 CORNER_NAMES: Final = ("p3", "p4", "g", "p2")
@@ -252,7 +252,7 @@ def fit_edges_to_corners(
     s = np.concatenate(([0.0], lengths.cumsum()))
     length = float(s[-1]) + (gap if closed else 0.0)
     # The noise of a corner has two directions; its sigma holds both together.
-    spread = np.maximum(sigmas, LEAST_SIGMA) / np.sqrt(2)
+    spread = np.maximum(sigmas, LEAST_CORNER_SIGMA) / np.sqrt(2)
     curves = tuple(
         fit_smooth_curve(s, corners[:, j], spread[:, j], length, closed=closed) for j in range(4)
     )

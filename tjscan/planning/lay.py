@@ -74,7 +74,7 @@ class ArrangedGroove:
         ConfigurationError
             If the beads bend too sharply for any.
         """
-        step = path.LONGEST_STEP
+        step = path.LONGEST_STATION_STEP
         while step >= SHORTEST_STEP:
             count = ceil((end - begin) / step)
             stations, cells = self.cut(np.linspace(begin, end, 2 * count + 1))

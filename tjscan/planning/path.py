@@ -18,7 +18,7 @@ CHORD_ERROR: Final = 0.1e-3
 LARGEST_KINK: Final = np.radians(2.0)
 """Angle between two chords that follow one another, at most."""
 
-LONGEST_STEP: Final = 10e-3
+LONGEST_STATION_STEP: Final = 10e-3
 """Metres between two stations, at most."""
 
 

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from math import ceil
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +16,10 @@ from tjscan.core.units import MM2, FileUnit
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges, RootAlongGroove, RootKind, Span
 from tjscan.planning.lay import ArrangedGroove
-from tjscan.planning.path import LONGEST_STEP, stations_at, template_at
-from tjscan.planning.stops import NO_LENGTH, StationStretch, StopPlacement
-from tjscan.planning.topology import Arrangement, BeadArranger, NoArrangementFits
+from tjscan.planning.path import LONGEST_STATION_STEP, stations_at, template_at
+from tjscan.planning.stops import ZERO_SPAN, StationStretch, StopPlacement
+from tjscan.planning.topology import LIMIT_TOLERANCE, Arrangement, BeadArranger, NoArrangementFits
 from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN, WeldingProcedure
-
-LIMIT_TOLERANCE: Final = 1e-9
-"""Share of a limit by which a number may pass it: they are computed, not measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,14 +120,14 @@ def findings_of_stops(
             if stops.is_at_open_end(at):
                 continue
             near = stops.distance_to_nearest_landmark(at)
-            if near < wps.sequence.stop_distance - NO_LENGTH:
+            if near < wps.sequence.stop_distance - ZERO_SPAN:
                 text = f"a stop {1e3 * near:.0f} from crown or saddle"
                 yield _make_finding(bead, "sequence.stop_distance_mm", bead.s == at, text)
             if len(seen[bead.zone, bead.station, end, bead.layer]) > 1:
                 continue  # the beads of a layer start and stop together
             below = seen.get((bead.zone, bead.station, end, bead.layer - 1), [])
             away = min((stops.way_between(at, other) for other in below), default=spread)
-            if away < spread - NO_LENGTH:
+            if away < spread - ZERO_SPAN:
                 text = f"a stop {1e3 * away:.0f} from that of the layer below, {apart:g} asked for"
                 yield _make_finding(bead, "sequence.start_spread_mm", bead.s == at, text)
 
@@ -320,7 +316,7 @@ def _fit_zones(
     """
     zones = _fit_zones_from(0.0, edges, wps, after_pass)
     if edges.closed and len(zones) > 1:
-        s = np.linspace(0.0, edges.length, ceil(edges.length / LONGEST_STEP) + 1)
+        s = np.linspace(0.0, edges.length, ceil(edges.length / LONGEST_STATION_STEP) + 1)
         smallest = float(s[np.argmin(template_at(stations_at(edges, s), 0.0).area)])
         around = _fit_zones_from(smallest, edges, wps, after_pass)[0].end % edges.length
         zones = _fit_zones_from(around, edges, wps, after_pass)
@@ -330,7 +326,7 @@ def _fit_zones(
 def _fit_zones_from(
     begin: float, edges: GrooveEdges, wps: WeldingProcedure, after_pass: int
 ) -> tuple[PlannedZone, ...]:
-    end = ceil(edges.length / LONGEST_STEP)
+    end = ceil(edges.length / LONGEST_STATION_STEP)
     over = ceil(wps.sequence.overlap / edges.length * end)
     count = end + 1 + over * edges.closed
     s: Array = begin + edges.length / end * np.arange(count, dtype=np.float64)

@@ -121,7 +121,7 @@ def _shorten_way(way: list[Array], is_clear: IsClear) -> list[Array]:
 DETOUR_LIFTS: Final = (0.05, 0.1, 0.2, 0.3)
 """Metres that a detour draws the sensor back from where it looks, tried in this order."""
 
-SAME_CONFIGURATION: Final = 0.1
+CONFIGURATION_TOLERANCE: Final = 0.1
 """Radians a joint may end from where it was planned: far more than a calibrated arm differs from
 its nominal model, far less than another configuration does."""
 
@@ -396,7 +396,7 @@ class CollisionCheckedArm:
     def _ends_nearest(self, q: Array, segment: PathSegment) -> bool:
         """Whether a move in joint space ends where an arm at `q` would go of itself."""
         nearest = self.clearance.kinematics.inverse(segment.T_b_f, near=q)
-        return bool(np.abs(nearest - segment.q).max() < SAME_CONFIGURATION)
+        return bool(np.abs(nearest - segment.q).max() < CONFIGURATION_TOLERANCE)
 
     def _draw_sensor_back(self, T_b_f: Array, lift: float) -> Array:
         T = np.array(T_b_f)
@@ -448,7 +448,7 @@ def _check_joints_stay_near(q: Array, T_b_f: Array, near: Array) -> None:
 def _check_planned_configuration(state: ArmState, segment: PathSegment) -> None:
     """Refuse to go on if the arm took joint angles that were not checked."""
     off = np.abs(state.q - segment.q)
-    if off.max() > SAME_CONFIGURATION:
+    if off.max() > CONFIGURATION_TOLERANCE:
         raise ArmFault(
             f"the arm holds the pose in another configuration than was checked: joint "
             f"{int(off.argmax()) + 1} is {np.degrees(off.max()):.0f} deg off. Jog it back by hand "

@@ -53,7 +53,7 @@ SINGULARITY_THRESHOLD: Final = 0.05
 SEED_COUNT: Final = 64
 """Seeds tried if there is no closed form."""
 
-SAME_CONFIGURATION: Final = 1e-3
+SAME_SOLUTION_TOLERANCE: Final = 1e-3
 """Radians within which two solutions are one."""
 
 JOINT_LIMIT_ROUNDING: Final = 1e-9
@@ -283,7 +283,7 @@ class Kinematics:
             raise PoseUnreachable(self._describe_out_of_limits(solved), T_b_f)
         found: list[Array] = []
         for q in sorted(allowed, key=lambda q: float(np.linalg.norm(q - near))):
-            if all(np.abs(q - other).max() > SAME_CONFIGURATION for other in found):
+            if all(np.abs(q - other).max() > SAME_SOLUTION_TOLERANCE for other in found):
                 found.append(np.clip(q, self.lower, self.upper))
         return tuple(found)
 

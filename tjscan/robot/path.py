@@ -162,7 +162,7 @@ JOINT_TURN_SPACING: Final = radians(4)
 FEWEST_PIECES: Final = 4
 """Pieces of the shortest path, so that its spline has a cubic to it."""
 
-LARGEST_TURN: Final = radians(20)
+LARGEST_JOINT_TURN: Final = radians(20)
 """A joint that turns so far between waypoints swings through a singularity, or takes another
 configuration because it ran into its limit."""
 
@@ -251,7 +251,7 @@ def linear_waypoints(kinematics: Kinematics, q: Array, T_b_f: Array) -> tuple[Ar
             following = kinematics.inverse(T, near=waypoints[-1])
         except PoseUnreachable as error:
             raise PoseUnreachable(place_on_path(share) + error.reason, T_b_f) from None
-        if np.abs(following - waypoints[-1]).max() > LARGEST_TURN:
+        if np.abs(following - waypoints[-1]).max() > LARGEST_JOINT_TURN:
             reason = _explain_joint_jump(kinematics, waypoints[-1], following)
             raise PoseUnreachable(place_on_path(share) + reason, T_b_f)
         waypoints.append(following)
@@ -287,7 +287,7 @@ def _explain_joint_jump(kinematics: Kinematics, q: Array, following: Array) -> s
     smallest = kinematics.smallest_singular_value(q)
     room = np.minimum(q - kinematics.lower, kinematics.upper - q)
     i = int(room.argmin())
-    if room[i] < LARGEST_TURN and smallest > SINGULARITY_THRESHOLD:
+    if room[i] < LARGEST_JOINT_TURN and smallest > SINGULARITY_THRESHOLD:
         return (
             f"{kinematics.joint_names[i]} runs into its limit (it is at {np.degrees(q[i]):.1f} "
             "deg). Start with that joint a turn further from its limit, or move the base."

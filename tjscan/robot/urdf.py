@@ -24,7 +24,7 @@ ARM_MODELS: Final = ("ur5e", "ur10e", "ur16e", "ur20", "ur30")
 GEOMETRY_TOLERANCE: Final = 0.005
 """Metres and radians by which a calibrated arm may differ from the ideal geometry."""
 
-MOST_BYTES: Final = 5_000_000
+MOST_URDF_BYTES: Final = 5_000_000
 """A larger file describes no arm."""
 
 
@@ -41,7 +41,7 @@ def read_urdf(urdf: Path) -> tuple[Any, int, int]:
         known = nearest_word(urdf.name, [*ARM_MODELS, *beside])
         raise ConfigurationError(f"there is no such URDF; did you mean: {known}?")
     try:
-        check_file_size(urdf, MOST_BYTES, "a URDF")
+        check_file_size(urdf, MOST_URDF_BYTES, "a URDF")
         model = pin.buildModelFromXML(urdf.read_text(encoding="utf-8"))
     except (ValueError, RuntimeError, OSError) as error:
         raise ConfigurationError(f"is not a URDF: {error}") from None

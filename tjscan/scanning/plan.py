@@ -87,7 +87,7 @@ def adaptive_step_rule(adaptive: AdaptiveStepSettings) -> StepLengthRule:
 
 
 def _area_process(sections: Sections, track: seam_fit.RecentSections) -> OrdinaryKriging:
-    grooves = [scan.groove for scan in sections[-seam_fit.MOST_SECTIONS :]]
+    grooves = [scan.groove for scan in sections[-seam_fit.MOST_RECENT_SECTIONS :]]
     areas = np.array([groove.area for groove in grooves])
     # A hundredth: planes that are turned a little otherwise cut a little more or less.
     sigmas = np.hypot([groove.area_sigma for groove in grooves], 0.01 * areas)

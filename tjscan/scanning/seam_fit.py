@@ -19,7 +19,7 @@ from tjscan.core.frames import Array, array_dataclass, cross, unit_vector
 from tjscan.core.gaussian_process import Matern52
 from tjscan.scanning.section import Sections
 
-MOST_SECTIONS: Final = 30
+MOST_RECENT_SECTIONS: Final = 30
 """Sections that are looked back upon: at the shortest steps still half a saddle."""
 
 ARM_REPEATABILITY: Final = 0.05e-3 / np.sqrt(3)
@@ -75,8 +75,8 @@ class RecentSections:
 
 
 def recent_section_arrays(sections: Sections) -> RecentSections:
-    """Arrays of the last `MOST_SECTIONS` of two or more sections."""
-    last = sections[-MOST_SECTIONS:]
+    """Arrays of the last `MOST_RECENT_SECTIONS` of two or more sections."""
+    last = sections[-MOST_RECENT_SECTIONS:]
     grooves = [scan.groove for scan in last]
     R = np.array([scan.view.T_b_s[:3, :3] for scan in last])
     p = np.array([scan.view.T_b_s[:3, 3] for scan in last])
@@ -152,7 +152,7 @@ AXIS_STARTS: Final = 4
 """Directions of the leg's axis to start from: at the crown nothing shows it beforehand."""
 ROUNDS_OF_ALL_STARTS: Final = 4
 """Rounds after which the best of them goes on alone."""
-MOST_ROUNDS: Final = 40
+MOST_DESCENT_ROUNDS: Final = 40
 SETTLED_SHARE: Final = 1e-5
 """Shares of a parameter's prior standard deviation: smaller steps end the search."""
 _DIFFERENCE_STEP: Final = 1e-5
@@ -423,7 +423,7 @@ def _minimise(residuals: Callable[[Array], Array], starts: Array) -> tuple[Array
     theta, damping = starts, np.full(len(starts), 1e-2)
     values = residuals(theta[:, None] + beside)
     cost = np.sum(values[:, 0] ** 2, axis=-1)
-    for i in range(MOST_ROUNDS):
+    for i in range(MOST_DESCENT_ROUNDS):
         if i == ROUNDS_OF_ALL_STARTS:
             best = slice(int(cost.argmin()), int(cost.argmin()) + 1)
             theta, damping, values, cost = theta[best], damping[best], values[best], cost[best]

@@ -24,7 +24,7 @@ EXTRA_TURN_PER_SECTION: Final = radians(20)
 EXTRA_TURN_TAUGHT: Final = radians(45)
 """How much further the first turn may go, from where the operator held the sensor."""
 
-LARGEST_TURN: Final = radians(100)
+LARGEST_SECTION_TURN: Final = radians(100)
 """Largest turn from section to section, whatever the step."""
 
 
@@ -169,7 +169,7 @@ class StepRequest:
     @property
     def max_rotation(self) -> float:
         """Radians that sensor or groove may turn over the step."""
-        turn = min(EXTRA_TURN_PER_SECTION + self.length / TIGHTEST_BEND, LARGEST_TURN)
+        turn = min(EXTRA_TURN_PER_SECTION + self.length / TIGHTEST_BEND, LARGEST_SECTION_TURN)
         return turn + EXTRA_TURN_TAUGHT if self.last.view.substep is Substep.TAUGHT else turn
 
 

@@ -87,7 +87,7 @@ def _is_rigid_pose(T: Array) -> bool:
     return bool(orthonormal and (T[3] == (0.0, 0.0, 0.0, 1.0)).all())
 
 
-MOST_SECTIONS: Final = 30
+MOST_PRIOR_SECTIONS: Final = 30
 """Sections that are looked back upon."""
 
 KNOWN_ROOT_SIGMA: Final = 1e-3
@@ -147,7 +147,7 @@ class GrooveReader(Protocol):
 
 def prior_for_view(view: ProfileView, sections: Sections) -> GroovePrior:
     """What the finished sections show of the one that a view is taken for."""
-    before = [one for one in sections if one.view.index < view.index][-MOST_SECTIONS:]
+    before = [one for one in sections if one.view.index < view.index][-MOST_PRIOR_SECTIONS:]
     if not before:
         return GroovePrior()
     origins = np.array([one.T_b_g[:3, 3] for one in before])

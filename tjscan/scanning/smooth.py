@@ -166,7 +166,7 @@ def _derivative(values: Array) -> Array:
     return np.asarray((values[1:] - values[0]).T / _DIFFERENCE_STEP)
 
 
-MOST_ROUNDS: Final = 30
+MOST_SOLVER_ROUNDS: Final = 30
 SETTLED_STEP: Final = 1e-7
 """Metres and radians: a smaller step ends the search for the section."""
 
@@ -246,7 +246,7 @@ def _solve_section_and_pose(
     TubesNotFound
         If they don't come to rest.
     """
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_SOLVER_ROUNDS):
         found = ahead.after_newton_step(section, R_b_s)
         T_b_t, work_angle = ahead.ideal_frame_and_work_angle(found, R_b_s)
         T_s_t = plan.target_pose_in_sensor(work_angle)

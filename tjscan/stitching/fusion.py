@@ -22,10 +22,10 @@ from tjscan.uncertainty.budget import CORNER_POINTS, SectionShare
 SAME_PLACE_STEP_SHARE: Final = 0.55
 """Sections of different stations closer than this share of a step are of one place."""
 
-LEAST_SIGMA: Final = 1e-6
+LEAST_CURVE_SIGMA: Final = 1e-6
 """Metres that no curve is taken for more certain than."""
 
-LEAST_SHARE: Final = 1e-4
+LEAST_MEASURE_SHARE: Final = 1e-4
 """The same of measures, as a share of their span."""
 
 
@@ -167,11 +167,11 @@ def _fit_curves(unrolled: Sequence[UnrolledSection]) -> list[SimpleKriging]:
         for i in range(1, 4):
             azimuth = np.array([one.azimuth[i] for one in unrolled])
             value = np.array([getattr(one, name)[i] for one in unrolled])
-            curves.append(_fit_curve(azimuth, value, max(sigma, LEAST_SIGMA)))
+            curves.append(_fit_curve(azimuth, value, max(sigma, LEAST_CURVE_SIGMA)))
     azimuth = np.array([one.section.azimuth for one in unrolled])
     measures = np.array([one.section.measures for one in unrolled])
     sigmas = np.median([one.section.sigmas for one in unrolled], axis=0)
-    least = LEAST_SHARE * np.ptp(measures, axis=0) + 1e-12
+    least = LEAST_MEASURE_SHARE * np.ptp(measures, axis=0) + 1e-12
     for value, sigma in zip(measures.T, np.maximum(sigmas, least), strict=True):
         curves.append(_fit_curve(azimuth, value, float(sigma)))
     return curves

@@ -34,13 +34,13 @@ AZIMUTH_BEYOND_OVERLAP: Final = radians(25.0)
 """Azimuth on either side of the overlap whose views help to find the shape."""
 
 REWEIGHTING_ROUNDS: Final = 8
-LEAST_WEIGHT: Final = 1e-6
+LEAST_VIEW_WEIGHT: Final = 1e-6
 
 LARGEST_CONDITION_NUMBER: Final = 1e12
 UNKNOWN_POSE_VARIANCE: Final = 1.0
 """Square metres and square radians: the variances of a pose about which nothing is known."""
 
-LEAST_STEP: Final = 5e-3
+LEAST_VIEW_STEP: Final = 5e-3
 """Metres between views that show which way the groove runs."""
 
 
@@ -176,7 +176,7 @@ def align_second_to_first(
         residual = np.einsum("nij,nj->ni", noise, pull)
         # The root mean square of a view's ten standardised residuals.
         size = np.sqrt(_mahalanobis_sq(residual, views.covariance) / VALUES_PER_VIEW)
-        weights = tukey_weights(size / max(1.0, float(np.median(size))), LEAST_WEIGHT)
+        weights = tukey_weights(size / max(1.0, float(np.median(size))), LEAST_VIEW_WEIGHT)
     counted = weights > 0.1
     # A view's own noise shows in its residual as far as the groove could not follow it.
     inverse = cho_solve(factor, np.eye(value.size)).reshape(*shape, *shape)
@@ -211,7 +211,7 @@ def _overlap_middle(overlap: StationOverlap, seen: UnrolledViews) -> tuple[Array
     order = np.argsort(np.abs(overlap.arc.offset_from_middle(seen.place)), kind="stable")
     centre = seen.middle[order[0]]
     # Prediction and correction views show nearly one place: the direction comes from another.
-    far = np.linalg.norm(seen.middle[order] - centre, axis=1) > LEAST_STEP
+    far = np.linalg.norm(seen.middle[order] - centre, axis=1) > LEAST_VIEW_STEP
     return centre, unit_vector(seen.middle[order[np.argmax(far)]] - centre)
 
 

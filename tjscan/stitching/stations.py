@@ -82,10 +82,10 @@ along ±x, else +y, else +z."""
 LARGEST_POSE_DISAGREEMENT = radians(30.0)
 """By which nominal poses may disagree; at 90° nothing would show which side is which."""
 
-FEWEST_SECTIONS = 4
+FEWEST_STATION_SECTIONS = 4
 """Sections needed to start the fit of the tubes."""
 
-SAME_POSE = 1e-9
+SAME_FLANGE_POSE = 1e-9
 """Metres and shares of one, by which the poses of an arm that did not move differ."""
 
 
@@ -151,7 +151,7 @@ def station_from_recording(
     every = list(sections)
     for view in views:
         # Views from one pose share one error of the arm: together they show no more of it.
-        if any(np.abs(view.T_b_f - other.view.T_b_f).max() < SAME_POSE for other in every):
+        if any(np.abs(view.T_b_f - other.view.T_b_f).max() < SAME_FLANGE_POSE for other in every):
             continue
         try:
             every.append(ScannedSection(view, read(view.profile), np.eye(4)))
@@ -243,8 +243,8 @@ def _initial_tubes(station: Station) -> tuple[Cylinder, Cylinder]:
     """Rough brace and leg: tangents across and along the groove span the walls' planes."""
     sections = station.sections
     corners = np.array([scan.points_b[[1, 3]] for scan in sections])
-    if len(corners) < FEWEST_SECTIONS:
-        message = f"they are too few, {FEWEST_SECTIONS} at least are needed: scan further"
+    if len(corners) < FEWEST_STATION_SECTIONS:
+        message = f"they are too few, {FEWEST_STATION_SECTIONS} at least are needed: scan further"
         raise TubesNotFound(message)
     # A chord over two steps is parallel to the tangent half-way, also on a curve.
     along = corners[2:] - corners[:-2]

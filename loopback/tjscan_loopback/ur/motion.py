@@ -15,7 +15,7 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import (
     FEWEST_PIECES,
     JOINT_TURN_SPACING,
-    LARGEST_TURN,
+    LARGEST_JOINT_TURN,
     MotionLimits,
     fastest_joint_path,
 )
@@ -179,7 +179,7 @@ def path_motion(
     waypoints = [np.asarray(q, dtype=float)]
     for T in path.poses[1:]:
         found = kinematics.inverse(T @ T_tcp_f, near=waypoints[-1])
-        if np.abs(found - waypoints[-1]).max() > LARGEST_TURN:
+        if np.abs(found - waypoints[-1]).max() > LARGEST_JOINT_TURN:
             raise PoseUnreachable("a joint would have to swing at once.", T @ T_tcp_f)
         waypoints.append(found)
     if path.length < NO_PATH:

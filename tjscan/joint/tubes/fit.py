@@ -79,15 +79,15 @@ class WallPoints:
         return np.split(order, np.flatnonzero(np.diff(self.view[order])) + 1)
 
 
-MOST_ROUNDS: Final = 60
-CONVERGED_STEP: Final = 1e-9
+MOST_FIT_ROUNDS: Final = 60
+CONVERGED_FIT_STEP: Final = 1e-9
 """Metres and radians that no parameter moves by any more when a fit ends."""
 
-LEAST_WEIGHT: Final = 1e-6
+LEAST_POINT_WEIGHT: Final = 1e-6
 
 FEWEST_FIT_VIEWS: Final = 3
 
-DIFFERENCE_STEP: Final = 1e-6
+TUBE_STEP: Final = 1e-6
 """Metres and radians between tubes whose difference is a derivative: deep in the linear range."""
 
 
@@ -124,8 +124,8 @@ class FittedTubes:
         def value(change: Array) -> Array:
             return function(self.brace.boxplus(change[:5]), self.leg.boxplus(change[5:]))
 
-        changes = DIFFERENCE_STEP * np.eye(10)
-        columns = [(value(change) - value(-change)) / (2 * DIFFERENCE_STEP) for change in changes]
+        changes = TUBE_STEP * np.eye(10)
+        columns = [(value(change) - value(-change)) / (2 * TUBE_STEP) for change in changes]
         return np.column_stack(columns)
 
 
@@ -162,12 +162,12 @@ def fit_tubes_to_walls(
     brace = brace.recentred_beside(walls.points[walls.on_brace])
     leg = leg.recentred_beside(walls.points[~walls.on_brace])
     weights = np.ones(len(walls))
-    for count in range(MOST_ROUNDS):
+    for count in range(MOST_FIT_ROUNDS):
         residuals, jacobian, shared = _linearised_distances(walls, brace, leg)
         own = np.einsum("ij,jk,ik->i", shared, common, shared) + walls.sigma**2
         if count:
             standard = residuals / np.sqrt(own)
-            weights = tukey_weights(standard / max(1.0, mad_sigma(standard)), LEAST_WEIGHT)
+            weights = tukey_weights(standard / max(1.0, mad_sigma(standard)), LEAST_POINT_WEIGHT)
         own_variance = walls.sigma**2 / weights
         rows = np.column_stack((jacobian, residuals))
         white = _whitened_rows(rows, shared, own_variance, common, views)
@@ -177,7 +177,7 @@ def fit_tubes_to_walls(
             message = "the walls that were seen leave leg or brace free to move: scan farther round"
             raise TubesNotFound(message)
         brace, leg = brace.boxplus(step[:5]), leg.boxplus(step[5:])
-        if count > 1 and np.abs(step).max() < CONVERGED_STEP:
+        if count > 1 and np.abs(step).max() < CONVERGED_FIT_STEP:
             break
     counted = weights > 0.1
     reduced_chi2 = float(white[:, -1] @ white[:, -1]) / max(int(counted.sum()) - 10, 1)

@@ -38,7 +38,7 @@ PAYLOAD_OUTPUTS: Final = ["payload", "payload_cog"]
 FEED_INTERVAL: Final = 0.1
 """Seconds between signs of life, when nothing else is asked."""
 
-STOP_DECELERATION: Final = 2.0
+SAFETY_STOP_DECELERATION: Final = 2.0
 """rad/s² with which an unsupervised arm is stopped."""
 
 UNSUPERVISED_MOVE_LIMIT: Final = WATCHDOG_PERIOD
@@ -210,7 +210,7 @@ class RtdeClient:
         """Stop the arm and end the control script: the arm is not supervised."""
         self._watched = False  # whatever hangs below, the controller's watchdog stops the arm
         if self._control is not None:
-            self._control.stopJ(STOP_DECELERATION)
+            self._control.stopJ(SAFETY_STOP_DECELERATION)
             self._control.stopScript()
 
     def _note_clock_advance(self) -> None:

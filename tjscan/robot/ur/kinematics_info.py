@@ -27,7 +27,7 @@ ROBOT_STATE: Final = 16
 KINEMATICS_INFO_PACKAGE: Final = 5
 PACKAGE_HEAD: Final = struct.Struct(">iB")
 KINEMATICS_CONTENT: Final = struct.Struct(">6I24d")
-MOST_BYTES: Final = 1 << 16
+MOST_MESSAGE_BYTES: Final = 1 << 16
 """A longer message is none."""
 
 SAME_KINEMATICS_TOLERANCE: Final = 1e-5
@@ -65,7 +65,7 @@ def read_kinematics_info(host: str, limit: float = KINEMATICS_READ_LIMIT) -> DhP
             while (left := end - time.monotonic()) > 0:
                 link.settimeout(left)
                 size, kind = PACKAGE_HEAD.unpack(stream.read(PACKAGE_HEAD.size))
-                if not PACKAGE_HEAD.size <= size <= MOST_BYTES:
+                if not PACKAGE_HEAD.size <= size <= MOST_MESSAGE_BYTES:
                     break
                 body = stream.read(size - PACKAGE_HEAD.size)
                 if kind == ROBOT_STATE and (found := find_kinematics_package(body)) is not None:

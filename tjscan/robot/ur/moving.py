@@ -32,7 +32,7 @@ from tjscan.robot.path import JointTrajectory
 from tjscan.robot.ur.messages import PROGRAM_PLAYING, WATCHDOG_PERIOD, ControllerState
 from tjscan.robot.ur.session import ControllerSession
 
-NO_LENGTH: Final = 1e-6
+ZERO_LINE_LENGTH: Final = 1e-6
 """Metres: a shorter line is none."""
 
 LARGEST_FLANGE_SWING: Final = 0.005
@@ -66,7 +66,7 @@ def linear_command(
     """
     end, start = (kinematics.forward(path.q[i])[:3, 3] for i in (-1, 0))
     length = float(np.linalg.norm(end - start))
-    if length < NO_LENGTH:
+    if length < ZERO_LINE_LENGTH:
         return _turn_on_spot_command(kinematics, session, path, T_b_f)
     return ("move_linear", session.active_tcp_pose(T_b_f), *_speed_and_acceleration(path, length))
 
@@ -112,7 +112,7 @@ def _speed_and_acceleration(path: JointTrajectory, length: float) -> tuple[float
 POLL_PERIOD: Final = 0.004
 """Seconds between two looks at a move."""
 
-START_LIMIT: Final = 2.0
+MOVE_START_LIMIT: Final = 2.0
 """Seconds within which a move that was accepted begins."""
 
 STALL_LIMIT: Final = 10.0
@@ -124,7 +124,7 @@ SETTLE_LIMIT: Final = 1.0
 REST_SPEED: Final = 5e-3
 """rad/s: what encoders show of a joint at rest, an assumption."""
 
-LEAST_TURN: Final = 1e-5
+LEAST_MOVING_TURN: Final = 1e-5
 """Radians a joint turns at least between two looks at an arm that moves."""
 
 
@@ -192,13 +192,13 @@ def _follow_move_to_its_end(session: ControllerSession, before: ControllerState)
             )
         session.ensure_dashboard_connected()
         if now.operation == before.operation:
-            if moment > began + START_LIMIT:
+            if moment > began + MOVE_START_LIMIT:
                 fault = ProgramStopped("the controller accepted a move and does not begin it.")
                 raise session.end_for_fault(fault)
         elif not now.moving:
             return
         q = np.array(now.q)
-        if np.abs(q - last).max() > LEAST_TURN:
+        if np.abs(q - last).max() > LEAST_MOVING_TURN:
             moved, last = moment, q
         if moment > moved + STALL_LIMIT:
             raise session.end_for_fault(
@@ -323,7 +323,7 @@ def run_program(
 def _send_script(session: ControllerSession, script: str) -> None:
     host = session.settings.host
     try:
-        with socket.create_connection((host, PROGRAM_PORT), START_LIMIT) as link:
+        with socket.create_connection((host, PROGRAM_PORT), MOVE_START_LIMIT) as link:
             link.sendall(f"{script.rstrip()}\n".encode())
             # Some controllers drop what they have not read when the link closes.
             time.sleep(4 * PROGRAM_LOOK_PERIOD)
@@ -337,7 +337,7 @@ def _send_script(session: ControllerSession, script: str) -> None:
 
 def _await_program_state(session: ControllerSession, *, runs: bool) -> None:
     """Wait until a program runs, or none does."""
-    limit = time.monotonic() + START_LIMIT
+    limit = time.monotonic() + MOVE_START_LIMIT
     while (session.read_state(beside_program=True).runtime_state == PROGRAM_PLAYING) != runs:
         if time.monotonic() > limit:
             verb = "begin the program" if runs else "end the program before"

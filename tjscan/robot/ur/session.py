@@ -36,10 +36,10 @@ from tjscan.robot.ur.settings import UrSettings
 
 T = TypeVar("T")
 
-ANSWER_LIMIT: Final = 3.0
+CLIENT_ANSWER_LIMIT: Final = 3.0
 """Seconds within which the client answers anything but a connection."""
 
-STOP_DECELERATION: Final = 2.0
+MOVE_STOP_DECELERATION: Final = 2.0
 """rad/s² of the leading axis when a move is stopped."""
 
 NEXT_READING_DELAY: Final = 0.02
@@ -125,7 +125,7 @@ class ControllerSession:
         return now
 
     def ask_client(
-        self, kind: type[T], name: str, *arguments: object, limit: float = ANSWER_LIMIT
+        self, kind: type[T], name: str, *arguments: object, limit: float = CLIENT_ANSWER_LIMIT
     ) -> T:
         """Call a method of the client in its process, and return what it returns.
 
@@ -258,7 +258,7 @@ class ControllerSession:
         """Stop the move under way; the session goes on if the arm is well."""
         if self.fault is None:
             try:
-                self.ask_client(NoneType, "stop_move", STOP_DECELERATION)
+                self.ask_client(NoneType, "stop_move", MOVE_STOP_DECELERATION)
             except (ArmFault, ClientLibraryError) as failed:
                 fault = failed if isinstance(failed, ArmFault) else ArmFault(str(failed))
                 self.end_for_fault(fault)

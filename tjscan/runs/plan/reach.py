@@ -36,7 +36,7 @@ from tjscan.result.summary import read_stitching_report
 from tjscan.robot.collision import SCANNED_GROOVE_NAME, CollisionModel
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.path import LARGEST_TURN, linear_waypoints
+from tjscan.robot.path import LARGEST_JOINT_TURN, linear_waypoints
 from tjscan.robot.tool_reach import (
     NEAR_SINGULARITY_TEXT,
     Hindrance,
@@ -328,7 +328,7 @@ class _TorchLeader:
         for T, s in zip(poses, bead.s, strict=True):
             T_b_f, here = T @ self._T_tool_f, f"at s = {1e3 * s:.0f} mm of {where}"
             q = self._station.kinematics.inverse(T_b_f, near=self.q)
-            if np.abs(q - self.q).max() > LARGEST_TURN:
+            if np.abs(q - self.q).max() > LARGEST_JOINT_TURN:
                 raise PoseUnreachable(f"{here}: a joint would have to swing at once", T_b_f)
             self._check(q, T_b_f, here)
             self.q = q
