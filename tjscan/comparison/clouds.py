@@ -141,7 +141,7 @@ def read_shape_file(path: Path, options: UserUnitAndFrame | None = None) -> Shap
     ----------
     path : Path
         PLY, PCD, XYZ, CSV, STL, OBJ, 3MF; STEP and E57 where their extras are installed.
-    options : StatedUnitAndFrame, optional
+    options : UserUnitAndFrame, optional
         Unit and frame of a file that does not state them.
 
     Raises

@@ -219,9 +219,9 @@ def resolve_unit_and_frame(
     ----------
     file : Path
         The file.
-    options : StatedUnitAndFrame
+    options : UserUnitAndFrame
         What the user states.
-    sidecar : Sidecar or None
+    sidecar : ShapeSidecar or None
         What is beside the file.
     own : (str, str), optional
         The unit that the file itself states, and where in it.

@@ -154,7 +154,7 @@ def read_report_data(
         What to compare it with, in place of the joint that it names.
     tolerance : float, optional
         Of the comparison, metres.
-    options : StatedUnitAndFrame, optional
+    options : UserUnitAndFrame, optional
         Unit and frame of a reference that does not state them.
 
     Raises

@@ -137,7 +137,7 @@ def write_run_report(
         What to compare it with, in place of the joint that the run names.
     tolerance : float, optional
         Of that comparison, metres.
-    options : StatedUnitAndFrame, optional
+    options : UserUnitAndFrame, optional
         Unit and frame of a reference that does not state them.
 
     Raises

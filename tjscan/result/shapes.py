@@ -29,7 +29,7 @@ def read_shape(path: Path, options: UserUnitAndFrame | None = None) -> Shape:
     ----------
     path : Path
         The directory or file.
-    options : StatedUnitAndFrame, optional
+    options : UserUnitAndFrame, optional
         Unit and frame of a file that does not state them.
 
     Raises

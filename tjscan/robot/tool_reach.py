@@ -43,13 +43,13 @@ class ToolConfigurations:
 
     Parameters
     ----------
-    can : ndarray, shape (m, SPIN_COUNT, 8)
+    can : ndarray, shape (m, TRIED_SPINS, 8)
         Whether a spin and a branch of the inverse hold it, clear of everything.
-    q : ndarray, shape (m, SPIN_COUNT, 8, 6)
+    q : ndarray, shape (m, TRIED_SPINS, 8, 6)
         Joint angles at the first of the poses of each place, from -pi to pi.
-    turns : ndarray, shape (m, 2 SPIN_STEPS + 1, SPIN_COUNT, 8)
+    turns : ndarray, shape (m, 2 LARGEST_SPIN_CHANGE + 1, TRIED_SPINS, 8)
         Sum of the joints' squared turns to a node of the following place, from the node that is
-        -SPIN_STEPS, ..., SPIN_STEPS spins before; infinite if there is no way.
+        -LARGEST_SPIN_CHANGE, ..., LARGEST_SPIN_CHANGE spins before; infinite if there is no way.
     hindrances : tuple of str
         The most frequent hindrance at each place; empty if the tool can be held there.
     closed : bool
