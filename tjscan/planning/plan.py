@@ -126,7 +126,7 @@ def findings_of_stops(
             if len(seen[bead.zone, bead.station, end, bead.layer]) > 1:
                 continue  # the beads of a layer start and stop together
             below = seen.get((bead.zone, bead.station, end, bead.layer - 1), [])
-            away = min((stops.way_between(at, other) for other in below), default=spread)
+            away = min((stops.length_between(at, other) for other in below), default=spread)
             if away < spread - ZERO_SPAN:
                 text = f"a stop {1e3 * away:.0f} from that of the layer below, {apart:g} asked for"
                 yield _make_finding(bead, "sequence.start_spread_mm", bead.s == at, text)

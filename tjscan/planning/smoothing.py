@@ -89,7 +89,7 @@ class SmoothCurve:
         )
 
     def _powers(self, x: Array) -> Array:
-        return powers_below(x, len(self.trend))
+        return polynomial_powers(x, len(self.trend))
 
 
 def fit_smooth_curve(
@@ -112,7 +112,7 @@ def fit_smooth_curve(
     """
     x, count = s / length, len(s)
     order = min(SMOOTHNESS_ORDER, count - 1)
-    trend = powers_below(x, 1 if closed else order)
+    trend = polynomial_powers(x, 1 if closed else order)
     kernel = smoothness_kernel(x[:, None] - x, order, closed=closed)
     noise = np.diag(sigma**2)
     Q, _ = qr(trend)
@@ -150,7 +150,7 @@ def _likeliest_strength(seen: Array, energy: Array, components: int) -> float:
     return float(np.exp(minimize_scalar(cost, bounds=around, method="bounded").x))
 
 
-def powers_below(x: Array, count: int) -> Array:
+def polynomial_powers(x: Array, count: int) -> Array:
     """Powers of x from 0, shape (m, count)."""
     return np.asarray(np.vander(x, count, increasing=True))
 

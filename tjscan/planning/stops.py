@@ -134,7 +134,7 @@ class StopPlacement:
         """
         return not self.closed and min(abs(s), abs(s - self.length)) < ZERO_SPAN
 
-    def way_between(self, a: float, b: float) -> float:
+    def length_between(self, a: float, b: float) -> float:
         """Length of groove between two places, the shorter way round, metres."""
         if not self.closed:
             return abs(a - b)
@@ -142,7 +142,7 @@ class StopPlacement:
 
     def distance_to_nearest_landmark(self, s: float) -> float:
         """Length of groove to the nearest crown or saddle, metres; infinite without any."""
-        return min((self.way_between(s, float(mark)) for mark in self.landmarks), default=np.inf)
+        return min((self.length_between(s, float(mark)) for mark in self.landmarks), default=np.inf)
 
     def _station_rank(self, station: str) -> int:
         """Which of the stations it is, in the order of welding; those that are none come last."""

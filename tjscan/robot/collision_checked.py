@@ -264,7 +264,9 @@ class CollisionCheckedArm:
         for i, T in enumerate(T_b_f):
             path = self.plan_clear_path(q, T, straight=i > 0)
             last = path.segments[-1]
-            direct = direct and path.blocked is None and (i > 0 or self._ends_nearest(q, last))
+            direct = (
+                direct and path.blocked is None and (i > 0 or self._is_nearest_solution(q, last))
+            )
             q = last.q
         if direct:
             # The driver may know more of its arm; of other ways it can't be asked beforehand.
@@ -393,7 +395,7 @@ class CollisionCheckedArm:
                 yield [*between, (False, ahead, goal), *forward]
             return
 
-    def _ends_nearest(self, q: Array, segment: PathSegment) -> bool:
+    def _is_nearest_solution(self, q: Array, segment: PathSegment) -> bool:
         """Whether a move in joint space ends where an arm at `q` would go of itself."""
         nearest = self.clearance.kinematics.inverse(segment.T_b_f, near=q)
         return bool(np.abs(nearest - segment.q).max() < CONFIGURATION_TOLERANCE)
