@@ -70,8 +70,8 @@ def run_reference_task() -> None:
     """Do what the program mostly does: many small calls of NumPy, between steps of Python."""
     x = np.linspace(-1.0, 1.0, 640)
     for i in range(60):
-        polynomial_powers = np.stack((np.ones_like(x), x, x * x), axis=1)
-        normal = polynomial_powers.T @ polynomial_powers
-        solution = np.linalg.solve(normal, polynomial_powers.T @ np.hypot(x, 0.1 * i))
-        near = np.abs(polynomial_powers @ solution) < 0.5
+        powers = np.stack((np.ones_like(x), x, x * x), axis=1)
+        normal = powers.T @ powers
+        solution = np.linalg.solve(normal, powers.T @ np.hypot(x, 0.1 * i))
+        near = np.abs(powers @ solution) < 0.5
         sum(k * k for k in range(40 if near.any() else 41))

@@ -201,15 +201,15 @@ def corner_bounds(g: Groove, points: Array, sigma: float) -> Array:
         ends = g.corners[[max(i - 1, 0), min(i, 2)]]
         middle = p.mean(axis=0)
         s, h = (p - middle) @ along, (p - middle) @ n
-        polynomial_powers = np.arange(2)
-        while np.ptp(h - np.polyval(np.polyfit(s, h, len(polynomial_powers) - 1), s)) > STRAIGHT:
-            polynomial_powers = np.arange(len(polynomial_powers) + 1)
+        powers = np.arange(2)
+        while np.ptp(h - np.polyval(np.polyfit(s, h, len(powers) - 1), s)) > STRAIGHT:
+            powers = np.arange(len(powers) + 1)
         square = n[0] * tangents[index] + n[1]
         lag = np.abs(index[:, None] - index)
         R = sigma**2 * RHO**lag * np.outer(square, square)
-        basis = s[:, None] ** polynomial_powers
+        basis = s[:, None] ** powers
         spread = np.linalg.inv(basis.T @ np.linalg.solve(R, basis))
-        at = ((ends - middle) @ along)[:, None] ** polynomial_powers
+        at = ((ends - middle) @ along)[:, None] ** powers
         variances[i] = np.einsum("ki,ij,kj->k", at, spread, at)
         normals[i] = n
     bounds = np.empty(3)

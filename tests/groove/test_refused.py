@@ -115,10 +115,8 @@ def test_what_lies_at_a_root_that_is_not_seen_is_not_invented(seed: int) -> None
     off = section.points_s[1:4, [0, 2]] - groove.corners
     assert np.linalg.norm(off[0]) < 0.2 * MM
     # What is given for the others is as uncertain as it is wrong.
-    for distance_and_angle_missed, spread in zip(
-        off[1:], section.corner_covariances_s[1:], strict=True
-    ):
-        assert distance_and_angle_missed @ np.linalg.solve(spread, distance_and_angle_missed) < 9
+    for miss, spread in zip(off[1:], section.corner_covariances_s[1:], strict=True):
+        assert miss @ np.linalg.solve(spread, miss) < 9
 
 
 def test_a_refusal_carries_its_points() -> None:

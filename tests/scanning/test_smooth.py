@@ -167,16 +167,10 @@ def test_the_covariance_is_that_of_the_misses(step: float) -> None:
         true = world.look(SetPoint(ahead.T_b_t, ahead.T_s_t))
         T_b_t = correction_target_pose(seen[-1].T_b_g, true.T_b_g)
         away = inverse_pose(ahead.T_b_t) @ T_b_t
-        distance_and_angle_missed = np.concatenate(
-            (away[:3, 3], Rotation.from_matrix(away[:3, :3]).as_rotvec())
-        )
+        miss = np.concatenate((away[:3, 3], Rotation.from_matrix(away[:3, :3]).as_rotvec()))
         parts = [1, 2, 3]  # along x it is known, and turns about y and z follow from shifts
         P = ahead.covariance[np.ix_(parts, parts)]
-        squared.append(
-            distance_and_angle_missed[parts]
-            @ np.linalg.solve(P, distance_and_angle_missed[parts])
-            / len(parts)
-        )
+        squared.append(miss[parts] @ np.linalg.solve(P, miss[parts]) / len(parts))
     assert 0.2 < np.mean(squared) < 1.5
 
 

@@ -78,18 +78,18 @@ class LocalDevice(DeviceBase):
     not_connected: ClassVar[tuple[type[TjscanError], str]]
     """Error of a call outside a ``with`` block, and its message."""
 
-    _connected_session = False
+    _connected = False
 
     def __enter__(self) -> Self:
-        self._connected_session = True
+        self._connected = True
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._connected_session = False
+        self._connected = False
 
     def check_connected(self) -> None:
         """Refuse a call outside a ``with`` block."""
-        if not self._connected_session:
+        if not self._connected:
             error, message = self.not_connected
             raise error(message)
 

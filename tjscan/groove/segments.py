@@ -255,12 +255,12 @@ def _refit_parabolas(segments: CurvedSegments, row: Array, tolerance: float) -> 
     s, d = segments.local_coordinates(row)
     c0, c1, c2 = segments.curve.T[:, :, None]
     w = (np.abs(d - (c0 + s * (c1 + s * c2))) < tolerance) & segments.points_within(len(row))
-    polynomial_powers = np.empty((5, *s.shape))
-    polynomial_powers[0] = w
+    powers = np.empty((5, *s.shape))
+    powers[0] = w
     for k in range(4):
-        np.multiply(polynomial_powers[k], s, out=polynomial_powers[k + 1])
-    m = polynomial_powers.sum(axis=2)
-    b = (polynomial_powers[:3] * d).sum(axis=2)
+        np.multiply(powers[k], s, out=powers[k + 1])
+    m = powers.sum(axis=2)
+    b = (powers[:3] * d).sum(axis=2)
     # A pipe's side is nearly straight: a short stretch is taken for straight until it shows more.
     prior = (tolerance / 2 / CURVATURE_SPREAD) ** 2
     a = np.array(

@@ -333,8 +333,8 @@ def corner_estimates(fit: GrooveFit) -> tuple[Array, Array]:
     spread = _coefficient_covariances(fit)
     k = len(fitted.curves)
     jacobian = np.zeros((2 * k, 4 * k))
-    polynomial_powers = [[(1.0, s, s * s, s * s * s) for s in place] for place in fitted.places]
-    for i, ((sa, sb), (pa, pb)) in enumerate(zip(fitted.places, polynomial_powers, strict=True)):
+    powers = [[(1.0, s, s * s, s * s * s) for s in place] for place in fitted.places]
+    for i, ((sa, sb), (pa, pb)) in enumerate(zip(fitted.places, powers, strict=True)):
         a, b = fitted.curves[i : i + 2]
         (ax, az), (bx, bz) = a.tangent_at(sa), b.tangent_at(sb)
         # Normals are (tz, -tx); heights count along the chord's, 1 / cos of the slope farther.

@@ -118,6 +118,6 @@ def _local_slope(s: Array, points: Array, i: int) -> Array:
     u = (s[near] - s[i]) / reach
     weights = np.exp(-0.5 * (u / WEIGHT_WIDTH) ** 2)[:, None]
     degree = min(POLYNOMIAL_DEGREE, len(np.unique(u)) - 1)
-    polynomial_powers = u[:, None] ** np.arange(degree + 1)
-    coefficients, *_ = np.linalg.lstsq(weights * polynomial_powers, weights * points[near])
+    powers = u[:, None] ** np.arange(degree + 1)
+    coefficients, *_ = np.linalg.lstsq(weights * powers, weights * points[near])
     return np.asarray(coefficients[1])

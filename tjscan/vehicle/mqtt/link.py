@@ -224,7 +224,7 @@ class BrokerClient:
     ) -> None:
         self._broker, self._presence_topic, self._topics = settings, presence_topic, topics
         self._listener: EventListener = lambda name, sentence: None
-        self._connected_session = False
+        self._connected = False
         self._begin()
 
     def _begin(self) -> None:

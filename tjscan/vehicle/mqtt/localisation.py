@@ -43,7 +43,7 @@ class MqttLocalisation(BrokerClient):
         self._given: list[VehiclePose | None] = [None] * self._vehicles
         self._passers_by: dict[str, TrackedDisc] = {}
         self._gates: defaultdict[str, wire.PoseGate] = defaultdict(wire.PoseGate)
-        self._connected_session = False
+        self._connected = False
         super()._begin()
 
     def __enter__(self) -> Self:
@@ -57,7 +57,7 @@ class MqttLocalisation(BrokerClient):
         self._begin()
         s = self.settings
         self._link.connect(s.connect_limit)
-        self._connected_session = True
+        self._connected = True
         until = time.monotonic() + s.connect_limit
         while None in self._newest:
             if time.monotonic() > until:
@@ -72,8 +72,8 @@ class MqttLocalisation(BrokerClient):
 
     def __exit__(self, *error: object) -> None:
         """Disconnect."""
-        if self._connected_session:
-            self._connected_session = False
+        if self._connected:
+            self._connected = False
             self._link.close()
 
     @property
@@ -112,6 +112,6 @@ class MqttLocalisation(BrokerClient):
             self._newest[int(first) - 1] = VehiclePose(measured, pose.x, pose.y, pose.heading)
 
     def _link_changed(self, up: bool) -> None:
-        if self._connected_session:
+        if self._connected:
             name, state = ("restored", "stands again") if up else ("lost", "broke: no poses come")
             self._events.put((f"link-{name}", f"the link to the broker {state}"))

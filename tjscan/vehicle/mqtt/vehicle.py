@@ -75,7 +75,7 @@ class MqttVehicle(BrokerClient):
         self._begin()
         self._stopped = False
         self._link.connect(self.settings.connect_limit)
-        self._connected_session = True
+        self._connected = True
         self._sender = threading.Thread(target=self._send_orders, daemon=True)
         self._sender.start()
         try:
@@ -87,9 +87,9 @@ class MqttVehicle(BrokerClient):
 
     def __exit__(self, *error: object) -> None:
         """Stop the vehicle and disconnect."""
-        if self._connected_session:
+        if self._connected:
             self.stop()
-            self._connected_session = False
+            self._connected = False
             self._wake.put(True)
             self._sender.join()
             self._link.close()
@@ -116,7 +116,7 @@ class MqttVehicle(BrokerClient):
     def next_state(self) -> VehicleState:
         """Wait for the next state. See `Vehicle.next_state`."""
         self._deliver_events()
-        if not self._connected_session:
+        if not self._connected:
             self._check_link()
         try:
             waiting = [self._states.get(timeout=self.settings.silence_limit)]
@@ -150,7 +150,7 @@ class MqttVehicle(BrokerClient):
     def stop(self) -> None:
         """Bring the vehicle to rest, and take no command any more. See `Vehicle.stop`."""
         self._stopped = True
-        if self._connected_session:
+        if self._connected:
             self._wake.put(True)
 
     def accept_commands_again(self) -> None:
@@ -160,7 +160,7 @@ class MqttVehicle(BrokerClient):
     # What the driver's own thread does
 
     def _send_orders(self) -> None:
-        while self._connected_session:
+        while self._connected:
             self._send_order(time.monotonic())
             try:
                 self._wake.get(timeout=REPEAT_PERIOD)
@@ -222,7 +222,7 @@ class MqttVehicle(BrokerClient):
         self._states.put(message.state)
 
     def _link_changed(self, up: bool) -> None:
-        if not up and self._connected_session:
+        if not up and self._connected:
             self._note_lost_link("the link to the broker broke")
 
     def _note_lost_link(self, why: str) -> None:
@@ -247,7 +247,7 @@ class MqttVehicle(BrokerClient):
                 ) from None
 
     def _check_link(self) -> None:
-        if not self._connected_session:
+        if not self._connected:
             raise VehicleLinkLost("the vehicle is not connected: use it inside a 'with' block")
         if self._lost or time.monotonic() - self._heard > self.settings.silence_limit:
             raise self._link_lost()
