@@ -213,41 +213,57 @@ class LocalWalls:
         return np.asarray(w / (1 + root)), np.asarray(slopes)
 
 
-@array_dataclass
 class LocalTubeFit:
     """Fit of both tubes to the recent sections: most likely parameters and their covariance.
 
     Parameters
     ----------
-    bases : ndarray, shape (2, 4, 3)
-        What the parameters count from; rows are the foot, the direction along the tube (about),
-        the one round it, and the normal.
+    track : RecentSections
+        The sections.
+    sigmas : ndarray, shape (6, n)
+        Standard deviations of what they show, as of `RecentSections`.
+
+    Attributes
+    ----------
     theta : ndarray, shape (10,)
         The parameters, in units of their prior standard deviations.
     covariance : ndarray, shape (10, 10)
         Of `theta`.
-    along : ndarray, shape (n,)
-        Where the sections lie along the groove, metres.
-    whiten : ndarray, shape (6, n, n)
-        Makes `residuals` white, channel by channel.
     residuals : ndarray, shape (6, n)
         What the tubes leave of the sections: distances of p2 and p4, of p1 and p5 (metres),
         slopes of both tangents (radians).
-    residual_jacobian : ndarray, shape (6, n, 10)
-        Its derivatives.
     """
 
-    bases: Array
-    theta: Array
-    covariance: Array
-    along: Array
-    whiten: Array
-    residuals: Array
-    residual_jacobian: Array
+    def __init__(self, track: RecentSections, sigmas: Array) -> None:
+        # What the parameters count from; rows are the foot, the direction along the tube (about),
+        # the one round it, and the normal.
+        self._bases, self._along = _wall_bases(track), track.along
+        between = track.along[:, None] - track.along
+        covariances = [
+            Matern52(out, OUT_OF_ROUND_WAVE)(between) + np.diag(own**2)
+            for out, own in zip(_RESIDUAL_SIGMAS, sigmas, strict=True)
+        ]
+        # Makes residuals white, channel by channel.
+        self._whiten = np.array([np.linalg.inv(np.linalg.cholesky(C)) for C in covariances])
+
+        def residuals(thetas: Array) -> Array:
+            walls = self.walls(thetas)
+            white = np.einsum("cmn,...cn->...cm", self._whiten, _off_tubes(walls, track))
+            flat = white.reshape(*thetas.shape[:-1], -1)
+            return np.concatenate((flat, _prior_residuals(walls, thetas)), axis=-1)
+
+        self.theta, jacobian = _minimise(residuals, _initial_parameters())
+        spread = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
+        # Ten of the prior's and the sections' residuals are spent on the parameters.
+        reduced_chi2 = float(np.sum(residuals(self.theta) ** 2)) / (6 * len(track.along) + 1)
+        self.covariance = spread * max(1.0, reduced_chi2)
+        lefts = _off_tubes(self.walls(with_small_steps(self.theta, _DIFFERENCE_STEP)), track)
+        self.residuals = lefts[0]
+        self._residual_jacobian = np.moveaxis((lefts[1:] - lefts[0]) / _DIFFERENCE_STEP, 0, -1)
 
     def walls(self, thetas: Array | None = None) -> LocalWalls:
         """Walls of the fitted tubes, or of other parameters, shape (..., 10)."""
-        return _tube_walls(self.bases, self.theta if thetas is None else thetas)
+        return _tube_walls(self._bases, self.theta if thetas is None else thetas)
 
     def seam_curvature(self) -> float:
         """Curvature of the seam beside the last section, 1/m."""
@@ -266,7 +282,7 @@ class LocalTubeFit:
 
         Also the standard deviations that this should have.
         """
-        precision = np.swapaxes(self.whiten, 1, 2) @ self.whiten
+        precision = np.swapaxes(self._whiten, 1, 2) @ self._whiten
         own = np.diagonal(precision, axis1=1, axis2=2)
         return np.einsum("cmn,cn->cm", precision, self.residuals) / own, 1 / np.sqrt(own)
 
@@ -282,14 +298,14 @@ class LocalTubeFit:
             leave are wrong together.
         """
         kernels = (Matern52(sigma, OUT_OF_ROUND_WAVE) for sigma in _RESIDUAL_SIGMAS)
-        towards = np.array([kernel(self.along - at) for kernel in kernels])
-        white = np.einsum("cmn,cn->cm", self.whiten, towards)
-        weights = np.einsum("cmn,cm->cn", self.whiten, white)
+        towards = np.array([kernel(self._along - at) for kernel in kernels])
+        white = np.einsum("cmn,cn->cm", self._whiten, towards)
+        weights = np.einsum("cmn,cm->cn", self._whiten, white)
         variances = np.array(_RESIDUAL_SIGMAS) ** 2 - np.sum(white**2, axis=1)
         return (
             np.sum(weights * self.residuals, axis=1),
             np.sqrt(np.maximum(variances, 0.0)),
-            np.einsum("cn,cnp->cp", weights, self.residual_jacobian),
+            np.einsum("cn,cnp->cp", weights, self._residual_jacobian),
         )
 
 
@@ -309,40 +325,15 @@ def fit_tubes_to_sections(track: RecentSections) -> LocalTubeFit:
     misread, and counts for no more than that.
     """
     sigmas = track.sigmas
-    seam = _fit_walls(track, sigmas)
+    seam = LocalTubeFit(track, sigmas)
     for _ in range(MOST_WEIGHT_REVISIONS):
         off, expected = seam.leave_one_out_residuals()
         misread = np.abs(off) > MISREAD_SIGMAS * expected
         if not misread.any():
             break
         sigmas = np.where(misread, np.abs(off), sigmas)
-        seam = _fit_walls(track, sigmas)
+        seam = LocalTubeFit(track, sigmas)
     return seam
-
-
-def _fit_walls(track: RecentSections, sigmas: Array) -> LocalTubeFit:
-    bases = _wall_bases(track)
-    between = track.along[:, None] - track.along
-    covariances = [
-        Matern52(out, OUT_OF_ROUND_WAVE)(between) + np.diag(own**2)
-        for out, own in zip(_RESIDUAL_SIGMAS, sigmas, strict=True)
-    ]
-    whiten = np.array([np.linalg.inv(np.linalg.cholesky(C)) for C in covariances])
-
-    def residuals(thetas: Array) -> Array:
-        walls = _tube_walls(bases, thetas)
-        white = np.einsum("cmn,...cn->...cm", whiten, _off_tubes(walls, track))
-        flat = white.reshape(*thetas.shape[:-1], -1)
-        return np.concatenate((flat, _prior_residuals(walls, thetas)), axis=-1)
-
-    theta, jacobian = _minimise(residuals, _initial_parameters())
-    spread = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
-    # Ten of the prior's and the sections' residuals are spent on the parameters.
-    reduced_chi2 = float(np.sum(residuals(theta) ** 2)) / (6 * len(track.along) + 1)
-    lefts = _off_tubes(_tube_walls(bases, with_small_steps(theta, _DIFFERENCE_STEP)), track)
-    by_theta = np.moveaxis((lefts[1:] - lefts[0]) / _DIFFERENCE_STEP, 0, -1)
-    covariance = spread * max(1.0, reduced_chi2)
-    return LocalTubeFit(bases, theta, covariance, track.along, whiten, lefts[0], by_theta)
 
 
 def _off_tubes(walls: LocalWalls, track: RecentSections) -> Array:
