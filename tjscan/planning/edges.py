@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
@@ -14,7 +15,7 @@ from tjscan.core.frames import Array, cross
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.root import OPEN_ROOT, ROOT_NOT_SEEN
 from tjscan.groove.section import TACK_WELD
-from tjscan.planning.smoothing import SmoothCurve, fit_smooth_curve
+from tjscan.planning.smoothing import SmoothCurve
 
 FEWEST_SECTIONS: Final = 4
 """Sections that a cubic needs."""
@@ -116,9 +117,9 @@ class GrooveEdges:
     _together: SmoothCurve = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        weights = np.hstack([curve.weights for curve in self.curves])
-        trend = np.hstack([curve.trend for curve in self.curves])
-        together = replace(self.curves[0], weights=weights, trend=trend)
+        together = copy(self.curves[0])
+        together.weights = np.hstack([curve.weights for curve in self.curves])
+        together.trend = np.hstack([curve.trend for curve in self.curves])
         object.__setattr__(self, "_together", together)
 
     def corners(self, s: Array) -> Array:
@@ -254,7 +255,7 @@ def fit_edges_to_corners(
     # The noise of a corner has two directions; its sigma holds both together.
     spread = np.maximum(sigmas, LEAST_CORNER_SIGMA) / np.sqrt(2)
     curves = tuple(
-        fit_smooth_curve(s, corners[:, j], spread[:, j], length, closed=closed) for j in range(4)
+        SmoothCurve(s, corners[:, j], spread[:, j], length, closed=closed) for j in range(4)
     )
     correlation = area_sigma * _quad_areas(corners) / _area_sigma_of_corners(corners, spread)
     none = np.zeros(len(s))
