@@ -72,7 +72,7 @@ def adaptive_step_rule(adaptive: AdaptiveStepSettings) -> StepLengthRule:
     steps = np.linspace(adaptive.least, adaptive.most, TRIED_STEP_LENGTHS)
 
     def rule(sections: Sections) -> float:
-        track = seam_fit.recent_section_arrays(sections)
+        track = seam_fit.RecentSections(sections)
         values, sigmas = track.shape[:, 2], track.shape_sigmas[:, 2]
         kernel = Matern52(seam_fit.SHAPE_SPREAD[2], seam_fit.SHAPE_WAVE)
         angles = OrdinaryKriging(track.along, values, sigmas, kernel)

@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, array_dataclass, cross, unit_vector
+from tjscan.core.frames import Array, cross, unit_vector
 from tjscan.core.gaussian_process import Matern52
 from tjscan.scanning.section import Sections
 
@@ -37,11 +37,15 @@ LEAST_SIGMA: Final = 1e-6
 """Metres and radians: nothing is known better, not even without any noise."""
 
 
-@array_dataclass
 class RecentSections:
     """The last sections, the oldest first, in frame b. n sections; k = 0 brace, 1 leg.
 
     Parameters
+    ----------
+    sections : sequence of ScannedSection
+        Two or more, of which the last `MOST_RECENT_SECTIONS` count.
+
+    Attributes
     ----------
     along : ndarray, shape (n,)
         Length of the groove up to each, metres, counted from the last: never above 0.
@@ -64,56 +68,45 @@ class RecentSections:
         Of `shape`.
     """
 
-    along: Array
-    origins: Array
-    points: Array
-    ends: Array
-    tangents: Array
-    shape: Array
-    sigmas: Array
-    shape_sigmas: Array
+    def __init__(self, sections: Sections) -> None:
+        last = sections[-MOST_RECENT_SECTIONS:]
+        grooves = [scan.groove for scan in last]
+        R = np.array([scan.view.T_b_s[:3, :3] for scan in last])
+        p = np.array([scan.view.T_b_s[:3, 3] for scan in last])
+        ends_s = np.array([g.points_s[[0, 4]] for g in grooves])
+        corners_s = np.array([g.points_s[[1, 3]] for g in grooves])
+        origins_s = np.array([g.T_s_g[:3, 3] for g in grooves])
+        tangents_s = np.array([(g.wall_s, g.leg_s) for g in grooves])
+        self.origins = (R @ origins_s[..., None])[..., 0] + p
+        chords = np.linalg.norm(np.diff(self.origins, axis=0), axis=1)
+        self.along = np.concatenate((-chords[::-1].cumsum()[::-1], [0.0]))
+        self.points, self.ends = (
+            np.moveaxis(places_s @ np.swapaxes(R, 1, 2) + p[:, None], 1, 0)
+            for places_s in (corners_s, ends_s)
+        )
+        self.tangents = np.moveaxis(tangents_s @ np.swapaxes(R, 1, 2), 1, 0)
 
-
-def recent_section_arrays(sections: Sections) -> RecentSections:
-    """Arrays of the last `MOST_RECENT_SECTIONS` of two or more sections."""
-    last = sections[-MOST_RECENT_SECTIONS:]
-    grooves = [scan.groove for scan in last]
-    R = np.array([scan.view.T_b_s[:3, :3] for scan in last])
-    p = np.array([scan.view.T_b_s[:3, 3] for scan in last])
-    ends_s = np.array([g.points_s[[0, 4]] for g in grooves])
-    corners_s = np.array([g.points_s[[1, 3]] for g in grooves])
-    origins_s = np.array([g.T_s_g[:3, 3] for g in grooves])
-    tangents_s = np.array([(g.wall_s, g.leg_s) for g in grooves])
-    origins = (R @ origins_s[..., None])[..., 0] + p
-    chords = np.linalg.norm(np.diff(origins, axis=0), axis=1)
-
-    # Square to a tangent, in the laser plane.
-    normals = tangents_s[..., [2, 0]] * (-1, 1)
-    corners = np.array([g.corner_covariances_s[[0, 2]] for g in grooves])
-    across = np.einsum("nki,nkij,nkj->nk", normals, corners, normals)
-    turned = np.array([np.diag(g.tangent_covariance) for g in grooves])
-    read = across.T + ARM_REPEATABILITY**2
-    tilts = turned.T + ANGULAR_REPEATABILITY**2 + LEAST_SIGMA**2
-    lengths = np.sum((corners_s - origins_s[:, None]) * tangents_s, axis=-1)
-    # The origin is found along a tangent by both: their noise over the distance between them.
-    reached = across.sum(axis=1) + (lengths**2 * turned).sum(axis=1) + ARM_REPEATABILITY**2
-    # A corner that is not seen lies somewhere along its tangent.
-    along = np.einsum("nki,nkij,nkj->nk", tangents_s[..., [0, 2]], corners, tangents_s[..., [0, 2]])
-    absent = np.array([[corner in g.absent for corner in ("p2", "p4")] for g in grooves])
-    unseen = np.where(absent, along, 0.0)
-    openings = np.array([(g.groove_angle, g.measure_covariance[0, 0]) for g in grooves])
-    return RecentSections(
-        along=np.concatenate((-chords[::-1].cumsum()[::-1], [0.0])),
-        origins=origins,
-        points=np.moveaxis(corners_s @ np.swapaxes(R, 1, 2) + p[:, None], 1, 0),
-        ends=np.moveaxis(ends_s @ np.swapaxes(R, 1, 2) + p[:, None], 1, 0),
-        tangents=np.moveaxis(tangents_s @ np.swapaxes(R, 1, 2), 1, 0),
-        shape=np.column_stack((lengths, openings[:, 0])),
-        sigmas=np.sqrt(np.concatenate((read + LEAST_SIGMA**2, read + SIDE_END_SIGMA**2, tilts))),
-        shape_sigmas=np.sqrt(
-            np.column_stack((reached[:, None] + unseen, openings[:, 1])) + LEAST_SIGMA**2
-        ),
-    )
+        # Square to a tangent, in the laser plane.
+        normals = tangents_s[..., [2, 0]] * (-1, 1)
+        corners = np.array([g.corner_covariances_s[[0, 2]] for g in grooves])
+        across = np.einsum("nki,nkij,nkj->nk", normals, corners, normals)
+        turned = np.array([np.diag(g.tangent_covariance) for g in grooves])
+        read = across.T + ARM_REPEATABILITY**2
+        tilts = turned.T + ANGULAR_REPEATABILITY**2 + LEAST_SIGMA**2
+        lengths = np.sum((corners_s - origins_s[:, None]) * tangents_s, axis=-1)
+        # The origin is found along a tangent by both: their noise over the distance between them.
+        reached = across.sum(axis=1) + (lengths**2 * turned).sum(axis=1) + ARM_REPEATABILITY**2
+        # A corner that is not seen lies somewhere along its tangent.
+        in_plane = tangents_s[..., [0, 2]]
+        along = np.einsum("nki,nkij,nkj->nk", in_plane, corners, in_plane)
+        absent = np.array([[corner in g.absent for corner in ("p2", "p4")] for g in grooves])
+        unseen = np.where(absent, along, 0.0)
+        openings = np.array([(g.groove_angle, g.measure_covariance[0, 0]) for g in grooves])
+        self.shape = np.column_stack((lengths, openings[:, 0]))
+        variances = np.concatenate((read + LEAST_SIGMA**2, read + SIDE_END_SIGMA**2, tilts))
+        self.sigmas = np.sqrt(variances)
+        shape_variances = np.column_stack((reached[:, None] + unseen, openings[:, 1]))
+        self.shape_sigmas = np.sqrt(shape_variances + LEAST_SIGMA**2)
 
 
 BRACE_RADIUS: Final = (0.2, 0.7)

@@ -199,7 +199,7 @@ def tube_fit_predictor(plan: ScanPlan) -> SetPointPredictor:
     otherwise = paper_predictor(PREDICTION_CASES[3], plan.direction)
 
     def predictor(sections: Sections, step: float) -> SetPoint:
-        track, last = seam_fit.recent_section_arrays(sections), sections[-1]
+        track, last = seam_fit.RecentSections(sections), sections[-1]
         R_b_now = last.view.T_b_s[:3, :3]
         try:
             seam = seam_fit.fit_tubes_to_sections(track)

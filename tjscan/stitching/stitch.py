@@ -18,13 +18,7 @@ from tjscan.groove.measured import MeasuredSection
 from tjscan.joint.tubes.fit import TubeDimensions
 from tjscan.stitching.budget import shared_causes, stitching_budget
 from tjscan.stitching.fusion import fuse_sections, sections_in_joint_frame
-from tjscan.stitching.graph import (
-    StationErrors,
-    StationPoses,
-    overlap_gap,
-    solve_station_poses,
-    spanning_tree_poses,
-)
+from tjscan.stitching.graph import StationErrors, StationPoses, overlap_gap, spanning_tree_poses
 from tjscan.stitching.registration import (
     Registrations,
     StationRegistration,
@@ -274,7 +268,7 @@ def place_stations_with_out_of_round(
     allowance = settings.out_of_round
     while True:
         frames = [widen_for_out_of_round(fit.frame, allowance) for fit in fits]
-        placement = solve_station_poses(frames, registrations, shared)
+        placement = StationPoses(frames, registrations, shared)
         if placement.reduced_chi2 < AGREED_CHI2 or 2 * allowance > settings.most_out_of_round:
             return placement, allowance
         allowance *= 2
