@@ -7,7 +7,7 @@ angles radians. The table of frames is in ``docs/frames.md``.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, TypeVar, dataclass_transform
 
 import numpy as np
@@ -17,6 +17,7 @@ from pytransform3d.rotations import active_matrix_from_angle
 from pytransform3d.transformations import invert_transform
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 ARRAY_DTYPES: Final[dict[str, type[np.generic]]] = {
     "Array": np.float64,
@@ -73,12 +74,9 @@ def frozen_arrays(cls: type[T]) -> type[T]:
     return cls
 
 
-@dataclass_transform(frozen_default=True, eq_default=False)
+@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
 def array_dataclass(cls: type[T]) -> type[T]:
-    """Make a frozen dataclass that holds its arrays as read-only copies, see `frozen_arrays`.
-
-    Its instances are compared by identity: arrays are not equal or unequal as a whole.
-    """
+    """Make a frozen dataclass with slots that holds its arrays as `frozen_arrays` does."""
     return dataclass(frozen=True, slots=True, eq=False)(frozen_arrays(cls))
 
 

@@ -23,11 +23,10 @@ from tjscan.core.signals import hold_ctrl_c
 from tjscan.laser.profile import Profile
 from tjscan.recording import foxglove
 from tjscan.recording.header import JobSnapshot
-from tjscan.recording.journal import LOG_TOPIC, RecordingJournal, RunEvent
+from tjscan.recording.journal import LOG_TOPIC, NO_ATTACHMENTS, RecordingWriter, RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import RecordingDamage, ReportDamage, read_messages, refuse_damage
 from tjscan.recording.topic import Topic
-from tjscan.recording.writer import NO_ATTACHMENTS
 from tjscan.scanning.journal import RecordedScan, ScanEvent, grid_triangles
 from tjscan.scanning.section import ProfileView, ScannedSection
 
@@ -53,7 +52,7 @@ SCAN_TOPICS: Final = (*TOPICS_READ, foxglove.TRANSFORMS_TOPIC, JOINTS_TOPIC, SCE
 """Everything that a scan records."""
 
 
-class ScanRecording(RecordingJournal):
+class ScanRecording(RecordingWriter):
     """The journal that writes a scan's recording; a context manager.
 
     Parameters

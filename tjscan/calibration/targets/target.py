@@ -12,13 +12,12 @@ import numpy as np
 from tjscan.calibration.noise import FlangeMoves, NoiseModel
 from tjscan.core.array_fields import PoseMatrix
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, array_dataclass
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.profile import Profile
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class PosedProfile:
     """A profile of the calibration target, and the flange pose it was taken from.
 
@@ -50,8 +49,7 @@ class ProfileFit(Protocol):
 Fit = TypeVar("Fit", bound=ProfileFit)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class PosedFit(Generic[Fit]):
     """The fit to a profile, and the flange pose that the profile was taken from.
 

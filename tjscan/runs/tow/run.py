@@ -18,7 +18,7 @@ from tjscan.core.frames import Array
 from tjscan.job.tow.cell import TowCell, fixed_obstacles, make_planner, make_tow_cell
 from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.job.tow.sweep import sweep_seam
-from tjscan.recording.journal import Journal, RunEvent, event_recorder
+from tjscan.recording.journal import REPLAY_EVENT, Journal, RunEvent, event_recorder
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.run import (
@@ -34,7 +34,6 @@ from tjscan.runs.run import (
 )
 from tjscan.runs.tow.results import read_recorded_tow, write_tow_results
 from tjscan.towing.journal import (
-    REPLAY_EVENT,
     TOW_RECORDING,
     WELDED_EVENT,
     TowCycle,
