@@ -28,7 +28,7 @@ from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.robot.collision_checked import CollisionCheckedArm
 from tjscan.robot.deviations import CorrectedArm
 from tjscan.robot.drivers import ARM_DRIVERS, ArmDriverInputs
-from tjscan.robot.motion import MotionLimits
+from tjscan.robot.path import MotionLimits
 from tjscan.scanning.recording import read_views
 
 
