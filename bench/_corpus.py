@@ -53,7 +53,7 @@ from tjscan.runs.tasks import study_backend_of_task
 from tjscan.scanning.recording import ScanRecording, read_recorded_scan
 from tjscan.scanning.section import ScannedSection
 from tjscan.study.file import plan_study, read_study_file
-from tjscan.study.store import PLAN_FILE, ROWS_FILE, make_study_directory, read_rows, read_trials
+from tjscan.study.run import PLAN_FILE, ROWS_FILE, make_study_directory, read_rows, read_trials
 from tjscan.study.trial import StudyRow
 
 ROOT: Final = Path(__file__).resolve().parents[1]

@@ -23,7 +23,7 @@ from tjscan.core.frames import (
     rotation_angle_between,
     transform_points,
 )
-from tjscan.job.arm import clear_path_planner_of_job
+from tjscan.job.cell import clear_path_planner_of_job
 from tjscan.job.files import ScanJob, read_calibration_job, read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.runs.scan.context import RunContext, result_frame_of_job

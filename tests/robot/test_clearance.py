@@ -15,7 +15,7 @@ from tjscan.core.config import table_to_dict
 from tjscan.core.devices import DeviceBase
 from tjscan.core.errors import ArmFault, ConfigurationError, PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array, pose, rot_y, rot_z, transform_points
-from tjscan.job.arm import clear_path_planner_of_job
+from tjscan.job.cell import clear_path_planner_of_job
 from tjscan.job.files import read_scan_job
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import CHECK_RESOLUTION, ClearPathPlanner

@@ -93,8 +93,7 @@ def plan(
         import numpy as np
 
         from tjscan.report.plan_page import write_plan_page
-        from tjscan.runs.plan.crawl import is_crawl, plan_crawl_run
-        from tjscan.runs.plan.run import ArcSwitch, plan_run
+        from tjscan.runs.plan.run import ArcSwitch, is_crawl, plan_crawl_run, plan_run
 
         down = np.array(gravity)
         if is_crawl(run):

@@ -42,9 +42,8 @@ def study(
     from tjscan.runs.run import default_run_directory
     from tjscan.runs.tasks import study_backend_of_task
     from tjscan.study.file import plan_study
-    from tjscan.study.run import run_study
+    from tjscan.study.run import make_study_directory, read_trials, run_study
     from tjscan.study.schedule import DaskScheduler, check_study_packages
-    from tjscan.study.store import make_study_directory, read_trials
 
     if resume and (out is not None or dry_run):
         raise ConfigurationError("--resume goes on in a study's directory: no --out, no --dry-run")

@@ -16,8 +16,7 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, TjscanError
 from tjscan.groove.section import GrooveSection
-from tjscan.job.arm import clear_path_planner_of_job
-from tjscan.job.cell import Cell
+from tjscan.job.cell import Cell, clear_path_planner_of_job
 from tjscan.job.devices import LaserSettings
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.laser.line_laser import DescribedLaser

@@ -15,8 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tjscan.result.picture import write_png
-from tjscan.study.backend import ReportedQuantity, StudyBackend
-from tjscan.study.trial import RunOutcome, StudyRow, Value
+from tjscan.study.trial import ReportedQuantity, RunOutcome, StudyBackend, StudyRow, Value
 
 O = TypeVar("O", bound=RunOutcome)  # noqa: E741
 

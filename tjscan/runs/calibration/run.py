@@ -48,8 +48,7 @@ from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import pose_to_rows_mm
-from tjscan.job.arm import kinematics_of_job, sensor_mount_of_job
-from tjscan.job.cell import Cell, make_cell
+from tjscan.job.cell import Cell, kinematics_of_job, make_cell, sensor_mount_of_job
 from tjscan.job.devices import CalibrationSettings
 from tjscan.job.files import CalibrationJob, RecordedJob, read_calibration_job
 from tjscan.job.surroundings import BallSettings, SimulatedBoardSettings

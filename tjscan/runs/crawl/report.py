@@ -14,7 +14,7 @@ from tjscan.crawler.journal import CRAWL_RECORDING, REPLAY_EVENT, WARNING_EVENT
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_model import SlipState
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
-from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
+from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl
 
@@ -36,12 +36,11 @@ def crawl_chapter(directory: Path) -> ReportChapter:
         return ReportChapter()
     check_as_written(directory / JOB_FILE, directory / CALIBRATION_FILE)
     job, found = read_crawl_job(directory / JOB_FILE), read_recorded_crawl(directory)
-    events = tuple(ReportEvent(event.time, event.name, event.detail) for event in found.events)
     return ReportChapter(
         facts=tuple(_crawl_facts(job, found)),
         findings=tuple(_crawl_findings(job, found)),
         charts=tuple(_crawl_charts(job, found)),
-        events=events,
+        events=found.events,
     )
 
 

@@ -18,13 +18,14 @@ from tjscan.crawler.pass_record import pass_records, root_mean_square
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
-from tjscan.study.backend import (
+from tjscan.study.trial import (
     ReportedQuantity,
     ResolvedRun,
+    RunOutcome,
     StudyBackend,
+    canonical_json,
     drop_file_from_study_key_errors,
 )
-from tjscan.study.trial import RunOutcome, canonical_json
 
 
 @dataclass(frozen=True, slots=True)

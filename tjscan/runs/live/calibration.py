@@ -26,7 +26,7 @@ from tjscan.calibration.wizard.session import CalibrationProgress
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import LaserFault, PageUnavailable
 from tjscan.core.frames import Array, rot_z, transform_points
-from tjscan.job.arm import kinematics_of_job, sensor_mount_of_job, solids_in_base
+from tjscan.job.cell import kinematics_of_job, sensor_mount_of_job, solids_in_base
 from tjscan.job.files import CalibrationJob, read_calibration_job
 from tjscan.live.buttons import Act, Button, Tone
 from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR, TOOL_COLOUR

@@ -16,7 +16,7 @@ from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, transform_points
 from tjscan.groove.measured import MeasuredSection, section_to_result_frame
-from tjscan.job.arm import kinematics_of_job, solids_in_base
+from tjscan.job.cell import kinematics_of_job, solids_in_base
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.live.buttons import Act, Button

@@ -22,7 +22,7 @@ from tjscan.core.frames import (
     transform_points,
 )
 from tjscan.core.units import MM
-from tjscan.job.arm import kinematics_of_job, solids_in_base
+from tjscan.job.cell import collision_model_of_job, kinematics_of_job
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.document import LengthEntry
@@ -33,7 +33,7 @@ from tjscan.planning.urscript import BeadPath, StationPath
 from tjscan.planning.wps import TorchSettings
 from tjscan.result.directory import JOB_FILE
 from tjscan.result.summary import read_stitching_report
-from tjscan.robot.collision import SCANNED_GROOVE, CollisionModel
+from tjscan.robot.collision import SCANNED_GROOVE
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import LARGEST_TURN, linear_waypoints
@@ -94,13 +94,7 @@ class WeldingStation:
         table, T_b_w = self.job.clearance, None
         if self.job.joint is not None and self.job.station:
             T_b_w = self.T_b_r @ inverse_pose(self.job.joint.T_w_j)
-        model = CollisionModel(
-            self.kinematics,
-            solids_in_base(self.job, T_b_w),
-            [one.solid for one in torch.solid],
-            self_collision=table.self_collision,
-            ignored=table.ignore,
-        )
+        model = collision_model_of_job(self.job, self.kinematics, torch.solid, T_b_w)
         surface = transform_points(self.T_b_r, groove.reshape(-1, 3))
         model.set_measured_surface(surface, grid_triangles(*groove.shape[:2]))
         of_torch = {one.name: one.in_groove for one in torch.solid}

@@ -12,13 +12,12 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, inverse_pose
-from tjscan.job.arm import kinematics_of_job, solids_in_base
+from tjscan.job.cell import collision_model_of_job, kinematics_of_job
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.planning.urscript import StationPath, path_to_urscript
 from tjscan.planning.wps import TorchSettings
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.clearance import ClearPathPlanner
-from tjscan.robot.collision import CollisionModel
 from tjscan.robot.collision_checked import CollisionCheckedArm
 from tjscan.robot.motion import MotionLimits
 from tjscan.robot.ur.arm import UrArm
@@ -158,13 +157,7 @@ def send_program(
         If the arm can't be reached, is not ready, or did not come to the program's end.
     """
     job, model, table = arm.job, kinematics_of_job(arm.job), arm.job.clearance
-    collisions = CollisionModel(
-        model,
-        solids_in_base(job),
-        [one.solid for one in torch.solid],
-        self_collision=table.self_collision,
-        ignored=table.ignore,
-    )
+    collisions = collision_model_of_job(job, model, torch.solid)
     clearance = ClearPathPlanner(model, collisions, table)
     limits = MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration)
     device = UrArm(model, arm.settings, limits)

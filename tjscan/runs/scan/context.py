@@ -14,8 +14,7 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import JointOrBaseFrame
 from tjscan.groove.read import read_groove
-from tjscan.job.arm import SensorMount, sensor_mount_of_job
-from tjscan.job.cell import Cell, make_scan_cell
+from tjscan.job.cell import Cell, SensorMount, make_scan_cell, sensor_mount_of_job
 from tjscan.job.files import ScanJob
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint

@@ -17,7 +17,7 @@ from tjscan.core.errors import ConfigurationError, GrooveNotFound, RecordingErro
 from tjscan.core.files import refuse_links_outside, write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
-from tjscan.job.arm import SensorMount
+from tjscan.job.cell import SensorMount
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import RecordingDamage
@@ -31,7 +31,7 @@ from tjscan.runs.run import (
     refuse_other_keys,
 )
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job
-from tjscan.runs.scan.run import write_job_results
+from tjscan.runs.scan.results import write_scan_results
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.journal import RecordedScan, ScanResult, StopReason
 from tjscan.scanning.recording import read_recorded_scan
@@ -175,7 +175,7 @@ def _reprocess_station(context: RunContext, out: Path) -> ReprocessedStation:
     views = tuple(replace(view, T_b_s=view.T_b_f @ T_f_s) for view in recorded.views)
     detail = _words_of_another_reading(recorded, len(sections), len(damages))
     result = ScanResult(sections, views, recorded.stop, detail, recorded.retry_counts)
-    summary = write_job_results(context, out, result)
+    summary = write_scan_results(context, out, result)
     return ReprocessedStation(out, summary, lost, tuple(damages))
 
 

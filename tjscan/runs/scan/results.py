@@ -3,32 +3,87 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tjscan.calibration.file import read_calibration
 from tjscan.comparison.distance import DistanceStatistics, corner_to_edge_distances
+from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array, JointOrBaseFrame, rotation_angle_between, transform_points
+from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
-from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
-from tjscan.result.picture import draw_groove_overview
+from tjscan.result import directory as run_files
+from tjscan.result.picture import draw_groove_overview, write_png
+from tjscan.result.ply import write_cloud_ply
 from tjscan.result.readings import ProfileReading
 from tjscan.result.section import absent_corners
-from tjscan.result.summary import ScanSummary, StepStatistics
+from tjscan.result.summary import ScanSummary, StepStatistics, write_summary
+from tjscan.result.table import write_sections_csv
+from tjscan.result.uncertainty import write_budget
 from tjscan.result.wireframe import joint_wireframe
-from tjscan.result.write import write_run_results
-from tjscan.runs.scan.uncertainty import StatedCauses
+from tjscan.runs.scan.context import RunContext, result_frame_of_job
+from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.journal import ScanResult, groove_length, plan_is_fulfilled, step_lengths
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
-from tjscan.uncertainty.budget import BudgetSummary, summarise_budget
+from tjscan.uncertainty.budget import BudgetSummary, UncertaintyBudget, summarise_budget
 from tjscan.uncertainty.causes import budget_of_causes
+
+
+def write_run_results(
+    directory: Path,
+    sections: Sequence[MeasuredSection],
+    points: Array,
+    summary: ScanSummary,
+    picture: Any,
+    job: str,
+    budget: UncertaintyBudget,
+) -> ScanSummary:
+    """Write sections, cloud, picture, uncertainty budget and summary of a run, all or none.
+
+    Parameters
+    ----------
+    directory : Path
+        The run directory.
+    sections : sequence of MeasuredSection
+        In the frame that the summary names, in the order along the groove.
+    points : ndarray, shape (n, 3)
+        The groove's points in the same frame, metres.
+    summary : ScanSummary
+        The rest in a few numbers.
+    picture : matplotlib Figure
+        See `draw_groove_overview`.
+    job : str
+        The job that all of it comes from, see `job_label_of_run`.
+    budget : UncertaintyBudget
+        Of the sections.
+
+    Returns
+    -------
+    ScanSummary
+        With the provenance of its file.
+
+    Raises
+    ------
+    RecordingError
+        If a file can't be written.
+    """
+    provenance = Provenance.for_file_written_now(job, summary.frame)
+    summary = replace(summary, provenance=provenance)
+    with write_files_atomically(directory, last=run_files.SUMMARY_FILE, listed=True) as draft:
+        write_sections_csv(draft / run_files.SECTIONS_FILE, sections, provenance)
+        write_cloud_ply(draft / run_files.CLOUD_FILE, points, provenance)
+        write_png(draft / run_files.SCAN_PICTURE, picture, provenance)
+        write_budget(draft / run_files.BUDGET_FILE, budget, provenance)
+        write_summary(draft / run_files.SUMMARY_FILE, summary)
+    return summary
 
 
 def calibration_label(directory: Path) -> str:
@@ -39,9 +94,9 @@ def calibration_label(directory: Path) -> str:
     ConfigurationError
         If the ``calibration.toml`` in the run directory can't be read.
     """
-    file = directory / CALIBRATION_FILE
+    file = directory / run_files.CALIBRATION_FILE
     if not file.is_file():
-        return f"T_f_s_mm in {JOB_FILE}"
+        return f"T_f_s_mm in {run_files.JOB_FILE}"
     found = read_calibration(file)
     return f"{found.arm} with {found.laser}, {found.date:%Y-%m-%d %H:%M}"
 
@@ -130,37 +185,24 @@ def summarise_scan(
     )
 
 
-def write_scan_results(
-    directory: Path,
-    result: ScanResult,
-    plan: ScanPlan,
-    frame: JointOrBaseFrame,
-    joint: JointDefinition | None,
-    causes: StatedCauses,
-    *,
-    station: str = "1",
-) -> ScanSummary:
-    """Write the results of a scan from one place; raises as `write_run_results` does.
+def write_scan_results(context: RunContext, directory: Path, result: ScanResult) -> ScanSummary:
+    """Write the results of a job's scan into its run directory.
 
-    Parameters
-    ----------
-    directory : Path
-        The run directory.
-    result, plan, frame
-        What was found, what was asked, and the frame of the result.
-    joint : JointDefinition, optional
-        What to compare the corners with.
-    causes : StatedCauses
-        What makes the sections err.
-    station : str
-        Where it was scanned from.
+    Raises
+    ------
+    RecordingError
+        If a file can't be written.
     """
+    job, frame = context.job, result_frame_of_job(context.job)
+    joint = None if frame.T_b_j is None else context.joint
+    causes = causes_of_job(job, context.sensor_mount, result.sections)
+    station = job.station[0].name if job.station else "1"
     budget = budget_of_causes(causes.causes, frame.T_r_b, len(result.sections))
     sections = budget.stated_in(sections_in_result_frame(result.sections, frame, station))
     points = all_profile_points(result.sections, frame)
     error, calibration = corner_errors(sections, joint), calibration_label(directory)
     uncertainty = summarise_budget(budget, ~absent_corners(sections), causes.left_out)
-    summary = summarise_scan(result, plan, frame, error, calibration, uncertainty)
+    summary = summarise_scan(result, job.scan, frame, error, calibration, uncertainty)
     middle = result.sections[len(result.sections) // 2]
     groove, view = middle.groove, middle.view
     example = ProfileReading(f"section {view.index}", view.profile, groove.points_s, groove)
@@ -173,5 +215,7 @@ def write_scan_results(
         paths=[transform_points(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])],
         example=example,
     )
-    job = job_label_of_run(directory)
-    return write_run_results(directory, sections, points, summary, picture, job, budget)
+    label = run_files.job_label_of_run(directory)
+    summary = write_run_results(directory, sections, points, summary, picture, label, budget)
+    context.finished(directory)
+    return summary

@@ -28,9 +28,8 @@ from tjscan.runs.run import (
     refuse_other_keys,
     take_job_snapshot,
 )
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
+from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 from tjscan.runs.scan.results import write_scan_results
-from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import (
     RecordedScan,
@@ -140,7 +139,7 @@ def run_scan(context: RunContext, directory: Path) -> ScanSummary:
         with lock_and_clean_directory(directory):
             with context.open_recording(directory) as journal:
                 result = scan_in_cell(cell, context.job, journal, stop=context.stop)
-            return write_job_results(context, directory, result)
+            return write_scan_results(context, directory, result)
 
 
 def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSummary:
@@ -181,7 +180,7 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
             context.journal.record(RunEvent(ScanEvent.COMPLETE, nothing_left))
             sections = done.reread_sections(groove_reader_of_job(context.job))
             ended = done.stop, done.stop_reason, done.retry_counts
-            return write_job_results(context, directory, ScanResult(sections, done.views, *ended))
+            return write_scan_results(context, directory, ScanResult(sections, done.views, *ended))
         left = done.views[-1] if done and done.views else None
         if left is not None:
             check_joint_angles(left, Kinematics.load(context.job.arm.model), directory)
@@ -192,7 +191,7 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
             for key, what in changed:
                 journal.record(RunEvent("changed", f"{key} {what}"))
             result = scan_in_cell(cell, context.job, journal, done, context.stop)
-        return write_job_results(context, directory, result)
+        return write_scan_results(context, directory, result)
 
 
 def check_joint_angles(view: ProfileView, arm: Kinematics, directory: Path) -> None:
@@ -273,20 +272,3 @@ def _changes_since_recording(
         return []
     advice = "What was scanned before does not fit any more: put it back, or start a new scan"
     return changes_of_job(before, now, RESUMABLE_KEYS, advice, directory)
-
-
-def write_job_results(context: RunContext, directory: Path, result: ScanResult) -> ScanSummary:
-    """Write the results of a job's scan into its run directory.
-
-    Raises
-    ------
-    RecordingError
-        If a file can't be written.
-    """
-    job, frame = context.job, result_frame_of_job(context.job)
-    joint = None if frame.T_b_j is None else context.joint
-    causes = causes_of_job(job, context.sensor_mount, result.sections)
-    station = job.station[0].name if job.station else "1"
-    summary = write_scan_results(directory, result, job.scan, frame, joint, causes, station=station)
-    context.finished(directory)
-    return summary

@@ -9,7 +9,7 @@ from math import isclose
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.job.arm import SensorMount, kinematics_of_job
+from tjscan.job.cell import SensorMount, kinematics_of_job
 from tjscan.job.devices import EVIDENCE_ASSUMED, EVIDENCE_STATED
 from tjscan.job.files import CellJob
 from tjscan.robot.deviations import deviation_jacobian, with_deviations

@@ -48,10 +48,9 @@ from tjscan.result.summary import (
     write_stitching_report,
 )
 from tjscan.result.wireframe import joint_wireframe
-from tjscan.result.write import write_run_results
 from tjscan.runs.run import COPIED_FILES, WhenFinished, do_nothing
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job
-from tjscan.runs.scan.results import all_profile_points, corner_errors
+from tjscan.runs.scan.results import all_profile_points, corner_errors, write_run_results
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.stitching.picture import draw_stitching

@@ -17,7 +17,6 @@ from tjscan.result.chapter import (
     PlaneAnimation,
     ReportChapter,
     ReportChart,
-    ReportEvent,
 )
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.tow.results import (
@@ -61,15 +60,14 @@ def tow_chapter(directory: Path) -> ReportChapter:
         return ReportChapter()
     check_as_written(directory / JOB_FILE)
     job, found = read_tow_job(directory / JOB_FILE), read_recorded_tow(directory)
-    events = tuple(ReportEvent(event.time, event.name, event.detail) for event in found.events)
     figures = found.figures(job)
     if figures is None:
-        return ReportChapter(findings=("Nothing was towed.",), events=events)
+        return ReportChapter(findings=("Nothing was towed.",), events=found.events)
     return ReportChapter(
         facts=tuple(_tow_facts(job, figures)),
         findings=tuple(_tow_findings(job, found, figures)),
         charts=tuple(_tow_charts(job, found)),
-        events=events,
+        events=found.events,
         animation=_cable_animation(job, found),
     )
 

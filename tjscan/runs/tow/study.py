@@ -15,13 +15,14 @@ from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.job.tow.sweep import sweep_seam
 from tjscan.runs.tow.results import figures_of_tow
 from tjscan.runs.tow.run import make_tow
-from tjscan.study.backend import (
+from tjscan.study.trial import (
     ReportedQuantity,
     ResolvedRun,
+    RunOutcome,
     StudyBackend,
+    canonical_json,
     drop_file_from_study_key_errors,
 )
-from tjscan.study.trial import RunOutcome, canonical_json
 from tjscan.towing.journal import TowCycle, TowTruth
 
 
