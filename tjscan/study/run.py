@@ -11,13 +11,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, Final
 
+from tjscan.core import files
 from tjscan.core.errors import ConfigurationError, RecordingError, TjscanError
-from tjscan.core.files import (
-    bring_stream_to_disk,
-    check_file_size,
-    lock_and_clean_directory,
-    write_files_atomically,
-)
 from tjscan.study.report import write_study_report
 from tjscan.study.schedule import TaskScheduler
 from tjscan.study.trial import LOST_WORKER, BackendOfTask, StudyRow, Trial, Value
@@ -54,7 +49,7 @@ def make_study_directory(directory: Path, trials: Sequence[Trial]) -> None:
             "--resume",
             file=directory,
         )
-    with write_files_atomically(directory) as draft:
+    with files.write_files_atomically(directory) as draft:
         text = "".join(f"{trial.to_json_line()}\n" for trial in trials)
         (draft / PLAN_FILE).write_text(text, encoding="utf-8")
 
@@ -69,7 +64,7 @@ def read_trials(directory: Path) -> tuple[Trial, ...]:
     """
     file = directory / PLAN_FILE
     try:
-        check_file_size(file, MOST_STUDY_BYTES, "a plan")
+        files.check_file_size(file, MOST_STUDY_BYTES, "a plan")
         return tuple(Trial.from_json_line(line) for line in file.read_text("utf-8").splitlines())
     except OSError:
         raise ConfigurationError("there is no study", file=directory) from None
@@ -103,7 +98,7 @@ def read_rows(
     if not trials or not file.exists():
         return rows
     try:
-        check_file_size(file, MOST_STUDY_BYTES, "the rows of a study")
+        files.check_file_size(file, MOST_STUDY_BYTES, "the rows of a study")
         lines = file.read_text("utf-8", errors="replace").splitlines()
     except OSError as error:
         raise RecordingError(f"{file}: can't be read: {error.strerror}") from error
@@ -134,7 +129,7 @@ def open_row_writer(directory: Path) -> Iterator[Callable[[StudyRow[Any]], None]
 
             def keep(row: StudyRow[Any]) -> None:
                 file.write(row.to_json_line().encode() + b"\n")
-                bring_stream_to_disk(file)
+                files.bring_stream_to_disk(file)
 
             yield keep
     except OSError as error:
@@ -214,7 +209,7 @@ def run_study(
         If the directory can't be written, or another process runs this study.
     """
     trials = read_trials(directory)
-    with lock_and_clean_directory(directory):
+    with files.lock_and_clean_directory(directory):
         rows = read_rows(directory, trials, backend_of)
         for row in rows.values():
             watch(row)
@@ -235,7 +230,7 @@ def run_study(
             done = tuple(rows[trial.hash_key] for trial in trials if trial.hash_key in rows)
             if done:
                 kind = backend_of(trials[0].task)
-                with write_files_atomically(directory) as draft:
+                with files.write_files_atomically(directory) as draft:
                     write_study_tables(draft, done)
                     write_study_report(draft, kind, done, planned=len(trials))
     return done

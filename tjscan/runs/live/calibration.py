@@ -12,15 +12,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.targets.target import PosedProfile
-from tjscan.calibration.wizard.logbook import (
-    ArmPoseTaken,
-    BoardTouch,
-    CalibrationEntry,
-    LaserLineTaken,
-    SkippedPose,
-    StartOrResumeEntry,
-    read_calibration_entries,
-)
+from tjscan.calibration.wizard import logbook
 from tjscan.calibration.wizard.operator import Answer, Question
 from tjscan.calibration.wizard.session import CalibrationProgress
 from tjscan.core.devices import DriverKind
@@ -66,16 +58,16 @@ class CalibrationShow:
     def step(self, entry: object) -> Step:
         """Return what an entry of the logbook, or the progress after a line, changes."""
         match entry:
-            case StartOrResumeEntry():
+            case logbook.StartOrResumeEntry():
                 return Step("begun", facts={"lines": f"0 of {self._plan.lines}"})
-            case BoardTouch():
+            case logbook.BoardTouch():
                 return self._touch_step(entry)
-            case LaserLineTaken(shot, for_verification):
+            case logbook.LaserLineTaken(shot, for_verification):
                 return self._profile_step("verification" if for_verification else shot.name, shot)
-            case ArmPoseTaken():
+            case logbook.ArmPoseTaken():
                 shot = entry.posed_profile
                 return self._profile_step(shot.name, shot, entry.q)
-            case SkippedPose():
+            case logbook.SkippedPose():
                 return Step("skipped", events=(("passed over", entry.reason),))
             case CalibrationProgress():
                 return self._progress_step(entry)
@@ -115,7 +107,7 @@ class CalibrationShow:
             look_from=at + out * aside + (0.0, 0.0, 0.6 * out),
         )
 
-    def _touch_step(self, touch: BoardTouch) -> Step:
+    def _touch_step(self, touch: logbook.BoardTouch) -> Step:
         label = f"place {touch.place_number + 1}"
         if touch.T_b_f is None:
             return Step(label, events=(("passed over", label),))
@@ -169,7 +161,7 @@ def read_calibration_show(directory: Path) -> tuple[CalibrationShow, Iterable[ob
     """Read what a calibration's recording has to show; see `tjscan.live.step.ShowReader`."""
     job_file = directory / JOB_FILE
     show = CalibrationShow(read_calibration_job(job_file), job_file, directory.resolve().name)
-    return show, read_calibration_entries(directory)
+    return show, logbook.read_calibration_entries(directory)
 
 
 LOOK_INTERVAL: Final = 0.2
@@ -238,7 +230,7 @@ class PageOperator:
         """Show how sure the pose is, and the lines that it rests on."""
         self._run.post(progress)
 
-    def show_entry(self, entry: CalibrationEntry) -> None:
+    def show_entry(self, entry: logbook.CalibrationEntry) -> None:
         """Show what was measured."""
         self._run.post(entry)
 

@@ -23,13 +23,7 @@ from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import RecordingDamage
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.result.summary import ScanSummary
-from tjscan.runs.run import (
-    COPIED_FILES,
-    WhenFinished,
-    do_nothing,
-    refuse_directory_inside,
-    refuse_other_keys,
-)
+from tjscan.runs import run
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 from tjscan.runs.scan.results import write_scan_results
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
@@ -99,7 +93,7 @@ def reprocess_run(
     directory: Path,
     overrides: dict[str, Any],
     out: Path | None = None,
-    finished: WhenFinished = do_nothing,
+    finished: run.WhenFinished = run.do_nothing,
 ) -> ReprocessedRun:
     """Read a run's recorded sections again with other settings, and write a new directory.
 
@@ -130,12 +124,12 @@ def reprocess_run(
         If the stations can't be stitched any more.
     """
     job_file = directory / JOB_FILE
-    refuse_links_outside(directory, *COPIED_FILES)
-    check_as_written(*(directory / name for name in COPIED_FILES))
+    refuse_links_outside(directory, *run.COPIED_FILES)
+    check_as_written(*(directory / name for name in run.COPIED_FILES))
     why = "is about how the profiles were taken, and they are taken"
-    refuse_other_keys(overrides, REPROCESSABLE_KEYS, why, job_file)
+    run.refuse_other_keys(overrides, REPROCESSABLE_KEYS, why, job_file)
     out = out or dated_sibling_directory(directory)
-    refuse_directory_inside(out, directory)
+    run.refuse_directory_inside(out, directory)
     job = read_scan_job(job_file, overrides)
     context = RunContext(job, job_file, finished=finished)
     if len(job.station) < 2:
@@ -155,8 +149,8 @@ def reprocess_run(
 def _reprocess_station(context: RunContext, out: Path) -> ReprocessedStation:
     """The same for a single run."""
     context, directory = context.at_station(), context.job_file.parent
-    refuse_links_outside(directory, *COPIED_FILES)
-    check_as_written(*(directory / name for name in COPIED_FILES))
+    refuse_links_outside(directory, *run.COPIED_FILES)
+    check_as_written(*(directory / name for name in run.COPIED_FILES))
     with add_file_to_errors(context.job_file):
         mount = context.sensor_mount
         _refuse_other_kinematics(mount, directory)

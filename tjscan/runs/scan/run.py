@@ -20,14 +20,7 @@ from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import RecordingDamage, read_job_snapshot
 from tjscan.result.summary import ScanSummary
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.run import (
-    COPIED_FILES,
-    accept_edited_copies,
-    changes_of_job,
-    nothing_recorded_yet,
-    refuse_other_keys,
-    take_job_snapshot,
-)
+from tjscan.runs import run
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 from tjscan.runs.scan.results import write_scan_results
 from tjscan.scanning.events import ScanEvent
@@ -164,17 +157,17 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
         As `run_scan` does.
     """
     directory = context.job_file.parent
-    refuse_links_outside(directory, *COPIED_FILES)
+    refuse_links_outside(directory, *run.COPIED_FILES)
     check_keys_replaceable(overrides, context.job_file)
     with add_file_to_errors(context.job_file), lock_and_clean_directory(directory):
         context = context.at_station()
         changed, done, damages = [], None, list[RecordingDamage]()
-        if not nothing_recorded_yet(directory):  # else it ended before it began to record
+        if not run.nothing_recorded_yet(directory):  # else it ended before it began to record
             done = read_recorded_scan(directory, damages.append)
             _check_can_go_on_from(directory, damages)
-            now = take_job_snapshot(directory, context.job)
+            now = run.take_job_snapshot(directory, context.job)
             changed = _changes_since_recording(directory, done, now)
-        accept_edited_copies(directory, context.journal)
+        run.accept_edited_copies(directory, context.journal)
         if done is not None and not changed and plan_is_fulfilled(done.stop, context.job.scan):
             nothing_left = "nothing is left to scan; the results are written from the recording"
             context.journal.record(RunEvent(ScanEvent.COMPLETE, nothing_left))
@@ -242,7 +235,7 @@ def check_keys_replaceable(overrides: Iterable[str], job_file: Path) -> None:
         Naming the first one.
     """
     why = "can't change while a scan goes on: what was scanned before would not fit"
-    refuse_other_keys(overrides, RESUMABLE_KEYS, why, job_file)
+    run.refuse_other_keys(overrides, RESUMABLE_KEYS, why, job_file)
 
 
 def _changes_since_recording(
@@ -271,4 +264,4 @@ def _changes_since_recording(
             )
         return []
     advice = "What was scanned before does not fit any more: put it back, or start a new scan"
-    return changes_of_job(before, now, RESUMABLE_KEYS, advice, directory)
+    return run.changes_of_job(before, now, RESUMABLE_KEYS, advice, directory)

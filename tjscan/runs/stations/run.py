@@ -19,13 +19,7 @@ from tjscan.recording.journal import Journal
 from tjscan.recording.reader import RecordingDamage
 from tjscan.result.directory import JOB_FILE, SUMMARY_FILE
 from tjscan.result.summary import ScanSummary, read_summary
-from tjscan.runs.run import (
-    COPIED_FILES,
-    WhenFinished,
-    accept_edited_copies,
-    do_nothing,
-    nothing_recorded_yet,
-)
+from tjscan.runs import run
 from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.run import check_keys_replaceable, resume_scan, run_scan
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
@@ -133,7 +127,7 @@ def resume_stations(
     """
     job, job_file = context.job, context.job_file
     directory = job_file.parent
-    refuse_links_outside(directory, *COPIED_FILES)
+    refuse_links_outside(directory, *run.COPIED_FILES)
     check_keys_replaceable(overrides, job_file)
     refuse_links_outside(directory, *job.station_names)
     _check_cells(context)
@@ -150,7 +144,7 @@ def resume_stations(
             there = context.at_station(name)
             try:
                 with watch(name, there.job.scan) as journal:
-                    accept_edited_copies(directory, journal)
+                    run.accept_edited_copies(directory, journal)
                     _scan_from_station(replace(there, journal=journal), found, overrides)
             except TjscanError as error:
                 error.add_note(
@@ -161,7 +155,9 @@ def resume_stations(
     return tuple(_read_station_scan(directory, name) for name in job.station_names)
 
 
-def stitch_station_runs(directory: Path, finished: WhenFinished = do_nothing) -> StitchedRun:
+def stitch_station_runs(
+    directory: Path, finished: run.WhenFinished = run.do_nothing
+) -> StitchedRun:
     """Stitch the scans of all stations, and write the result beside their directories.
 
     Parameters
@@ -227,7 +223,7 @@ def _scan_from_station(
     """Scan from one station, or go on with its scan if two sections of it are finished."""
     file = station.directory / JOB_FILE
     if file.is_file():
-        begun = not nothing_recorded_yet(station.directory)
+        begun = not run.nothing_recorded_yet(station.directory)
         damages: list[RecordingDamage] = []  # which the resume reports
         if begun and len(read_recorded_scan(station.directory, damages.append).sections) >= 2:
             refuse_links_outside(station.directory, JOB_FILE)

@@ -21,17 +21,7 @@ from tjscan.job.tow.sweep import sweep_seam
 from tjscan.recording.journal import Journal, RunEvent, event_recorder
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.directory import JOB_FILE
-from tjscan.runs.run import (
-    JobContext,
-    WhenFinished,
-    accept_edited_copies,
-    changes_of_job,
-    check_replay,
-    do_nothing,
-    job_snapshot_of_file,
-    make_vehicle_run_directory,
-    record_vehicle_run,
-)
+from tjscan.runs import run
 from tjscan.runs.tow.results import read_recorded_tow, write_tow_results
 from tjscan.towing.journal import (
     REPLAY_EVENT,
@@ -66,7 +56,7 @@ RESUMABLE_KEYS: Final = (
 
 
 @dataclass(frozen=True)
-class TowContext(JobContext[TowJob]):
+class TowContext(run.JobContext[TowJob]):
     """A tow job with its file, and where its run reports to; see `JobContext`.
 
     Parameters
@@ -112,7 +102,7 @@ def run_tow(context: TowContext, directory: Path) -> None:
         sweep = sweep_seam(job, planner)
         sweep.refuse_if_blocked()
         cell = make_tow_cell(job, sweep.start.angles)
-        make_vehicle_run_directory(directory, context)
+        run.make_vehicle_run_directory(directory, context)
     _record_tow(context, directory, cell, planner, 0.0, sweep.start)
 
 
@@ -158,12 +148,12 @@ def _is_job_edited(directory: Path) -> bool:
     before = read_job_snapshot(directory, TOW_RECORDING)
     if before is None:
         return False
-    now = job_snapshot_of_file(directory / JOB_FILE)
+    now = run.job_snapshot_of_file(directory / JOB_FILE)
     advice = (
         "The cable has the shape in which it was left: put it back, or start a new tow. "
         f"What may change: {', '.join(RESUMABLE_KEYS)}"
     )
-    return bool(changes_of_job(before, now, RESUMABLE_KEYS, advice, directory / JOB_FILE))
+    return bool(run.changes_of_job(before, now, RESUMABLE_KEYS, advice, directory / JOB_FILE))
 
 
 def _record_tow(
@@ -178,8 +168,8 @@ def _record_tow(
     """Tow, record, and write the results, however it ended."""
     record = partial(TowRecording, truth=context.truth_of(cell))
     results = partial(write_tow_results, job=context.job)
-    with record_vehicle_run(context, directory, TOW_RECORDING, record, results) as journal:
-        accept_edited_copies(directory, journal)
+    with run.record_vehicle_run(context, directory, TOW_RECORDING, record, results) as journal:
+        run.accept_edited_copies(directory, journal)
         cell.report_events_to(event_recorder(journal))
         with cell:
             make_tow(context.job, cell, planner, journal).run(along, last, hauled)
@@ -190,7 +180,10 @@ REPLAYABLE_KEYS: Final = ("method", "weights.", "targets.", "limits.")
 
 
 def replay_tow(
-    directory: Path, overrides: dict[str, Any], out: Path, finished: WhenFinished = do_nothing
+    directory: Path,
+    overrides: dict[str, Any],
+    out: Path,
+    finished: run.WhenFinished = run.do_nothing,
 ) -> None:
     """Plan a recorded tow again from the poses as they were estimated, into a run directory.
 
@@ -216,13 +209,13 @@ def replay_tow(
         If its recording is damaged, or the new directory can't be written.
     """
     job_file = directory / JOB_FILE
-    check_replay(directory, out, overrides, REPLAYABLE_KEYS, "tow")
+    run.check_replay(directory, out, overrides, REPLAYABLE_KEYS, "tow")
     context = TowContext(read_tow_job(job_file, overrides), job_file, finished=finished)
     with add_file_to_errors(job_file):
         planner = make_planner(context.job)
     entries = list(read_tow(directory))
-    make_vehicle_run_directory(out, context)
-    origin = job_snapshot_of_file(out / JOB_FILE)
+    run.make_vehicle_run_directory(out, context)
+    origin = run.job_snapshot_of_file(out / JOB_FILE)
     truths = [entry for entry in entries if isinstance(entry, TowTruth)]
     truth = partial(next, iter(truths)) if truths else None
     seam = Seam(context.job.seam)
