@@ -18,8 +18,7 @@ from typing import Final
 
 import tjscan
 from tjscan.job.files import read_scan_job
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import run_scan
+from tjscan.runs.scan.run import RunContext, run_scan
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 
 SOURCE_FOLDER: Final = f"{Path(tjscan.__file__).parent}/"

@@ -20,8 +20,7 @@ from _table import Row
 from tjscan.core.frames import Array
 from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import RunContext, scan_in_cell
 from tjscan.scanning.section import ProfileView
 from tjscan_loopback.process import LaserLoopbackProcess, UrLoopbackProcess
 

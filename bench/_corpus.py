@@ -46,8 +46,7 @@ from tjscan.result.shapes import read_shape
 from tjscan.result.summary import read_summary
 from tjscan.result.table import read_sections_csv
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import run_scan
+from tjscan.runs.scan.run import RunContext, run_scan
 from tjscan.runs.scan.study import ScanOutcome
 from tjscan.runs.tasks import study_backend_of_task
 from tjscan.scanning.recording import ScanRecording, read_recorded_scan

@@ -17,8 +17,7 @@ from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import CombinedJournal
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import RunContext, scan_in_cell
 from tjscan.scanning.journal import plan_is_fulfilled
 
 JOB: Final = EXAMPLES / "paper.toml"

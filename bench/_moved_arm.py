@@ -19,8 +19,7 @@ from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
 from tjscan.result.directory import RECORDING_FILE
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import run_scan, scan_in_cell
+from tjscan.runs.scan.run import RunContext, run_scan, scan_in_cell
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ProfileView
 

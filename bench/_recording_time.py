@@ -11,8 +11,7 @@ from _corpus import EXAMPLES
 from _table import Row
 
 from tjscan.job.files import read_scan_job
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import RunContext, scan_in_cell
 from tjscan.scanning.recording import ScanRecording
 
 

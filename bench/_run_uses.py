@@ -36,9 +36,8 @@ from tjscan.result.table import read_sections_csv
 from tjscan.runs.crawl.report import crawl_chapter
 from tjscan.runs.crawl.results import PASSES_FILE, WELD_LOG_FILE, read_passes
 from tjscan.runs.crawl.run import CrawlContext, replay_crawl, resume_crawl, run_crawl
-from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.reprocess import reprocess_run
-from tjscan.runs.scan.run import resume_scan, run_scan
+from tjscan.runs.scan.run import RunContext, resume_scan, run_scan
 from tjscan.runs.tow.report import tow_chapter
 from tjscan.runs.tow.results import FIGURES_FILE, PLANS_FILE, read_recorded_tow, read_tow_figures
 from tjscan.runs.tow.run import TowContext, replay_tow, resume_tow, run_tow

@@ -16,8 +16,7 @@ from tjscan.core.frames import Array
 from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
 from tjscan.robot.collision_checked import CollisionCheckedArm
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import RunContext, scan_in_cell
 from tjscan.scanning.section import ProfileView
 
 PAPER: Final = Path(__file__).resolve().parents[1] / "examples" / "paper.toml"

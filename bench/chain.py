@@ -18,7 +18,7 @@ from tjscan.core.frames import inverse_pose
 from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.runs.chain import read_chain, run_chain
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import RunContext
 
 EXAMPLE: Final = Path(__file__).resolve().parents[1] / "examples" / "paper-chain.toml"
 CHAINS: Final = {"quick": 1, "full": 30}

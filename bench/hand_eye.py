@@ -46,8 +46,7 @@ from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.calibration.run import start_calibration
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import run_scan
+from tjscan.runs.scan.run import RunContext, run_scan
 
 EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"
 MM: Final = 1e-3

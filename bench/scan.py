@@ -21,9 +21,8 @@ from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.recording.journal import CombinedJournal
 from tjscan.result.summary import ScanSummary
-from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.results import summarise_scan
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import RunContext, scan_in_cell
 from tjscan.scanning.journal import StopReason
 
 EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"

@@ -23,9 +23,8 @@ from _table import Row, main
 from tjscan.core.frames import JointOrBaseFrame
 from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
-from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.results import summarise_scan
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import RunContext, scan_in_cell
 from tjscan.scanning.journal import groove_length
 from tjscan.scanning.scanner import predictor_for_plan
 

@@ -20,8 +20,7 @@ from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between
 from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.recording.journal import CombinedJournal
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import RunContext, groove_reader_of_job, scan_in_cell
 from tjscan.stitching.stations import Station, station_from_recording
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
 

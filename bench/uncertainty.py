@@ -19,9 +19,8 @@ from tjscan.groove.measured import MeasuredSection
 from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.recording.journal import CombinedJournal
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 from tjscan.runs.scan.results import sections_in_result_frame
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import RunContext, groove_reader_of_job, scan_in_cell
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.stitching.stations import Station, station_from_recording
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations

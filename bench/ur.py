@@ -32,8 +32,7 @@ from tjscan.recording.journal import CombinedJournal
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.settings import UrSettings
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import run_scan, scan_in_cell
+from tjscan.runs.scan.run import RunContext, run_scan, scan_in_cell
 from tjscan.scanning.journal import ScanResult
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan_loopback.process import UrLoopbackProcess

@@ -25,8 +25,7 @@ from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.recording.journal import CombinedJournal
 from tjscan.result.section import absent_corners
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import RunContext, scan_in_cell
 from tjscan.scanning.journal import plan_is_fulfilled
 
 JOB: Final = Path(__file__).resolve().parents[1] / "examples" / "yard-joint.toml"

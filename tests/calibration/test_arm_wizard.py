@@ -15,7 +15,7 @@ from tjscan.job.files import read_calibration_job, read_scan_job
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.calibration.run import resume_calibration, start_calibration
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import RunContext
 
 JOB = EXAMPLES / "calibrate.toml"
 KEYS = {

@@ -22,7 +22,7 @@ from tjscan.job.files import read_calibration_job, read_scan_job
 from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.robot.drivers import ARM_DRIVERS
 from tjscan.runs.calibration.run import make_calibration_cell
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import RunContext
 from tjscan_loopback.process import UrLoopbackProcess
 
 ACME = """

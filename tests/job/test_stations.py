@@ -26,8 +26,7 @@ from tjscan.core.frames import (
 from tjscan.job.cell import clear_path_planner_of_job
 from tjscan.job.files import ScanJob, read_calibration_job, read_scan_job
 from tjscan.joint.edges import feature_edges
-from tjscan.runs.scan.context import RunContext, result_frame_of_job
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import RunContext, result_frame_of_job, scan_in_cell
 from tjscan.scanning.journal import ScanResult, plan_is_fulfilled
 
 SAME = 1e-12

@@ -15,7 +15,7 @@ from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.page import Page, PageAddress
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.live.scan import show_scan
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import RunContext
 from tjscan.runs.tasks import read_recorded_show
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.stopping import StopRequest

@@ -25,8 +25,7 @@ from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
 from tjscan.recording.parts import recording_files
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import check_joint_angles, scan_in_cell
+from tjscan.runs.scan.run import RunContext, check_joint_angles, scan_in_cell
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import Substep
 

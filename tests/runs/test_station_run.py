@@ -27,7 +27,7 @@ from tjscan.report.write import write_run_report
 from tjscan.result.summary import read_summary
 from tjscan.result.table import read_sections_csv
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import RunContext
 from tjscan.runs.stations.run import StationScan, resume_stations, run_stations
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.stopping import StopRequest

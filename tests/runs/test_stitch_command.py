@@ -15,8 +15,7 @@ from tjscan.job.files import read_scan_job
 from tjscan.result.directory import JOINT_FILE
 from tjscan.result.table import read_sections_csv
 from tjscan.runs.run import make_run_directory
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import run_scan
+from tjscan.runs.scan.run import RunContext, run_scan
 
 EXAMPLE = EXAMPLES / "whole-joint.toml"
 

@@ -24,7 +24,7 @@ from tjscan.joint.edges import feature_edges
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import RunEvent
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import RunContext
 from tjscan.scanning.journal import ScanResult
 from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.scanner import Scanner

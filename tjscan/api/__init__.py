@@ -58,8 +58,7 @@ def scan(
     from tjscan.core.config import add_file_to_errors
     from tjscan.job.files import read_scan_job
     from tjscan.runs.run import default_run_directory
-    from tjscan.runs.scan.context import RunContext
-    from tjscan.runs.scan.run import run_scan
+    from tjscan.runs.scan.run import RunContext, run_scan
 
     file = Path(job)
     with add_file_to_errors(file):

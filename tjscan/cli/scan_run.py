@@ -20,7 +20,7 @@ from tjscan.job.files import ScanJob
 from tjscan.recording.journal import CombinedJournal
 from tjscan.report.write import write_run_report
 from tjscan.runs.scan import run as scan
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import RunContext
 from tjscan.runs.stations import run as stations
 
 

@@ -17,9 +17,8 @@ from tjscan.groove.measured import MeasuredSection
 from tjscan.result.directions import section_directions
 from tjscan.result.directory import BUDGET_FILE, CLOUD_FILE, SECTIONS_FILE, SUMMARY_FILE
 from tjscan.result.section import absent_corners
-from tjscan.result.summary import ScanSummary, read_summary
+from tjscan.result.summary import ScanSummary, read_budget, read_summary
 from tjscan.result.table import read_sections_csv
-from tjscan.result.uncertainty import read_budget
 
 
 def read_shape(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:

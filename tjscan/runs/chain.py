@@ -27,8 +27,7 @@ from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.recording.journal import CombinedJournal
 from tjscan.result.section import absent_corners
 from tjscan.runs.calibration.run import start_calibration
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import RunContext, groove_reader_of_job, scan_in_cell
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.runs.stations.stitch import stitched_profile_points
 from tjscan.stitching.stations import Station, StitchSettings, station_from_recording

@@ -21,7 +21,7 @@ from tjscan.job.devices import LaserSettings
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.laser.line_laser import DescribedLaser
 from tjscan.laser.profile import Profile
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
+from tjscan.runs.scan.run import RunContext, groove_reader_of_job, result_frame_of_job
 
 REPORTED_LIBRARIES: Final = (
     "tjscan",

@@ -19,7 +19,7 @@ from tjscan.result.export import EXPORT_STEM, sort_sections_by_azimuth
 from tjscan.result.shapes import read_finished_summary
 from tjscan.result.table import read_sections_csv
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.scan.context import result_frame_of_job
+from tjscan.runs.scan.run import result_frame_of_job
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ProfileView
 

@@ -89,7 +89,7 @@ def prepare_simulated_laser(
     ConfigurationError
         If the job, or a file that it names, is wrong.
     """
-    from tjscan.runs.scan.context import RunContext
+    from tjscan.runs.scan.run import RunContext
 
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file, overrides).job_at_station()

@@ -18,7 +18,7 @@ from tjscan.core.frames import Array, pose, pose_to_euler_zyx
 from tjscan.groove.section import GrooveSection
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.robot.arm import await_rest, check_not_moved
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job
+from tjscan.runs.scan.run import RunContext, groove_reader_of_job
 
 Which = Literal["first", "second"]
 Numbers = tuple[float, ...]

@@ -10,8 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.array_fields import PoseMatrix
-from tjscan.core.frames import Array, frozen_arrays, transform_points
+from tjscan.core.frames import Array, PoseMatrix, frozen_arrays, transform_points
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 

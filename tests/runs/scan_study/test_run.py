@@ -6,7 +6,7 @@ import pytest
 from cells import PAPER
 from studies import expand_in, settings_of
 
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import RunContext
 from tjscan.runs.scan.run import run_scan as record_scan
 from tjscan.runs.scan.study import ScanOutcome, StudyScanSettings, run_study_scan
 

@@ -13,9 +13,8 @@ from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.cli.options.page import LiveOptions
 from tjscan.cli.output.console import print_fields, print_json, print_message, stderr
 from tjscan.core.config import add_file_to_errors
-from tjscan.job.tow.cell import make_planner
+from tjscan.job.tow.cell import make_planner, sweep_seam
 from tjscan.job.tow.job import TowJob
-from tjscan.job.tow.sweep import sweep_seam
 from tjscan.recording.journal import CombinedJournal, RunEvent
 from tjscan.report.write import write_run_report
 from tjscan.runs.tow.results import FIGURE_UNITS, FIGURES_FILE, read_tow_figures

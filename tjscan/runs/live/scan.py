@@ -30,7 +30,7 @@ from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE, RECORDING_FILE
 from tjscan.result.section import absent_corners
 from tjscan.result.wireframe import joint_wireframe
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
+from tjscan.runs.scan.run import RunContext, groove_reader_of_job, result_frame_of_job
 from tjscan.scanning.journal import grid_triangles
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.recording import read_recording_entries

@@ -43,7 +43,7 @@ from tjscan.robot.tool_reach import (
     ToolConfigurations,
     find_tool_holds,
 )
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import RunContext
 from tjscan.scanning.journal import grid_triangles
 
 ARM_STATION: Final = "arm"

@@ -23,7 +23,7 @@ from tjscan.robot.motion import MotionLimits
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.program import UrProgram
 from tjscan.robot.ur.settings import UrSettings
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import RunContext
 
 UR_DRIVER: Final = "ur"
 

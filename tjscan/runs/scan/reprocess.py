@@ -24,8 +24,7 @@ from tjscan.recording.reader import RecordingDamage
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.result.summary import ScanSummary
 from tjscan.runs import run
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job
-from tjscan.runs.scan.results import write_scan_results
+from tjscan.runs.scan.run import RunContext, groove_reader_of_job, write_scan_results
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.journal import RecordedScan, ScanResult, StopReason
 from tjscan.scanning.recording import read_recorded_scan

@@ -20,21 +20,15 @@ from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
 from tjscan.result import directory as run_files
-from tjscan.result.picture import draw_groove_overview, write_png
+from tjscan.result.picture import write_png
 from tjscan.result.ply import write_cloud_ply
-from tjscan.result.readings import ProfileReading
 from tjscan.result.section import absent_corners
-from tjscan.result.summary import ScanSummary, StepStatistics, write_summary
+from tjscan.result.summary import ScanSummary, StepStatistics, write_budget, write_summary
 from tjscan.result.table import write_sections_csv
-from tjscan.result.uncertainty import write_budget
-from tjscan.result.wireframe import joint_wireframe
-from tjscan.runs.scan.context import RunContext, result_frame_of_job
-from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.journal import ScanResult, groove_length, plan_is_fulfilled, step_lengths
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
-from tjscan.uncertainty.budget import BudgetSummary, UncertaintyBudget, summarise_budget
-from tjscan.uncertainty.causes import budget_of_causes
+from tjscan.uncertainty.budget import BudgetSummary, UncertaintyBudget
 
 
 def write_run_results(
@@ -183,39 +177,3 @@ def summarise_scan(
         uncertainty=uncertainty,
         **asdict(result.counts),
     )
-
-
-def write_scan_results(context: RunContext, directory: Path, result: ScanResult) -> ScanSummary:
-    """Write the results of a job's scan into its run directory.
-
-    Raises
-    ------
-    RecordingError
-        If a file can't be written.
-    """
-    job, frame = context.job, result_frame_of_job(context.job)
-    joint = None if frame.T_b_j is None else context.joint
-    causes = causes_of_job(job, context.sensor_mount, result.sections)
-    station = job.station[0].name if job.station else "1"
-    budget = budget_of_causes(causes.causes, frame.T_r_b, len(result.sections))
-    sections = budget.stated_in(sections_in_result_frame(result.sections, frame, station))
-    points = all_profile_points(result.sections, frame)
-    error, calibration = corner_errors(sections, joint), calibration_label(directory)
-    uncertainty = summarise_budget(budget, ~absent_corners(sections), causes.left_out)
-    summary = summarise_scan(result, job.scan, frame, error, calibration, uncertainty)
-    middle = result.sections[len(result.sections) // 2]
-    groove, view = middle.groove, middle.view
-    example = ProfileReading(f"section {view.index}", view.profile, groove.points_s, groove)
-    picture = draw_groove_overview(
-        sections,
-        points,
-        frame=frame.letter,
-        title=f"{len(sections)} sections, {result.stop}",
-        outline=() if joint is None else joint_wireframe(joint),
-        paths=[transform_points(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])],
-        example=example,
-    )
-    label = run_files.job_label_of_run(directory)
-    summary = write_run_results(directory, sections, points, summary, picture, label, budget)
-    context.finished(directory)
-    return summary

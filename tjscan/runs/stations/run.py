@@ -20,8 +20,7 @@ from tjscan.recording.reader import RecordingDamage
 from tjscan.result.directory import JOB_FILE, SUMMARY_FILE
 from tjscan.result.summary import ScanSummary, read_summary
 from tjscan.runs import run
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import check_keys_replaceable, resume_scan, run_scan
+from tjscan.runs.scan.run import RunContext, check_keys_replaceable, resume_scan, run_scan
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.recording import read_recorded_scan

@@ -49,8 +49,8 @@ from tjscan.result.summary import (
 )
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.runs.run import COPIED_FILES, WhenFinished, do_nothing
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 from tjscan.runs.scan.results import all_profile_points, corner_errors, write_run_results
+from tjscan.runs.scan.run import RunContext, groove_reader_of_job
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.stitching.picture import draw_stitching

@@ -15,9 +15,8 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import lock_and_clean_directory
 from tjscan.core.frames import Array
-from tjscan.job.tow.cell import TowCell, fixed_obstacles, make_planner, make_tow_cell
+from tjscan.job.tow.cell import TowCell, fixed_obstacles, make_planner, make_tow_cell, sweep_seam
 from tjscan.job.tow.job import TowJob, read_tow_job
-from tjscan.job.tow.sweep import sweep_seam
 from tjscan.recording.journal import Journal, RunEvent, event_recorder
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.directory import JOB_FILE

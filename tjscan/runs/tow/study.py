@@ -10,9 +10,8 @@ from typing import Any, Final
 
 from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.errors import ConfigurationError, TowHalted, VehicleFault
-from tjscan.job.tow.cell import make_planner, make_tow_cell
+from tjscan.job.tow.cell import make_planner, make_tow_cell, sweep_seam
 from tjscan.job.tow.job import TowJob, read_tow_job
-from tjscan.job.tow.sweep import sweep_seam
 from tjscan.runs.tow.results import figures_of_tow
 from tjscan.runs.tow.run import make_tow
 from tjscan.study.trial import (
