@@ -12,8 +12,8 @@ from tjscan.cli.output.console import print_message, show_phase
 from tjscan.core.errors import ConfigurationError
 
 if TYPE_CHECKING:
+    from tjscan.job.files import ScanJob
     from tjscan.runs.plan.run import WrittenPlan
-    from tjscan.runs.plan.send import ArmForProgram
 
 OUT_OF_WPS: Final = 3
 """Exit code if something of the plan is out of the WPS or reached by no station."""
@@ -86,9 +86,9 @@ def plan(
         raise ConfigurationError("must be 0 or more", key="--after-pass")
     arm = None
     if program.send_to is not None:
-        from tjscan.runs.plan.send import arm_for_program
+        from tjscan.runs.plan.send import read_job_of_program_arm
 
-        arm = arm_for_program(program.send_to, program.station, run)
+        arm = read_job_of_program_arm(program.send_to, program.station, run)
     with show_phase("planning the beads"):
         import numpy as np
 
@@ -121,14 +121,15 @@ def plan(
         raise SystemExit(OUT_OF_WPS)
 
 
-def _send_program_to_arm(done: WrittenPlan, arm: ArmForProgram, program: ProgramOptions) -> None:
+def _send_program_to_arm(done: WrittenPlan, job: ScanJob, program: ProgramOptions) -> None:
     from tjscan.runs.plan.send import path_of_station, send_program
 
     path = path_of_station(done.paths, program.station)
     switched = f"output {program.output} switches the arc" if program.arc else "the arc stays off"
-    words = f"{len(path.beads)} beads of {path.station} run on {arm.settings.host}, {switched}"
+    host = job.arm.driver_settings.host
+    words = f"{len(path.beads)} beads of {path.station} run on {host}, {switched}"
     send_program(
-        arm,
+        job,
         path,
         done.plan.wps.torch,
         program.output,

@@ -202,37 +202,11 @@ class Cell(DeviceGroup):
         return self.arm, self.laser
 
 
-def make_scan_cell(
-    job: ScanJob,
-    T_f_s: Array,
-    joint: JointDefinition | None,
-    left: ArmState | None = None,
-    deviations: Array | None = None,
-) -> Cell:
-    """Make the cell of a scan; see `make_cell`.
-
-    Parameters
-    ----------
-    job : ScanJob
-        The job.
-    T_f_s : ndarray, shape (4, 4)
-        Pose of the laser on the flange, see `sensor_mount_of_job`.
-    joint : JointDefinition, optional
-        What a simulated laser looks at.
-    left : ArmState, optional
-        State of the arm when a scan was interrupted.
-    deviations : ndarray, shape (joints, 6), optional
-        Of the arm's joints, see `make_cell`.
-    """
-    return make_cell(job, T_f_s, partial(_joint_scene, job, joint), left, deviations)
-
-
 def make_cell(
     job: CellJob,
-    T_f_s: Array,
+    mount: SensorMount,
     scene: Callable[[], SimulatedScene],
     left: ArmState | None = None,
-    deviations: Array | None = None,
 ) -> Cell:
     """Make the cell that a job describes, by its drivers; entering it connects the devices.
 
@@ -240,14 +214,13 @@ def make_cell(
     ----------
     job : CellJob
         The job, of one station if it has any.
-    T_f_s : ndarray, shape (4, 4)
-        Estimated pose of the laser on the flange.
+    mount : SensorMount
+        Estimated pose of the laser on the flange; the arm's poses are corrected by the deviations
+        that were calibrated with it, if any.
     scene : callable
-        Gives what a simulated laser looks at; called for such a laser alone.
+        Gives what a simulated laser looks at; called for such a laser alone. See `joint_scene`.
     left : ArmState, optional
         State of the arm when a scan was interrupted: a simulated arm starts from it.
-    deviations : ndarray, shape (joints, 6), optional
-        Of the arm's joints from its model, as calibrated: its poses are corrected by them.
 
     Raises
     ------
@@ -255,8 +228,8 @@ def make_cell(
         If a driver or the arm's model is unknown, a package is missing that a driver needs, or
         the job lacks what it needs.
     """
-    clearance, simulation = clear_path_planner_of_job(job, deviations), job.simulation
-    model = kinematics_of_job(job)
+    clearance, simulation = clear_path_planner_of_job(job, mount.deviations), job.simulation
+    model, T_f_s = kinematics_of_job(job), mount.T_f_s
     recording = cache(partial(_read_recording, job.laser))
     arm_driver = ARM_DRIVERS.load(job.arm.driver)
     device: Arm = job.arm.make_device(
@@ -271,7 +244,7 @@ def make_cell(
     )
     arm = device
     if arm_driver.kind is not DriverKind.REPLAYED:
-        if deviations is not None:
+        if mount.deviations is not None:
             arm = CorrectedArm(arm, model, clearance.kinematics)
         arm = CollisionCheckedArm(arm, clearance, T_f_s, lifts=job.clearance.lifts)
     true_flange = partial(arm_driver.truth, device)
@@ -311,7 +284,7 @@ def make_simulated_laser(
         job,
         LaserFlange(T_b_f, T_b_f, time),
         T_f_s,
-        partial(_joint_scene, job, joint),
+        partial(joint_scene, job, joint),
         lambda: _read_recording(job.laser)[::2],
     )
     laser: LineLaser = LASER_DRIVERS.load("simulated").make(inputs, NoSettings())
@@ -349,8 +322,8 @@ def _read_recording(
     return poses, states, tuple(view.profile for view in views)
 
 
-def _joint_scene(job: ScanJob, joint: JointDefinition | None) -> SimulatedScene:
-    """The joint of a job at its true pose."""
+def joint_scene(job: ScanJob, joint: JointDefinition | None) -> SimulatedScene:
+    """The joint of a job at its true pose; ConfigurationError if the job has none."""
     if job.joint is None or joint is None:
         raise ConfigurationError("a simulated laser needs a [joint] table to look at", key="joint")
     return SimulatedScene(_joint_surface(joint), inverse_pose(job.T_w_b_true) @ job.joint.T_w_j)

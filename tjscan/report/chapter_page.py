@@ -105,8 +105,7 @@ def _draw_charts_of_one_title(axes: Any, lines: list[ReportChart]) -> None:
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.yaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.set_xlabel(lines[0].x_label)
-    axes.set_ylabel(lines[0].y_label)
+    axes.set(xlabel=lines[0].x_label, ylabel=lines[0].y_label)
     axes.grid(alpha=0.3)
     if any(chart.line for chart in lines):
         axes.legend(fontsize=8, ncols=4)

@@ -144,8 +144,7 @@ def draw_scan_charts(data: ReportData) -> picture.ReportPicture | None:
             if chart.nominal is not None:
                 axes.axhline(chart.nominal, color=DESIGN_COLOUR, linestyle="--", linewidth=1)
                 axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
-            axes.set_xlabel(chart.x_label)
-            axes.set_ylabel(chart.y_label)
+            axes.set(xlabel=chart.x_label, ylabel=chart.y_label)
         axes.set_title(title, fontsize=10)
         axes.grid(alpha=0.3)
     for axes in panels.flat[len(titles) :]:
@@ -183,8 +182,7 @@ def draw_corner_errors(data: ReportData) -> picture.ReportPicture | None:
             1e3 * tolerance, color=DESIGN_COLOUR, linestyle="--", linewidth=1, label="tolerance"
         )
     axes.set_ylim(bottom=0)
-    axes.set_xlabel(label)
-    axes.set_ylabel("distance / mm")
+    axes.set(xlabel=label, ylabel="distance / mm")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, ncols=4)
     return picture.inline_figure(

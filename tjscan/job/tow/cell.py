@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 import numpy as np
 
 from tjscan.core.devices import DriverKind, EventListener
-from tjscan.core.errors import ConfigurationError, package_missing
+from tjscan.core.errors import ConfigurationError, explain_missing_package
 from tjscan.core.frames import Array
 from tjscan.job.devices import DeviceGroup
 from tjscan.job.tow.job import TOWING_EXTRA, TowJob
@@ -39,12 +39,10 @@ def make_planner(job: TowJob) -> ShapePlanner:
         If a package that it needs is not installed.
     """
     known = job.localisation
-    try:
+    with explain_missing_package("towing", TOWING_EXTRA, "method"):
         from tjscan.towing.shape.paper_planner import PaperPlanner
         from tjscan.towing.shape.plan import PlannerSettings, PoseTrust
         from tjscan.towing.shape.planner import TowingPlanner
-    except ModuleNotFoundError as error:
-        raise package_missing(error, "towing", TOWING_EXTRA, "method") from error
     settings = PlannerSettings(
         job.weights,
         job.targets,
@@ -125,11 +123,9 @@ def make_tow_cell(job: TowJob, angles: Array, left: TowTruth | None = None) -> T
     if job.vehicles.driver != "simulated":
         localisation = _make_localisation(job, None)
         return TowCell(_mqtt_team(job), localisation, obstacles)
-    try:
+    with explain_missing_package("towing", TOWING_EXTRA, "vehicles.driver"):
         from tjscan.job.tow.simulation import FaultyTeam, towing_world_of_job
         from tjscan.vehicle.cable.world import TowingWorld
-    except ModuleNotFoundError as error:
-        raise package_missing(error, "towing", TOWING_EXTRA, "vehicles.driver") from error
     begin = 0.0
     if left is not None:
         steps, begin = np.diff(left.line, axis=0), left.time

@@ -48,7 +48,7 @@ from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import pose_to_rows_mm
-from tjscan.job.cell import Cell, kinematics_of_job, make_cell, sensor_mount_of_job
+from tjscan.job.cell import Cell, SensorMount, kinematics_of_job, make_cell, sensor_mount_of_job
 from tjscan.job.devices import CalibrationSettings
 from tjscan.job.files import CalibrationJob, RecordedJob, read_calibration_job
 from tjscan.job.surroundings import BallSettings, SimulatedBoardSettings
@@ -220,20 +220,20 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
     ConfigurationError
         As `make_cell` does.
     """
-    simulation, board = job.simulation, job.board
+    simulation, board, mount = job.simulation, job.board, SensorMount(T_f_s)
     if job.laser.driver_kind is DriverKind.REPLAYED:
         raise ConfigurationError(
             "a calibration touches its board: recorded profiles go into tables [[recorded]]",
             key="laser.driver",
         )
     if job.laser.driver_kind is DriverKind.REAL:
-        cell = make_cell(job, T_f_s, _refuse_board_without_simulation)
+        cell = make_cell(job, mount, _refuse_board_without_simulation)
         return cell, JoggedProbe(cell.arm)
     if simulation is None:
         _refuse_board_without_simulation()
     as_stated = SimulatedBoardSettings(position=board.position, euler_zyx=board.euler_zyx)
     truth = simulation.board or as_stated
-    cell = make_cell(job, T_f_s, lambda: SimulatedScene(_targets_surface(job, truth.T), np.eye(4)))
+    cell = make_cell(job, mount, lambda: SimulatedScene(_targets_surface(job, truth.T), np.eye(4)))
     probe = SimulatedTouchProbe(
         cell.arm,
         np.array(board.probe_tip),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -22,30 +21,13 @@ from tjscan.robot.collision_checked import CollisionCheckedArm
 from tjscan.robot.motion import MotionLimits
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.program import UrProgram
-from tjscan.robot.ur.settings import UrSettings
 from tjscan.runs.scan.run import RunContext
 
 UR_DRIVER: Final = "ur"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ArmForProgram:
-    """The arm of a job that is to run a program.
-
-    Parameters
-    ----------
-    job : ScanJob
-        Of one station.
-    settings : UrSettings
-        Where its controller is.
-    """
-
-    job: ScanJob
-    settings: UrSettings
-
-
-def arm_for_program(job_file: Path, station: str | None, run: Path) -> ArmForProgram:
-    """Read the job of an arm that is to run a program, and check that it is the run's arm.
+def read_job_of_program_arm(job_file: Path, station: str | None, run: Path) -> ScanJob:
+    """Read the job, of one station, of an arm that is to run a program; check its arm and place.
 
     Parameters
     ----------
@@ -64,8 +46,7 @@ def arm_for_program(job_file: Path, station: str | None, run: Path) -> ArmForPro
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file)
         job = job.job_at_station(station) if job.station else job
-        settings = job.arm.driver_settings if job.arm.driver == UR_DRIVER else None
-        if not isinstance(settings, UrSettings):
+        if job.arm.driver != UR_DRIVER:
             raise ConfigurationError(
                 f"a program goes to a real arm alone, whose driver is {UR_DRIVER!r} (found "
                 f"{job.arm.driver!r})",
@@ -83,7 +64,7 @@ def arm_for_program(job_file: Path, station: str | None, run: Path) -> ArmForPro
                 )
                 raise ConfigurationError(reason, key="joint.file")
             _check_place(job, scanned.job, station)
-    return ArmForProgram(job, settings)
+    return job
 
 
 def _check_place(job: ScanJob, scanned: ScanJob, station: str | None) -> None:
@@ -126,7 +107,7 @@ def path_of_station(paths: Mapping[str, StationPath], station: str | None) -> St
 
 
 def send_program(
-    arm: ArmForProgram,
+    job: ScanJob,
     path: StationPath,
     torch: TorchSettings,
     output: int,
@@ -138,8 +119,8 @@ def send_program(
 
     Parameters
     ----------
-    arm : ArmForProgram
-        The arm.
+    job : ScanJob
+        Of the arm.
     path : StationPath
         Of its station.
     torch : TorchSettings
@@ -156,11 +137,11 @@ def send_program(
     ArmFault
         If the arm can't be reached, is not ready, or did not come to the program's end.
     """
-    job, model, table = arm.job, kinematics_of_job(arm.job), arm.job.clearance
+    model, table = kinematics_of_job(job), job.clearance
     collisions = collision_model_of_job(job, model, torch.solid)
     clearance = ClearPathPlanner(model, collisions, table)
     limits = MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration)
-    device = UrArm(model, arm.settings, limits)
+    device = UrArm(model, job.arm.driver_settings, limits)
     off = f"def tjscan_arc_off():\n  set_standard_digital_out({output}, False)\nend\n"
     T_b_tcp: Array = path.beads[-1].retreat[-1]
     script = path_to_urscript(path, torch, output, arc=arc)

@@ -22,7 +22,7 @@ from tjscan.core.errors import (
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.core.frames import JointOrBaseFrame, transform_points
 from tjscan.groove.read import read_groove
-from tjscan.job.cell import Cell, SensorMount, make_scan_cell, sensor_mount_of_job
+from tjscan.job.cell import Cell, SensorMount, joint_scene, make_cell, sensor_mount_of_job
 from tjscan.job.files import ScanJob
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
@@ -118,8 +118,8 @@ class RunContext(JobContext[ScanJob]):
         """
         state = None if left is None else ArmState(left.q, left.T_b_f, left.time)
         with add_file_to_errors(self.job_file):
-            joint, mount = self.joint, self.sensor_mount
-            return make_scan_cell(self.job, mount.T_f_s, joint, state, mount.deviations)
+            scene = partial(joint_scene, self.job, self.joint)
+            return make_cell(self.job, self.sensor_mount, scene, state)
 
     def make_run_directory(self, directory: Path) -> None:
         """Make a run directory with the job and the files that it names."""

@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, Literal, Self
@@ -24,12 +24,12 @@ from tjscan.core.devices import DriverKind
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.frames import Array, inverse_pose, pose, transform_points
 from tjscan.core.units import pose_from_rows_mm, pose_to_rows_mm
-from tjscan.job.cell import make_scan_cell, sensor_mount_of_job
+from tjscan.job.cell import SensorMount, joint_scene, make_cell, sensor_mount_of_job
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.job.surroundings import JointSettings
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges, groove_sections
-from tjscan.joint.file import CHECKED_AZIMUTHS, JointFile
+from tjscan.joint.file import CHECKED_AZIMUTHS, JointFile, groove_extent
 from tjscan.joint.geometry import cylindrical_to_j, tangential_direction
 from tjscan.recording.journal import CombinedJournal
 from tjscan.result.section import absent_corners
@@ -124,18 +124,11 @@ def _joint_with_room(joint: JointFile, room_mm: float) -> JointFile:
     longest = {"length_mm": LONGEST_MM}
     leg, brace = joint.leg.model_copy(update=longest), joint.brace.model_copy(update=longest)
     long_joint = joint.model_copy(update={"leg": leg, "brace": brace})
-    up, along = _groove_extent(long_joint.definition("joint"))
+    definition = long_joint.definition("joint")
+    up, along = groove_extent(definition, groove_sections(definition, CHECKED_AZIMUTHS))
     leg = leg.model_copy(update={"length_mm": float(np.ceil(2 * (1e3 * along + room_mm)))})
     brace = brace.model_copy(update={"length_mm": float(np.ceil(1e3 * up + room_mm))})
     return joint.model_copy(update={"leg": leg, "brace": brace})
-
-
-def _groove_extent(d: JointDefinition) -> tuple[float, float]:
-    """How far the groove reaches up the brace and along the leg, metres from where axes cross."""
-    s = groove_sections(d, CHECKED_AZIMUTHS)
-    foot = d.leg_surface.points_j(s.phi, d.brace_radius) @ d.leg_surface.axis
-    root = cylindrical_to_j(s.phi, s.p4[:, 0], s.p4[:, 1]) @ d.leg_surface.axis
-    return float(s.p2[:, 1].max()), float(np.abs((foot, root)).max())
 
 
 TEACHING_STREAM: Final = 11
@@ -469,7 +462,8 @@ def run_study_scan(settings: StudyScanSettings) -> ScanOutcome:
     job, joint = settings.job, settings.joint.definition("joint")
     if job.joint is None or job.calibration.T_f_s_mm is None:
         raise ConfigurationError("a scan of a study holds its joint and its calibration")
-    cell = make_scan_cell(job, pose_from_rows_mm(job.calibration.T_f_s_mm), joint)
+    mount = SensorMount(pose_from_rows_mm(job.calibration.T_f_s_mm))
+    cell = make_cell(job, mount, partial(joint_scene, job, joint))
     result = scan_in_cell(cell, job, CombinedJournal())
     return _outcome_of_scan(result, job.scan, frames.JointOrBaseFrame(job.joint.T_w_j), joint)
 

@@ -20,10 +20,10 @@ from tjscan.result.chapter import (
 )
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.tow.results import (
-    FIGURE_UNITS,
     RecordedTow,
     TowFigures,
     clearance_of_discs,
+    figures_in_words,
     read_recorded_tow,
 )
 from tjscan.towing.journal import REPLAY_EVENT, TOW_RECORDING
@@ -77,11 +77,7 @@ def _tow_facts(job: TowJob, figures: TowFigures) -> Iterator[tuple[str, str]]:
     yield "seam", f"{1e3 * seam.length:.0f} mm at {6e4 * job.seam.speed:g} mm/min"
     yield "cable", f"{job.cable.length:g} m in {job.cable.links} links"
     yield "vehicles", f"{job.vehicles.count} ({job.vehicles.driver}), method {job.method}"
-    for name, value in figures.as_numbers.items():
-        if value is not None:
-            words, unit = FIGURE_UNITS[name]
-            text = f"{value:.4g}" if isinstance(value, float) else str(value)
-            yield words, f"{text} {unit}".strip()
+    yield from figures_in_words(figures.as_numbers)
 
 
 def _tow_findings(job: TowJob, found: RecordedTow, figures: TowFigures) -> Iterator[str]:

@@ -6,7 +6,7 @@ The figures hold a tow against the plan, and against the truth of a simulation.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from itertools import pairwise
 from math import nan
@@ -219,6 +219,15 @@ class TowFigures:
 
 FIGURE_UNITS: Final = {one.name: one.metadata["words"] for one in fields(TowFigures)}
 """What each figure is, in words, and its unit."""
+
+
+def figures_in_words(figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """What each known figure is, and its value with its unit."""
+    for name, value in figures.items():
+        if value is not None:
+            words, unit = FIGURE_UNITS[name]
+            text = f"{value:.4g}" if isinstance(value, float) else str(value)
+            yield words, f"{text} {unit}".strip()
 
 
 def figures_of_tow(
