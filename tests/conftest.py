@@ -5,6 +5,10 @@ A file run by itself draws the first 25 examples of each law, so that it answers
 """
 
 import os
+
+# Workers share the processor already: threads of their own only wait for each other there.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import signal
 from collections.abc import Generator, Iterator
 
