@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -122,18 +123,14 @@ def plan(
 
 
 def _send_program_to_arm(done: WrittenPlan, job: ScanJob, program: ProgramOptions) -> None:
+    from tjscan.runs.plan.run import ArcSwitch
     from tjscan.runs.plan.send import path_of_station, send_program
 
     path = path_of_station(done.paths, program.station)
     switched = f"output {program.output} switches the arc" if program.arc else "the arc stays off"
     host = job.arm.driver_settings.host
     words = f"{len(path.beads)} beads of {path.station} run on {host}, {switched}"
-    send_program(
-        job,
-        path,
-        done.plan.wps.torch,
-        program.output,
-        arc=program.arc,
-        started=lambda: print_message(f"{words}; Ctrl-C stops them"),
-    )
+    started = partial(print_message, f"{words}; Ctrl-C stops them")
+    switch = ArcSwitch(program.output, program.arc)
+    send_program(job, path, done.plan.wps.torch, switch, started)
     print_message("the program has come to its end")

@@ -30,7 +30,7 @@ def check_job_only(job: ScanJob, file: Path, station: str | None) -> None:
     print_message(f"{file}: the job is sound, and the way to its taught poses is clear")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ScanRequest:
     """The scan that a command line asks for.
 
@@ -45,10 +45,10 @@ class ScanRequest:
         The one station to scan from.
     directory : Path
         Of the run: to make, or to go on in.
-    resume : bool
-        Whether to go on with an interrupted scan.
     page : LiveScanOptions
         Whether and where it is shown in a browser.
+    resume : bool
+        Whether to go on with an interrupted scan.
     json : bool
         Whether to print the summary as JSON.
     """
@@ -58,8 +58,8 @@ class ScanRequest:
     keys: dict[str, Any]
     station: str | None
     directory: Path
-    resume: bool
     page: LiveScanOptions
+    resume: bool
     json: bool
 
 

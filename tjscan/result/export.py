@@ -24,8 +24,8 @@ from tjscan.groove.measured import MeasuredSection
 from tjscan.result.directory import SECTIONS_FILE, job_label_of_run
 from tjscan.result.ply import sections_to_ply
 from tjscan.result.section import SECTION_FIELDS, SectionQuantity
-from tjscan.result.shapes import read_finished_summary
-from tjscan.result.table import read_sections_csv, sections_to_csv
+from tjscan.result.shapes import read_finished_sections
+from tjscan.result.table import sections_to_csv
 
 
 class SectionFieldDescription(StrictFileModel):
@@ -150,8 +150,7 @@ def export_run(
     RecordingError
         If the file can't be written; what was there before is unchanged.
     """
-    summary = read_finished_summary(directory)
-    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
+    summary, sections = read_finished_sections(directory)
     if len(sections) < 2:
         raise ConfigurationError(
             "two sections or more are needed to find the groove's direction",
@@ -176,20 +175,6 @@ def export_run(
                 document = build_sections_document(sections, provenance, run, calibration)
                 write_weldx(made, sections, provenance, document)
     return file
-
-
-def sort_sections_by_azimuth(sections: tuple[MeasuredSection, ...]) -> tuple[MeasuredSection, ...]:
-    """Sections by growing azimuth, whichever way the scan went; as they are if none is known.
-
-    Parameters
-    ----------
-    sections : tuple of MeasuredSection
-        In their order along the groove.
-    """
-    azimuths = np.unwrap([section.azimuth for section in sections])
-    if np.isnan(azimuths).any():
-        return sections
-    return tuple(sections[i] for i in np.argsort(azimuths))
 
 
 WELDX_ROOTS = {"j": "joint", "b": "arm base"}

@@ -63,6 +63,32 @@ def read_finished_summary(directory: Path) -> ScanSummary:
     return read_summary(directory / SUMMARY_FILE)
 
 
+def read_finished_sections(directory: Path) -> tuple[ScanSummary, tuple[MeasuredSection, ...]]:
+    """Read summary and sections of a finished run, sections by growing azimuth.
+
+    Raises
+    ------
+    ConfigurationError
+        If the directory holds no finished run, or its files are damaged.
+    """
+    summary = read_finished_summary(directory)
+    return summary, sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
+
+
+def sort_sections_by_azimuth(sections: tuple[MeasuredSection, ...]) -> tuple[MeasuredSection, ...]:
+    """Sections by growing azimuth, whichever way the scan went; as they are if none is known.
+
+    Parameters
+    ----------
+    sections : tuple of MeasuredSection
+        In their order along the groove.
+    """
+    azimuths = np.unwrap([section.azimuth for section in sections])
+    if np.isnan(azimuths).any():
+        return sections
+    return tuple(sections[i] for i in np.argsort(azimuths))
+
+
 def read_run_shape(directory: Path) -> Shape:
     """Read the cloud and the corners of a run, in the frame that its summary names.
 

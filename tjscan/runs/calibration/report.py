@@ -64,11 +64,8 @@ def calibration_page(directory: Path) -> ReportChapter:
     found = read_calibration(file)
     frame = "f" if found.T_b_s_mm is None else "b"
     sheet = ReportSheet("Calibration", tuple(_pose_headline(found)), CALIBRATION_PICTURE, frame)
-    facts, findings = (
-        tuple(_calibration_facts(found)),
-        tuple(_calibration_findings(directory, found)),
-    )
-    return ReportChapter(facts, findings, tuple(_calibration_charts(found)), sheet=sheet)
+    facts, charts = tuple(_calibration_facts(found)), tuple(_calibration_charts(found))
+    return ReportChapter(facts, tuple(_calibration_findings(directory, found)), charts, sheet=sheet)
 
 
 def _pose_headline(found: CalibrationFile) -> Iterator[tuple[str, str]]:

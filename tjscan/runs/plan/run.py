@@ -37,9 +37,8 @@ from tjscan.planning.urscript import StationPath, path_to_urscript
 from tjscan.planning.weldx_file import weldx_is_installed, write_plan_as_weldx
 from tjscan.planning.wps import M_MIN, WeldingProcedure, read_wps
 from tjscan.result.directory import CLOUD_FILE, JOB_FILE, SECTIONS_FILE, job_label_of_run
-from tjscan.result.export import WELDX_ROOTS, sort_sections_by_azimuth
-from tjscan.result.shapes import read_finished_summary, read_run_shape
-from tjscan.result.table import read_sections_csv
+from tjscan.result.export import WELDX_ROOTS
+from tjscan.result.shapes import read_finished_sections, read_run_shape
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.plan.reach import (
     ARM_STATION,
@@ -336,8 +335,7 @@ def plan_run(
         If the files can't be written.
     """
     wps = read_wps(wps_file)
-    summary = read_finished_summary(directory)
-    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
+    summary, sections = read_finished_sections(directory)
     with add_file_of_key(wps_file, directory / SECTIONS_FILE):
         # By what the areas of all sections err alike, m²; 0 if that is not known.
         parts = () if summary.uncertainty is None else summary.uncertainty.components

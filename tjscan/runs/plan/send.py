@@ -21,6 +21,7 @@ from tjscan.robot.collision_checked import CollisionCheckedArm
 from tjscan.robot.motion import MotionLimits
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.program import UrProgram
+from tjscan.runs.plan.run import ArcSwitch
 from tjscan.runs.scan.run import RunContext
 
 UR_DRIVER: Final = "ur"
@@ -110,9 +111,7 @@ def send_program(
     job: ScanJob,
     path: StationPath,
     torch: TorchSettings,
-    output: int,
-    *,
-    arc: bool,
+    switch: ArcSwitch,
     started: Callable[[], object],
 ) -> None:
     """Move an arm to the beginning of a program, on a checked path, and run it.
@@ -125,10 +124,8 @@ def send_program(
         Of its station.
     torch : TorchSettings
         What it carries.
-    output : int
-        Standard digital output of the arc.
-    arc : bool
-        Whether it is switched on on the beads.
+    switch : ArcSwitch
+        How the program switches the arc.
     started : callable
         Is called once the program runs.
 
@@ -142,9 +139,9 @@ def send_program(
     clearance = ClearPathPlanner(model, collisions, table)
     limits = MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration)
     device = UrArm(model, job.arm.driver_settings, limits)
-    off = f"def tjscan_arc_off():\n  set_standard_digital_out({output}, False)\nend\n"
+    off = f"def tjscan_arc_off():\n  set_standard_digital_out({switch.output}, False)\nend\n"
     T_b_tcp: Array = path.beads[-1].retreat[-1]
-    script = path_to_urscript(path, torch, output, arc=arc)
+    script = path_to_urscript(path, torch, switch.output, arc=switch.on)
     with CollisionCheckedArm(device, clearance, torch.tcp.T, lifts=table.lifts) as checked:
         start = path.beads[0].approach[0] @ inverse_pose(torch.tcp.T)
         checked.move_joint_to_pose(start, near=np.asarray(path.q))

@@ -14,7 +14,6 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import lock_and_clean_directory
-from tjscan.core.frames import Array
 from tjscan.job.tow.cell import TowCell, fixed_obstacles, make_planner, make_tow_cell, sweep_seam
 from tjscan.job.tow.job import TowJob, read_tow_job
 from tjscan.recording.journal import Journal, RunEvent, event_recorder
@@ -220,7 +219,9 @@ def replay_tow(
     seam = Seam(context.job.seam)
     starts = planner.starts(seam.pose_at(0.0), fixed_obstacles(context.job))
     began = next((entry.poses for entry in entries if isinstance(entry, TowCycle)), None)
-    last = starts[0] if began is None else min(starts, key=partial(_distance_of_poses, began))
+    last = starts[0]
+    if began is not None:  # the shape whose vehicles are nearest to where they were
+        last = min(starts, key=lambda plan: np.hypot(*(plan.held_poses - began)[:, :2].T).mean())
     with lock_and_clean_directory(out):
         with TowRecording(out / f"{TOW_RECORDING}.mcap", origin, truth) as journal:
             journal.record(RunEvent(REPLAY_EVENT, f"planned anew from {directory}; nothing moved"))
@@ -235,11 +236,6 @@ def replay_tow(
                     journal.record(entry)
         write_tow_results(out, context.job)
     finished(out)
-
-
-def _distance_of_poses(poses: Array, start: TowingPlan) -> float:
-    """Mean distance of vehicles from the vehicles of a shape to begin with, metres."""
-    return float(np.hypot(*(start.held_poses - poses)[:, :2].T).mean())
 
 
 def _plan_again(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: TowingPlan) -> TowCycle:
