@@ -44,7 +44,7 @@ from tjscan.calibration.wizard.operator import JoggedProbe, Question
 from tjscan.calibration.wizard.session import CalibrationPlan, CalibrationProgress
 from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
 from tjscan.calibration.wizard.wizard import MAX_RETOUCHES, MAX_SKIPPED_IN_A_ROW, CalibrationWizard
-from tjscan.cli.operators import TerminalOperator
+from tjscan.cli.output.calibration import TerminalOperator
 from tjscan.core.errors import CalibrationRefused, RecordingError
 from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.core.units import pose_from_rows_mm, pose_to_rows_mm

@@ -10,8 +10,8 @@ from typing import Any
 
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator
 from tjscan.cli.interrupt import INTERRUPT_EXIT_CODE, ctrl_c_presser, stop_request_on_ctrl_c
-from tjscan.cli.operators import TerminalOperator
 from tjscan.cli.options.page import LiveScanOptions
+from tjscan.cli.output.calibration import TerminalOperator
 from tjscan.cli.output.console import print_json, print_message
 from tjscan.cli.output.scan import print_scan_summary, print_stitched_groove, scan_progress_bar
 from tjscan.core.config import add_file_to_errors

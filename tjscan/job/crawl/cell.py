@@ -15,9 +15,8 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.crawler.journal import SimulatedPlace
 from tjscan.crawler.torch_axes import TorchAxes
-from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings
+from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings, TorchDriverInputs
 from tjscan.job.devices import DeviceGroup, make_laser_without_arm
-from tjscan.job.torch_drivers import TorchDriverInputs
 from tjscan.joint.hull import hull_section, joint_pose, laser_offset, place_beside_joint
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose, SimulatedSectionLaser
