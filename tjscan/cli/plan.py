@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from tjscan.job.files import ScanJob
     from tjscan.runs.plan.run import WrittenPlan
 
-OUT_OF_WPS: Final = 3
+OUT_OF_WPS_EXIT_CODE: Final = 3
 """Exit code if something of the plan is out of the WPS or reached by no station."""
 
 
@@ -94,10 +94,10 @@ def plan(
         import numpy as np
 
         from tjscan.report.plan_page import write_plan_page
-        from tjscan.runs.plan.run import ArcSwitch, is_crawl, plan_crawl_run, plan_run
+        from tjscan.runs.plan.run import ArcSwitch, is_crawl_run, plan_crawl_run, plan_run
 
         down = np.array(gravity)
-        if is_crawl(run):
+        if is_crawl_run(run):
             done = plan_crawl_run(run, wps, down, out, after_pass)
         else:
             switch = ArcSwitch(program.output, program.arc)
@@ -119,7 +119,7 @@ def plan(
     elif arm is not None:
         _send_program_to_arm(done, arm, program)
     if wanting:
-        raise SystemExit(OUT_OF_WPS)
+        raise SystemExit(OUT_OF_WPS_EXIT_CODE)
 
 
 def _send_program_to_arm(done: WrittenPlan, job: ScanJob, program: ProgramOptions) -> None:

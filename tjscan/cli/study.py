@@ -93,13 +93,13 @@ def chain(
     from tjscan.cli.output.chain import outcome_line, print_sources
     from tjscan.report.write import write_run_report
     from tjscan.result.directory import CALIBRATION_FILE
-    from tjscan.runs.chain import CALIBRATION_RUN, read_chain, run_sources
+    from tjscan.runs.chain import CALIBRATION_RUN, read_chain, run_error_sources
     from tjscan.runs.run import default_run_directory
 
     read = read_chain(chain)
     directory = out or default_run_directory(chain)
     rows = []
-    for row in run_sources(read, directory, arm=arm, begin=print_message, alone=sources):
+    for row in run_error_sources(read, directory, arm=arm, begin=print_message, alone=sources):
         rows.append(row)
         print_message(outcome_line(row))
         calibration = row.directory / CALIBRATION_RUN

@@ -33,12 +33,12 @@ from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.mesh_files import (
-    LONGEST_LINE,
+    LONGEST_HEADER_LINE,
     MOST_MEMORY,
     check_memory_to_read,
     read_mesh_file,
     read_ply_header,
-    refuse_memory,
+    refuse_large_memory,
 )
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import ClosedPolyline, FeatureEdges, feature_edges
@@ -85,7 +85,7 @@ def read_pcd(path: Path) -> Array:
         head = _read_head(stream)
         rest = path.stat().st_size - stream.tell()
         rate = BYTES_PER_COMPRESSED_POINT if head.data == "binary_compressed" else BYTES_PER_POINT
-        refuse_memory(path, head.points * (rate + head.layout.itemsize))
+        refuse_large_memory(path, head.points * (rate + head.layout.itemsize))
         if head.data == "ascii":
             lines = (line.decode("ascii") for line in stream)
             columns = [_first_column_of_field(head.layout, axis) for axis in "xyz"]
@@ -280,7 +280,7 @@ def _read_e57(path: Path) -> FileContent:
     _check_package("pye57", "E57", "e57")
     file = import_module("pye57").E57(str(path))
     points_of_all = sum(file.get_header(i).point_count for i in range(file.scan_count))
-    refuse_memory(path, BYTES_PER_E57_POINT * points_of_all)
+    refuse_large_memory(path, BYTES_PER_E57_POINT * points_of_all)
     scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
     points = [np.column_stack([s[f"cartesian{axis}"] for axis in "XYZ"]) for s in scans]
     return np.concatenate(points), None, ("m", "its standard")
@@ -302,9 +302,9 @@ def _read_csv(path: Path) -> FileContent:
     """Columns x, y, z, with a unit in their names or without."""
     check_memory_to_read(path)
     with path.open(newline="", encoding="utf-8-sig") as stream:
-        lines = iter(lambda: stream.readline(LONGEST_LINE + 1), "")
+        lines = iter(lambda: stream.readline(LONGEST_HEADER_LINE + 1), "")
         head = next((line for line in lines if not line.startswith("#")), "")
-        if len(head) > LONGEST_LINE:
+        if len(head) > LONGEST_HEADER_LINE:
             raise ConfigurationError("its first line is far too long for a header", file=path)
         names = [name.strip().lower() for name in next(csv.reader([head]), [])]
         unit_words = "|".join(METRES_PER_UNIT)

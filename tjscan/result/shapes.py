@@ -22,7 +22,7 @@ from tjscan.result.table import read_sections_csv
 
 
 def read_shape(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:
-    """Read a run directory, of one scan or stitched, or any file that `clouds.read_shape` reads.
+    """Read a run directory, of one scan or stitched, or any file that `read_shape_file` reads.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ MOST_SUMMARY_BYTES: Final = 1_000_000
 MOST_REPORT_BYTES: Final = 1_000_000
 """A larger file reports no stitching."""
 
-LOOP_OPEN: Final = (
+LOOP_OPEN_TEXT: Final = (
     "no overlap closes the way round, so that how well its two ends meet is not known"
 )
 """What is reported if there is no loop gap."""

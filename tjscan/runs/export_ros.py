@@ -22,7 +22,7 @@ from tjscan.runs.scan.run import result_frame_of_job
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ProfileView
 
-BAG_FILE: Final = f"{EXPORT_STEM}.mcap"
+ROS_BAG_FILE: Final = f"{EXPORT_STEM}.mcap"
 
 
 def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
@@ -76,7 +76,7 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
         for topic, message in messages.items():
             text = json.dumps(message.fields, indent=1, allow_nan=False)
             (draft / f"{topic.strip('/')}.json").write_text(f"{text}\n", encoding="utf-8")
-        with (draft / BAG_FILE).open("wb") as file:
+        with (draft / ROS_BAG_FILE).open("wb") as file:
             write_ros_messages(file, time, messages)
         (draft / URDF_FILE).write_bytes(arm.urdf.read_bytes())
     return folder

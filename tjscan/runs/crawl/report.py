@@ -18,7 +18,7 @@ from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl
 
-MOST_POINTS: Final = 2000
+MOST_CHART_POINTS: Final = 2000
 """Of a line in a chart."""
 
 SLIP_CHARTS: Final = (
@@ -91,7 +91,7 @@ def _crawl_charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
             ("torch beside its path, as the simulation knows", one.true_travel, one.true_deviation),
         ):
             if len(x):
-                every = max(len(x) // MOST_POINTS, 1)
+                every = max(len(x) // MOST_CHART_POINTS, 1)
                 x, y = 1e3 * x[::every], 1e3 * y[::every]
                 yield ReportChart(title, along, beside, x, y, line=f"pass {one.number}")
     title, across = "cross-section of the joint, median of each pass", "across the joint / mm"
@@ -100,7 +100,7 @@ def _crawl_charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
         line = f"after pass {number}" if number else "before welding"
         x, y = 1e3 * PLACES_ACROSS, 1e3 * height
         yield ReportChart(title, across, "over the hull / mm", x, y, line=line)
-    every = max(len(found.cycles) // MOST_POINTS, 1)
+    every = max(len(found.cycles) // MOST_CHART_POINTS, 1)
     slips = [(cycle.state.time, cycle.slip) for cycle in found.cycles[::every]]
     known = [(time, slip) for time, slip in slips if slip is not None]
     times = np.array([time for time, _ in known])

@@ -65,7 +65,7 @@ class CrawlOutcome(RunOutcome):
     read_percent: float | None = None
 
 
-class CrawlCycleKeeper:
+class InMemoryCrawlJournal:
     """A crawl's journal that keeps in memory what its passes are judged by.
 
     Parameters
@@ -103,7 +103,7 @@ def run_study_crawl(job: CrawlJob) -> CrawlOutcome:
     context, cell = CrawlContext(job, Path()), make_crawl_cell(job)
     if cell.simulated_place is None:
         raise ConfigurationError("a study simulates", key="vehicle.driver")
-    keeper = CrawlCycleKeeper(cell.simulated_place)
+    keeper = InMemoryCrawlJournal(cell.simulated_place)
     ended = True, "Complete", "every pass is welded"
     try:
         with cell:

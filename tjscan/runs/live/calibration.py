@@ -31,10 +31,10 @@ from tjscan.runs.calibration.run import calibration_plan_of_job
 
 POSITION_SIGMA: Final = Measure("position known to", "mm", logarithmic=True)
 ROTATION_SIGMA: Final = Measure("rotation known to", "°", logarithmic=True)
-RESIDUALS_HEAD: Final = ("line", "offset / mm", "residual / σ", "")
+RESIDUAL_TABLE_HEAD: Final = ("line", "offset / mm", "residual / σ", "")
 """Of the list of lines."""
 
-CROSS_HALF_SIZE: Final = 0.015
+TOUCH_MARK_HALF_SIZE: Final = 0.015
 """Metres, half the size of the mark on a touched place."""
 
 
@@ -112,7 +112,7 @@ class CalibrationShow:
         if touch.T_b_f is None:
             return Step(label, events=(("passed over", label),))
         tip = transform_points(touch.T_b_f, self._plan.tip_f)
-        marks = [np.stack((tip - arm, tip + arm)) for arm in CROSS_HALF_SIZE * np.eye(3)]
+        marks = [np.stack((tip - arm, tip + arm)) for arm in TOUCH_MARK_HALF_SIZE * np.eye(3)]
         cross = Lines.through(*marks, colour=TOOL_COLOUR, width=3.0)
         drawn: dict[str, Drawable] = {f"touch/{touch.place_number}": cross}
         if touch.q is not None:
@@ -153,7 +153,7 @@ class CalibrationShow:
             facts=facts,
             progress=min(taken / progress.wanted, 1.0),
             samples=(Sample(float(taken), values),),
-            table=[RESIDUALS_HEAD, *rows],
+            table=[RESIDUAL_TABLE_HEAD, *rows],
         )
 
 
@@ -164,7 +164,7 @@ def read_calibration_show(directory: Path) -> tuple[CalibrationShow, Iterable[ob
     return show, logbook.read_calibration_entries(directory)
 
 
-LOOK_INTERVAL: Final = 0.2
+PREVIEW_INTERVAL: Final = 0.2
 """Seconds between two profiles of a real laser while an answer is awaited."""
 
 ANSWER_BUTTONS: Final[tuple[tuple[Answer, Tone, str], ...]] = (
@@ -245,7 +245,7 @@ class PageOperator:
             return self._pressed.get()
         while True:
             with suppress(Empty):
-                return self._pressed.get(timeout=LOOK_INTERVAL)
+                return self._pressed.get(timeout=PREVIEW_INTERVAL)
             try:
                 profile = PlaneCurve.of_profile(look())
                 self._run.post(Step(facts={"laser": ""}, profile=profile))

@@ -39,7 +39,7 @@ BODY_HEIGHT: Final = 0.12
 """Metres, of the drawn body."""
 GROUND_CLEARANCE: Final = 0.05
 """Metres by which it is off the hull."""
-PIECE_LENGTH: Final = 5e-3
+WELD_PIECE_LENGTH: Final = 5e-3
 """Metres of travel that a drawn piece of weld is long."""
 WELD_WIDTH: Final = 0.01
 """Metres, of the drawn weld."""
@@ -48,10 +48,10 @@ SECONDS_BETWEEN_STEPS: Final = 0.25
 
 SECONDS_BETWEEN_PAGE_CYCLES: Final = 0.05
 """Of the vehicle's clock, between two cycles that are handed to the page."""
-HOLD_LIFETIME: Final = 0.3
+BUTTON_HOLD_LIFETIME: Final = 0.3
 """Seconds for which the page's last word that a button is held counts; the page repeats it 20 times
 a second. It leaves the rest of a vehicle's `DEAD_MAN` to brake in."""
-SHORTEST_CYCLE: Final = 0.01
+SHORTEST_ORDER_CYCLE: Final = 0.01
 """Seconds between two orders at least: a simulated vehicle waits for nothing."""
 
 
@@ -86,7 +86,9 @@ class CrawlShow:
                     return step
                 # An event that a phase begins with bears its name: no cycle follows a stop.
                 return replace(
-                    step, facts={live_step.STATE_FACT: name}, diagram=phase_diagram(Phase(name))
+                    step,
+                    facts={live_step.STATE_FACT: name},
+                    diagram=phase_transition_diagram(Phase(name)),
                 )
         return live_step.Step()
 
@@ -146,7 +148,7 @@ class CrawlShow:
             self._cycle_facts(cycle),
             progress,
             samples,
-            diagram=phase_diagram(cycle.phase),
+            diagram=phase_transition_diagram(cycle.phase),
         )
 
     def _cycle_facts(self, cycle: CrawlCycle) -> dict[str, str]:
@@ -171,7 +173,7 @@ class CrawlShow:
         here = cycle.number, cycle.travel, -(cycle.torch.offset + cycle.torch_y)
         number, x0, y0 = self._last or here
         is_same_pass = self._last is not None and number == cycle.number
-        if is_same_pass and abs(cycle.travel - x0) < PIECE_LENGTH:
+        if is_same_pass and abs(cycle.travel - x0) < WELD_PIECE_LENGTH:
             return None
         self._last = here
         if not is_same_pass:
@@ -183,7 +185,7 @@ class CrawlShow:
         return MeasuredPiece(np.empty((0, 3)), np.array(strip), triangles, values)
 
 
-def phase_diagram(now: Phase) -> live_step.StateDiagram:
+def phase_transition_diagram(now: Phase) -> live_step.StateDiagram:
     """The phases and what leads from one to another, the present one marked."""
     ways = ((phase, after, event) for (phase, event), after in PHASE_TRANSITIONS.items())
     arrows = tuple((str(a), str(b), str(why)) for a, b, why in ways if why is not Event.DANGER)
@@ -269,11 +271,11 @@ class PageHandDrive:
 
     def order(self) -> Twist | None:
         """Return what is asked for now; see `HandDrive.order`."""
-        self._wait(max(0.0, self._last + SHORTEST_CYCLE - self._clock()))
+        self._wait(max(0.0, self._last + SHORTEST_ORDER_CYCLE - self._clock()))
         self._last = now = self._clock()
         if self._begun.is_set():
             return None
-        held = [word for word, heard in self._heard.items() if now - heard < HOLD_LIFETIME]
+        held = [word for word, heard in self._heard.items() if now - heard < BUTTON_HOLD_LIFETIME]
         return self._twists[held[0]] if len(held) == 1 else AT_REST
 
 

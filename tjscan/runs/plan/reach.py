@@ -43,7 +43,7 @@ from tjscan.robot.tool_reach import (
     ToolConfigurations,
     find_tool_holds,
 )
-from tjscan.runs.scan.run import RunContext
+from tjscan.runs.scan.run import ScanContext
 from tjscan.scanning.journal import grid_triangles
 
 ARM_STATION: Final = "arm"
@@ -159,7 +159,7 @@ def _make_station(name: str, job: ScanJob, folder: Path, T_b_r: Array) -> Weldin
     file = folder / JOB_FILE
     with add_file_to_errors(file):
         model = kinematics_of_job(job)
-        deviations = RunContext(job, file).sensor_mount.deviations
+        deviations = ScanContext(job, file).sensor_mount.deviations
     calibrated = model if deviations is None else with_deviations(model, deviations)
     return WeldingStation(name, job, file, model, calibrated, T_b_r)
 
@@ -170,7 +170,7 @@ def _read_job(folder: Path) -> ScanJob:
     return read_scan_job(folder / JOB_FILE)
 
 
-PLACE_STEP: Final = 25e-3
+REACH_STEP: Final = 25e-3
 """Metres along the groove between the places at which holds are looked for."""
 
 MARGIN_RESERVE: Final = 1e-3
@@ -180,7 +180,7 @@ SURFACE_STEP: Final = 10e-3
 """Metres between sections of the groove's surface: a tube's chords stay 0.1 mm off it."""
 
 
-def to_mm(length: float) -> float:
+def rounded_mm(length: float) -> float:
     """Metres along the groove as millimetres of a plan's document."""
     return round(length / MM.factor, 1)
 
@@ -242,7 +242,7 @@ class StationReach:
                 begin, *_ = found.pop()
             found.append((begin, at, reason))
         return tuple(
-            LengthEntry(begin_mm=to_mm(begin), end_mm=to_mm(end), reason=reason)
+            LengthEntry(begin_mm=rounded_mm(begin), end_mm=rounded_mm(end), reason=reason)
             for begin, end, reason in found
         )
 
@@ -359,7 +359,7 @@ def find_station_reach(station: WeldingStation, plan: WeldPlan, groove: Array) -
         If the arm is not of the Universal Robots type.
     """
     edges, torch = plan.edges, plan.wps.torch
-    count = ceil(edges.length / PLACE_STEP)
+    count = ceil(edges.length / REACH_STEP)
     places = np.linspace(0.0, edges.length, count + 1)[: count if edges.closed else None]
     T = station.T_b_r @ torch_poses(plan, places)
     holds = find_tool_holds(
@@ -425,7 +425,7 @@ def _torch_poses_at(plan: WeldPlan, s: float) -> list[Array]:
     back = pose(p=(0.0, 0.0, -plan.wps.torch.retract))
     near = [(bead, _nearest_point_of_bead(bead, s, plan.edges)) for bead in plan.beads]
     least = min(away for _, (_, away) in near)
-    here = [(bead, bead.T_r_torch[i]) for bead, (i, away) in near if away <= max(least, PLACE_STEP)]
+    here = [(bead, bead.T_r_torch[i]) for bead, (i, away) in near if away <= max(least, REACH_STEP)]
     outer = {here[0][0].layer, here[-1][0].layer}
     return [T for _, T in here] + [T @ back for bead, T in here if bead.layer in outer]
 

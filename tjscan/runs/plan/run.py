@@ -45,7 +45,7 @@ from tjscan.runs.plan.reach import (
     WeldingStation,
     find_station_reach,
     groove_surface,
-    to_mm,
+    rounded_mm,
     welding_stations,
 )
 
@@ -56,7 +56,7 @@ WELDX_FILE: Final = "plan.weldx"
 CRAWL_PASSES_FILE: Final = "plan-passes.toml"
 """Tables that a crawl job takes."""
 
-EARLIER_FILES: Final = (
+EARLIER_PLAN_FILES: Final = (
     "plan.urscript",
     "plan-*.urscript",
     CRAWL_PASSES_FILE,
@@ -82,7 +82,7 @@ def add_file_of_key(wps_file: Path, sections: Path) -> Iterator[None]:
         raise ConfigurationError(error.message, file=named, key=error.key) from None
 
 
-def details_of_run(
+def check_details_of_run(
     directory: Path, sections: Sequence[MeasuredSection], edges: GrooveEdges, wps: WeldingProcedure
 ) -> tuple[DetailStretch, ...]:
     """Compare a run's groove with the WPS's table, by the tubes fitted to its cloud.
@@ -186,7 +186,7 @@ def divide_plan(
             except PoseUnreachable as error:
                 file, problem = "", error.reason
         stretch, entry = reach.stretch, {"program": file, "without_program": problem}
-        reached = None if stretch is None else (to_mm(stretch.begin), to_mm(stretch.end))
+        reached = None if stretch is None else (rounded_mm(stretch.begin), rounded_mm(stretch.end))
         entries.append(
             StationEntry(name=name, reached_mm=reached, unreached=reach.unreached, **entry)
         )
@@ -284,7 +284,7 @@ def write_plan(
     label = f"{plan.wps.name}, SHA-256 {sha256(wps_file.read_bytes()).hexdigest()[:16]}"
     stations = divided.stations
     document = plan_document(plan, provenance, name, label, details, stations, without_stations)
-    with write_files_atomically(folder, last=PLAN_FILE, instead_of=EARLIER_FILES) as draft:
+    with write_files_atomically(folder, last=PLAN_FILE, instead_of=EARLIER_PLAN_FILES) as draft:
         for file, text in texts.items():
             (draft / file).write_text(text, encoding="utf-8")
         write_png(draft / PLAN_PICTURE, draw_plan(plan), provenance)
@@ -345,7 +345,7 @@ def plan_run(
         # In frame j, z is the brace's axis; in an arm's base frame nothing is known of the tubes.
         marks = crowns_and_saddles(edges, np.eye(4)) if summary.frame == "j" else np.empty(0)
         plan = plan_weld(edges, wps, gravity, marks, after_pass=after_pass)
-        details = details_of_run(directory, sections, edges, wps)
+        details = check_details_of_run(directory, sections, edges, wps)
         divided, without = DividedPlan(plan), "" if reach else "reach was not asked for"
         arms: tuple[WeldingStation, ...] = ()
         if reach:
@@ -365,7 +365,7 @@ def plan_run(
     return write_plan(directory, out, wps_file, divided, provenance, programs, details, without)
 
 
-STATION_LENGTH: Final = 20e-3
+AVERAGING_LENGTH: Final = 20e-3
 """Metres along the joint whose profiles make a section."""
 
 FEWEST_PROFILES: Final = 3
@@ -374,13 +374,13 @@ FEWEST_PROFILES: Final = 3
 USUAL_DEPTH_RADIUS: Final = 0.1
 """Metres to either side of a place whose median depth is usual there: no tack is half as long."""
 
-PLAN_FRAME: Final = "c"
+CRAWL_PLAN_FRAME: Final = "c"
 
 PlacedProfiles = Sequence[tuple[float, Profile]]
 """Metres along the joint, and the profile taken there."""
 
 
-def is_crawl(directory: Path) -> bool:
+def is_crawl_run(directory: Path) -> bool:
     """Whether a run directory is a crawl's."""
     return (directory / f"{CRAWL_RECORDING}.mcap").is_file()
 
@@ -421,7 +421,9 @@ def plan_crawl_run(
         edges, start = butt_joint_edges(seen, job.weld.length, wps.sequence.longest_step)
         plan = plan_weld(edges, wps, gravity, after_pass=after_pass)
         passes = passes_of_plan(plan)
-    provenance = Provenance.for_file_written_now(job_label_of_run(directory), PLAN_FRAME, "mm")
+    provenance = Provenance.for_file_written_now(
+        job_label_of_run(directory), CRAWL_PLAN_FRAME, "mm"
+    )
     begin, end = 1e3 * start, 1e3 * (start + edges.length)
     text = (
         provenance.comment_lines("#")
@@ -493,12 +495,12 @@ def butt_joint_edges(
     ConfigurationError
         If too little of the joint was seen.
     """
-    readings = _read_joint(seen, length)
+    readings = _read_along_weld(seen, length)
     places = np.array([at for at, _ in readings])
     depths = np.array([reading.depth_left for _, reading in readings])
     usual = [np.median(depths[np.abs(places - at) <= USUAL_DEPTH_RADIUS]) for at in places]
     higher = np.array(usual) - depths
-    station = (places / STATION_LENGTH).astype(int)
+    station = (places / AVERAGING_LENGTH).astype(int)
     middles, tacked, rows = [], [], []
     for k in np.unique(station):
         is_there = station == k
@@ -510,7 +512,7 @@ def butt_joint_edges(
     if len(rows) < FEWEST_PROFILES + 1:
         raise ConfigurationError(
             f"the joint's edges and root were read at {len(rows)} stations of "
-            f"{1e3 * STATION_LENGTH:.0f} mm along the weld; {FEWEST_PROFILES + 1} or more are "
+            f"{1e3 * AVERAGING_LENGTH:.0f} mm along the weld; {FEWEST_PROFILES + 1} or more are "
             "needed",
             key="profiles",
         )
@@ -531,7 +533,7 @@ def butt_joint_edges(
     return replace(edges, root=root), start
 
 
-def _read_joint(seen: PlacedProfiles, length: float) -> list[tuple[float, ButtJointReading]]:
+def _read_along_weld(seen: PlacedProfiles, length: float) -> list[tuple[float, ButtJointReading]]:
     """Readings with edges along the weld; beside it the root is another."""
     tracker, found = JointTracker(), []
     for at, profile in ((at, profile) for at, profile in seen if 0 <= at <= length):

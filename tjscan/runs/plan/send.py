@@ -22,7 +22,7 @@ from tjscan.robot.motion import MotionLimits
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.program import UrProgram
 from tjscan.runs.plan.run import ArcSwitch
-from tjscan.runs.scan.run import RunContext
+from tjscan.runs.scan.run import ScanContext
 
 UR_DRIVER: Final = "ur"
 
@@ -54,21 +54,21 @@ def read_job_of_program_arm(job_file: Path, station: str | None, run: Path) -> S
                 key="arm.driver",
             )
         if (run / JOB_FILE).is_file():
-            scanned = RunContext(read_scan_job(run / JOB_FILE), run / JOB_FILE)
+            scanned = ScanContext(read_scan_job(run / JOB_FILE), run / JOB_FILE)
             if job.arm.model != (model := scanned.job.arm.model):
                 reason = f"is a {job.arm.model}, but the run was scanned with a {model}"
                 raise ConfigurationError(reason, key="arm.model")
-            joints = scanned.joint, RunContext(job, job_file).joint
+            joints = scanned.joint, ScanContext(job, job_file).joint
             if None not in joints and joints[0] != joints[1]:
                 reason = (
                     "is another joint than the run's: plan a run of this joint, or name its job"
                 )
                 raise ConfigurationError(reason, key="joint.file")
-            _check_place(job, scanned.job, station)
+            _check_arm_place(job, scanned.job, station)
     return job
 
 
-def _check_place(job: ScanJob, scanned: ScanJob, station: str | None) -> None:
+def _check_arm_place(job: ScanJob, scanned: ScanJob, station: str | None) -> None:
     """Refuse a job whose arm is at another place by the joint than it was for the run."""
     if job.joint is None or scanned.joint is None:
         return

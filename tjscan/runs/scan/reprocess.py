@@ -24,7 +24,7 @@ from tjscan.recording.reader import RecordingDamage
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.result.summary import ScanSummary
 from tjscan.runs import run
-from tjscan.runs.scan.run import RunContext, groove_reader_of_job, write_scan_results
+from tjscan.runs.scan.run import ScanContext, groove_reader_of_job, write_scan_results
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.journal import RecordedScan, ScanResult, StopReason
 from tjscan.scanning.recording import read_recorded_scan
@@ -126,11 +126,11 @@ def reprocess_run(
     refuse_links_outside(directory, *run.COPIED_FILES)
     check_as_written(*(directory / name for name in run.COPIED_FILES))
     why = "is about how the profiles were taken, and they are taken"
-    run.refuse_other_keys(overrides, REPROCESSABLE_KEYS, why, job_file)
+    run.refuse_fixed_keys(overrides, REPROCESSABLE_KEYS, why, job_file)
     out = out or dated_sibling_directory(directory)
     run.refuse_directory_inside(out, directory)
     job = read_scan_job(job_file, overrides)
-    context = RunContext(job, job_file, finished=finished)
+    context = ScanContext(job, job_file, finished=finished)
     if len(job.station) < 2:
         return ReprocessedRun(out, (_reprocess_station(context, out),))
     refuse_links_outside(directory, *job.station_names)
@@ -138,14 +138,14 @@ def reprocess_run(
     stations = []
     for name in job.station_names:
         if (file := directory / name / JOB_FILE).is_file():
-            there = RunContext(read_scan_job(file, overrides), file, finished=finished)
+            there = ScanContext(read_scan_job(file, overrides), file, finished=finished)
             stations.append(_reprocess_station(there, out / name))
     whole = len(stations) == len(job.station) and all(one.is_whole for one in stations)
     stitched = stitch_run_directories([out], out, finished=finished) if whole else None
     return ReprocessedRun(out, tuple(stations), stitched)
 
 
-def _reprocess_station(context: RunContext, out: Path) -> ReprocessedStation:
+def _reprocess_station(context: ScanContext, out: Path) -> ReprocessedStation:
     """The same for a single run."""
     context, directory = context.at_station(), context.job_file.parent
     refuse_links_outside(directory, *run.COPIED_FILES)

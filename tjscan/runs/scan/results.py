@@ -124,7 +124,7 @@ def corner_errors(
     return corner_to_edge_distances(corners, feature_edges(joint), absent_corners(sections))
 
 
-def flange_way(hops: Iterable[tuple[ProfileView, ProfileView]]) -> tuple[float, float]:
+def flange_motion(hops: Iterable[tuple[ProfileView, ProfileView]]) -> tuple[float, float]:
     """Millimetres and degrees that the flange moved from view to view."""
     poses = [(a.T_b_f, b.T_b_f) for a, b in hops]
     travel = sum(float(np.linalg.norm(b[:3, 3] - a[:3, 3])) for a, b in poses)
@@ -154,7 +154,7 @@ def summarise_scan(
     """
     steps = 1e3 * np.array(step_lengths(result.sections))
     views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
-    travel, rotation = flange_way(pairwise(views))
+    travel, rotation = flange_motion(pairwise(views))
     taken = [view for view in result.views if view.substep is not Substep.TAUGHT]
     found = sum(s.view.substep is not Substep.TAUGHT for s in result.sections)
     error = None if corner_error is None else DistanceStatistics.from_distances(corner_error)

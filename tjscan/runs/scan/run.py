@@ -60,7 +60,7 @@ from tjscan.uncertainty.causes import budget_of_causes
 
 
 @dataclass(frozen=True, eq=False)
-class RunContext(JobContext[ScanJob]):
+class ScanContext(JobContext[ScanJob]):
     """A scan job with what it names, and where its run reports to; see `JobContext`.
 
     Parameters
@@ -71,7 +71,7 @@ class RunContext(JobContext[ScanJob]):
 
     stop: StopRequest = field(default_factory=StopRequest)
 
-    def at_station(self, name: str | None = None) -> RunContext:
+    def at_station(self, name: str | None = None) -> ScanContext:
         """The same at one of the job's stations; raises as `ScanJob.job_at_station` does."""
         return replace(self, job=self.job.job_at_station(name))
 
@@ -181,7 +181,7 @@ NOMINAL_FLANGE_TOLERANCE: Final = 0.02
 from their model by some millimetres."""
 
 
-def check_scan_job(context: RunContext) -> None:
+def check_scan_job(context: ScanContext) -> None:
     """Check a job, what it names, and the way from here to its taught poses; move nothing.
 
     Raises
@@ -231,12 +231,12 @@ def scan_in_cell(
             raise
 
 
-def run_scan(context: RunContext, directory: Path) -> ScanSummary:
+def run_scan(context: ScanContext, directory: Path) -> ScanSummary:
     """Scan as a job states, into a new run directory.
 
     Parameters
     ----------
-    context : RunContext
+    context : ScanContext
         The job, of one station if it has any, and where to report to.
     directory : Path
         The run directory to make.
@@ -256,14 +256,14 @@ def run_scan(context: RunContext, directory: Path) -> ScanSummary:
             return write_scan_results(context, directory, result)
 
 
-def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSummary:
+def resume_scan(context: ScanContext, overrides: Iterable[str] = ()) -> ScanSummary:
     """Resume an interrupted scan after its last finished section.
 
     Of a scan that did what its job asks for only the results are written, from its recording.
 
     Parameters
     ----------
-    context : RunContext
+    context : ScanContext
         The job as the run directory holds it, with keys replaced or not.
     overrides : iterable of str
         The dotted keys that were replaced, from `RESUMABLE_KEYS` only.
@@ -356,7 +356,7 @@ def check_keys_replaceable(overrides: Iterable[str], job_file: Path) -> None:
         Naming the first one.
     """
     why = "can't change while a scan goes on: what was scanned before would not fit"
-    run.refuse_other_keys(overrides, RESUMABLE_KEYS, why, job_file)
+    run.refuse_fixed_keys(overrides, RESUMABLE_KEYS, why, job_file)
 
 
 def _changes_since_recording(
@@ -385,10 +385,10 @@ def _changes_since_recording(
             )
         return []
     advice = "What was scanned before does not fit any more: put it back, or start a new scan"
-    return run.changes_of_job(before, now, RESUMABLE_KEYS, advice, directory)
+    return run.check_job_changes(before, now, RESUMABLE_KEYS, advice, directory)
 
 
-def write_scan_results(context: RunContext, directory: Path, result: ScanResult) -> ScanSummary:
+def write_scan_results(context: ScanContext, directory: Path, result: ScanResult) -> ScanSummary:
     """Write the results of a job's scan into its run directory.
 
     Raises

@@ -34,7 +34,7 @@ from tjscan.joint.geometry import cylindrical_to_j, tangential_direction
 from tjscan.recording.journal import CombinedJournal
 from tjscan.result.section import absent_corners
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.scan.results import flange_way, summarise_scan
+from tjscan.runs.scan.results import flange_motion, summarise_scan
 from tjscan.runs.scan.run import scan_in_cell
 from tjscan.scanning.journal import ScanResult
 from tjscan.scanning.plan import ScanPlan
@@ -89,7 +89,7 @@ class DerivedKeySettings(StrictFileModel):
     centre_view: bool = False
 
 
-LONGEST_MM = 20_000.0
+LONGEST_TUBE_MM = 20_000.0
 """What a joint's file allows; used while the length needed is not known yet."""
 
 
@@ -121,7 +121,7 @@ def joint_with_derived_dimensions(joint: JointFile, rules: DerivedKeySettings) -
 
 def _joint_with_room(joint: JointFile, room_mm: float) -> JointFile:
     """The joint with as much leg and brace as leaves room beyond the groove."""
-    longest = {"length_mm": LONGEST_MM}
+    longest = {"length_mm": LONGEST_TUBE_MM}
     leg, brace = joint.leg.model_copy(update=longest), joint.brace.model_copy(update=longest)
     long_joint = joint.model_copy(update={"leg": leg, "brace": brace})
     definition = long_joint.definition("joint")
@@ -131,7 +131,7 @@ def _joint_with_room(joint: JointFile, room_mm: float) -> JointFile:
     return joint.model_copy(update={"leg": leg, "brace": brace})
 
 
-TEACHING_STREAM: Final = 11
+TEACHING_RANDOM_STREAM: Final = 11
 """Keeps these random numbers apart from the arm's and the laser's."""
 
 GROOVE_LENGTH_AZIMUTHS: Final = np.linspace(-2 * np.pi, 4 * np.pi, 4321)
@@ -310,7 +310,7 @@ def teach_start_poses(
     definition, plan = joint.definition("joint"), job.scan
     which = canonical_json([joint.model_dump(mode="json"), plan.direction])
     digest = int.from_bytes(hashlib.sha256(which.encode()).digest()[:8])  # other for every joint
-    random = np.random.default_rng([job.simulation.seed, TEACHING_STREAM, digest])
+    random = np.random.default_rng([job.simulation.seed, TEACHING_RANDOM_STREAM, digest])
     azimuth_deg = round(float(random.uniform(-180, 180)), 3)  # drawn in any case: the rest stays
     if rules.start_azimuth_deg is not None and rules.start_azimuth_deg != "any":
         azimuth_deg = rules.start_azimuth_deg
@@ -447,7 +447,7 @@ SUMMARY_COUNTS: Final = ("sections", "scans", "half_steps")
 SUMMARY_FIELDS: Final = ("complete", "detail", *SUMMARY_COUNTS, "groove_length_mm", "motion_time_s")
 """Fields of an outcome that are those of the scan's summary."""
 
-EDGES_KEPT = 4
+MOST_CACHED_EDGES = 4
 """Joints whose edges a process keeps: trials of one joint follow each other."""
 
 
@@ -479,7 +479,7 @@ def _outcome_of_scan(
     known = {name: getattr(summary, name) for name in SUMMARY_FIELDS}
     for name, substep in (("prediction", Substep.PREDICTION), ("correction", Substep.CORRECTION)):
         moves = ((a, b) for a, b in pairwise(result.views) if b.substep is substep)
-        known[f"travel_{name}_mm"], known[f"rotation_{name}_deg"] = flange_way(moves)
+        known[f"travel_{name}_mm"], known[f"rotation_{name}_deg"] = flange_motion(moves)
     return ScanOutcome(
         **known,
         reason=summary.stopped_because,
@@ -505,14 +505,14 @@ def _flange_path(result: ScanResult, frame: frames.JointOrBaseFrame) -> FlangePa
     return tuple((a, r, z) for a, r, z in points.tolist())
 
 
-_cached_feature_edges = lru_cache(maxsize=EDGES_KEPT)(feature_edges)
+_cached_feature_edges = lru_cache(maxsize=MOST_CACHED_EDGES)(feature_edges)
 
 
 STEP_KEY: Final = "scan.step_mm"
 JOINT_PREFIX: Final = "joint."
 RULE_PREFIX: Final = "rule."
 JOINT_TABLES: Final = tuple(JointFile.model_fields)
-START_KEY: Final = "rule.start_azimuth_deg"
+AZIMUTH_KEY: Final = "rule.start_azimuth_deg"
 
 
 class ScanStudyBackend(StudyBackend[ScanOutcome]):
@@ -532,7 +532,7 @@ class ScanStudyBackend(StudyBackend[ScanOutcome]):
 
     def resolve_run(self, job_file: Path, keys: Mapping[str, Any]) -> ResolvedRun:
         """Resolve and check the settings of one scan; see `StudyBackend.resolve_run`."""
-        job_keys, joint_keys, rules = _sort_keys(keys)
+        job_keys, joint_keys, rules = _split_keys(keys)
         with drop_file_from_study_key_errors(job_keys):
             job = read_scan_job(job_file, job_keys)
         simulates = job.simulation is not None and job.arm.driver_kind is DriverKind.SIMULATED
@@ -562,7 +562,7 @@ class ScanStudyBackend(StudyBackend[ScanOutcome]):
 SCAN_STUDY: Final = ScanStudyBackend()
 
 
-def _sort_keys(
+def _split_keys(
     keys: Mapping[str, Any],
 ) -> tuple[dict[str, Any], dict[str, Any], DerivedKeySettings]:
     """The keys of the job, of the joint's file, and the rules."""
@@ -579,7 +579,7 @@ def _sort_keys(
             raise ConfigurationError(reason, key=key)
         else:
             job[key] = value
-    with _put_keys_below(RULE_PREFIX):
+    with _prefix_error_keys(RULE_PREFIX):
         return job, joint, validate_table(DerivedKeySettings, rule)
 
 
@@ -590,7 +590,7 @@ def _read_joint_file(file: Path, keys: Mapping[str, Any], rules: DerivedKeySetti
     for key, value in keys.items():
         table, _, name = key.partition(".")
         data[table] = {**data.get(table, {}), name: value}
-    with _put_keys_below(JOINT_PREFIX):
+    with _prefix_error_keys(JOINT_PREFIX):
         joint = joint_with_derived_dimensions(validate_table(JointFile, data), rules)
         joint.definition(file.stem)  # refuses what can't be built
     return joint
@@ -612,14 +612,14 @@ def _apply_rules(
         azimuth, changed = teach_start_poses(started, joint, rules, T_f_s)
         tables["scan"] |= changed.pop("scan")
         tables |= changed
-        cells[START_KEY] = azimuth
+        cells[AZIMUTH_KEY] = azimuth
     elif rules.carry_base or rules.centre_view:
-        raise ConfigurationError("is needed for the other rules", key=START_KEY)
+        raise ConfigurationError("is needed for the other rules", key=AZIMUTH_KEY)
     return tables, cells
 
 
 @contextmanager
-def _put_keys_below(table: str) -> Iterator[None]:
+def _prefix_error_keys(table: str) -> Iterator[None]:
     """Name keys as the study does: below the table's name."""
     try:
         yield

@@ -17,12 +17,12 @@ from tjscan.robot.settings import PlacementTolerance
 from tjscan.scanning.section import ScannedSection
 from tjscan.uncertainty import causes as view_causes
 
-UNKNOWN_MOUNT = (
+UNKNOWN_MOUNT_TEXT = (
     "where the laser sits on the hand: the job states it without its uncertainty "
     "(sigma_position_mm and sigma_rotation_deg in [calibration], or a calibration's file)"
 )
 CALIBRATED_EVIDENCE = "calibrated"
-STATED_JOINT = "where the joint stands: the job states it without its uncertainty"
+JOINT_POSE_TEXT = "where the joint stands: the job states it without its uncertainty"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,8 +66,8 @@ def causes_of_job(
         If the arm's model is unknown.
     """
     laser = job.laser.uncertainty
-    repeats, of_repeats = job.arm.uncertainty.repeats
-    linearity, of_linearity = laser.linear
+    repeats, of_repeats = job.arm.uncertainty.stated_repeatability
+    linearity, of_linearity = laser.stated_linearity
     # The calibration answered to the same deviation of the same laser as the scan does.
     is_same = mount.by_laser is not None and isclose(linearity, mount.linearity)
     kinematics = kinematics_of_job(job)
@@ -80,7 +80,7 @@ def causes_of_job(
         view_causes.repeatability_cause(sections, repeats, of_repeats),
         *_causes_of_arm(mount, sections, moved, absolute, without_laser=is_same),
     ]
-    left_out = [UNKNOWN_MOUNT] if mount.covariance is None else []
+    left_out = [UNKNOWN_MOUNT_TEXT] if mount.covariance is None else []
     if linearity > 0:
         cause = view_causes.linearity_cause(sections, linearity, job.laser_model, of_linearity)
         if is_same and mount.by_laser is not None:
@@ -90,11 +90,11 @@ def causes_of_job(
             )
             cause = cause.with_station_motions(sections, twists)
         found.append(cause)
-    bias, of_bias = laser.bias
+    bias, of_bias = laser.stated_bias
     if bias > 0:
         found.append(view_causes.range_bias_cause(sections, bias, of_bias))
     if job.joint is not None and not job.station:
-        left_out.append(STATED_JOINT)
+        left_out.append(JOINT_POSE_TEXT)
     return StatedCauses(tuple(found), tuple(left_out))
 
 

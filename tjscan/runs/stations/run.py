@@ -20,7 +20,7 @@ from tjscan.recording.reader import RecordingDamage
 from tjscan.result.directory import JOB_FILE, SUMMARY_FILE
 from tjscan.result.summary import ScanSummary, read_summary
 from tjscan.runs import run
-from tjscan.runs.scan.run import RunContext, check_keys_replaceable, resume_scan, run_scan
+from tjscan.runs.scan.run import ScanContext, check_keys_replaceable, resume_scan, run_scan
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.recording import read_recorded_scan
@@ -61,7 +61,7 @@ class StationScan:
 
 
 def run_stations(
-    context: RunContext, directory: Path, operator: StationOperator, watch: Watch
+    context: ScanContext, directory: Path, operator: StationOperator, watch: Watch
 ) -> tuple[StationScan, ...]:
     """Scan from one station after the other; each leaves a run directory of its own in `directory`.
 
@@ -69,7 +69,7 @@ def run_stations(
 
     Parameters
     ----------
-    context : RunContext
+    context : ScanContext
         The job, with several stations; its journal is not used.
     directory : Path
         The directory to make.
@@ -95,7 +95,7 @@ def run_stations(
 
 
 def resume_stations(
-    context: RunContext,
+    context: ScanContext,
     overrides: dict[str, Any],
     operator: StationOperator,
     watch: Watch,
@@ -105,7 +105,7 @@ def resume_stations(
 
     Parameters
     ----------
-    context : RunContext
+    context : ScanContext
         The job as the directory that `run_stations` made holds it, with keys replaced or not.
     overrides : dict
         The dotted keys that were replaced, and their values.
@@ -183,7 +183,7 @@ def stitch_station_runs(
             raise
 
 
-def _check_cells(context: RunContext) -> None:
+def _check_cells(context: ScanContext) -> None:
     """Check that a cell can be made at every station; connect none."""
     if context.job.laser.driver_kind is DriverKind.REPLAYED:
         raise ConfigurationError(
@@ -217,7 +217,7 @@ def _is_arm_there(job: ScanJob, station: StationScan, operator: StationOperator)
 
 
 def _scan_from_station(
-    context: RunContext, station: StationScan, overrides: dict[str, Any]
+    context: ScanContext, station: StationScan, overrides: dict[str, Any]
 ) -> None:
     """Scan from one station, or go on with its scan if two sections of it are finished."""
     file = station.directory / JOB_FILE

@@ -33,7 +33,7 @@ from tjscan.result.section import absent_corners
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.runs.run import COPIED_FILES, WhenFinished, do_nothing
 from tjscan.runs.scan.results import all_profile_points, corner_errors, write_run_results
-from tjscan.runs.scan.run import RunContext, groove_reader_of_job
+from tjscan.runs.scan.run import ScanContext, groove_reader_of_job
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.stitching.picture import draw_stitching
@@ -223,7 +223,7 @@ def stitch_run_directories(
     RecordingError
         If one can't be read, or the result can't be written.
     """
-    read = with_errors_of_devices_apart(list(map(read_station_run, station_directories(runs))))
+    read = separate_errors_by_device(list(map(read_station_run, station_directories(runs))))
     for one, other in combinations(read, 2):
         if one.station.name == other.station.name:
             raise ConfigurationError(
@@ -246,7 +246,7 @@ def stitch_run_directories(
     return done
 
 
-def with_errors_of_devices_apart(read: Sequence[StationRun]) -> list[StationRun]:
+def separate_errors_by_device(read: Sequence[StationRun]) -> list[StationRun]:
     """Stations of different devices, their shared errors named apart: they share none of them."""
     kinds = list(dict.fromkeys(one.devices for one in read))
     if len(kinds) < 2:
@@ -292,7 +292,7 @@ def read_station_run(directory: Path) -> StationRun:
         read = groove_reader_of_job(job)
         done = read_recorded_scan(directory)
         sections = done.reread_sections(read)
-        context = RunContext(job, job_file)
+        context = ScanContext(job, job_file)
         joint = context.joint
     if not (directory / run_files.SUMMARY_FILE).is_file():
         raise ConfigurationError(

@@ -151,7 +151,7 @@ def _is_job_edited(directory: Path) -> bool:
         "The cable has the shape in which it was left: put it back, or start a new tow. "
         f"What may change: {', '.join(RESUMABLE_KEYS)}"
     )
-    return bool(run.changes_of_job(before, now, RESUMABLE_KEYS, advice, directory / JOB_FILE))
+    return bool(run.check_job_changes(before, now, RESUMABLE_KEYS, advice, directory / JOB_FILE))
 
 
 def _record_tow(
@@ -228,7 +228,7 @@ def replay_tow(
             halted = False
             for entry in entries:
                 if isinstance(entry, TowCycle):
-                    cycle = _plan_again(entry, planner, seam, last)
+                    cycle = _replan_cycle(entry, planner, seam, last)
                     halted |= bool(cycle.plan.halt)
                     last = last if cycle.plan.halt else cycle.plan
                     journal.record(cycle)
@@ -238,7 +238,7 @@ def replay_tow(
     finished(out)
 
 
-def _plan_again(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: TowingPlan) -> TowCycle:
+def _replan_cycle(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: TowingPlan) -> TowCycle:
     obstacles = [DiscObstacle(x, y, r, (vx, vy)) for x, y, r, vx, vy in np.array(cycle.obstacles)]
     began = host.thread_time()
     plan = planner.plan(

@@ -59,7 +59,7 @@ class TowOutcome(RunOutcome):
     touches: int | None = None
 
 
-class TowCycleKeeper:
+class InMemoryTowJournal:
     """A tow's journal that keeps its cycles in memory.
 
     Parameters
@@ -98,7 +98,7 @@ def run_study_tow(job: TowJob) -> TowOutcome:
     sweep.refuse_if_blocked()
     cell = make_tow_cell(job, sweep.start.angles)
     assert cell.truth is not None
-    keeper = TowCycleKeeper(cell.truth)
+    keeper = InMemoryTowJournal(cell.truth)
     ended = True, "Complete", "the whole seam is welded"
     try:
         with cell:
