@@ -9,13 +9,12 @@ from typing import Final, Self
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.arm.calibrate import calibrate_arm
-from tjscan.calibration.arm.design import BallPlan, PlannedView, plan_views
-from tjscan.calibration.arm.model import ArmModel, TargetInPostures
-from tjscan.calibration.measuring_range import MeasuringRange
+from tjscan.calibration.arm.calibrate import ArmModel, TargetInPostures, calibrate_arm
+from tjscan.calibration.arm.wizard import BallPlan, PlannedView, plan_views
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets.ball import SphereModel, SphereTarget
 from tjscan.core.frames import Array, pose
+from tjscan.laser.model import MeasuringRange
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import PlacementTolerance
@@ -119,8 +118,8 @@ def posture_errors(arm: BallArm) -> tuple[float, float, float, float]:
     return (
         _off(_places(kinematics(), T_F_S), true),
         _off(_places(calibrated, found.T_f_s), true),
-        found.cross_check.before,
-        found.cross_check.after,
+        found.error_before,
+        found.error_after,
     )
 
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tjscan.calibration.measuring_range import MeasuringRange
+from tjscan.calibration.closed_form import PluckerPlane
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.plucker import PluckerPlane
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.line import LineFit
 from tjscan.calibration.targets.target import PosedFit
 from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.core.pose_vector import rotation_from_vector
 from tjscan.laser.faults import correlated_noise
+from tjscan.laser.model import MeasuringRange
 from tjscan.laser.profile import Profile
 
 

@@ -9,15 +9,15 @@ import numpy as np
 from _board import BoardSimulator
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.measuring_range import MeasuringRange
+from tjscan.calibration.closed_form import PluckerPlane, plane_through_point
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.plucker import PluckerPlane, plane_through_point
 from tjscan.calibration.targets.ball import CircleFit, fit_circle
 from tjscan.calibration.targets.roof import RoofFit, fit_roof
 from tjscan.calibration.targets.target import PosedFit
 from tjscan.core.frames import Array, inverse_pose, pose, transform_points
 from tjscan.core.pose_vector import rotation_from_vector
 from tjscan.laser.faults import correlated_noise
+from tjscan.laser.model import MeasuringRange
 from tjscan.laser.profile import Profile
 
 BALL_B: Final = np.array((0.8, 0.1, 0.3))

@@ -18,12 +18,10 @@ from _table import Row, main
 from _targets import TargetSimulator
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.closed_form import solve_closed_form
+from tjscan.calibration.closed_form import PluckerPlane, plane_through_point, solve_closed_form
 from tjscan.calibration.file import read_calibration
 from tjscan.calibration.hand_eye import calibrate_on_plane, calibrate_on_targets
-from tjscan.calibration.measuring_range import MeasuringRange
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.plucker import PluckerPlane, plane_through_point
 from tjscan.calibration.pose_files import pair_profiles_with_poses, read_flange_poses
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
 from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget, fit_circle
@@ -31,10 +29,9 @@ from tjscan.calibration.targets.line import LineFit, fit_line, stack_lines
 from tjscan.calibration.targets.plane import PlaneTarget, SeenBoard, fit_plane
 from tjscan.calibration.targets.roof import RoofFit, SeenRoof, fit_roof
 from tjscan.calibration.targets.target import PosedFit, PosedProfile, fit_profiles
-from tjscan.calibration.wizard.advice import BoardRectangle, LinePrediction
 from tjscan.calibration.wizard.logbook import LaserLineTaken, MeasurementsSoFar
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator
-from tjscan.calibration.wizard.session import CalibrationPlan
+from tjscan.calibration.wizard.session import BoardRectangle, CalibrationPlan, LinePrediction
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix, transform_points
 from tjscan.core.pose_vector import boxminus
@@ -42,7 +39,7 @@ from tjscan.job.files import read_calibration_job, read_scan_job
 from tjscan.laser.faults import correlated_noise
 from tjscan.laser.files.format import ProfileFormat
 from tjscan.laser.files.read import read_profiles
-from tjscan.laser.model import LaserModel
+from tjscan.laser.model import LaserModel, MeasuringRange
 from tjscan.laser.profile import Profile
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.calibration.run import start_calibration
@@ -95,10 +92,7 @@ class Stage:
     @classmethod
     def set_up(cls) -> Stage:
         """The board that every run uses."""
-        laser = LaserModel()
-        window = MeasuringRange(
-            laser.near, laser.far, laser.emitter_z, laser.half_angle, laser.columns
-        )
+        window = LaserModel().measuring_range
         centre = np.array((0.8, 0.1, 0.05))
         plane = plane_through_point(centre, (0.05, 0.02, 1.0))
         axes = PlaneTarget.unknown_plane(plane, centre).axes_b

@@ -21,17 +21,17 @@ from calibration_stage import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.calibration.checks.motion import check_rotation_condition
+from tjscan.calibration.checks import check_rotation_condition
 from tjscan.calibration.closed_form import rotation_equations, solve_closed_form
 from tjscan.calibration.hand_eye import calibrate_on_plane
-from tjscan.calibration.measuring_range import visible_lines_on_plane
 from tjscan.calibration.targets.line import stack_lines
 from tjscan.calibration.targets.plane import PlaneTarget
-from tjscan.calibration.wizard.advice import (
+from tjscan.calibration.wizard.session import (
     BoardRectangle,
     CandidatePoseGrid,
     LinePrediction,
     ReachabilityCheck,
+    visible_lines_on_plane,
 )
 from tjscan.core.errors import CalibrationRefused
 from tjscan.core.frames import Array, inverse_pose, transform_points

@@ -19,8 +19,8 @@ from calibration_stage import (
 )
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.arm.model import ArmGeometry
-from tjscan.calibration.checks.acceptance import verify_with_fresh_line
+from tjscan.calibration.arm.calibrate import ArmGeometry
+from tjscan.calibration.checks import verify_with_fresh_line
 from tjscan.calibration.hand_eye import calibrate_on_plane
 from tjscan.calibration.noise import ARM_REACH, NoiseModel, geometry_correlation
 from tjscan.calibration.targets.line import LineFit

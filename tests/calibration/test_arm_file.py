@@ -6,18 +6,21 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from tjscan.calibration.file import ArmKinematicsEntry
+from tjscan.calibration.file import FILE_UNITS_PER_SI, ArmKinematicsEntry, in_file_units
 
 
 def entry(**changes: object) -> ArmKinematicsEntry:
     rng = np.random.default_rng(0)
     root = rng.standard_normal((42, 42))
-    made = ArmKinematicsEntry.from_si(
-        "ur10e",
-        1e-4 * rng.standard_normal((6, 6)),
-        1e-8 * root @ root.T,
-        ("joint 1: offset can't be told from where the target is",),
-        (10, 3e-4, 8e-5),
+    deviations = 1e-4 * rng.standard_normal((6, 6)) * FILE_UNITS_PER_SI
+    made = ArmKinematicsEntry(
+        model="ur10e",
+        deviations=tuple(map(tuple, deviations.tolist())),
+        covariance=in_file_units(1e-8 * root @ root.T, axes=2),
+        left_as_stated=("joint 1: offset can't be told from where the target is",),
+        held_out_poses=10,
+        held_out_before_mm=0.3,
+        held_out_after_mm=0.08,
     )
     return ArmKinematicsEntry.model_validate(made.model_dump() | changes)
 

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tjscan.calibration.arm_formats import (
+from tjscan.calibration.pose_files import (
     ORIENTATION_CONVENTIONS,
     poses_of_fanuc_program,
     poses_of_kuka_data,
+    read_flange_poses,
 )
-from tjscan.calibration.pose_files import read_flange_poses
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 

@@ -27,19 +27,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.checks.acceptance import verify_with_fresh_line
-from tjscan.calibration.closed_form import solve_closed_form
-from tjscan.calibration.hand_eye import calibrate_on_plane
-from tjscan.calibration.noise import NoiseModel, geometry_correlation
-from tjscan.calibration.plucker import (
+from tjscan.calibration.checks import verify_with_fresh_line
+from tjscan.calibration.closed_form import (
     PluckerPlane,
     incidence_residuals,
     line_through_point,
+    solve_closed_form,
     transform_line,
 )
+from tjscan.calibration.hand_eye import calibrate_on_plane
+from tjscan.calibration.noise import NoiseModel, geometry_correlation
 from tjscan.calibration.result import HandEyeCalibration
-from tjscan.calibration.solve.combined import CombinedModel
-from tjscan.calibration.solve.refine import leave_one_out_changes, refine_by_least_squares
+from tjscan.calibration.solve.refine import (
+    CombinedModel,
+    leave_one_out_changes,
+    refine_by_least_squares,
+)
 from tjscan.calibration.targets.line import LineFit, stack_lines
 from tjscan.calibration.targets.plane import PlaneModel, SeenBoard
 from tjscan.calibration.targets.target import PosedFit

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.plucker import (
+from tjscan.calibration.closed_form import (
     PluckerLine,
     PluckerPlane,
     incidence_residuals,

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.hand_eye import calibrate_on_targets
 from tjscan.calibration.noise import geometry_correlation
-from tjscan.calibration.solve.combined import CombinedModel
+from tjscan.calibration.solve.refine import CombinedModel
 from tjscan.calibration.solve.solution import inverse_pose_errors
 from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget
 from tjscan.calibration.targets.line import stack_lines

@@ -24,7 +24,7 @@ from raw_topics import raw_topic
 from scipy.spatial.transform import Rotation
 from written import content
 
-from tjscan.calibration.checks.acceptance import Verification
+from tjscan.calibration.checks import Verification
 from tjscan.calibration.file import read_calibration
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.target import PosedProfile
@@ -52,8 +52,8 @@ from tjscan.job.cell import Cell, sensor_mount_of_job
 from tjscan.job.files import read_calibration_job
 from tjscan.laser.profile import Profile
 from tjscan.recording.foxglove import PROFILE_TOPIC, TRANSFORMS_TOPIC
+from tjscan.recording.journal import RecordingWriter
 from tjscan.recording.reader import read_messages
-from tjscan.recording.writer import RecordingWriter
 from tjscan.robot.arm import ArmState
 from tjscan.runs.calibration.run import (
     calibration_plan_of_job,

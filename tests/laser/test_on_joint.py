@@ -12,8 +12,13 @@ from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_joint_mesh, largest_chord_error
 from tjscan.laser.faults import PointOrigin
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import LaserRayHits, RaycastSurface, laser_ray_directions, trace_laser_rays
-from tjscan.laser.simulated import SimulatedLaser
+from tjscan.laser.optics import (
+    LaserRayHits,
+    RaycastSurface,
+    SimulatedLaser,
+    laser_ray_directions,
+    trace_laser_rays,
+)
 
 STANDOFF = 0.24
 PITCH = 0.5e-3

@@ -9,9 +9,8 @@ from tjscan.core.errors import LaserFault
 from tjscan.core.frames import Array, pose, rot_x, rot_y, rot_z, transform_points
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import RaycastSurface
+from tjscan.laser.optics import RaycastSurface, SimulatedLaser
 from tjscan.laser.profile import Profile
-from tjscan.laser.simulated import SimulatedLaser
 
 T_J_S = pose(rot_z(0.4) @ rot_y(-0.7) @ rot_x(2.0), (0.31, -0.22, 0.47))
 AWAY = T_J_S @ pose(rot_y(np.pi))

@@ -10,6 +10,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from tjscan.core.errors import RecordingError
 from tjscan.recording.header import JobSnapshot
+from tjscan.recording.journal import RecordingWriter
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import (
     RecordingDamage,
@@ -20,7 +21,6 @@ from tjscan.recording.reader import (
     refuse_damage,
 )
 from tjscan.recording.topic import Topic
-from tjscan.recording.writer import RecordingWriter
 
 
 @dataclass(frozen=True)

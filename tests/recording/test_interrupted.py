@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from tjscan.core.signals import hold_ctrl_c
+from tjscan.recording.journal import RecordingWriter
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic
-from tjscan.recording.writer import RecordingWriter
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,10 @@ from raw_topics import raw_topic
 
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.recording.header import FORMAT_VERSION, JobSnapshot, RecordingHeader
-from tjscan.recording.mcap_records import MAX_RECORD_BYTES
+from tjscan.recording.journal import RecordingWriter
 from tjscan.recording.parts import next_recording_file, recording_files
-from tjscan.recording.reader import read_header, read_job_snapshot, read_messages
+from tjscan.recording.reader import MAX_RECORD_BYTES, read_header, read_job_snapshot, read_messages
 from tjscan.recording.topic import Topic
-from tjscan.recording.writer import RecordingWriter
 
 
 @dataclass(frozen=True)

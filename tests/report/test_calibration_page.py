@@ -16,6 +16,7 @@ from tjscan.calibration.file import (
     BasisEntry,
     CalibrationFile,
     ShrinkingEntry,
+    in_file_units,
     read_calibration,
     to_calibration_file,
     views_of_poses,
@@ -142,12 +143,16 @@ def test_bars_are_the_residuals_with_what_is_stated(
 def test_a_ball_and_an_arm_are_shown_with_what_was_stated(
     found: CalibrationFile, keep: Callable[[CalibrationFile], Path]
 ) -> None:
-    arm = ArmKinematicsEntry.from_si(
-        "ur10e",
-        np.zeros((6, 6)),
-        np.eye(42),
-        ("joint 1: length x can't be told from where the ball is: left as the maker states",),
-        (12, 4e-4, 1e-4),
+    arm = ArmKinematicsEntry(
+        model="ur10e",
+        deviations=(6 * (0.0,),) * 6,
+        covariance=in_file_units(np.eye(42), axes=2),
+        left_as_stated=(
+            "joint 1: length x can't be told from where the ball is: left as the maker states",
+        ),
+        held_out_poses=12,
+        held_out_before_mm=0.4,
+        held_out_after_mm=0.1,
     )
     ball = BallEntry(stated_radius_mm=40.0, measured_radius_mm=39.974, sigma_radius_mm=0.054)
     more = found.model_copy(update={"kinematics": arm, "ball": ball})

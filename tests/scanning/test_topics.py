@@ -23,8 +23,7 @@ from tjscan.core.errors import RecordingError
 from tjscan.core.frames import pose_from_euler_zyx
 from tjscan.laser.profile import Profile
 from tjscan.recording.foxglove import PROFILE_TOPIC
-from tjscan.recording.journal import RunEvent
-from tjscan.recording.writer import RecordingWriter
+from tjscan.recording.journal import RecordingWriter, RunEvent
 from tjscan.scanning.recording import SCAN_TOPICS, ScanRecording, read_recorded_scan, read_views
 from tjscan.scanning.section import ProfileView, Substep
 

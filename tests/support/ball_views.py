@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.arm.model import ArmModel, TargetInPostures
+from tjscan.calibration.arm.calibrate import ArmModel, TargetInPostures
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets.ball import SphereModel, SphereTarget
 from tjscan.core.errors import PoseUnreachable

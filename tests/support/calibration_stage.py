@@ -8,13 +8,13 @@ import numpy as np
 from _board import BoardSimulator
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.measuring_range import MeasuringRange
+from tjscan.calibration.closed_form import plane_through_point
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.plucker import plane_through_point
 from tjscan.calibration.targets.line import LineFit, fit_line
 from tjscan.calibration.targets.plane import PlaneTarget, fit_plane
 from tjscan.calibration.targets.target import PosedFit
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_rounded_matrix
+from tjscan.laser.model import MeasuringRange
 from tjscan.laser.profile import Profile
 
 MM = 1e-3

@@ -24,8 +24,7 @@ from tjscan.joint.edges import groove_sections
 from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.laser.model import LaserModel
-from tjscan.laser.optics import RaycastSurface
-from tjscan.laser.simulated import SimulatedLaser
+from tjscan.laser.optics import RaycastSurface, SimulatedLaser
 from tjscan.robot.arm import ArmState
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.profile_taker import ScanSetup

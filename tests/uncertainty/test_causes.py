@@ -25,7 +25,6 @@ from tjscan.uncertainty.causes import (
     arm_geometry_cause,
     budget_of_causes,
     hand_eye_cause,
-    jointly_calibrated_cause,
     linearity_cause,
     range_bias_cause,
     reading_cause,
@@ -113,7 +112,7 @@ def test_sensor_and_arm_calibrated_together_err_together() -> None:
     size = np.concatenate((np.repeat((1e-4, 3e-4), 3), np.tile(PlacementTolerance().sigmas, 6)))
     half = rng.normal(size=(42, 42)) * size[:, None] / 6
     covariance = half @ half.T
-    cause = jointly_calibrated_cause(SECTIONS, T_F_S, by_deviations(), covariance, "calibrated")
+    cause = hand_eye_cause(SECTIONS, T_F_S, covariance, "calibrated", by_deviations())
     drawn = []
     for step in rng.multivariate_normal(np.zeros(42), covariance, DRAWS // 4):
         arm, T_f_s = with_deviations(ur10e(), step[6:].reshape(6, 6)), turned(T_F_S, step[:6])

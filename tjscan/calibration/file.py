@@ -21,7 +21,7 @@ from tjscan.core.provenance import Provenance
 from tjscan.core.units import PoseRows, pose_from_rows_mm, pose_to_rows_mm
 
 if TYPE_CHECKING:
-    from tjscan.calibration.checks.acceptance import Verification
+    from tjscan.calibration.checks import Verification
     from tjscan.calibration.result import HandEyeCalibration
 
 Row6 = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
@@ -114,41 +114,6 @@ class ArmKinematicsEntry(StrictFileModel):
         if covariance.shape != (n, n) or not np.allclose(covariance, covariance.T):
             raise ValueError(f"its covariance is not one: it must be symmetric, {n} by {n}")
         return self
-
-    @classmethod
-    def from_si(
-        cls,
-        model: str,
-        deviations: Array,
-        covariance: Array,
-        left_as_stated: tuple[str, ...],
-        held_out: tuple[int, float, float],
-    ) -> ArmKinematicsEntry:
-        """Make the entry from metres and radians.
-
-        Parameters
-        ----------
-        model : str
-            The arm's model, as the job names it.
-        deviations : ndarray, shape (joints, 6)
-            Of the joints.
-        covariance : ndarray, shape (6 + 6 joints, 6 + 6 joints)
-            Of T_f_s and the deviations.
-        left_as_stated : tuple of str
-            The deviations that the profiles do not determine.
-        held_out : tuple
-            Poses that took no part; RMS without and with the deviations, metres.
-        """
-        count, before, after = held_out
-        return cls(
-            model=model,
-            deviations=tuple(map(tuple, (deviations * FILE_UNITS_PER_SI).tolist())),
-            covariance=in_file_units(covariance, axes=2),
-            left_as_stated=left_as_stated,
-            held_out_poses=count,
-            held_out_before_mm=1e3 * before,
-            held_out_after_mm=1e3 * after,
-        )
 
     @property
     def deviations_si(self) -> Array:

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.special import ndtri
 
-from tjscan.calibration.checks import acceptance, evidence, motion
+from tjscan.calibration import checks
 from tjscan.calibration.closed_form import rotation_equations, solve_closed_form
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.result import HandEyeCalibration, MeasuredRadius
@@ -102,7 +102,7 @@ def calibrate_on_targets(
     T_b_f = problem.T_b_f
     R_guess = None if T_f_s_guess is None else T_f_s_guess[:3, :3]
     touched = next((one.target for one in targets if isinstance(one, SeenBoard)), None)
-    motion.check_motion(T_b_f, None if touched is None else touched.plane.u, R_guess)
+    checks.check_motion(T_b_f, None if touched is None else touched.plane.u, R_guess)
     starts = problem.starts + ([] if T_f_s_guess is None else [T_f_s_guess])
     measured_radius = None
     if any(isinstance(one, SeenBall) for one in targets):
@@ -116,14 +116,14 @@ def calibrate_on_targets(
     solution = problem.solve(starts)
     estimate = solution.estimate
     if check_conventions:
-        evidence.check_pose_convention(problem, solution)
-        evidence.check_pairing(problem, solution)
-    notes = evidence.swapped_pairs(problem, solution)
+        checks.check_pose_convention(problem, solution)
+        checks.check_pairing(problem, solution)
+    notes = checks.swapped_pairs(problem, solution)
     condition = _check_geometry(T_b_f, solution, R_guess)
-    residuals = acceptance.sample_residuals(problem.names, estimate, solution.settled)
-    excess = acceptance.residual_excess(estimate, residuals)
+    residuals = checks.sample_residuals(problem.names, estimate, solution.settled)
+    excess = checks.residual_excess(estimate, residuals)
     covariance = excess**2 * estimate.covariance
-    acceptance.check_certainty(covariance[:6, :6])
+    checks.check_certainty(covariance[:6, :6])
     closed_form = None
     if touched is not None and len(targets) == 1:
         closed_form = solve_closed_form(stack_lines(T_b_f, targets[0].fits), touched.plane)
@@ -172,13 +172,13 @@ def _check_geometry(T_b_f: Array, solution: SensorSolution, R_guess: Array | Non
     estimate, models = solution.estimate, solution.model.models
     first = models[0]
     if len(models) > 1 or not isinstance(first, PlaneModel):
-        return acceptance.check_scaled_condition(estimate)
+        return checks.check_scaled_condition(estimate)
     plane = first.target.boxplus(estimate.target)
     u_f = plane.u @ T_b_f[estimate.used, :3, :3]
     equations = rotation_equations(first.lines, plane.u)[estimate.used]
-    condition = motion.check_rotation_condition(equations, u_f, estimate.T_f_s[:3, :3], R_guess)
+    condition = checks.check_rotation_condition(equations, u_f, estimate.T_f_s[:3, :3], R_guess)
     if not first.target.was_touched:
-        motion.check_tilts_vary(u_f, estimate.T_f_s[:3, :3])
+        checks.check_tilts_vary(u_f, estimate.T_f_s[:3, :3])
     return condition
 
 

@@ -10,12 +10,16 @@ from typing import Any, Final
 import numpy as np
 
 from tjscan.calibration import pose_files
-from tjscan.calibration.arm.calibrate import as_hand_eye_calibration, calibrate_arm
-from tjscan.calibration.arm.model import ArmModel, TargetInPostures
+from tjscan.calibration.arm.calibrate import (
+    ArmModel,
+    TargetInPostures,
+    as_hand_eye_calibration,
+    calibrate_arm,
+)
+from tjscan.calibration.closed_form import PluckerPlane
 from tjscan.calibration.file import BasisEntry, views_of_poses
 from tjscan.calibration.hand_eye import calibrate_on_targets
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.plucker import PluckerPlane
 from tjscan.calibration.recorded_settings import RecordedSettings
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.ball import SeenBall, SphereTarget, fit_circle

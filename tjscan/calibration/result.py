@@ -11,7 +11,7 @@ from tjscan.calibration.closed_form import ClosedFormSolution
 from tjscan.calibration.file import ArmKinematicsEntry
 from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.calibration.targets.roof import RoofTarget
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, array_dataclass
 
 TARGET_SIGMA_POSITION: Final = 0.5e-3
 TARGET_SIGMA_ROTATION: Final = float(np.radians(0.1))
@@ -20,8 +20,7 @@ MAX_RADIUS_SIGMA: Final = 0.15e-3
 """Metres; a radius measured with less certainty does not check the one that is stated."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class HandEyeUncertainty:
     """Expected error of T_f_s, in position and rotation.
 
@@ -105,8 +104,7 @@ class SampleResidual:
         return cls(name, bool(used), *off, float(misfit), shift, turn)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class HandEyeCalibration:
     """Result of a calibration: the sensor's pose on the flange, its covariance and residuals.
 

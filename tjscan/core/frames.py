@@ -7,8 +7,8 @@ angles radians. The table of frames is in ``docs/frames.md``.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Annotated, Final, TypeVar
+from dataclasses import dataclass, field
+from typing import Annotated, Final, TypeVar, dataclass_transform
 
 import numpy as np
 import scipy  # its parts are loaded at first use
@@ -17,6 +17,7 @@ from pytransform3d.rotations import active_matrix_from_angle
 from pytransform3d.transformations import invert_transform
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 ARRAY_DTYPES: Final[dict[str, type[np.generic]]] = {
     "Array": np.float64,
@@ -73,6 +74,12 @@ def frozen_arrays(cls: type[T]) -> type[T]:
     return cls
 
 
+@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
+def array_dataclass(cls: type[T]) -> type[T]:
+    """Make a frozen dataclass with slots that holds its arrays as `frozen_arrays` does."""
+    return dataclass(frozen=True, slots=True, eq=False)(frozen_arrays(cls))
+
+
 def _array_kind(annotation: str) -> str:
     """``Array`` of ``Annotated[Array, ...]`` and of ``Array | None``."""
     return annotation.removesuffix(" | None").removeprefix("Annotated[").partition(", ")[0]
@@ -81,6 +88,11 @@ def _array_kind(annotation: str) -> str:
 def unit_vector(v: Array) -> Array:
     """Return `v`, shape (3,), scaled to length one."""
     return np.asarray(v / np.linalg.norm(v))
+
+
+def unit_vectors(v: ArrayLike) -> Array:
+    """Vectors, shape (..., k), each scaled to length one."""
+    return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
 
 
 def cross(a: Array, b: Array) -> Array:

@@ -21,7 +21,7 @@ from tjscan.laser.profile import Profile
 from tjscan.recording import foxglove
 from tjscan.recording.foxglove import PROFILE_TOPIC
 from tjscan.recording.header import JobSnapshot
-from tjscan.recording.journal import LOG_TOPIC, RecordingJournal, RunEvent
+from tjscan.recording.journal import LOG_TOPIC, RecordingWriter, RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import RecordedMessage, read_messages
 from tjscan.recording.topic import Topic
@@ -112,9 +112,6 @@ class SimulatedPlace:
 CRAWL_RECORDING: Final = "crawl"
 """What the names of a crawl's recordings begin with."""
 
-REPLAY_EVENT: Final = "replay"
-"""Name of the event that begins a recording whose estimates were made by a replay."""
-
 WARNING_EVENT: Final = "warning"
 """Name of an event that warns of what may go wrong."""
 
@@ -142,7 +139,7 @@ CRAWL_TOPICS: Final[tuple[Topic[Any], ...]] = (CYCLE_TOPIC, PLACE_TOPIC, PROFILE
 """Everything that a crawl records."""
 
 
-class CrawlRecording(RecordingJournal):
+class CrawlRecording(RecordingWriter):
     """The journal that writes a crawl's recording; a context manager.
 
     Parameters

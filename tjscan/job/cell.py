@@ -30,7 +30,7 @@ from tjscan.robot.collision_checked import CollisionCheckedArm
 from tjscan.robot.deviations import CorrectedArm, with_deviations
 from tjscan.robot.drivers import ARM_DRIVERS, ArmDriverInputs
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import MotionLimits
+from tjscan.robot.path import MotionLimits
 from tjscan.robot.settings import Solid, SolidSettings
 from tjscan.scanning.recording import read_views
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import tan
 from typing import Final, Self
 
 import numpy as np
 from numpy.polynomial.legendre import legval2d, legvander
 
-from tjscan.core.frames import Array, frozen_arrays
-from tjscan.laser.model import LaserModel
+from tjscan.core.frames import Array, array_dataclass
+from tjscan.laser.model import LaserModel, MeasuringRange
 
 HIGHEST_DEGREE: Final = 3
 """Of the polynomials in x and z: a lens' distortion is of third order."""
@@ -28,8 +27,7 @@ COEFFICIENT_SIGMAS_BY_DEGREE: Final = (0.34, 0.19, 0.13)
 largest deviation in the window is one (`tests/uncertainty/test_causes.py`)."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class LaserDeviation:
     """Smooth deviation of x and z over the laser's window: scale, tilt and what its lens bends.
 
@@ -51,21 +49,18 @@ class LaserDeviation:
     half: Array
 
     @classmethod
-    def in_window(
-        cls, largest: float, *, near: float, far: float, apex_z: float, half_angle: float
-    ) -> Self:
-        """The deviation of a laser that measures in a trapezoid.
+    def in_window(cls, largest: float, window: MeasuringRange) -> Self:
+        """The deviation of a laser that measures in a window.
 
         Parameters
         ----------
         largest : float
             Metres.
-        near, far, apex_z : float
-            Begin and end of the window, and the apex of its sides: z in frame s, metres.
-        half_angle : float
-            Between the central ray and a side, radians.
+        window : MeasuringRange
+            Its measuring range.
         """
-        half = ((far - apex_z) * tan(half_angle), 0.5 * (far - near))
+        near, far = window.near, window.far
+        half = ((far - window.apex_z) * tan(window.half_angle), 0.5 * (far - near))
         return cls(largest, np.array((0.0, 0.5 * (near + far))), np.array(half))
 
     def at(self, xz: Array) -> Array:
@@ -98,8 +93,7 @@ SAMPLE_COUNT: Final = 41
 """Places across the window, each way, at which the largest error is looked for."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class Distortion:
     """Systematic error of a sensor's points over its window, the same in every profile.
 

@@ -13,12 +13,10 @@ from tjscan.laser.line_laser import LineLaser
 
 if TYPE_CHECKING:
     from tjscan.core.frames import Array
-    from tjscan.laser.genicam.gige import GenicamLaser, ScanControlLaser
     from tjscan.laser.model import LaserModel
     from tjscan.laser.optics import RaycastSurface
     from tjscan.laser.profile import Profile
-    from tjscan.laser.replay import RecordedPoses, ReplayedLaser
-    from tjscan.laser.simulated import SimulatedLaser
+    from tjscan.laser.replay import RecordedPoses
 
 RANDOM_STREAM: Final = 1
 """Keeps the random numbers of the laser apart from the arm's, which has the bare seed."""
@@ -96,11 +94,11 @@ class LaserDriverInputs:
 LaserDriverFactory = DriverFactory[LaserDriverInputs, LineLaser]
 
 
-def _make_simulated_laser(context: LaserDriverInputs, settings: NoSettings) -> SimulatedLaser:
+def _make_simulated_laser(context: LaserDriverInputs, settings: NoSettings) -> LineLaser:
     import numpy as np
 
     from tjscan.core.frames import inverse_pose
-    from tjscan.laser.simulated import SimulatedLaser
+    from tjscan.laser.optics import SimulatedLaser
 
     if context.seed is None:
         raise ConfigurationError("a simulated laser needs a [simulation] table", key="simulation")
@@ -117,22 +115,20 @@ def _make_simulated_laser(context: LaserDriverInputs, settings: NoSettings) -> S
     )
 
 
-def _make_replayed_laser(context: LaserDriverInputs, settings: NoSettings) -> ReplayedLaser:
+def _make_replayed_laser(context: LaserDriverInputs, settings: NoSettings) -> LineLaser:
     from tjscan.laser.replay import ReplayedLaser
 
     poses, profiles = context.recording()
     return ReplayedLaser(poses, profiles, context.carrier.T_b_f, context.carrier.time)
 
 
-def _make_genicam_laser(inputs: LaserDriverInputs, settings: GenicamSettings) -> GenicamLaser:
+def _make_genicam_laser(inputs: LaserDriverInputs, settings: GenicamSettings) -> LineLaser:
     from tjscan.laser.genicam.gige import GenicamLaser
 
     return GenicamLaser(settings, inputs.carrier.time)
 
 
-def _make_scancontrol_laser(
-    inputs: LaserDriverInputs, settings: ScanControlSettings
-) -> ScanControlLaser:
+def _make_scancontrol_laser(inputs: LaserDriverInputs, settings: ScanControlSettings) -> LineLaser:
     from tjscan.laser.genicam.gige import ScanControlLaser
 
     return ScanControlLaser(settings, inputs.carrier.time)

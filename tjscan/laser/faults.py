@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, Mask, array_dataclass
 from tjscan.laser.deviation import Distortion
 from tjscan.laser.model import LaserModel
 
@@ -28,8 +28,7 @@ class PointOrigin(IntEnum):
     STRAY = 4
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class SimulatedProfile:
     """One simulated profile together with the truth about it, by columns.
 
@@ -177,7 +176,7 @@ def _incidence_bias(cosine: Array, model: LaserModel) -> Array:
     return np.minimum(model.bias * tangent, model.bias_limit)
 
 
-def _columns_dropped(cosine: Array, model: LaserModel, rng: Generator) -> NDArray[np.bool_]:
+def _columns_dropped(cosine: Array, model: LaserModel, rng: Generator) -> Mask:
     """Columns that lose their point to a grazing incidence."""
     ramp = (np.arccos(cosine) - model.dropout_start) / (model.dropout_end - model.dropout_start)
     return np.asarray(rng.random(len(cosine)) < model.dropout * np.clip(ramp, 0.0, 1.0))
@@ -248,7 +247,7 @@ def _interreflection_pulls(hits: LaserRayHits, model: LaserModel) -> Array:
     return np.where(hit, pull, 0.0)
 
 
-def _edges_between_columns(hits: LaserRayHits, model: LaserModel) -> NDArray[np.bool_]:
+def _edges_between_columns(hits: LaserRayHits, model: LaserModel) -> Mask:
     """Whether a crease or a jump is between each column and the next, shape (n - 1,)."""
     hit = np.isfinite(hits.distance)
     points = np.where(hit, hits.distance, 0.0)[:, None] * hits.directions_s

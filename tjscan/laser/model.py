@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, Final, Self
 
@@ -22,6 +23,7 @@ _WINDOW_SLOPE: Final = 0.5 * (0.121 - 0.083) / (0.290 - 0.190)
 _WINDOW_APEX_Z: Final = 0.190 - 0.5 * 0.083 / _WINDOW_SLOPE
 
 _PROBABILITY_FIELDS: Final = ("dropout", "missing", "ghosts", "flyers", "strays")
+_FRACTION_FIELDS: Final = (*_PROBABILITY_FIELDS, "ghost_share", "ghost_intensity")
 _AMPLITUDE_FIELDS: Final = (
     "noise",
     "noise_correlation",
@@ -32,6 +34,35 @@ _AMPLITUDE_FIELDS: Final = (
     "interreflection",
     "step",
 )
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuringRange:
+    """The laser's measuring range (its window) in the laser plane. Metres, radians.
+
+    Parameters
+    ----------
+    near, far : float
+        Limits of z in frame s.
+    apex_z : float
+        The sides of the trapezoid meet at (0, 0, apex_z) in frame s.
+    half_angle : float
+        Between the central ray and a side.
+    columns : int
+        Points on a line that crosses the whole width.
+    """
+
+    near: float
+    far: float
+    apex_z: float
+    half_angle: float
+    columns: int
+
+    def __post_init__(self) -> None:
+        if not self.apex_z < self.near < self.far:
+            raise ValueError("a window needs apex_z < near < far")
+        if not 0 < self.half_angle < math.pi / 2 or self.columns < 2:
+            raise ValueError("a window needs an opening between 0 and 90° and at least two columns")
 
 
 Fraction = Annotated[float, Ge(0), Le(1)]
@@ -164,33 +195,17 @@ class LaserModel(SettingsTable):
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name) or 0.0
-            values = value if isinstance(value, tuple) else (value,)
-            _require_valid(all(map(math.isfinite, values)), field.name, "must be finite")
-        in_steps = 80 <= self.columns <= 640 and self.columns % 80 == 0
-        _require_valid(in_steps, "columns", "must be 80 to 640 in steps of 80")
-        _require_valid(0 < self.near < self.far, "near", "must be positive and smaller than far")
-        for name in ("emitter_z", "detector_z"):
-            _require_valid(getattr(self, name) < self.near, name, "must be before the range")
-        _require_valid(0 < self.half_angle < math.pi / 2, "half_angle", "must be between 0 and 90°")
-        for name in (*_PROBABILITY_FIELDS, "ghost_share", "ghost_intensity"):
-            _require_valid(0 <= getattr(self, name) <= 1, name, "is a fraction, from 0 to 1")
-        for name in _AMPLITUDE_FIELDS:
-            _require_valid(getattr(self, name) >= 0, name, "can't be negative; 0 switches it off")
-        rising = 0 <= self.dropout_start < self.dropout_end <= math.pi / 2
-        _require_valid(rising, "dropout_end", "must be above dropout_start and not above 90°")
-        for name in ("flyer_crease", "notch"):
-            _require_valid(0 < getattr(self, name) < math.pi, name, "must be between 0 and 180°")
-        for name in ("flyer_jump", "interreflection_reach"):
-            _require_valid(getattr(self, name) > 0, name, "must be positive")
-        least, largest = self.stray_offset
-        _require_valid(
-            0 <= least <= largest, "stray_offset", "is the least and the largest distance"
-        )
-        for name in ("missing_run", "ghost_run", "stray_run"):
-            shortest, longest = getattr(self, name)
-            _require_valid(
-                1 <= shortest <= longest, name, "is the shortest and the longest run, from 1"
-            )
+            if not all(map(math.isfinite, value if isinstance(value, tuple) else (value,))):
+                raise ConfigurationError("must be finite", key=field.name)
+        for names, is_valid, message in _FIELD_CHECKS:
+            for name in names:
+                if not is_valid(self, getattr(self, name)):
+                    raise ConfigurationError(message, key=name)
+
+    @property
+    def measuring_range(self) -> MeasuringRange:
+        """The window in which it measures."""
+        return MeasuringRange(self.near, self.far, self.emitter_z, self.half_angle, self.columns)
 
     @classmethod
     def without_faults(cls, **changes: Any) -> Self:
@@ -199,6 +214,25 @@ class LaserModel(SettingsTable):
         return cls(**{**dict.fromkeys(faults, 0.0), **changes})
 
 
-def _require_valid(condition: bool, key: str, message: str) -> None:
-    if not condition:
-        raise ConfigurationError(message, key=key)
+_FIELD_CHECKS: Final[tuple[tuple[Sequence[str], Callable[[LaserModel, Any], bool], str], ...]] = (
+    (("columns",), lambda _, v: 80 <= v <= 640 and v % 80 == 0, "must be 80 to 640 in steps of 80"),
+    (("near",), lambda model, v: 0 < v < model.far, "must be positive and smaller than far"),
+    (("emitter_z", "detector_z"), lambda model, v: v < model.near, "must be before the range"),
+    (("half_angle",), lambda _, v: 0 < v < math.pi / 2, "must be between 0 and 90°"),
+    (_FRACTION_FIELDS, lambda _, v: 0 <= v <= 1, "is a fraction, from 0 to 1"),
+    (_AMPLITUDE_FIELDS, lambda _, v: v >= 0, "can't be negative; 0 switches it off"),
+    (
+        ("dropout_end",),
+        lambda model, v: 0 <= model.dropout_start < v <= math.pi / 2,
+        "must be above dropout_start and not above 90°",
+    ),
+    (("flyer_crease", "notch"), lambda _, v: 0 < v < math.pi, "must be between 0 and 180°"),
+    (("flyer_jump", "interreflection_reach"), lambda _, v: v > 0, "must be positive"),
+    (("stray_offset",), lambda _, v: 0 <= v[0] <= v[1], "is the least and the largest distance"),
+    (
+        ("missing_run", "ghost_run", "stray_run"),
+        lambda _, v: 1 <= v[0] <= v[1],
+        "is the shortest and the longest run, from 1",
+    ),
+)
+"""Fields, what a value v of theirs must fulfil, and the words that refuse one which does not."""

@@ -8,10 +8,16 @@ from typing import Final
 
 import numpy as np
 import open3d as o3d
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from tjscan.core.frames import Array, readonly_copy, transform_points
+from tjscan.core.devices import LocalDevice
+from tjscan.core.errors import LaserFault
+from tjscan.core.frames import Array, Mask, readonly_copy, transform_points
+from tjscan.laser.deviation import Distortion
+from tjscan.laser.faults import FaultRandomStreams, SimulatedProfile, apply_faults
 from tjscan.laser.model import LaserModel
+from tjscan.laser.profile import Profile
 
 RAY_START_OFFSET: Final = 10e-6
 """Secondary rays start this far above the face, in metres: float32 is good to about 0.1 µm."""
@@ -112,7 +118,7 @@ class RaycastSurface:
         np.divide(height, cosine, out=distance, where=np.abs(cosine) > LEAST_PLANE_COSINE)
         return FirstHits(distance, np.where(cosine[:, None] > 0, -normals, normals))
 
-    def is_hidden_from(self, points: Array, normals: Array, eye: Array) -> NDArray[np.bool_]:
+    def is_hidden_from(self, points: Array, normals: Array, eye: Array) -> Mask:
         """Whether points on the surface are hidden from an eye, shape (n,).
 
         Parameters
@@ -152,7 +158,7 @@ class LaserRayHits:
     directions_s: Array
     distance: Array
     normals_s: Array
-    seen: NDArray[np.bool_]
+    seen: Mask
     ghost: Array
 
     @property
@@ -231,7 +237,7 @@ def _mirror_images(
     return np.where(np.isfinite(second) & (second > LEAST_GHOST_DISTANCE), image, np.nan)
 
 
-def _is_in_range(distance: Array, directions_s: Array, model: LaserModel) -> NDArray[np.bool_]:
+def _is_in_range(distance: Array, directions_s: Array, model: LaserModel) -> Mask:
     """Whether points at these distances from the emitter are in the trapezoid, shape (n,)."""
     z = model.emitter_z + distance * directions_s[:, 2]
     return np.asarray((z >= model.near) & (z <= model.far))
@@ -242,3 +248,66 @@ def _ray_tensor(origins: Array, directions: Array) -> o3d.core.Tensor:
     rays = np.empty((len(directions), 6), dtype=np.float32)
     rays[:, :3], rays[:, 3:] = origins, directions
     return o3d.core.Tensor.from_numpy(rays)
+
+
+class SimulatedLaser(LocalDevice):
+    """A `LineLaser` on a simulated arm.
+
+    Parameters
+    ----------
+    surface : RaycastSurface
+        What is before the sensor, in frame j.
+    pose : callable
+        Returns ``T_j_s``, shape (4, 4): the *true* pose of the sensor at this moment.
+    model : LaserModel
+        Its optics and faults.
+    rng : numpy.random.Generator
+        Source of all randomness. The same seed gives the same sequence of profiles, and what a
+        fault draws in the k-th profile depends on neither the other faults nor earlier views.
+    clock : callable
+        Gives the time in seconds.
+    make : int, optional
+        Decides how the sensor's own calibration is off, see `LaserModel.linearity`: which sensor
+        of its kind it is.
+    """
+
+    not_connected = (
+        LaserFault,
+        "the simulated laser is not connected: capture inside a `with` block",
+    )
+
+    def __init__(
+        self,
+        surface: RaycastSurface,
+        pose: Callable[[], Array],
+        *,
+        model: LaserModel,
+        rng: Generator,
+        clock: Callable[[], float],
+        make: int = 0,
+    ) -> None:
+        self.model = model
+        self._surface, self._pose, self._clock = surface, pose, clock
+        self._rng = rng
+        self._directions_s = laser_ray_directions(model)
+        self._distortion = Distortion.draw(model, make)
+
+    def capture(self) -> Profile:
+        """Take one profile from where the sensor is now.
+
+        Raises
+        ------
+        LaserFault
+            Outside a ``with`` block, or if the pose is not one.
+        """
+        points = self.capture_with_origins()
+        return Profile(points.x_s, points.z_s, points.intensity, self._clock())
+
+    def capture_with_origins(self) -> SimulatedProfile:
+        """Take one profile with the origin of each point; raises as `capture` does."""
+        self.check_connected()
+        T_j_s = np.asarray(self._pose(), dtype=np.float64)
+        if T_j_s.shape != (4, 4) or not np.isfinite(T_j_s).all():
+            raise LaserFault(f"the simulated laser was put at a pose that is not one: {T_j_s}")
+        hits = trace_laser_rays(self._surface, T_j_s, self.model, self._directions_s)
+        return apply_faults(hits, self.model, FaultRandomStreams.spawn(self._rng), self._distortion)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from hashlib import sha256
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, Mask, array_dataclass
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class Profile:
     """Points of one laser line in the sensor frame s, in the order of the sensor's columns.
 
@@ -44,7 +41,7 @@ class Profile:
         return len(self.x_s)
 
     @property
-    def valid(self) -> NDArray[np.bool_]:
+    def valid(self) -> Mask:
         """Which columns hold a point, shape (n,)."""
         return np.asarray(np.isfinite(self.x_s) & np.isfinite(self.z_s))
 

@@ -19,7 +19,6 @@ from typing import (
     NamedTuple,
     TypeVar,
     Union,
-    cast,
     get_args,
     get_origin,
     get_type_hints,
@@ -257,18 +256,18 @@ class Topic(Generic[T]):
             To which the arrays of a dataclass are rounded when they are written.
         """
         if issubclass(kind, Message):
-            return cast("Topic[T]", _protobuf_topic(name, kind))
+            return _protobuf_topic(name, kind)
         codec = dataclass_codec(kind, decimals)
         schema: str = codec.schema["title"]
 
-        def decode(data: bytes) -> T:
+        def decode(data: bytes) -> Any:
             try:
                 content = json.loads(data)
             except RecursionError as error:
                 raise ValueError("nested too deeply") from error
             if not isinstance(content, dict):
                 raise ValueError(f"no fields of {schema}")
-            return cast("T", codec.decode(content))
+            return codec.decode(content)
 
         def encode(message: T) -> bytes:
             return json.dumps(codec.encode(message), allow_nan=False).encode()

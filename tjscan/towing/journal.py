@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final
 from tjscan.core.frames import Array, ArrayForm, PlanarPoints, PlanarPoses
 from tjscan.core.signals import hold_ctrl_c
 from tjscan.recording.header import JobSnapshot
-from tjscan.recording.journal import LOG_TOPIC, RecordingJournal, RunEvent
+from tjscan.recording.journal import LOG_TOPIC, RecordingWriter, RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic
@@ -106,9 +106,6 @@ class TowTruth:
 TOW_RECORDING: Final = "tow"
 """What the names of a tow's recordings begin with."""
 
-REPLAY_EVENT: Final = "replay"
-"""Name of the event that begins a recording whose plans were made by a replay."""
-
 CYCLES_TOGETHER: Final = 5
 """Cycles that are written at once, after the first, from which a tow can be gone on with: half a
 second is lost at most if the program is killed."""
@@ -126,7 +123,7 @@ TOW_TOPICS: Final[tuple[Topic[Any], ...]] = (CYCLE_TOPIC, TRUTH_TOPIC, LOG_TOPIC
 """Everything that a tow records."""
 
 
-class TowRecording(RecordingJournal):
+class TowRecording(RecordingWriter):
     """The journal that writes a tow's recording; a context manager.
 
     Parameters

@@ -20,9 +20,8 @@ from dataclasses import dataclass, replace
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, frozen_arrays, skew_matrix
+from tjscan.core.frames import Array, Mask, array_dataclass, skew_matrix
 from tjscan.core.units import DEG, MM, MM2
 from tjscan.groove.measured import MeasuredSection
 
@@ -37,8 +36,7 @@ NEGLIGIBLE_SHARE: Final = 1e-4
 """Share of a component's largest singular value below which a draw is left out."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class BudgetComponent:
     """One cause of uncertainty, and how n sections answer to m independent draws of it.
 
@@ -346,7 +344,7 @@ def budget_in_words(budget: BudgetSummary) -> str:
 
 
 def summarise_budget(
-    budget: UncertaintyBudget, seen: NDArray[np.bool_], left_out: Sequence[str] = ()
+    budget: UncertaintyBudget, seen: Mask, left_out: Sequence[str] = ()
 ) -> BudgetSummary:
     """Summarise a budget.
 
@@ -379,7 +377,7 @@ def summarise_budget(
     )
 
 
-def _typical_places(variances: Array, counted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _typical_places(variances: Array, counted: Mask) -> Mask:
     """Which of the variances that count lie in the middle; all that count if none is."""
     chosen = variances[counted] if counted.any() else variances
     low = np.quantile(chosen, TYPICAL_QUANTILES[0], method="lower")

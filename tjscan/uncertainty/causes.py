@@ -10,19 +10,19 @@ What is wrong with the laser bends every profile alike, in the profile's own pla
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core import pose_vector
-from tjscan.core.frames import Array, frozen_arrays, pose
+from tjscan.core.frames import Array, array_dataclass, pose
 from tjscan.groove.section import measure_groove
 from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.model import LaserModel
-from tjscan.scanning.section import ScannedSection, Sections
+from tjscan.scanning.section import Sections
 from tjscan.uncertainty.budget import (
     BudgetComponent,
     UncertaintyBudget,
@@ -40,8 +40,7 @@ ProfileBend = Callable[[Array, Array], Array]
 """How points of a profile move by places and tangents, see `bend` of `ViewCause`."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class ViewCause:
     """A cause of error, and how n views answer to m independent standard normal draws of it.
 
@@ -153,8 +152,16 @@ def repeatability_cause(
     return motion_cause(REPEATABILITY_CAUSE, evidence, sections, twists, is_shared=False)
 
 
-def hand_eye_cause(sections: Sections, T_f_s: Array, covariance: Array, evidence: str) -> ViewCause:
+def hand_eye_cause(
+    sections: Sections,
+    T_f_s: Array,
+    covariance: Array,
+    evidence: str,
+    flange_by_deviations: Array | None = None,
+) -> ViewCause:
     """Where the laser sits on the hand: one error of T_f_s in all views of an arm.
+
+    With the arm's deviations, if these were calibrated with it: their errors go together.
 
     Parameters
     ----------
@@ -162,14 +169,18 @@ def hand_eye_cause(sections: Sections, T_f_s: Array, covariance: Array, evidence
         All of one calibration.
     T_f_s : ndarray, shape (4, 4)
         As calibrated, metres.
-    covariance : ndarray, shape (6, 6)
+    covariance : ndarray, shape (6, 6) or (6 + 6 k, 6 + 6 k)
         Of a step of it, see `tjscan.core.pose_vector.boxplus`: translation, metres, and turn
-        about the sensor's origin, radians, both in the axes of f.
+        about the sensor's origin, radians, both in the axes of f; and of the deviations.
     evidence : str
         As of `BudgetComponent`.
+    flange_by_deviations : ndarray, shape (n, 6, k, 6), optional
+        As of `arm_geometry_cause`.
     """
-    twists = calibration_twists(sections, T_f_s, None, covariance_factor(covariance))
-    return motion_cause(HAND_EYE_CAUSE, evidence, sections, twists, is_shared=True)
+    name = HAND_EYE_CAUSE if flange_by_deviations is None else CALIBRATED_CAUSE
+    factor = covariance_factor(covariance)
+    twists = calibration_twists(sections, T_f_s, flange_by_deviations, factor)
+    return motion_cause(name, evidence, sections, twists, is_shared=True)
 
 
 def calibration_twists(
@@ -227,25 +238,6 @@ def arm_geometry_cause(
     )
 
 
-def jointly_calibrated_cause(
-    sections: Sections, T_f_s: Array, flange_by_deviations: Array, covariance: Array, evidence: str
-) -> ViewCause:
-    """Sensor's pose and arm's deviations that were calibrated together: their errors go together.
-
-    Parameters
-    ----------
-    sections, T_f_s, evidence
-        As of `hand_eye_cause`.
-    flange_by_deviations : ndarray, shape (n, 6, k, 6)
-        As of `arm_geometry_cause`.
-    covariance : ndarray, shape (6 + 6 k, 6 + 6 k)
-        Of a step of `T_f_s` and of the deviations.
-    """
-    factor = covariance_factor(covariance)
-    twists = calibration_twists(sections, T_f_s, flange_by_deviations, factor)
-    return motion_cause(CALIBRATED_CAUSE, evidence, sections, twists, is_shared=True)
-
-
 def _twists_in_b(sections: Sections, twists: Array) -> Array:
     """Motions of the flange, (n, 6, m) in its axes, as twists in b about b's origin."""
     return np.array([pose_vector.adjoint(section.view.T_b_f) for section in sections]) @ twists
@@ -276,9 +268,6 @@ LARGEST_INCIDENCE_TANGENT: Final = 5.0
 SLOPE_STEP: Final = 1e-6
 """Metres along a side over which its turn is taken: far more than rounding, less than it bends."""
 
-SIDE_ENDS: Final = ((0, 1), (1, 2), (2, 3), (3, 4))
-"""Points that wall, bevel, root and leg lie between."""
-
 
 def linearity_cause(
     sections: Sections, deviation: float, model: LaserModel, evidence: str
@@ -296,29 +285,20 @@ def linearity_cause(
     evidence : str
         As of `BudgetComponent`.
     """
-    field = LaserDeviation.in_window(
-        deviation,
-        near=model.near,
-        far=model.far,
-        apex_z=model.emitter_z,
-        half_angle=model.half_angle,
-    )
+    field = LaserDeviation.in_window(deviation, model.measuring_range)
 
-    def bend(xz: Array, _tangents: Array) -> Array:
-        return field.at(xz)
-
-    moves, measures = [], []
-    for section in sections:
-        xz, tangents = _corners_xz(section)
-        points = field.at(xz)
+    def corner_moves(xz: Array, tangents: Array) -> tuple[Array, Array]:
         turns = []
         for at, t in ((xz[1], tangents[0]), (xz[3], tangents[3])):
             ahead, here = field.at(np.array((at + SLOPE_STEP * t, at)))
             by_step = (ahead - here) / SLOPE_STEP
             turns.append(t[0] * by_step[1] - t[1] * by_step[0])
-        moves.append(points)
-        measures.append(_measure_moves(section, points, np.array(turns)))
-    return _bending_cause(LINEARITY_CAUSE, evidence, sections, bend, moves, measures)
+        return field.at(xz), np.array(turns)
+
+    def bend(xz: Array, _tangents: Array) -> Array:
+        return field.at(xz)
+
+    return _bending_cause(LINEARITY_CAUSE, evidence, sections, bend, corner_moves)
 
 
 def range_bias_cause(sections: Sections, bias: float, evidence: str) -> ViewCause:
@@ -344,13 +324,11 @@ def range_bias_cause(sections: Sections, bias: float, evidence: str) -> ViewCaus
         tangent = np.minimum(along / np.maximum(square, 1e-9), LARGEST_INCIDENCE_TANGENT)
         return np.asarray((bias * tangent[:, None] * ray)[..., None])
 
-    moves, measures = [], []
-    for section in sections:
-        xz, tangents = _corners_xz(section)
+    def corner_moves(xz: Array, tangents: Array) -> tuple[Array, Array]:
         normals = np.column_stack((tangents[:, 1], -tangents[:, 0]))
         offsets = np.empty((4, 2))  # of each side along its normal, at its first and second point
-        for k, side in enumerate(SIDE_ENDS):
-            offsets[k] = bend(xz[list(side)], np.tile(tangents[k], (2, 1)))[..., 0] @ normals[k]
+        for k in range(4):  # the side between a point and the next
+            offsets[k] = bend(xz[k : k + 2], np.tile(tangents[k], (2, 1)))[..., 0] @ normals[k]
         points = np.zeros((5, 2))
         points[0], points[4] = normals[0] * offsets[0, 0], normals[3] * offsets[3, 1]
         for i in (1, 2, 3):
@@ -359,28 +337,9 @@ def range_bias_cause(sections: Sections, bias: float, evidence: str) -> ViewCaus
         lengths = np.linalg.norm(xz[[0, 4]] - xz[[1, 3]], axis=1)
         # The normal lies clockwise of the tangent: moving along it turns a side clockwise.
         turns = np.array((offsets[0, 0] - offsets[0, 1], offsets[3, 0] - offsets[3, 1])) / lengths
-        moves.append(points[:, :, None])
-        measures.append(_measure_moves(section, points[:, :, None], turns[:, None]))
-    return _bending_cause(RANGE_BIAS_CAUSE, evidence, sections, bend, moves, measures)
+        return points[:, :, None], turns[:, None]
 
-
-def _corners_xz(section: ScannedSection) -> tuple[Array, Array]:
-    """The five points (5, 2) in x and z of s, and unit tangents of the four sides (4, 2)."""
-    groove = section.groove
-    xz = groove.points_s[:, [0, 2]]
-    tangents = np.diff(xz, axis=0)
-    tangents[0], tangents[3] = groove.wall_s[[0, 2]], groove.leg_s[[0, 2]]
-    size = np.linalg.norm(tangents, axis=1, keepdims=True)
-    return xz, tangents / np.where(size > 0, size, 1.0)
-
-
-def _measure_moves(section: ScannedSection, points: Array, turns: Array) -> Array:
-    """How the measures change with the points (5, 2, m) and with both outer tangents (2, m)."""
-    groove = section.groove
-    p2, p3, p4 = groove.points_s[1:4, [0, 2]].tolist()
-    wall, leg = groove.wall_s[[0, 2]].tolist(), groove.leg_s[[0, 2]].tolist()
-    by = np.concatenate((points[1:4].reshape(6, -1), turns))
-    return np.asarray(measure_groove(p2, p3, p4, wall, leg).jacobian @ by)
+    return _bending_cause(RANGE_BIAS_CAUSE, evidence, sections, bend, corner_moves)
 
 
 def _bending_cause(
@@ -388,11 +347,28 @@ def _bending_cause(
     evidence: str,
     sections: Sections,
     bend: ProfileBend,
-    moves: Sequence[Array],
-    measures: Sequence[Array],
+    corner_moves: Callable[[Array, Array], tuple[Array, Array]],
 ) -> ViewCause:
-    """Cause of the points' moves in x and z of s, (5, 2, m) each, and the measures' changes."""
-    pairs = zip(sections, moves, strict=True)
-    points = [section.view.T_b_s[:3, [0, 2]] @ moved for section, moved in pairs]
-    unmoved = np.zeros((len(points), 6, points[0].shape[-1]))  # bent, and not moved as a whole
-    return ViewCause(name, evidence, True, unmoved, np.array(points), np.array(measures), bend)
+    """Cause that bends profiles in the plane of the laser, and leaves views where they are.
+
+    Parameters
+    ----------
+    corner_moves : callable
+        From the five points (5, 2) in x and z of s, and unit tangents of the four sides (4, 2), to
+        how the points move (5, 2, m), and how both outer tangents turn (2, m).
+    """
+    moves, measures = [], []
+    for section in sections:
+        groove = section.groove
+        wall, leg = groove.wall_s[[0, 2]], groove.leg_s[[0, 2]]
+        xz = groove.points_s[:, [0, 2]]
+        tangents = np.diff(xz, axis=0)
+        tangents[0], tangents[3] = wall, leg
+        size = np.linalg.norm(tangents, axis=1, keepdims=True)
+        points, turns = corner_moves(xz, tangents / np.where(size > 0, size, 1.0))
+        moves.append(section.view.T_b_s[:3, [0, 2]] @ points)
+        by = np.concatenate((points[1:4].reshape(6, -1), turns))
+        p2, p3, p4 = xz[1:4].tolist()
+        measures.append(measure_groove(p2, p3, p4, wall.tolist(), leg.tolist()).jacobian @ by)
+    unmoved = np.zeros((len(moves), 6, moves[0].shape[-1]))  # bent, and not moved as a whole
+    return ViewCause(name, evidence, True, unmoved, np.array(moves), np.array(measures), bend)

@@ -6,21 +6,182 @@ They are found from the maker's tolerance and from profiles of targets; others c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import chdtri
 
-from tjscan.calibration.arm.model import ArmModel
-from tjscan.calibration.file import ArmKinematicsEntry
+from tjscan.calibration.file import FILE_UNITS_PER_SI, ArmKinematicsEntry, in_file_units
 from tjscan.calibration.result import HandEyeCalibration, SampleResidual
 from tjscan.calibration.solve import refine
-from tjscan.calibration.solve.combined import StackedResiduals
-from tjscan.calibration.targets.consensus import Mask
+from tjscan.calibration.solve.refine import StackedResiduals, stack_residuals
+from tjscan.calibration.targets.target import TargetModel
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, frozen_arrays, readonly_copy
+from tjscan.core.frames import (
+    Array,
+    Mask,
+    array_dataclass,
+    inverse_pose,
+    readonly_copy,
+    skew_matrix,
+)
+from tjscan.robot.deviations import deviation_jacobian, with_deviations
+from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import PlacementTolerance
+
+DRAWN_POSTURES: Final = 100
+"""Drawn postures over which an arm's geometry error has the size that is stated."""
+
+
+@array_dataclass
+class TargetInPostures:
+    """A target and the profiles of it, with the arm's postures.
+
+    Parameters
+    ----------
+    model : TargetModel
+        Of n profiles.
+    q : ndarray, shape (n, joints)
+        Joint angles at each, radians.
+    T_b_f : ndarray, shape (n, 4, 4)
+        Flange pose at each, as the arm read it.
+    start : ndarray, shape (m,)
+        Approximate parameters of the target.
+    """
+
+    model: TargetModel
+    q: Array
+    T_b_f: Array
+    start: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ArmModel:
+    """Residuals of profiles that an arm took, by its deviations, T_f_s and targets.
+
+    The true flange pose is the one that the arm reads, and a motion further: from the model's
+    flange pose at these joint angles to that of the model with deviations. So a controller may
+    read poses with a calibration of its own.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        The arm without deviations.
+    targets : tuple of SeenTarget
+        What was seen.
+    """
+
+    kinematics: Kinematics
+    targets: tuple[TargetInPostures, ...]
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return len(self.kinematics.lower)
+
+    @cached_property
+    def profiles(self) -> int:
+        """Number of profiles."""
+        return sum(len(seen.q) for seen in self.targets)
+
+    @cached_property
+    def start(self) -> Array:
+        """Parameters of all targets to start from, shape (m,)."""
+        return np.concatenate([seen.start for seen in self.targets])
+
+    @cached_property
+    def _flange_motions(self) -> list[tuple[Array, Array]]:
+        """Motions of the flange beside the model's, for each target of n profiles.
+
+        From the model's flange pose to the one that the arm reads, frame b, shape (n, 4, 4); and
+        by the deviations, in the axes of f, shape (n, 6, 6 joints).
+        """
+        forward = self.kinematics.forward
+        return [
+            (
+                np.array([T @ inverse_pose(forward(q)) for q, T in zip(s.q, s.T_b_f, strict=True)]),
+                np.array([deviation_jacobian(self.kinematics, q).reshape(6, -1) for q in s.q]),
+            )
+            for s in self.targets
+        ]
+
+    def linearise(self, T_f_s: Array, deviations: Array, target: Array) -> StackedResiduals:
+        """Residuals at a guess, with derivatives and covariance.
+
+        The derivative is by a step of T_f_s, by the deviations, and by the targets' parameters.
+
+        Parameters
+        ----------
+        T_f_s : ndarray, shape (4, 4)
+            The sensor on the flange.
+        deviations : ndarray, shape (joints, 6)
+            See `with_deviations`.
+        target : ndarray, shape (m,)
+            The targets' parameters, one after the other.
+
+        Notes
+        -----
+        The derivative by deviations is that without any: deviations are some 1e-4, and so is its
+        relative error.
+        """
+        arm = with_deviations(self.kinematics, deviations)
+        own_targets = np.split(target, np.cumsum([len(s.start) for s in self.targets])[:-1])
+        parts = []
+        for seen, own, (E, J) in zip(self.targets, own_targets, self._flange_motions, strict=True):
+            T_b_f = E @ np.array([arm.forward(q) for q in seen.q])
+            found = seen.model.seen_from(T_b_f).linearise(T_f_s, own)
+            by_flange = found.by_pose.copy()
+            # A turn of the flange also carries the sensor, whose origin is not that of f.
+            by_flange[:, :, 3:] -= found.by_pose[:, :, :3] @ skew_matrix(T_f_s[:3, 3])
+            by_pose = np.concatenate((found.by_pose, by_flange @ J), axis=2)
+            parts.append(replace(found, by_pose=by_pose))
+        return stack_residuals(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class ArmGeometry:
+    """Geometry error of an arm whose model is known: its joints deviate from the model.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        The arm.
+    tolerance : PlacementTolerance
+        How the deviations of a joint compare with each other; their size counts for nothing here.
+    """
+
+    kinematics: Kinematics
+    tolerance: PlacementTolerance = field(default_factory=PlacementTolerance)
+
+    @cached_property
+    def _size(self) -> float:
+        """RMS of the flange's position over all postures, each axis, metres."""
+        rng = np.random.default_rng(0)
+        drawn = rng.uniform(-np.pi, np.pi, (DRAWN_POSTURES, len(self.kinematics.lower)))
+        moved = np.array([self._motions_in_flange(q)[:3] for q in drawn])
+        return float(np.sqrt(np.mean(np.sum(moved**2, axis=2))))
+
+    def moves(self, q: Array) -> Array:
+        """How the flange moves with m independent standard normal draws, shape (6, m).
+
+        Translation, metres, and rotation about the flange's origin, radians, in the axes of b; of
+        an arm whose flange is off by one metre in each axis, root mean square over all postures.
+
+        Parameters
+        ----------
+        q : ndarray, shape (joints,)
+            Joint angles, radians.
+        """
+        R_b_f = self.kinematics.forward(q)[:3, :3]
+        return np.asarray(block_diag(R_b_f, R_b_f) @ self._motions_in_flange(q) / self._size)
+
+    def _motions_in_flange(self, q: Array) -> Array:
+        by_deviations = deviation_jacobian(self.kinematics, q) * self.tolerance.sigmas
+        return by_deviations.reshape(6, -1)
+
 
 MAX_REJECTED_SHARE: Final = 0.1
 """Of the profiles; with more, it is not single ones that are bad."""
@@ -36,23 +197,9 @@ DEVIATION_KINDS: Final = ("length x", "length y", "length z", "twist x", "twist 
 """Of a joint's deviations, in their order."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
-class ArmEstimate(refine.LeastSquaresEstimate):
-    """Deviations, sensor and targets that fit best, with their covariance.
-
-    Parameters
-    ----------
-    deviations : ndarray, shape (joints, 6)
-        Of the joints; metres and radians.
-    """
-
-    deviations: Array
-
-
 def estimate_deviations(
     model: ArmModel, sigmas: Array, T_f_s: Array, held_out: Mask | None = None
-) -> ArmEstimate:
+) -> refine.LeastSquaresEstimate:
     """Estimate deviations, sensor and targets, without the profiles that contradict the others.
 
     Parameters
@@ -82,7 +229,7 @@ def estimate_deviations(
     return estimate
 
 
-def whitened_jacobian(estimate: ArmEstimate, sigmas: Array) -> Array:
+def whitened_jacobian(estimate: refine.LeastSquaresEstimate, sigmas: Array) -> Array:
     """Derivatives of the used residuals over their errors, shape (N, 6 + 6 joints + m).
 
     By steps of T_f_s, by deviations over their `sigmas`, shape (joints, 6), and by targets.
@@ -118,27 +265,22 @@ class _ScaledArm:
 
 def _solve_for_deviations(
     model: ArmModel, sigmas: Array, T_f_s: Array, target: Array, used: Mask
-) -> ArmEstimate:
+) -> refine.LeastSquaresEstimate:
     scaled, prior = _ScaledArm(model, sigmas), np.eye(sigmas.size, sigmas.size + len(target))
     start = np.concatenate((np.zeros(sigmas.size), target))
-    T_f_s, parameters = refine.solve_reweighted(scaled, T_f_s, start, used, prior, WEIGHTING_ROUNDS)
-    found = scaled.linearise(T_f_s, parameters)
-    J, r = refine.whiten_with_prior(found.of_profiles(used), prior, parameters)
+    found = refine.solve_reweighted(scaled, T_f_s, start, used, prior, WEIGHTING_ROUNDS)
     scale = _units_of_parameters(sigmas, len(target))
-    deviations, target = scaled.unscaled(parameters)
-    return ArmEstimate(
-        T_f_s,
-        target,
-        refine.covariance_from_information(J.T @ J) * np.outer(scale, scale),
-        float(r @ r),
-        len(r) - J.shape[1],
-        model.linearise(T_f_s, deviations, target),
-        used,
-        deviations,
+    deviations, target = scaled.unscaled(found.target)
+    return replace(
+        found,
+        target=target,
+        deviations=deviations,
+        covariance=found.covariance * np.outer(scale, scale),
+        stacked=model.linearise(found.T_f_s, deviations, target),
     )
 
 
-def without_each_profile(estimate: ArmEstimate) -> tuple[Array, Array]:
+def without_each_profile(estimate: refine.LeastSquaresEstimate) -> tuple[Array, Array]:
     """By how much the sum of squares would fall without each profile, and T_f_s would move.
 
     Returns
@@ -238,45 +380,28 @@ MAX_WORSENING_RATIO: Final = 1.3
 the RMS of twelve arcs differs by so much now and then."""
 
 
-@dataclass(frozen=True, slots=True)
-class CrossCheck:
-    """Error of the arm's prediction of profiles that took no part, without and with deviations.
-
-    Parameters
-    ----------
-    count : int
-        Profiles.
-    before, after : float
-        RMS distance of the target from its place by the arm's model, and by the calibrated arm,
-        in metres; without deviations, the sensor's pose was found from the same profiles.
-    """
-
-    count: int
-    before: float
-    after: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class ArmCalibration:
     """An arm's deviations and the sensor's pose on its flange, found together.
 
     Parameters
     ----------
-    estimate : ArmEstimate
+    estimate : refine.LeastSquaresEstimate
         Deviations, sensor and targets.
     undetermined : tuple of str
         Sentences on deviations that are known no better than before.
-    cross_check : CrossCheck
-        With the profiles that took no part.
     held_out : ndarray of bool, shape (n,)
         The profiles that took no part.
+    error_before, error_after : float
+        RMS distance of the target in these from its place by the arm's model, and by the calibrated
+        arm, in metres; without deviations, the sensor's pose was found from the same profiles.
     """
 
-    estimate: ArmEstimate
+    estimate: refine.LeastSquaresEstimate
     undetermined: tuple[str, ...]
-    cross_check: CrossCheck
     held_out: Mask
+    error_before: float
+    error_after: float
 
     @property
     def covariance(self) -> Array:
@@ -295,10 +420,10 @@ class ArmCalibration:
 
     def lines(self, checks: str, target: str) -> list[str]:
         """Sentences on the check with held-out `checks`, and on undetermined deviations."""
-        check = self.cross_check
+        before, after = 1e3 * self.error_before, 1e3 * self.error_after
         return [
-            f"{check.count} {checks} that took no part: the {target} {1e3 * check.before:.3f} mm "
-            f"off (RMS) as the arm's model has it, {1e3 * check.after:.3f} mm with what was found",
+            f"{self.held_out.sum()} {checks} that took no part: the {target} {before:.3f} mm "
+            f"off (RMS) as the arm's model has it, {after:.3f} mm with what was found",
             *self.undetermined,
         ]
 
@@ -354,19 +479,19 @@ def calibrate_arm(
             "tight, that each profile belongs to its joint angles, and that the arm is of the "
             "model stated",
         )
-    check = CrossCheck(checking, *(_distance_of_target(one, held_out) for one in (plain, found)))
-    if check.after > MAX_WORSENING_RATIO * check.before:
+    before, after = (_distance_of_target(one, held_out) for one in (plain, found))
+    if after > MAX_WORSENING_RATIO * before:
         raise CalibrationRefused(
             "poses that took no part fit worse",
-            f"the target is {1e3 * check.before:.3f} mm RMS off as the arm's model has it, and "
-            f"{1e3 * check.after:.3f} mm with the deviations found; take more poses, in other "
+            f"the target is {1e3 * before:.3f} mm RMS off as the arm's model has it, and "
+            f"{1e3 * after:.3f} mm with the deviations found; take more poses, in other "
             "postures",
         )
     undetermined = undetermined_deviations(whitened_jacobian(found, prior), model.joints)
-    return ArmCalibration(found, undetermined, check, held_out)
+    return ArmCalibration(found, undetermined, held_out, before, after)
 
 
-def _distance_of_target(estimate: ArmEstimate, held_out: Mask) -> float:
+def _distance_of_target(estimate: refine.LeastSquaresEstimate, held_out: Mask) -> float:
     """RMS distance of the target in held-out profiles, in metres."""
     stacked = estimate.stacked
     lengths = stacked.residuals[stacked.is_length & held_out[stacked.profile]]
@@ -387,9 +512,15 @@ def as_hand_eye_calibration(
     arm_model : str
         Name of the arm's kinematics.
     """
-    estimate, check = found.estimate, astuple(found.cross_check)
-    kinematics = ArmKinematicsEntry.from_si(
-        arm_model, found.deviations, found.covariance, found.undetermined, check
+    estimate = found.estimate
+    kinematics = ArmKinematicsEntry(
+        model=arm_model,
+        deviations=tuple(map(tuple, (found.deviations * FILE_UNITS_PER_SI).tolist())),
+        covariance=in_file_units(found.covariance, axes=2),
+        left_as_stated=found.undetermined,
+        held_out_poses=int(found.held_out.sum()),
+        held_out_before_mm=1e3 * found.error_before,
+        held_out_after_mm=1e3 * found.error_after,
     )
     covariance = found.covariance[:6, :6]
     sigma = np.sqrt(np.diag(covariance))  # the condition counts in units of each one's certainty

@@ -1,20 +1,204 @@
-"""Maximum-likelihood refinement: a profile weighs as much as its and the arm's errors allow."""
+"""Maximum-likelihood refinement of one sensor and one or several targets.
+
+All share one T_f_s, and errors of arm and laser; each target has unknowns of its own. A profile
+weighs as much as its own and the arm's errors allow.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 from scipy.optimize import least_squares
 from scipy.special import chdtri
 
-from tjscan.calibration.solve.combined import CombinedModel, StackedResiduals
-from tjscan.calibration.targets.consensus import Mask
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.calibration.noise import geometry_covariance
+from tjscan.calibration.targets.target import LinearisedModel, TargetModel
+from tjscan.core.frames import Array, Mask, array_dataclass
 from tjscan.core.pose_vector import boxplus, left_jacobian
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StackedResiduals:
+    """Residuals of all profiles of all targets in one column, with derivatives and covariance.
+
+    Parameters
+    ----------
+    residuals : ndarray, shape (N,)
+        Zero if everything fits; metres and radians.
+    jacobian : ndarray, shape (N, p)
+        Derivative by a step of T_f_s (axes of f), by the joints' deviations if these are
+        estimated, and by the parameters of the targets.
+    covariance : ndarray, shape (N, N)
+        Of the residuals: range noise, the arm's pose noise and its geometry error.
+    geometry : ndarray, shape (N, N)
+        Covariance that a geometry error of one metre would add.
+    profile : ndarray of int, shape (N,)
+        Number of the profile that each residual belongs to.
+    by_laser : ndarray, shape (N, m), or None
+        Derivative by draws of the laser's deviation, which the covariance holds.
+    """
+
+    residuals: Array
+    jacobian: Array
+    covariance: Array
+    geometry: Array
+    profile: NDArray[np.intp]
+    by_laser: Array | None = None
+
+    @property
+    def is_length(self) -> Mask:
+        """Whether each residual is a length: of an arc all three, of a line every other one."""
+        sizes, first = np.bincount(self.profile), np.searchsorted(self.profile, self.profile)
+        place = np.arange(len(self.profile)) - first
+        return np.asarray((sizes[self.profile] == 3) | (place % 2 == 0))
+
+    @property
+    def lower_root(self) -> Array:
+        """Lower triangular L, shape (N, N), with L Lᵀ the covariance."""
+        return np.asarray(np.linalg.cholesky(self.covariance), dtype=float)
+
+    def of_profiles(self, chosen: Mask) -> StackedResiduals:
+        """Return the residuals of some profiles, by a mask of shape (n,), alone."""
+        rows = chosen[self.profile]
+        square = np.ix_(rows, rows)
+        return StackedResiduals(
+            self.residuals[rows],
+            self.jacobian[rows],
+            self.covariance[square],
+            self.geometry[square],
+            self.profile[rows],
+            None if self.by_laser is None else self.by_laser[rows],
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CombinedModel:
+    """Model of the residuals of one or several targets.
+
+    Parameters
+    ----------
+    models : tuple of TargetModel
+        One per target; their parameters and profiles follow one another.
+    correlation : ndarray, shape (n, n)
+        Of the arm's geometry error between the poses of all profiles.
+    geometry : float
+        Standard deviation of that error, position in each axis, metres.
+    by_true_pose : tuple of ndarray, shape (n, 6, 6) each, or None
+        Of a sensor that is fixed in the room, for each target: from an error of each flange pose
+        to that of the inverse pose, see `inverse_pose_errors`.
+
+    Notes
+    -----
+    `correlation` counts if the arm's postures are not known; see `LinearisedModel.by_geometry`.
+    """
+
+    models: tuple[TargetModel, ...]
+    correlation: Array
+    geometry: float = 0.0
+    by_true_pose: tuple[Array, ...] | None = None
+
+    @property
+    def prior_information(self) -> Array:
+        """Inverse covariance of all targets' parameters about zero, shape (m, m)."""
+        each = [model.prior_information for model in self.models]
+        return each[0] if len(each) == 1 else np.asarray(block_diag(*each))
+
+    def part(self, k: int) -> slice:
+        """Slice of the parameters of target k among all parameters."""
+        ends = np.cumsum([0] + [len(model.prior_information) for model in self.models])
+        return slice(int(ends[k]), int(ends[k + 1]))
+
+    def linearise_each(self, T_f_s: Array, target: Array) -> list[LinearisedModel]:
+        """Linearise each target at a guess of the sensor and all targets' parameters.
+
+        Parameters
+        ----------
+        T_f_s : ndarray, shape (4, 4)
+            The sensor on the flange.
+        target : ndarray, shape (m,)
+            Parameters of the targets, one after the other.
+        """
+        found = [
+            model.linearise(T_f_s, target[self.part(k)]) for k, model in enumerate(self.models)
+        ]
+        if self.by_true_pose is None:
+            return found
+        return [
+            replace(one, by_arm=one.by_arm @ errors)
+            for one, errors in zip(found, self.by_true_pose, strict=True)
+        ]
+
+    def misfit(self, T_f_s: Array, target: Array) -> float:
+        """Weighted sum of squares, profile by profile: the nearest of several starts has least."""
+        total = 0.0
+        for part in self.linearise_each(T_f_s, target):
+            r = part.residuals[..., None]
+            total += float((r * np.linalg.solve(part.covariance, r)).sum())
+        return total
+
+    def first_order(self, T_f_s: Array, target: Array) -> tuple[Array, Array]:
+        """Residuals of all profiles, shape (N,), and their derivatives; see `linearise_each`.
+
+        Returns
+        -------
+        residuals : ndarray, shape (N,)
+            In metres and radians.
+        jacobian : ndarray, shape (N, 6 + m)
+            By a step of T_f_s and by the targets' parameters.
+        """
+        parts = self.linearise_each(T_f_s, target)
+        return np.concatenate([part.residuals.ravel() for part in parts]), _combined_jacobian(parts)
+
+    def linearise(self, T_f_s: Array, target: Array) -> StackedResiduals:
+        """Residuals of all profiles, with derivatives and covariance; see `linearise_each`."""
+        parts = self.linearise_each(T_f_s, target)
+        plain, shared = stack_residuals(parts), _stack_rows([part.by_geometry for part in parts])
+        if shared is None:
+            by_arm = np.concatenate([part.by_arm.reshape(-1, 6) for part in parts])
+            correlation = self.correlation[plain.profile][:, plain.profile]
+            geometry = geometry_covariance(by_arm, correlation)
+        else:
+            geometry = shared @ shared.T
+        covariance = plain.covariance + self.geometry**2 * geometry
+        return replace(plain, covariance=covariance, geometry=geometry)
+
+
+def stack_residuals(parts: Sequence[LinearisedModel]) -> StackedResiduals:
+    """Residuals of all targets in one column, on an arm without any geometry error."""
+    sizes = [np.full(len(part.residuals), part.residuals.shape[1]) for part in parts]
+    counts = np.concatenate(sizes)
+    # Range noise and pose noise have nothing in common from one profile to another.
+    covariance = np.asarray(block_diag(*(block for part in parts for block in part.covariance)))
+    by_laser = _stack_rows([part.by_laser for part in parts])
+    if by_laser is not None:
+        covariance = covariance + by_laser @ by_laser.T
+    return StackedResiduals(
+        np.concatenate([part.residuals.ravel() for part in parts]),
+        _combined_jacobian(parts),
+        covariance,
+        np.zeros_like(covariance),
+        np.repeat(np.arange(len(counts)), counts),
+        by_laser,
+    )
+
+
+def _combined_jacobian(parts: Sequence[LinearisedModel]) -> Array:
+    """Derivatives by what all targets share, and by the parameters of each."""
+    shared = [part.by_pose.reshape(-1, part.by_pose.shape[2]) for part in parts]
+    own = [part.by_target.reshape(-1, part.by_target.shape[2]) for part in parts]
+    return np.hstack((np.concatenate(shared), block_diag(*own)))
+
+
+def _stack_rows(parts: Sequence[Array | None]) -> Array | None:
+    """Rows of all targets, shape (N, m); None if a target has none."""
+    known = [part.reshape(-1, part.shape[2]) for part in parts if part is not None]
+    return np.concatenate(known) if len(known) == len(parts) else None
+
 
 MAX_REWEIGHTINGS: Final = 4
 """Weights depend on the geometry only weakly; they settle in two or three rounds."""
@@ -32,8 +216,7 @@ MIN_REDUNDANCY: Final = 1e-6
 """A profile that leaves itself less than this share of dof can't be checked by the others."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class LeastSquaresEstimate:
     """Least-squares estimate of sensor and targets, with its fit.
 
@@ -54,6 +237,12 @@ class LeastSquaresEstimate:
         Of all profiles, the unused ones too, at this estimate.
     used : ndarray of bool, shape (n,)
         Which profiles it rests on.
+    geometry : float
+        Standard deviation of the arm's geometry error that it allows for, metres.
+    prior_information : ndarray, shape (m, m)
+        Of the targets' parameters; empty if the joints' deviations are estimated.
+    deviations : ndarray, shape (joints, 6)
+        Of the joints, metres and radians; empty if they are not estimated.
     """
 
     T_f_s: Array
@@ -63,6 +252,9 @@ class LeastSquaresEstimate:
     dof: int
     stacked: StackedResiduals
     used: Mask
+    geometry: float = 0.0
+    prior_information: Array = field(default_factory=lambda: np.empty((0, 0)))
+    deviations: Array = field(default_factory=lambda: np.empty((0, 6)))
 
     @property
     def in_use(self) -> StackedResiduals:
@@ -90,23 +282,6 @@ class LeastSquaresEstimate:
         return max(1.0, self.chi2 / max(self.dof, 1))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
-class RefinedEstimate(LeastSquaresEstimate):
-    """Estimate of sensor and targets, with the arm's geometry error and the targets' prior.
-
-    Parameters
-    ----------
-    geometry : float
-        Standard deviation of the arm's geometry error that it allows for, metres.
-    prior_information : ndarray, shape (m, m)
-        Of the targets' parameters.
-    """
-
-    geometry: float
-    prior_information: Array
-
-
 def refine_by_least_squares(
     model: CombinedModel,
     T_f_s: Array,
@@ -114,7 +289,7 @@ def refine_by_least_squares(
     used: Mask,
     *,
     rough: bool = False,
-) -> RefinedEstimate:
+) -> LeastSquaresEstimate:
     """Refine a nearby start: minimise the weighted sum of squares over the used profiles.
 
     The weights are the inverse covariance of the residuals at the current estimate; the
@@ -140,22 +315,10 @@ def refine_by_least_squares(
     prior = np.sqrt(values[kept])[:, None] * vectors[:, kept].T
     rounds, evaluations = (1, ROUGH_EVALUATIONS) if rough else (MAX_REWEIGHTINGS, MAX_EVALUATIONS)
     solver = {**SOLVER_TOLERANCES, "max_nfev": evaluations}
-    T_f_s, target = solve_reweighted(
+    found = solve_reweighted(
         model, T_f_s, target, used, prior, rounds, settled=CONVERGENCE_SIGMAS, **solver
     )
-    stacked = model.linearise(T_f_s, target)
-    J, r = whiten_with_prior(stacked.of_profiles(used), prior, target)
-    return RefinedEstimate(
-        T_f_s,
-        target,
-        covariance_from_information(J.T @ J),
-        float(r @ r),
-        len(r) - J.shape[1],
-        stacked,
-        used,
-        model.geometry,
-        information,
-    )
+    return replace(found, geometry=model.geometry, prior_information=information)
 
 
 class ResidualModel(Protocol):
@@ -178,7 +341,7 @@ def solve_reweighted(
     *,
     settled: float = 0.0,
     **solver: Any,
-) -> tuple[Array, Array]:
+) -> LeastSquaresEstimate:
     """Minimise the weighted sum of squares, the weights found again in each round.
 
     Parameters
@@ -199,11 +362,6 @@ def solve_reweighted(
         A round that moves the whitened residuals by less is the last.
     **solver
         Of `scipy.optimize.least_squares`.
-
-    Returns
-    -------
-    T_f_s : ndarray, shape (4, 4)
-    target : ndarray, shape (m,)
     """
     for _ in range(rounds):
         first = model.linearise(base, target)
@@ -217,7 +375,13 @@ def solve_reweighted(
         base, target = boxplus(base, found.x[:6]), found.x[6:]
         if moved < settled:
             break
-    return base, target
+    stacked = model.linearise(base, target)
+    in_use = stacked.of_profiles(used)
+    L = in_use.lower_root
+    J = _append_prior(whiten_residuals(L, in_use.jacobian), prior)
+    r = np.concatenate((whiten_residuals(L, in_use.residuals), prior @ target))
+    covariance, dof = covariance_from_information(J.T @ J), len(r) - J.shape[1]
+    return LeastSquaresEstimate(base, target, covariance, float(r @ r), dof, stacked, used)
 
 
 class _CachedLinearisation:
@@ -248,16 +412,7 @@ class _CachedLinearisation:
         return self._found
 
 
-def whiten_with_prior(
-    stacked: StackedResiduals, prior: Array, target: Array
-) -> tuple[Array, Array]:
-    """Derivatives and residuals over their errors, the prior's below them."""
-    L = stacked.lower_root
-    J = _append_prior(whiten_residuals(L, stacked.jacobian), prior)
-    return J, np.concatenate((whiten_residuals(L, stacked.residuals), prior @ target))
-
-
-def settle_targets(model: CombinedModel, estimate: RefinedEstimate) -> RefinedEstimate:
+def settle_targets(model: CombinedModel, estimate: LeastSquaresEstimate) -> LeastSquaresEstimate:
     """Move the targets to their places by the used profiles, the sensor being kept.
 
     An error of the arm that is alike at all poses has the same effect as a target at another
@@ -267,7 +422,7 @@ def settle_targets(model: CombinedModel, estimate: RefinedEstimate) -> RefinedEs
     ----------
     model : CombinedModel
         The profiles.
-    estimate : RefinedEstimate
+    estimate : LeastSquaresEstimate
         From them.
     """
     plain = replace(model, geometry=0.0)
@@ -300,12 +455,12 @@ def estimate_by_laser(estimate: LeastSquaresEstimate) -> Array | None:
     return np.asarray(-estimate.covariance @ stacked.jacobian.T @ weighted)
 
 
-def residual_information(estimate: RefinedEstimate) -> tuple[Array, Array]:
+def residual_information(estimate: LeastSquaresEstimate) -> tuple[Array, Array]:
     """Weights of the residuals of the used profiles after the fit, and their weighted sums.
 
     Parameters
     ----------
-    estimate : RefinedEstimate
+    estimate : LeastSquaresEstimate
         Of U residuals in use.
 
     Returns
@@ -321,7 +476,7 @@ def residual_information(estimate: RefinedEstimate) -> tuple[Array, Array]:
     return W - WJ @ estimate.covariance @ WJ.T, W @ stacked.residuals
 
 
-def leave_one_out_changes(estimate: RefinedEstimate) -> tuple[Array, Array]:
+def leave_one_out_changes(estimate: LeastSquaresEstimate) -> tuple[Array, Array]:
     """How fit and T_f_s would change if single profiles were left out, to first order.
 
     Returns
@@ -351,12 +506,12 @@ def leave_one_out_changes(estimate: RefinedEstimate) -> tuple[Array, Array]:
     return chi2, step
 
 
-def predicted_residuals(estimate: RefinedEstimate, profile: int) -> tuple[Array, Array]:
+def predicted_residuals(estimate: LeastSquaresEstimate, profile: int) -> tuple[Array, Array]:
     """Residuals of an unused profile from what the others predict, and their covariance.
 
     Parameters
     ----------
-    estimate : RefinedEstimate
+    estimate : LeastSquaresEstimate
         That does without the profile.
     profile : int
         Which one.

@@ -13,11 +13,10 @@ from scipy.special import chdtri
 
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets import consensus
-from tjscan.calibration.targets.consensus import Mask
 from tjscan.calibration.targets.line import distances_from_line
 from tjscan.calibration.targets.target import LinearisedModel, SeenTarget, TargetModel
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, frozen_arrays, pose, readonly_copy, skew_matrix
+from tjscan.core.frames import Array, Mask, array_dataclass, pose, readonly_copy, skew_matrix
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.profile import Profile
 
@@ -36,8 +35,7 @@ START_RADIUS_RATIO: Final = 1.05
 """An unknown ball starts this much larger than its largest arc."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class CircleFit:
     """A circle fitted to the arc of points in a profile, frame s.
 

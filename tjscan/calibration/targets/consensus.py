@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, Mask
 from tjscan.core.robust import mad_sigma
 from tjscan.laser.profile import Profile
 
@@ -23,8 +23,6 @@ MAX_SCATTER_RATIO: Final = 4.0
 """A curve may be so many times rougher than stated before its points count as outliers."""
 MAX_TRIMS: Final = 8
 """Rounds of refitting and trimming; the points in use settle in two or three."""
-
-Mask = NDArray[np.bool_]
 
 
 def valid_points(profile: Profile) -> Array:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from tjscan.calibration.noise import NoiseModel
-from tjscan.calibration.plucker import PluckerLine, line_through_point
 from tjscan.calibration.targets import consensus
-from tjscan.calibration.targets.consensus import Mask
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, Mask, array_dataclass
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.profile import Profile
 
@@ -30,8 +27,7 @@ An assumption: lateral errors of such sensors are smaller than range errors, but
 """
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class LineFit:
     """A straight line fitted to a profile in the laser plane, frame s.
 
@@ -78,8 +74,7 @@ class LineFit:
         return np.stack((across.mean(axis=0), along @ across / (along @ along)))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class LineBundle:
     """Lines on a plane, stacked with the flange poses they were taken from.
 
@@ -101,11 +96,6 @@ class LineBundle:
     directions_s: Array
     sigma_offset: Array
     sigma_angle: Array
-
-    @property
-    def plucker_lines_s(self) -> PluckerLine:
-        """All lines in frame s, in Plücker coordinates."""
-        return line_through_point(self.points_s, self.directions_s)
 
 
 def stack_lines(T_b_f: Array, fits: Sequence[LineFit]) -> LineBundle:

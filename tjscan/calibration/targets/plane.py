@@ -11,17 +11,18 @@ from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
 from tjscan.calibration.closed_form import (
+    PluckerPlane,
+    plane_through_point,
     rotation_candidates,
     rotation_equations,
     sensor_on_flange_side_share,
     solve_closed_form,
 )
 from tjscan.calibration.noise import ARM_REACH, NoiseModel
-from tjscan.calibration.plucker import PluckerPlane, plane_through_point
 from tjscan.calibration.targets.line import LineBundle, LineFit, stack_lines
 from tjscan.calibration.targets.target import LinearisedModel, SeenTarget, TargetModel
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, cross, frozen_arrays, pose, transform_points, unit_vector
+from tjscan.core.frames import Array, array_dataclass, cross, pose, transform_points, unit_vector
 
 MAX_REFINED_STARTS: Final = 12
 """Starts refined for an unknown plane."""
@@ -43,8 +44,7 @@ STATED_BOARD_SIZE: Final = 0.2
 """Metres; see `plane_stated_beforehand`."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class PlaneTarget:
     """A flat calibration board in frame b, and the knowledge of its place.
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.targets import consensus
-from tjscan.calibration.targets.consensus import Mask
 from tjscan.calibration.targets.line import (
     MIN_LINE_LENGTH,
     MIN_LINE_POINTS,
@@ -29,7 +28,7 @@ from tjscan.calibration.targets.plane import (
 )
 from tjscan.calibration.targets.target import LinearisedModel, SeenTarget, TargetModel
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, Mask, array_dataclass
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.profile import Profile
 
@@ -50,8 +49,7 @@ MAX_CROSSING_POINTS: Final = 5
 """Points of the other flank that may be near a line at the crossing."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class RoofFit:
     """Two lines fitted to the flanks of a roof edge in a profile, frame s.
 

@@ -11,13 +11,12 @@ import numpy as np
 
 from tjscan.calibration.noise import FlangeMoves, NoiseModel
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, PoseMatrix, frozen_arrays
+from tjscan.core.frames import Array, PoseMatrix, array_dataclass
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.profile import Profile
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class PosedProfile:
     """A profile of the calibration target, and the flange pose it was taken from.
 
@@ -49,8 +48,7 @@ class ProfileFit(Protocol):
 Fit = TypeVar("Fit", bound=ProfileFit)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class PosedFit(Generic[Fit]):
     """The fit to a profile, and the flange pose that the profile was taken from.
 

@@ -23,10 +23,10 @@ from tjscan.recording.foxglove import (
     profile_from_cloud_message,
     profile_to_cloud_message,
 )
+from tjscan.recording.journal import RecordingWriter
 from tjscan.recording.parts import next_recording_file, recording_files
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic
-from tjscan.recording.writer import RecordingWriter
 
 CALIBRATION_RECORDING: Final = "measured"
 """Kind of the recording: it is in ``measured.mcap``, and in a further part for each resume."""

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tjscan.calibration.plucker import PluckerPlane
+from tjscan.calibration.closed_form import PluckerPlane
 from tjscan.calibration.wizard.session import poses_square_to_board
 from tjscan.core.errors import PoseUnreachable
 from tjscan.core.frames import Array, pose, transform_points

@@ -9,12 +9,11 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.calibration.checks.acceptance import Verification, verify_with_fresh_line
+from tjscan.calibration.checks import Verification, verify_with_fresh_line
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.line import fit_line
 from tjscan.calibration.targets.plane import NOT_FLAT, PlaneTarget, SeenBoard
 from tjscan.calibration.targets.target import PosedProfile, fit_profiles
-from tjscan.calibration.wizard.advice import BoardRectangle
 from tjscan.calibration.wizard.logbook import (
     BoardTouch,
     LaserLineTaken,
@@ -23,7 +22,7 @@ from tjscan.calibration.wizard.logbook import (
     SkippedPose,
 )
 from tjscan.calibration.wizard.operator import Operator, Question, TouchProbe
-from tjscan.calibration.wizard.session import CalibrationPlan, CalibrationProgress
+from tjscan.calibration.wizard.session import BoardRectangle, CalibrationPlan, CalibrationProgress
 from tjscan.core.errors import CalibrationRefused, PoseUnreachable
 from tjscan.core.frames import Array, rotation_angle_between
 from tjscan.laser.line_laser import LineLaser

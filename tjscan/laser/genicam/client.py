@@ -19,16 +19,8 @@ from typing import Any, Final
 
 import viva_genicam
 
+from tjscan.core import errors
 from tjscan.core.devices import DeviceIdentity
-from tjscan.core.errors import (
-    LaserFault,
-    LaserInUse,
-    LaserNotConnected,
-    LaserNotResponding,
-    ProfileFormatRefused,
-    ProfileNotReceived,
-    ProfileStale,
-)
 from tjscan.core.process import ClientRequest
 from tjscan.core.signals import ignore_ctrl_c
 from tjscan.laser.genicam.messages import (
@@ -36,10 +28,9 @@ from tjscan.laser.genicam.messages import (
     HostInterval,
     ReceivedBlock,
     StatedAxis,
-    StreamSetup,
     host_time_of_exposure,
 )
-from tjscan.laser.genicam.settings import FeatureValue, GigeSettings
+from tjscan.laser.genicam.settings import FeatureValue, GenicamSettings, ScanControlSettings
 
 DISCOVERY_TIMEOUT_MS: Final = (100, 300, 900)
 """Milliseconds to wait for lasers to answer each broadcast, until one that does not is given up.
@@ -73,25 +64,29 @@ class GenicamClient:
     def __init__(self) -> None:
         self._camera: Any = None
         self._stream: Any = None
-        self._setup = StreamSetup("software")
+        self._waits_for_trigger = False
+        self._margin: float | None = None
         self._ticks_per_second = 0
         self._latches = False
         self._exposure: float | None = None
 
-    def connect(self, settings: GigeSettings, setup: StreamSetup) -> ConnectedLaser:
+    def connect(self, settings: GenicamSettings | ScanControlSettings) -> ConnectedLaser:
         """Connect, set everything up, and begin to stream."""
-        self._setup = setup
         address = self._open_laser(settings.address, settings.serial)
         for name, value in settings.features.items():
             self._set_feature(name, value)
-        for register, number in setup.registers.items():
-            self._camera.write_register(register, number.to_bytes(4))
-        if setup.exposure is not None:
-            self._camera.set_exposure_time(1e6 * setup.exposure)
-        chosen = self._choose_format(setup.pixel_format) if setup.chooses_format else ""
-        if setup.rows is not None:
-            self._set_feature("Height", setup.rows)
-        if setup.trigger == "software":
+        chosen = ""
+        if isinstance(settings, ScanControlSettings):
+            self._margin = settings.margin
+            for register, number in settings.registers.items():
+                self._camera.write_register(int(register, 16), number.to_bytes(4))
+        else:
+            self._waits_for_trigger = settings.trigger == "software"
+            if settings.exposure is not None:
+                self._camera.set_exposure_time(1e6 * settings.exposure)
+            chosen = self._choose_format(settings.pixel_format)
+            self._set_feature("Height", settings.rows)
+        if self._waits_for_trigger:
             self._camera.enable_trigger(self._choose_trigger(), "Software")
         elif "TriggerMode" in self._names:
             self._camera.disable_trigger(self._choose_trigger())
@@ -131,7 +126,7 @@ class GenicamClient:
         stale, began = 0, time.monotonic()
         for attempt in range(1, attempts + 1):
             until = time.monotonic() + timeout
-            if self._setup.trigger == "software":
+            if self._waits_for_trigger:
                 self._camera.trigger_software()
             while (wait := until - time.monotonic()) > 0:
                 try:
@@ -139,7 +134,7 @@ class GenicamClient:
                 except viva_genicam.TransportError:
                     break
                 if frame is None:
-                    raise LaserNotResponding("the laser's stream has ended. Connect again.")
+                    raise errors.LaserNotResponding("the laser's stream has ended. Connect again.")
                 came, exposed = time.monotonic(), frame.ts_dev or 0
                 if self._latches and exposed < latched + self._ticks_before_fresh:
                     stale += 1
@@ -157,11 +152,11 @@ class GenicamClient:
                     attempts=attempt,
                 )
         if stale:
-            raise ProfileStale(
+            raise errors.ProfileStale(
                 f"{stale} profiles came in {attempts} attempts, all exposed before they were asked "
                 "for. See that nothing else triggers the laser, and that its buffer is off."
             )
-        raise ProfileNotReceived(
+        raise errors.ProfileNotReceived(
             f"no whole profile came in {attempts} attempts of {1e3 * timeout:.0f} ms. See that "
             "the cable, the switch and the packet size carry the stream, and that the laser is "
             "not waiting for another trigger."
@@ -177,24 +172,26 @@ class GenicamClient:
                 self._camera.close()
         self._stream = self._camera = None
 
-    def explain(self, error: Exception) -> LaserFault:
+    def explain(self, error: Exception) -> errors.LaserFault:
         """Fault that an error means: a fault itself, or one that the library raised."""
-        if isinstance(error, LaserFault):
+        if isinstance(error, errors.LaserFault):
             return error
         words = str(error)
         if "ACCESS_DENIED" in words or "control of the camera was lost" in words:
             if self._is_held_by_another():
-                return LaserInUse(
+                return errors.LaserInUse(
                     "another program has taken control of the laser. Close it there, then start "
                     "again."
                 )
-            return LaserNotResponding(
+            return errors.LaserNotResponding(
                 "the laser no longer takes commands: it was restarted, or its connection broke. "
                 "Start again."
             )
         if isinstance(error, viva_genicam.GenApiError) and "timeout" not in words:
-            return ProfileFormatRefused(f"the laser does not do as it is set up: {words}")
-        return LaserNotResponding(f"the laser does not answer: {words}. See its power and cable.")
+            return errors.ProfileFormatRefused(f"the laser does not do as it is set up: {words}")
+        return errors.LaserNotResponding(
+            f"the laser does not answer: {words}. See its power and cable."
+        )
 
     @property
     def _names(self) -> set[str]:
@@ -206,9 +203,9 @@ class GenicamClient:
 
         A trigger exposes after the call. What runs free may state when the exposure ended.
         """
-        if self._setup.trigger == "software":
+        if self._waits_for_trigger:
             return 0.0
-        margin = self._exposure if self._setup.margin is None else self._setup.margin
+        margin = self._exposure if self._margin is None else self._margin
         return (margin or 0.0) * self._ticks_per_second
 
     def _open_laser(self, address: str | None, serial: str | None) -> str:
@@ -223,7 +220,7 @@ class GenicamClient:
                     return str(info.ip)
         others = f"; there is {', '.join(seen.values())}" if seen else ""
         wanted = f"at {address}" if address is not None else f"with serial number {serial}"
-        raise LaserNotConnected(
+        raise errors.LaserNotConnected(
             f"no laser {wanted} answers{others}. See that it is on, that its cable sits, and that "
             "this computer has an address in its subnet."
         )
@@ -236,10 +233,12 @@ class GenicamClient:
                 return viva_genicam.connect_gige(info)
             except GenicamError as error:
                 if "ACCESS_DENIED" not in str(error):
-                    raise LaserNotConnected(f"the laser at {info.ip} fails: {error}") from error
+                    raise errors.LaserNotConnected(
+                        f"the laser at {info.ip} fails: {error}"
+                    ) from error
                 if time.monotonic() > until:
                     message = f"another program controls the laser at {info.ip}. Close it there."
-                    raise LaserInUse(message) from error
+                    raise errors.LaserInUse(message) from error
             time.sleep(0.1)
 
     def _is_held_by_another(self) -> bool:
@@ -252,7 +251,7 @@ class GenicamClient:
         candidates = PREFERRED_FORMATS if wanted is None else (wanted,)
         chosen = next((name for name in candidates if name in there), None)
         if chosen is None:
-            raise ProfileFormatRefused(
+            raise errors.ProfileFormatRefused(
                 f"the laser has no {' or '.join(candidates)}; it has {', '.join(there)}. Choose "
                 "one with laser.genicam.pixel_format"
             )
@@ -274,7 +273,7 @@ class GenicamClient:
                 self._camera.set(name, text)
         except GenicamError as error:
             message = f"the laser's feature {name} can't be set to {text}: {error}"
-            raise ProfileFormatRefused(message) from error
+            raise errors.ProfileFormatRefused(message) from error
 
     def _read_feature(self, name: str, read: Callable[[str], Any]) -> Any:
         """A feature's value; None if the laser lacks it."""

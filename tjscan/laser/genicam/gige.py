@@ -16,7 +16,6 @@ from tjscan.laser.genicam.messages import (
     HostInterval,
     ReceivedBlock,
     StatedAxis,
-    StreamSetup,
     exposure_on_cell_clock,
 )
 from tjscan.laser.genicam.settings import GenicamSettings, GigeSettings, ScanControlSettings
@@ -78,7 +77,7 @@ class GigeLaser(ABC, Generic[S]):
         table = self.settings
         self._process, limit = ClientProcess("tjscan.laser.genicam.client"), table.connect_limit
         try:
-            self._laser = self._call(ConnectedLaser, "connect", table, self._setup(), limit=limit)
+            self._laser = self._call(ConnectedLaser, "connect", table, limit=limit)
             self._check_identity(self._laser.identity)
             self._understand(self._laser)
         except BaseException:
@@ -145,10 +144,6 @@ class GigeLaser(ABC, Generic[S]):
         return self._profile(block, when, uncertainty)
 
     @abstractmethod
-    def _setup(self) -> StreamSetup:
-        """How its stream is set up."""
-
-    @abstractmethod
     def _understand(self, laser: ConnectedLaser) -> None:
         """Find out what its payload means, or refuse it; the laser has just been connected."""
 
@@ -156,23 +151,25 @@ class GigeLaser(ABC, Generic[S]):
     def _profile(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
         """The profile in a block, of this time on the cell's clock."""
 
-    def _link(self, size: int) -> str:
-        """Its link in words, for profiles of so many bytes."""
-        laser, clock = self.connected, "its clock can be read"
+    @abstractmethod
+    def _describe_payload(self) -> tuple[int, str, list[float]]:
+        """Bytes of a profile, what it sends, and both limits of z that it can state, metres."""
+
+    def describe(self) -> LaserDescription:
+        """Describe the laser and its link; raises as `connected` does."""
+        laser, (size, payload, limits) = self.connected, self._describe_payload()
+        clock, advice = "its clock can be read", ""
         if not laser.latches:
             clock = "its clock can't be read, so that its stream restarts for each profile"
+        if self.settings.serial is None:
+            advice = (
+                f'state serial = "{laser.identity.serial}" in the job, so that its calibration '
+                "holds for this laser alone"
+            )
         count = -(-size // max(laser.packet_size, 1))
         most = f"at most {laser.packet_size} bytes"
-        return f"{laser.address}, about {count} packets of {most} a profile, {clock}"
-
-    def _advice(self) -> str:
-        """What the job should state."""
-        if self.settings.serial is not None:
-            return ""
-        return (
-            f'state serial = "{self.identity.serial}" in the job, so that its calibration holds '
-            "for this laser alone"
-        )
+        link = f"{laser.address}, about {count} packets of {most} a profile, {clock}"
+        return LaserDescription(link, payload, min(limits), max(limits), advice)
 
     @property
     def _client(self) -> ClientProcess:
@@ -312,8 +309,7 @@ class GenicamLaser(GigeLaser[GenicamSettings]):
         """How its numbers become metres; raises as `connected` does."""
         return scales_of_laser(self.connected, self.settings)
 
-    def describe(self) -> LaserDescription:
-        """Describe the laser and its link; raises as `connected` does."""
+    def _describe_payload(self) -> tuple[int, str, list[float]]:
         laser, scales, table = self.connected, self.scales, self.settings
         layout = COORDINATE_FORMATS[laser.pixel_format]
         axes = ", ".join(
@@ -321,25 +317,9 @@ class GenicamLaser(GigeLaser[GenicamSettings]):
             for name, axis in (("x", scales.x), ("z", scales.z))
         )
         stated = "as the laser states" if table.scale is None else "as the job states"
-        ends = [scales.z.scale * raw + scales.z.offset for raw in layout.raw_range(scales.z)]
-        return LaserDescription(
-            link=self._link(layout.point_size * laser.columns * laser.rows),
-            format=f"{laser.pixel_format}, {laser.columns} points, rows: {laser.rows}, {axes}, "
-            f"{stated}",
-            near=min(ends),
-            far=max(ends),
-            advice=self._advice(),
-        )
-
-    def _setup(self) -> StreamSetup:
-        table = self.settings
-        return StreamSetup(
-            trigger=table.trigger,
-            pixel_format=table.pixel_format,
-            chooses_format=True,
-            exposure=table.exposure,
-            rows=table.rows,
-        )
+        sent = f"{laser.pixel_format}, {laser.columns} points, rows: {laser.rows}, {axes}, {stated}"
+        limits = [scales.z.scale * raw + scales.z.offset for raw in layout.raw_range(scales.z)]
+        return layout.point_size * laser.columns * laser.rows, sent, limits
 
     def _understand(self, laser: ConnectedLaser) -> None:
         scales_of_laser(laser, self.settings)  # refuses what it can't read
@@ -376,23 +356,15 @@ class ScanControlLaser(GigeLaser[ScanControlSettings]):
             return ScanControlScale(table.scale, table.offset)
         return MODEL_SCALES[str(table.model)]
 
-    def describe(self) -> LaserDescription:
-        """Describe the laser and its link; raises as `connected` does."""
+    def _describe_payload(self) -> tuple[int, str, list[float]]:
         table, scale = self.settings, self.scale
         raw = (GREATEST_RAW - 1, 0) if table.flip_z else (1, GREATEST_RAW)  # 0 as sent is no point
-        near, far = (scale.scale * (end - RAW_ZERO) + scale.offset for end in sorted(raw))
-        return LaserDescription(
-            link=self._link(row_bytes(table)),
-            format=f"{table.layout} profiles, {table.points} points, {1e3 * scale.scale:g} mm a "
-            f"count about x 0 and z {1e3 * scale.offset:g} mm, as the job states",
-            near=near,
-            far=far,
-            advice=self._advice(),
+        sent = (
+            f"{table.layout} profiles, {table.points} points, {1e3 * scale.scale:g} mm a count "
+            f"about x 0 and z {1e3 * scale.offset:g} mm, as the job states"
         )
-
-    def _setup(self) -> StreamSetup:
-        registers = {int(at, 16): value for at, value in self.settings.registers.items()}
-        return StreamSetup(trigger="fresh", registers=registers, margin=self.settings.margin)
+        limits = [scale.scale * (end - RAW_ZERO) + scale.offset for end in raw]
+        return row_bytes(table), sent, limits
 
     def _understand(self, laser: ConnectedLaser) -> None:
         """Nothing is asked: the job states how it is set up."""

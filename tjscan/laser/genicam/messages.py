@@ -7,44 +7,10 @@ at once.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 from tjscan.core.devices import DeviceIdentity
-from tjscan.laser.genicam.settings import Trigger
-
-
-@dataclass(frozen=True, slots=True)
-class StreamSetup:
-    """How a laser's stream is set up.
-
-    Parameters
-    ----------
-    trigger : str
-        As in `GigeSettings`.
-    pixel_format : str, optional
-        Which format to set; where left out, the first of the usual ones that it has.
-    chooses_format : bool
-        Whether a format is set at all.
-    exposure : float, optional
-        Seconds of exposure to set.
-    rows : int, optional
-        Rows of a block to set.
-    registers : mapping of int to int
-        Registers to write, by their addresses.
-    margin : float, optional
-        Seconds from the call to the first time stamp that counts, of a laser that runs free; its
-        exposure where left out.
-    """
-
-    trigger: Trigger
-    pixel_format: str | None = None
-    chooses_format: bool = False
-    exposure: float | None = None
-    rows: int | None = None
-    registers: Mapping[int, int] = field(default_factory=dict)
-    margin: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

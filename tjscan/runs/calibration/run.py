@@ -12,10 +12,9 @@ from typing import Final, NoReturn
 import numpy as np
 import trimesh
 
-from tjscan.calibration.arm.calibrate import as_hand_eye_calibration
-from tjscan.calibration.arm.design import BallPlan, plan_views
-from tjscan.calibration.arm.model import ArmGeometry
-from tjscan.calibration.arm.wizard import ArmWizard
+from tjscan.calibration.arm.calibrate import ArmGeometry, as_hand_eye_calibration
+from tjscan.calibration.arm.wizard import ArmWizard, BallPlan, plan_views
+from tjscan.calibration.closed_form import plane_through_point
 from tjscan.calibration.file import (
     BasisEntry,
     SavedCalibration,
@@ -24,13 +23,10 @@ from tjscan.calibration.file import (
     views_of_poses,
     write_calibration,
 )
-from tjscan.calibration.measuring_range import MeasuringRange
-from tjscan.calibration.plucker import plane_through_point
 from tjscan.calibration.recorded import calibrate_recorded_sets
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
 from tjscan.calibration.targets.plane import fit_plane
 from tjscan.calibration.targets.target import PosedProfile
-from tjscan.calibration.wizard.advice import BoardRectangle
 from tjscan.calibration.wizard.logbook import (
     CALIBRATION_RECORDING,
     LaserLineTaken,
@@ -38,7 +34,7 @@ from tjscan.calibration.wizard.logbook import (
     MeasurementsSoFar,
 )
 from tjscan.calibration.wizard.operator import JoggedProbe, Operator, Question, TouchProbe
-from tjscan.calibration.wizard.session import CalibrationPlan
+from tjscan.calibration.wizard.session import BoardRectangle, CalibrationPlan
 from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
 from tjscan.calibration.wizard.wizard import CalibrationWizard, reaches_and_returns
 from tjscan.core.devices import DriverKind
@@ -278,14 +274,13 @@ def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPla
     T_f_s : ndarray, shape (4, 4)
         Rough pose of the laser.
     """
-    board, model = job.board, job.laser_model
+    board = job.board
     # That other lasers of this class open their fan as the simulated one is an assumption.
-    window = MeasuringRange(model.near, model.far, model.emitter_z, model.half_angle, model.columns)
+    window = job.laser_model.measuring_range
     largest, _ = job.laser.uncertainty.stated_linearity
     deviation = None  # if the laser is stated to be exact
     if largest:
-        apex = {"apex_z": window.apex_z, "half_angle": window.half_angle}
-        deviation = LaserDeviation.in_window(largest, near=window.near, far=window.far, **apex)
+        deviation = LaserDeviation.in_window(largest, window)
     return CalibrationPlan(
         board.T,
         0.5 * np.array(board.size),

@@ -10,10 +10,11 @@ import numpy as np
 
 from tjscan.core.manifest import check_as_written
 from tjscan.crawler.joint_sections import PLACES_ACROSS, section_histories
-from tjscan.crawler.journal import CRAWL_RECORDING, REPLAY_EVENT, WARNING_EVENT
+from tjscan.crawler.journal import CRAWL_RECORDING, WARNING_EVENT
 from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_model import SlipState
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
+from tjscan.recording.journal import REPLAY_EVENT
 from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl

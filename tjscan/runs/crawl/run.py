@@ -25,7 +25,6 @@ from tjscan.crawler.journal import (
     CRAWL_RECORDING,
     CRAWL_TOPICS,
     CYCLES_TOGETHER,
-    REPLAY_EVENT,
     SET_DOWN_EVENT,
     WARNING_EVENT,
     CrawlCycle,
@@ -50,10 +49,9 @@ from tjscan.crawler.slip_model import SlipState
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.recording.foxglove import event_log_message
-from tjscan.recording.journal import LOG_TOPIC, Journal, RunEvent
+from tjscan.recording.journal import LOG_TOPIC, REPLAY_EVENT, Journal, RecordingWriter, RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.recording.topic import Topic
-from tjscan.recording.writer import RecordingWriter
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl, write_crawl_results
 from tjscan.runs.run import (

@@ -27,7 +27,7 @@ from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.joint.tubes.find import find_tubes_in_cloud
 from tjscan.joint.tubes.fit import dihedral_angles, dihedral_sigmas
 from tjscan.laser.profile import Profile
-from tjscan.planning.crawl_passes import CrawlPass, passes_of_plan
+from tjscan.planning.crawl_passes import CrawlPass, crawl_passes_of_plan
 from tjscan.planning.details import DetailStretch, compare_with_details
 from tjscan.planning.document import PlanDocument, StationEntry, beads_to_csv, plan_document
 from tjscan.planning.edges import GrooveEdges, fit_edges_to_corners, fit_groove_edges
@@ -420,7 +420,7 @@ def plan_crawl_run(
     with add_file_of_key(wps_file, directory / f"{CRAWL_RECORDING}.mcap"):
         edges, start = butt_joint_edges(seen, job.weld.length, wps.sequence.longest_step)
         plan = plan_weld(edges, wps, gravity, after_pass=after_pass)
-        passes = passes_of_plan(plan)
+        passes = crawl_passes_of_plan(plan)
     provenance = Provenance.for_file_written_now(
         job_label_of_run(directory), CRAWL_PLAN_FRAME, "mm"
     )

@@ -25,7 +25,12 @@ from tjscan.result.ply import write_cloud_ply
 from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary, StepStatistics, write_budget, write_summary
 from tjscan.result.table import write_sections_csv
-from tjscan.scanning.journal import ScanResult, groove_length, plan_is_fulfilled, step_lengths
+from tjscan.scanning.journal import (
+    ScanResult,
+    groove_length,
+    plan_is_fulfilled,
+    untaught_step_lengths,
+)
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.uncertainty.budget import BudgetSummary, UncertaintyBudget
@@ -152,7 +157,7 @@ def summarise_scan(
     uncertainty : BudgetSummary, optional
         Where the uncertainty of its corners comes from.
     """
-    steps = 1e3 * np.array(step_lengths(result.sections))
+    steps = 1e3 * np.array(untaught_step_lengths(result.sections))
     views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
     travel, rotation = flange_motion(pairwise(views))
     taken = [view for view in result.views if view.substep is not Substep.TAUGHT]

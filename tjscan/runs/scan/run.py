@@ -42,9 +42,9 @@ from tjscan.runs import run
 from tjscan.runs.run import JobContext, make_run_directory, take_job_snapshot
 from tjscan.runs.scan import results
 from tjscan.runs.scan.uncertainty import causes_of_job
-from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import (
     RecordedScan,
+    ScanEvent,
     ScannedSurfaceObstacle,
     ScanResult,
     plan_is_fulfilled,
@@ -293,7 +293,7 @@ def resume_scan(context: ScanContext, overrides: Iterable[str] = ()) -> ScanSumm
             nothing_left = "nothing is left to scan; the results are written from the recording"
             context.journal.record(RunEvent(ScanEvent.COMPLETE, nothing_left))
             sections = done.reread_sections(groove_reader_of_job(context.job))
-            ended = done.stop, done.stop_reason, done.retry_counts
+            ended = done.stop, done.stop_detail, done.retry_counts
             return write_scan_results(context, directory, ScanResult(sections, done.views, *ended))
         left = done.views[-1] if done and done.views else None
         if left is not None:

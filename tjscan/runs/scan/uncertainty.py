@@ -116,14 +116,12 @@ def _causes_of_arm(
     covariance = mount.covariance
     if covariance is not None and without_laser and mount.by_laser is not None:
         covariance = covariance - mount.by_laser @ mount.by_laser.T
-    if mount.deviations is not None and covariance is not None:
-        yield view_causes.jointly_calibrated_cause(
-            sections, mount.T_f_s, moved, covariance, CALIBRATED_EVIDENCE
-        )
-        return
+    calibrated = None if mount.deviations is None else moved
     if covariance is not None:
         evidence = EVIDENCE_STATED if mount.file is None else CALIBRATED_EVIDENCE
-        yield view_causes.hand_eye_cause(sections, mount.T_f_s, covariance, evidence)
+        yield view_causes.hand_eye_cause(sections, mount.T_f_s, covariance, evidence, calibrated)
+        if calibrated is not None:
+            return
     if absolute != 0:
         evidence = EVIDENCE_ASSUMED if absolute is None else EVIDENCE_STATED
         sigmas = PlacementTolerance().sigmas

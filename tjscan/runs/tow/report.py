@@ -11,6 +11,7 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
 from tjscan.job.tow.job import TowJob, read_tow_job
+from tjscan.recording.journal import REPLAY_EVENT
 from tjscan.result.chapter import (
     AnimatedLine,
     MovingDiscs,
@@ -26,7 +27,7 @@ from tjscan.runs.tow.results import (
     figures_in_words,
     read_recorded_tow,
 )
-from tjscan.towing.journal import REPLAY_EVENT, TOW_RECORDING
+from tjscan.towing.journal import TOW_RECORDING
 from tjscan.towing.seam import Seam
 
 MOST_CHART_POINTS: Final = 2000

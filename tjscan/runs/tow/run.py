@@ -16,13 +16,12 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import lock_and_clean_directory
 from tjscan.job.tow.cell import TowCell, fixed_obstacles, make_planner, make_tow_cell, sweep_seam
 from tjscan.job.tow.job import TowJob, read_tow_job
-from tjscan.recording.journal import Journal, RunEvent, event_recorder
+from tjscan.recording.journal import REPLAY_EVENT, Journal, RunEvent, event_recorder
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs import run
 from tjscan.runs.tow.results import read_recorded_tow, write_tow_results
 from tjscan.towing.journal import (
-    REPLAY_EVENT,
     TOW_RECORDING,
     WELDED_EVENT,
     TowCycle,

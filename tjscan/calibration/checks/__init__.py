@@ -1,1 +1,0 @@
-"""Whether a calibration can be relied on; if not, why not."""
