@@ -16,8 +16,7 @@ from typing import Annotated, Final, Self
 import numpy as np
 from annotated_types import Gt, Le
 
-from tjscan.core.array_fields import ArrayForm
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, ArrayForm
 from tjscan.core.units import MM, MRAD, SettingsTable
 
 

@@ -7,8 +7,12 @@ from dataclasses import dataclass, field
 from math import radians
 from typing import Protocol
 
+<<<<<<< HEAD
 from tjscan.core.array_fields import PlanarPoints, PlanarPoses
 from tjscan.core.frames import Array, frozen_arrays
+=======
+from tjscan.core.frames import Array, PlanarPoints, PlanarPoses, readonly_copy
+>>>>>>> trunk
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.tables import LimitSettings, TargetSettings, WeightSettings
 
