@@ -19,13 +19,8 @@ from tjscan.crawler import plan
 from tjscan.crawler.guards import ProximitySettings
 from tjscan.crawler.sizing import SizeSettings
 from tjscan.crawler.slip_aware import SteeringSettings
-<<<<<<< HEAD
 from tjscan.crawler.slip_estimator import CrawlerGeometry, SlipUncertainty
-=======
-from tjscan.crawler.slip_estimator import SlipUncertainty
-from tjscan.crawler.slip_model import CrawlerGeometry
 from tjscan.crawler.torch_axes import FixedTorch, SimulatedTorchAxes, TorchAxes
->>>>>>> trunk
 from tjscan.job.devices import DeviceSettings
 from tjscan.job.reading import read_job
 from tjscan.joint.hull import HullJoint

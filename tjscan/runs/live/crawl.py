@@ -355,15 +355,9 @@ def hand_drive_buttons(run: RunOnPage, hand: PageHandDrive) -> Sequence[Button]:
         hand.start()
         if run.page is not None:
             run.page.enable(dict.fromkeys(("Start", *hand.words), False))
-<<<<<<< HEAD
-        run.record(Step(facts={PRESS_FACT: ""}))
+        run.record(live_step.Step(facts={live_step.PRESS_FACT: ""}))
 
-    run.record(Step(facts={PRESS_FACT: "Start, or hold a button to drive"}))
-=======
-        run.post(live_step.Step(facts={live_step.PRESS_FACT: ""}))
-
-    run.post(live_step.Step(facts={live_step.PRESS_FACT: "Start, or hold a button to drive"}))
->>>>>>> trunk
+    run.record(live_step.Step(facts={live_step.PRESS_FACT: "Start, or hold a button to drive"}))
     hint = "Drives slowly while it is held; released, or gone with the page, the crawler stops"
     held = [Button(word, partial(hand.hear, word), hint=hint, held=True) for word in hand.words]
     return [Button("Start", start, "green", "Let the crawl begin"), *held]

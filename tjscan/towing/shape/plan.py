@@ -7,12 +7,7 @@ from dataclasses import dataclass, field
 from math import radians
 from typing import Protocol
 
-<<<<<<< HEAD
-from tjscan.core.array_fields import PlanarPoints, PlanarPoses
-from tjscan.core.frames import Array, frozen_arrays
-=======
-from tjscan.core.frames import Array, PlanarPoints, PlanarPoses, readonly_copy
->>>>>>> trunk
+from tjscan.core.frames import Array, PlanarPoints, PlanarPoses, array_dataclass
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.tables import LimitSettings, TargetSettings, WeightSettings
 
@@ -91,8 +86,7 @@ class PlanTerms:
         return self.paper + self.pace + self.pull
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class TowingPlan:
     """A planned shape of the cable. Arrays are read-only.
 
