@@ -44,7 +44,7 @@ from tjscan.planning.lay import ArrangedGroove
 from tjscan.planning.path import chord_error_and_kink, stations_at, template_at
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.wps import WeldingProcedure, read_wps
-from tjscan.result.export import sort_sections_by_azimuth
+from tjscan.result.shapes import sort_sections_by_azimuth
 from tjscan.result.table import read_sections_csv
 
 ROOT: Final = Path(__file__).parent.parent
@@ -146,7 +146,7 @@ def volumes(edges: GrooveEdges) -> tuple[float, float]:
     plan = plan_weld(edges, without_cap_and_overlap(), DOWN)
     s = np.linspace(0, edges.length, 720, endpoint=False)
     stations, cells = ArrangedGroove(edges, plan.zones[0].arrangement, plan.wps).cut(s)
-    quads = [stations.to_space(cells.quadrilaterals(k)) for k in range(len(cells.counts))]
+    quads = [stations.points_to_space(cells.quadrilaterals(k)) for k in range(len(cells.counts))]
     solids = [ring_solid(quad[:, j]) for quad in quads for j in range(quad.shape[1])]
     filled = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add)
     whole = designed.volume()

@@ -21,7 +21,7 @@ from tjscan.job.tow.job import read_tow_job
 from tjscan.laser.profile import Profile
 from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.buttons import stop_button
-from tjscan.live.drawables import Lines, MeasuredPiece, Placement
+from tjscan.live.drawables import BodyPose, Lines, MeasuredPiece
 from tjscan.live.listening import RunOnPage
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.replay import Replay
@@ -29,7 +29,7 @@ from tjscan.live.step import STATE_FACT, RecordedShow, Setting
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.live.crawl import TORCH_DEVIATION, CrawlPageJournal, CrawlShow
 from tjscan.runs.live.tow import CABLE_CLEARANCE, TowShow, vehicles_apart
-from tjscan.runs.tow.results import clearance_of_discs
+from tjscan.runs.tow.results import clearance_from_discs
 from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.shape.plan import PlanTerms, TowingPlan
@@ -49,7 +49,7 @@ def test_a_crawl_shows_where_the_vehicle_is_and_what_is_welded() -> None:
     show = CrawlShow(read_crawl_job(CRAWL), "crawl")
     steps = [show.step(crawl_cycle(x)) for x in (0.0, 0.001, 0.02, 0.04)]
     places = [step.drawn["vehicle"] for step in steps]
-    assert [one.T[:2, 3].tolist() for one in places if isinstance(one, Placement)] == [
+    assert [one.T[:2, 3].tolist() for one in places if isinstance(one, BodyPose)] == [
         [x, -0.002] for x in (0.0, 0.001, 0.02, 0.04)
     ]
     welded = [thing for step in steps for thing in step.drawn.values()]
@@ -69,8 +69,8 @@ def test_a_crawl_hands_over_twenty_cycles_a_second() -> None:
     class Counted(RunOnPage):
         count = 0
 
-        def post(self, entry: object) -> None:
-            self.count += isinstance(entry, CrawlCycle)
+        def record(self, message: object) -> None:
+            self.count += isinstance(message, CrawlCycle)
 
     run = Counted(None, show, print)
     journal, nothing = CrawlPageJournal(run), Profile(np.empty(0), np.empty(0))
@@ -118,9 +118,9 @@ def test_what_a_simulated_tow_records_of_the_truth_is_shown_too() -> None:
 
 def test_clearance_is_to_the_rim_of_the_nearest_disc() -> None:
     line = np.array([(0.0, 0.0), (1.0, 0.0)])
-    assert clearance_of_discs(line, np.array([(1.0, 2.0, 0.5), (5.0, 0.0, 1.0)])) == pytest.approx(
-        1.5
-    )
+    assert clearance_from_discs(
+        line, np.array([(1.0, 2.0, 0.5), (5.0, 0.0, 1.0)])
+    ) == pytest.approx(1.5)
 
 
 def test_vehicles_are_apart_from_rim_to_rim() -> None:
@@ -148,13 +148,14 @@ def test_the_slider_hides_a_state_of_later() -> None:
         panel = replay.page.views[0].panel
         for number, shown in ((1, True), (0, False), (1, True)):
             replay.move_to(number)
-            assert panel.shows_diagram is shown
+            assert panel.diagram.visible is shown
 
 
 def test_stop_is_pressed_once_for_each_click() -> None:
     pressed: list[str] = []
     (button,) = stop_button(lambda: pressed.append("Ctrl-C"), "the crawler")
-    with Page([Setting("stop")], PageAddress(port=0), [button]):
+    with Page([Setting("stop")], PageAddress(port=0)) as page:
+        page.add_buttons([button])
         button.press()
     assert pressed == ["Ctrl-C"]
 

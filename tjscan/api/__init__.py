@@ -58,14 +58,13 @@ def scan(
     from tjscan.core.config import add_file_to_errors
     from tjscan.job.files import read_scan_job
     from tjscan.runs.run import default_run_directory
-    from tjscan.runs.scan.context import RunContext
-    from tjscan.runs.scan.run import run_scan
+    from tjscan.runs.scan.run import ScanContext, run_scan
 
     file = Path(job)
     with add_file_to_errors(file):
         parsed = read_scan_job(file, dict(keys or {})).job_at_station(station)
     folder = default_run_directory(file, station) if directory is None else Path(directory)
-    run_scan(RunContext(parsed, file), folder)
+    run_scan(ScanContext(parsed, file), folder)
     return Scan.read(folder)
 
 
@@ -210,14 +209,14 @@ def compare(
         If there is no such alignment.
     """
     from tjscan.comparison.compare import compare_shapes
-    from tjscan.comparison.shapes import StatedUnitAndFrame
+    from tjscan.comparison.shapes import UserUnitAndFrame
     from tjscan.result.shapes import read_shape
 
     _check_word("align", align, ("none", "joint", "icp"))
     first, second = (Path(x.directory if isinstance(x, Scan) else x) for x in (measured, reference))
     return compare_shapes(
-        read_shape(first, StatedUnitAndFrame(units, frame)),
-        read_shape(second, StatedUnitAndFrame(reference_units or units, frame)),
+        read_shape(first, UserUnitAndFrame(units, frame)),
+        read_shape(second, UserUnitAndFrame(reference_units or units, frame)),
         align,
         tolerance,
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final, TypeVar, dataclass_transform
+from typing import Annotated, Final, TypeVar, dataclass_transform
 
 import numpy as np
 import scipy  # its parts are loaded at first use
@@ -21,7 +21,7 @@ Mask = NDArray[np.bool_]
 
 ARRAY_DTYPES: Final[dict[str, type[np.generic]]] = {
     "Array": np.float64,
-    "PoseMatrix": np.float64,
+    **dict.fromkeys(("PoseMatrix", "PlanarPoints", "PlanarPoses"), np.float64),
     "Mask": np.bool_,
     "NDArray[np.bool_]": np.bool_,
     "NDArray[np.int8]": np.int8,
@@ -88,6 +88,11 @@ def _array_kind(annotation: str) -> str:
 def unit_vector(v: Array) -> Array:
     """Return `v`, shape (3,), scaled to length one."""
     return np.asarray(v / np.linalg.norm(v))
+
+
+def unit_vectors(v: ArrayLike) -> Array:
+    """Vectors, shape (..., k), each scaled to length one."""
+    return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -253,3 +258,29 @@ class JointOrBaseFrame:
     def T_r_b(self) -> Array:
         """Pose of the base frame in it, shape (4, 4)."""
         return np.eye(4) if self.T_b_j is None else inverse_pose(self.T_b_j)
+
+
+@dataclass(frozen=True, slots=True)
+class ArrayForm:
+    """Form of the numbers in a field.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Of the array, -1 for a length that varies; empty for a single number.
+    may_be_unknown : bool
+        Whether numbers may be NaN.
+    is_pose : bool
+        Whether it is the pose of a frame.
+    """
+
+    shape: tuple[int, ...] = (-1,)
+    may_be_unknown: bool = False
+    is_pose: bool = False
+
+
+PoseMatrix = Annotated[Array, ArrayForm((4, 4), is_pose=True)]
+FloatOrNan = Annotated[float, ArrayForm((), may_be_unknown=True)]
+PlanarPoints = Annotated[Array, ArrayForm((-1, 2))]
+PlanarPoses = Annotated[Array, ArrayForm((-1, 3))]
+"""Rows of two numbers, such as x and y; and of three, such as x, y and heading."""

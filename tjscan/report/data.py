@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tjscan.comparison.compare import AlignmentMethod, Comparison, check_tolerance, compare_shapes
-from tjscan.comparison.shapes import Shape, StatedUnitAndFrame
+from tjscan.comparison.shapes import Shape, UserUnitAndFrame
 from tjscan.core.errors import ComparisonRefused, ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
@@ -18,7 +18,8 @@ from tjscan.groove.settings import GrooveSettings
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
-from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
+from tjscan.recording.journal import RunEvent
+from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import JOINT_FILE, RECORDING_FILE, SECTIONS_FILE, SUMMARY_FILE
 from tjscan.result.shapes import read_run_shape, read_shape
 from tjscan.result.summary import ScanSummary, StitchingReport, read_stitching_report, read_summary
@@ -60,7 +61,7 @@ class StationRunData:
         return [chart for chapter in self.chapters for chart in chapter.charts]
 
     @property
-    def events(self) -> list[ReportEvent]:
+    def events(self) -> list[RunEvent]:
         """Events of all chapters."""
         return [event for chapter in self.chapters for event in chapter.events]
 
@@ -142,7 +143,7 @@ def read_report_data(
     directory: Path,
     reference: Path | None = None,
     tolerance: float | None = None,
-    options: StatedUnitAndFrame | None = None,
+    options: UserUnitAndFrame | None = None,
 ) -> ReportData:
     """Read what a report shows of a finished run.
 
@@ -154,7 +155,7 @@ def read_report_data(
         What to compare it with, in place of the joint that it names.
     tolerance : float, optional
         Of the comparison, metres.
-    options : StatedUnitAndFrame, optional
+    options : UserUnitAndFrame, optional
         Unit and frame of a reference that does not state them.
 
     Raises

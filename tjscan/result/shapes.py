@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tjscan.comparison.clouds import read_shape_file as read_file
-from tjscan.comparison.shapes import Shape, StatedUnitAndFrame, UnitAndFrame
+from tjscan.comparison.shapes import Shape, UnitAndFrame, UserUnitAndFrame
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import refuse_links_outside
 from tjscan.core.frames import Array, readonly_copy
@@ -18,19 +18,18 @@ from tjscan.groove.root import WELD_IN_GROOVE
 from tjscan.result.directions import section_directions
 from tjscan.result.directory import BUDGET_FILE, CLOUD_FILE, SECTIONS_FILE, SUMMARY_FILE
 from tjscan.result.section import absent_corners
-from tjscan.result.summary import ScanSummary, read_summary
+from tjscan.result.summary import ScanSummary, read_budget, read_summary
 from tjscan.result.table import read_sections_csv
-from tjscan.result.uncertainty import read_budget
 
 
-def read_shape(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:
-    """Read a run directory, of one scan or stitched, or any file that `clouds.read_shape` reads.
+def read_shape(path: Path, options: UserUnitAndFrame | None = None) -> Shape:
+    """Read a run directory, of one scan or stitched, or any file that `read_shape_file` reads.
 
     Parameters
     ----------
     path : Path
         The directory or file.
-    options : StatedUnitAndFrame, optional
+    options : UserUnitAndFrame, optional
         Unit and frame of a file that does not state them.
 
     Raises
@@ -43,7 +42,7 @@ def read_shape(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:
     if path.name == CLOUD_FILE and (path.parent / SUMMARY_FILE).is_file():
         frame = read_summary(path.parent / SUMMARY_FILE).frame
         check_as_written(path)
-        shape = read_file(path, StatedUnitAndFrame("mm", frame))
+        shape = read_file(path, UserUnitAndFrame("mm", frame))
         return replace(shape, stated=UnitAndFrame("mm", f"the {SUMMARY_FILE} beside it", frame))
     return read_file(path, options)
 
@@ -65,6 +64,32 @@ def read_finished_summary(directory: Path) -> ScanSummary:
     return read_summary(directory / SUMMARY_FILE)
 
 
+def read_finished_sections(directory: Path) -> tuple[ScanSummary, tuple[MeasuredSection, ...]]:
+    """Read summary and sections of a finished run, sections by growing azimuth.
+
+    Raises
+    ------
+    ConfigurationError
+        If the directory holds no finished run, or its files are damaged.
+    """
+    summary = read_finished_summary(directory)
+    return summary, sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
+
+
+def sort_sections_by_azimuth(sections: tuple[MeasuredSection, ...]) -> tuple[MeasuredSection, ...]:
+    """Sections by growing azimuth, whichever way the scan went; as they are if none is known.
+
+    Parameters
+    ----------
+    sections : tuple of MeasuredSection
+        In their order along the groove.
+    """
+    azimuths = np.unwrap([section.azimuth for section in sections])
+    if np.isnan(azimuths).any():
+        return sections
+    return tuple(sections[i] for i in np.argsort(azimuths))
+
+
 def read_run_shape(directory: Path) -> Shape:
     """Read the cloud and the corners of a run, in the frame that its summary names.
 
@@ -79,7 +104,7 @@ def read_run_shape(directory: Path) -> Shape:
     if not sections:
         raise ConfigurationError("holds no section", file=directory / SECTIONS_FILE)
     check_as_written(directory / CLOUD_FILE)
-    cloud = read_file(directory / CLOUD_FILE, StatedUnitAndFrame("mm", frame))
+    cloud = read_file(directory / CLOUD_FILE, UserUnitAndFrame("mm", frame))
     welded = [WELD_IN_GROOVE in section.conditions for section in sections]
     return Shape(
         directory.resolve().name,

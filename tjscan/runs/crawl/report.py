@@ -11,22 +11,23 @@ import numpy as np
 from tjscan.core.manifest import check_as_written
 from tjscan.crawler.joint_sections import PLACES_ACROSS, section_histories
 from tjscan.crawler.journal import CRAWL_RECORDING, WARNING_EVENT
+from tjscan.crawler.pass_record import root_mean_square
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.slip_model import SlipState
+from tjscan.crawler.slip_estimator import SlipStateIndex
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.recording.journal import REPLAY_EVENT
-from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
+from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl
 
-MOST_POINTS: Final = 2000
+MOST_CHART_POINTS: Final = 2000
 """Of a line in a chart."""
 
 SLIP_CHARTS: Final = (
-    (SlipState.YAW_EFFICIENCY, "yaw efficiency", "share of the tracks' turn", 1.0),
-    (SlipState.CRAB, "crab", "crab / mrad", 1e3),
-    (SlipState.DRIFT, "drift", "drift / (mrad/m)", 1e3),
-    (SlipState.ROTATION_CENTRE, "centre of rotation", "ahead in travel direction / mm", 1e3),
+    (SlipStateIndex.YAW_EFFICIENCY, "yaw efficiency", "share of the tracks' turn", 1.0),
+    (SlipStateIndex.CRAB, "crab", "crab / mrad", 1e3),
+    (SlipStateIndex.DRIFT, "drift", "drift / (mrad/m)", 1e3),
+    (SlipStateIndex.ROTATION_CENTRE, "centre of rotation", "ahead in travel direction / mm", 1e3),
 )
 """What is estimated of slip: quantity, title, label and scale of its chart."""
 
@@ -37,12 +38,11 @@ def crawl_chapter(directory: Path) -> ReportChapter:
         return ReportChapter()
     check_as_written(directory / JOB_FILE, directory / CALIBRATION_FILE)
     job, found = read_crawl_job(directory / JOB_FILE), read_recorded_crawl(directory)
-    events = tuple(ReportEvent(event.time, event.name, event.detail) for event in found.events)
     return ReportChapter(
         facts=tuple(_crawl_facts(job, found)),
         findings=tuple(_crawl_findings(job, found)),
         charts=tuple(_crawl_charts(job, found)),
-        events=events,
+        events=found.events,
     )
 
 
@@ -54,8 +54,8 @@ def _crawl_facts(job: CrawlJob, found: RecordedCrawl) -> Iterator[tuple[str, str
         yield (
             f"pass {one.number}",
             f"{1e3 * one.length:.0f} mm in {one.seconds:.0f} s, vehicle "
-            f"{1e3 * one.offset_rms:.2f} mm off (rms), torch's place known to "
-            f"{1e3 * one.sigma_rms:.2f} mm, {one.stops} stops, joint read in "
+            f"{1e3 * root_mean_square(one.offset):.2f} mm off (rms), torch's place known to "
+            f"{1e3 * root_mean_square(one.sigma):.2f} mm, {one.stops} stops, joint read in "
             f"{100 * one.read_share:.0f} % of profiles",
         )
 
@@ -93,7 +93,7 @@ def _crawl_charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
             ("torch beside its path, as the simulation knows", one.true_travel, one.true_deviation),
         ):
             if len(x):
-                every = max(len(x) // MOST_POINTS, 1)
+                every = max(len(x) // MOST_CHART_POINTS, 1)
                 x, y = 1e3 * x[::every], 1e3 * y[::every]
                 yield ReportChart(title, along, beside, x, y, line=f"pass {one.number}")
     title, across = "cross-section of the joint, median of each pass", "across the joint / mm"
@@ -102,7 +102,7 @@ def _crawl_charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
         line = f"after pass {number}" if number else "before welding"
         x, y = 1e3 * PLACES_ACROSS, 1e3 * height
         yield ReportChart(title, across, "over the hull / mm", x, y, line=line)
-    every = max(len(found.cycles) // MOST_POINTS, 1)
+    every = max(len(found.cycles) // MOST_CHART_POINTS, 1)
     slips = [(cycle.state.time, cycle.slip) for cycle in found.cycles[::every]]
     known = [(time, slip) for time, slip in slips if slip is not None]
     times = np.array([time for time, _ in known])

@@ -18,13 +18,14 @@ from tjscan.crawler.pass_record import pass_records, root_mean_square
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
-from tjscan.study.backend import (
+from tjscan.study.trial import (
     ReportedQuantity,
     ResolvedRun,
+    RunOutcome,
     StudyBackend,
+    canonical_json,
     drop_file_from_study_key_errors,
 )
-from tjscan.study.trial import RunOutcome, canonical_json
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +65,7 @@ class CrawlOutcome(RunOutcome):
     read_percent: float | None = None
 
 
-class CrawlCycleKeeper:
+class InMemoryCrawlJournal:
     """A crawl's journal that keeps in memory what its passes are judged by.
 
     Parameters
@@ -102,7 +103,7 @@ def run_study_crawl(job: CrawlJob) -> CrawlOutcome:
     context, cell = CrawlContext(job, Path()), make_crawl_cell(job)
     if cell.simulated_place is None:
         raise ConfigurationError("a study simulates", key="vehicle.driver")
-    keeper = CrawlCycleKeeper(cell.simulated_place)
+    keeper = InMemoryCrawlJournal(cell.simulated_place)
     ended = True, "Complete", "every pass is welded"
     try:
         with cell:
@@ -123,10 +124,10 @@ def run_study_crawl(job: CrawlJob) -> CrawlOutcome:
         passes=len(passes),
         vehicle_rms_mm=1e3 * root_mean_square(last.true_offset),
         vehicle_p95_mm=1e3 * vehicle_p95,
-        torch_rms_mm=1e3 * last.true_deviation_rms,
+        torch_rms_mm=1e3 * root_mean_square(last.true_deviation),
         torch_p95_mm=1e3 * torch_p95,
-        error_rms_mm=1e3 * last.offset_error_rms,
-        sigma_mm=1e3 * last.sigma_rms,
+        error_rms_mm=1e3 * root_mean_square(last.offset_error),
+        sigma_mm=1e3 * root_mean_square(last.sigma),
         read_percent=100 * last.read_share,
     )
 

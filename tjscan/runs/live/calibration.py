@@ -12,25 +12,17 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.targets.target import PosedProfile
-from tjscan.calibration.wizard.logbook import (
-    ArmPoseTaken,
-    BoardTouch,
-    CalibrationEntry,
-    LaserLineTaken,
-    SkippedPose,
-    StartOrResumeEntry,
-    read_calibration_entries,
-)
+from tjscan.calibration.wizard import logbook
 from tjscan.calibration.wizard.operator import Answer, Question
 from tjscan.calibration.wizard.session import CalibrationProgress
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import LaserFault, PageUnavailable
 from tjscan.core.frames import Array, rot_z, transform_points
-from tjscan.job.arm import kinematics_of_job, sensor_mount_of_job, solids_in_base
+from tjscan.job.cell import kinematics_of_job, sensor_mount_of_job, solids_in_base
 from tjscan.job.files import CalibrationJob, read_calibration_job
 from tjscan.live.buttons import Act, Button, Tone
 from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR, TOOL_COLOUR
-from tjscan.live.drawables import Drawable, Lines, Posture, Surface
+from tjscan.live.drawables import ArmPosture, Drawable, Lines, Surface
 from tjscan.live.listening import Report, RunOnPage, show_run
 from tjscan.live.page import PageAddress
 from tjscan.live.step import PRESS_FACT, STATE_FACT, Measure, PlaneCurve, Sample, Setting, Step
@@ -39,10 +31,10 @@ from tjscan.runs.calibration.run import calibration_plan_of_job
 
 POSITION_SIGMA: Final = Measure("position known to", "mm", logarithmic=True)
 ROTATION_SIGMA: Final = Measure("rotation known to", "°", logarithmic=True)
-RESIDUALS_HEAD: Final = ("line", "offset / mm", "residual / σ", "")
+RESIDUAL_TABLE_HEAD: Final = ("line", "offset / mm", "residual / σ", "")
 """Of the list of lines."""
 
-CROSS_HALF_SIZE: Final = 0.015
+TOUCH_MARK_HALF_SIZE: Final = 0.015
 """Metres, half the size of the mark on a touched place."""
 
 
@@ -66,16 +58,16 @@ class CalibrationShow:
     def step(self, entry: object) -> Step:
         """Return what an entry of the logbook, or the progress after a line, changes."""
         match entry:
-            case StartOrResumeEntry():
+            case logbook.StartOrResumeEntry():
                 return Step("begun", facts={"lines": f"0 of {self._plan.lines}"})
-            case BoardTouch():
+            case logbook.BoardTouch():
                 return self._touch_step(entry)
-            case LaserLineTaken(shot, for_verification):
+            case logbook.LaserLineTaken(shot, for_verification):
                 return self._profile_step("verification" if for_verification else shot.name, shot)
-            case ArmPoseTaken():
+            case logbook.ArmPoseTaken():
                 shot = entry.posed_profile
                 return self._profile_step(shot.name, shot, entry.q)
-            case SkippedPose():
+            case logbook.SkippedPose():
                 return Step("skipped", events=(("passed over", entry.reason),))
             case CalibrationProgress():
                 return self._progress_step(entry)
@@ -115,23 +107,23 @@ class CalibrationShow:
             look_from=at + out * aside + (0.0, 0.0, 0.6 * out),
         )
 
-    def _touch_step(self, touch: BoardTouch) -> Step:
+    def _touch_step(self, touch: logbook.BoardTouch) -> Step:
         label = f"place {touch.place_number + 1}"
         if touch.T_b_f is None:
             return Step(label, events=(("passed over", label),))
         tip = transform_points(touch.T_b_f, self._plan.tip_f)
-        marks = [np.stack((tip - arm, tip + arm)) for arm in CROSS_HALF_SIZE * np.eye(3)]
+        marks = [np.stack((tip - arm, tip + arm)) for arm in TOUCH_MARK_HALF_SIZE * np.eye(3)]
         cross = Lines.through(*marks, colour=TOOL_COLOUR, width=3.0)
         drawn: dict[str, Drawable] = {f"touch/{touch.place_number}": cross}
         if touch.q is not None:
-            drawn["arm"] = Posture(touch.q)
+            drawn["arm"] = ArmPosture(touch.q)
         return Step(label, drawn, {"touched": f"{label} of {self._plan.touches}"})
 
     def _profile_step(self, label: str, shot: PosedProfile, q: Array | None = None) -> Step:
         points = shot.profile.points_s
         points = points[np.isfinite(points).all(axis=1)]
         posture = shot.q if q is None else q
-        drawn: dict[str, Drawable] = {} if posture is None else {"arm": Posture(posture)}
+        drawn: dict[str, Drawable] = {} if posture is None else {"arm": ArmPosture(posture)}
         if len(points) > 1:
             seen = transform_points(shot.T_b_f @ self._T_f_s, points[:: max(1, len(points) // 48)])
             drawn[f"line/{label}"] = Lines.through(seen, colour=LASER_COLOUR, width=2.5)
@@ -161,7 +153,7 @@ class CalibrationShow:
             facts=facts,
             progress=min(taken / progress.wanted, 1.0),
             samples=(Sample(float(taken), values),),
-            table=[RESIDUALS_HEAD, *rows],
+            table=[RESIDUAL_TABLE_HEAD, *rows],
         )
 
 
@@ -169,10 +161,10 @@ def read_calibration_show(directory: Path) -> tuple[CalibrationShow, Iterable[ob
     """Read what a calibration's recording has to show; see `tjscan.live.step.ShowReader`."""
     job_file = directory / JOB_FILE
     show = CalibrationShow(read_calibration_job(job_file), job_file, directory.resolve().name)
-    return show, read_calibration_entries(directory)
+    return show, logbook.read_calibration_entries(directory)
 
 
-LOOK_INTERVAL: Final = 0.2
+PREVIEW_INTERVAL: Final = 0.2
 """Seconds between two profiles of a real laser while an answer is awaited."""
 
 ANSWER_BUTTONS: Final[tuple[tuple[Answer, Tone, str], ...]] = (
@@ -220,27 +212,27 @@ class PageOperator:
         while not self._pressed.empty():  # an earlier press answers none: the arm might move
             self._pressed.get()
         words = f"{question.yes} or {question.no}"
-        self._run.post(Step(facts={STATE_FACT: question.text, PRESS_FACT: words}))
-        self._run.post(self._show.next_pose(question.T_b_f))
+        self._run.record(Step(facts={STATE_FACT: question.text, PRESS_FACT: words}))
+        self._run.record(self._show.next_pose(question.T_b_f))
         self._enable_buttons(question.yes, question.no)
         while (answer := self._wait_for_button(question)) not in (question.yes, question.no):
             pass  # of a button that answers nothing now
         self._enable_buttons()
-        self._run.post(Step(facts={STATE_FACT: "working", PRESS_FACT: ""}))
+        self._run.record(Step(facts={STATE_FACT: "working", PRESS_FACT: ""}))
         return answer == question.yes
 
     def report(self, message: str) -> None:
         """Show a message among the events, and pass it on."""
-        self._run.post(Step(events=(("", message),)))
+        self._run.record(Step(events=(("", message),)))
         self._report(message)
 
     def show_uncertainty(self, progress: CalibrationProgress) -> None:
         """Show how sure the pose is, and the lines that it rests on."""
-        self._run.post(progress)
+        self._run.record(progress)
 
-    def show_entry(self, entry: CalibrationEntry) -> None:
+    def show_entry(self, entry: logbook.CalibrationEntry) -> None:
         """Show what was measured."""
-        self._run.post(entry)
+        self._run.record(entry)
 
     def _enable_buttons(self, *words: Answer) -> None:
         if self._run.page is not None:
@@ -253,12 +245,12 @@ class PageOperator:
             return self._pressed.get()
         while True:
             with suppress(Empty):
-                return self._pressed.get(timeout=LOOK_INTERVAL)
+                return self._pressed.get(timeout=PREVIEW_INTERVAL)
             try:
                 profile = PlaneCurve.of_profile(look())
-                self._run.post(Step(facts={"laser": ""}, profile=profile))
+                self._run.record(Step(facts={"laser": ""}, profile=profile))
             except LaserFault as fault:
-                self._run.post(Step(facts={"laser": str(fault)}))
+                self._run.record(Step(facts={"laser": str(fault)}))
 
 
 @contextmanager
