@@ -14,7 +14,7 @@ import numpy as np
 import scipy  # its parts are loaded at first use
 from numpy.typing import ArrayLike, NDArray
 
-from tjscan.core.frames import Array, array_dataclass, unit_vectors
+from tjscan.core.frames import Array, Mask, array_dataclass, unit_vectors
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import (
     LegSurface,
@@ -239,7 +239,7 @@ class FeatureEdges:
     p4: ClosedPolyline
     tacks: Array = field(default_factory=lambda: np.empty((0, 2)))
 
-    def on_tack(self, points_j: Array) -> NDArray[np.bool_]:
+    def on_tack(self, points_j: Array) -> Mask:
         """Whether points, shape (m, 3), lie at azimuths where a tack covers the root, (m,)."""
         return is_within_spans(self.tacks, np.arctan2(points_j[:, 1], points_j[:, 0]))
 
@@ -272,7 +272,7 @@ def tack_spans(definition: JointDefinition) -> Array:
     return spans
 
 
-def is_within_spans(spans: Array, phi: ArrayLike) -> NDArray[np.bool_]:
+def is_within_spans(spans: Array, phi: ArrayLike) -> Mask:
     """Whether azimuths lie in one of the spans that `tack_spans` gives, the shape of `phi`.
 
     Parameters
