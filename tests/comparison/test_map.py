@@ -25,7 +25,7 @@ def name(request: pytest.FixtureRequest) -> str:
 def lines(name: str) -> CornerCurves:
     edges = feature_edges(read_joint(CAD / f"{name}.toml"))
     points = np.stack([line.points_j for line in (edges.p2, edges.p3, edges.p4)], axis=1)
-    return CornerCurves.from_corners(points, closed=True)
+    return CornerCurves(points, closed=True)
 
 
 PHI = np.radians(np.arange(-179.7, 180, 7.0))

@@ -14,7 +14,7 @@ import numpy as np
 import scipy  # its parts are loaded at first use
 from numpy.typing import ArrayLike, NDArray
 
-from tjscan.core.frames import Array, Mask, array_dataclass, unit_vectors
+from tjscan.core.frames import Array, Mask, array_dataclass, readonly_copy, unit_vectors
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import (
     LegSurface,
@@ -163,7 +163,6 @@ FEWEST_NEIGHBOURS = 4
 """Vertices that a first search looks at; it looks at more where these can't prove the result."""
 
 
-@array_dataclass
 class ClosedPolyline:
     """A closed line through points.
 
@@ -173,14 +172,11 @@ class ClosedPolyline:
         Its vertices in frame j, in metres; the last one is joined to the first.
     """
 
-    points_j: Array
-    _tree: scipy.spatial.KDTree = field(init=False, repr=False)
-    _half: float = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
+    def __init__(self, points_j: Array) -> None:
+        self.points_j = readonly_copy(points_j)
         steps = np.roll(self.points_j, -1, axis=0) - self.points_j
-        object.__setattr__(self, "_tree", scipy.spatial.KDTree(self.points_j))
-        object.__setattr__(self, "_half", float(np.linalg.norm(steps, axis=1).max()) / 2)
+        self._tree = scipy.spatial.KDTree(self.points_j)
+        self._half = float(np.linalg.norm(steps, axis=1).max()) / 2
 
     def nearest_points(self, points_j: Array) -> Array:
         """Nearest points of the line to points, shape (m, 3), in frame j, in metres."""

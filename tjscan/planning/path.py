@@ -98,7 +98,7 @@ def template_at(
     ConfigurationError
         If the corners of one make no convex quadrilateral.
     """
-    template = SectionTemplate(stations.corners, cap_height, np.asarray(root_area))
+    template = SectionTemplate(stations.corners, cap_height, root_area)
     if not template.is_proper.all():
         at = 1e3 * float(stations.s[int(np.argmin(template.is_proper))])
         raise ConfigurationError(
