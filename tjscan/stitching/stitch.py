@@ -15,7 +15,7 @@ from tjscan.core import pose_vector
 from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.frames import Array, array_dataclass, inverse_pose
 from tjscan.joint.tubes.fit import TubeDimensions
-from tjscan.stitching.budget import shared_causes, stitching_budget
+from tjscan.stitching.budget import SharedCauses, stitching_budget
 from tjscan.stitching.fusion import fuse_sections, sections_in_joint_frame
 from tjscan.stitching.graph import StationErrors, StationPoses, overlap_gap, spanning_tree_poses
 from tjscan.stitching.registration import (
@@ -136,7 +136,7 @@ class StitchedGroove:
             self.registrations = tuple(register_overlaps(fits, held, settings))
             self.draft = draft = replace(draft, registrations=self.registrations)
             _check_registrations(draft, settings)
-            shared = shared_causes(fits, self.registrations)
+            shared = SharedCauses(fits, self.registrations)
             placement, self.out_of_round = place_stations_with_out_of_round(
                 fits, self.registrations, settings, shared.all_errors
             )

@@ -25,7 +25,7 @@ from tjscan.core.frames import (
 from tjscan.core.units import pose_from_rows_mm
 from tjscan.job.files import ScanJob
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.edges import groove_sections
+from tjscan.joint.edges import JointGrooveSections
 from tjscan.joint.file import CHECKED_AZIMUTHS, JointFile
 from tjscan.joint.geometry import cylindrical_to_j, tangential_direction
 from tjscan.robot.kinematics import Kinematics
@@ -115,7 +115,7 @@ def _joint_with_room(joint: JointFile, room_mm: float) -> JointFile:
 
 def _groove_extent(d: JointDefinition) -> tuple[float, float]:
     """How far the groove reaches up the brace and along the leg, metres from where axes cross."""
-    s = groove_sections(d, CHECKED_AZIMUTHS)
+    s = JointGrooveSections(d, CHECKED_AZIMUTHS)
     foot = d.leg_surface.points_j(s.phi, d.brace_radius) @ d.leg_surface.axis
     root = cylindrical_to_j(s.phi, s.p4[:, 0], s.p4[:, 1]) @ d.leg_surface.axis
     return float(s.p2[:, 1].max()), float(np.abs((foot, root)).max())
@@ -167,7 +167,7 @@ def ideal_sensor_pose(
     """
     phi = np.array([azimuth])
     tangent = joint.leg_surface.tangent(phi, joint.brace_radius)[0]
-    sections = groove_sections(joint, phi)
+    sections = JointGrooveSections(joint, phi)
     origin = joint.leg_surface.points_j(phi, joint.brace_radius)[0]
     x = tangent if plan.direction is ScanDirection.COUNTERCLOCKWISE else -tangent
     y = unit_vector(np.array([0.0, 0.0, 1.0]) - x[2] * x)
@@ -261,7 +261,7 @@ def plan_with_centred_groove(
 
 def _corners_seen_s(joint: JointDefinition, azimuth: float, plan: ScanPlan) -> Array:
     """p2, p3, p4 of an azimuth as the sensor ideally sees them, shape (3, 3), metres."""
-    sections = groove_sections(joint, [azimuth])
+    sections = JointGrooveSections(joint, [azimuth])
     rz = np.concatenate((sections.p2, sections.p3, sections.p4))
     T_s_j = inverse_pose(ideal_sensor_pose(joint, azimuth, plan))
     return transform_points(T_s_j, cylindrical_to_j(azimuth, rz[:, 0], rz[:, 1]))
