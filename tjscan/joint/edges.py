@@ -56,7 +56,7 @@ class JointGrooveSections:
     """
 
     def __init__(self, definition: JointDefinition, phi: ArrayLike) -> None:
-        self.phi = phi = np.asarray(phi, dtype=float)
+        self.phi = phi = readonly_copy(phi)
         leg = definition.leg_surface
         gapped = leg.offset_surface(definition.root_opening_at(phi))
         self.dihedral = leg.dihedral_angle(phi, definition.brace_radius)
@@ -76,6 +76,8 @@ class JointGrooveSections:
             # tangent at the apex, so it is about square to the bisector of the groove.
             to_leg = _unit_slope(leg, phi, self.apex[:, 0]) - bevel
         self.p4 = leg.ray_intersections(phi, self.p3, to_leg)
+        for array in vars(self).values():
+            array.flags.writeable = False
 
     @property
     def root_width(self) -> Array:
