@@ -205,7 +205,7 @@ def _calibrate_arm(
     found = calibrate_arm(
         ArmModel(kinematics, tuple(targets)), held_out, PlacementTolerance(), T_f_s
     )
-    for line in found.lines("profiles", "targets are"):
+    for line in found.summary("profiles", "targets are"):
         report(line)
     return as_hand_eye_calibration(found, names, kinematics.name)
 

@@ -199,7 +199,7 @@ def stitch_stations(
         for one, covariance in zip(placed, placement.covariance, strict=True)
     ]
     fused = fuse_sections(single, placement.shape)
-    budget = uncertain.sections.made_of([one.shares for one in fused])
+    budget = uncertain.sections.composed_of([one.shares for one in fused])
     gaps = tuple(overlap_gap(edge, placement.T) for edge in registrations)
     chain, closing = spanning_tree_poses(len(stations), registrations)
     return StitchedGroove(
@@ -212,7 +212,7 @@ def stitch_stations(
         max((overlap_gap(edge, chain) for edge in closing), default=None),
         max(gaps) if closing else None,
         azimuth_coverage(azimuths)[0],
-        budget.stated_in([one.section for one in fused]),
+        budget.state_in([one.section for one in fused]),
         budget,
         draft,
     )

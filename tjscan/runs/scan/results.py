@@ -156,7 +156,7 @@ def write_scan_results(
         Where it was scanned from.
     """
     budget = budget_of_causes(causes.causes, frame.T_r_b, len(result.sections))
-    sections = budget.stated_in(sections_in_result_frame(result.sections, frame, station))
+    sections = budget.state_in(sections_in_result_frame(result.sections, frame, station))
     points = all_profile_points(result.sections, frame)
     error, calibration = corner_errors(sections, joint), calibration_label(directory)
     uncertainty = summarise_budget(budget, ~absent_corners(sections), causes.left_out)

@@ -95,7 +95,7 @@ def causes_of_job(
         if is_same and mount.by_laser is not None:
             calibrated = None if mount.deviations is None else moved
             twists = calibration_twists(sections, mount.T_f_s, calibrated, mount.by_laser)
-            cause = cause.with_station_motions(sections, twists)
+            cause = cause.with_motions(sections, twists)
         causes.append(cause)
     bias, of_bias = laser.bias
     if bias > 0:
