@@ -136,7 +136,7 @@ def make_cell(
             arm = CorrectedArm(arm, model, clearance.kinematics)
         arm = CollisionCheckedArm(arm, clearance, T_f_s, lifts=job.clearance.lifts)
     true_flange = partial(arm_driver.truth, device)
-    flange = LaserFlange.of_arm(true_flange, device.state)
+    flange = LaserFlange(true_flange, lambda: device.state().T_b_f, lambda: device.state().time)
     inputs = _laser_driver_inputs(job, flange, T_f_s, scene, lambda: recording()[::2])
     return Cell(arm, job.laser.make_device(inputs), T_f_s, clearance, true_flange)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -274,12 +274,13 @@ class ArmWizard:
         used, checking = self._arcs_seen(held_out=False), self._arcs_seen(held_out=True)
         checks = np.arange(len(used) + len(checking)) >= len(used)
         samples = [*used, *checking]
-        found = calibrate_arm(
-            self._model_of_samples(samples), checks, self.plan.tolerance, self.plan.T_f_s
-        )
+        ball = SeenBall(samples, SphereTarget(), self.plan.noise)
+        q = np.array([sample.q for sample in samples])
+        model = self.plan.model_of_arcs(self.kinematics, ball.model, q)
+        found = calibrate_arm(model, checks, self.plan.tolerance, self.plan.T_f_s)
         for line in found.summary("postures", "ball is"):
             self.operator.report(line)
-        return found, tuple(sample for _, sample in samples)
+        return found, tuple(samples)
 
     def _take_profiles(self, *, held_out: bool, wanted: int) -> None:
         """Take profiles until as many show the ball as are wanted; the nearest posture next."""
@@ -320,19 +321,12 @@ class ArmWizard:
             self.arm.move_joint_to_pose(self.kinematics.forward(self.home), near=self.home)
             self.arm.move_joint_to_pose(view.T_b_f, near=view.q, direct=True)
 
-    def _arcs_seen(self, *, held_out: bool) -> list[tuple[Array, PosedFit[CircleFit]]]:
-        """Joint angles and arcs of the postures that show the ball."""
-        largest = self.plan.radius + MAX_EXTRA_RADIUS
-        found: list[tuple[Array, PosedFit[CircleFit]]] = []
-        for number, taken in self.logbook.measured.arm_poses.items():
-            if self.views[number].held_out is held_out:
-                arcs, _ = fit_profiles(
-                    [taken.posed_profile], fit_circle, self.plan.noise, self.plan.laser
-                )
-                found.extend((taken.q, arc) for arc in arcs if arc.fit.radius < largest)
-        return found
-
-    def _model_of_samples(self, samples: list[tuple[Array, PosedFit[CircleFit]]]) -> ArmModel:
-        q = np.array([q for q, _ in samples])
-        ball = SeenBall([arc for _, arc in samples], SphereTarget(), self.plan.noise)
-        return self.plan.model_of_arcs(self.kinematics, ball.model, q)
+    def _arcs_seen(self, *, held_out: bool) -> list[PosedFit[CircleFit]]:
+        """Arcs of the postures that show the ball."""
+        shots = [
+            replace(taken.posed_profile, q=taken.q)
+            for number, taken in self.logbook.measured.arm_poses.items()
+            if self.views[number].held_out is held_out
+        ]
+        arcs, _ = fit_profiles(shots, fit_circle, self.plan.noise, self.plan.laser)
+        return [arc for arc in arcs if arc.fit.radius < self.plan.radius + MAX_EXTRA_RADIUS]
