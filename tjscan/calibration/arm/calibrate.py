@@ -416,7 +416,7 @@ class ArmCalibration:
         Shape (6 + 6 joints, m); None if no deviation is stated.
         """
         found = refine.estimate_by_laser(self.estimate)
-        return None if found is None else readonly_copy(found[: 6 + self.deviations.size])
+        return None if found is None else readonly_copy(found[: 6 + self.estimate.deviations.size])
 
     def summary(self, checks: str, target: str) -> list[str]:
         """Sentences on the check with held-out `checks`, and on undetermined deviations."""
@@ -426,16 +426,6 @@ class ArmCalibration:
             f"off (RMS) as the arm's model has it, {after:.3f} mm with what was found",
             *self.undetermined,
         ]
-
-    @property
-    def T_f_s(self) -> Array:
-        """The sensor on the flange, shape (4, 4)."""
-        return self.estimate.T_f_s
-
-    @property
-    def deviations(self) -> Array:
-        """Of the joints, shape (joints, 6), metres and radians; see `with_deviations`."""
-        return self.estimate.deviations
 
 
 def calibrate_arm(
@@ -515,7 +505,7 @@ def as_hand_eye_calibration(
     estimate = found.estimate
     kinematics = ArmKinematicsEntry(
         model=arm_model,
-        deviations=tuple(map(tuple, (found.deviations * FILE_UNITS_PER_SI).tolist())),
+        deviations=tuple(map(tuple, (estimate.deviations * FILE_UNITS_PER_SI).tolist())),
         covariance=in_file_units(found.covariance, axes=2),
         left_as_stated=found.undetermined,
         held_out_poses=int(found.held_out.sum()),
@@ -525,7 +515,7 @@ def as_hand_eye_calibration(
     covariance = found.covariance[:6, :6]
     sigma = np.sqrt(np.diag(covariance))  # the condition counts in units of each one's certainty
     return HandEyeCalibration(
-        found.T_f_s,
+        estimate.T_f_s,
         found.covariance,
         ARM_METHOD,
         _residuals_of_profiles(found, names),
