@@ -75,7 +75,7 @@ class LaserModel(SettingsTable):
     The defaults of `columns`, `near`, `far`, `emitter_z`, `half_angle` and `step` are data of
     the scanCONTROL 26xx-100. **Every other default is an assumption**, chosen inside the span
     that such sensors show on ground steel. A zero amplitude or probability switches its
-    effect off; `ideal` switches all of them off.
+    effect off; `without_faults` switches all of them off.
 
     Parameters
     ----------

@@ -43,9 +43,6 @@ class RecordedPoses:
         self.times, self._distance, self._angle = tuple(times), distance, angle
         self._at, self._taken = -1, False
 
-    def __len__(self) -> int:
-        return len(self._poses)
-
     @property
     def current_view_number(self) -> int:
         """Number of the view that was last asked for; at first, of the first one."""

@@ -105,14 +105,9 @@ def _find_separator(lines: list[str]) -> str | None:
         if any(mark in line for line in lines):
             return mark
     # Between blanks a comma may be the decimal one.
-    with_comma = [line for line in lines if "," in line]
-    return None if all(_have_decimal_commas(line) for line in with_comma) else ","
-
-
-def _have_decimal_commas(line: str) -> bool:
-    """Whether every word of several is a number with a decimal comma."""
-    words = line.split()
-    return len(words) > 1 and all(_DECIMAL_COMMA.fullmatch(word) for word in words)
+    rows = [line.split() for line in lines if "," in line]
+    are_decimal = all(len(row) > 1 and all(map(_DECIMAL_COMMA.fullmatch, row)) for row in rows)
+    return None if are_decimal else ","
 
 
 def _split_cells(

@@ -178,11 +178,12 @@ class GenicamClient:
             return error
         words = str(error)
         if "ACCESS_DENIED" in words or "control of the camera was lost" in words:
-            if self._is_held_by_another():
-                return errors.LaserInUse(
-                    "another program has taken control of the laser. Close it there, then start "
-                    "again."
-                )
+            with suppress(GenicamError):
+                if any(self._camera.read_register(PRIVILEGE)):
+                    return errors.LaserInUse(
+                        "another program has taken control of the laser. Close it there, then "
+                        "start again."
+                    )
             return errors.LaserNotResponding(
                 "the laser no longer takes commands: it was restarted, or its connection broke. "
                 "Start again."
@@ -240,11 +241,6 @@ class GenicamClient:
                     message = f"another program controls the laser at {info.ip}. Close it there."
                     raise errors.LaserInUse(message) from error
             time.sleep(0.1)
-
-    def _is_held_by_another(self) -> bool:
-        with suppress(GenicamError):
-            return any(self._camera.read_register(PRIVILEGE))
-        return False
 
     def _choose_format(self, wanted: str | None) -> str:
         there = self._camera.available_enum_entries("PixelFormat")
