@@ -26,7 +26,7 @@ from tjscan.calibration.wizard.logbook import (
     read_calibration_entries,
 )
 from tjscan.cli.options.overrides import parse_overrides
-from tjscan.comparison.shapes import StatedUnitAndFrame
+from tjscan.comparison.shapes import UserUnitAndFrame
 from tjscan.core.config import validate_table
 from tjscan.core.provenance import Provenance
 from tjscan.groove.settings import DEFAULT_SETTINGS
@@ -227,7 +227,7 @@ def _studies(folder: Path) -> Iterator[Reader]:
 
 
 def _shapes(folder: Path) -> Iterator[Reader]:
-    read = partial(read_shape, options=StatedUnitAndFrame("mm", "j"))
+    read = partial(read_shape, options=UserUnitAndFrame("mm", "j"))
     box = trimesh.creation.box((10.0, 20.0, 30.0))
     cloud = trimesh.PointCloud(box.vertices)
     ascii_ply = box.export(file_type="ply", encoding="ascii")

@@ -22,7 +22,7 @@ from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.job.crawl.cell import CrawlCell, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob
-from tjscan.joint.hull import joint_pose, laser_offset
+from tjscan.joint.hull import joint_line_pose, laser_offset
 from tjscan.laser.profile import Profile
 from tjscan.runs.crawl.run import ConfirmsEveryWeld, CrawlContext
 
@@ -191,7 +191,7 @@ class _Truth:
         if cycle.slip is not None and len(self.nees) % 10 == 0:
             assert self._world.job.simulation is not None
             heading = self._world.place(0.0)[2]
-            heading -= joint_pose(self._world.job.simulation.joint, along)[2]
+            heading -= joint_line_pose(self._world.job.simulation.joint, along)[2]
             error = cycle.slip.x[:2] - (off, heading)
             self.nees.append(float(error @ np.linalg.solve(cycle.slip.P[:2, :2], error)) / 2)
         elif cycle.slip is not None:

@@ -15,14 +15,14 @@ from typing import Final
 import trimesh
 from _fuzz import Tally
 
-from tjscan.comparison.shapes import StatedUnitAndFrame
+from tjscan.comparison.shapes import UserUnitAndFrame
 from tjscan.core.errors import TjscanError
 from tjscan.laser.files.format import ProfileFormat
 from tjscan.laser.files.read import read_profiles
 from tjscan.result.shapes import read_shape
 
 READERS: Final[tuple[Callable[..., object], ...]] = (
-    lambda file: read_shape(file, StatedUnitAndFrame("mm", "j")),
+    lambda file: read_shape(file, UserUnitAndFrame("mm", "j")),
     lambda file: read_profiles(file, ProfileFormat("mm", 0.5)),
 )
 """Who reads them: what is no file of theirs is refused."""

@@ -12,7 +12,7 @@ from typing import Final
 
 import trimesh
 
-from tjscan.comparison.shapes import StatedUnitAndFrame
+from tjscan.comparison.shapes import UserUnitAndFrame
 from tjscan.core.mesh_files import MOST_MEMORY, memory_to_read
 from tjscan.result.shapes import read_shape
 
@@ -83,7 +83,7 @@ def read_large_file(folder: Path, name: str) -> tuple[float, float]:
     """
     file, write = folder / name, LARGE[name]
     write(file, FEW)
-    stated = StatedUnitAndFrame("mm", "j")
+    stated = UserUnitAndFrame("mm", "j")
     read_shape(file, stated)  # what it loads counts for none
     write(file, int(FULL * FEW * MOST_MEMORY / memory_to_read(file)))
     before, began = _peak(), time.process_time()

@@ -57,7 +57,8 @@ def run_cell(seed: int, *, arm: bool) -> CellErrors:
         raise SystemExit(f"{EXAMPLE} names no joint to compare with")
     T_j_w = inverse_pose(whole.joint.T_w_j)
     truth = [
-        T_j_w @ whole.job_at_station(one.station.name).T_w_b_true for one in found.stitched.stations
+        T_j_w @ whole.job_at_station(one.fit.station.name).T_w_b_true
+        for one in found.stitched.stations
     ]
     return CellErrors(
         found.corners_mean,

@@ -146,7 +146,7 @@ def volumes(edges: GrooveEdges) -> tuple[float, float]:
     plan = plan_weld(edges, without_cap_and_overlap(), DOWN)
     s = np.linspace(0, edges.length, 720, endpoint=False)
     stations, cells = ArrangedGroove(edges, plan.zones[0].arrangement, plan.wps).cut(s)
-    quads = [stations.to_space(cells.quadrilaterals(k)) for k in range(len(cells.counts))]
+    quads = [stations.points_to_space(cells.quadrilaterals(k)) for k in range(len(cells.counts))]
     solids = [ring_solid(quad[:, j]) for quad in quads for j in range(quad.shape[1])]
     filled = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add)
     whole = designed.volume()

@@ -27,7 +27,7 @@ from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.results import summarise_scan
 from tjscan.runs.scan.run import scan_in_cell
 from tjscan.scanning.journal import groove_length
-from tjscan.scanning.scanner import predictor_for_plan
+from tjscan.scanning.smooth import predictor_for_plan
 
 EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"
 JOBS: Final = {"ccw": EXAMPLES / "paper.toml", "cw": EXAMPLES / "paper-clockwise.toml"}

@@ -89,7 +89,7 @@ def judge(stitched: StitchedGroove, scanned: Scanned) -> Errors:
     if joint is None:
         raise SystemExit(f"{EXAMPLE} names no joint to compare with")
     names = [station.name for station in scanned.stations]
-    truth = [scanned.truth[names.index(one.station.name)] for one in stitched.stations]
+    truth = [scanned.truth[names.index(one.fit.station.name)] for one in stitched.stations]
     found = [one.T_j_b for one in stitched.stations]
     turns = [max(map(rotation_angle_between, found, (turn @ T for T in truth))) for turn in _TURNS]
     truth = [_TURNS[int(np.argmin(turns))] @ T for T in truth]

@@ -35,7 +35,7 @@ from tjscan.core.errors import (
 )
 from tjscan.core.frames import pose
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import MotionLimits
+from tjscan.robot.path import MotionLimits
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.settings import UrSettings
 from tjscan_loopback.process import UrLoopbackProcess

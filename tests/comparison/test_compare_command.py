@@ -13,7 +13,7 @@ import trimesh
 from cells import FAULTLESS, PAPER
 from command import tjscan
 
-from tjscan.comparison.shapes import StatedUnitAndFrame
+from tjscan.comparison.shapes import UserUnitAndFrame
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.result.shapes import read_shape
@@ -95,7 +95,7 @@ def test_corners_are_compared_with_a_cloud_as_in_the_paper(
 
 def test_a_cloud_of_this_program_states_its_unit(run: Path, tmp_path: Path) -> None:
     alone = shutil.copyfile(run / "groove.ply", tmp_path / "alone.ply")
-    cloud = read_shape(alone, StatedUnitAndFrame(frame="j"))
+    cloud = read_shape(alone, UserUnitAndFrame(frame="j"))
     assert (cloud.stated.unit, cloud.stated.unit_source) == ("mm", "its header")
 
 
@@ -186,10 +186,10 @@ def test_clouds_come_back_as_they_were_written(kind: str, tmp_path: Path) -> Non
     file = tmp_path / f"cloud.{kind}"
     CLOUDS[kind](file, points)
     with pytest.raises(ConfigurationError, match="--units"):
-        read_shape(file, StatedUnitAndFrame(frame="j"))
+        read_shape(file, UserUnitAndFrame(frame="j"))
     with pytest.raises(ConfigurationError, match="--frame"):
-        read_shape(file, StatedUnitAndFrame(units="mm"))
-    found = read_shape(file, StatedUnitAndFrame("mm", "j"))
+        read_shape(file, UserUnitAndFrame(units="mm"))
+    found = read_shape(file, UserUnitAndFrame("mm", "j"))
     assert found.points is not None
     np.testing.assert_allclose(found.points, 1e-3 * points, atol=1e-3 * ROUNDED)
 
@@ -198,7 +198,7 @@ def test_clouds_come_back_as_they_were_written(kind: str, tmp_path: Path) -> Non
 def test_meshes_come_back_as_they_were_written(kind: str, tmp_path: Path) -> None:
     file = tmp_path / f"box.{kind}"
     trimesh.creation.box((100, 200, 300)).export(file)
-    told = StatedUnitAndFrame(None if kind == "3mf" else "mm", "j")  # 3MF states its unit
+    told = UserUnitAndFrame(None if kind == "3mf" else "mm", "j")  # 3MF states its unit
     mesh = read_shape(file, told).mesh
     assert mesh is not None
     assert len(mesh.triangles) == 12
@@ -293,7 +293,7 @@ def test_a_3mf_in_inches_is_refused(tmp_path: Path) -> None:
     with zipfile.ZipFile(file, "w") as archive:
         archive.writestr("3D/3dmodel.model", '<model unit="inch" xml:lang="en-US"></model>')
     with pytest.raises(ConfigurationError, match="inch"):
-        read_shape(file, StatedUnitAndFrame("mm", "j"))
+        read_shape(file, UserUnitAndFrame("mm", "j"))
 
 
 def test_an_archive_that_unpacks_without_bound_is_refused(tmp_path: Path) -> None:
@@ -305,14 +305,14 @@ def test_an_archive_that_unpacks_without_bound_is_refused(tmp_path: Path) -> Non
         for _ in range(501):
             part.write(bytes(1_000_000))
     with pytest.raises(ConfigurationError, match="unpacks to 501000000 bytes"):
-        read_shape(file, StatedUnitAndFrame("mm", "j"))
+        read_shape(file, UserUnitAndFrame("mm", "j"))
 
 
 def test_what_a_mesh_names_beside_it_is_not_opened(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.mtl")  # reading it would wait for ever
     file = tmp_path / "mesh.obj"
     file.write_text("mtllib pipe.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", encoding="utf-8")
-    mesh = read_shape(file, StatedUnitAndFrame("mm", "j")).mesh
+    mesh = read_shape(file, UserUnitAndFrame("mm", "j")).mesh
     assert mesh is not None
     assert len(mesh.triangles) == 1
 
@@ -323,6 +323,6 @@ def test_e57_is_in_metres_by_its_standard(tmp_path: Path) -> None:
     file = pye57.E57(str(tmp_path / "scan.e57"), mode="w")
     file.write_scan_raw({f"cartesian{axis}": points[:, i] for i, axis in enumerate("XYZ")})
     file.close()
-    found = read_shape(tmp_path / "scan.e57", StatedUnitAndFrame(frame="j"))
+    found = read_shape(tmp_path / "scan.e57", UserUnitAndFrame(frame="j"))
     assert found.points is not None
     np.testing.assert_allclose(found.points, points, atol=1e-7)  # single precision

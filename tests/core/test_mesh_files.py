@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from tjscan.comparison.clouds import read_shape_file
-from tjscan.comparison.shapes import StatedUnitAndFrame
+from tjscan.comparison.shapes import UserUnitAndFrame
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.mesh_files import read_mesh_file
 
@@ -88,7 +88,7 @@ def test_what_takes_too_much_memory_to_read_is_refused_before_it_is_read(
         BOX.export(file, encoding="ascii")
     else:
         BOX.export(file)
-    stated = StatedUnitAndFrame("mm", "j")
+    stated = UserUnitAndFrame("mm", "j")
     read_shape_file(file, stated)
     monkeypatch.setattr("tjscan.core.mesh_files.MOST_MEMORY", 600)
     with pytest.raises(ConfigurationError, match="of memory to read, 0 at most: thin it out"):

@@ -18,7 +18,7 @@ from tjscan.joint.hull import (
     HullTack,
     WeldBead,
     hull_section,
-    joint_pose,
+    joint_line_pose,
     laser_offset,
     place_beside_joint,
 )
@@ -121,7 +121,7 @@ def test_place_beside_a_joint_is_the_inverse_of_going_there(
     radius: float | None, along: float, right: float
 ) -> None:
     joint = HullJoint(radius=radius)
-    x, y, heading = joint_pose(joint, along)
+    x, y, heading = joint_line_pose(joint, along)
     found = place_beside_joint(joint, x - right * sin(heading), y + right * cos(heading))
     assert found == pytest.approx((along, right), abs=1e-9)
 
@@ -135,19 +135,19 @@ def test_laser_line_crosses_the_joint_where_it_is_said_to(
     radius: float | None, relative: float, right: float
 ) -> None:
     joint = HullJoint(radius=radius)
-    px, py, direction = joint_pose(joint, 1.0)
+    px, py, direction = joint_line_pose(joint, 1.0)
     x, y = px - right * sin(direction), py + right * cos(direction)
     heading = direction + relative
     along, offset = laser_offset(joint, x, y, heading)
     crossing = x + offset * sin(heading), y - offset * cos(heading)
-    assert crossing == pytest.approx(joint_pose(joint, along)[:2], abs=1e-9)
+    assert crossing == pytest.approx(joint_line_pose(joint, along)[:2], abs=1e-9)
     assert offset * right >= 0
 
 
 def test_an_arc_bends_to_the_side_of_its_sign() -> None:
-    assert joint_pose(HullJoint(radius=10.0), 1.0)[1] > 0
-    assert joint_pose(HullJoint(radius=-10.0), 1.0)[1] < 0
-    assert joint_pose(HullJoint(radius=10.0), 5 * pi)[:2] == pytest.approx((10.0, 10.0))
+    assert joint_line_pose(HullJoint(radius=10.0), 1.0)[1] > 0
+    assert joint_line_pose(HullJoint(radius=-10.0), 1.0)[1] < 0
+    assert joint_line_pose(HullJoint(radius=10.0), 5 * pi)[:2] == pytest.approx((10.0, 10.0))
 
 
 def test_file_comes_back_as_it_was(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ from tjscan.joint.definition import (
     TackWeld,
     interpolate_around_joint,
 )
-from tjscan.joint.edges import feature_edges, groove_sections, tack_spans, within_spans
+from tjscan.joint.edges import feature_edges, groove_sections, is_within_spans, tack_spans
 from tjscan.joint.file import JointFile, check_buildable, read_joint
 from tjscan.joint.geometry import (
     Ellipse,
@@ -302,16 +302,16 @@ def test_tacks_cover_the_root_where_they_are_and_nowhere_else() -> None:
         line = cylindrical_to_j(phi, land[:, 0], land[:, 1])
         length = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
         assert length == pytest.approx(tack.length, rel=0.01)
-    assert within_spans(spans, middle).all()
+    assert is_within_spans(spans, middle).all()
     inward = np.array((1e-3, -1e-3))
-    assert within_spans(spans, spans + inward).all()
-    assert not within_spans(spans, spans - inward).any()
-    assert within_spans(spans, np.array([0.3 - 2 * np.pi])).all()
+    assert is_within_spans(spans, spans + inward).all()
+    assert not is_within_spans(spans, spans - inward).any()
+    assert is_within_spans(spans, np.array([0.3 - 2 * np.pi])).all()
 
     tacked, bare = build_joint_mesh(d), build_joint_mesh(joint())
     s = groove_sections(d, PHI)
     more = heights_over(d, tacked, s.p4, s.p3) - heights_over(d, bare, s.p4, s.p3)
-    on = within_spans(spans, PHI)
+    on = is_within_spans(spans, PHI)
     assert (more[on] > 0.5e-3).all()
     np.testing.assert_allclose(more[~on], 0, atol=ON_MESH)
 

@@ -78,7 +78,7 @@ def test_a_scan_is_started_stepped_paused_and_stopped_by_clicks(
         shown.press("Stop")
         assert served.end() == 130
     scan = read_recorded_scan(run)
-    assert scan.stop_reason.startswith("stop requested")
+    assert scan.stop_detail.startswith("stop requested")
     assert 3 <= len(scan.sections) < 58
 
 

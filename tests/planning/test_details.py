@@ -5,7 +5,7 @@ from plates import half_v
 from ringed_grooves import edges_of
 
 from tjscan.core.frames import Array
-from tjscan.planning.details import NO_DETAIL, DetailStretch, compare_with_details
+from tjscan.planning.details import NO_DETAIL_TEXT, DetailStretch, compare_with_details
 from tjscan.planning.wps import JointDetail
 
 COUNT, ANGLE, DEPTH = 9, 50.0, 25.4e-3
@@ -52,4 +52,4 @@ def test_where_two_details_overlap_the_better_one_is_told() -> None:
 
 def test_an_angle_that_no_detail_holds_is_told() -> None:
     found = compared(detail("side", (80, 115), (45, 55)))
-    assert found[-1].out_of_table == (NO_DETAIL,)
+    assert found[-1].out_of_table == (NO_DETAIL_TEXT,)

@@ -13,8 +13,8 @@ from tjscan.core.frames import Array
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.planning.document import beads_to_csv, plan_document, read_beads_csv
-from tjscan.planning.edges import GrooveEdges, root_of_sections
-from tjscan.planning.path import LARGEST_KINK, LONGEST_STEP
+from tjscan.planning.edges import GrooveEdges, root_along_sections
+from tjscan.planning.path import LARGEST_KINK, LONGEST_STATION_STEP
 from tjscan.planning.plan import plan_weld
 from tjscan.planning.weldx_file import write_plan_as_weldx
 from tjscan.planning.wps import WeldingProcedure, read_wps
@@ -93,7 +93,7 @@ def test_files_keep_the_parts_of_a_bead_apart_however_near_they_are(tmp_path: Pa
     plan = plan_weld(plate(tacked=(4,)), wps(tacks="skip"), UP)
     first, second = plan.beads[:2]
     assert [(b.number, b.part) for b in (first, second)] == [(1, 1), (1, 2)]
-    assert second.s[0] - first.s[-1] == pytest.approx(LONGEST_STEP)
+    assert second.s[0] - first.s[-1] == pytest.approx(LONGEST_STATION_STEP)
     provenance = Provenance.for_file_written_now("job", "j", "mm")
     file = tmp_path / "beads.csv"
     file.write_text(beads_to_csv(plan, provenance), encoding="utf-8")
@@ -179,8 +179,8 @@ def test_where_a_section_does_not_show_its_root_those_beside_it_do() -> None:
         section(""),
     ]
     s = np.arange(5.0)
-    root = root_of_sections(sections, s, 4.0, closed=False)
+    root = root_along_sections(sections, s, 4.0, closed=False)
     np.testing.assert_allclose(root.openness, (1.0, 1.0, 1.0, 0.5, 0.0))
     np.testing.assert_array_equal(root.tacked, (False, True, False, False, False))
     assert root.is_open_between(0.0, 2.0)
-    assert not root_of_sections(sections[3:], s[:2], 1.0, closed=False).is_open_between(0, 1)
+    assert not root_along_sections(sections[3:], s[:2], 1.0, closed=False).is_open_between(0, 1)

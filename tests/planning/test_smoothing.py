@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tjscan.core.frames import Array
-from tjscan.planning.smoothing import SmoothCurve, fit_smooth_curve
+from tjscan.planning.smoothing import SmoothCurve
 
 LENGTH = 1.4
 
@@ -23,13 +23,13 @@ def saddle(s: Array) -> Array:
 def fitted(count: int, sigma: float, seed: int, *, closed: bool = True) -> SmoothCurve:
     s = lengths(count, closed=closed)
     noise = sigma * np.random.default_rng(seed).standard_normal((count, 3))
-    return fit_smooth_curve(s, saddle(s) + noise, np.full(count, sigma), LENGTH, closed=closed)
+    return SmoothCurve(s, saddle(s) + noise, np.full(count, sigma), LENGTH, closed=closed)
 
 
 def test_a_straight_line_stays_straight_whatever_the_noise_is_said_to_be() -> None:
     s = lengths(9, closed=False)
     line = np.outer(s, (1.0, -2.0, 0.5)) + 3.0
-    curve = fit_smooth_curve(s, line, np.full(9, 1e-3), LENGTH, closed=False)
+    curve = SmoothCurve(s, line, np.full(9, 1e-3), LENGTH, closed=False)
     between = np.linspace(0, LENGTH, 40)
     np.testing.assert_allclose(
         curve.values(between), np.outer(between, (1.0, -2.0, 0.5)) + 3.0, atol=1e-9
@@ -56,8 +56,8 @@ def test_derivatives_are_those_of_the_values(closed: bool) -> None:
 def test_a_closed_curve_is_the_same_wherever_it_is_said_to_begin() -> None:
     s, shift = lengths(20, closed=True), 7
     values = saddle(s) + 1e-4 * np.random.default_rng(2).standard_normal((20, 3))
-    one = fit_smooth_curve(s, values, np.full(20, 1e-4), LENGTH, closed=True)
-    other = fit_smooth_curve(s, np.roll(values, -shift, 0), np.full(20, 1e-4), LENGTH, closed=True)
+    one = SmoothCurve(s, values, np.full(20, 1e-4), LENGTH, closed=True)
+    other = SmoothCurve(s, np.roll(values, -shift, 0), np.full(20, 1e-4), LENGTH, closed=True)
     at = np.linspace(0, LENGTH, 33)
     np.testing.assert_allclose(other.values(at - s[shift]), one.values(at), atol=1e-9)
     np.testing.assert_allclose(other.sigmas(at - s[shift]), one.sigmas(at), rtol=1e-4)
@@ -80,6 +80,6 @@ def test_it_is_less_sure_between_values_that_stand_far_apart() -> None:
     s = lengths(36, closed=True)
     keep = np.r_[0:12, 17:36]
     values = saddle(s) + 1e-5 * np.random.default_rng(3).standard_normal((36, 3))
-    curve = fit_smooth_curve(s[keep], values[keep], np.full(len(keep), 1e-5), LENGTH, closed=True)
+    curve = SmoothCurve(s[keep], values[keep], np.full(len(keep), 1e-5), LENGTH, closed=True)
     gap, close = curve.sigmas(np.array([s[14], s[28]]))
     assert gap > 2 * close

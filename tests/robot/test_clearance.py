@@ -18,8 +18,8 @@ from tjscan.core.frames import Array, pose, rot_y, rot_z, transform_points
 from tjscan.job.arm import clear_path_planner_of_job
 from tjscan.job.files import read_scan_job
 from tjscan.robot.arm import Arm, ArmState
-from tjscan.robot.clearance import CHECK_RESOLUTION, ClearPathPlanner
-from tjscan.robot.collision import SCANNED_GROOVE, CollisionModel, check_ignored_links
+from tjscan.robot.clearance import PATH_CHECK_RESOLUTION, ClearPathPlanner
+from tjscan.robot.collision import SCANNED_GROOVE_NAME, CollisionModel, check_ignored_links
 from tjscan.robot.collision_checked import LARGEST_JOINT_SWEEP, CollisionCheckedArm
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import interpolate_joints, linear_waypoints
@@ -154,9 +154,9 @@ def test_what_passes_keeps_its_margin_everywhere_between_the_waypoints(seed: int
     try:
         keeps.joint_angles_after_joint_move(HOME, T_b_f)
     except PathBlocked:
-        assert closest < CHECK_RESOLUTION
+        assert closest < PATH_CHECK_RESOLUTION
     else:
-        assert closest > -CHECK_RESOLUTION
+        assert closest > -PATH_CHECK_RESOLUTION
 
 
 def test_a_path_through_a_solid_is_refused_and_names_it_where_and_how_deep() -> None:
@@ -391,7 +391,7 @@ def test_what_has_been_seen_is_in_the_way() -> None:
     keeps.set_measured_surface(grid.reshape(-1, 3), grid_triangles(3, 5))
     with pytest.raises(PathBlocked) as refusal:
         keeps.joint_angles_after_linear_move(HOME, aside(0.5))
-    assert refusal.value.other == SCANNED_GROOVE
+    assert refusal.value.other == SCANNED_GROOVE_NAME
 
 
 def test_the_strip_covers_every_cell_of_its_grid_once() -> None:
@@ -465,11 +465,11 @@ def test_a_scan_keeps_clear_of_what_it_scanned() -> None:
     q = result.views[-1].q
     before = {pair.other for pair in fresh._model.pairs}
     ScannedSurfaceObstacle(fresh, result.sections)
-    assert {pair.other for pair in fresh._model.pairs} - before == {SCANNED_GROOVE}
+    assert {pair.other for pair in fresh._model.pairs} - before == {SCANNED_GROOVE_NAME}
     seen = [
         d
         for pair, d in zip(fresh._model.pairs, fresh._model.distances(q), strict=True)
-        if pair.other == SCANNED_GROOVE
+        if pair.other == SCANNED_GROOVE_NAME
     ]
     # The sensor looks at the groove from its standoff, its corners a little nearer.
     assert 0.15 < min(seen) < 0.23
@@ -510,7 +510,7 @@ def test_a_check_of_postures_says_what_their_distances_say() -> None:
     model = CollisionModel(kinematics(), [post(0.1), post(-0.3, y=-0.4)], [TIP])
     least = np.where([pair.own for pair in model.pairs], 0.005, 0.03)
     least[::7] = -np.inf
-    check, found = model.make_check(least), set()
+    check, found = model.make_nearness_check(least), set()
     looked_at = np.isfinite(least)
     for q in HOME + np.random.default_rng(0).uniform(-1.5, 1.5, (150, 6)):
         short = (model.distances(q) < least) & looked_at

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from ur_cell import address, arm_at
 
-from tjscan.robot.dh import DhParameters, compare_with_model
+from tjscan.robot.dh import DhParameters, compare_flange_with_model
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.kinematics_info import (
     PRIMARY_PORT,
-    find_kinematics,
-    read_controller_kinematics,
+    find_kinematics_package,
+    read_kinematics_info,
 )
 from tjscan.robot.urdf import ARM_MODELS
 from tjscan_loopback.process import UrLoopbackProcess
@@ -35,7 +35,7 @@ def nominal(model: str = "ur10e") -> DhParameters:
 
 @pytest.mark.parametrize("model", ARM_MODELS)
 def test_the_maker_s_parameters_and_the_urdf_are_one_arm(model: str) -> None:
-    _, largest = compare_with_model(nominal(model), Kinematics.load(model))
+    _, largest = compare_flange_with_model(nominal(model), Kinematics.load(model))
     assert largest < 1e-12
 
 
@@ -44,7 +44,7 @@ def test_an_arm_placed_by_calibrated_parameters_follows_them() -> None:
     arm = with_dh_parameters(Kinematics.load("ur10e"), nominal(), own)
     q = np.random.default_rng(0).uniform(-3, 3, 6)
     np.testing.assert_allclose(arm.forward(q), own.forward(q), rtol=0, atol=1e-12)
-    rms, _ = compare_with_model(own, Kinematics.load("ur10e"))
+    rms, _ = compare_flange_with_model(own, Kinematics.load("ur10e"))
     assert 1e-4 < rms < 3e-3
 
 
@@ -56,7 +56,7 @@ def test_what_is_sent_is_read_among_other_packages() -> None:
     body = message[5:]
     other = struct.pack(">iB", 9, 0) + b"abcd"
     for packages in (body, other + body, body + other):
-        found = find_kinematics(packages)
+        found = find_kinematics_package(packages)
         assert found is not None
         for name in ("theta", "a", "d", "alpha"):
             np.testing.assert_array_equal(getattr(found, name), getattr(own, name))
@@ -67,13 +67,13 @@ def test_what_is_sent_is_read_among_other_packages() -> None:
     [b"", b"\x00" * 40, struct.pack(">iB", -1, 5), struct.pack(">iB", 999, 5) + b"\x00" * 50],
 )
 def test_what_can_not_be_is_no_calibration(body: bytes) -> None:
-    assert find_kinematics(body) is None
+    assert find_kinematics_package(body) is None
 
 
 def test_numbers_that_are_none_are_no_calibration() -> None:
     body = bytearray(kinematics_message(nominal())[5:])
     body[5 + 24 : 5 + 32] = struct.pack(">d", float("nan"))
-    assert find_kinematics(bytes(body)) is None
+    assert find_kinematics_package(bytes(body)) is None
 
 
 def test_a_controller_that_is_silent_or_cut_off_states_nothing() -> None:
@@ -88,17 +88,17 @@ def test_a_controller_that_is_silent_or_cut_off_states_nothing() -> None:
 
             thread = Thread(target=answer)
             thread.start()
-            assert read_controller_kinematics(host, 1.0) is None
+            assert read_kinematics_info(host, 1.0) is None
             thread.join()
-    assert read_controller_kinematics(host, 0.5) is None  # nobody listens
+    assert read_kinematics_info(host, 0.5) is None  # nobody listens
 
 
 def test_the_driver_says_where_model_and_controller_disagree() -> None:
     pytest.importorskip("rtde_control")
     own = draw_calibration(nominal(), 7)
-    rms, _ = compare_with_model(own, Kinematics.load("ur10e"))
+    rms, _ = compare_flange_with_model(own, Kinematics.load("ur10e"))
     with UrLoopbackProcess(address(), "--fast", "--calibration-seed", "7") as process:
-        stated = read_controller_kinematics(process.host)
+        stated = read_kinematics_info(process.host)
         assert stated is not None
         np.testing.assert_array_equal(stated.a, own.a)
         with arm_at(process.host) as arm:

@@ -9,7 +9,7 @@ import pytest
 
 from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between
 from tjscan.core.pose_vector import boxminus
-from tjscan.robot.deviations import deviation_jacobian, length_growth, with_deviations
+from tjscan.robot.deviations import deviation_jacobian, deviations_of_longer_links, with_deviations
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import ArmErrorSettings, PlacementTolerance
 from tjscan.robot.simulated import SimulatedArm, SimulatedArmErrors
@@ -62,7 +62,7 @@ def last_joint(T_b_f: Array) -> Array:
 
 def test_growth_lengthens_every_link_alike() -> None:
     arm, q = kinematics(), posture(3)
-    grown = with_deviations(arm, 0.01 * length_growth(arm)).forward(q)
+    grown = with_deviations(arm, 0.01 * deviations_of_longer_links(arm)).forward(q)
     cold = arm.forward(q)
     np.testing.assert_allclose(last_joint(grown), 1.01 * last_joint(cold), rtol=0, atol=1e-14)
     assert rotation_angle_between(grown, cold) < 1e-7

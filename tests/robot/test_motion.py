@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from tjscan.core.errors import ConfigurationError, PoseUnreachable
 from tjscan.core.frames import Array, pose, rot_x, rot_y, rot_z, rotation_angle_between
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import JointTrajectory, MotionLimits
-from tjscan.robot.path import PathPlanner
+from tjscan.robot.path import JointTrajectory, MotionLimits, PathPlanner
 
 WELL = np.radians([10, -80, 100, -60, -80, 20])
 LIMITS = MotionLimits()

@@ -13,22 +13,22 @@ from hypothesis import strategies as st
 from tjscan.core.errors import ArmFault
 from tjscan.core.frames import Array
 from tjscan.robot.arm import (
-    READING_PAUSE,
+    LARGEST_TURN_AT_REST,
+    REST_DURATION,
     REST_LIMIT,
-    STILL_DURATION,
-    STILL_TOLERANCE,
+    STATE_READING_PAUSE,
     ArmState,
     await_rest,
-    check_not_moved,
+    check_arm_has_not_moved,
 )
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import MotionLimits
+from tjscan.robot.path import MotionLimits
 from tjscan.robot.simulated import SimulatedArm
 
 FLICKER = 5e-5
 """Radians: encoders at rest."""
 
-CREEP = 2 * STILL_TOLERANCE / STILL_DURATION
+CREEP = 2 * LARGEST_TURN_AT_REST / REST_DURATION
 """rad/s: slower than this is not told from rest for sure."""
 
 
@@ -61,14 +61,14 @@ class LedArm(SimulatedArm):
 
 
 @settings(max_examples=50, deadline=None)
-@given(speed=st.floats(CREEP, 1.0), seconds=st.floats(0.0, REST_LIMIT - 2 * STILL_DURATION))
+@given(speed=st.floats(CREEP, 1.0), seconds=st.floats(0.0, REST_LIMIT - 2 * REST_DURATION))
 def test_a_state_at_rest_is_one_after_the_motion(speed: float, seconds: float) -> None:
     with LedArm(speed, seconds) as arm:
         state = arm.rest()
         assert state.time >= min(seconds, REST_LIMIT)
         # Flickering encoders may hold a slow motion on for another window.
-        assert state.time <= seconds + 2 * STILL_DURATION + 3 * READING_PAUSE
-        check_not_moved(state, arm.state())
+        assert state.time <= seconds + 2 * REST_DURATION + 3 * STATE_READING_PAUSE
+        check_arm_has_not_moved(state, arm.state())
 
 
 @settings(max_examples=20, deadline=None)
@@ -77,16 +77,16 @@ def test_an_arm_that_never_rests_is_not_waited_for_for_ever(speed: float) -> Non
     with LedArm(speed, np.inf) as arm:
         with pytest.raises(ArmFault, match="does not come to rest"):
             arm.rest()
-        assert REST_LIMIT < arm.clock <= REST_LIMIT + 2 * READING_PAUSE
+        assert REST_LIMIT < arm.clock <= REST_LIMIT + 2 * STATE_READING_PAUSE
 
 
 def test_an_arm_that_moved_meanwhile_is_told() -> None:
     with LedArm(1.0, 1.0) as arm:
         before = arm.state()
-        check_not_moved(before, arm.state())
+        check_arm_has_not_moved(before, arm.state())
         arm.pause(0.5)
         with pytest.raises(ArmFault, match=r"moved while the laser looked.*28\.6\d deg"):
-            check_not_moved(before, arm.state())
+            check_arm_has_not_moved(before, arm.state())
 
 
 def test_the_end_of_a_move_is_waited_for() -> None:

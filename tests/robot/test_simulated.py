@@ -12,8 +12,7 @@ from tjscan.core.errors import ArmFault, ConfigurationError, PoseUnreachable
 from tjscan.core.frames import Array, pose, rotation_angle_between
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import MotionLimits
-from tjscan.robot.path import PathPlanner
+from tjscan.robot.path import MotionLimits, PathPlanner
 from tjscan.robot.simulated import SimulatedArm
 
 WELL = np.radians([10, -80, 100, -60, -80, 20])

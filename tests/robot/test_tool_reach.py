@@ -6,8 +6,8 @@ from ur_cell import HOME, KINEMATICS
 
 from tjscan.core.frames import Array, inverse_pose, pose, rot_x, rot_z
 from tjscan.robot.tool_reach import (
-    OUT_OF_REACH,
-    SPIN_COUNT,
+    OUT_OF_REACH_TEXT,
+    TRIED_SPINS,
     Hindrance,
     ToolConfigurations,
     find_tool_holds,
@@ -51,7 +51,7 @@ def test_a_line_in_reach_is_one_stretch_whose_joints_hold_every_place() -> None:
 
 def test_spin_alone_makes_no_difference_to_what_is_reached() -> None:
     """The tool may be turned as one likes: so may the poses that are asked for."""
-    turned = line(0.15) @ pose(rot_z(2 * np.pi * 5 / SPIN_COUNT))
+    turned = line(0.15) @ pose(rot_z(2 * np.pi * 5 / TRIED_SPINS))
     can = holds(line(0.15)).can
     np.testing.assert_array_equal(holds(turned).can, np.roll(can, -5, axis=1))
 
@@ -61,7 +61,7 @@ def test_what_is_out_of_reach_or_hindered_parts_the_line_and_is_named() -> None:
     poses[4, 0, :3, 3] += (0.0, 0.0, 9.0)
     found = holds(poses)
     assert found.stretches() == ((0, 3), (5, 8))
-    assert found.hindrances[4] == OUT_OF_REACH
+    assert found.hindrances[4] == OUT_OF_REACH_TEXT
     y = START[1, 3] + 0.07
 
     def wall(q: Array) -> str:
@@ -104,5 +104,5 @@ def test_the_tool_s_own_place_on_the_flange_counts() -> None:
         closed=False,
     )
     spin, branch = np.argwhere(found.can[0])[0]
-    T_b_f = START @ pose(rot_z(2 * np.pi * spin / SPIN_COUNT)) @ inverse_pose(TOOL)
+    T_b_f = START @ pose(rot_z(2 * np.pi * spin / TRIED_SPINS)) @ inverse_pose(TOOL)
     np.testing.assert_allclose(KINEMATICS.forward(found.q[0, spin, branch]), T_b_f, atol=1e-9)

@@ -48,8 +48,13 @@ from tjscan.core.frames import pose, rot_y, rot_z, rotation_angle_between
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.dashboard import DashboardClient
-from tjscan.robot.ur.faults import fault_from_state
-from tjscan.robot.ur.messages import PROGRAM_PLAYING, ControllerState, RobotMode, SafetyMode
+from tjscan.robot.ur.messages import (
+    PROGRAM_PLAYING,
+    ControllerState,
+    RobotMode,
+    SafetyMode,
+    fault_from_state,
+)
 from tjscan.robot.ur.settings import UrSettings
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan_loopback.process import UrLoopbackProcess
@@ -289,7 +294,7 @@ DRIVER = """
 import sys
 sys.path.insert(0, sys.argv[2])
 from tjscan.core.errors import MoveSupervisionLost
-from tjscan.robot.motion import MotionLimits
+from tjscan.robot.path import MotionLimits
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.settings import UrSettings
 from ur_cell import KINEMATICS, beside_home

@@ -9,7 +9,7 @@ from ur_cell import HOME, KINEMATICS, address, arm_at, output_is_on
 from tjscan.core.errors import ArmFault, PoseNotReached
 from tjscan.core.frames import pose
 from tjscan.core.pose_vector import pose_to_vector
-from tjscan.robot.ur.program import UrProgram
+from tjscan.robot.ur.moving import UrProgram
 from tjscan_loopback.process import UrLoopbackProcess
 
 pytest.importorskip("rtde_control")
@@ -81,7 +81,7 @@ def test_where_nobody_watches_any_more_the_controller_ends_the_program(
 ) -> None:
     """The client that feeds the watchdog is gone, as when this computer fails."""
     with arm_at(loopback.host) as arm:
-        session = arm._connected
+        session = arm._connected_session
 
         def vanish() -> None:
             session.link._process.kill()

@@ -15,7 +15,7 @@ from tjscan.job.crawl.job import CrawlJob
 from tjscan.joint.hull import HullJoint, HullTack
 from tjscan.laser.profile import Profile
 from tjscan.laser.section_laser import SectionLaserModel
-from tjscan.planning.crawl_passes import passes_of_plan
+from tjscan.planning.crawl_passes import crawl_passes_of_plan
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.wps import WeldingProcedure, read_wps
@@ -58,7 +58,7 @@ def test_the_edges_are_those_of_the_joint() -> None:
 
 def test_passes_lay_down_what_the_joint_holds() -> None:
     found = plan()
-    passes = passes_of_plan(found)
+    passes = crawl_passes_of_plan(found)
     length = found.edges.length
     rates = [float(found.wps.deposition_rate(np.array(one.bead.feed))) for one in passes]
     laid = sum(rate * length / one.speed for rate, one in zip(rates, passes, strict=True))
@@ -73,14 +73,14 @@ def test_passes_lay_down_what_the_joint_holds() -> None:
 
 
 def test_passes_of_a_symmetric_joint_are_symmetric() -> None:
-    passes = passes_of_plan(plan(HullJoint()))
+    passes = crawl_passes_of_plan(plan(HullJoint()))
     for layer in {one.bead.layer for one in passes}:
         offsets = sorted(one.offset for one in passes if one.bead.layer == layer)
         np.testing.assert_allclose(offsets, [-x for x in offsets[::-1]], atol=0.1e-3)
 
 
 def test_a_crawl_job_takes_the_passes() -> None:
-    passes = passes_of_plan(plan())
+    passes = crawl_passes_of_plan(plan())
     text = passes_to_toml(passes, 'a "WPS"')
     job = tomllib.loads(SHORT.split("[[pass]]")[0] + "[simulation]\n") | tomllib.loads(text)
     read = validate_table(CrawlJob, job).passes
@@ -97,7 +97,7 @@ def test_after_passes_the_rest_is_planned() -> None:
     assert {bead.kind for bead in found.beads} <= {"fill", "cap"}
     # A triangle's worth above the last beads; their crowns stand in it.
     assert found.volume < 0.6 * plan(HullJoint()).volume
-    assert all(one.height > -7e-3 for one in passes_of_plan(found))
+    assert all(one.height > -7e-3 for one in crawl_passes_of_plan(found))
 
 
 def test_a_tack_weld_is_bridged_and_says_where_it_is() -> None:
@@ -124,10 +124,10 @@ def test_what_a_pass_can_t_do_is_refused() -> None:
     assert found.root.tacked.any()
     skipping = plan_weld(found, wps(root={"tacks": "skip"}), INTO_HULL)
     with pytest.raises(ConfigurationError, match="does not stop at tack") as error:
-        passes_of_plan(skipping)
+        crawl_passes_of_plan(skipping)
     assert error.value.key == "root.tacks"
     with pytest.raises(ConfigurationError, match="from the start") as error:
-        passes_of_plan(plan_weld(edges(JOINT), wps(sequence={"reverse": True}), INTO_HULL))
+        crawl_passes_of_plan(plan_weld(edges(JOINT), wps(sequence={"reverse": True}), INTO_HULL))
     assert error.value.key == "sequence.reverse"
 
 

@@ -8,8 +8,8 @@ import pytest
 from cells import scan_example
 from seams import NONE, Noise, Seam, seam
 
-from tjscan.scanning.journal import StopReason, step_lengths
-from tjscan.scanning.plan import TRIED_LENGTHS, AdaptiveStepSettings, adaptive_step_rule
+from tjscan.scanning.journal import StopReason, untaught_step_lengths
+from tjscan.scanning.plan import TRIED_STEP_LENGTHS, AdaptiveStepSettings, adaptive_step_rule
 from tjscan.scanning.section import ScannedSection
 from tjscan.scanning.smooth import tube_fit_predictor
 
@@ -62,7 +62,7 @@ def test_steps_keep_their_bounds_and_depend_on_the_sections_alone() -> None:
     assert adaptive_step_rule(generous)(scans) == pytest.approx(generous.most)
     step = adaptive_step_rule(LIMITS)(scans)
     assert step == adaptive_step_rule(LIMITS)(tuple(scans))
-    places = (step - LIMITS.least) / (LIMITS.most - LIMITS.least) * (TRIED_LENGTHS - 1)
+    places = (step - LIMITS.least) / (LIMITS.most - LIMITS.least) * (TRIED_STEP_LENGTHS - 1)
     assert places == pytest.approx(round(places))
 
 
@@ -79,7 +79,7 @@ def test_a_scan_with_adaptive_steps_ends_where_it_was_asked_to() -> None:
     result = scan_example(
         {"scan.prediction_case": "smooth", "scan.adaptive.least_mm": 15, "scan.length_mm": 300}
     )
-    lengths = step_lengths(result.sections)
+    lengths = untaught_step_lengths(result.sections)
     assert result.stop is StopReason.LENGTH
     assert sum(lengths) == pytest.approx(0.3, abs=0.04)
     assert min(lengths) > 0.0149

@@ -45,7 +45,7 @@ def test_it_is_read(old: Path) -> None:
     assert head.format == FORMAT_VERSION
     scan = read_recorded_scan(old)
     assert (len(scan.views), list(scan.sections)) == (6, [0, 1, 2, 3])
-    assert scan.stop_reason.startswith("number of sections reached")
+    assert scan.stop_detail.startswith("number of sections reached")
     assert scan.events[-1].name == "stop"
     for section, again in zip(
         scan.sections.values(), scan.reread_sections(read_groove), strict=True

@@ -15,13 +15,14 @@ from tjscan.groove.read import read_groove
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import CombinedJournal, RunEvent
-from tjscan.scanning.events import RetryCounts, ScanEvent
 from tjscan.scanning.journal import (
     RecordedScan,
+    RetryCounts,
+    ScanEvent,
     ScanResult,
     ScanResultsJournal,
     StopReason,
-    step_lengths,
+    untaught_step_lengths,
 )
 from tjscan.scanning.profile_taker import AGREEING_PROFILES, merge_repeated_profiles
 from tjscan.scanning.retries import MOST_MISSING_PROFILES
@@ -129,7 +130,7 @@ def test_the_mildest_remedy_that_helps_is_taken(first: int, profiles: int) -> No
         *["nudge"] * (profiles - 1),
         "stop",
     ]
-    np.testing.assert_allclose(step_lengths(result.sections), 0.040, rtol=0.03)
+    np.testing.assert_allclose(untaught_step_lengths(result.sections), 0.040, rtol=0.03)
     assert len(notes.views) == len(result.views)  # the profiles that could not be read as well
 
 
@@ -156,8 +157,8 @@ def test_where_nothing_is_read_a_shorter_step_is_made(first: int, nudges: int) -
     )
     assert result.stop is StopReason.SECTIONS
     assert result.counts == RetryCounts(taken_again=1, nudges=nudges, half_steps=1)
-    assert step_lengths(result.sections)[2] == pytest.approx(0.020, rel=0.03)
-    assert step_lengths(result.sections)[3] == pytest.approx(0.040, rel=0.03)
+    assert untaught_step_lengths(result.sections)[2] == pytest.approx(0.020, rel=0.03)
+    assert untaught_step_lengths(result.sections)[3] == pytest.approx(0.040, rel=0.03)
 
 
 def test_where_that_does_not_help_the_last_section_is_seen_again() -> None:
@@ -167,7 +168,7 @@ def test_where_that_does_not_help_the_last_section_is_seen_again() -> None:
     assert result.stop is StopReason.SECTIONS
     assert result.counts == RetryCounts(taken_again=2, nudges=8, half_steps=1, retreats=1)
     assert [v.index for v in result.views if v.substep is Substep.RESUMED] == [3]
-    assert step_lengths(result.sections)[2] == pytest.approx(0.010, rel=0.05)
+    assert untaught_step_lengths(result.sections)[2] == pytest.approx(0.010, rel=0.05)
 
 
 def readings_changed_from(first: int, change: Callable[[Profile], Profile]) -> GrooveReader:

@@ -18,14 +18,14 @@ from cells import (
 
 from tjscan.core.errors import ConfigurationError, PoseUnreachable, StartSeesNoGroove
 from tjscan.core.frames import rotation_angle_between
-from tjscan.scanning.journal import ScanResult, StopReason, step_lengths
+from tjscan.scanning.journal import ScanResult, StopReason, untaught_step_lengths
 from tjscan.scanning.section import Substep
 
 EXAMPLES = pytest.mark.parametrize("file", [PAPER, CLOCKWISE], ids=["ccw", "cw"])
 
 
 def step_error(result: ScanResult, nominal: float) -> float:
-    return float(np.mean(step_lengths(result.sections)) / nominal - 1)
+    return float(np.mean(untaught_step_lengths(result.sections)) / nominal - 1)
 
 
 @EXAMPLES

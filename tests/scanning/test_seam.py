@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from seams import Noise, seam
 
-from tjscan.scanning.seam.fit import (
-    MOST_SECTIONS,
+from tjscan.scanning.seam_fit import (
+    MOST_RECENT_SECTIONS,
     LocalWalls,
+    RecentSections,
     fit_tubes_to_sections,
-    recent_section_arrays,
 )
 from tjscan.scanning.target import ScanDirection
 
@@ -19,7 +19,7 @@ from tjscan.scanning.target import ScanDirection
 @pytest.mark.parametrize("direction", ScanDirection)
 def test_without_noise_five_sections_hold_both_tubes(joint: str, direction: ScanDirection) -> None:
     world = seam(joint, direction)
-    fitted = fit_tubes_to_sections(recent_section_arrays(world.walk(0.3, 0.05, 5)))
+    fitted = fit_tubes_to_sections(RecentSections(world.walk(0.3, 0.05, 5)))
     walls, true = fitted.walls(), world.definition
     # A prior that asks for other sizes moves them by little.
     np.testing.assert_allclose(
@@ -35,7 +35,7 @@ def test_with_noise_the_radii_are_as_uncertain_as_told() -> None:
     off = []
     for seed in range(20):
         world = seam(noise=Noise(), seed=seed)
-        fitted = fit_tubes_to_sections(recent_section_arrays(world.walk(0.3, 0.05, 5)))
+        fitted = fit_tubes_to_sections(RecentSections(world.walk(0.3, 0.05, 5)))
         told = 0.7 * np.sqrt(fitted.covariance[4, 4])  # of ln(1/r); 0.7 is the prior's unit
         off.append(np.log(fitted.walls().curvatures[0] * world.definition.brace_radius) / told)
     # Tubes are round here: what is allowed for their being out of round is not used up.
@@ -50,17 +50,17 @@ def test_at_the_crown_the_seam_bends_as_both_tubes_do() -> None:
     true = world.definition
     # There z = R - (r phi)²/2R, and the radius about the axis is r.
     expected = np.hypot(1 / true.brace_radius, 1 / true.leg_radius)
-    assert fit_tubes_to_sections(recent_section_arrays(scans)).seam_curvature() == pytest.approx(
+    assert fit_tubes_to_sections(RecentSections(scans)).seam_curvature() == pytest.approx(
         expected, rel=0.05
     )
 
 
 def test_only_the_last_sections_count() -> None:
-    scans = seam().walk(-1.0, 0.01, MOST_SECTIONS + 3)
-    track = recent_section_arrays(scans)
-    assert len(track.along) == MOST_SECTIONS
+    scans = seam().walk(-1.0, 0.01, MOST_RECENT_SECTIONS + 3)
+    track = RecentSections(scans)
+    assert len(track.along) == MOST_RECENT_SECTIONS
     assert track.along[-1] == 0
-    assert track.along[0] == pytest.approx(-0.01 * (MOST_SECTIONS - 1), rel=1e-3)
+    assert track.along[0] == pytest.approx(-0.01 * (MOST_RECENT_SECTIONS - 1), rel=1e-3)
 
 
 @settings(deadline=None, max_examples=50)

@@ -13,7 +13,7 @@ from seams import NONE, Noise, Seam, misses, seam
 from tjscan.core.errors import GrooveNotFound, TubesNotFound
 from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between
 from tjscan.groove.section import section_from_points
-from tjscan.scanning import smooth
+from tjscan.scanning import seam_fit
 from tjscan.scanning.plan import CorrectionCriterion, view_deviation
 from tjscan.scanning.section import ScannedSection, SetPoint, StepRequest
 from tjscan.scanning.sections_before import check_set_point
@@ -205,7 +205,7 @@ def test_where_the_tubes_tell_nothing_the_papers_case_3_predicts(
 
     world = seam()
     scans = walk_of(world, 0.04, 3)
-    monkeypatch.setattr(smooth, "fit_tubes_to_sections", lost)
+    monkeypatch.setattr(seam_fit, "fit_tubes_to_sections", lost)
     ahead = tube_fit_predictor(world.plan)(scans, 0.04)
     case_3 = paper_predictor(PREDICTION_CASES[3], world.direction)(scans, 0.04)
     np.testing.assert_array_equal(ahead.T_b_t, case_3.T_b_t)

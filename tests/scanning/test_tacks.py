@@ -17,8 +17,7 @@ from tjscan.core.errors import StartOnTack
 from tjscan.groove.root import WELD_IN_ROOT
 from tjscan.groove.section import section_from_points
 from tjscan.laser.profile import Profile
-from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.journal import StopReason, step_lengths
+from tjscan.scanning.journal import ScanEvent, StopReason, untaught_step_lengths
 from tjscan.scanning.retries import step_retries
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.scanning.sections_before import with_tack_named
@@ -132,8 +131,8 @@ def test_what_hides_the_groove_for_longer_than_a_step_is_stepped_over() -> None:
     assert result.stop is StopReason.SECTIONS
     names = [name for name, _ in notes.events if name in ("half step", "retreat", "step over")]
     assert names == ["half step", "retreat", "step over"]
-    assert step_lengths(result.sections)[2] == pytest.approx(0.030, rel=0.05)
-    assert step_lengths(result.sections)[3] == pytest.approx(0.010, rel=0.05)
+    assert untaught_step_lengths(result.sections)[2] == pytest.approx(0.030, rel=0.05)
+    assert untaught_step_lengths(result.sections)[3] == pytest.approx(0.010, rel=0.05)
 
 
 def test_out_of_reach_no_longer_step_is_tried() -> None:

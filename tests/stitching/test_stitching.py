@@ -72,7 +72,8 @@ def off_truth(stitched: StitchedGroove, truth: Sequence[Array]) -> list[Array]:
 
 
 def same(one: StitchedGroove, other: StitchedGroove, turn: Array, tolerance: float = 1e-9) -> None:
-    assert [p.station.name for p in one.stations] == [p.station.name for p in other.stations]
+    names, others = ([p.fit.station.name for p in groove.stations] for groove in (one, other))
+    assert names == others
     for a, b in zip(one.stations, other.stations, strict=True):
         np.testing.assert_allclose(turn @ a.T_j_b, b.T_j_b, atol=tolerance)
     assert len(one.sections) == len(other.sections)

@@ -17,9 +17,9 @@ from tjscan.core.pose_vector import pose_to_vector
 from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ScannedSection
-from tjscan.stitching.sides import moves_of_walls
 from tjscan.stitching.stations import Station, StitchSettings, fit_tubes_to_stations
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
+from tjscan.stitching.unrolled_views import moves_of_wall_points
 from tjscan.uncertainty.causes import (
     HAND_EYE_CAUSE,
     LINEARITY_CAUSE,
@@ -139,7 +139,7 @@ def test_a_bent_lens_moves_fitted_tubes_as_stated(draw: int) -> None:
     """Frame j and the tubes' dimensions, against fitting what the bent laser sees."""
     station = two()[0]
     (fit,), (found,) = (fit_tubes_to_stations([s], SMALL) for s in (station, bent(station, draw)))
-    moved = moves_of_walls(fit.walls, station.all_sections, lens(station))[..., draw]
+    moved = moves_of_wall_points(fit.walls, station.all_sections, lens(station))[..., draw]
     stated = np.einsum("nik,nk->i", fit.frame.by_points, moved)
     off = np.concatenate(
         (

@@ -8,7 +8,7 @@ import numpy as np
 
 from tjscan.core.frames import Array, pose
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import MotionLimits
+from tjscan.robot.path import MotionLimits
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.settings import UrSettings
 

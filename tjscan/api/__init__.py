@@ -210,14 +210,14 @@ def compare(
         If there is no such alignment.
     """
     from tjscan.comparison.compare import compare_shapes
-    from tjscan.comparison.shapes import StatedUnitAndFrame
+    from tjscan.comparison.shapes import UserUnitAndFrame
     from tjscan.result.shapes import read_shape
 
     _check_word("align", align, ("none", "joint", "icp"))
     first, second = (Path(x.directory if isinstance(x, Scan) else x) for x in (measured, reference))
     return compare_shapes(
-        read_shape(first, StatedUnitAndFrame(units, frame)),
-        read_shape(second, StatedUnitAndFrame(reference_units or units, frame)),
+        read_shape(first, UserUnitAndFrame(units, frame)),
+        read_shape(second, UserUnitAndFrame(reference_units or units, frame)),
         align,
         tolerance,
     )

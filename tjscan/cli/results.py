@@ -225,16 +225,16 @@ def compare(
     """
     from tjscan.cli.output.results import print_comparison
     from tjscan.comparison.compare import compare_shapes
-    from tjscan.comparison.maps import check_map_file, write_map
-    from tjscan.comparison.shapes import StatedUnitAndFrame
+    from tjscan.comparison.maps import check_map_file, write_deviation_map
+    from tjscan.comparison.shapes import UserUnitAndFrame
     from tjscan.result.shapes import read_shape
 
     if plot is not None:
         check_map_file(plot)
     o = stated or StatedUnitOptions()
     with show_phase("comparing"):
-        ours = read_shape(measured, StatedUnitAndFrame(o.units, o.frame))
-        theirs = read_shape(reference, StatedUnitAndFrame(o.reference_units or o.units, o.frame))
+        ours = read_shape(measured, UserUnitAndFrame(o.units, o.frame))
+        theirs = read_shape(reference, UserUnitAndFrame(o.reference_units or o.units, o.frame))
         tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
         comparison = compare_shapes(ours, theirs, align, tolerance)
     print_comparison(comparison, json=json)
@@ -248,7 +248,7 @@ def compare(
             )
             print_message(f"{option} {unit} is not used: {sources}")
     if plot is not None:
-        write_map(plot, comparison.plot().figure)
+        write_deviation_map(plot, comparison.plot().figure)
         print_message(f"drawn in {plot}")
     if not comparison.passed:
         raise SystemExit(TOLERANCE_EXCEEDED)
@@ -314,7 +314,7 @@ def report(
         Frame of a reference that states none: j for the joint's own, or any name.
     """
     with show_phase("writing the report"):
-        from tjscan.comparison.shapes import StatedUnitAndFrame
+        from tjscan.comparison.shapes import UserUnitAndFrame
         from tjscan.report.plan_page import PLAN, write_plan_page
         from tjscan.report.write import write_run_report
 
@@ -323,7 +323,7 @@ def report(
             if reference is None and not (run / SUMMARY_FILE).is_file():
                 return  # the plan is not in the directory of its run
         tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
-        page = write_run_report(run, reference, tolerance, StatedUnitAndFrame(units, frame))
+        page = write_run_report(run, reference, tolerance, UserUnitAndFrame(units, frame))
     print_message(f"written to {page}")
 
 

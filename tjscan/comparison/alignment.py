@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Final
 
@@ -16,7 +15,7 @@ from tjscan.comparison.shapes import Mesh, Shape
 from tjscan.core.errors import ComparisonRefused, TubesNotFound
 from tjscan.core.frames import (
     Array,
-    frozen_arrays,
+    array_dataclass,
     inverse_pose,
     pose,
     rot_z,
@@ -30,23 +29,23 @@ from tjscan.joint.tubes.fit import JointFrame, joint_frame_from_tubes
 MOST_ALIGNED_POINTS: Final = 30_000
 """Points that are aligned; more would not make six numbers surer."""
 
-MOST_ROUNDS: Final = 100
-CONVERGED_STEP: Final = 1e-7
+MOST_ICP_ROUNDS: Final = 100
+CONVERGED_ICP_MOVE: Final = 1e-7
 """Metres that the farthest point moves in a round when it is time to stop."""
 
 MOST_PARTNER_DISTANCE: Final = 20e-3
 """Metres; a point farther from the reference than this is no partner of anything."""
 
-NOISE_FLOOR: Final = 20e-6
+LEAST_RESIDUAL_SIGMA: Final = 20e-6
 """Metres; residuals are never taken for more certain than this."""
 
 LEAST_PARTNER_SHARE: Final = 0.6
 """Share of the points that must have a partner in the end."""
 
-LEAST_EIGENVALUE: Final = 1e-4
+LEAST_STIFFNESS: Final = 1e-4
 """Smallest eigenvalue of the mean normal matrix; lengths count in radii of the cloud."""
 
-NORMAL_NEIGHBOURS: Final = 12
+NEIGHBOURS_FOR_NORMAL: Final = 12
 
 LINE_VARIANCE_RATIO: Final = 0.02
 """Variance across over variance along, below which neighbours lie on a line."""
@@ -55,8 +54,7 @@ NearestOnReference = Callable[[Array], tuple[Array, Array]]
 """Maps points to their nearest ones on the reference, and the normals there."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class Alignment:
     """Result of an alignment: the pose that brings what was measured onto its reference, and fit.
 
@@ -108,7 +106,7 @@ def nearest_point_finder_in_cloud(points: Array) -> NearestOnReference:
 
     # A copy, for Open3D takes no array that is read-only.
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.array(points)))
-    nearest = o3d.geometry.KDTreeSearchParamKNN(NORMAL_NEIGHBOURS)
+    nearest = o3d.geometry.KDTreeSearchParamKNN(NEIGHBOURS_FOR_NORMAL)
     cloud.estimate_covariances(nearest)
     spread = np.linalg.eigvalsh(np.asarray(cloud.covariances))
     if np.median(spread[:, 1]) < LINE_VARIANCE_RATIO * np.median(spread[:, 2]):
@@ -156,13 +154,13 @@ def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
         apart = np.linalg.norm(moved - feet, axis=1)
         off = np.abs(np.sum((moved - feet) * normals, axis=1))
         near = apart < MOST_PARTNER_DISTANCE
-        _check_fitness(
+        _check_enough_points_near(
             near,
             "",
             "they overlap too little, or begin too far apart to be aligned from where they are",
         )
-        width = 3 * max(mad_sigma(off[near]), NOISE_FLOOR)
-        if move < CONVERGED_STEP or rounds == MOST_ROUNDS:
+        width = 3 * max(mad_sigma(off[near]), LEAST_RESIDUAL_SIGMA)
+        if move < CONVERGED_ICP_MOVE or rounds == MOST_ICP_ROUNDS:
             break
         source = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(moved[near] - centre))
         target = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(feet[near] - centre))
@@ -188,7 +186,7 @@ def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
     return Alignment("icp", T, fitness, residual, rounds, far)
 
 
-def _check_fitness(near: NDArray[np.bool_], when: str, causes: str) -> None:
+def _check_enough_points_near(near: NDArray[np.bool_], when: str, causes: str) -> None:
     """Refuse points if too few are near the reference."""
     if near.mean() < LEAST_PARTNER_SHARE:
         raise ComparisonRefused(
@@ -203,10 +201,10 @@ def _check_stiffness(points: Array, normals: Array) -> None:
     radius = float(np.sqrt(np.mean(np.sum(points * points, axis=1))))
     J = np.column_stack((np.cross(points / radius, normals), normals))
     least = float(np.linalg.eigvalsh(J.T @ J / len(J))[0])
-    if least < LEAST_EIGENVALUE:
+    if least < LEAST_STIFFNESS:
         raise ComparisonRefused(
             f"the points could slide or turn along the reference (stiffness {least:.1e}, "
-            f"{LEAST_EIGENVALUE:g} is needed): they hold no pose. Compare more of the surface, or "
+            f"{LEAST_STIFFNESS:g} is needed): they hold no pose. Compare more of the surface, or "
             "with --align none"
         )
 
@@ -265,13 +263,13 @@ def align_joints(measured: Shape, reference: Shape, surface: MeshDistance | None
     clear = medians[best] < CLEAR_RESIDUAL_RATIO * medians[1 - best]
     chosen = best if clear else less
     near = off[chosen] < MOST_PARTNER_DISTANCE
-    _check_fitness(
+    _check_enough_points_near(
         near,
         " once the joints' own frames coincide",
         "these are two different joints, or one of them was not seen well enough",
     )
     T = turns[chosen]
-    width = 3 * max(mad_sigma(off[chosen][near]), NOISE_FLOOR)
+    width = 3 * max(mad_sigma(off[chosen][near]), LEAST_RESIDUAL_SIGMA)
     held = off[chosen] < width
     residual = float(np.sqrt(np.mean(off[chosen][held] ** 2)))
     moved = float(np.sqrt(np.mean(np.sum((transform_points(T, points) - points) ** 2, axis=1))))

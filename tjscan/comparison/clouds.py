@@ -11,7 +11,6 @@ import csv
 import re
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from math import prod
@@ -23,23 +22,16 @@ import numpy as np
 from tjscan.comparison.shapes import (
     Mesh,
     Shape,
-    StatedUnitAndFrame,
     UnitAndFrame,
+    UserUnitAndFrame,
     find_sidecar,
     read_sidecar,
     resolve_unit_and_frame,
 )
+from tjscan.core import mesh_files
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array, readonly_copy
-from tjscan.core.mesh_files import (
-    LONGEST_LINE,
-    MOST_MEMORY,
-    check_memory_to_read,
-    read_mesh_file,
-    read_ply_header,
-    refuse_memory,
-)
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import ClosedPolyline, FeatureEdges, feature_edges
 from tjscan.joint.file import read_joint
@@ -60,15 +52,6 @@ BYTES_PER_COMPRESSED_POINT: Final = 260
 """Bytes of memory that reading a point takes, beside its own; as measured."""
 
 
-@dataclass(frozen=True, slots=True)
-class _PcdHeader:
-    """What a header states: the layout of a point, how many there are, and how they are written."""
-
-    layout: np.dtype[Any]
-    points: int
-    data: str
-
-
 def read_pcd(path: Path) -> Array:
     """Read the points of a PCD file, shape (n, 3), in the file's unit.
 
@@ -82,27 +65,28 @@ def read_pcd(path: Path) -> Array:
         If it is damaged, or of another kind.
     """
     with path.open("rb") as stream:
-        head = _read_head(stream)
+        layout, count, encoding = _read_head(stream)
         rest = path.stat().st_size - stream.tell()
-        rate = BYTES_PER_COMPRESSED_POINT if head.data == "binary_compressed" else BYTES_PER_POINT
-        refuse_memory(path, head.points * (rate + head.layout.itemsize))
-        if head.data == "ascii":
+        rate = BYTES_PER_COMPRESSED_POINT if encoding == "binary_compressed" else BYTES_PER_POINT
+        mesh_files.refuse_memory(path, count * (rate + layout.itemsize))
+        if encoding == "ascii":
             lines = (line.decode("ascii") for line in stream)
-            columns = [_first_column_of_field(head.layout, axis) for axis in "xyz"]
-            return np.loadtxt(lines, usecols=columns, ndmin=2, max_rows=head.points)
-        if head.data == "binary":
-            if head.points * head.layout.itemsize > rest:
-                raise ValueError(f"it ends before its {head.points} points do")
-            data = stream.read(head.points * head.layout.itemsize)
-            table = np.frombuffer(data, head.layout)
+            columns = [_first_column_of_field(layout, axis) for axis in "xyz"]
+            return np.loadtxt(lines, usecols=columns, ndmin=2, max_rows=count)
+        if encoding == "binary":
+            if count * layout.itemsize > rest:
+                raise ValueError(f"it ends before its {count} points do")
+            data = stream.read(count * layout.itemsize)
+            table = np.frombuffer(data, layout)
             return np.column_stack([table[axis].astype(float) for axis in "xyz"])
         compressed, whole = np.frombuffer(stream.read(8), "<u4").tolist()
-        if compressed > rest - 8 or whole != head.points * head.layout.itemsize:
+        if compressed > rest - 8 or whole != count * layout.itemsize:
             raise ValueError("its sizes contradict each other")
     return _read_compressed(path)
 
 
-def _read_head(stream: BinaryIO) -> _PcdHeader:
+def _read_head(stream: BinaryIO) -> tuple[np.dtype[Any], int, str]:
+    """What a header states: the layout of a point, how many there are, and how they are written."""
     words: dict[str, list[str]] = {}
     for _ in range(MOST_HEADER_LINES):
         line = stream.readline(10_000).decode("ascii").split()
@@ -125,7 +109,7 @@ def _read_head(stream: BinaryIO) -> _PcdHeader:
         raise ValueError("its header contradicts itself")
     if any(axis not in names or layout[axis].shape for axis in "xyz"):
         raise ValueError("it holds no points x, y, z")
-    return _PcdHeader(layout, points, data)
+    return layout, points, data
 
 
 def _first_column_of_field(layout: np.dtype[Any], axis: str) -> int:
@@ -150,14 +134,14 @@ FileContent = tuple[Array, "np.ndarray[Any, np.dtype[np.intp]] | None", tuple[st
 """Points, triangles or None, and the unit that the file states with where it states it."""
 
 
-def read_shape_file(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:
+def read_shape_file(path: Path, options: UserUnitAndFrame | None = None) -> Shape:
     """Read a shape from a joint's TOML, a mesh, a cloud or ``edges.csv``.
 
     Parameters
     ----------
     path : Path
         PLY, PCD, XYZ, CSV, STL, OBJ, 3MF; STEP and E57 where their extras are installed.
-    options : StatedUnitAndFrame, optional
+    options : UserUnitAndFrame, optional
         Unit and frame of a file that does not state them.
 
     Raises
@@ -166,14 +150,14 @@ def read_shape_file(path: Path, options: StatedUnitAndFrame | None = None) -> Sh
         If it is missing, damaged or empty, takes more memory to read than `MOST_MEMORY`, or
         nothing states its unit or its frame.
     """
-    options = options or StatedUnitAndFrame()
+    options = options or UserUnitAndFrame()
     kind = path.suffix.lower()
     if kind == ".toml":
         return _joint_shape(read_joint(path), UnitAndFrame("mm", "the joint's file", "j"))
     if not path.exists():
         near = nearest_word(path.name, [f.name for f in path.parent.glob("*")][:1000])
         raise ConfigurationError(f"there is no such file; near it: {near}", file=path)
-    check_file_size(path, MOST_MEMORY, "points and triangles")
+    check_file_size(path, mesh_files.MOST_MEMORY, "points and triangles")
     if kind == ".json":
         return _read_joint_sidecar(path)
     if kind not in READERS_BY_SUFFIX:
@@ -238,14 +222,14 @@ def _read_edges(path: Path) -> FeatureEdges | None:
 
 
 def _read_mesh(path: Path) -> FileContent:
-    points, triangles = read_mesh_file(path)
+    points, triangles = mesh_files.read_mesh_file(path)
     return points, triangles if len(triangles) else None, None
 
 
 def _read_ply(path: Path) -> FileContent:
     """PLY states its unit if this program wrote it, in a comment."""
     points, triangles, _ = _read_mesh(path)
-    for line in read_ply_header(path):
+    for line in mesh_files.read_ply_header(path):
         if line.startswith("comment units: "):
             unit = line.removeprefix("comment units: ").split(",")[0].strip()
             if unit in METRES_PER_UNIT:
@@ -280,7 +264,7 @@ def _read_e57(path: Path) -> FileContent:
     _check_package("pye57", "E57", "e57")
     file = import_module("pye57").E57(str(path))
     points_of_all = sum(file.get_header(i).point_count for i in range(file.scan_count))
-    refuse_memory(path, BYTES_PER_E57_POINT * points_of_all)
+    mesh_files.refuse_memory(path, BYTES_PER_E57_POINT * points_of_all)
     scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
     points = [np.column_stack([s[f"cartesian{axis}"] for axis in "XYZ"]) for s in scans]
     return np.concatenate(points), None, ("m", "its standard")
@@ -292,7 +276,7 @@ def _read_pcd(path: Path) -> FileContent:
 
 def _read_xyz(path: Path) -> FileContent:
     """Three numbers per line, and more that don't matter; separated by spaces, commas or both."""
-    check_memory_to_read(path)
+    mesh_files.check_memory_to_read(path)
     with path.open(encoding="utf-8") as stream:
         lines = (line.replace(",", " ").replace(";", " ") for line in stream)
         return np.loadtxt(lines, usecols=(0, 1, 2), ndmin=2, comments=("#", "//")), None, None
@@ -300,11 +284,11 @@ def _read_xyz(path: Path) -> FileContent:
 
 def _read_csv(path: Path) -> FileContent:
     """Columns x, y, z, with a unit in their names or without."""
-    check_memory_to_read(path)
+    mesh_files.check_memory_to_read(path)
     with path.open(newline="", encoding="utf-8-sig") as stream:
-        lines = iter(lambda: stream.readline(LONGEST_LINE + 1), "")
+        lines = iter(lambda: stream.readline(mesh_files.LONGEST_LINE + 1), "")
         head = next((line for line in lines if not line.startswith("#")), "")
-        if len(head) > LONGEST_LINE:
+        if len(head) > mesh_files.LONGEST_LINE:
             raise ConfigurationError("its first line is far too long for a header", file=path)
         names = [name.strip().lower() for name in next(csv.reader([head]), [])]
         unit_words = "|".join(METRES_PER_UNIT)

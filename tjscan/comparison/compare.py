@@ -291,49 +291,37 @@ def check_plausible_sizes(measured: Shape, reference: Shape) -> None:
 def _measure_deviations(
     measured: Shape, reference: Shape, surface: MeshDistance | None, tolerance: float | None
 ) -> Iterator[DeviationDistances]:
-    points, corners = measured.points, measured.corners
+    points, corners, cloud = measured.points, measured.corners, reference.points
     if surface is not None and points is not None:
-        yield DeviationDistances(
-            "cloud to mesh",
-            "from the nearest point of the surface, positive outside, negative inside",
-            True,
-            points,
-            surface.signed_distances(points),
-            tolerance,
-        )
-    if reference.points is not None and points is not None:
-        yield DeviationDistances(
-            "cloud to cloud",
+        meaning = "from the nearest point of the surface, positive outside, negative inside"
+        distances = surface.signed_distances(points)
+        yield DeviationDistances("cloud to mesh", meaning, True, points, distances, tolerance)
+    if cloud is not None and points is not None:
+        meaning = (
             "from the nearest point of the reference, unsigned; its spacing of "
-            f"{1e3 * median_point_spacing(reference.points):.3f} mm and its noise are in it",
-            False,
-            points,
-            distances_to_cloud(points, reference.points),
-            tolerance,
+            f"{1e3 * median_point_spacing(cloud):.3f} mm and its noise are in it"
         )
+        distances = distances_to_cloud(points, cloud)
+        yield DeviationDistances("cloud to cloud", meaning, False, points, distances, tolerance)
     if corners is None:
         return
     middle = corners[:, 1:4].reshape(-1, 3)
     absent = np.zeros(len(middle), bool) if measured.absent is None else measured.absent.ravel()
     if reference.edges is not None:
-        yield DeviationDistances(
+        kind, meaning = (
             "corners to feature edges",
             "of p2, p3 and p4, each from its own edge, unsigned",
-            False,
-            middle,
-            corner_to_edge_distances(corners, reference.edges, measured.absent).ravel(),
-            tolerance,
         )
-    if reference.points is not None:
-        yield DeviationDistances(
-            "corners to reference cloud",
+        distances = corner_to_edge_distances(corners, reference.edges, measured.absent).ravel()
+        yield DeviationDistances(kind, meaning, False, middle, distances, tolerance)
+    if cloud is not None:
+        kind = "corners to reference cloud"
+        meaning = (
             "of p2, p3 and p4 from the nearest point of the reference, unsigned: the measure of "
-            "Cibicik et al. (2022), section 4",
-            False,
-            middle,
-            np.where(absent, np.nan, distances_to_cloud(middle, reference.points)),
-            tolerance,
+            "Cibicik et al. (2022), section 4"
         )
+        distances = np.where(absent, np.nan, distances_to_cloud(middle, cloud))
+        yield DeviationDistances(kind, meaning, False, middle, distances, tolerance)
 
 
 def _comparison_warnings(

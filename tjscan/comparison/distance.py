@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, array_dataclass
 from tjscan.joint.edges import FeatureEdges
 
 
@@ -53,8 +53,7 @@ class DistanceStatistics:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class DeviationDistances:
     """Distances of one kind between what was measured and its reference.
 
@@ -153,7 +152,7 @@ def median_point_spacing(points: Array) -> float:
 
 IndexArray = NDArray[np.intp]
 
-INSIDE_TRIANGLE: Final = -1
+INSIDE_TRIANGLE_FEATURE: Final = -1
 """The feature of a foot that lies inside its triangle."""
 
 
@@ -232,11 +231,11 @@ class MeshFacets:
         distance : ndarray, shape (k,)
             Metres, positive on the side of the triangle's normal.
         feature : ndarray of int, shape (k,)
-            The corner or edge that each nearest point lies on; `INSIDE_TRIANGLE` inside a triangle.
+            The corner or edge that each nearest point lies on; `INSIDE_TRIANGLE_FEATURE` if none.
         """
         offset = points - self.corners[ids, 0]
         u, v, signed = np.einsum("ki,kij->jk", offset, self._dual[ids], optimize=False)
-        feature = np.full(len(points), INSIDE_TRIANGLE, dtype=np.intp)
+        feature = np.full(len(points), INSIDE_TRIANGLE_FEATURE, dtype=np.intp)
         out = np.flatnonzero((u < 0) | (v < 0) | (u + v > 1))
         if out.size:
             away, feature[out] = self._vectors_from_rims(points[out], ids[out])
@@ -256,7 +255,7 @@ class MeshFacets:
         """
         signed, feature = self.paired_signed_distances(points, ids)
         feet = points - signed[:, None] * self.normals[ids]
-        out = np.flatnonzero(feature != INSIDE_TRIANGLE)
+        out = np.flatnonzero(feature != INSIDE_TRIANGLE_FEATURE)
         if out.size:
             feet[out] = points[out] - self._vectors_from_rims(points[out], ids[out])[0]
         return np.asarray(feet)
@@ -299,7 +298,7 @@ POINTS_PER_CHUNK: Final = 32_768
 PIECES_PER_TRIANGLE: Final = 2
 """Long triangles are cut until there are about this many times as many, for the search alone."""
 
-FEWEST_PIECES: Final = 20_000
+FEWEST_MESH_PIECES: Final = 20_000
 
 MOST_WALK_STEPS: Final = 200
 """Steps from triangle to triangle. A walk only ever goes downhill, so it ends by itself."""
@@ -375,7 +374,7 @@ class MeshDistance:
     def _walk_downhill(self, points: Array, ids: IndexArray) -> tuple[Array, IndexArray]:
         """Go from triangle to triangle until no neighbour is nearer."""
         signed, feature = self.facets.paired_signed_distances(points, ids)
-        open_ = np.flatnonzero(feature != INSIDE_TRIANGLE)
+        open_ = np.flatnonzero(feature != INSIDE_TRIANGLE_FEATURE)
         for _ in range(MOST_WALK_STEPS):
             if not open_.size:
                 break
@@ -387,7 +386,7 @@ class MeshDistance:
             better = np.abs(there[best]) < np.abs(signed[open_])
             open_, best = open_[better], best[better]
             signed[open_], feature[open_], ids[open_] = there[best], on[best], near[best]
-            open_ = open_[feature[open_] != INSIDE_TRIANGLE]
+            open_ = open_[feature[open_] != INSIDE_TRIANGLE_FEATURE]
         return signed, ids
 
 
@@ -401,7 +400,7 @@ def _order_by_place(points: Array) -> IndexArray:
 def _cut_long_triangles(corners: Array) -> tuple[Array, IndexArray]:
     """Triangles, shape (k, 3, 3), cut at their longest edges, and the whole each is part of."""
     whole: IndexArray = np.arange(len(corners))
-    most = max(PIECES_PER_TRIANGLE * len(corners), FEWEST_PIECES)
+    most = max(PIECES_PER_TRIANGLE * len(corners), FEWEST_MESH_PIECES)
     longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
     limit = float(longest.max())
     # A triangle of length L gives about (L / limit)² pieces if it is stout, L / limit if thin.

@@ -13,7 +13,6 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -139,7 +138,7 @@ def deviation_map_figure(
         )
     lines = groove_corner_curves(measured, reference)
     points = deviation.points
-    azimuth = _from_widest_gap(np.degrees(np.arctan2(points[:, 1], points[:, 0])))
+    azimuth = _azimuths_from_widest_gap(np.degrees(np.arctan2(points[:, 1], points[:, 0])))
     if lines is None:
         along = points[:, 2] - np.hypot(points[:, 0], points[:, 1])
         label = "$z_j - \\rho$ / mm, up the brace and in from the leg"
@@ -147,7 +146,6 @@ def deviation_map_figure(
         along = lines.distances_along_section(points)
         label = "along the section from $p_3$ / mm:  leg  ←  →  brace"
     figure = Figure(figsize=(12, 6.5), layout="constrained")
-    FigureCanvasAgg(figure)
     grid = figure.add_gridspec(1, 2, width_ratios=(4, 1))
     axes, side = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
     corners = measured.corners
@@ -155,7 +153,7 @@ def deviation_map_figure(
     columns = min(MOST_MAP_CELLS[0], max(10, sections))
     _draw_cells(axes, deviation, azimuth, 1e3 * along, columns)
     if lines is not None:
-        _draw_lines(axes, lines, azimuth)
+        _draw_corner_curves(axes, lines, azimuth)
     axes.set_xlabel("azimuth / °")
     in_hours = (lambda degrees: degrees / 30, lambda hours: 30 * hours)
     clock: Any = axes.secondary_xaxis("top", functions=in_hours)
@@ -191,7 +189,7 @@ def check_map_file(file: Path) -> None:
         raise ConfigurationError("can't be written: no permission", file=file, key="plot")
 
 
-def write_map(file: Path, figure: Figure) -> None:
+def write_deviation_map(file: Path, figure: Figure) -> None:
     """Write a map of deviations as PNG.
 
     Parameters
@@ -213,7 +211,7 @@ def write_map(file: Path, figure: Figure) -> None:
         figure.savefig(draft / file.name, dpi=110, format="png")
 
 
-def _from_widest_gap(azimuth: Array) -> Array:
+def _azimuths_from_widest_gap(azimuth: Array) -> Array:
     """Azimuths in degrees counted from the widest gap, so that a scan is not cut in two."""
     taken = np.unique(np.floor(azimuth))
     gaps = np.diff(taken, append=taken[0] + 360)
@@ -245,7 +243,7 @@ def _draw_cells(
     axes.figure.colorbar(cells, ax=axes, extend=extend, label=f"deviation / mm, {sign}")
 
 
-def _draw_lines(axes: Any, lines: CornerCurves, azimuth: Array) -> None:
+def _draw_corner_curves(axes: Any, lines: CornerCurves, azimuth: Array) -> None:
     """The corners p2, p3 and p4 over the azimuths shown."""
     shown = np.linspace(azimuth.min(), azimuth.max(), 400)
     rz = 1e3 * lines.at_azimuths(np.radians((shown + 180) % 360 - 180))

@@ -140,7 +140,7 @@ MOST_SIDECAR_BYTES: Final = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class StatedUnitAndFrame:
+class UserUnitAndFrame:
     """Unit and frame that the user states for files that don't state them.
 
     Parameters
@@ -161,7 +161,7 @@ class StatedUnitAndFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class Sidecar:
+class ShapeSidecar:
     """Sidecar file ``NAME.json`` beside ``NAME.stl``: its unit and frame, and the joint."""
 
     file: Path
@@ -170,7 +170,7 @@ class Sidecar:
     joint: JointDefinition | None = None
 
 
-def read_sidecar(file: Path) -> Sidecar:
+def read_sidecar(file: Path) -> ShapeSidecar:
     """Read a sidecar file.
 
     Raises
@@ -193,15 +193,15 @@ def read_sidecar(file: Path) -> Sidecar:
     if frame is not None and not isinstance(frame, str):
         raise ConfigurationError("a frame is named by a word", file=file, key="frame")
     if joint is None:
-        return Sidecar(file, units, frame)
+        return ShapeSidecar(file, units, frame)
     if not isinstance(joint, dict):
         raise ConfigurationError("a joint is a table", file=file, key="joint")
     # JSON holds lists, which the file's model takes for tuples.
     definition = validate_table(JointFile, joint, file).definition(file.stem)
-    return Sidecar(file, units, frame, definition)
+    return ShapeSidecar(file, units, frame, definition)
 
 
-def find_sidecar(file: Path) -> Sidecar | None:
+def find_sidecar(file: Path) -> ShapeSidecar | None:
     """Find and read the sidecar beside a file; None if there is none."""
     beside = file.with_suffix(".json")
     return read_sidecar(beside) if beside != file and beside.is_file() else None
@@ -209,8 +209,8 @@ def find_sidecar(file: Path) -> Sidecar | None:
 
 def resolve_unit_and_frame(
     file: Path,
-    options: StatedUnitAndFrame,
-    sidecar: Sidecar | None,
+    options: UserUnitAndFrame,
+    sidecar: ShapeSidecar | None,
     own: tuple[str, str] | None = None,
 ) -> UnitAndFrame:
     """Decide the unit and frame of a file from what the user and the sidecar state.
@@ -219,9 +219,9 @@ def resolve_unit_and_frame(
     ----------
     file : Path
         The file.
-    options : StatedUnitAndFrame
+    options : UserUnitAndFrame
         What the user states.
-    sidecar : Sidecar or None
+    sidecar : ShapeSidecar or None
         What is beside the file.
     own : (str, str), optional
         The unit that the file itself states, and where in it.

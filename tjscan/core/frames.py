@@ -90,6 +90,11 @@ def unit_vector(v: Array) -> Array:
     return np.asarray(v / np.linalg.norm(v))
 
 
+def unit_vectors(v: ArrayLike) -> Array:
+    """Vectors, shape (..., k), each scaled to length one."""
+    return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
+
+
 def cross(a: Array, b: Array) -> Array:
     """Cross product of vectors.
 

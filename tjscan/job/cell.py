@@ -28,7 +28,7 @@ from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.robot.collision_checked import CollisionCheckedArm
 from tjscan.robot.deviations import CorrectedArm
 from tjscan.robot.drivers import ARM_DRIVERS, ArmDriverInputs
-from tjscan.robot.motion import MotionLimits
+from tjscan.robot.path import MotionLimits
 from tjscan.scanning.recording import read_views
 
 
@@ -136,7 +136,7 @@ def make_cell(
             arm = CorrectedArm(arm, model, clearance.kinematics)
         arm = CollisionCheckedArm(arm, clearance, T_f_s, lifts=job.clearance.lifts)
     true_flange = partial(arm_driver.truth, device)
-    flange = LaserFlange(true_flange, lambda: device.state().T_b_f, lambda: device.state().time)
+    flange = LaserFlange.of_arm(true_flange, device.state)
     inputs = _laser_driver_inputs(job, flange, T_f_s, scene, lambda: recording()[::2])
     return Cell(arm, job.laser.make_device(inputs), T_f_s, clearance, true_flange)
 

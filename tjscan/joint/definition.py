@@ -8,7 +8,6 @@ the line next to the brace towards growing y.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
 from typing import Annotated, Final
 
 import numpy as np
@@ -237,29 +236,35 @@ def interpolate_around_joint(values: tuple[float, ...], phi: Array) -> Array:
     return np.asarray(spline(np.mod(phi, 2 * np.pi)))
 
 
-@dataclass(frozen=True, slots=True)
-class FitUpTolerance:
-    """Largest difference of a measured fit-up from its drawing, to either side; metres, radians.
+_TolerableLength = Annotated[float | None, Gt(0), Le(100), MM]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitUpTolerance(SettingsTable):
+    """The table [tolerance] of a joint's file: how far its fit-up may lie from what is drawn.
+
+    To either side, in metres and radians; None if it is not stated.
 
     Parameters
     ----------
-    groove_angle : float
-        Radians.
-    root_opening : float
+    groove_angle : float, optional
+        Of the angle between bevel and leg, radians.
+    root_opening : float, optional
         Also of the root bead's width, if one is laid.
-    root_face, depth : float
-    high_low : float
+    root_face, depth : float, optional
+        Of the land's height, and of the groove from its root to its opening.
+    high_low : float, optional
         By which brace or leg may be further out than drawn, or further in.
     """
 
-    groove_angle: float = inf
-    root_opening: float = inf
-    root_face: float = inf
-    depth: float = inf
-    high_low: float = inf
+    groove_angle: Annotated[float | None, Gt(0), Le(90), DEG] = None
+    root_opening: _TolerableLength = None
+    root_face: _TolerableLength = None
+    depth: _TolerableLength = None
+    high_low: _TolerableLength = None
 
 
-NOT_STATED = FitUpTolerance()
+NO_TOLERANCE_STATED = FitUpTolerance()
 """Of a drawing that states none."""
 
 
@@ -305,7 +310,7 @@ class JointDefinition:
     root_face: float
     root_bead: float
     imperfections: Imperfections = NO_IMPERFECTIONS
-    tolerance: FitUpTolerance = NOT_STATED
+    tolerance: FitUpTolerance = NO_TOLERANCE_STATED
 
     @property
     def leg_surface(self) -> LegSurface:

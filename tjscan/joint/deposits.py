@@ -18,7 +18,7 @@ TACK_BOW: Final = 0.2
 TACK_RAMP_LENGTH: Final = 5e-3
 """Length over which a tack's ends rise, in metres (assumption)."""
 
-SINK_DEPTH: Final = 1.5e-3
+DEPOSIT_SINK_DEPTH: Final = 1.5e-3
 """How deep weld metal dips into brace and leg, in metres: solids that only touch don't join."""
 
 _STATIONS, _FACE = 61, 12
@@ -47,9 +47,9 @@ def tack_solid(definition: JointDefinition, tack: TackWeld, span: Array) -> mani
     face = on_leg + t * chord + TACK_BOW * 4 * t * (1 - t) * outward
     # Its ends go on into leg and bevel: corners that lie on a surface would leave slivers.
     face[0], face[-1] = 2 * face[0] - face[1], 2 * face[-1] - face[-2]
-    into_leg = -SINK_DEPTH * leg_normal_rz(definition.leg_surface, phi, rho)
-    into_brace = SINK_DEPTH * s.bevel[:, ::-1] * (-1, 1)
-    up = np.array((0.0, SINK_DEPTH))
+    into_leg = -DEPOSIT_SINK_DEPTH * leg_normal_rz(definition.leg_surface, phi, rho)
+    into_brace = DEPOSIT_SINK_DEPTH * s.bevel[:, ::-1] * (-1, 1)
+    up = np.array((0.0, DEPOSIT_SINK_DEPTH))
     # Under the land, then inside the brace: it fills the root opening.
     foot = s.p4 - 0.5 * (s.land - s.land_inner) + 2 * into_leg
     inner = s.land_inner + up + into_brace
@@ -84,7 +84,7 @@ def seam_cap_solid(definition: JointDefinition, seam: SeamWeldCap) -> manifold3d
     share = np.linspace(-1, 1, 33)
     base = _leg_radius(definition, angle)
     top = base + seam.height * (1 - share**2) - 1e-6
-    bottom = base - min(SINK_DEPTH, 0.5 * definition.leg_wall)
+    bottom = base - min(DEPOSIT_SINK_DEPTH, 0.5 * definition.leg_wall)
     ring = [(r * np.cos(a), r * np.sin(a)) for r, a in zip(top, angle, strict=True)]
     back = [(r * np.cos(a), r * np.sin(a)) for r, a in zip(bottom, angle, strict=True)]
     section = manifold3d.CrossSection([np.array(ring + back[::-1])], manifold3d.FillRule.NonZero)

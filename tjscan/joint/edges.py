@@ -7,14 +7,14 @@ the groove with a face from the bevel to the leg; an open root has none.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Final
 
 import numpy as np
 import scipy  # its parts are loaded at first use
 from numpy.typing import ArrayLike, NDArray
 
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, array_dataclass, unit_vectors
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import (
     LegSurface,
@@ -27,8 +27,7 @@ WALL_CORRECTION_ROUNDS: Final = 12
 """Corrections of where a tilted wall is met; each is smaller by a fifth or less."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class JointGrooveSections:
     """Sections of a joint's designed groove in radial half-planes, one for each azimuth.
 
@@ -124,7 +123,7 @@ def bevel_direction(gapped: LegSurface, phi: Array, rho: Array, groove_angle: Ar
     sideways = np.sum(up * around, axis=1) / np.sum(tangent * around, axis=1)
     in_half_plane = up - sideways[:, None] * tangent
     rho_part = np.sum(in_half_plane * radial_direction(phi), axis=1)
-    return _unit_rows(np.column_stack((rho_part, in_half_plane[:, 2])))
+    return unit_vectors(np.column_stack((rho_part, in_half_plane[:, 2])))
 
 
 def leg_normal_rz(leg: LegSurface, phi: Array, rho: Array) -> Array:
@@ -157,19 +156,14 @@ def _points_rz(leg: LegSurface, phi: Array, rho: Array) -> Array:
 
 def _unit_slope(leg: LegSurface, phi: Array, rho: Array) -> Array:
     """Unit vectors along the leg in the radial half-planes, away from the brace, (n, 2)."""
-    return _unit_rows(np.column_stack((np.ones_like(phi), leg.slope(phi, rho))))
-
-
-def _unit_rows(v: Array) -> Array:
-    return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))
+    return unit_vectors(np.column_stack((np.ones_like(phi), leg.slope(phi, rho))))
 
 
 FEWEST_NEIGHBOURS = 4
 """Vertices that a first search looks at; it looks at more where these can't prove the result."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class ClosedPolyline:
     """A closed line through points.
 
@@ -225,8 +219,7 @@ class ClosedPolyline:
         return feet[rows, best], distances[rows, best]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class FeatureEdges:
     """The groove's three feature edges, along which the corners p2, p3 and p4 run (Fig. 3).
 
@@ -248,7 +241,7 @@ class FeatureEdges:
 
     def on_tack(self, points_j: Array) -> NDArray[np.bool_]:
         """Whether points, shape (m, 3), lie at azimuths where a tack covers the root, (m,)."""
-        return within_spans(self.tacks, np.arctan2(points_j[:, 1], points_j[:, 0]))
+        return is_within_spans(self.tacks, np.arctan2(points_j[:, 1], points_j[:, 0]))
 
     def distances(self, points_j: Array) -> Array:
         """Distances of points, shape (m, 3), from p2, p3 and p4 in metres, shape (m, 3)."""
@@ -279,7 +272,7 @@ def tack_spans(definition: JointDefinition) -> Array:
     return spans
 
 
-def within_spans(spans: Array, phi: ArrayLike) -> NDArray[np.bool_]:
+def is_within_spans(spans: Array, phi: ArrayLike) -> NDArray[np.bool_]:
     """Whether azimuths lie in one of the spans that `tack_spans` gives, the shape of `phi`.
 
     Parameters

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 
@@ -41,25 +41,6 @@ class JointSidecar(StrictFileModel):
     dihedral_deg: tuple[float, float]
     root_width_mm: tuple[float, float]
 
-    @classmethod
-    def from_joint(
-        cls, definition: JointDefinition, mesh: TriangleMesh, edges: FeatureEdges
-    ) -> Self:
-        """Describe what was built from a definition."""
-        sections = groove_sections(definition, edges.phi)
-        length = definition.leg_surface.arc_length(definition.brace_radius, 0, 2 * np.pi)
-        return cls(
-            name=definition.name,
-            joint=JointFile.from_definition(definition),
-            vertices=len(mesh.vertices),
-            triangles=len(mesh.triangles),
-            chord_error_mm=round(MM_PER_METRE * largest_chord_error(definition), 6),
-            edge_points=len(edges.phi),
-            intersection_length_mm=round(MM_PER_METRE * length, 3),
-            dihedral_deg=_least_and_largest(np.rad2deg(sections.dihedral)),
-            root_width_mm=_least_and_largest(MM_PER_METRE * sections.root_width),
-        )
-
 
 def build_and_write_joint(definition: JointDefinition, directory: Path) -> JointSidecar:
     """Build a joint and write ``NAME.stl``, ``NAME.ply``, ``edges.csv`` and ``NAME.json``.
@@ -74,7 +55,19 @@ def build_and_write_joint(definition: JointDefinition, directory: Path) -> Joint
         If the directory can't be written to.
     """
     mesh, edges = build_joint_mesh(definition), feature_edges(definition)
-    sidecar = JointSidecar.from_joint(definition, mesh, edges)
+    sections = groove_sections(definition, edges.phi)
+    length = definition.leg_surface.arc_length(definition.brace_radius, 0, 2 * np.pi)
+    sidecar = JointSidecar(
+        name=definition.name,
+        joint=JointFile.from_definition(definition),
+        vertices=len(mesh.vertices),
+        triangles=len(mesh.triangles),
+        chord_error_mm=round(MM_PER_METRE * largest_chord_error(definition), 6),
+        edge_points=len(edges.phi),
+        intersection_length_mm=round(MM_PER_METRE * length, 3),
+        dihedral_deg=_least_and_largest(np.rad2deg(sections.dihedral)),
+        root_width_mm=_least_and_largest(MM_PER_METRE * sections.root_width),
+    )
     with write_files_atomically(directory) as draft:
         _write_mesh(draft / definition.name, mesh)
         _write_edges(draft / "edges.csv", edges)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-from math import inf, isfinite, radians
 from pathlib import Path
 from typing import Annotated, Any, Final, NoReturn, Self
 
@@ -14,7 +12,7 @@ from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.joint.definition import (
     NO_IMPERFECTIONS,
-    NOT_STATED,
+    NO_TOLERANCE_STATED,
     FitUpTolerance,
     Imperfections,
     JointDefinition,
@@ -213,7 +211,6 @@ def _deg(radians: float) -> str:
 
 LengthMm = Annotated[float, Field(gt=0.0, le=20_000.0)]
 SmallLengthMm = Annotated[float, Field(ge=0.0, le=100.0)]
-TolerableLengthMm = Annotated[float, Field(gt=0.0, le=100.0)]
 AnglePairDeg = Annotated[tuple[float, float], Strict(False)]  # TOML knows lists only
 
 
@@ -240,38 +237,13 @@ class GrooveDimensions(StrictFileModel):
     root_bead_mm: SmallLengthMm
 
 
-class TolerancesOfFitUp(StrictFileModel):
-    """The table [tolerance] of a joint's file: how far its fit-up may lie from what is drawn."""
-
-    groove_angle_deg: Annotated[float, Field(gt=0.0, le=90.0)] | None = None
-    root_opening_mm: TolerableLengthMm | None = None
-    root_face_mm: TolerableLengthMm | None = None
-    depth_mm: TolerableLengthMm | None = None
-    high_low_mm: TolerableLengthMm | None = None
-
-    @classmethod
-    def from_tolerance(cls, tolerance: FitUpTolerance) -> Self:
-        """Convert the definition's tolerance to its table."""
-        stated = {name: value for name, value in asdict(tolerance).items() if isfinite(value)}
-        angle = stated.pop("groove_angle", None)
-        lengths = {f"{name}_mm": _rounded(value / METRES_PER_MM) for name, value in stated.items()}
-        return cls(groove_angle_deg=None if angle is None else _rounded_deg(angle), **lengths)
-
-    def tolerance(self) -> FitUpTolerance:
-        """Convert the table to the definition's tolerance, in metres and radians."""
-        stated = self.model_dump(exclude_none=True)
-        angle = stated.pop("groove_angle_deg", inf)
-        lengths = {key.removesuffix("_mm"): value * METRES_PER_MM for key, value in stated.items()}
-        return FitUpTolerance(groove_angle=radians(angle), **lengths)
-
-
 class JointFile(StrictFileModel):
     """A joint as its TOML file describes it, in millimetres and degrees."""
 
     leg: LegDimensions
     brace: BraceDimensions
     groove: GrooveDimensions
-    tolerance: TolerancesOfFitUp | None = None
+    tolerance: FitUpTolerance | None = None
     imperfections: Imperfections | None = None
 
     @classmethod
@@ -286,8 +258,8 @@ class JointFile(StrictFileModel):
         }
         for name, (table, key, metres) in LENGTH_KEYS.items():
             tables[table][key] = _rounded(getattr(d, name) / metres)
-        if d.tolerance != NOT_STATED:
-            tables["tolerance"] = TolerancesOfFitUp.from_tolerance(d.tolerance)
+        if d.tolerance != NO_TOLERANCE_STATED:
+            tables["tolerance"] = d.tolerance
         if d.imperfections != NO_IMPERFECTIONS:
             tables["imperfections"] = d.imperfections
         return cls.model_validate(tables)
@@ -312,7 +284,7 @@ class JointFile(StrictFileModel):
                 for psi, angle in self.groove.angle_deg
             ),
             imperfections=self.imperfections or NO_IMPERFECTIONS,
-            tolerance=NOT_STATED if self.tolerance is None else self.tolerance.tolerance(),
+            tolerance=self.tolerance or NO_TOLERANCE_STATED,
             **lengths,
         )
         check_buildable(definition)

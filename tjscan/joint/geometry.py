@@ -17,7 +17,7 @@ import scipy  # its parts are loaded at first use
 from numpy.typing import ArrayLike
 from scipy.special import ellipe
 
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, unit_vectors
 
 
 def cylindrical_to_j(phi: ArrayLike, rho: ArrayLike, z: ArrayLike) -> Array:
@@ -72,7 +72,7 @@ class LegSurface:
     def height(self, phi: ArrayLike, rho: ArrayLike) -> Array:
         """Z of the surface at an azimuth and a distance from the brace's axis."""
         x, y = np.multiply(rho, np.cos(phi)), np.multiply(rho, np.sin(phi))
-        upward = np.sqrt(self.radius**2 - y**2)
+        upward = self._height_over_axis(y)
         return np.asarray((x * np.cos(self.angle) + upward) / np.sin(self.angle))
 
     def points_j(self, phi: ArrayLike, rho: ArrayLike) -> Array:
@@ -81,27 +81,30 @@ class LegSurface:
 
     def slope(self, phi: ArrayLike, rho: ArrayLike) -> Array:
         """Rise of the surface per distance from the brace's axis, in the radial half-plane."""
-        y = np.multiply(rho, np.sin(phi))
-        upward = np.sqrt(self.radius**2 - y**2)
-        falling = y * np.sin(phi) / upward
+        falling = self._fall_along(np.multiply(rho, np.sin(phi)), np.sin(phi))
         return np.asarray((np.cos(phi) * np.cos(self.angle) - falling) / np.sin(self.angle))
 
     def azimuth_derivative(self, phi: ArrayLike, rho: ArrayLike) -> Array:
         """Derivative of `points_j` by the azimuth, in frame j, shape (..., 3)."""
         x, y = np.multiply(rho, np.cos(phi)), np.multiply(rho, np.sin(phi))
-        upward = np.sqrt(self.radius**2 - y**2)
-        climb = -(y * np.cos(self.angle) + x * y / upward) / np.sin(self.angle)
+        climb = -(y * np.cos(self.angle) + self._fall_along(y, x)) / np.sin(self.angle)
         return np.stack(np.broadcast_arrays(-y, x, climb), axis=-1)
+
+    def _height_over_axis(self, y: Array) -> Array:
+        """Height of the surface over the leg's axis at y."""
+        return np.asarray(np.sqrt(self.radius**2 - y**2))
+
+    def _fall_along(self, y: Array, way: Array) -> Array:
+        """How far the surface falls, by its slope at y, over a way along y."""
+        return np.asarray(y * way / self._height_over_axis(y))
 
     def tangent(self, phi: ArrayLike, rho: ArrayLike) -> Array:
         """Unit tangents in frame j, shape (..., 3), of the curve at constant ``rho``."""
-        v = self.azimuth_derivative(phi, rho)
-        return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
+        return unit_vectors(self.azimuth_derivative(phi, rho))
 
     def normal(self, points_j: Array) -> Array:
         """Outward unit normals in frame j, shape (..., 3), at or below points off the axis."""
-        across = points_j - (points_j @ self.axis)[..., None] * self.axis
-        return np.asarray(across / np.linalg.norm(across, axis=-1, keepdims=True))
+        return unit_vectors(points_j - (points_j @ self.axis)[..., None] * self.axis)
 
     def signed_distances(self, points_j: Array) -> Array:
         """Distances of points, shape (..., 3), outside the surface, in metres."""
@@ -251,30 +254,14 @@ class OvalLegSurface(LegSurface):
         radius: Any = np.add(self.radius, distance)
         return replace(self, radius=radius, section=wider)
 
-    def _height_over_axis(self, y: Array) -> tuple[Array, Array]:
-        """Height over the leg's axis where the surface is at y, and its slope by y."""
+    def _height_over_axis(self, y: Array) -> Array:
         A, B, C = self.section.quadratic_coefficients()
-        up = (-B * y + np.sqrt(np.square(B * y) - A * (C * y * y - 1))) / A
-        return np.asarray(up), np.asarray(-(B * up + C * y) / (A * up + B * y))
+        return np.asarray((-B * y + np.sqrt(np.square(B * y) - A * (C * y * y - 1))) / A)
 
-    def height(self, phi: ArrayLike, rho: ArrayLike) -> Array:
-        """Z of the surface at an azimuth and a distance from the brace's axis."""
-        x, y = np.multiply(rho, np.cos(phi)), np.multiply(rho, np.sin(phi))
-        up, _ = self._height_over_axis(y)
-        return np.asarray((x * np.cos(self.angle) + up) / np.sin(self.angle))
-
-    def slope(self, phi: ArrayLike, rho: ArrayLike) -> Array:
-        """Rise of the surface per distance from the brace's axis, in the radial half-plane."""
-        _, fall = self._height_over_axis(np.multiply(rho, np.sin(phi)))
-        climb = np.cos(phi) * np.cos(self.angle) + fall * np.sin(phi)
-        return np.asarray(climb / np.sin(self.angle))
-
-    def azimuth_derivative(self, phi: ArrayLike, rho: ArrayLike) -> Array:
-        """Derivative of `point` by the azimuth, in frame j, shape (..., 3)."""
-        x, y = np.multiply(rho, np.cos(phi)), np.multiply(rho, np.sin(phi))
-        _, fall = self._height_over_axis(y)
-        climb = (fall * x - y * np.cos(self.angle)) / np.sin(self.angle)
-        return np.stack(np.broadcast_arrays(-y, x, climb), axis=-1)
+    def _fall_along(self, y: Array, way: Array) -> Array:
+        A, B, C = self.section.quadratic_coefficients()
+        up = self._height_over_axis(y)
+        return np.asarray((B * up + C * y) / (A * up + B * y) * way)
 
     def _across(self, points_j: Array) -> tuple[Array, Array, Array]:
         """Up and y of points, and the unit vector up, in frame j."""
@@ -286,8 +273,7 @@ class OvalLegSurface(LegSurface):
         A, B, C = self.section.quadratic_coefficients()
         u, v, up = self._across(points_j)
         gradient = (A * u + B * v)[..., None] * up
-        gradient = gradient + (B * u + C * v)[..., None] * (0.0, 1.0, 0.0)
-        return np.asarray(gradient / np.linalg.norm(gradient, axis=-1, keepdims=True))
+        return unit_vectors(gradient + (B * u + C * v)[..., None] * (0.0, 1.0, 0.0))
 
     def signed_distances(self, points_j: Array) -> Array:
         """Distances of points, shape (..., 3), outside the surface, to first order, in metres."""

@@ -143,7 +143,7 @@ class HullJoint(SettingsTable):
         return 0.0 if self.radius is None else 1.0 / self.radius
 
 
-def joint_pose(joint: HullJoint, along: float) -> tuple[float, float, float]:
+def joint_line_pose(joint: HullJoint, along: float) -> tuple[float, float, float]:
     """Place and direction of a joint's line.
 
     Parameters
@@ -201,7 +201,7 @@ def laser_offset(joint: HullJoint, x: float, y: float, heading: float) -> tuple[
     """
     along, right = place_beside_joint(joint, x, y)
     for _ in range(4):  # a line that runs at a small angle meets the joint a little farther on
-        px, py, direction = joint_pose(joint, along)
+        px, py, direction = joint_line_pose(joint, along)
         relative = heading - direction
         ahead = (x - px) * cos(direction) + (y - py) * sin(direction)
         right = (y - py) * cos(direction) - (x - px) * sin(direction)
@@ -213,7 +213,7 @@ def laser_offset(joint: HullJoint, x: float, y: float, heading: float) -> tuple[
 HALF_PLATE_WIDTH: Final = 0.25
 """How far each plate is drawn from the joint, in metres: no laser line is longer."""
 
-OPEN_DEPTH: Final = 0.5
+DRAWN_GAP_DEPTH: Final = 0.5
 """How deep a root gap without backing is drawn, in metres: out of any laser's range."""
 
 BEAD_NODES: Final = 25
@@ -269,7 +269,7 @@ def _section_as_prepared(joint: HullJoint) -> Array:
     left, right = flank[::-1] * (-1, 1) - step, flank + step
     if joint.backing or joint.root_gap < 4 * FACE_LEAN:
         return np.vstack((left, right))
-    inward = np.array((FACE_LEAN, -OPEN_DEPTH))
+    inward = np.array((FACE_LEAN, -DRAWN_GAP_DEPTH))
     return np.vstack((left, left[-1] + inward, right[0] + inward * (-1, 1), right))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import manifold3d
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, array_dataclass
 from tjscan.joint.definition import JointDefinition, interpolate_around_joint
 from tjscan.joint.deposits import seam_cap_solid, spatter_solids, tack_solid
 from tjscan.joint.edges import JointGrooveSections, groove_sections, leg_normal_rz, tack_spans
@@ -30,12 +29,11 @@ BEVEL_STRIPS, BEAD_STRIPS = 8, 4
 BOWED_STRIPS = 12
 """Strips of a curved bead's face, whose edges lie on the true one."""
 
-SINK_DEPTH: Final = 2e-3
+BEAD_SINK_DEPTH: Final = 2e-3
 """How deep bead and brace dip into the leg's wall, in metres, if the wall allows it."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class TriangleMesh:
     """Triangles, counter-clockwise seen from outside.
 
@@ -68,16 +66,16 @@ def build_joint_mesh(definition: JointDefinition) -> TriangleMesh:
     built = definition.imperfections
     spans = tack_spans(definition)
     added = [tack_solid(definition, t, span) for t, span in zip(built.tacks, spans, strict=True)]
-    solid = _union(solid, added + [seam_cap_solid(definition, seam) for seam in built.seams])
+    solid = _unite(solid, added + [seam_cap_solid(definition, seam) for seam in built.seams])
     # Each tack across an open root joins two rings again.
     genus = 1 + len(built.tacks) * built.root.is_open
     if solid.status() != manifold3d.Error.NoError or solid.genus() != genus:
         raise ConfigurationError(f"{definition.name} does not join into one solid", key="brace")
-    mesh = _union(solid, spatter_solids(definition)).to_mesh64()
+    mesh = _unite(solid, spatter_solids(definition)).to_mesh64()
     return TriangleMesh(mesh.vert_properties[:, :3], mesh.tri_verts.astype(np.int32))
 
 
-def _union(solid: manifold3d.Manifold, parts: list[manifold3d.Manifold]) -> manifold3d.Manifold:
+def _unite(solid: manifold3d.Manifold, parts: list[manifold3d.Manifold]) -> manifold3d.Manifold:
     """The union of a solid with others."""
     if not parts:
         return solid
@@ -92,7 +90,7 @@ def brace_vertex_azimuths(definition: JointDefinition) -> Array:
     """
     phi = np.linspace(0, 2 * np.pi, FEWEST_MESH_AZIMUTHS, endpoint=False)
     while True:
-        middle = _between(phi)
+        middle = _azimuths_between(phi)
         coarse = _chord_errors(definition, phi, middle) > MOST_CHORD_ERROR
         if not coarse.any():
             return phi
@@ -107,22 +105,22 @@ def largest_chord_error(definition: JointDefinition) -> float:
         _prism_sides(definition.leg_radius, MOST_CHORD_ERROR),
     )
     leg = float(radius * (1 - np.cos(np.pi / segments)))
-    return max(leg, float(_chord_errors(definition, phi, _between(phi)).max()))
+    return max(leg, float(_chord_errors(definition, phi, _azimuths_between(phi)).max()))
 
 
-def _between(phi: Array) -> Array:
+def _azimuths_between(phi: Array) -> Array:
     """Azimuths halfway to the next ones, the last one's being the first."""
     return np.asarray(phi + np.diff(phi, append=phi[0] + 2 * np.pi) / 2)
 
 
 def _chord_errors(definition: JointDefinition, phi: Array, middle: Array) -> Array:
     """How far triangles leave bead and bevel between azimuths and the next ones, shape (n,)."""
-    # From the corner of `_outlines` at which the groove begins: the bead's foot, or an open root's
-    # land.
+    # From the corner of `_section_outlines` at which the groove begins: the bead's foot, or an open
+    # root's land.
     groove = slice(2 if definition.imperfections.root.is_open else 3, -1)
-    at = _outlines(definition, phi)[:, groove]
+    at = _section_outlines(definition, phi)[:, groove]
     after = np.roll(at, -1, axis=0)
-    truth = _outlines(definition, middle)[:, groove]
+    truth = _section_outlines(definition, middle)[:, groove]
     # An edge: only what is square to it counts, along it a chord may run ahead.
     chord, along = (at + after) / 2 - truth, after - at
     along /= np.linalg.norm(along, axis=2, keepdims=True)
@@ -157,7 +155,7 @@ def _prism_sides(radius: float, error: float) -> int:
 
 def _brace_and_bead(definition: JointDefinition) -> manifold3d.Manifold:
     """The ring that the section of both sweeps round the brace's axis."""
-    outline = _outlines(definition, brace_vertex_azimuths(definition))
+    outline = _section_outlines(definition, brace_vertex_azimuths(definition))
     n, sides = outline.shape[:2]
     index = np.arange(n * sides).reshape(n, sides)
     a, b = index, np.roll(index, -1, axis=0)
@@ -167,7 +165,7 @@ def _brace_and_bead(definition: JointDefinition) -> manifold3d.Manifold:
     return manifold3d.Manifold(mesh)
 
 
-def _outlines(definition: JointDefinition, phi: Array) -> Array:
+def _section_outlines(definition: JointDefinition, phi: Array) -> Array:
     """Corners of the section of brace and bead at azimuths, (n, m, 3), in frame j.
 
     They run down the bore, along the root and up bead, bevel and outer wall.
@@ -226,7 +224,7 @@ def _bead_feet(d: JointDefinition, s: JointGrooveSections, above: Array) -> tupl
     Both cross the leg's surface at a good angle, so the union's edge there is sharp and lies on
     p4 however finely the leg is cut into faces.
     """
-    sunk = d.leg_surface.offset_surface(-min(SINK_DEPTH, d.leg_wall / 2, 0.02 * d.leg_radius))
+    sunk = d.leg_surface.offset_surface(-min(BEAD_SINK_DEPTH, d.leg_wall / 2, 0.02 * d.leg_radius))
     outer = sunk.ray_intersections(s.phi, above, s.p4 - above)
     gapped = d.leg_surface.offset_surface(d.root_opening_at(s.phi))
     back = -leg_normal_rz(gapped, s.phi, s.land_inner[:, 0])

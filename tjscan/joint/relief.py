@@ -18,8 +18,8 @@ ReliefHeight = Callable[[Array], Array]
 ON_SURFACE_DISTANCE: Final = 0.1e-3
 """Points this near a surface of the joint lie on it, in metres."""
 
-SCALE_WAVES: Final = 16
-RIM_SHARE: Final = 0.1
+MILL_SCALE_WAVES: Final = 16
+PATCH_RIM_SHARE: Final = 0.1
 """Share of a patch's size over which its rim falls."""
 
 
@@ -28,7 +28,7 @@ def make_relief_height_function(definition: JointDefinition) -> ReliefHeight | N
     scale, bevel = definition.imperfections.scale, definition.imperfections.bevel
     parts: list[ReliefHeight] = []
     if scale.thickness > 0:
-        parts.append(_mill_scale(definition, scale))
+        parts.append(_mill_scale_heights(definition, scale))
     if bevel.scallop_depth > 0:
         parts.append(_scallop_heights(definition))
     if not parts:
@@ -36,25 +36,25 @@ def make_relief_height_function(definition: JointDefinition) -> ReliefHeight | N
     return lambda points_j: np.asarray(sum(part(points_j) for part in parts))
 
 
-def _mill_scale(definition: JointDefinition, scale: MillScale) -> ReliefHeight:
+def _mill_scale_heights(definition: JointDefinition, scale: MillScale) -> ReliefHeight:
     """Patches on the tubes' outer sides: where a sum of random waves is high.
 
     The sum is about Gaussian, so its quantile sets how much is covered.
     """
     rng = np.random.default_rng(scale.seed)
-    ways = rng.standard_normal((SCALE_WAVES, 3))
+    ways = rng.standard_normal((MILL_SCALE_WAVES, 3))
     waves = np.pi / scale.patch * ways / np.linalg.norm(ways, axis=1, keepdims=True)
-    phases = rng.uniform(0, 2 * np.pi, SCALE_WAVES)
+    phases = rng.uniform(0, 2 * np.pi, MILL_SCALE_WAVES)
     limit = float(ndtri(1 - scale.coverage))
     leg = definition.leg_surface
 
     def height(points_j: Array) -> Array:
-        field = np.sqrt(2 / SCALE_WAVES) * np.cos(points_j @ waves.T + phases).sum(axis=1)
+        field = np.sqrt(2 / MILL_SCALE_WAVES) * np.cos(points_j @ waves.T + phases).sum(axis=1)
         phi = np.arctan2(points_j[:, 1], points_j[:, 0])
         rho = np.hypot(points_j[:, 0], points_j[:, 1])
         wall = np.abs(rho - definition.brace_wall_radius(phi, points_j[:, 2])) < ON_SURFACE_DISTANCE
         tubes = wall | (np.abs(leg.signed_distances(points_j)) < ON_SURFACE_DISTANCE)
-        share = np.clip((field - limit) / RIM_SHARE + 0.5, 0, 1)
+        share = np.clip((field - limit) / PATCH_RIM_SHARE + 0.5, 0, 1)
         return np.asarray(tubes * scale.thickness * share)
 
     return height

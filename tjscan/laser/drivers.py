@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
 from tjscan.core.errors import ConfigurationError
@@ -39,6 +39,11 @@ class LaserFlange:
     truth: Callable[[], Array]
     T_b_f: Callable[[], Array]
     time: Callable[[], float]
+
+    @classmethod
+    def of_arm(cls, truth: Callable[[], Array], state: Callable[[], Any]) -> LaserFlange:
+        """The flange of an arm that reports its state, an `ArmState` of the room above."""
+        return cls(truth, lambda: state().T_b_f, lambda: state().time)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

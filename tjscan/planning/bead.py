@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, array_dataclass
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class PlannedBead:
     """A bead, sampled at q points in the order in which it is welded.
 
     Parameters
     ----------
-    number : int
-        In the order of welding, from 1.
-    zone, layer, place : int
-        Length of groove with one arrangement, layer from the root, and place in it from the
-        bevel; from 1.
+    layer, place : int
+        Layer from the root, and place in it from the bevel; from 1.
     kind : str
         root, fill or cap.
     feed : float
@@ -51,12 +47,13 @@ class PlannedBead:
         That welds it, or this part of it; empty if no stations are named.
     open_root : bool
         Whether it is the root bead over an opening.
+    number, zone : int
+        In the order of welding, and of the length of groove with one arrangement, from 1; 0 as
+        long as it is in no plan.
     part : int
         Of the bead, from 1: tacks or stations interrupt it, and the arc is off between two parts.
     """
 
-    number: int
-    zone: int
     layer: int
     place: int
     kind: str
@@ -74,6 +71,8 @@ class PlannedBead:
     relative_sigma: Array
     station: str = ""
     open_root: bool = False
+    number: int = 0
+    zone: int = 0
     part: int = 1
 
     def cut(self, spans: Sequence[tuple[int, int]]) -> tuple[PlannedBead, ...]:

@@ -38,7 +38,7 @@ class CrawlPass:
     misfills: float
 
 
-def passes_of_plan(plan: WeldPlan) -> tuple[CrawlPass, ...]:
+def crawl_passes_of_plan(plan: WeldPlan) -> tuple[CrawlPass, ...]:
     """Passes for a crawler, one for each bead; they deposit the same volume.
 
     Parameters

@@ -42,7 +42,7 @@ class DetailStretch:
     out_of_table: tuple[str, ...]
 
 
-NO_DETAIL: Final = "no detail of the table holds this dihedral angle"
+NO_DETAIL_TEXT: Final = "no detail of the table holds this dihedral angle"
 
 MEASURE_UNITS: Final = {
     "groove_angle": (DEG, "°"),
@@ -81,7 +81,7 @@ def compare_with_details(
         stretches.append(
             DetailStretch(
                 *(places[0], places[-1], span, max(sigmas), names),
-                out_of_table=out if names else (NO_DETAIL,),
+                out_of_table=out if names else (NO_DETAIL_TEXT,),
             )
         )
     return tuple(stretches)

@@ -260,7 +260,7 @@ def plan_document(
     without_stations : str
         Why these are not known.
     """
-    return _to_entry(
+    return _fill_entry(
         PlanDocument,
         *(plan, plan.edges, plan.wps.torch, plan.wps.sequence),
         run=run,
@@ -268,21 +268,21 @@ def plan_document(
         provenance=provenance,
         gravity=tuple(plan.gravity.tolist()),
         root=_root_entry(plan),
-        groove_mm=_in_file("groove_mm", plan.edges.length),
-        wire_m=_in_file("wire_m", plan.wire_length),
-        wire_kg=_in_file("wire_kg", plan.wire_mass),
-        gas_l=_in_file("gas_l", plan.gas_volume),
+        groove_mm=_file_value("groove_mm", plan.edges.length),
+        wire_m=_file_value("wire_m", plan.wire_length),
+        wire_kg=_file_value("wire_kg", plan.wire_mass),
+        gas_l=_file_value("gas_l", plan.gas_volume),
         interpass_temperature_C=plan.wps.sequence.interpass_temperature,
         zones=tuple(
-            _to_entry(ZoneEntry, zone, beads_in_layers=zone.arrangement.counts)
+            _fill_entry(ZoneEntry, zone, beads_in_layers=zone.arrangement.counts)
             for zone in plan.zones
         ),
         beads=tuple(
-            _to_entry(BeadEntry, bead, positions=tuple(sorted(set(bead.positions))))
+            _fill_entry(BeadEntry, bead, positions=tuple(sorted(set(bead.positions))))
             for bead in plan.beads
         ),
-        details=tuple(_to_entry(DetailEntry, one) for one in details),
-        out_of_wps=tuple(_to_entry(FindingEntry, one) for one in plan.findings),
+        details=tuple(_fill_entry(DetailEntry, one) for one in details),
+        out_of_wps=tuple(_fill_entry(FindingEntry, one) for one in plan.findings),
         stations=stations,
         without_stations=without_stations,
     )
@@ -292,15 +292,15 @@ def _root_entry(plan: WeldPlan) -> RootEntry:
     root, settings = plan.edges.root, plan.wps.root
     opening = plan.edges.root_opening(root.s)[root.openness == 1]
     tacks = () if plan.after_pass else root.tack_spans(settings.tack_length)  # under a pass: none
-    return _to_entry(
+    return _fill_entry(
         RootEntry,
         settings,
-        opening_mm=_in_file("opening_mm", opening) if len(opening) else None,
-        tack_spans_mm=tuple(_in_file("tack_spans_mm", span) for span in tacks),
+        opening_mm=_file_value("opening_mm", opening) if len(opening) else None,
+        tack_spans_mm=tuple(_file_value("tack_spans_mm", span) for span in tacks),
     )
 
 
-def _to_entry(model: type[Entry], *sources: object, **own: Any) -> Entry:
+def _fill_entry(model: type[Entry], *sources: object, **own: Any) -> Entry:
     """Fill a model with the attributes of a plan's parts, in the units of the model's fields.
 
     Parameters
@@ -318,7 +318,7 @@ def _to_entry(model: type[Entry], *sources: object, **own: Any) -> Entry:
         stem, _ = _stem_and_factor(name)
         source = next((one for one in sources if hasattr(one, stem)), None)
         if source is not None:  # the others have a default
-            values[name] = _in_file(name, getattr(source, stem))
+            values[name] = _file_value(name, getattr(source, stem))
     return model(**values, **own)
 
 
@@ -329,14 +329,14 @@ def _stem_and_factor(field: str) -> tuple[str, float]:
     return field.removesuffix(f"_{unit.suffix}"), unit.factor
 
 
-def _in_file(field: str, value: Any) -> Any:
+def _file_value(field: str, value: Any) -> Any:
     """A value as the file has it: numbers in the unit of the field, least and most of several."""
     factor = _stem_and_factor(field)[1]
     if isinstance(value, float):
         return float(f"{value / factor:.{SIGNIFICANT_DIGITS}g}")
     is_range = isinstance(value, tuple) and bool(value) and isinstance(value[0], float)
     if is_range or isinstance(value, np.ndarray):
-        return tuple(_in_file(field, float(limit)) for limit in (np.min(value), np.max(value)))
+        return tuple(_file_value(field, float(limit)) for limit in (np.min(value), np.max(value)))
     return value
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
@@ -14,12 +15,12 @@ from tjscan.core.frames import Array, cross
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.root import OPEN_ROOT, ROOT_NOT_SEEN
 from tjscan.groove.section import TACK_WELD
-from tjscan.planning.smoothing import SmoothCurve, fit_smooth_curve
+from tjscan.planning.smoothing import SmoothCurve
 
 FEWEST_SECTIONS: Final = 4
 """Sections that a cubic needs."""
 
-LEAST_SIGMA: Final = 1e-6
+LEAST_CORNER_SIGMA: Final = 1e-6
 """Metres: no corner counts as known better."""
 
 CORNER_NAMES: Final = ("p3", "p4", "g", "p2")
@@ -28,6 +29,7 @@ RootKind = Literal["closed", "open", "welded"]
 """Closed by a bead or by the faces themselves, open, or under passes that are welded."""
 
 Span = tuple[float, float]
+"""Begin and end along the groove, metres; if it closes, any number of turns on."""
 
 HIDDEN_ROOT_CONDITIONS: Final = (TACK_WELD, ROOT_NOT_SEEN)
 """Conditions of a section that does not show whether its root is open."""
@@ -115,9 +117,9 @@ class GrooveEdges:
     _together: SmoothCurve = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        weights = np.hstack([curve.weights for curve in self.curves])
-        trend = np.hstack([curve.trend for curve in self.curves])
-        together = replace(self.curves[0], weights=weights, trend=trend)
+        together = copy(self.curves[0])
+        together.weights = np.hstack([curve.weights for curve in self.curves])
+        together.trend = np.hstack([curve.trend for curve in self.curves])
         object.__setattr__(self, "_together", together)
 
     def corners(self, s: Array) -> Array:
@@ -177,11 +179,11 @@ def fit_groove_edges(
     sigmas = np.array([section.sigmas[3] for section in sections])
     own = np.sqrt(np.maximum(sigmas**2 - shared_area_sigma**2, 0.0))
     edges = fit_edges_to_corners(corners, _corner_sigmas(sections), own / areas, longest_step)
-    root = root_of_sections(sections, edges.sections, edges.length, closed=edges.closed)
+    root = root_along_sections(sections, edges.sections, edges.length, closed=edges.closed)
     return replace(edges, shared_area_sigma=shared_area_sigma, root=root)
 
 
-def root_of_sections(
+def root_along_sections(
     sections: Sequence[MeasuredSection], s: Array, length: float, *, closed: bool
 ) -> RootAlongGroove:
     """The root as sections show it; for one that does not, the sections beside it count.
@@ -251,9 +253,9 @@ def fit_edges_to_corners(
     s = np.concatenate(([0.0], lengths.cumsum()))
     length = float(s[-1]) + (gap if closed else 0.0)
     # The noise of a corner has two directions; its sigma holds both together.
-    spread = np.maximum(sigmas, LEAST_SIGMA) / np.sqrt(2)
+    spread = np.maximum(sigmas, LEAST_CORNER_SIGMA) / np.sqrt(2)
     curves = tuple(
-        fit_smooth_curve(s, corners[:, j], spread[:, j], length, closed=closed) for j in range(4)
+        SmoothCurve(s, corners[:, j], spread[:, j], length, closed=closed) for j in range(4)
     )
     correlation = area_sigma * _quad_areas(corners) / _area_sigma_of_corners(corners, spread)
     none = np.zeros(len(s))

@@ -10,10 +10,11 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, cross
+from tjscan.core.frames import Array, cross, unit_vectors
 from tjscan.planning import path
 from tjscan.planning.bead import PlannedBead
-from tjscan.planning.edges import GrooveEdges, Span
+from tjscan.planning.edges import GrooveEdges
+from tjscan.planning.stops import StationStretch
 from tjscan.planning.template import BeadCells
 from tjscan.planning.topology import Arrangement
 from tjscan.planning.wps import WeldingProcedure
@@ -73,11 +74,11 @@ class ArrangedGroove:
         ConfigurationError
             If the beads bend too sharply for any.
         """
-        step = path.LONGEST_STEP
+        step = path.LONGEST_STATION_STEP
         while step >= SHORTEST_STEP:
             count = ceil((end - begin) / step)
             stations, cells = self.cut(np.linspace(begin, end, 2 * count + 1))
-            points = stations.to_space(path.aim_points(cells))
+            points = stations.points_to_space(path.aim_points(cells))
             error, kink = path.chord_error_and_kink(points[::2], points[1::2])
             if error <= path.CHORD_ERROR and kink <= path.LARGEST_KINK:
                 return step
@@ -90,7 +91,7 @@ class ArrangedGroove:
         )
 
     def lay_layer(
-        self, layer: int, span: Span, step: float, gravity: Array, stops: Sequence[float] = ()
+        self, layer: int, span: StationStretch, step: float, gravity: Array, at: Sequence[float]
     ) -> tuple[PlannedBead, ...]:
         """Lay the beads of one layer, in the order of welding.
 
@@ -100,18 +101,19 @@ class ArrangedGroove:
         ----------
         layer : int
             Number of the layer, from 0.
-        span : tuple of float
-            From where to where along the groove, metres.
+        span : StationStretch
+            Which length of groove, and which station welds it.
         step : float
             Between two points along the groove, at most; metres.
         gravity : ndarray, shape (3,)
             Unit vector downwards.
-        stops : sequence of float
+        at : sequence of float
             Lengths within the span that get a point of their own, metres.
         """
         arrangement, wps = self.arrangement, self.wps
-        s = np.linspace(*span, max(2, ceil((span[1] - span[0]) / step)) + 1)
-        s = np.union1d(s, stops)
+        begin, end = span.begin, span.end
+        s = np.linspace(begin, end, max(2, ceil((end - begin) / step)) + 1)
+        s = np.union1d(s, at)
         stations, cells = self.cut(s)
         lines = path.bead_lines(stations, cells)
         middles = free_angle_middles(cells, layer)
@@ -128,7 +130,7 @@ class ArrangedGroove:
         for place in laying_order(arrangement.counts[layer], layer):
             j = first + place
             kind, name = arrangement.kinds[j], arrangement.kind_names[j]
-            area, travel = lines.areas[:, j], path.unit_vectors(lines.along[:, j])
+            area, travel = lines.areas[:, j], unit_vectors(lines.along[:, j])
             if wps.sequence.reverse:
                 travel = -travel
             slope, rotation = slope_and_rotation(face[:, place], travel, gravity)
@@ -139,8 +141,6 @@ class ArrangedGroove:
             way = slice(None, None, -1 if wps.sequence.reverse else 1)
             found.append(
                 PlannedBead(
-                    number=0,
-                    zone=0,
                     layer=layer + 1,
                     place=place + 1,
                     kind=name,
@@ -156,6 +156,7 @@ class ArrangedGroove:
                     positions=position_names(slope, rotation)[way],
                     width=widths[way, place],
                     relative_sigma=sigma[way],
+                    station=span.station,
                     open_root=arrangement.root_kind == "open" and name == "root",
                 )
             )
@@ -232,8 +233,8 @@ def torch_rotations(outward: Array, travel: Array, travel_angle: float) -> Array
     -------
     ndarray, shape (m, 3, 3)
     """
-    x, z = travel, np.sum(outward * travel, axis=1, keepdims=True) * travel - outward
-    z = z / np.linalg.norm(z, axis=1, keepdims=True)
+    x = travel
+    z = unit_vectors(np.sum(outward * travel, axis=1, keepdims=True) * travel - outward)
     c, s = np.cos(travel_angle), np.sin(travel_angle)
     return np.stack((c * x - s * z, cross(z, x), c * z + s * x), axis=2)
 

@@ -8,7 +8,7 @@ from typing import Final, Literal
 import numpy as np
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, cross
+from tjscan.core.frames import Array, cross, unit_vectors
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.template import BeadCells, SectionTemplate
 
@@ -18,7 +18,7 @@ CHORD_ERROR: Final = 0.1e-3
 LARGEST_KINK: Final = np.radians(2.0)
 """Angle between two chords that follow one another, at most."""
 
-LONGEST_STEP: Final = 10e-3
+LONGEST_STATION_STEP: Final = 10e-3
 """Metres between two stations, at most."""
 
 
@@ -54,7 +54,7 @@ class GrooveStations:
         """Those from one to another, both included."""
         return GrooveStations(*(getattr(self, f.name)[first : last + 1] for f in fields(self)))
 
-    def to_space(self, points: Array) -> Array:
+    def points_to_space(self, points: Array) -> Array:
         """Points of the planes, shape (m, ..., 2), in the frame of the sections, (m, ..., 3)."""
         extra = (slice(None), *(None,) * (points.ndim - 2))
         return np.asarray(self.origin[extra] + self.vectors_to_space(points))
@@ -141,12 +141,7 @@ def chord_error_and_kink(points: Array, middles: Array) -> tuple[float, float]:
     return float(np.linalg.norm(off, axis=2).max()), float(kinks.max(initial=0.0))
 
 
-def unit_vectors(v: Array) -> Array:
-    """Vectors, shape (m, 3), of length one."""
-    return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))
-
-
-def centroids(cells: BeadCells) -> Array:
+def bead_centroids(cells: BeadCells) -> Array:
     """Centre of area of each bead without its reinforcement, shape (m, n, 2), metres."""
     quads = np.concatenate([cells.quadrilaterals(k) for k in range(len(cells.counts))], axis=1)
     a, b, c, d = np.moveaxis(quads, 2, 0)
@@ -191,7 +186,8 @@ def bead_lines(stations: GrooveStations, cells: BeadCells) -> BeadLines:
     cells : BeadCells
         The beads there.
     """
-    aims, centres = stations.to_space(aim_points(cells)), stations.to_space(centroids(cells))
+    aims = stations.points_to_space(aim_points(cells))
+    centres = stations.points_to_space(bead_centroids(cells))
     order: Literal[1, 2] = 2 if len(stations.s) > 2 else 1
     along = np.gradient(aims, stations.s, axis=0, edge_order=order)
     way = np.gradient(centres, stations.s, axis=0, edge_order=order)

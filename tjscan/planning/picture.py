@@ -7,12 +7,11 @@ from typing import Final
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tjscan.core.units import MM
 from tjscan.planning.lay import ArrangedGroove, laying_order
-from tjscan.planning.path import centroids
+from tjscan.planning.path import bead_centroids
 from tjscan.planning.plan import WeldPlan
 from tjscan.planning.wps import KJ_MM, MM_MIN
 
@@ -25,7 +24,6 @@ KIND_COLOURS: Final = {"root": "#d62728", "fill": "#2f7ed8", "cap": "#2ca02c"}
 def draw_plan(plan: WeldPlan) -> Figure:
     """Draw three sections with their beads, numbered in the order of welding, speed and heat."""
     figure = Figure(figsize=(14, 8), layout="constrained")
-    FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 6)
     for k, share in enumerate(DRAWN_SHARES):
         _draw_section(figure.add_subplot(grid[0, 2 * k : 2 * k + 2]), plan, share)
@@ -61,7 +59,7 @@ def _draw_section(axes: Axes, plan: WeldPlan, share: float) -> None:
         for place in laying_order(count, k)
     ]
     colours = colormaps["viridis"]
-    middles = centroids(cells)[0] / MM.factor
+    middles = bead_centroids(cells)[0] / MM.factor
     for j, outline in enumerate(cells.outlines(0)):
         turn = order.index(j)
         x, y = (outline / MM.factor).T

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from math import ceil
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +16,10 @@ from tjscan.core.units import MM2, FileUnit
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges, RootAlongGroove, RootKind, Span
 from tjscan.planning.lay import ArrangedGroove
-from tjscan.planning.path import LONGEST_STEP, stations_at, template_at
-from tjscan.planning.stops import NO_LENGTH, StationStretch, StopPlacement
-from tjscan.planning.topology import Arrangement, NoArrangementFits, arrange_beads
+from tjscan.planning.path import LONGEST_STATION_STEP, stations_at, template_at
+from tjscan.planning.stops import ZERO_SPAN, StationStretch, StopPlacement
+from tjscan.planning.topology import LIMIT_TOLERANCE, Arrangement, BeadArranger, NoArrangementFits
 from tjscan.planning.wps import KJ_MM, M_MIN, MM_MIN, WeldingProcedure
-
-LIMIT_TOLERANCE: Final = 1e-9
-"""Share of a limit by which a number may pass it: they are computed, not measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,17 +117,17 @@ def findings_of_stops(
             yield _make_finding(bead, "sequence.shortest_bead_mm", whole, text)
         for end, at in enumerate((float(bead.s.min()), float(bead.s.max()))):
             seen.setdefault((bead.zone, bead.station, end, bead.layer), []).append(at)
-            if stops.is_open_end(at):
+            if stops.is_at_open_end(at):
                 continue
-            near = stops.nearest_landmark(at)
-            if near < wps.sequence.stop_distance - NO_LENGTH:
+            near = stops.distance_to_nearest_landmark(at)
+            if near < wps.sequence.stop_distance - ZERO_SPAN:
                 text = f"a stop {1e3 * near:.0f} from crown or saddle"
                 yield _make_finding(bead, "sequence.stop_distance_mm", bead.s == at, text)
             if len(seen[bead.zone, bead.station, end, bead.layer]) > 1:
                 continue  # the beads of a layer start and stop together
             below = seen.get((bead.zone, bead.station, end, bead.layer - 1), [])
-            away = min((stops.apart(at, other) for other in below), default=spread)
-            if away < spread - NO_LENGTH:
+            away = min((stops.length_between(at, other) for other in below), default=spread)
+            if away < spread - ZERO_SPAN:
                 text = f"a stop {1e3 * away:.0f} from that of the layer below, {apart:g} asked for"
                 yield _make_finding(bead, "sequence.start_spread_mm", bead.s == at, text)
 
@@ -276,7 +273,7 @@ def plan_weld(
     if not np.isfinite(size) or size == 0:
         raise ConfigurationError("must be a direction, not zero", key="--gravity")
     gravity = gravity / size
-    check_passes_are_there(edges.root, after_pass)
+    check_root_is_welded(edges.root, after_pass)
     zones = _fit_zones(edges, wps, after_pass)
     borders = [(zone.begin, zone.end) for zone in zones]
     stops = StopPlacement(
@@ -291,21 +288,15 @@ def plan_weld(
             over_tacks = layer == 0 and after_pass == 0
             laid = []
             for span in spans:
-                way = span.begin, span.end
-                skipped = spans_to_skip(edges.root, way, wps) if over_tacks else ()
+                skipped = tack_spans_to_skip(edges.root, span, wps) if over_tacks else ()
                 ends = [end for part in skipped for end in part]
-                done = groove.lay_layer(layer, way, step, gravity, ends)
-                laid.append([without_spans(bead, skipped) for bead in done])
-            for parts in zip(*laid, strict=True):
+                done = groove.lay_layer(layer, span, step, gravity, ends)
+                laid.append([bead_parts_outside_spans(bead, skipped) for bead in done])
+            for parts_by_span in zip(*laid, strict=True):
                 last += 1
-                whose = [
-                    (piece, span.station)
-                    for pieces, span in zip(parts, spans, strict=True)
-                    for piece in pieces
-                ]
                 beads += [
-                    replace(piece, number=last, part=part, zone=number, station=station)
-                    for part, (piece, station) in enumerate(whose, start=1)
+                    replace(bead, number=last, part=part, zone=number)
+                    for part, bead in enumerate(chain.from_iterable(parts_by_span), start=1)
                 ]
     found = (
         *(finding for bead in beads for finding in findings_of_bead(bead, wps)),
@@ -325,7 +316,7 @@ def _fit_zones(
     """
     zones = _fit_zones_from(0.0, edges, wps, after_pass)
     if edges.closed and len(zones) > 1:
-        s = np.linspace(0.0, edges.length, ceil(edges.length / LONGEST_STEP) + 1)
+        s = np.linspace(0.0, edges.length, ceil(edges.length / LONGEST_STATION_STEP) + 1)
         smallest = float(s[np.argmin(template_at(stations_at(edges, s), 0.0).area)])
         around = _fit_zones_from(smallest, edges, wps, after_pass)[0].end % edges.length
         zones = _fit_zones_from(around, edges, wps, after_pass)
@@ -335,7 +326,7 @@ def _fit_zones(
 def _fit_zones_from(
     begin: float, edges: GrooveEdges, wps: WeldingProcedure, after_pass: int
 ) -> tuple[PlannedZone, ...]:
-    end = ceil(edges.length / LONGEST_STEP)
+    end = ceil(edges.length / LONGEST_STATION_STEP)
     over = ceil(wps.sequence.overlap / edges.length * end)
     count = end + 1 + over * edges.closed
     s: Array = begin + edges.length / end * np.arange(count, dtype=np.float64)
@@ -352,7 +343,8 @@ def _fit_zones_from(
         ends = [(s[first] - turn, s[last] - turn) for turn in turns]
         if not after_pass and any(edges.root.is_open_between(*one) for one in ends):
             root = "open"
-        return arrange_beads(template.part(first, last), stations.part(first, last), wps, root)
+        parts = template.part(first, last), stations.part(first, last)
+        return BeadArranger(*parts, wps, root).find_best_arrangement()
 
     found: list[PlannedZone] = []
     first = 0
@@ -376,7 +368,7 @@ def _fit_zones_from(
     return tuple(found)
 
 
-def check_passes_are_there(root: RootAlongGroove, after_pass: int) -> None:
+def check_root_is_welded(root: RootAlongGroove, after_pass: int) -> None:
     """Refuse sections that show no weld where passes were welded.
 
     Raises
@@ -393,7 +385,9 @@ def check_passes_are_there(root: RootAlongGroove, after_pass: int) -> None:
         )
 
 
-def spans_to_skip(root: RootAlongGroove, span: Span, wps: WeldingProcedure) -> tuple[Span, ...]:
+def tack_spans_to_skip(
+    root: RootAlongGroove, stretch: StationStretch, wps: WeldingProcedure
+) -> tuple[Span, ...]:
     """Parts of a bead's path over which it is not laid because of tacks; metres.
 
     It ends `overlap` on each tack, and goes on as much before its end.
@@ -402,8 +396,8 @@ def spans_to_skip(root: RootAlongGroove, span: Span, wps: WeldingProcedure) -> t
     ----------
     root : RootAlongGroove
         Where tacks are.
-    span : tuple of float
-        Begin and end of the bead along the groove; beyond its length if it closes.
+    stretch : StationStretch
+        The bead's length of groove.
     wps : WeldingProcedure
         Whether tacks are skipped.
     """
@@ -412,11 +406,12 @@ def spans_to_skip(root: RootAlongGroove, span: Span, wps: WeldingProcedure) -> t
     turns = (-root.length, 0.0, root.length) if root.closed else (0.0,)
     over = wps.sequence.overlap
     inner = [(a + over, b - over) for a, b in root.tack_spans(wps.root.tack_length)]
-    shifted = [(max(a + t, span[0]), min(b + t, span[1])) for t in turns for a, b in inner]
+    begin, end = stretch.begin, stretch.end
+    shifted = [(max(a + t, begin), min(b + t, end)) for t in turns for a, b in inner]
     return tuple(sorted((a, b) for a, b in shifted if b > a))
 
 
-def without_spans(bead: PlannedBead, spans: Sequence[Span]) -> tuple[PlannedBead, ...]:
+def bead_parts_outside_spans(bead: PlannedBead, spans: Sequence[Span]) -> tuple[PlannedBead, ...]:
     """A bead in parts, without some spans at whose ends it has points."""
     middles = 0.5 * (bead.s[1:] + bead.s[:-1])
     laid = np.ones(len(middles), dtype=bool)

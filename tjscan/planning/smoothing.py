@@ -10,7 +10,6 @@ Stat. Assoc. 83, 1134).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from math import factorial
 from typing import Final
@@ -29,73 +28,8 @@ LOG_STRENGTHS: Final = np.arange(-10.0, 61.0)
 """Natural logarithms of the strengths that are tried, from one too small to be seen."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class SmoothCurve:
-    """A curve of k components over a length s.
-
-    Parameters
-    ----------
-    nodes : ndarray, shape (n,)
-        Where its values were known, as shares of the length.
-    length : float
-        Its length, its period if it closes.
-    closed : bool
-        Whether it closes.
-    order : int
-        m.
-    strength : float
-        Of the noise that its m-th derivative is.
-    weights, trend : ndarray, shape (n, k) and (p, k)
-        Of the kernel at the nodes, and of the powers of the length.
-    posterior : tuple of ndarray
-        What standard deviations are made of, see `sigmas`.
-    """
-
-    nodes: Array
-    length: float
-    closed: bool
-    order: int
-    strength: float
-    weights: Array
-    trend: Array
-    posterior: tuple[Array, Array, Array]
-
-    def values(self, s: Array) -> Array:
-        """The curve at lengths (m,), shape (m, k)."""
-        x = np.asarray(s) / self.length
-        return np.asarray(self._kernel(x) @ self.weights + self._powers(x) @ self.trend)
-
-    def derivatives(self, s: Array) -> Array:
-        """Its derivative by s, shape (m, k)."""
-        x, count = np.asarray(s) / self.length, len(self.trend)
-        rise = self._powers(x)[:, :-1] * np.arange(1, count)  # of x^j, j from 1
-        slope = self._kernel(x, derivative=1) @ self.weights
-        return np.asarray((slope + rise @ self.trend[1:]) / self.length)
-
-    def sigmas(self, s: Array) -> Array:
-        """Standard deviation of each component at lengths (m,), shape (m,)."""
-        x = np.asarray(s) / self.length
-        inverse, lift, covariance = self.posterior
-        kernel = self.strength * self._kernel(x)
-        zero = self.strength * smoothness_kernel(np.zeros(1), self.order, closed=self.closed)
-        shares = kernel @ inverse + self._powers(x) @ lift  # of the values in the curve
-        variance = zero - 2 * np.sum(shares * kernel, axis=1)
-        variance += np.sum((shares @ covariance) * shares, axis=1)
-        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
-
-    def _kernel(self, x: Array, derivative: int = 0) -> Array:
-        return smoothness_kernel(
-            x[:, None] - self.nodes, self.order, closed=self.closed, derivative=derivative
-        )
-
-    def _powers(self, x: Array) -> Array:
-        return powers(x, len(self.trend))
-
-
-def fit_smooth_curve(
-    s: Array, values: Array, sigma: Array, length: float, *, closed: bool
-) -> SmoothCurve:
-    """Fit a smooth curve.
+    """A smooth curve of k components over a length s, fitted to values.
 
     Parameters
     ----------
@@ -109,32 +43,67 @@ def fit_smooth_curve(
         Of all of it; the period if it closes.
     closed : bool
         Whether it closes.
+
+    Attributes
+    ----------
+    weights, trend : ndarray, shape (n, k) and (p, k)
+        Of the kernel at the nodes, and of the powers of the length.
     """
-    x, count = s / length, len(s)
-    order = min(SMOOTHNESS_ORDER, count - 1)
-    trend = powers(x, 1 if closed else order)
-    kernel = smoothness_kernel(x[:, None] - x, order, closed=closed)
-    noise = np.diag(sigma**2)
-    Q, _ = qr(trend)
-    contrasts = Q[:, trend.shape[1] :]  # of the values, in which no trend is left
-    seen, modes = eigh(contrasts.T @ kernel @ contrasts, contrasts.T @ noise @ contrasts)
-    seen = np.maximum(seen, 0.0)
-    modes = contrasts @ modes
-    strength = _likeliest_strength(seen, np.sum((modes.T @ values) ** 2, axis=1), values.shape[1])
-    inverse = (modes / (1 + strength * seen)) @ modes.T
-    covariance = strength * kernel + noise
-    pseudo = np.linalg.pinv(trend)
-    weights = inverse @ values
-    return SmoothCurve(
-        nodes=x,
-        length=length,
-        closed=closed,
-        order=order,
-        strength=strength,
-        weights=strength * weights,
-        trend=pseudo @ (values - covariance @ weights),
-        posterior=(inverse, pseudo @ (np.eye(count) - covariance @ inverse), covariance),
-    )
+
+    def __init__(
+        self, s: Array, values: Array, sigma: Array, length: float, *, closed: bool
+    ) -> None:
+        x, count = s / length, len(s)
+        self._nodes, self._length, self._closed = x, length, closed
+        self._order = order = min(SMOOTHNESS_ORDER, count - 1)
+        trend = polynomial_powers(x, 1 if closed else order)
+        kernel = smoothness_kernel(x[:, None] - x, order, closed=closed)
+        noise = np.diag(sigma**2)
+        Q, _ = qr(trend)
+        contrasts = Q[:, trend.shape[1] :]  # of the values, in which no trend is left
+        seen, modes = eigh(contrasts.T @ kernel @ contrasts, contrasts.T @ noise @ contrasts)
+        seen = np.maximum(seen, 0.0)
+        modes = contrasts @ modes
+        energy = np.sum((modes.T @ values) ** 2, axis=1)
+        self._strength = strength = _likeliest_strength(seen, energy, values.shape[1])
+        inverse = (modes / (1 + strength * seen)) @ modes.T
+        covariance = strength * kernel + noise
+        pseudo = np.linalg.pinv(trend)
+        weights = inverse @ values
+        self.weights, self.trend = strength * weights, pseudo @ (values - covariance @ weights)
+        lift = pseudo @ (np.eye(count) - covariance @ inverse)
+        self._posterior = inverse, lift, covariance
+
+    def values(self, s: Array) -> Array:
+        """The curve at lengths (m,), shape (m, k)."""
+        x = np.asarray(s) / self._length
+        return np.asarray(self._kernel(x) @ self.weights + self._powers(x) @ self.trend)
+
+    def derivatives(self, s: Array) -> Array:
+        """Its derivative by s, shape (m, k)."""
+        x, count = np.asarray(s) / self._length, len(self.trend)
+        rise = self._powers(x)[:, :-1] * np.arange(1, count)  # of x^j, j from 1
+        slope = self._kernel(x, derivative=1) @ self.weights
+        return np.asarray((slope + rise @ self.trend[1:]) / self._length)
+
+    def sigmas(self, s: Array) -> Array:
+        """Standard deviation of each component at lengths (m,), shape (m,)."""
+        x = np.asarray(s) / self._length
+        inverse, lift, covariance = self._posterior
+        kernel = self._strength * self._kernel(x)
+        zero = self._strength * smoothness_kernel(np.zeros(1), self._order, closed=self._closed)
+        shares = kernel @ inverse + self._powers(x) @ lift  # of the values in the curve
+        variance = zero - 2 * np.sum(shares * kernel, axis=1)
+        variance += np.sum((shares @ covariance) * shares, axis=1)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+    def _kernel(self, x: Array, derivative: int = 0) -> Array:
+        return smoothness_kernel(
+            x[:, None] - self._nodes, self._order, closed=self._closed, derivative=derivative
+        )
+
+    def _powers(self, x: Array) -> Array:
+        return polynomial_powers(x, len(self.trend))
 
 
 def _likeliest_strength(seen: Array, energy: Array, components: int) -> float:
@@ -150,7 +119,7 @@ def _likeliest_strength(seen: Array, energy: Array, components: int) -> float:
     return float(np.exp(minimize_scalar(cost, bounds=around, method="bounded").x))
 
 
-def powers(x: Array, count: int) -> Array:
+def polynomial_powers(x: Array, count: int) -> Array:
     """Powers of x from 0, shape (m, count)."""
     return np.asarray(np.vander(x, count, increasing=True))
 

@@ -11,18 +11,15 @@ import numpy as np
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, transform_points
-from tjscan.planning.edges import GrooveEdges
-from tjscan.planning.path import LONGEST_STEP
+from tjscan.planning.edges import GrooveEdges, Span
+from tjscan.planning.path import LONGEST_STATION_STEP
 from tjscan.planning.wps import SequenceSettings
 
 UNREACHED_STATION: Final = ""
 """Name of the station of a length that none reaches, and of all if no stations are named."""
 
-NO_LENGTH: Final = 1e-6
+ZERO_SPAN: Final = 1e-6
 """Metres: a shorter span is none."""
-
-Span = tuple[float, float]
-"""Begin and end along the groove, metres; if it closes, any number of turns on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +49,7 @@ def crowns_and_saddles(edges: GrooveEdges, T_j_r: Array) -> Array:
     T_j_r : ndarray, shape (4, 4)
         Frame r in frame j, whose z is the brace's axis and whose x is in the plane of both.
     """
-    s = np.linspace(0.0, edges.length, ceil(edges.length / LONGEST_STEP) + 1)
+    s = np.linspace(0.0, edges.length, ceil(edges.length / LONGEST_STATION_STEP) + 1)
     x, y, _ = transform_points(T_j_r, edges.corners(s)[:, 0]).T
     azimuth = np.unwrap(np.arctan2(y, x))
     if azimuth[-1] < azimuth[0]:
@@ -119,7 +116,7 @@ class StopPlacement:
                 begin, end, goes_on = self._link_span(seams[:, layer], i, layer)
                 parts = [(begin, end)] if whole else self._parts_in_zone(zones[zone], begin, end)
                 for low, high in parts:
-                    over = self.sequence.overlap if goes_on or high < end - NO_LENGTH else 0.0
+                    over = self.sequence.overlap if goes_on or high < end - ZERO_SPAN else 0.0
                     spans.append(StationStretch(link.station, low, high + over))
             if not spans:
                 raise ConfigurationError(
@@ -130,22 +127,22 @@ class StopPlacement:
             found.append(tuple(spans))
         return found
 
-    def is_open_end(self, s: float) -> bool:
+    def is_at_open_end(self, s: float) -> bool:
         """Whether an end of a groove that does not close is at s: a stop there can't be moved.
 
         Of a cascade it is the lowest layer's alone.
         """
-        return not self.closed and min(abs(s), abs(s - self.length)) < NO_LENGTH
+        return not self.closed and min(abs(s), abs(s - self.length)) < ZERO_SPAN
 
-    def apart(self, a: float, b: float) -> float:
+    def length_between(self, a: float, b: float) -> float:
         """Length of groove between two places, the shorter way round, metres."""
         if not self.closed:
             return abs(a - b)
         return abs((a - b + 0.5 * self.length) % self.length - 0.5 * self.length)
 
-    def nearest_landmark(self, s: float) -> float:
+    def distance_to_nearest_landmark(self, s: float) -> float:
         """Length of groove to the nearest crown or saddle, metres; infinite without any."""
-        return min((self.apart(s, float(mark)) for mark in self.landmarks), default=np.inf)
+        return min((self.length_between(s, float(mark)) for mark in self.landmarks), default=np.inf)
 
     def _station_rank(self, station: str) -> int:
         """Which of the stations it is, in the order of welding; those that are none come last."""
@@ -168,7 +165,7 @@ class StopPlacement:
             (max(begin, zone[0] + k * self.length), min(end, zone[1] + k * self.length))
             for k in turns
         ]
-        return [part for part in parts if part[1] - part[0] > NO_LENGTH]
+        return [part for part in parts if part[1] - part[0] > ZERO_SPAN]
 
     def _place_seams(self, links: Sequence[StationStretch], layers: int, *, whole: bool) -> Array:
         """Where each link ends and the next begins, shape (seams, layers), metres."""
@@ -200,7 +197,7 @@ class StopPlacement:
                 at = self._clear_of_landmarks(at, sign, distance)
                 found.append(at)
                 at += sign * self.sequence.start_spread
-            if sign * (end - found[-1]) >= -NO_LENGTH:
+            if sign * (end - found[-1]) >= -ZERO_SPAN:
                 return np.array(found)
         return np.linspace(begin, end, layers)
 
@@ -210,7 +207,7 @@ class StopPlacement:
         if self.closed:
             marks = (marks[:, None] + self.length * np.arange(-2, 4)).ravel()
         for mark in sorted(marks, key=lambda mark: sign * mark):
-            if abs(at - mark) < distance - NO_LENGTH:
+            if abs(at - mark) < distance - ZERO_SPAN:
                 at = float(mark + sign * distance)
         return at
 
@@ -245,15 +242,15 @@ class StopPlacement:
     ) -> tuple[StationStretch, ...]:
         end, at, links = begin + self.length, begin, list[StationStretch]()
         overlap = self.sequence.overlap
-        while at < end - NO_LENGTH:
-            follow = [one for one in stretches if one.begin <= at + NO_LENGTH and one.end > at]
+        while at < end - ZERO_SPAN:
+            follow = [one for one in stretches if one.begin <= at + ZERO_SPAN and one.end > at]
             best = max(follow, key=lambda one: one.end, default=None)
-            if best is not None and best.end - overlap > at + NO_LENGTH:
+            if best is not None and best.end - overlap > at + ZERO_SPAN:
                 links.append(best)
                 last = end if not self.closed else end + overlap
-                at = end if best.end >= last - NO_LENGTH else best.end - overlap
+                at = end if best.end >= last - ZERO_SPAN else best.end - overlap
                 continue
-            later = [one.begin for one in stretches if one.begin > at + NO_LENGTH]
+            later = [one.begin for one in stretches if one.begin > at + ZERO_SPAN]
             follows = min([*later, end])
             links.append(StationStretch(UNREACHED_STATION, at, follows))
             at = follows

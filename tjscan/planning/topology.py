@@ -28,12 +28,12 @@ MOST_BEADS_IN_SECTION: Final = 400
 LIMIT_TOLERANCE: Final = 1e-9
 """Share of a limit by which a number may pass it: all are computed, none is measured."""
 
-KIND_NAMES: Final = ("root", "fill", "cap")
+BEAD_KIND_NAMES: Final = ("root", "fill", "cap")
 
 AREA_TOLERANCE_BETWEEN_STATIONS: Final = 2e-3
 """Share by which a bead's area may pass, between two stations, what it is at the stations."""
 
-TRIED_FEEDS: Final = 101
+TRIED_FEED_COUNT: Final = 101
 """Number of wire feeds that are tried, evenly over their window."""
 
 CHECK_ORDER: Final = (
@@ -115,17 +115,9 @@ def bead_kinds(counts: tuple[int, ...], root: RootKind) -> tuple[str, ...]:
     return ("root",) * roots + ("fill",) * sum(counts[roots:-1]) + ("cap",) * counts[-1]
 
 
-def arrange_beads(
-    template: SectionTemplate,
-    stations: GrooveStations,
-    wps: WeldingProcedure,
-    root: RootKind = "closed",
-) -> Arrangement:
-    """Choose layers, beads and wire feeds that fit all of some sections.
-
-    Of those that fit, the one that comes nearest to the highest wire feeds of its beads, and so
-    takes least time with the arc on; then the one with the fewest beads, then the fewest layers.
-    Where the heat input fits nowhere, the rest still does.
+@dataclass(frozen=True)
+class BeadArranger:
+    """Chooses layers, beads and wire feeds that fit all of some sections.
 
     Parameters
     ----------
@@ -137,31 +129,30 @@ def arrange_beads(
         The windows.
     root : str
         What is at their root.
-
-    Raises
-    ------
-    NoArrangementFits
-        If no number of beads fits.
     """
-    return _BeadArranger(template, stations, wps, root).find_best()
-
-
-@dataclass(frozen=True)
-class _BeadArranger:
-    """Sections that are arranged alike, and the windows of their beads; see `arrange_beads`."""
 
     template: SectionTemplate
     stations: GrooveStations
     wps: WeldingProcedure
     root: RootKind
 
-    def find_best(self) -> Arrangement:
-        """The best arrangement that fits; see `arrange_beads`."""
+    def find_best_arrangement(self) -> Arrangement:
+        """Find the best arrangement that fits.
+
+        The one that comes nearest to the highest wire feeds of its beads, and so takes least time
+        with the arc on; then the one with the fewest beads, then the fewest layers. If the heat
+        input fits nowhere, the rest still does.
+
+        Raises
+        ------
+        NoArrangementFits
+            If no number of beads fits.
+        """
         found: list[tuple[tuple[bool, float, int, int], Arrangement]] = []
         problems: list[NoArrangementFits] = []
-        if self.root != "welded" and self._laid_shares:
-            self._check_root_layer(self._laid_shares["root"])
-        for n, group in self._layer_counts.items():
+        if self.root != "welded" and self._laid_ratios:
+            self._check_root_layer(self._laid_ratios["root"])
+        for n, group in self._layer_counts_by_beads.items():
             for counts in group:
                 try:
                     one = self._arrange_counts(counts)
@@ -186,8 +177,7 @@ class _BeadArranger:
             )
         low, high = (1e3 * height for height in self.wps.bead.layer_height)
         raise NoArrangementFits(
-            f"no number of layers has heights of {low:g} to {high:g} mm",
-            key="bead.layer_height_mm",
+            f"no number of layers has heights of {low:g} to {high:g} mm", key="bead.layer_height_mm"
         )
 
     def _area_window(self, kind: str) -> Window:
@@ -199,10 +189,10 @@ class _BeadArranger:
         return self.wps.limits(open_root=kind == "root" and self.root == "open")
 
     @cached_property
-    def _layer_counts(self) -> dict[int, list[tuple[int, ...]]]:
+    def _layer_counts_by_beads(self) -> dict[int, list[tuple[int, ...]]]:
         """Counts of the beads in layers, for each number of beads that may fit."""
         smallest, largest = float(self.template.area.min()), float(self.template.area.max())
-        lows, highs = zip(*map(self._area_window, KIND_NAMES), strict=True)
+        lows, highs = zip(*map(self._area_window, BEAD_KIND_NAMES), strict=True)
         low, high = min(lows), max(highs)
         first = max(1 if self.root == "welded" else 3, ceil(largest / high - 1e-9))
         last = min(MOST_BEADS_IN_SECTION, floor(smallest / low + 1e-9))
@@ -217,7 +207,7 @@ class _BeadArranger:
         bottom = float(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).mean())
         widths = bottom, float(self.template.opening.mean())
         roots = (1,) if self.root != "welded" else ()
-        return {n: _share_among_layers(n, layers, widths, roots) for n in range(first, last + 1)}
+        return {n: _spread_over_layers(n, layers, widths, roots) for n in range(first, last + 1)}
 
     def _layer_numbers(self) -> range:
         """Numbers of layers whose mean height is in its window."""
@@ -230,13 +220,13 @@ class _BeadArranger:
         return range(max(1 if self.root == "welded" else 2, fewest), most + 1)
 
     @cached_property
-    def _laid_shares(self) -> dict[str, Window]:
+    def _laid_ratios(self) -> dict[str, Window]:
         """Least and largest ratio of what is laid down, a metre of the tip's path, to its area.
 
         For each kind of bead, computed for beads of equal areas: the place of a bead in the section
         decides it. Empty if there is no way to arrange any.
         """
-        ways = self._layer_counts.values()
+        ways = self._layer_counts_by_beads.values()
         counts = next((counts for group in ways for counts in group), None)
         if counts is None:
             return {}
@@ -245,9 +235,9 @@ class _BeadArranger:
         try:
             cells = self.template.cut_into_beads(counts, equal)
         except ValueError:
-            return dict.fromkeys(KIND_NAMES, (1.0, 1.0))
+            return dict.fromkeys(BEAD_KIND_NAMES, (1.0, 1.0))
         shares = bead_lines(self.stations, cells).areas / equal
-        found = {name: shares[:, names == name] for name in KIND_NAMES}
+        found = {name: shares[:, names == name] for name in BEAD_KIND_NAMES}
         return {
             name: (float(x.min()), float(x.max())) if x.size else (1.0, 1.0)
             for name, x in found.items()
@@ -277,9 +267,9 @@ class _BeadArranger:
     def _arrange_counts(self, counts: tuple[int, ...]) -> Arrangement:
         template, area = self.template, self.template.area
         names = np.array(bead_kinds(counts, self.root))
-        shares = dict(zip(KIND_NAMES, self._bead_shares(counts), strict=True))
+        shares = dict(zip(BEAD_KIND_NAMES, self._bead_shares(counts), strict=True))
         for name in dict.fromkeys(names.tolist()):  # before it is cut: what is to be expected
-            expected = shares[name] * np.array((area.min(), area.max())) * self._laid_shares[name]
+            expected = shares[name] * np.array((area.min(), area.max())) * self._laid_ratios[name]
             self._choose_wire_feed(name, *expected.tolist())
         wanted = area[:, None] * np.array([shares[name] for name in names])
         below = wanted.cumsum(axis=1)[:, np.cumsum(counts)[:-1] - 1]
@@ -297,7 +287,7 @@ class _BeadArranger:
             )
         laid = bead_lines(self.stations, template.cut_into_beads(counts, wanted)).areas
         kinds = {}
-        for name in KIND_NAMES:
+        for name in BEAD_KIND_NAMES:
             of_kind = laid[:, names == name] if name in names else laid
             low, high = self._area_window(name)
             least = float(of_kind.min() * (1 - AREA_TOLERANCE_BETWEEN_STATIONS))
@@ -317,7 +307,7 @@ class _BeadArranger:
         heat input fits at no wire feed, which is the second value, the speed alone decides.
         """
         table, limits = self._arc_limits(kind)
-        feeds = np.linspace(*limits.wire_feed, TRIED_FEEDS)
+        feeds = np.linspace(*limits.wire_feed, TRIED_FEED_COUNT)
         rate = self.wps.deposition_rate(feeds)
         slowest, fastest = rate / most, rate / least
         can = (slowest >= limits.travel_speed[0]) & (fastest <= limits.travel_speed[1])
@@ -334,11 +324,11 @@ class _BeadArranger:
         warm = can & (coldest >= limits.heat_input[0]) & (warmest <= limits.heat_input[1])
         return float(feeds[warm if warm.any() else can].max()), bool(warm.any())
 
-    def _nearest_share(self, kind: str, share: float) -> float:
+    def _nearest_allowed_share(self, kind: str, share: float) -> float:
         """The nearest share to one that keeps a bead's area in its window in every section."""
         low, high = self._area_window(kind)
         smallest, largest = float(self.template.area.min()), float(self.template.area.max())
-        less, more = self._laid_shares[kind]
+        less, more = self._laid_ratios[kind]
         lowest = low * (1 + 2 * AREA_TOLERANCE_BETWEEN_STATIONS) / (smallest * less)
         highest = high * (1 - 2 * AREA_TOLERANCE_BETWEEN_STATIONS) / (largest * more)
         if lowest > highest * (1 + 1e-12):
@@ -356,17 +346,17 @@ class _BeadArranger:
         """
         n, capped, roots = sum(counts), counts[-1], int(self.root != "welded")
         inner = n - roots - capped
-        root = self._nearest_share("root", 1 / n) if roots else 0.0
-        cap = self._nearest_share("cap", (1 - root) / (n - roots))
+        root = self._nearest_allowed_share("root", 1 / n) if roots else 0.0
+        cap = self._nearest_allowed_share("cap", (1 - root) / (n - roots))
         if inner == 0:
             rest = (1 - root) / capped
-            if abs(self._nearest_share("cap", rest) - rest) > 1e-12:
+            if abs(self._nearest_allowed_share("cap", rest) - rest) > 1e-12:
                 raise NoArrangementFits(
                     f"{n} beads are too large or too small", key="bead.cap_area_mm2"
                 )
             return root or rest, rest, rest
         fill = (1 - root - capped * cap) / inner
-        if fill <= 0 or abs(self._nearest_share("fill", fill) - fill) > 1e-12:
+        if fill <= 0 or abs(self._nearest_allowed_share("fill", fill) - fill) > 1e-12:
             low, high = 1e6 * fill * self.template.area.min(), 1e6 * fill * self.template.area.max()
             raise NoArrangementFits(
                 f"with {n} beads in {len(counts)} layers a fill bead has {low:.1f} to {high:.1f} "
@@ -376,7 +366,7 @@ class _BeadArranger:
         return root or fill, fill, cap
 
 
-def _share_among_layers(
+def _spread_over_layers(
     n: int, layers: Sequence[int], widths: Window, roots: tuple[int, ...]
 ) -> list[tuple[int, ...]]:
     """Counts of n beads in layers: the root bead, then by the layers' width at even heights."""

@@ -52,11 +52,7 @@ def write_plan_as_weldx(file: Path, plan: WeldPlan, document: PlanDocument, root
         frame = weldx.LocalCoordinateSystem(bead.T_r_torch[:, :3, :3], places, times)
         frames.add_cs(f"torch, bead {bead.number}{part}", root, frame)
         beads.append(_bead_settings(weldx, bead, times))
-    tree = {
-        "plan": document.model_dump(mode="json"),
-        "coordinate_systems": frames,
-        "beads": beads,
-    }
+    tree = {"plan": document.model_dump(mode="json"), "coordinate_systems": frames, "beads": beads}
     with weldx.WeldxFile(tree=tree, mode="rw") as made:
         made.write_to(file)
 

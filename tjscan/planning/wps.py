@@ -45,7 +45,7 @@ def _check_window(limits: tuple[float, float]) -> tuple[float, float]:
     return limits
 
 
-def _power_table(rows: Any) -> Any:
+def _check_power_table(rows: Any) -> Any:
     """Refuse a table of the power source whose wire feed does not grow."""
     if any(a[0] >= b[0] for a, b in pairwise(rows)):
         raise ValueError("its wire feed, the first number of a row, must grow from row to row")
@@ -104,7 +104,7 @@ class ArcSettings(Table):
         tuple[_PowerRow, ...],
         MinLen(2),
         MaxLen(100),
-        AfterValidator(_power_table),
+        AfterValidator(_check_power_table),
         LIST_OR_WORD_IN_FILE,
     ]
     thermal_efficiency: _Share

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tjscan.comparison.compare import AlignmentMethod, Comparison, check_tolerance, compare_shapes
-from tjscan.comparison.shapes import Shape, StatedUnitAndFrame
+from tjscan.comparison.shapes import Shape, UserUnitAndFrame
 from tjscan.core.errors import ComparisonRefused, ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
@@ -142,7 +142,7 @@ def read_report_data(
     directory: Path,
     reference: Path | None = None,
     tolerance: float | None = None,
-    options: StatedUnitAndFrame | None = None,
+    options: UserUnitAndFrame | None = None,
 ) -> ReportData:
     """Read what a report shows of a finished run.
 
@@ -154,7 +154,7 @@ def read_report_data(
         What to compare it with, in place of the joint that it names.
     tolerance : float, optional
         Of the comparison, metres.
-    options : StatedUnitAndFrame, optional
+    options : UserUnitAndFrame, optional
         Unit and frame of a reference that does not state them.
 
     Raises

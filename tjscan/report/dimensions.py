@@ -13,7 +13,7 @@ from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, inverse_pose, transform_points, unit_vector
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.section import section_from_points
-from tjscan.joint.definition import NO_IMPERFECTIONS, NOT_STATED, JointDefinition
+from tjscan.joint.definition import NO_IMPERFECTIONS, NO_TOLERANCE_STATED, JointDefinition
 from tjscan.joint.edges import ClosedPolyline, feature_edges
 from tjscan.joint.geometry import radial_direction
 from tjscan.report.data import ReportData
@@ -150,7 +150,7 @@ def as_drawn(joint: JointDefinition) -> JointDefinition:
 def _dimensions_of_section(
     section: MeasuredSection, hidden: Array, designed: Array, drawing: JointDefinition | None
 ) -> Iterator[Dimension]:
-    allowed = NOT_STATED if drawing is None else drawing.tolerance
+    allowed = NO_TOLERANCE_STATED if drawing is None else drawing.tolerance
     is_open, rootless = not isnan(section.root_opening), bool(hidden[1:].any())
     measures, sigmas = section.measures, section.sigmas
     yield _dimension_from_si(
@@ -196,12 +196,12 @@ def _place_along(section: MeasuredSection, corner: int, direction: Array) -> tup
 
 
 def _dimension_from_si(
-    name: str, value: float, sigma: float, designed: float, tolerance: float
+    name: str, value: float, sigma: float, designed: float, tolerance: float | None
 ) -> Dimension:
     """A dimension from radians or metres."""
-    is_angle = name == "groove angle"
+    is_angle, largest = name == "groove angle", inf if tolerance is None else tolerance
     numbers = (
-        float(v) * (180 / pi if is_angle else 1e3) for v in (value, sigma, designed, tolerance)
+        float(v) * (180 / pi if is_angle else 1e3) for v in (value, sigma, designed, largest)
     )
     return Dimension(name, "°" if is_angle else "mm", *numbers)
 

@@ -9,7 +9,6 @@ from typing import Any, Final
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from matplotlib import rc_context
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 SCREEN_DPI: Final = 110
@@ -57,9 +56,7 @@ def new_figure(width: float, height: float) -> Figure:
     width, height : float
         Inches.
     """
-    figure = Figure(figsize=(width, height), dpi=SCREEN_DPI, layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
+    return Figure(figsize=(width, height), dpi=SCREEN_DPI, layout="constrained")
 
 
 def inline_figure(

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.comparison.shapes import StatedUnitAndFrame
+from tjscan.comparison.shapes import UserUnitAndFrame
 from tjscan.core.files import write_files_atomically
 from tjscan.core.provenance import FRAME_DESCRIPTIONS, Provenance
 from tjscan.joint.definition import JointDefinition
@@ -125,7 +125,7 @@ def write_run_report(
     directory: Path,
     reference: Path | None = None,
     tolerance: float | None = None,
-    options: StatedUnitAndFrame | None = None,
+    options: UserUnitAndFrame | None = None,
 ) -> Path:
     """Write ``report.html`` into a run directory, with the picture of a sheet, and return it.
 
@@ -137,7 +137,7 @@ def write_run_report(
         What to compare it with, in place of the joint that the run names.
     tolerance : float, optional
         Of that comparison, metres.
-    options : StatedUnitAndFrame, optional
+    options : UserUnitAndFrame, optional
         Unit and frame of a reference that does not state them.
 
     Raises

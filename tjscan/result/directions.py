@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, frozen_arrays, unit_vectors
 from tjscan.groove.measured import MeasuredSection
 
 NEIGHBOUR_DISTANCE: Final = 60e-3
@@ -74,9 +74,9 @@ def section_directions(sections: Sequence[MeasuredSection]) -> SectionDirections
     leg = np.cos(gamma_2) * z - np.sin(gamma_2) * y
     return SectionDirections(
         tangent=along[1],
-        wall=_unit_rows(np.cross(along[0], y)),
-        bevel=_unit_rows(np.cross(along[1], bevel)),
-        leg=_unit_rows(np.cross(leg, along[2])),
+        wall=unit_vectors(np.cross(along[0], y)),
+        bevel=unit_vectors(np.cross(along[1], bevel)),
+        leg=unit_vectors(np.cross(leg, along[2])),
     )
 
 
@@ -107,7 +107,7 @@ def tangents_along_line(points: Array, x: Array) -> Array:
     first = n if closed else 0
     directions = np.array([_local_slope(s, points, i) for i in range(first, first + n)])
     sides = np.sign(np.sum(directions * x, axis=1))[:, None]
-    return _unit_rows(np.where(sides == 0, 1.0, sides) * directions)
+    return unit_vectors(np.where(sides == 0, 1.0, sides) * directions)
 
 
 def _local_slope(s: Array, points: Array, i: int) -> Array:
@@ -121,7 +121,3 @@ def _local_slope(s: Array, points: Array, i: int) -> Array:
     powers = u[:, None] ** np.arange(degree + 1)
     coefficients, *_ = np.linalg.lstsq(weights * powers, weights * points[near])
     return np.asarray(coefficients[1])
-
-
-def _unit_rows(v: Array) -> Array:
-    return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))

@@ -9,7 +9,6 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib import colormaps, rc_context
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -183,7 +182,6 @@ def draw_groove_overview(
     """
     with rc_context(PRINT_STYLE):
         figure = Figure(figsize=(9.6, 5.2), dpi=PRINTED_DPI, layout="constrained")
-        FigureCanvasAgg(figure)
         grid = figure.add_gridspec(2, 2, width_ratios=(1.6, 1))
         space = figure.add_subplot(grid[:, 0], projection="3d", computed_zorder=False)
         draw_groove_3d(space, sections, points, frame, outline, paths)
@@ -271,7 +269,6 @@ def draw_profiles_with_fits(readings: Sequence[ProfileReading], settings: Groove
     columns = ceil(sqrt(len(chosen)))
     rows = ceil(len(chosen) / columns)
     figure = Figure(figsize=(4.2 * columns, 3.6 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
     for i, reading in enumerate(chosen, start=1):
         axes = figure.add_subplot(rows, columns, i)
         draw_profile(axes, reading)

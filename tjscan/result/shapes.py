@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tjscan.comparison.clouds import read_shape_file as read_file
-from tjscan.comparison.shapes import Shape, StatedUnitAndFrame, UnitAndFrame
+from tjscan.comparison.shapes import Shape, UnitAndFrame, UserUnitAndFrame
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import refuse_links_outside
 from tjscan.core.frames import Array, readonly_copy
@@ -22,14 +22,14 @@ from tjscan.result.table import read_sections_csv
 from tjscan.result.uncertainty import read_budget
 
 
-def read_shape(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:
+def read_shape(path: Path, options: UserUnitAndFrame | None = None) -> Shape:
     """Read a run directory, of one scan or stitched, or any file that `clouds.read_shape` reads.
 
     Parameters
     ----------
     path : Path
         The directory or file.
-    options : StatedUnitAndFrame, optional
+    options : UserUnitAndFrame, optional
         Unit and frame of a file that does not state them.
 
     Raises
@@ -42,7 +42,7 @@ def read_shape(path: Path, options: StatedUnitAndFrame | None = None) -> Shape:
     if path.name == CLOUD_FILE and (path.parent / SUMMARY_FILE).is_file():
         frame = read_summary(path.parent / SUMMARY_FILE).frame
         check_as_written(path)
-        shape = read_file(path, StatedUnitAndFrame("mm", frame))
+        shape = read_file(path, UserUnitAndFrame("mm", frame))
         return replace(shape, stated=UnitAndFrame("mm", f"the {SUMMARY_FILE} beside it", frame))
     return read_file(path, options)
 
@@ -78,7 +78,7 @@ def read_run_shape(directory: Path) -> Shape:
     if not sections:
         raise ConfigurationError("holds no section", file=directory / SECTIONS_FILE)
     check_as_written(directory / CLOUD_FILE)
-    cloud = read_file(directory / CLOUD_FILE, StatedUnitAndFrame("mm", frame))
+    cloud = read_file(directory / CLOUD_FILE, UserUnitAndFrame("mm", frame))
     return Shape(
         directory.resolve().name,
         UnitAndFrame("mm", "the run", frame),

@@ -133,7 +133,7 @@ class ScanSummary:
     corrections_skipped : int
         Sections whose prediction view was good enough.
     taken_again, merged, nudges, retreats : int
-        How often each remedy was tried, see `tjscan.scanning.events.RetryCounts`.
+        How often each remedy was tried, see `tjscan.scanning.journal.RetryCounts`.
     uncertainty : BudgetSummary or None
         Where the uncertainty of its corners and measures comes from; None in older files.
     provenance : Provenance or None

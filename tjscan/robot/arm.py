@@ -6,18 +6,16 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
 
 from tjscan.core.devices import Device
 from tjscan.core.errors import ArmFault
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, array_dataclass
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class ArmState:
     """State of an arm: its joint angles, flange pose and time.
 
@@ -99,16 +97,16 @@ class Arm(Device, Protocol):
         """
 
 
-STILL_TOLERANCE: Final = 2e-4
+LARGEST_TURN_AT_REST: Final = 2e-4
 """Radians a joint may turn while the arm rests: more than encoders flicker, 0.2 mm at 1 m."""
 
-STILL_DURATION: Final = 0.25
+REST_DURATION: Final = 0.25
 """Seconds for which no joint may turn further."""
 
 REST_LIMIT: Final = 10.0
 """Seconds within which the arm has to come to rest."""
 
-READING_PAUSE: Final = 0.02
+STATE_READING_PAUSE: Final = 0.02
 """Seconds between two looks."""
 
 
@@ -139,11 +137,11 @@ def await_rest(
     """
     until, since, start = now() + REST_LIMIT, now(), arm.state()
     while True:
-        pause(READING_PAUSE)
+        pause(STATE_READING_PAUSE)
         state, moment = arm.state(), now()
-        if largest_joint_rotation(start, state) > STILL_TOLERANCE:
+        if largest_joint_rotation(start, state) > LARGEST_TURN_AT_REST:
             since, start = moment, state
-        elif moment - since >= STILL_DURATION:
+        elif moment - since >= REST_DURATION:
             return state
         if moment > until:
             raise ArmFault(
@@ -152,7 +150,7 @@ def await_rest(
             )
 
 
-def check_not_moved(before: ArmState, after: ArmState) -> None:
+def check_arm_has_not_moved(before: ArmState, after: ArmState) -> None:
     """Check that an arm has not moved between two states.
 
     Raises
@@ -160,7 +158,7 @@ def check_not_moved(before: ArmState, after: ArmState) -> None:
     ArmFault
         If it has.
     """
-    if (angle := largest_joint_rotation(before, after)) > STILL_TOLERANCE:
+    if (angle := largest_joint_rotation(before, after)) > LARGEST_TURN_AT_REST:
         raise ArmFault(
             f"the arm moved while the laser looked: a joint turned by {np.degrees(angle):.2f} "
             "deg. Let it stand, leave freedrive, then start again."

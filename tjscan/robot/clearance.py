@@ -14,11 +14,11 @@ from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import interpolate_joints, linear_waypoints, place_on_path
 from tjscan.robot.settings import ClearanceMargins
 
-CHECK_RESOLUTION: Final = 1e-3
+PATH_CHECK_RESOLUTION: Final = 1e-3
 """Metres that bodies may come nearer between two looks at a path: by half of it, at most, they
 come nearer than their margin unseen."""
 
-MARGIN_ROUNDING: Final = 1e-4
+SLIGHT_APPROACH: Final = 1e-4
 """Metres by which a path that begins within a margin may come nearer still."""
 
 
@@ -80,8 +80,8 @@ class ClearPathPlanner:
             If the line leaves the reach or the joint limits, or comes too near to a singularity.
         """
         path, _ = linear_waypoints(self.kinematics, q, T_b_f)
-        self._check_singular(path, T_b_f)
-        self._check_clear(path, T_b_f)
+        self._check_clear_of_singularities(path, T_b_f)
+        self._check_clear_of_bodies(path, T_b_f)
         return np.asarray(path[-1])
 
     def joint_angles_after_joint_move(
@@ -95,8 +95,8 @@ class ClearPathPlanner:
         """
         goal = self.kinematics.inverse(T_b_f, near=q if near is None else near)
         path = interpolate_joints(q, goal)
-        self._check_singular(path[[0, -1]], T_b_f)
-        self._check_clear(path, T_b_f)
+        self._check_clear_of_singularities(path[[0, -1]], T_b_f)
+        self._check_clear_of_bodies(path, T_b_f)
         return np.asarray(path[-1])
 
     def line_is_clear(self, q: Array, goal: Array) -> bool:
@@ -112,7 +112,7 @@ class ClearPathPlanner:
         walk = _DistancesOnPath(self._model, np.array([q, goal]))
         return self._find_first_contact(walk)[1] is None
 
-    def _check_singular(self, path: Array, T_b_f: Array) -> None:
+    def _check_clear_of_singularities(self, path: Array, T_b_f: Array) -> None:
         smallest = np.array([self.kinematics.smallest_singular_value(q) for q in path])
         # As with distances: an arm near a singularity may leave it.
         short = smallest < min(self.margins.singular, float(smallest[0]))
@@ -126,7 +126,7 @@ class ClearPathPlanner:
                 T_b_f,
             )
 
-    def _check_clear(self, path: Array, T_b_f: Array) -> None:
+    def _check_clear_of_bodies(self, path: Array, T_b_f: Array) -> None:
         walk = _DistancesOnPath(self._model, path)
         least, touched = self._find_first_contact(walk)
         if touched is None:
@@ -153,7 +153,7 @@ class ClearPathPlanner:
     def _find_first_contact(self, walk: _DistancesOnPath) -> tuple[Array, float | None]:
         """Least distances of a walk, and the first s at which one is less, or None."""
         start, margins = walk.distances(0.0), self._margins_of_pairs
-        least = np.where(start < margins, np.maximum(start - MARGIN_ROUNDING, 0.0), margins)
+        least = np.where(start < margins, np.maximum(start - SLIGHT_APPROACH, 0.0), margins)
         if (start < least).any():
             return least, 0.0
         return least, walk.first_below(least, (0.0, start), (walk.end, walk.distances(walk.end)))
@@ -169,7 +169,7 @@ class _DistancesOnPath:
         self.end = float(len(path) - 1)
 
     def distances(self, s: float) -> Array:
-        return self._model.distances(_interpolated(self._path, s))
+        return self._model.distances(_interpolate_rows(self._path, s))
 
     def first_below(
         self, least: Array, from_: tuple[float, Array], to: tuple[float, Array]
@@ -181,11 +181,11 @@ class _DistancesOnPath:
         """
         (s_0, d_0), (s_1, d_1) = from_, to
         nearer = self._model.reach @ (
-            _interpolated(self._turned, s_1) - _interpolated(self._turned, s_0)
+            _interpolate_rows(self._turned, s_1) - _interpolate_rows(self._turned, s_0)
         )
         if (d_0 + d_1 - nearer >= 2 * least).all():
             return None
-        if nearer.max() <= CHECK_RESOLUTION:
+        if nearer.max() <= PATH_CHECK_RESOLUTION:
             return s_1 if (d_1 < least).any() else None
         s = (s_0 + s_1) / 2
         middle = (s, self.distances(s))
@@ -193,7 +193,7 @@ class _DistancesOnPath:
         return self.first_below(least, middle, to) if found is None else found
 
 
-def _interpolated(values: Array, s: float) -> Array:
+def _interpolate_rows(values: Array, s: float) -> Array:
     """Rows at `s`, interpolated."""
     i = min(int(s), len(values) - 2)
     return np.asarray(values[i] + (s - i) * (values[i + 1] - values[i]))

@@ -20,16 +20,16 @@ from tjscan.core.frames import Array
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import Box, Capsule, Cylinder, Solid, SolidShape
 
-TOOL_SOLIDS: Final = "tool"
+ANY_TOOL_SOLID: Final = "tool"
 """Stands for every solid the arm carries where pairs are ignored."""
 
-SCANNED_GROOVE: Final = "scanned groove"
+SCANNED_GROOVE_NAME: Final = "scanned groove"
 """What a refusal calls the surface that has been measured."""
 
 IGNORED_PAIRS: Final = (
     ("forearm_link", "wrist_3_link"),
     ("wrist_1_link", "wrist_3_link"),
-    ("wrist_1_link", TOOL_SOLIDS),
+    ("wrist_1_link", ANY_TOOL_SOLID),
 )
 """Pairs of a Universal Robots arm whose capsules overlap though the arm's own bodies, which are
 slimmer there, pass each other; an assumption about what is carried, too."""
@@ -118,7 +118,7 @@ class CollisionModel:
             *_link_bodies(kinematics),
             *(_carried_body(kinematics, solid) for solid in tool),
         ]
-        self._around = [_fixed(kinematics, solid) for solid in solids]
+        self._around = [_fixed_body(kinematics, solid) for solid in solids]
         self._build_geometry(self._around)
 
     def distances(self, q: Array) -> Array:
@@ -129,7 +129,7 @@ class CollisionModel:
         pin.computeDistances(self._kinematics.model, self._data, self._geometry, self._results, q)
         return np.array([result.min_distance for result in self._results.distanceResults])
 
-    def make_check(self, least: Array) -> Callable[[Array], BodyPair | None]:
+    def make_nearness_check(self, least: Array) -> Callable[[Array], BodyPair | None]:
         """Make a check whether bodies are nearer than allowed; far quicker than `distances`.
 
         Parameters
@@ -178,9 +178,9 @@ class CollisionModel:
         mesh.addTriangles(np.asarray(triangles, dtype=np.int64))
         mesh.endModel()
         T_root_b = pin.SE3(self._kinematics.T_root_b)
-        groove = pin.GeometryObject(SCANNED_GROOVE, 0, T_root_b, mesh)
+        groove = pin.GeometryObject(SCANNED_GROOVE_NAME, 0, T_root_b, mesh)
         self._build_geometry(
-            [*self._around, _CollisionBody(groove, SCANNED_GROOVE, SCANNED_GROOVE)]
+            [*self._around, _CollisionBody(groove, SCANNED_GROOVE_NAME, SCANNED_GROOVE_NAME)]
         )
 
     def _build_geometry(self, around: Sequence[_CollisionBody]) -> None:
@@ -232,7 +232,7 @@ def check_ignored_links(kinematics: Kinematics, pairs: Iterable[tuple[str, str]]
     ConfigurationError
         With the nearest name there is.
     """
-    known = (*kinematics.link_names, TOOL_SOLIDS)
+    known = (*kinematics.link_names, ANY_TOOL_SOLID)
     for name in (name for pair in pairs for name in pair if name not in known):
         raise ConfigurationError(f"no link {name!r}; did you mean: {nearest_word(name, known)}?")
 
@@ -279,10 +279,10 @@ def _carried_body(kinematics: Kinematics, solid: Solid) -> _CollisionBody:
     frame = kinematics.model.frames[flange]
     placement = frame.placement * pin.SE3(np.asarray(solid.T))
     geometry = pin.GeometryObject(solid.name, frame.parentJoint, flange, placement, shape)
-    return _CollisionBody(geometry, solid.name, TOOL_SOLIDS)
+    return _CollisionBody(geometry, solid.name, ANY_TOOL_SOLID)
 
 
-def _fixed(kinematics: Kinematics, solid: Solid) -> _CollisionBody:
+def _fixed_body(kinematics: Kinematics, solid: Solid) -> _CollisionBody:
     placement = pin.SE3(kinematics.T_root_b @ solid.T)
     geometry = pin.GeometryObject(solid.name, 0, placement, _collision_geometry(solid.shape))
     return _CollisionBody(geometry, solid.name, solid.name)

@@ -1,25 +1,127 @@
-"""An arm whose paths are checked for collisions before it moves."""
+"""An arm whose paths are checked for collisions before it moves, and go round what blocks them.
+
+If no detour is clear, a way is searched by RRT-Connect after J. Kuffner and S. LaValle,
+*RRT-Connect: an efficient approach to single-query path planning*, ICRA 2000: a tree of clear lines
+grows from either end, towards postures drawn by lot, and each towards what the other has just
+reached.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain, product
+from itertools import product
 from typing import Any, Final, Self
 
 import numpy as np
 
 from tjscan.core.devices import DeviceIdentity, EventListener
 from tjscan.core.errors import ArmFault, PathBlocked, PoseUnreachable
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, readonly_copy
 from tjscan.robot.arm import Arm, ArmState, MotionLock
 from tjscan.robot.clearance import ClearPathPlanner
-from tjscan.robot.way_search import find_way
+
+TREE_STEP: Final = 0.5
+"""Radians of joint space, summed in squares over the joints, by which a tree grows at once."""
+
+MOST_RANDOM_POSTURES: Final = 1000
+"""Postures that are drawn before it is given up."""
+
+POSTURE_DRAW_MARGIN: Final = np.pi
+"""Radians beyond both ends within which a joint's angle is drawn: no way winds an arm up."""
+
+IsClear = Callable[[Array, Array], bool]
+"""Whether a straight line in joint space keeps clear, ends included."""
+
+
+class _PostureTree:
+    """Postures that are reached from a root by clear lines."""
+
+    def __init__(self, root: Array) -> None:
+        self.postures, self._before = [root], [-1]
+
+    def grow(self, towards: Array, is_clear: IsClear) -> Array | None:
+        """Grow a step towards a posture from the nearest one; the posture reached, if any."""
+        away = towards - np.array(self.postures)
+        nearest = int(np.einsum("ij,ij->i", away, away).argmin())
+        length = float(np.linalg.norm(away[nearest]))
+        reached = towards
+        if length > TREE_STEP:
+            reached = self.postures[nearest] + TREE_STEP / length * away[nearest]
+        if length == 0 or not is_clear(self.postures[nearest], reached):
+            return None
+        self.postures.append(reached)
+        self._before.append(nearest)
+        return reached
+
+    def way_to_root(self) -> list[Array]:
+        """From the posture that was reached last back to the root."""
+        way, at = [], len(self.postures) - 1
+        while at >= 0:
+            way.append(self.postures[at])
+            at = self._before[at]
+        return way
+
+
+def find_way_of_postures(
+    start: Array, goal: Array, limits: tuple[Array, Array], is_clear: IsClear
+) -> list[Array] | None:
+    """Find postures between which straight lines in joint space keep clear.
+
+    Parameters
+    ----------
+    start, goal : ndarray, shape (n,)
+        Joint angles, radians.
+    limits : (ndarray, ndarray), each of shape (n,)
+        Least and greatest of them.
+    is_clear : callable
+        See `IsClear`.
+
+    Returns
+    -------
+    list of ndarray of shape (n,), or None
+        From start to goal, both included; the same each time. None if `MOST_RANDOM_POSTURES`
+        lead to none.
+    """
+    dice = np.random.default_rng(0)
+    least = np.maximum(limits[0], np.minimum(start, goal) - POSTURE_DRAW_MARGIN)
+    most = np.minimum(limits[1], np.maximum(start, goal) + POSTURE_DRAW_MARGIN)
+    first = _PostureTree(readonly_copy(start))
+    one, other = first, _PostureTree(readonly_copy(goal))
+    for _ in range(MOST_RANDOM_POSTURES):
+        reached = one.grow(dice.uniform(least, most), is_clear)
+        if reached is not None and _grow_until_connected(other, reached, is_clear):
+            ways = one.way_to_root()[::-1], other.way_to_root()[1:]
+            way = [*ways[0], *ways[1]]
+            return _shorten_way(way if one is first else way[::-1], is_clear)
+        one, other = other, one
+    return None
+
+
+def _grow_until_connected(tree: _PostureTree, to: Array, is_clear: IsClear) -> bool:
+    """Grow a tree towards a posture as far as it goes; whether it arrived."""
+    while (reached := tree.grow(to, is_clear)) is not None:
+        if np.array_equal(reached, to):
+            return True
+    return False
+
+
+def _shorten_way(way: list[Array], is_clear: IsClear) -> list[Array]:
+    """Leave out postures between which the straight line keeps clear, until none is left to."""
+    short = list(way)
+    for span in range(len(way) - 1, 1, -1):
+        at = 0
+        while at + span < len(short):
+            if is_clear(short[at], short[at + span]):
+                del short[at + 1 : at + span]
+            at += 1
+    return short
+
 
 DETOUR_LIFTS: Final = (0.05, 0.1, 0.2, 0.3)
 """Metres that a detour draws the sensor back from where it looks, tried in this order."""
 
-SAME_CONFIGURATION: Final = 0.1
+CONFIGURATION_TOLERANCE: Final = 0.1
 """Radians a joint may end from where it was planned: far more than a calibrated arm differs from
 its nominal model, far less than another configuration does."""
 
@@ -162,7 +264,9 @@ class CollisionCheckedArm:
         for i, T in enumerate(T_b_f):
             path = self.plan_clear_path(q, T, straight=i > 0)
             last = path.segments[-1]
-            direct = direct and path.blocked is None and (i > 0 or self._is_nearest(q, last))
+            direct = (
+                direct and path.blocked is None and (i > 0 or self._is_nearest_solution(q, last))
+            )
             q = last.q
         if direct:
             # The driver may know more of its arm; of other ways it can't be asked beforehand.
@@ -176,7 +280,7 @@ class CollisionCheckedArm:
         PathBlocked
             Before anything moves, if arm or tool come too near to something, detours included.
         """
-        return self._move_segment(T_b_f, straight=True)
+        return self._move_on_clear_path(T_b_f, straight=True)
 
     def move_joint_to_pose(
         self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
@@ -185,7 +289,7 @@ class CollisionCheckedArm:
 
         With `near` it ends in that configuration and no other.
         """
-        return self._move_segment(T_b_f, straight=False, near=near, direct=direct)
+        return self._move_on_clear_path(T_b_f, straight=False, near=near, direct=direct)
 
     def stop(self) -> None:
         """Bring the arm to rest now, and begin no further segment. See `Arm.stop`."""
@@ -209,7 +313,7 @@ class CollisionCheckedArm:
         """Plan a collision-free path: the direct one, else a detour: back, across and forward.
 
         A move in joint space has one choice more: another configuration at its end; or, if it
-        has to end near given joint angles, a way that is searched; see `find_way`.
+        has to end near given joint angles, a way that is searched; see `find_way_of_postures`.
 
         Parameters
         ----------
@@ -230,20 +334,15 @@ class CollisionCheckedArm:
             Of the direct path, if no other way keeps clear either.
         """
         try:
-            return ClearPath(self._check_segments(q, [(straight, T_b_f, near)]))
+            return ClearPath(self._check_way_is_clear(q, [(straight, T_b_f, near)]))
         except PathBlocked as blocked:
             if direct or blocked.share == 0:  # where it is now: no way begins elsewhere
                 raise
-            ways = self._propose_detours(q, T_b_f, near, straight=straight)
-            if near is not None:
-                ways = chain(ways, self._search_path(q, T_b_f, near))
-            elif not straight:
-                ways = chain(ways, self._ways_to_other_configurations(q, T_b_f))
-            for way in ways:
+            for way in self._ways_round(q, T_b_f, near, straight=straight):
                 try:
-                    segments = self._check_segments(q, way)
+                    segments = self._check_way_is_clear(q, way)
                     if near is not None:
-                        _check_near(segments[-1].q, T_b_f, near)
+                        _check_joints_stay_near(segments[-1].q, T_b_f, near)
                     return ClearPath(segments, blocked)
                 except PoseUnreachable:
                     continue
@@ -255,14 +354,24 @@ class CollisionCheckedArm:
             }
             raise PathBlocked(reason, blocked.T_b_f, **contact) from None
 
-    def _propose_detours(
+    def _ways_round(
         self, q: Array, T_b_f: Array, near: Array | None, *, straight: bool
     ) -> Iterator[Way]:
-        """Ways back, across and forward; the nearer ones first."""
-        T_start = self.clearance.kinematics.forward(q)
+        """Ways back, across and forward, the nearer ones first.
+
+        After these, a move in joint space has one that is searched, if it has to end near given
+        joint angles, else the direct ways into the other configurations, the nearer ones first.
+        """
+        kinematics = self.clearance.kinematics
+        T_start = kinematics.forward(q)
         for lift, across in product(self._lifts, (straight, not straight)):
-            back, ahead = (self._drawn_back(T, lift) for T in (T_start, T_b_f))
+            back, ahead = (self._draw_sensor_back(T, lift) for T in (T_start, T_b_f))
             yield [(True, back, None), (across, ahead, near), (True, T_b_f, None)]
+        if near is not None:
+            yield from self._search_path(q, T_b_f, near)
+        elif not straight:
+            for other in kinematics.all_inverse_solutions(T_b_f, near=q)[1:]:
+                yield [(False, T_b_f, other)]
 
     def _search_path(self, q: Array, T_b_f: Array, near: Array) -> Iterator[Way]:
         """A way through postures to a pose drawn back from the end, and forward from there.
@@ -271,37 +380,32 @@ class CollisionCheckedArm:
         """
         clearance, kinematics = self.clearance, self.clearance.kinematics
         for lift in (*self._lifts, 0.0):
-            ahead = self._drawn_back(T_b_f, lift)
+            ahead = self._draw_sensor_back(T_b_f, lift)
             forward: Way = [(True, T_b_f, None)] if lift else []
             try:
                 goal = kinematics.inverse(ahead, near=near)
-                for end in self._check_segments(goal, forward):
-                    _check_near(end.q, T_b_f, near)
+                for end in self._check_way_is_clear(goal, forward):
+                    _check_joints_stay_near(end.q, T_b_f, near)
             except PoseUnreachable:
                 continue
             limits = kinematics.lower, kinematics.upper
-            found = find_way(q, goal, limits, clearance.line_is_clear)
+            found = find_way_of_postures(q, goal, limits, clearance.line_is_clear)
             if found is not None:
                 between = [(False, kinematics.forward(one), one) for one in found[1:-1]]
                 yield [*between, (False, ahead, goal), *forward]
             return
 
-    def _ways_to_other_configurations(self, q: Array, T_b_f: Array) -> Iterator[Way]:
-        """Direct ways into the other configurations; the nearer ones first."""
-        for other in self.clearance.kinematics.all_inverse_solutions(T_b_f, near=q)[1:]:
-            yield [(False, T_b_f, other)]
-
-    def _is_nearest(self, q: Array, segment: PathSegment) -> bool:
+    def _is_nearest_solution(self, q: Array, segment: PathSegment) -> bool:
         """Whether a move in joint space ends where an arm at `q` would go of itself."""
         nearest = self.clearance.kinematics.inverse(segment.T_b_f, near=q)
-        return bool(np.abs(nearest - segment.q).max() < SAME_CONFIGURATION)
+        return bool(np.abs(nearest - segment.q).max() < CONFIGURATION_TOLERANCE)
 
-    def _drawn_back(self, T_b_f: Array, lift: float) -> Array:
+    def _draw_sensor_back(self, T_b_f: Array, lift: float) -> Array:
         T = np.array(T_b_f)
         T[:3, 3] += lift * T[:3, :3] @ self._back_f
         return T
 
-    def _check_segments(self, q: Array, way: Way) -> tuple[PathSegment, ...]:
+    def _check_way_is_clear(self, q: Array, way: Way) -> tuple[PathSegment, ...]:
         clearance, segments = self.clearance, []
         for straight, T, near in way:
             if straight:
@@ -309,11 +413,11 @@ class CollisionCheckedArm:
             else:
                 q = clearance.joint_angles_after_joint_move(q, T, near)
                 if near is not None:
-                    _check_near(q, T, near)
+                    _check_joints_stay_near(q, T, near)
             segments.append(PathSegment(straight, T, q))
         return tuple(segments)
 
-    def _move_segment(
+    def _move_on_clear_path(
         self, T_b_f: Array, *, straight: bool, near: Array | None = None, direct: bool = False
     ) -> ArmState:
         with self._latch.hold_for_move():
@@ -327,11 +431,11 @@ class CollisionCheckedArm:
                     state = self._arm.move_linear(segment.T_b_f)
                 else:
                     state = self._arm.move_joint_to_pose(segment.T_b_f, near=segment.q)
-                _check_configuration(state, segment)
+                _check_planned_configuration(state, segment)
             return state
 
 
-def _check_near(q: Array, T_b_f: Array, near: Array) -> None:
+def _check_joints_stay_near(q: Array, T_b_f: Array, near: Array) -> None:
     """Refuse a move that is short for the flange and long for a joint."""
     away = np.abs(q - near)
     if away.max() > LARGEST_JOINT_SWEEP:
@@ -343,10 +447,10 @@ def _check_near(q: Array, T_b_f: Array, near: Array) -> None:
         )
 
 
-def _check_configuration(state: ArmState, segment: PathSegment) -> None:
+def _check_planned_configuration(state: ArmState, segment: PathSegment) -> None:
     """Refuse to go on if the arm took joint angles that were not checked."""
     off = np.abs(state.q - segment.q)
-    if off.max() > SAME_CONFIGURATION:
+    if off.max() > CONFIGURATION_TOLERANCE:
         raise ArmFault(
             f"the arm holds the pose in another configuration than was checked: joint "
             f"{int(off.argmax()) + 1} is {np.degrees(off.max()):.0f} deg off. Jog it back by hand "

@@ -22,7 +22,7 @@ from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.kinematics import Kinematics
 
 
-def axis_bases(kinematics: Kinematics) -> Array:
+def joint_axis_bases(kinematics: Kinematics) -> Array:
     """Rotations that take a frame whose z is the joint's axis into the joint's, shape (n, 3, 3)."""
     bases = []
     for axis in kinematics.joint_axes:
@@ -41,10 +41,10 @@ def with_deviations(kinematics: Kinematics, deviations: Array) -> Kinematics:
         The arm.
     deviations : ndarray, shape (n, 6)
         Translation (metres) and rotation vector of each joint's frame, in axes of its own whose
-        z is the joint's axis; see `axis_bases`.
+        z is the joint's axis; see `joint_axis_bases`.
     """
     own = np.asarray(deviations, dtype=float).reshape(-1, 2, 3)
-    in_joint = np.einsum("nij,nkj->nki", axis_bases(kinematics), own).reshape(-1, 6)
+    in_joint = np.einsum("nij,nkj->nki", joint_axis_bases(kinematics), own).reshape(-1, 6)
     moves = np.array([pose_from_vector(step) for step in in_joint])
     return kinematics.with_joint_placements(kinematics.joint_placements @ moves)
 
@@ -55,18 +55,18 @@ def deviation_jacobian(kinematics: Kinematics, q: Array) -> Array:
     Translation (metres) and rotation (radians), by the deviations of `with_deviations`.
     """
     J = kinematics.placement_jacobian(q).reshape(6, -1, 2, 3)
-    turned = np.einsum("knci,nij->kncj", J, axis_bases(kinematics))
+    turned = np.einsum("knci,nij->kncj", J, joint_axis_bases(kinematics))
     return np.asarray(turned.reshape(6, -1, 6))
 
 
-def length_growth(kinematics: Kinematics) -> Array:
+def deviations_of_longer_links(kinematics: Kinematics) -> Array:
     """Deviations of an arm whose links are longer by their own length, shape (n, 6).
 
     What the last joint carries stays as it is.
     """
     placements = kinematics.joint_placements
     own = np.einsum("nji,nj->ni", placements[:, :3, :3], placements[:, :3, 3])
-    along = np.einsum("nji,nj->ni", axis_bases(kinematics), own)
+    along = np.einsum("nji,nj->ni", joint_axis_bases(kinematics), own)
     return np.hstack((along, np.zeros_like(along)))
 
 

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from tjscan.core.frames import Array, frozen_arrays, pose, rot_x, rot_z
+from tjscan.core.frames import Array, array_dataclass, pose, rot_x, rot_z
 from tjscan.robot.kinematics import Kinematics
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class DhParameters:
     """Standard DH parameters: frame i is Rz(theta + q) Tz(d) Tx(a) Rx(alpha) in frame i - 1.
 
@@ -38,7 +35,7 @@ COMPARED_POSTURES = 200
 """Joint angles at which two descriptions are compared, always the same ones."""
 
 
-def compare_with_model(dh: DhParameters, kinematics: Kinematics) -> tuple[float, float]:
+def compare_flange_with_model(dh: DhParameters, kinematics: Kinematics) -> tuple[float, float]:
     """Distances, RMS and largest, of the flange by DH parameters from where a model has it.
 
     Parameters

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tjscan.laser.replay import RecordedPoses
     from tjscan.robot.arm import ArmState
     from tjscan.robot.kinematics import Kinematics
-    from tjscan.robot.motion import MotionLimits
+    from tjscan.robot.path import MotionLimits
     from tjscan.robot.replay import ReplayedArm
     from tjscan.robot.settings import ArmSimulationSettings
     from tjscan.robot.simulated import SimulatedArm
@@ -98,7 +98,7 @@ def _make_replayed_arm(context: ArmDriverInputs, settings: NoSettings) -> Replay
     return ReplayedArm(*context.recording())
 
 
-def _ur(inputs: ArmDriverInputs, settings: UrSettings) -> UrArm:
+def _make_ur_arm(inputs: ArmDriverInputs, settings: UrSettings) -> UrArm:
     from tjscan.robot.ur.arm import UrArm
 
     return UrArm(inputs.kinematics, settings, inputs.limits)
@@ -109,7 +109,7 @@ SIMULATED_DRIVER: Final = ArmDriverFactory(
 )
 REPLAY_DRIVER: Final = ArmDriverFactory(_make_replayed_arm, kind=DriverKind.REPLAYED)
 
-UR_DRIVER: Final = ArmDriverFactory(_ur, UrSettings)
+UR_DRIVER: Final = ArmDriverFactory(_make_ur_arm, UrSettings)
 
 ARM_DRIVERS: Final[DriverRegistry[ArmDriverFactory]] = DriverRegistry(
     "arm",

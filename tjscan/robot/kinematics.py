@@ -20,13 +20,7 @@ from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, PoseUnreachable, nearest_word
 from tjscan.core.frames import Array, inverse_pose, pose_from_rounded_matrix, readonly_copy
 from tjscan.robot.closed_form import all_inverse_solutions, inverse_branches
-from tjscan.robot.urdf import (
-    ARM_MODELS,
-    check_chain,
-    frames_b_and_f,
-    read_urdf,
-    ur_dh_lengths,
-)
+from tjscan.robot.urdf import ARM_MODELS, read_urdf, ur_dh_lengths
 
 DESCENT_TOLERANCE: Final = 1e-13
 """Metres and radians at which a descent ends; it comes this close unless singular.
@@ -50,7 +44,7 @@ LEAST_DESCENT_DAMPING: Final = 1e-12
 LONGEST_STEP: Final = 0.5
 """Radians a joint turns in one iteration; further, the linearisation does not hold."""
 
-SEED_DISTANCE: Final = 0.5
+KEPT_CONFIGURATION_DISTANCE: Final = 0.5
 """Radians: a descent that stays this close to its seed has kept the configuration."""
 
 SINGULARITY_THRESHOLD: Final = 0.05
@@ -59,10 +53,10 @@ SINGULARITY_THRESHOLD: Final = 0.05
 SEED_COUNT: Final = 64
 """Seeds tried if there is no closed form."""
 
-SAME_CONFIGURATION: Final = 1e-3
+SAME_SOLUTION_TOLERANCE: Final = 1e-3
 """Radians within which two solutions are one."""
 
-LIMIT_ROUNDING: Final = 1e-9
+JOINT_LIMIT_ROUNDING: Final = 1e-9
 """Radians beyond a limit that are rounding."""
 
 
@@ -119,9 +113,8 @@ class Kinematics:
 
     def __init__(self, urdf: Path) -> None:
         with add_file_to_errors(urdf):
-            self.model = model = read_urdf(urdf)
-            base, self.flange = frames_b_and_f(model)
-            check_chain(model, self.flange)
+            model, base, self.flange = read_urdf(urdf)
+        self.model = model
         self._workspace = _ThreadWorkspace(model)
         self.urdf = urdf
         self.name = str(model.name)
@@ -261,8 +254,8 @@ class Kinematics:
             With the reason: the reach, or a joint's limit and by how much.
         """
         near = np.asarray(near, dtype=float)
-        warm = self._descend(self._target_in_root(T_b_f), near)
-        is_near = np.abs(warm.q - near).max() < SEED_DISTANCE
+        warm = self._descend_to_pose(self._target_in_root(T_b_f), near)
+        is_near = np.abs(warm.q - near).max() < KEPT_CONFIGURATION_DISTANCE
         if warm.solved and is_near and self.excess(warm.q).max() <= 0:
             return warm.q
         return self.all_inverse_solutions(T_b_f, near)[0]
@@ -281,16 +274,16 @@ class Kinematics:
         near = np.asarray(near, dtype=float)
         target = self._target_in_root(T_b_f)
         seeds = (near, *self._inverse_seeds(target, near))
-        fits = [self._descend(target, seed) for seed in seeds]
-        solved = [self._nearest_turns(fit.q, near) for fit in fits if fit.solved]
+        fits = [self._descend_to_pose(target, seed) for seed in seeds]
+        solved = [self._choose_nearest_turns(fit.q, near) for fit in fits if fit.solved]
         if not solved:
-            raise PoseUnreachable(self._out_of_reach(fits), T_b_f)
-        allowed = [q for q in solved if self.excess(q).max() <= LIMIT_ROUNDING]
+            raise PoseUnreachable(self._describe_out_of_reach(fits), T_b_f)
+        allowed = [q for q in solved if self.excess(q).max() <= JOINT_LIMIT_ROUNDING]
         if not allowed:
-            raise PoseUnreachable(self._out_of_limits(solved), T_b_f)
+            raise PoseUnreachable(self._describe_out_of_limits(solved), T_b_f)
         found: list[Array] = []
         for q in sorted(allowed, key=lambda q: float(np.linalg.norm(q - near))):
-            if all(np.abs(q - other).max() > SAME_CONFIGURATION for other in found):
+            if all(np.abs(q - other).max() > SAME_SOLUTION_TOLERANCE for other in found):
                 found.append(np.clip(q, self.lower, self.upper))
         return tuple(found)
 
@@ -332,7 +325,7 @@ class Kinematics:
         except ValueError as error:
             raise PoseUnreachable(f"it is no pose: {error}", T_b_f) from None
 
-    def _descend(self, target: Any, seed: Array) -> _DescentResult:
+    def _descend_to_pose(self, target: Any, seed: Array) -> _DescentResult:
         """Damped Gauss-Newton on SE(3).
 
         The damping is the squared error (Sugihara 2011, Solvability-unconcerned inverse
@@ -374,16 +367,16 @@ class Kinematics:
         seeds = near + spread * random.standard_normal((SEED_COUNT, near.size))
         return np.clip(seeds, self.lower, self.upper)
 
-    def _nearest_turns(self, q: Array, near: Array) -> Array:
+    def _choose_nearest_turns(self, q: Array, near: Array) -> Array:
         """`q` with each joint in the turn nearest to `near` that its limits allow."""
         turn = 2 * np.pi
         turns = q + turn * (np.round((near - q) / turn) + np.arange(-2, 3)[:, None])
         beyond = np.maximum(self.excess(turns), 0.0)
-        beyond[beyond <= LIMIT_ROUNDING] = 0.0
+        beyond[beyond <= JOINT_LIMIT_ROUNDING] = 0.0
         order = np.lexsort((np.abs(turns - near), beyond), axis=0)
         return np.asarray(np.take_along_axis(turns, order[:1], axis=0)[0])
 
-    def _out_of_reach(self, fits: list[_DescentResult]) -> str:
+    def _describe_out_of_reach(self, fits: list[_DescentResult]) -> str:
         best = min(fits, key=lambda fit: fit.position + fit.rotation)
         stretched = self.smallest_singular_value(best.q)
         return (
@@ -393,7 +386,7 @@ class Kinematics:
             f"(smallest singular value {stretched:.3f}). Move the base or the pose."
         )
 
-    def _out_of_limits(self, solved: list[Array]) -> str:
+    def _describe_out_of_limits(self, solved: list[Array]) -> str:
         q = min(solved, key=lambda q: float(self.excess(q).max()))
         i = int(self.excess(q).argmax())
         limit = self.upper[i] if q[i] > self.upper[i] else self.lower[i]

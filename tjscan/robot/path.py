@@ -1,32 +1,168 @@
-"""Straight paths: a line of the flange in space, and a line in joint space."""
+"""Straight paths, of the flange or of the joints, and how long they take within their limits."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import ceil, radians
+from dataclasses import dataclass, fields
+from math import ceil, isfinite, radians, sqrt
 from typing import Final
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from tjscan.core import pose_vector
-from tjscan.core.errors import PoseUnreachable
-from tjscan.core.frames import Array, rotation_angle_between
+from tjscan.core.errors import ConfigurationError, PoseUnreachable
+from tjscan.core.frames import Array, array_dataclass, rotation_angle_between
 from tjscan.robot.kinematics import SINGULARITY_THRESHOLD, Kinematics
-from tjscan.robot.motion import JointTrajectory, MotionLimits, fastest_joint_path
+
+SAMPLES_PER_WAYPOINT: Final = 4
+"""Between waypoints the derivatives of the spline are looked at this often."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotionLimits:
+    """Largest speeds and accelerations with which an arm may move.
+
+    The defaults are those a Universal Robots pendant proposes for a linear move, at half of
+    the joint speeds.
+
+    Parameters
+    ----------
+    tcp_speed : float
+        Speed of the flange's origin in m/s, in every move. 0.25 m/s is what ISO 10218-1 calls
+        reduced speed.
+    tcp_acceleration : float
+        Acceleration of the flange's origin in m/s².
+    joint_speed : float
+        Fraction of the joint speed limits that is used, above 0, at most 1.
+    joint_acceleration : float
+        Acceleration of every joint in rad/s².
+
+    Raises
+    ------
+    ConfigurationError
+        If a limit is not a positive number, or the fraction is above 1.
+    """
+
+    tcp_speed: float = 0.25
+    tcp_acceleration: float = 1.2
+    joint_speed: float = 0.5
+    joint_acceleration: float = radians(80)
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (isfinite(value) and value > 0):
+                raise ConfigurationError(f"it must be positive (found {value})", key=field.name)
+        if self.joint_speed > 1:
+            raise ConfigurationError(
+                f"it is a fraction of the joints' limits, at most 1 (found {self.joint_speed})",
+                key="joint_speed",
+            )
+
+
+@array_dataclass
+class JointTrajectory:
+    """A timed path in joint space, rest to rest.
+
+    Between the waypoints runs a cubic spline. Its parameter u goes from 0 to 1 with a
+    trapezoid of speed: it ramps up, cruises and ramps down.
+
+    Parameters
+    ----------
+    q : ndarray, shape (m, n)
+        Waypoints at evenly spaced u, in radians.
+    duration : float
+        Seconds.
+    ramp : float
+        Seconds of the first ramp, and of the last.
+    """
+
+    q: Array
+    duration: float
+    ramp: float
+
+    def joint_angles_at(self, time: float | Array) -> Array:
+        """Joint angles in radians, shape (..., n), at times in seconds from the start.
+
+        Before the start the arm is at the first waypoint, after the end at the last.
+        """
+        if self.duration == 0:
+            return np.broadcast_to(self.q[-1], (*np.shape(time), self.q.shape[1])).copy()
+        t = np.clip(time, 0.0, self.duration)
+        cruise = 1 / (self.duration - self.ramp)
+        # Area under the trapezoid: both ramps as parabolas from their own end of the path.
+        left = np.minimum(t, self.duration - t)
+        ramped, cruised = cruise * left**2 / (2 * self.ramp), cruise * (left - self.ramp / 2)
+        from_end = np.where(left < self.ramp, ramped, cruised)
+        u = np.where(2 * t <= self.duration, from_end, 1 - from_end)
+        return np.asarray(_spline_through(self.q)(u))
+
+
+def fastest_joint_path(
+    q: Array, points_b: Array, velocity: Array, limits: MotionLimits
+) -> JointTrajectory:
+    """Time a path as fast as the limits allow, with a trapezoid of speed.
+
+    With path speed v = du/dt and path acceleration a, a joint has speed q' v and acceleration
+    q' a + q'' v², and the flange likewise. Bounding q' and q'' by their largest values on the
+    path, v is bounded by the speed limits and a(v) = (1 - C v²) / G by the accelerations.
+    The duration 1/v + v/a(v) is convex in v, so the best v is its minimum or the bound.
+
+    Parameters
+    ----------
+    q : ndarray, shape (m, n)
+        Waypoints, evenly spaced along the path, in radians.
+    points_b : ndarray, shape (m, 3)
+        The flange's origin at the waypoints, in metres.
+    velocity : ndarray, shape (n,)
+        Joint speed limits in rad/s.
+    limits : MotionLimits
+        What to keep within.
+    """
+    first, second = _spline_derivatives(q)
+    first_p, second_p = (np.linalg.norm(d, axis=1).max() for d in _spline_derivatives(points_b))
+    first, second = np.abs(first).max(axis=0), np.abs(second).max(axis=0)
+    of_joints = float((first / (limits.joint_speed * velocity)).max())
+    slowness = max(of_joints, float(first_p / limits.tcp_speed))
+    if slowness == 0:
+        return JointTrajectory(q, 0.0, 0.0)
+    fastest = 1 / slowness
+    G, C = (
+        max(float(d.max() / limits.joint_acceleration), float(d_p / limits.tcp_acceleration))
+        for d, d_p in ((first, first_p), (second, second_p))
+    )
+    B = C / G
+    # Where d/dv (1/v + v/a(v)) = 0.
+    best = sqrt(2 / (G * (2 * B + 1 + sqrt(8 * B + 1))))
+    v = min(fastest, best)
+    ramp = v * G / (1 - C * v**2)
+    return JointTrajectory(q, 1 / v + ramp, ramp)
+
+
+def _spline_through(values: Array) -> CubicSpline:
+    return CubicSpline(np.linspace(0, 1, len(values)), values)
+
+
+def _spline_derivatives(values: Array) -> tuple[Array, Array]:
+    """First and second derivative by u, at and between the waypoints."""
+    spline = _spline_through(values)
+    u = np.linspace(0, 1, SAMPLES_PER_WAYPOINT * (len(values) - 1) + 1)
+    return np.asarray(spline(u, 1)), np.asarray(spline(u, 2))
+
 
 WAYPOINT_SPACING: Final = 5e-3
 """Metres between the waypoints of a line; the spline between them strays by micrometres."""
 
-TURN_SPACING: Final = radians(2)
+FLANGE_TURN_SPACING: Final = radians(2)
 """Radians the flange turns between waypoints."""
 
-JOINT_SPACING: Final = radians(4)
+JOINT_TURN_SPACING: Final = radians(4)
 """Radians a joint turns between the waypoints of a path in joint space."""
 
 FEWEST_PIECES: Final = 4
 """Pieces of the shortest path, so that its spline has a cubic to it."""
 
-LARGEST_TURN: Final = radians(20)
+LARGEST_JOINT_TURN: Final = radians(20)
 """A joint that turns so far between waypoints swings through a singularity, or takes another
 configuration because it ran into its limit."""
 
@@ -115,8 +251,8 @@ def linear_waypoints(kinematics: Kinematics, q: Array, T_b_f: Array) -> tuple[Ar
             following = kinematics.inverse(T, near=waypoints[-1])
         except PoseUnreachable as error:
             raise PoseUnreachable(place_on_path(share) + error.reason, T_b_f) from None
-        if np.abs(following - waypoints[-1]).max() > LARGEST_TURN:
-            reason = _reason_of_jump(kinematics, waypoints[-1], following)
+        if np.abs(following - waypoints[-1]).max() > LARGEST_JOINT_TURN:
+            reason = _explain_joint_jump(kinematics, waypoints[-1], following)
             raise PoseUnreachable(place_on_path(share) + reason, T_b_f)
         waypoints.append(following)
     return np.array(waypoints), poses_b_f[:, :3, 3]
@@ -124,7 +260,7 @@ def linear_waypoints(kinematics: Kinematics, q: Array, T_b_f: Array) -> tuple[Ar
 
 def interpolate_joints(q: Array, goal: Array) -> Array:
     """Joint angles evenly spaced from `q` to `goal`, shape (m, n), in radians."""
-    pieces = max(FEWEST_PIECES, ceil(float(np.abs(goal - q).max()) / JOINT_SPACING))
+    pieces = max(FEWEST_PIECES, ceil(float(np.abs(goal - q).max()) / JOINT_TURN_SPACING))
     return np.linspace(q, goal, pieces + 1)
 
 
@@ -132,7 +268,7 @@ def _poses_on_line(T_start: Array, T_end: Array) -> Array:
     """Poses on a line, shape (m, 4, 4)."""
     length = float(np.linalg.norm(T_end[:3, 3] - T_start[:3, 3]))
     angle = rotation_angle_between(T_start, T_end)
-    pieces = max(FEWEST_PIECES, ceil(length / WAYPOINT_SPACING), ceil(angle / TURN_SPACING))
+    pieces = max(FEWEST_PIECES, ceil(length / WAYPOINT_SPACING), ceil(angle / FLANGE_TURN_SPACING))
     u = np.linspace(0, 1, pieces + 1)[:, None]
     turn = pose_vector.rotation_to_vector(T_start[:3, :3].T @ T_end[:3, :3])
     poses = np.tile(np.eye(4), (pieces + 1, 1, 1))
@@ -146,12 +282,12 @@ def place_on_path(share: float) -> str:
     return "" if share in (0, 1) else f"{share:.0%} of the way there, "
 
 
-def _reason_of_jump(kinematics: Kinematics, q: Array, following: Array) -> str:
+def _explain_joint_jump(kinematics: Kinematics, q: Array, following: Array) -> str:
     """Why two waypoints close to each other have joint angles far apart."""
     smallest = kinematics.smallest_singular_value(q)
     room = np.minimum(q - kinematics.lower, kinematics.upper - q)
     i = int(room.argmin())
-    if room[i] < LARGEST_TURN and smallest > SINGULARITY_THRESHOLD:
+    if room[i] < LARGEST_JOINT_TURN and smallest > SINGULARITY_THRESHOLD:
         return (
             f"{kinematics.joint_names[i]} runs into its limit (it is at {np.degrees(q[i]):.1f} "
             "deg). Start with that joint a turn further from its limit, or move the base."

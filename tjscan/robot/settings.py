@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
 
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, array_dataclass
 from tjscan.core.units import (
     DEG,
     FARTHEST_DISTANCE_MM,
@@ -178,8 +178,7 @@ class Capsule:
 SolidShape = Box | Cylinder | Capsule
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class Solid:
     """A solid body: a shape, its pose and its name.
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final, Self
 
 import numpy as np
@@ -15,20 +14,18 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.devices import LocalDevice
 from tjscan.core.errors import ArmFault, ConfigurationError
-from tjscan.core.frames import Array, frozen_arrays, pose, readonly_copy
+from tjscan.core.frames import Array, array_dataclass, pose, readonly_copy
 from tjscan.robot.arm import ArmState, MotionLock
-from tjscan.robot.deviations import length_growth, with_deviations
+from tjscan.robot.deviations import deviations_of_longer_links, with_deviations
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import JointTrajectory, MotionLimits
-from tjscan.robot.path import PathPlanner
+from tjscan.robot.path import JointTrajectory, MotionLimits, PathPlanner
 from tjscan.robot.settings import ArmErrorSettings
 
 RANDOM_STREAM: Final = 3
 """Keeps the random numbers of an arm's make apart from those of its moves."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class SimulatedArmErrors:
     """The true arm, which differs from the one that its controller plans and reports with.
 
@@ -72,7 +69,7 @@ class SimulatedArmErrors:
         deviations = settings.sigmas * rng.standard_normal((n, 6))
         return cls(
             with_deviations(nominal, deviations),
-            settings.growth * length_growth(nominal),
+            settings.growth * deviations_of_longer_links(nominal),
             settings.eccentricity * rng.standard_normal(n),
             rng.uniform(-np.pi, np.pi, n),
             settings.backlash,
@@ -156,7 +153,7 @@ class SimulatedArm(LocalDevice):
         time: float = 0.0,
         errors: SimulatedArmErrors | None = None,
     ) -> None:
-        _check_start(kinematics, np.asarray(q, dtype=float))
+        _check_start_posture(kinematics, np.asarray(q, dtype=float))
         self.kinematics = kinematics
         self._planner = PathPlanner(kinematics, MotionLimits() if limits is None else limits)
         self.realtime = realtime
@@ -202,13 +199,13 @@ class SimulatedArm(LocalDevice):
 
     def move_linear(self, T_b_f: Array) -> ArmState:
         """Move the flange on a straight line to a pose. See `Arm.move_linear`."""
-        return self._follow_motion(lambda q: self._planner.linear_path(q, T_b_f))
+        return self._make_planned_move(lambda q: self._planner.linear_path(q, T_b_f))
 
     def move_joint_to_pose(
         self, T_b_f: Array, near: Array | None = None, *, direct: bool = False
     ) -> ArmState:
         """Move to the nearest configuration that holds a pose. See `Arm.move_joint_to_pose`."""
-        return self._follow_motion(lambda q: self._planner.joint_path(q, T_b_f, near))
+        return self._make_planned_move(lambda q: self._planner.joint_path(q, T_b_f, near))
 
     def stop(self) -> None:
         """End the move under way where it is, and begin nothing more. See `Arm.stop`."""
@@ -218,7 +215,7 @@ class SimulatedArm(LocalDevice):
         """Take commands again after a stop. See `Arm.accept_moves_again`."""
         self._latch.clear_stop()
 
-    def _follow_motion(self, plan: Callable[[Array], JointTrajectory]) -> ArmState:
+    def _make_planned_move(self, plan: Callable[[Array], JointTrajectory]) -> ArmState:
         self.check_connected()
         with self._latch.hold_for_move():
             q, start = self._now
@@ -253,7 +250,7 @@ class SimulatedArm(LocalDevice):
         return np.asarray(self._spread * self._random.standard_normal(6))
 
 
-def _check_start(kinematics: Kinematics, q: Array) -> None:
+def _check_start_posture(kinematics: Kinematics, q: Array) -> None:
     if q.shape != kinematics.lower.shape:
         message = f"{kinematics.name} has {kinematics.lower.size} joints, not {q.size}"
         raise ConfigurationError(message, key="q")

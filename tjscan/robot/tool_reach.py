@@ -19,18 +19,18 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array, inverse_pose, pose, rot_z
 from tjscan.robot.kinematics import Kinematics
 
-SPIN_COUNT: Final = 72
+TRIED_SPINS: Final = 72
 """Of the tool about its axis that are tried, evenly round."""
 
-SPIN_STEPS: Final = 3
+LARGEST_SPIN_CHANGE: Final = 3
 """By how many of these the spin may change from one place to the next."""
 
-_SPIN_CHANGES: Final = tuple(range(-SPIN_STEPS, SPIN_STEPS + 1))
+_SPIN_CHANGES: Final = tuple(range(-LARGEST_SPIN_CHANGE, LARGEST_SPIN_CHANGE + 1))
 
-JOINT_JUMP: Final = np.radians(30.0)
+JUMP_ANGLE: Final = np.radians(30.0)
 """A joint that turns further from one place to the next is taken to jump."""
 
-OUT_OF_REACH: Final = "out of the arm's reach"
+OUT_OF_REACH_TEXT: Final = "out of the arm's reach"
 NEAR_SINGULARITY_TEXT: Final = "the arm is too near to a singularity"
 
 Hindrance = Callable[[Array], str]
@@ -43,13 +43,13 @@ class ToolConfigurations:
 
     Parameters
     ----------
-    can : ndarray, shape (m, SPIN_COUNT, 8)
+    can : ndarray, shape (m, TRIED_SPINS, 8)
         Whether a spin and a branch of the inverse hold it, clear of everything.
-    q : ndarray, shape (m, SPIN_COUNT, 8, 6)
+    q : ndarray, shape (m, TRIED_SPINS, 8, 6)
         Joint angles at the first of the poses of each place, from -pi to pi.
-    turns : ndarray, shape (m, 2 SPIN_STEPS + 1, SPIN_COUNT, 8)
+    turns : ndarray, shape (m, 2 LARGEST_SPIN_CHANGE + 1, TRIED_SPINS, 8)
         Sum of the joints' squared turns to a node of the following place, from the node that is
-        -SPIN_STEPS, ..., SPIN_STEPS spins before; infinite if there is no way.
+        -LARGEST_SPIN_CHANGE, ..., LARGEST_SPIN_CHANGE spins before; infinite if there is no way.
     hindrances : tuple of str
         The most frequent hindrance at each place; empty if the tool can be held there.
     closed : bool
@@ -111,9 +111,9 @@ class ToolConfigurations:
         spin, branch = np.unravel_index(int(np.argmin(cost)), cost.shape)
         chosen = [int(spin)]
         for step in reversed(before):
-            chosen.append((chosen[-1] - _SPIN_CHANGES[step[chosen[-1], branch]]) % SPIN_COUNT)
+            chosen.append((chosen[-1] - _SPIN_CHANGES[step[chosen[-1], branch]]) % TRIED_SPINS)
         chosen.reverse()
-        spins = np.unwrap(2 * np.pi * np.array(chosen) / SPIN_COUNT)
+        spins = np.unwrap(2 * np.pi * np.array(chosen) / TRIED_SPINS)
         return spins, np.unwrap(self.q[places, chosen, branch], axis=0)
 
     def _last_place_reached(self, first: int, limit: int) -> int:
@@ -161,12 +161,12 @@ def find_tool_holds(
         If the arm is not of the Universal Robots type.
     """
     m, n = poses.shape[:2]
-    spun = np.array([pose(rot_z(2 * np.pi * k / SPIN_COUNT)) for k in range(SPIN_COUNT)])
+    spun = np.array([pose(rot_z(2 * np.pi * k / TRIED_SPINS)) for k in range(TRIED_SPINS)])
     T_tool_f = inverse_pose(T_f_tool)
-    first, can, hindrances = [], np.zeros((m, SPIN_COUNT, 8), dtype=bool), []
+    first, can, hindrances = [], np.zeros((m, TRIED_SPINS, 8), dtype=bool), []
     for i in range(m):
         T = poses[i][:, None] @ spun @ T_tool_f
-        q = kinematics.inverse_branches(T.reshape(-1, 4, 4)).reshape(n, SPIN_COUNT, 8, 6)
+        q = kinematics.inverse_branches(T.reshape(-1, 4, 4)).reshape(n, TRIED_SPINS, 8, 6)
         first.append(q[0])
         beyond = [kinematics.excess(q + 2 * np.pi * turn) for turn in (-1, 0, 1)]
         within = np.isfinite(q) & (np.min(beyond, axis=0) <= 0)
@@ -180,7 +180,7 @@ def find_tool_holds(
             can[i, spin, branch] = not reason
             reasons[reason] += 1
         likely = (reason for reason, _ in reasons.most_common())
-        hindrances.append("" if can[i].any() else next(likely, OUT_OF_REACH))
+        hindrances.append("" if can[i].any() else next(likely, OUT_OF_REACH_TEXT))
     held = np.array(first)
     return ToolConfigurations(can, held, _squared_turns(can, held), tuple(hindrances), closed)
 
@@ -198,6 +198,6 @@ def _squared_turns(can: NDArray[np.bool_], q: Array) -> Array:
             turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
             both = np.roll(can[a], k, axis=0) & can[b]
             with np.errstate(invalid="ignore"):
-                goes = both & (np.abs(turn).max(axis=2) <= JOINT_JUMP)
+                goes = both & (np.abs(turn).max(axis=2) <= JUMP_ANGLE)
             found.append(np.where(goes, np.sum(turn**2, axis=2), np.inf))
-    return np.array(found).reshape(len(can), len(_SPIN_CHANGES), SPIN_COUNT, 8)
+    return np.array(found).reshape(len(can), len(_SPIN_CHANGES), TRIED_SPINS, 8)

@@ -21,40 +21,37 @@ from tjscan.robot.closed_form import UrDhLengths
 ARM_MODELS: Final = ("ur5e", "ur10e", "ur16e", "ur20", "ur30")
 """Names of the arms whose URDF comes with tjscan."""
 
-CALIBRATION_TOLERANCE: Final = 0.005
+GEOMETRY_TOLERANCE: Final = 0.005
 """Metres and radians by which a calibrated arm may differ from the ideal geometry."""
 
-MOST_BYTES: Final = 5_000_000
+MOST_URDF_BYTES: Final = 5_000_000
 """A larger file describes no arm."""
 
 
-def read_urdf(urdf: Path) -> Any:
-    """Pinocchio's model of what a file describes.
+def read_urdf(urdf: Path) -> tuple[Any, int, int]:
+    """Pinocchio's model of the arm that a file describes, and the numbers of its frames b and f.
 
     Raises
     ------
     ConfigurationError
-        If there is no such file, or it is no URDF.
+        If there is no such file, or it is no URDF of an open chain that the inverse can handle.
     """
     if not urdf.exists():
         beside = [file.name for file in urdf.parent.glob("*.urdf")]
         known = nearest_word(urdf.name, [*ARM_MODELS, *beside])
         raise ConfigurationError(f"there is no such URDF; did you mean: {known}?")
     try:
-        check_file_size(urdf, MOST_BYTES, "a URDF")
-        return pin.buildModelFromXML(urdf.read_text(encoding="utf-8"))
+        check_file_size(urdf, MOST_URDF_BYTES, "a URDF")
+        model = pin.buildModelFromXML(urdf.read_text(encoding="utf-8"))
     except (ValueError, RuntimeError, OSError) as error:
         raise ConfigurationError(f"is not a URDF: {error}") from None
+    base, flange = _frames_b_and_f(model)
+    _check_chain(model, flange)
+    return model, base, flange
 
 
-def frames_b_and_f(model: Any) -> tuple[int, int]:
-    """Indices of the frames b and f.
-
-    Raises
-    ------
-    ConfigurationError
-        If b moves, or there is no frame f.
-    """
+def _frames_b_and_f(model: Any) -> tuple[int, int]:
+    """Numbers of the frames b and f; b must not move."""
     names = [str(frame.name) for frame in model.frames]
     kinds = [frame.type for frame in model.frames]
     base = names.index("base") if "base" in names else kinds.index(pin.FrameType.BODY)
@@ -69,14 +66,8 @@ def frames_b_and_f(model: Any) -> tuple[int, int]:
     )
 
 
-def check_chain(model: Any, flange: int) -> None:
-    """Refuse what the inverse can't handle.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is no open chain of six or more revolute joints that have limits.
-    """
+def _check_chain(model: Any, flange: int) -> None:
+    """Refuse all but an open chain of six or more revolute joints that have limits."""
     moving_joints = set(model.supports[model.frames[flange].parentJoint])
     for i in range(1, model.njoints):
         name, kind = model.names[i], model.joints[i].shortname()
@@ -108,11 +99,11 @@ def ur_dh_lengths(model: Any) -> UrDhLengths | None:
     for T, twist in zip(M, (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2), strict=True):
         c, s = np.cos(twist), np.sin(twist)
         if not np.allclose(
-            T[:3, :3], [[1, 0, 0], [0, c, -s], [0, s, c]], rtol=0, atol=CALIBRATION_TOLERANCE
+            T[:3, :3], [[1, 0, 0], [0, c, -s], [0, s, c]], rtol=0, atol=GEOMETRY_TOLERANCE
         ):
             return None
     (x2, y2, z2), (x3, y3, z3), (x4, y4, z4), (x5, y5, z5), (x6, y6, z6) = (T[:3, 3] for T in M)
-    if np.abs([x2, y3, y4, x5, x6]).max() > CALIBRATION_TOLERANCE:
+    if np.abs([x2, y3, y4, x5, x6]).max() > GEOMETRY_TOLERANCE:
         return None
     lengths = (z2, x3, x4, z3 + z4 + z5 - y2, z6 - y5, y6)
     return UrDhLengths(*(float(length) for length in lengths))

@@ -17,7 +17,7 @@ from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array, pose, pose_to_euler_zyx
 from tjscan.groove.section import GrooveSection
 from tjscan.job.files import ScanJob, read_scan_job
-from tjscan.robot.arm import await_rest, check_not_moved
+from tjscan.robot.arm import await_rest, check_arm_has_not_moved
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 
 Which = Literal["first", "second"]
@@ -93,7 +93,7 @@ def teach_pose(
             cell.arm.move_joint_to_pose(pose(T[:3, :3], T[:3, 3] + T[:3, :3] @ lead))
         state = await_rest(cell.arm)
         profile = cell.laser.capture()
-        check_not_moved(state, cell.arm.state())
+        check_arm_has_not_moved(state, cell.arm.state())
         try:
             groove = groove_reader_of_job(job)(profile)
         except GrooveNotFound as error:

@@ -1,24 +1,82 @@
-"""How far a scan is and why it ends, what its recording holds, and the scanned obstacle."""
+"""A scan's events, why it ends, what its recording holds, and the scanned surface as obstacle."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.recording.journal import Journal, RunEvent
-from tjscan.scanning.events import RetryCounts, ScanEvent
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection, Sections
 from tjscan.scanning.sections_before import GrooveReader, read_section
 
 if TYPE_CHECKING:
     from tjscan.robot.clearance import ClearPathPlanner
+
+
+class ScanEvent(StrEnum):
+    """Names of the events of a scan, in journals and recordings."""
+
+    TAKEN_AGAIN = "taken again"
+    MERGED = "merged"
+    NUDGE = "nudge"
+    HALF_STEP = "half step"
+    RETREAT = "retreat"
+    STEP_OVER = "step over"
+    STRAIGHT = "straight"
+    TACK = "tack"
+    RESUMED = "resumed"
+    DAMAGED = "damaged"
+    PAUSED = "paused"
+    STOP_REQUESTED = "stop requested"
+    STOP = "stop"
+    COMPLETE = "complete"
+    INTERRUPTED = "interrupted"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class RetryCounts:
+    """How often each kind of retry was made.
+
+    Parameters
+    ----------
+    taken_again : int
+        Profiles taken again at the same place.
+    merged : int
+        Profiles made of what several of the same place agree on.
+    nudges : int
+        Views from a little beside the set-point.
+    half_steps : int
+        Steps tried again at half their length.
+    retreats : int
+        Returns to the last section.
+    """
+
+    taken_again: int = 0
+    merged: int = 0
+    nudges: int = 0
+    half_steps: int = 0
+    retreats: int = 0
+
+    @classmethod
+    def of_events(cls, names: Iterable[str]) -> Self:
+        """Count the retries among events, by their names."""
+        count = Counter(names)
+        return cls(
+            taken_again=count[ScanEvent.TAKEN_AGAIN],
+            merged=count[ScanEvent.MERGED],
+            nudges=count[ScanEvent.NUDGE],
+            half_steps=count[ScanEvent.HALF_STEP],
+            retreats=count[ScanEvent.RETREAT],
+        )
 
 
 class StopReason(StrEnum):
@@ -40,7 +98,7 @@ def groove_length(sections: Sections) -> float:
     return float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum())
 
 
-def step_lengths(sections: Sections) -> list[float]:
+def untaught_step_lengths(sections: Sections) -> list[float]:
     """Distances in metres between the groove origins of the steps that were not taught."""
     origins = np.array([scan.T_b_g[:3, 3] for scan in sections[1:]])
     lengths: list[float] = np.linalg.norm(np.diff(origins, axis=0), axis=1).tolist()
@@ -143,7 +201,7 @@ class RecordedScan:
         return RetryCounts.of_events(event.name for event in self.events)
 
     @property
-    def stop_reason(self) -> str:
+    def stop_detail(self) -> str:
         """Reason why the scan ended; empty if it did not."""
         last = self.events[-1] if self.events else None
         return last.detail if last is not None and last.name == ScanEvent.STOP else ""
@@ -151,7 +209,7 @@ class RecordedScan:
     @property
     def stop(self) -> StopReason:
         """Why the scan ended; `StopReason.CUT` if it did not."""
-        known = (reason for reason in StopReason if self.stop_reason.startswith(reason))
+        known = (reason for reason in StopReason if self.stop_detail.startswith(reason))
         return next(known, StopReason.CUT)
 
     def reread_sections(self, read: GrooveReader) -> tuple[ScannedSection, ...]:
@@ -227,7 +285,7 @@ class ScanResultsJournal:
         Parameters
         ----------
         name : str
-            By its stable name; see `tjscan.scanning.events.ScanEvent`.
+            By its stable name; see `tjscan.scanning.journal.ScanEvent`.
         detail : str
             The same in a sentence, with numbers.
         """

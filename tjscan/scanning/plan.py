@@ -22,20 +22,14 @@ from tjscan.core.units import (
     SettingsTable,
 )
 from tjscan.groove.section import GrooveSection
-from tjscan.scanning.seam.fit import (
-    MOST_SECTIONS,
-    RecentSections,
-    fit_tubes_to_sections,
-    recent_section_arrays,
-)
-from tjscan.scanning.seam.next_section import SHAPE_SPREAD, SHAPE_WAVE
+from tjscan.scanning import seam_fit
 from tjscan.scanning.section import ScannedSection, Sections, SetPoint, StepLengthRule
 from tjscan.scanning.target import SMOOTH_PREDICTION, ScanDirection, target_pose_in_sensor
 
 AREA_SPREAD: Final = 0.4
 """How much the area varies round a joint, standard deviation as a share of it."""
 
-TRIED_LENGTHS: Final = 50
+TRIED_STEP_LENGTHS: Final = 50
 """Lengths between the shortest and the longest that are looked at."""
 
 
@@ -75,29 +69,29 @@ def adaptive_step_rule(adaptive: AdaptiveStepSettings) -> StepLengthRule:
     own errors: noise is not taken for change, and what can't be foreseen shortens the step.
     A change counts as what is expected and one standard deviation more.
     """
-    steps = np.linspace(adaptive.least, adaptive.most, TRIED_LENGTHS)
+    steps = np.linspace(adaptive.least, adaptive.most, TRIED_STEP_LENGTHS)
 
     def rule(sections: Sections) -> float:
-        track = recent_section_arrays(sections)
+        track = seam_fit.RecentSections(sections)
         values, sigmas = track.shape[:, 2], track.shape_sigmas[:, 2]
-        kernel = Matern52(SHAPE_SPREAD[2], SHAPE_WAVE)
+        kernel = Matern52(seam_fit.SHAPE_SPREAD[2], seam_fit.SHAPE_WAVE)
         angles = OrdinaryKriging(track.along, values, sigmas, kernel)
         allowed = (
             (_likely_change(angles, steps) <= adaptive.angle_change)
             & (_likely_change(_area_process(sections, track), steps) <= adaptive.area_change)
-            & (fit_tubes_to_sections(track).seam_curvature() * steps <= adaptive.turn)
+            & (seam_fit.fit_tubes_to_sections(track).seam_curvature() * steps <= adaptive.turn)
         )
         return float(steps[max(0, int(np.logical_and.accumulate(allowed).sum()) - 1)])
 
     return rule
 
 
-def _area_process(sections: Sections, track: RecentSections) -> OrdinaryKriging:
-    grooves = [scan.groove for scan in sections[-MOST_SECTIONS:]]
+def _area_process(sections: Sections, track: seam_fit.RecentSections) -> OrdinaryKriging:
+    grooves = [scan.groove for scan in sections[-seam_fit.MOST_RECENT_SECTIONS :]]
     areas = np.array([groove.area for groove in grooves])
     # A hundredth: planes that are turned a little otherwise cut a little more or less.
     sigmas = np.hypot([groove.area_sigma for groove in grooves], 0.01 * areas)
-    kernel = Matern52(AREA_SPREAD * float(areas.mean()), SHAPE_WAVE)
+    kernel = Matern52(AREA_SPREAD * float(areas.mean()), seam_fit.SHAPE_WAVE)
     return OrdinaryKriging(track.along, areas, sigmas, kernel)
 
 

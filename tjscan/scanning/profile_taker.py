@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from tjscan.core.errors import LaserFault, PoseUnreachable
-from tjscan.core.frames import Array, frozen_arrays, inverse_pose
+from tjscan.core.frames import Array, array_dataclass, inverse_pose
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.robot.arm import Arm, ArmState
-from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.journal import ScanResultsJournal
+from tjscan.scanning.journal import ScanEvent, ScanResultsJournal
 from tjscan.scanning.retries import MERGED_PROFILES, MOST_MISSING_PROFILES
 from tjscan.scanning.section import ProfileView, SetPoint, Substep
 from tjscan.scanning.sections_before import GrooveReader
 from tjscan.scanning.stopping import StopRequest
 
-MOVED_SENSOR: Final = 1e-4
+SENSOR_MOTION_TOLERANCE: Final = 1e-4
 """Metres, or entries of a rotation: a sensor that moved further sees another profile."""
 
 AGREEING_PROFILES: Final = 3
@@ -32,8 +31,7 @@ AGREEMENT_SPAN: Final = 0.3e-3
 """Metres of range within which points agree: six standard deviations of a sensor's noise."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class ScanSetup:
     """Equipment of a scan: arm, laser, pose of the sensor on the flange, and groove reader.
 
@@ -71,22 +69,21 @@ class ProfileTaker:
 
     def __init__(self, setup: ScanSetup, log: ScanResultsJournal, stop: StopRequest) -> None:
         self._setup, self._log, self._stop = setup, log, stop
-        self._frozen = FrozenProfileCheck()
+        self._place_of_digest: dict[bytes, Array] = {}
 
-    def remember_views(self, views: Iterable[ProfileView]) -> None:
-        """Remember views of a recording, so that their profiles are recognised as frozen."""
-        for view in views:
-            self._frozen.remember_view(view)
+    def remember_view(self, view: ProfileView) -> None:
+        """Remember where a profile was taken, so that it is recognised if it comes again, frozen.
 
-    def move_joint_to_pose(self, T_b_f: Array) -> ArmState:
-        """Move the flange to a pose, shape (4, 4), on a path in joint space."""
-        self._stop.raise_if_stop_now()
-        return self._setup.arm.move_joint_to_pose(T_b_f)
+        All profiles without a point are alike.
+        """
+        if view.profile.valid.any():
+            self._place_of_digest.setdefault(view.profile.digest, view.T_b_f)
 
-    def return_to_view(self, view: ProfileView) -> ArmState:
-        """Move to where a view was taken, in the configuration that it was taken in.
+    def move_joint_to_pose(self, T_b_f: Array, near: Array | None = None) -> ArmState:
+        """Move the flange to a pose, shape (4, 4), on a path in joint space.
 
-        In another one the arm may not come round the rest of the joint.
+        It ends in the configuration nearest to the joint angles `near`, shape (n,), radians. In
+        another one than it scanned in, the arm may not come round the rest of the joint.
 
         Raises
         ------
@@ -94,7 +91,7 @@ class ProfileTaker:
             If there is no way into that configuration.
         """
         self._stop.raise_if_stop_now()
-        return self._setup.arm.move_joint_to_pose(view.T_b_f, near=view.q)
+        return self._setup.arm.move_joint_to_pose(T_b_f, near=near)
 
     def move_linear(self, T_b_f: Array) -> ArmState:
         """Move the flange to a pose, shape (4, 4), on a straight line."""
@@ -145,7 +142,7 @@ class ProfileTaker:
         profile = self._capture(index, substep, state)
         T_b_s = state.T_b_f @ self._setup.T_f_s
         view = ProfileView(index, substep, state.T_b_f, T_b_s, profile, state.time, state.q)
-        self._frozen.remember_view(view)
+        self.remember_view(view)
         self._log.record(view)
         return view
 
@@ -176,7 +173,7 @@ class ProfileTaker:
             self._stop.raise_if_stop_now()
             try:
                 profile = self._setup.laser.capture()
-                self._frozen.check_profile(profile, state)
+                self._check_new(profile, state)
                 return profile
             except LaserFault as error:
                 missed += 1
@@ -187,19 +184,7 @@ class ProfileTaker:
                 detail = f"section {index}, {substep}: {error}"
                 self._log.record_event(ScanEvent.TAKEN_AGAIN, detail)
 
-
-class FrozenProfileCheck:
-    """Recognises profiles that are frozen (same bits as before) or late."""
-
-    def __init__(self) -> None:
-        self._places: dict[bytes, Array] = {}
-
-    def remember_view(self, view: ProfileView) -> None:
-        """Remember a profile and where it was taken; all profiles without a point are alike."""
-        if view.profile.valid.any():
-            self._places.setdefault(view.profile.digest, view.T_b_f)
-
-    def check_profile(self, profile: Profile, state: ArmState) -> None:
+    def _check_new(self, profile: Profile, state: ArmState) -> None:
         """Refuse a profile that is late or frozen.
 
         Parameters
@@ -221,8 +206,8 @@ class FrozenProfileCheck:
                 f"the profile is late: it was taken {1e3 * (state.time - profile.time):.0f} ms "
                 "before the arm came to rest"
             )
-        place = self._places.get(profile.digest)
-        if place is not None and np.abs(state.T_b_f - place).max() > MOVED_SENSOR:
+        place = self._place_of_digest.get(profile.digest)
+        if place is not None and np.abs(state.T_b_f - place).max() > SENSOR_MOTION_TOLERANCE:
             raise LaserFault("the profile is frozen: it is one of a place before")
 
 

@@ -21,22 +21,13 @@ from tjscan.core.errors import RecordingError
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.signals import hold_ctrl_c
 from tjscan.laser.profile import Profile
-from tjscan.recording.foxglove import (
-    PROFILE_TOPIC,
-    TRANSFORMS_TOPIC,
-    frame_transforms_message,
-    joint_states_message,
-    line_and_surface_message,
-    profile_from_cloud_message,
-    profile_to_cloud_message,
-)
+from tjscan.recording import foxglove
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.journal import LOG_TOPIC, NO_ATTACHMENTS, RecordingWriter, RunEvent
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import RecordingDamage, ReportDamage, read_messages, refuse_damage
 from tjscan.recording.topic import Topic
-from tjscan.scanning.events import ScanEvent
-from tjscan.scanning.journal import RecordedScan, grid_triangles
+from tjscan.scanning.journal import RecordedScan, ScanEvent, grid_triangles
 from tjscan.scanning.section import ProfileView, ScannedSection
 
 VIEW_TOPIC: Final = Topic.of("/view", ProfileView)
@@ -49,10 +40,15 @@ recorded: it follows from the profile."""
 JOINTS_TOPIC: Final = Topic.of("/joints", JointStates)
 SCENE_TOPIC: Final = Topic.of("/scene", SceneUpdate)
 
-TOPICS_READ: Final[tuple[Topic[Any], ...]] = (VIEW_TOPIC, PROFILE_TOPIC, SECTION_TOPIC, LOG_TOPIC)
+TOPICS_READ: Final[tuple[Topic[Any], ...]] = (
+    VIEW_TOPIC,
+    foxglove.PROFILE_TOPIC,
+    SECTION_TOPIC,
+    LOG_TOPIC,
+)
 """What is read again; the rest is for viewers."""
 
-SCAN_TOPICS: Final = (*TOPICS_READ, TRANSFORMS_TOPIC, JOINTS_TOPIC, SCENE_TOPIC)
+SCAN_TOPICS: Final = (*TOPICS_READ, foxglove.TRANSFORMS_TOPIC, JOINTS_TOPIC, SCENE_TOPIC)
 """Everything that a scan records."""
 
 
@@ -104,10 +100,10 @@ class ScanRecording(RecordingWriter):
         self.set_time(view.time)
         names = self._joint_names or [f"joint {i + 1}" for i in range(len(view.q))]
         self.add(VIEW_TOPIC, view)
-        self.add(PROFILE_TOPIC, profile_to_cloud_message(self.now, view.profile))
+        self.add(foxglove.PROFILE_TOPIC, foxglove.profile_to_cloud_message(self.now, view.profile))
         T_f_s = inverse_pose(view.T_b_f) @ view.T_b_s
         self._add_frames({("b", "f"): view.T_b_f, ("f", "s"): T_f_s})
-        self.add(JOINTS_TOPIC, joint_states_message(self.now, names, view.q))
+        self.add(JOINTS_TOPIC, foxglove.joint_states_message(self.now, names, view.q))
 
     def _add_section(self, section: ScannedSection) -> None:
         points, surface = section.points_b, np.empty((0, 3, 3))
@@ -117,16 +113,16 @@ class ScanRecording(RecordingWriter):
         name = f"section {section.view.index}"
         self.add(SECTION_TOPIC, replace(section, groove=replace(section.groove, evidence=None)))
         self._add_frames({("s", "t"): section.T_s_t, ("b", "g"): section.T_b_g})
-        self.add(SCENE_TOPIC, line_and_surface_message(self.now, name, points, surface))
+        self.add(SCENE_TOPIC, foxglove.line_and_surface_message(self.now, name, points, surface))
         self._last_points = points
 
     def _add_frames(self, frames: Mapping[tuple[str, str], Array]) -> None:
-        self.add(TRANSFORMS_TOPIC, frame_transforms_message(self.now, frames))
+        self.add(foxglove.TRANSFORMS_TOPIC, foxglove.frame_transforms_message(self.now, frames))
 
 
 Entry = ProfileView | ScannedSection | RunEvent
 
-RIGID_TOLERANCE: Final = 1e-6
+RIGID_MOUNT_TOLERANCE: Final = 1e-6
 """Metres, and entries of a rotation: how far the sensor's pose on the flange, written to the last
 digit, may differ between two views."""
 
@@ -184,7 +180,7 @@ def read_recording_entries(
         view = entry.view if isinstance(entry, ScannedSection) else entry
         if isinstance(view, ProfileView):
             apart = float(np.abs(_sensor_on_flange(view) - T_f_s).max())
-            if apart > RIGID_TOLERANCE:
+            if apart > RIGID_MOUNT_TOLERANCE:
                 what = "section" if isinstance(entry, ScannedSection) else "view of section"
                 reason = (
                     f"in a {what} {view.index} the poses of flange and sensor contradict each "
@@ -209,13 +205,13 @@ def _read_entries(file: Path, report_damage: ReportDamage) -> Iterator[tuple[dat
         when, message = entry.when, entry.message
         if entry.topic is VIEW_TOPIC:
             pending = message
-        elif entry.topic is PROFILE_TOPIC:
+        elif entry.topic is foxglove.PROFILE_TOPIC:
             if pending is None:
                 raise RecordingError(
                     f"{file}: is damaged: a profile on /profile has no message on /view before it"
                 )
             try:
-                profile = profile_from_cloud_message(message, pending.profile)
+                profile = foxglove.profile_from_cloud_message(message, pending.profile)
             except (KeyError, ValueError) as error:
                 raise RecordingError(f"{file}: is damaged: {error}") from error
             view, pending = replace(pending, profile=profile), None

@@ -18,7 +18,7 @@ from tjscan.core import pose_vector
 from tjscan.core.errors import GrooveNotFound, SetPointRefused, TjscanError
 from tjscan.core.frames import Array, inverse_pose, pose, rot_x
 from tjscan.laser.profile import Profile
-from tjscan.scanning.events import ScanEvent
+from tjscan.scanning.journal import ScanEvent
 from tjscan.scanning.section import ScannedSection, SetPoint, StepRequest
 from tjscan.scanning.target import ScanDirection
 
@@ -107,7 +107,7 @@ NUDGE_TURN: Final = radians(5)
 EVIDENT_OFFSET: Final = 5e-3
 """Metres that a surface is nearer or further than at the last section to show where to go."""
 
-ENOUGH_POINTS: Final = 20
+FEWEST_RANGE_POINTS: Final = 20
 """Points that show how far a surface is."""
 
 
@@ -242,6 +242,6 @@ def _pose_halfway(T_1: Array, T_2: Array) -> Array:
 
 def _distance_beyond_usual(seen: Profile, usual: Profile) -> float:
     """Metres by which a surface is further away than another; 0 if nothing shows it."""
-    if min(seen.valid.sum(), usual.valid.sum()) < ENOUGH_POINTS:
+    if min(seen.valid.sum(), usual.valid.sum()) < FEWEST_RANGE_POINTS:
         return 0.0
     return float(np.nanmedian(seen.z_s) - np.nanmedian(usual.z_s))

@@ -20,9 +20,10 @@ from tjscan.core.frames import Array
 from tjscan.groove.section import GrooveSection
 from tjscan.recording.journal import Journal
 from tjscan.robot.arm import ArmState
-from tjscan.scanning.events import ScanEvent
+from tjscan.scanning import retries, sections_before
 from tjscan.scanning.journal import (
     RecordedScan,
+    ScanEvent,
     ScanResult,
     ScanResultsJournal,
     StopReason,
@@ -32,15 +33,6 @@ from tjscan.scanning.journal import (
 )
 from tjscan.scanning.plan import ScanPlan, adaptive_step_rule, view_deviation, view_deviation_sigmas
 from tjscan.scanning.profile_taker import ProfileTaker, ScanSetup
-from tjscan.scanning.retries import (
-    MERGED_PROFILES,
-    REPEATED_PROFILES,
-    TOO_FEW_POINTS,
-    NotRead,
-    fallback_set_points,
-    max_profiles_per_pose,
-    step_retries,
-)
 from tjscan.scanning.section import (
     ProfileView,
     ScannedSection,
@@ -51,26 +43,9 @@ from tjscan.scanning.section import (
     StepRequest,
     Substep,
 )
-from tjscan.scanning.sections_before import (
-    check_agrees_with_prediction,
-    check_measures_plausible,
-    check_section_one_step_ahead,
-    check_section_orientation,
-    check_set_point,
-    largest_chance_differences,
-    measures_are_plausible,
-    read_section,
-    root_is_seen,
-)
-from tjscan.scanning.smooth import tube_fit_predictor
+from tjscan.scanning.smooth import predictor_for_plan
 from tjscan.scanning.stopping import StopRequest
-from tjscan.scanning.target import (
-    PREDICTION_CASES,
-    SMOOTH_PREDICTION,
-    ScanDirection,
-    correction_target_pose,
-    paper_predictor,
-)
+from tjscan.scanning.target import ScanDirection, correction_target_pose
 
 
 class Scanner:
@@ -158,8 +133,10 @@ class Scanner:
             As `run` does.
         """
         self._log.restore_from_recording(done, sections)
-        self._taker.remember_views(done.views)
-        moved = self._check_last_section(self._taker.return_to_view(sections[-1].view))
+        for view in done.views:
+            self._taker.remember_view(view)
+        last = sections[-1].view
+        moved = self._check_last_section(self._taker.move_joint_to_pose(last.T_b_f, near=last.q))
         detail = f"after section {len(sections) - 1}, moved {1e3 * moved:.3f} mm"
         self._log.record_event(ScanEvent.RESUMED, detail)
         return self._scan_on()
@@ -210,20 +187,20 @@ class Scanner:
         lost: GrooveNotFound | SetPointRefused | PoseUnreachable
         try:
             return self._step(d_st)
-        except NotRead as error:
+        except retries.NotRead as error:
             lost = error
         except PoseUnreachable as error:
             if plan_is_fulfilled(StopReason.UNREACHABLE, self._plan):
                 raise
             lost = error
-        for retry in step_retries(d_st, past_tacks=isinstance(lost, GrooveNotFound)):
+        for retry in retries.step_retries(d_st, past_tacks=isinstance(lost, GrooveNotFound)):
             self._log.record_event(retry.event, retry.describe(lost))
             try:
                 if retry.from_last_section:
                     T_b_f = self._log.sections[-1].view.T_b_f
                     self._check_last_section(self._taker.move_linear(T_b_f))
                 return self._step(retry.length)
-            except NotRead as error:
+            except retries.NotRead as error:
                 lost = error
             except PoseUnreachable:
                 continue  # of a step on a bend: the next one starts or ends elsewhere
@@ -258,8 +235,8 @@ class Scanner:
             return False
         sigma = view_deviation_sigmas(predicted.groove, ahead, step.length, self._plan.direction)
         near = criterion.allows_skipping(view_deviation(predicted, ideal), sigma)
-        clear = root_is_seen(predicted.groove)
-        return near and clear and measures_are_plausible(predicted, step)
+        clear = sections_before.root_is_seen(predicted.groove)
+        return near and clear and sections_before.measures_are_plausible(predicted, step)
 
     def _read_near_set_point(
         self, substep: Substep, to: SetPoint, step: StepRequest
@@ -278,16 +255,16 @@ class Scanner:
         lost: GrooveNotFound | SetPointRefused
         try:
             return self._read_from_set_point(to, substep, step)
-        except NotRead as error:
+        except retries.NotRead as error:
             lost = error
         before, seen = self._log.sections[-2], self._log.views[-1].profile
-        others = fallback_set_points(lost, to, seen, before, step, self._plan.direction)
+        others = retries.fallback_set_points(lost, to, seen, before, step, self._plan.direction)
         for change, other in others:
             where = f"section {len(self._log.sections)}, {substep}"
             self._log.record_event(ScanEvent.NUDGE, f"{where}, {change}: {lost}")
             try:
                 return self._read_from_set_point(other, substep, step, once=True)
-            except (*NotRead, PoseUnreachable):
+            except (*retries.NotRead, PoseUnreachable):
                 continue
         raise lost
 
@@ -295,7 +272,7 @@ class Scanner:
         self, to: SetPoint, substep: Substep, step: StepRequest, *, once: bool = False
     ) -> ScannedSection:
         """Move frame t to a set-point and read the groove there."""
-        check_set_point(to, step, self._plan)
+        sections_before.check_set_point(to, step, self._plan)
         state = self._taker.move_to_set_point(to)
         return self._read_until_found(
             state, len(self._log.sections), substep, to.T_s_t, step, once=once
@@ -327,20 +304,23 @@ class Scanner:
         while True:
             try:
                 section = self._read_and_check(views[-1], T_s_t, step)
-                if once or root_is_seen(section.groove):
+                if once or sections_before.root_is_seen(section.groove):
                     return section
-                rootless, why, most = section, "the root is not seen", 1 + REPEATED_PROFILES
+                rootless, why, most = section, "the root is not seen", 1 + retries.REPEATED_PROFILES
             except GrooveNotFound as error:
-                lost, why, most = error, str(error), max_profiles_per_pose(error)
+                lost, why, most = error, str(error), retries.max_profiles_per_pose(error)
             if once or len(views) >= most:
                 break
             self._log.record_event(ScanEvent.TAKEN_AGAIN, f"section {index}, {substep}: {why}")
             views.append(self._taker.take_view(index, substep, state))
         # From a prediction view without the root a correction follows, which may show it.
-        merging = substep is not Substep.PREDICTION if rootless else lost.reason != TOO_FEW_POINTS
+        if rootless:
+            merging = substep is not Substep.PREDICTION
+        else:
+            merging = lost.reason != retries.TOO_FEW_POINTS
         merged = self._taker.take_and_merge_views(views, state) if merging and not once else None
         if merged is not None:
-            what = f"section {index}, {substep}, {MERGED_PROFILES} profiles: {why}"
+            what = f"section {index}, {substep}, {retries.MERGED_PROFILES} profiles: {why}"
             self._log.record_event(ScanEvent.MERGED, what)
             try:
                 return self._read_and_check(merged, T_s_t, step)
@@ -367,13 +347,13 @@ class Scanner:
             return self._plan.target_pose_in_sensor(groove.work_angle)
 
         place = wanted if T_s_t is None else T_s_t
-        section = read_section(self._setup.read, view, place, self._log.sections)
-        check_section_orientation(section.groove)
+        section = sections_before.read_section(self._setup.read, view, place, self._log.sections)
+        sections_before.check_section_orientation(section.groove)
         if step is not None:
-            check_section_one_step_ahead(section, step)
+            sections_before.check_section_one_step_ahead(section, step)
             if view.substep is Substep.CORRECTION:
-                check_measures_plausible(section, step)
-                check_agrees_with_prediction(section, step)
+                sections_before.check_measures_plausible(section, step)
+                sections_before.check_agrees_with_prediction(section, step)
         return section
 
     def _scan_taught(self, which: str, state: ArmState) -> None:
@@ -401,7 +381,7 @@ class Scanner:
         except GrooveNotFound as error:
             raise JointMoved(f"the last section is not there any more: {error}") from None
         apart = np.linalg.norm(now.points_b - last.points_b, axis=1)[1:4]
-        known = largest_chance_differences(now.groove, last.groove) < tolerance
+        known = sections_before.largest_chance_differences(now.groove, last.groove) < tolerance
         moved = float(apart[known].max(initial=apart.min()))
         if moved > tolerance:
             raise JointMoved(
@@ -432,10 +412,3 @@ class Scanner:
         detail = f"{detail}: {cause}" if cause else detail
         log.record_event(ScanEvent.STOP, detail)
         return ScanResult(tuple(log.sections), tuple(log.views), stop, detail, log.counts)
-
-
-def predictor_for_plan(plan: ScanPlan) -> SetPointPredictor:
-    """Predictor of set-points that a plan names."""
-    if plan.prediction == SMOOTH_PREDICTION:
-        return tube_fit_predictor(plan)
-    return paper_predictor(PREDICTION_CASES[plan.prediction], plan.direction)

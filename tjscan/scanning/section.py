@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from math import radians
 from typing import Final
@@ -11,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.array_fields import PoseMatrix
-from tjscan.core.frames import Array, frozen_arrays, transform_points
+from tjscan.core.frames import Array, array_dataclass, transform_points
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 
@@ -25,7 +24,7 @@ EXTRA_TURN_PER_SECTION: Final = radians(20)
 EXTRA_TURN_TAUGHT: Final = radians(45)
 """How much further the first turn may go, from where the operator held the sensor."""
 
-LARGEST_TURN: Final = radians(100)
+LARGEST_SECTION_TURN: Final = radians(100)
 """Largest turn from section to section, whatever the step."""
 
 
@@ -38,8 +37,7 @@ class Substep(StrEnum):
     RESUMED = "resumed"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class ProfileView:
     """A profile, and the poses of flange and sensor it was taken from.
 
@@ -68,8 +66,7 @@ class ProfileView:
     q: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class ScannedSection:
     """A view, the groove read in it, and the target frame it was taken with.
 
@@ -107,8 +104,7 @@ Sections = Sequence[ScannedSection]
 """Sections of one scan, in the order in which they were finished."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class SetPoint:
     """Pose of frame t that the sensor shall be moved to, and frame t's place in the sensor.
 
@@ -132,8 +128,7 @@ class SetPoint:
     straight: bool = True
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class StepRequest:
     """One step as it was planned: from which section, where to, how long.
 
@@ -174,7 +169,7 @@ class StepRequest:
     @property
     def max_rotation(self) -> float:
         """Radians that sensor or groove may turn over the step."""
-        turn = min(EXTRA_TURN_PER_SECTION + self.length / TIGHTEST_BEND, LARGEST_TURN)
+        turn = min(EXTRA_TURN_PER_SECTION + self.length / TIGHTEST_BEND, LARGEST_SECTION_TURN)
         return turn + EXTRA_TURN_TAUGHT if self.last.view.substep is Substep.TAUGHT else turn
 
 

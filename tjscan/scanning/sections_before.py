@@ -87,14 +87,14 @@ def _is_rigid_pose(T: Array) -> bool:
     return bool(orthonormal and (T[3] == (0.0, 0.0, 0.0, 1.0)).all())
 
 
-MOST_SECTIONS: Final = 30
+MOST_PRIOR_SECTIONS: Final = 30
 """Sections that are looked back upon."""
 
 KNOWN_ROOT_SIGMA: Final = 1e-3
 """Standard deviation of a corner of the root in metres from which a view does not show it well: a
 fifth of a usual root's width."""
 
-STEADY_LENGTH: Final = 0.02
+ROOT_WIDENING_LENGTH: Final = 0.02
 """Metres of groove over which a root may go on widening: round a joint it goes to and fro."""
 
 STEPS_AHEAD: Final = (0.3, 2.0)
@@ -103,7 +103,7 @@ STEPS_AHEAD: Final = (0.3, 2.0)
 STEPS_ASIDE: Final = 1.0
 """Steps that it is aside of the end of the step, at most."""
 
-ASIDE_ANYWAY: Final = 3e-3
+ASIDE_ALLOWANCE: Final = 3e-3
 """Metres aside that need no bend of the groove: errors of reading, of the arm, of teaching."""
 
 LEAST_UPRIGHT_COSINE: Final = 0.25
@@ -119,11 +119,11 @@ The tightest groove (see `TIGHTEST_BEND`) changes by 200° per metre; a laser pl
 little further than the last one sees a little more.
 """
 
-ROOT_CHANGE: Final = (0.1, 5.0)
+LARGEST_ROOT_CHANGE: Final = (0.1, 5.0)
 LARGEST_DEPTH_CHANGE: Final = (0.1, 3.0)
 """Share by which root width and depth differ, and share per metre, of the same groove."""
 
-BEAD_HEIGHT: Final = 0.8e-3
+BEAD_HEIGHT_ALLOWANCE: Final = 0.8e-3
 """Metres by which root width and depth may differ in addition: weld beads are no planes."""
 
 SAME_SECTION_DISTANCE: Final = 0.5e-3
@@ -147,7 +147,7 @@ class GrooveReader(Protocol):
 
 def prior_for_view(view: ProfileView, sections: Sections) -> GroovePrior:
     """What the finished sections show of the one that a view is taken for."""
-    before = [one for one in sections if one.view.index < view.index][-MOST_SECTIONS:]
+    before = [one for one in sections if one.view.index < view.index][-MOST_PRIOR_SECTIONS:]
     if not before:
         return GroovePrior()
     origins = np.array([one.T_b_g[:3, 3] for one in before])
@@ -220,8 +220,8 @@ def with_tack_named(found: ScannedSection, before: Sections) -> ScannedSection:
     away = float(np.linalg.norm(found.T_b_g[:3, 3] - last.T_b_g[:3, 3]))
     wider = groove.root_width - last.groove.root_width
     shallower = last.groove.depth - groove.depth
-    most_wider = largest_root_width_change(last.groove, min(away, STEADY_LENGTH))
-    if wider < most_wider or shallower < BEAD_HEIGHT:
+    most_wider = largest_root_width_change(last.groove, min(away, ROOT_WIDENING_LENGTH))
+    if wider < most_wider or shallower < BEAD_HEIGHT_ALLOWANCE:
         return found
     return replace(found, groove=_with_buried_root(groove))
 
@@ -278,7 +278,7 @@ def check_section_one_step_ahead(found: ScannedSection, step: StepRequest) -> No
     aside = float(np.linalg.norm(gone - ahead * direction_b))
     # A circle leaves its tangent by step²/2R; straight on from the last chord it is twice that.
     bend = length * length / TIGHTEST_BEND
-    most_aside = min(ASIDE_ANYWAY + bend, STEPS_ASIDE * length + ASIDE_ANYWAY)
+    most_aside = min(ASIDE_ALLOWANCE + bend, STEPS_ASIDE * length + ASIDE_ALLOWANCE)
     if not (STEPS_AHEAD[0] * length < ahead < STEPS_AHEAD[1] * length and aside < most_aside):
         raise _implausible_reading(
             f"what was read lies {1e3 * ahead:.1f} mm ahead of the last section and "
@@ -389,7 +389,8 @@ def largest_chance_differences(one: GrooveSection, other: GrooveSection) -> Arra
 
 def largest_root_width_change(groove: GrooveSection, away: float) -> float:
     """Metres by which a root's width differs at most from a section's so many metres away."""
-    return BEAD_HEIGHT + (ROOT_CHANGE[0] + ROOT_CHANGE[1] * away) * groove.root_width
+    share = LARGEST_ROOT_CHANGE[0] + LARGEST_ROOT_CHANGE[1] * away
+    return BEAD_HEIGHT_ALLOWANCE + share * groove.root_width
 
 
 def _compare_measures(found: ScannedSection, step: StepRequest) -> tuple[Array, Array, Array]:
@@ -404,7 +405,7 @@ def _compare_measures(found: ScannedSection, step: StepRequest) -> tuple[Array, 
         (
             LARGEST_ANGLE_CHANGE[0] + LARGEST_ANGLE_CHANGE[1] * step.length,
             largest_root_width_change(last, step.length),
-            BEAD_HEIGHT
+            BEAD_HEIGHT_ALLOWANCE
             + (LARGEST_DEPTH_CHANGE[0] + LARGEST_DEPTH_CHANGE[1] * step.length) * before[2],
         )
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from threading import Condition
 
 from tjscan.core.errors import ScanInterrupted
@@ -74,10 +73,8 @@ class StopRequest:
                 before = self._let_go
             announce()
             with self._may_go:
-                self._may_go.wait_for(partial(self._was_let_go_since, before))
-
-    def _was_let_go_since(self, before: int) -> bool:
-        return self._let_go != before or not self.is_paused
+                while self._let_go == before and self.is_paused:
+                    self._may_go.wait()
 
     def request_stop_after_section(self) -> None:
         """Ask for an end after the section under way."""

@@ -18,8 +18,8 @@ from tjscan.core.frames import Array, inverse_pose, transform_points
 from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.stitching.graph import StationErrors, StationPoses
 from tjscan.stitching.registration import Registrations
-from tjscan.stitching.sides import NODES_PER_SIDE, moves_of_walls
 from tjscan.stitching.stations import StationTubeFit, TubeFits
+from tjscan.stitching.unrolled_views import NODES_PER_SIDE, moves_of_wall_points
 from tjscan.uncertainty.budget import (
     CORNER_POINTS,
     BudgetComponent,
@@ -29,26 +29,7 @@ from tjscan.uncertainty.budget import (
 )
 from tjscan.uncertainty.causes import ViewCause, reading_cause, repeatability_cause
 
-STATION_PLACES: Final = "stations' places"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StitchingBudget:
-    """Uncertainty of stations and of their sections, before these are fused.
-
-    Parameters
-    ----------
-    sections : UncertaintyBudget
-        Of the sections of all stations, one station after the other, in the common j.
-    station_covariances : ndarray, shape (k, 6, 6)
-        Of the stations' places: translation and rotation vector in j, about its origin.
-    shape_covariance : ndarray, shape (4, 4)
-        Of the tubes' dimensions.
-    """
-
-    sections: UncertaintyBudget
-    station_covariances: Array
-    shape_covariance: Array
+STATION_PLACES_CAUSE: Final = "stations' places"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +88,7 @@ def _station_errors(
         walls = np.zeros((len(fit.walls), 3, m))
         corners = np.zeros((len(fit.station.all_sections), 3, 3, m))
         if cause is not None:
-            walls = moves_of_walls(fit.walls, fit.station.all_sections, cause)
+            walls = moves_of_wall_points(fit.walls, fit.station.all_sections, cause)
             corners = cause.points[:, CORNER_POINTS]
         frames[i] = np.einsum("nik,nkm->im", fit.frame.by_points, walls)
         # Seen in the station's own j, which moves with what the station saw.
@@ -145,8 +126,8 @@ def stitching_budget(
     placement: StationPoses,
     shared: SharedCauses,
     repeatability: ArmRepeatability,
-) -> StitchingBudget:
-    """Budget of the sections of placed stations.
+) -> tuple[UncertaintyBudget, Array, Array]:
+    """Budget of the sections of placed stations, before these are fused.
 
     Parameters
     ----------
@@ -160,6 +141,15 @@ def stitching_budget(
         What stations share.
     repeatability : ArmRepeatability
         Of their arms.
+
+    Returns
+    -------
+    sections : UncertaintyBudget
+        Of the sections of all stations, one station after the other, in the common j.
+    station_covariances : ndarray, shape (k, 6, 6)
+        Of the stations' places: translation and rotation vector in j, about its origin.
+    shape_covariance : ndarray, shape (4, 4)
+        Of the tubes' dimensions.
     """
     T_j_b = [T @ inverse_pose(fit.frame.T) for T, fit in zip(placement.T, fits, strict=True)]
     scans = [fit.station.sections for fit in fits]
@@ -168,9 +158,9 @@ def stitching_budget(
     k, noise = len(fits), placement.noise_covariance
     places = np.split(covariance_factor(noise[: 6 * k, : 6 * k]), k)
     components = [
-        *(_in_frame_j(causes, T_j_b) for causes in (readings, moves)),
+        *(_component_in_frame_j(causes, T_j_b) for causes in (readings, moves)),
         _join_parts(
-            [_moved_station(fit, T, L) for fit, T, L in zip(fits, T_j_b, places, strict=True)]
+            [_moves_by_place(fit, T, L) for fit, T, L in zip(fits, T_j_b, places, strict=True)]
         ),
     ]
     stations, shape = placement.covariance, np.array(noise[6 * k :, 6 * k :])
@@ -181,32 +171,32 @@ def stitching_budget(
         for i, (fit, T, cause) in enumerate(zip(fits, T_j_b, causes, strict=True)):
             place = found[6 * i : 6 * i + 6]
             stations[i] += place @ place.T
-            part = _moved_station(fit, T, place)
+            part = _moves_by_place(fit, T, place)
             if cause is not None:
                 own = cause.component(T[:3, :3], len(fit.station.sections))
                 points, measures = own.points + part.points, own.measures + part.measures
                 part = replace(own, points=points, measures=measures)
             parts.append(part)
         components.append(_join_parts(parts).compressed())
-    return StitchingBudget(UncertaintyBudget(tuple(components)), stations, shape)
+    return UncertaintyBudget(tuple(components)), stations, shape
 
 
-def _in_frame_j(causes: Sequence[ViewCause], T_j_b: Sequence[Array]) -> BudgetComponent:
+def _component_in_frame_j(causes: Sequence[ViewCause], T_j_b: Sequence[Array]) -> BudgetComponent:
     pairs = zip(causes, T_j_b, strict=True)
     return _join_parts([cause.component(T[:3, :3], len(cause.points)) for cause, T in pairs])
 
 
-def _moved_station(fit: StationTubeFit, T_j_b: Array, twists: Array) -> BudgetComponent:
+def _moves_by_place(fit: StationTubeFit, T_j_b: Array, twists: Array) -> BudgetComponent:
     """How a station's sections move with its place, by twists (6, m) in j."""
     points = np.array([section.points_b for section in fit.station.sections])
     moved = points_moved_by_twist(transform_points(T_j_b, points), twists)
     measures = np.zeros((len(points), 4, twists.shape[-1]))
-    return BudgetComponent(STATION_PLACES, "observed", True, moved, measures)
+    return BudgetComponent(STATION_PLACES_CAUSE, "observed", True, moved, measures)
 
 
 def _join_parts(parts: Sequence[BudgetComponent]) -> BudgetComponent:
     """One component of the sections of all stations."""
-    named = next((part for part in parts if part.name != STATION_PLACES), parts[0])
+    named = next((part for part in parts if part.name != STATION_PLACES_CAUSE), parts[0])
     return replace(
         named,
         points=np.concatenate([part.points for part in parts]),

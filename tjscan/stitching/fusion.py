@@ -17,17 +17,15 @@ from tjscan.joint.tubes.fit import ArmRepeatability, TubeDimensions
 from tjscan.stitching.registration import SMOOTH_AZIMUTH, point_covariance_from_pose
 from tjscan.stitching.stations import FULL_TURN_ANGLE, Station
 from tjscan.stitching.unrolled_views import WIDEST_LEG_SHARE
-from tjscan.uncertainty.budget import SectionShare
+from tjscan.uncertainty.budget import CORNER_POINTS, SectionShare
 
 SAME_PLACE_STEP_SHARE: Final = 0.55
 """Sections of different stations closer than this share of a step are of one place."""
 
-ROOT_AND_BEVEL: Final = slice(1, 4)
-
-LEAST_SIGMA: Final = 1e-6
+LEAST_CURVE_SIGMA: Final = 1e-6
 """Metres that no curve is taken for more certain than."""
 
-LEAST_SHARE: Final = 1e-4
+LEAST_MEASURE_SHARE: Final = 1e-4
 """The same of measures, as a share of their span."""
 
 
@@ -75,7 +73,7 @@ def sections_in_joint_frame(
         T_j_s = T_j_b @ scan.view.T_b_s
         index, name = scan.view.index, station.name
         section = section_to_result_frame(scan.groove, T_j_s, "j", index=index, station=name)
-        corners = section.points[ROOT_AND_BEVEL]
+        corners = section.points[CORNER_POINTS]
         flange = transform_points(T_j_b, scan.view.T_b_f[:3, 3])
         whole = section.covariances + point_covariance_from_pose(covariance, corners)
         whole = whole + point_covariance_from_pose(repeatability.covariance, corners - flange)
@@ -169,11 +167,11 @@ def _fit_curves(unrolled: Sequence[UnrolledSection]) -> list[SimpleKriging]:
         for i in range(1, 4):
             azimuth = np.array([one.azimuth[i] for one in unrolled])
             value = np.array([getattr(one, name)[i] for one in unrolled])
-            curves.append(_fit_curve(azimuth, value, max(sigma, LEAST_SIGMA)))
+            curves.append(_fit_curve(azimuth, value, max(sigma, LEAST_CURVE_SIGMA)))
     azimuth = np.array([one.section.azimuth for one in unrolled])
     measures = np.array([one.section.measures for one in unrolled])
     sigmas = np.median([one.section.sigmas for one in unrolled], axis=0)
-    least = LEAST_SHARE * np.ptp(measures, axis=0) + 1e-12
+    least = LEAST_MEASURE_SHARE * np.ptp(measures, axis=0) + 1e-12
     for value, sigma in zip(measures.T, np.maximum(sigmas, least), strict=True):
         curves.append(_fit_curve(azimuth, value, float(sigma)))
     return curves
@@ -212,13 +210,13 @@ def _fused_section(
     for azimuth, one in members:
         start = one.azimuth + azimuth - one.section.azimuth  # in this group's turn
         by = places - start
-        starts = [*start[ROOT_AND_BEVEL], *start[ROOT_AND_BEVEL], *np.repeat(azimuth, 4)]
-        ways = [*by[ROOT_AND_BEVEL], *by[ROOT_AND_BEVEL], *np.repeat(middle - azimuth, 4)]
+        starts = [*start[CORNER_POINTS], *start[CORNER_POINTS], *np.repeat(azimuth, 4)]
+        ways = [*by[CORNER_POINTS], *by[CORNER_POINTS], *np.repeat(middle - azimuth, 4)]
         along = zip(curves, starts, ways, strict=True)
         grown = np.array([curve.predict_change(*way) for curve, *way in along])
         out, up = one.out.copy(), one.up.copy()
-        out[ROOT_AND_BEVEL] += grown[:3]
-        up[ROOT_AND_BEVEL] += grown[3:6]
+        out[CORNER_POINTS] += grown[:3]
+        up[CORNER_POINTS] += grown[3:6]
         carried = cylindrical_to_j(places, out, _leg_height(places, out, shape) + up)
         turn = rot_z(middle - azimuth)
         turns.append(turn)
@@ -229,15 +227,15 @@ def _fused_section(
         values.append(one.section.measures + grown[6:])
     covariances = np.linalg.inv(np.sum(corner_info, axis=0))
     fused = np.mean(points, axis=0)
-    fused[ROOT_AND_BEVEL] = np.einsum(
-        "cij,mcjk,mck->ci", covariances, np.array(corner_info), np.array(points)[:, ROOT_AND_BEVEL]
+    fused[CORNER_POINTS] = np.einsum(
+        "cij,mcjk,mck->ci", covariances, np.array(corner_info), np.array(points)[:, CORNER_POINTS]
     )
     measure_covariance = np.linalg.inv(np.sum(measure_info, axis=0))
     measures = measure_covariance @ np.einsum("mij,mj->i", np.array(measure_info), np.array(values))
     shares = []
     for k, number in enumerate(numbers):
         weights = np.tile(np.eye(3) / len(numbers), (5, 1, 1))
-        weights[ROOT_AND_BEVEL] = covariances @ corner_info[k]
+        weights[CORNER_POINTS] = covariances @ corner_info[k]
         by_measures = measure_covariance @ measure_info[k]
         shares.append(SectionShare(number, weights @ turns[k], by_measures))
     R = Rotation.from_matrix([T[:3, :3] for T in frames]).mean().as_matrix()

@@ -18,42 +18,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from tjscan.core import pose_vector
-from tjscan.core.frames import Array, frozen_arrays, inverse_pose, transform_points
+from tjscan.core.frames import Array, inverse_pose, transform_points
 from tjscan.joint.tubes.fit import JointFrame, TubeDimensions
 from tjscan.stitching.registration import Registrations, StationRegistration
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
-class StationPoses:
-    """Solved poses of all stations in the joint's frame, with covariances and the tubes' shape.
-
-    Parameters
-    ----------
-    T : ndarray, shape (k, 4, 4)
-        Maps each station's own frame j into the common one.
-    shape : TubeDimensions
-        Of the joint.
-    by_residuals : ndarray, shape (6 k + 4, 10 k + 6 e)
-        How poses (translation and rotation vector in the common j) and shape err with the errors
-        of what was observed, see `StationErrors`.
-    noise_covariance : ndarray, shape (6 k + 4, 6 k + 4)
-        Of poses and shape, without what stations share.
-    reduced_chi2 : float
-        Chi-squared per degree of freedom of all stations and overlaps.
-    """
-
-    T: Array
-    shape: TubeDimensions
-    by_residuals: Array
-    noise_covariance: Array
-    reduced_chi2: float
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance of each pose without what stations share, shape (k, 6, 6)."""
-        n = 6 * len(self.T)
-        return np.array([self.noise_covariance[i : i + 6, i : i + 6] for i in range(0, n, 6)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +39,7 @@ class StationErrors:
     overlaps: Array
 
     def residuals(self, registrations: Registrations) -> Array:
-        """What `solve_station_poses` would be left with at the truth, shape (10 k + 6 e, m).
+        """What `StationPoses` would be left with at the truth, shape (10 k + 6 e, m).
 
         Each station has taken its own frame for j: at the truth, it is put right by its error.
         """
@@ -83,52 +50,75 @@ class StationErrors:
         return np.concatenate([*(-self.frames), *between])
 
 
-def solve_station_poses(
-    frames: Sequence[JointFrame], registrations: Registrations, shared: StationErrors | None = None
-) -> StationPoses:
-    """Solve the poses of all stations by least squares, from tube fits and overlaps.
+class StationPoses:
+    """Poses of all stations in the joint's frame, solved by least squares from fits and overlaps.
 
     Parameters
     ----------
     frames : sequence of JointFrame
         As each of k stations found it.
     registrations : sequence of StationRegistration
-        Of all overlaps, in the stations' own frames j.
+        Of all e overlaps, in the stations' own frames j.
     shared : StationErrors, optional
         Errors that the observations have in common.
+
+    Attributes
+    ----------
+    T : ndarray, shape (k, 4, 4)
+        Maps each station's own frame j into the common one.
+    shape : TubeDimensions
+        Of the joint.
+    by_residuals : ndarray, shape (6 k + 4, 10 k + 6 e)
+        How poses (translation and rotation vector in the common j) and shape err with the errors
+        of what was observed, see `StationErrors`.
+    noise_covariance : ndarray, shape (6 k + 4, 6 k + 4)
+        Of poses and shape, without what stations share.
+    reduced_chi2 : float
+        Chi-squared per degree of freedom of all stations and overlaps.
     """
-    k = len(frames)
-    covariances = [frame.covariance for frame in frames] + [e.covariance for e in registrations]
-    noise = np.asarray(block_diag(*covariances), dtype=float)
-    common = np.zeros((len(noise), 0)) if shared is None else shared.residuals(registrations)
-    whole = np.linalg.cholesky(noise + common @ common.T)
-    whitener = np.asarray(np.linalg.inv(whole), dtype=float)
-    origin = np.mean([frame.shape.as_array for frame in frames], axis=0)
 
-    def residuals(x: Array) -> Array:
-        T = [pose_vector.pose_from_vector(v) for v in x[: 6 * k].reshape(k, 6)]
-        shape = x[6 * k :] + origin
-        off = list[Array]()
-        for T_own, frame in zip(T, frames, strict=True):
-            # The station takes its own frame for j: it finds j at the identity.
-            off += [pose_vector.pose_to_vector(inverse_pose(T_own)), shape - frame.shape.as_array]
-        for edge in registrations:
-            between = inverse_pose(T[edge.overlap.first]) @ T[edge.overlap.second]
-            off.append(pose_vector.pose_to_vector(between) - pose_vector.pose_to_vector(edge.T))
-        return np.asarray(whitener @ np.concatenate(off))
+    def __init__(
+        self,
+        frames: Sequence[JointFrame],
+        registrations: Registrations,
+        shared: StationErrors | None = None,
+    ) -> None:
+        k = len(frames)
+        covariances = [frame.covariance for frame in frames] + [e.covariance for e in registrations]
+        noise = np.asarray(block_diag(*covariances), dtype=float)
+        common = np.zeros((len(noise), 0)) if shared is None else shared.residuals(registrations)
+        whole = np.linalg.cholesky(noise + common @ common.T)
+        whitener = np.asarray(np.linalg.inv(whole), dtype=float)
+        origin = np.mean([frame.shape.as_array for frame in frames], axis=0)
 
-    start, least = np.zeros(6 * k + 4), 1e-15
-    found = least_squares(residuals, start, jac="3-point", x_scale=1e-4, xtol=least, ftol=least)
-    jacobian: Array = np.array(found.jac)
-    information = jacobian.T @ jacobian
-    by_residuals = -np.asarray(np.linalg.solve(information, jacobian.T @ whitener), dtype=float)
-    return StationPoses(
-        np.array([pose_vector.pose_from_vector(v) for v in found.x[: 6 * k].reshape(k, 6)]),
-        TubeDimensions(*(found.x[6 * k :] + origin).tolist()),
-        by_residuals,
-        by_residuals @ noise @ by_residuals.T,
-        2 * float(found.cost) / (len(found.fun) - found.x.size),
-    )
+        def residuals(x: Array) -> Array:
+            T = [pose_vector.pose_from_vector(v) for v in x[: 6 * k].reshape(k, 6)]
+            shape = x[6 * k :] + origin
+            off = list[Array]()
+            for T_own, frame in zip(T, frames, strict=True):
+                # The station takes its own frame for j: it finds j at the identity.
+                off += [pose_vector.pose_to_vector(inverse_pose(T_own))]
+                off += [shape - frame.shape.as_array]
+            for edge in registrations:
+                between = inverse_pose(T[edge.overlap.first]) @ T[edge.overlap.second]
+                off.append(pose_vector.pose_to_vector(between) - pose_vector.pose_to_vector(edge.T))
+            return np.asarray(whitener @ np.concatenate(off))
+
+        start, least = np.zeros(6 * k + 4), 1e-15
+        found = least_squares(residuals, start, jac="3-point", x_scale=1e-4, xtol=least, ftol=least)
+        jacobian: Array = np.array(found.jac)
+        information, moves = jacobian.T @ jacobian, found.x[: 6 * k].reshape(k, 6)
+        self.by_residuals: Array = -np.linalg.solve(information, jacobian.T @ whitener)
+        self.noise_covariance: Array = self.by_residuals @ noise @ self.by_residuals.T
+        self.T = np.array([pose_vector.pose_from_vector(v) for v in moves])
+        self.shape = TubeDimensions(*(found.x[6 * k :] + origin).tolist())
+        self.reduced_chi2 = 2 * float(found.cost) / (len(found.fun) - found.x.size)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of each pose without what stations share, shape (k, 6, 6)."""
+        n = 6 * len(self.T)
+        return np.array([self.noise_covariance[i : i + 6, i : i + 6] for i in range(0, n, 6)])
 
 
 def overlap_gap(edge: StationRegistration, T: Sequence[Array] | Array) -> float:

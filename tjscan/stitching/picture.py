@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tjscan.stitching.registration import StationRegistration, StitchingDraft
@@ -23,7 +22,6 @@ RING_SPACING: Final = 0.12
 def draw_stitching(draft: StitchingDraft) -> Figure:
     """Draw stations and overlaps about the brace, and the residuals of each overlap."""
     figure = Figure(figsize=(13, 6.5), layout="constrained")
-    FigureCanvasAgg(figure)
     grid = figure.add_gridspec(1, 2, width_ratios=(1, 1.3))
     _draw_arcs(figure.add_subplot(grid[0], projection="polar"), draft)
     if not draft.registrations:

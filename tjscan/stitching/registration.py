@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from tjscan.core import pose_vector
-from tjscan.core.frames import Array, frozen_arrays, skew_matrix, unit_vector
+from tjscan.core.frames import Array, array_dataclass, skew_matrix, unit_vector
 from tjscan.core.gaussian_process import PeriodicKernel
 from tjscan.core.robust import tukey_weights
 from tjscan.stitching.stations import StationOverlap, arc_of_azimuths
@@ -34,18 +34,17 @@ AZIMUTH_BEYOND_OVERLAP: Final = radians(25.0)
 """Azimuth on either side of the overlap whose views help to find the shape."""
 
 REWEIGHTING_ROUNDS: Final = 8
-LEAST_WEIGHT: Final = 1e-6
+LEAST_VIEW_WEIGHT: Final = 1e-6
 
 LARGEST_CONDITION_NUMBER: Final = 1e12
-FREE_VARIANCE: Final = 1.0
+UNKNOWN_POSE_VARIANCE: Final = 1.0
 """Square metres and square radians: the variances of a pose about which nothing is known."""
 
-LEAST_STEP: Final = 5e-3
+LEAST_VIEW_STEP: Final = 5e-3
 """Metres between views that show which way the groove runs."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class StationRegistration:
     """Pose of one station against another, found from their overlap.
 
@@ -166,7 +165,7 @@ def align_second_to_first(
         information = design.T @ solved[:, :6]
         scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
         if not np.linalg.cond(information / np.outer(scale, scale)) < LARGEST_CONDITION_NUMBER:
-            spread, motion = FREE_VARIANCE * np.eye(6), np.zeros(6)
+            spread, motion = UNKNOWN_POSE_VARIANCE * np.eye(6), np.zeros(6)
             by_value = np.zeros((len(value), 6, VALUES_PER_VIEW))
             break
         spread = np.asarray(np.linalg.inv(information), dtype=float)
@@ -177,7 +176,7 @@ def align_second_to_first(
         residual = np.einsum("nij,nj->ni", noise, pull)
         # The root mean square of a view's ten standardised residuals.
         size = np.sqrt(_mahalanobis_sq(residual, views.covariance) / VALUES_PER_VIEW)
-        weights = tukey_weights(size / max(1.0, float(np.median(size))), LEAST_WEIGHT)
+        weights = tukey_weights(size / max(1.0, float(np.median(size))), LEAST_VIEW_WEIGHT)
     counted = weights > 0.1
     # A view's own noise shows in its residual as far as the groove could not follow it.
     inverse = cho_solve(factor, np.eye(value.size)).reshape(*shape, *shape)
@@ -212,7 +211,7 @@ def _overlap_middle(overlap: StationOverlap, seen: UnrolledViews) -> tuple[Array
     order = np.argsort(np.abs(overlap.arc.offset_from_middle(seen.place)), kind="stable")
     centre = seen.middle[order[0]]
     # Prediction and correction views show nearly one place: the direction comes from another.
-    far = np.linalg.norm(seen.middle[order] - centre, axis=1) > LEAST_STEP
+    far = np.linalg.norm(seen.middle[order] - centre, axis=1) > LEAST_VIEW_STEP
     return centre, unit_vector(seen.middle[order[np.argmax(far)]] - centre)
 
 

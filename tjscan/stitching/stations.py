@@ -13,11 +13,12 @@ import numpy as np
 from tjscan.core.errors import GrooveNotFound, StitchingRefused, TubesNotFound
 from tjscan.core.frames import (
     Array,
-    frozen_arrays,
+    array_dataclass,
     inverse_pose,
     rotation_angle_between,
     transform_points,
     unit_vector,
+    unit_vectors,
 )
 from tjscan.groove.section import GrooveSection
 from tjscan.joint.tubes.cylinder import Cylinder, cylinder_from_normals
@@ -31,7 +32,7 @@ from tjscan.joint.tubes.fit import (
 )
 from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ProfileView, ScannedSection, Sections
-from tjscan.stitching.sides import moves_of_walls, wall_points_of_views
+from tjscan.stitching.unrolled_views import moves_of_wall_points, wall_points_of_views
 from tjscan.uncertainty.causes import ViewCause
 
 
@@ -81,15 +82,14 @@ along ±x, else +y, else +z."""
 LARGEST_POSE_DISAGREEMENT = radians(30.0)
 """By which nominal poses may disagree; at 90° nothing would show which side is which."""
 
-FEWEST_SECTIONS = 4
+FEWEST_STATION_SECTIONS = 4
 """Sections needed to start the fit of the tubes."""
 
-SAME_POSE = 1e-9
+SAME_FLANGE_POSE = 1e-9
 """Metres and shares of one, by which the poses of an arm that did not move differ."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class Station:
     """Sections that were scanned from one station, and where the arm's base nominally was.
 
@@ -151,7 +151,7 @@ def station_from_recording(
     every = list(sections)
     for view in views:
         # Views from one pose share one error of the arm: together they show no more of it.
-        if any(np.abs(view.T_b_f - other.view.T_b_f).max() < SAME_POSE for other in every):
+        if any(np.abs(view.T_b_f - other.view.T_b_f).max() < SAME_FLANGE_POSE for other in every):
             continue
         try:
             every.append(ScannedSection(view, read(view.profile), np.eye(4)))
@@ -209,7 +209,7 @@ def fit_tubes_to_stations(
             brace, leg = _initial_tubes(station)
             sections = station.all_sections
             walls = wall_points_of_views(sections)
-            shared = [moves_of_walls(walls, sections, cause) for cause in station.causes]
+            shared = [moves_of_wall_points(walls, sections, cause) for cause in station.causes]
             moves = np.concatenate(shared, axis=2) if shared else None
             tubes = fit_tubes_to_walls(walls, settings.repeatability, brace, leg, moves)
             found = joint_frame_from_tubes(tubes, station.T_w_b[:3, :3].T @ side_w)
@@ -221,11 +221,11 @@ def fit_tubes_to_stations(
         fits.append(StationTubeFit(station, walls, tubes, found))
         if len(fits) == 1:
             side_w = station.T_w_b[:3, :3] @ found.T[:3, 0]
-        _check_nominal(fits[0], fits[-1])
+        _check_nominal_poses_agree(fits[0], fits[-1])
     return fits
 
 
-def _check_nominal(first: StationTubeFit, other: StationTubeFit) -> None:
+def _check_nominal_poses_agree(first: StationTubeFit, other: StationTubeFit) -> None:
     """Refuse nominal poses too far off to decide which side of the joint a station saw."""
     a, b = (one.station.T_w_b @ one.frame.T for one in (first, other))
     if (turned := rotation_angle_between(a, b)) > LARGEST_POSE_DISAGREEMENT:
@@ -243,16 +243,15 @@ def _initial_tubes(station: Station) -> tuple[Cylinder, Cylinder]:
     """Rough brace and leg: tangents across and along the groove span the walls' planes."""
     sections = station.sections
     corners = np.array([scan.points_b[[1, 3]] for scan in sections])
-    if len(corners) < FEWEST_SECTIONS:
-        message = f"they are too few, {FEWEST_SECTIONS} at least are needed: scan further"
+    if len(corners) < FEWEST_STATION_SECTIONS:
+        message = f"they are too few, {FEWEST_STATION_SECTIONS} at least are needed: scan further"
         raise TubesNotFound(message)
     # A chord over two steps is parallel to the tangent half-way, also on a curve.
     along = corners[2:] - corners[:-2]
     cylinders = []
     for k, name in enumerate(("wall_s", "leg_s")):
         across = np.array([s.view.T_b_s[:3, :3] @ getattr(s.groove, name) for s in sections[1:-1]])
-        normals = np.cross(along[:, k], across)
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = unit_vectors(np.cross(along[:, k], across))
         cylinders.append(cylinder_from_normals(corners[1:-1, k], normals))
     return cylinders[0], cylinders[1]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -13,18 +13,12 @@ from scipy.sparse.csgraph import connected_components
 
 from tjscan.core import pose_vector
 from tjscan.core.errors import ConfigurationError, StitchingRefused
-from tjscan.core.frames import Array, frozen_arrays, inverse_pose
+from tjscan.core.frames import Array, array_dataclass, inverse_pose
 from tjscan.groove.measured import MeasuredSection
 from tjscan.joint.tubes.fit import TubeDimensions
 from tjscan.stitching.budget import shared_causes, stitching_budget
 from tjscan.stitching.fusion import fuse_sections, sections_in_joint_frame
-from tjscan.stitching.graph import (
-    StationErrors,
-    StationPoses,
-    overlap_gap,
-    solve_station_poses,
-    spanning_tree_poses,
-)
+from tjscan.stitching.graph import StationErrors, StationPoses, overlap_gap, spanning_tree_poses
 from tjscan.stitching.registration import (
     Registrations,
     StationRegistration,
@@ -37,6 +31,7 @@ from tjscan.stitching.stations import (
     AzimuthArc,
     Station,
     StationOverlap,
+    StationTubeFit,
     StitchSettings,
     TubeFits,
     arc_of_azimuths,
@@ -58,42 +53,33 @@ CONVERGED_MOTION = 1e-8
 AGREED_CHI2 = 2.5
 """Chi-squared per degree of freedom of stations and overlaps that agree."""
 
-SETTLED_STATION_MOTION = 0.05
+LARGEST_ALIGNMENT_MOTION = 0.05
 """Metres and radians by which no station is laid again: both see something else."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class PlacedStation:
     """Pose of a station's base in the joint's frame, with covariance and what it rests on.
 
     Parameters
     ----------
-    station : Station
-        Which one.
+    fit : StationTubeFit
+        Which station, and its tubes.
     T_j_b : ndarray, shape (4, 4)
         Its base in frame j.
     covariance : ndarray, shape (6, 6)
         Of translation and rotation vector, in j and about its origin.
     arc : AzimuthArc
         What it saw.
-    views : int
-        Number of views that its place rests on.
-    tubes_reduced_chi2, tubes_rms : float
-        How far its walls are from leg and brace: chi-squared per degree of freedom, and metres.
     """
 
-    station: Station
+    fit: StationTubeFit
     T_j_b: Array
     covariance: Array
     arc: AzimuthArc
-    views: int
-    tubes_reduced_chi2: float
-    tubes_rms: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class StitchedGroove:
     """One groove stitched from the sections of several stations.
 
@@ -162,7 +148,7 @@ def stitch_stations(
         If there are fewer than two stations, or two of one name or of one recording.
     """
     stations = sorted(stations, key=lambda station: station.name)
-    _check_distinct(stations)
+    _check_distinct_stations(stations)
     fits = fit_tubes_to_stations(stations, settings)
     azimuths = [section_azimuths(fit) for fit in fits]
     overlaps = find_overlaps(azimuths)
@@ -180,32 +166,28 @@ def stitch_stations(
         _check_placement(draft, placement, settings)
     except StitchingRefused as error:
         raise StitchingRefused(error.reason, error.evidence, draft) from None
-    uncertain = stitching_budget(fits, registrations, placement, shared, settings.repeatability)
+    budget, covariances, shape_covariance = stitching_budget(
+        fits, registrations, placement, shared, settings.repeatability
+    )
     placed = [
-        PlacedStation(
-            fit.station,
-            placement.T[k] @ inverse_pose(fit.frame.T),
-            uncertain.station_covariances[k],
-            arc_of_azimuths(azimuth),
-            len(fit.station.all_sections),
-            fit.tubes.reduced_chi2,
-            fit.tubes.rms,
+        PlacedStation(fit, T @ inverse_pose(fit.frame.T), covariance, arc_of_azimuths(azimuth))
+        for fit, T, covariance, azimuth in zip(
+            fits, placement.T, covariances, azimuths, strict=True
         )
-        for k, (fit, azimuth) in enumerate(zip(fits, azimuths, strict=True))
     ]
     # Weighed by what is each station's own: what they share would not make one of them worse.
     single = [
-        sections_in_joint_frame(one.station, one.T_j_b, covariance, settings.repeatability)
+        sections_in_joint_frame(one.fit.station, one.T_j_b, covariance, settings.repeatability)
         for one, covariance in zip(placed, placement.covariance, strict=True)
     ]
     fused = fuse_sections(single, placement.shape)
-    budget = uncertain.sections.composed_of([one.shares for one in fused])
+    budget = budget.composed_of([one.shares for one in fused])
     gaps = tuple(overlap_gap(edge, placement.T) for edge in registrations)
     chain, closing = spanning_tree_poses(len(stations), registrations)
     return StitchedGroove(
         tuple(placed),
         placement.shape,
-        np.sqrt(np.diag(uncertain.shape_covariance)),
+        np.sqrt(np.diag(shape_covariance)),
         tuple(registrations),
         gaps,
         out_of_round,
@@ -247,7 +229,7 @@ def register_overlaps(
             edge = align_second_to_first(overlap, first, second)
             T = edge.T @ T
             moved = float(np.abs(pose_vector.pose_to_vector(edge.T)).max())
-            if moved < CONVERGED_MOTION or moved > SETTLED_STATION_MOTION:
+            if moved < CONVERGED_MOTION or moved > LARGEST_ALIGNMENT_MOTION:
                 break
             second = seen(overlap.second, T)
         edges.append(replace(edge, T=T))
@@ -286,13 +268,13 @@ def place_stations_with_out_of_round(
     allowance = settings.out_of_round
     while True:
         frames = [widen_for_out_of_round(fit.frame, allowance) for fit in fits]
-        placement = solve_station_poses(frames, registrations, shared)
+        placement = StationPoses(frames, registrations, shared)
         if placement.reduced_chi2 < AGREED_CHI2 or 2 * allowance > settings.most_out_of_round:
             return placement, allowance
         allowance *= 2
 
 
-def _check_distinct(stations: Sequence[Station]) -> None:
+def _check_distinct_stations(stations: Sequence[Station]) -> None:
     """Refuse what is no two stations: nothing could be learnt of one laid on itself."""
     if len(stations) < 2:
         raise ConfigurationError("stitching takes two stations or more")

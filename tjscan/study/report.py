@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tjscan.result.picture import write_png
@@ -198,7 +197,6 @@ def _lines_of_key(rows: Rows, key: str, kind: StudyBackend[Any]) -> Iterator[str
 def _draw_overview(rows: Rows, keys: Sequence[str], kind: StudyBackend[Any]) -> Figure:
     """Bars of each key's values: how many runs are complete, and what they measure."""
     figure = Figure(figsize=(13, 2.1 * len(keys)), layout="constrained")
-    FigureCanvasAgg(figure)
     panels = figure.subplots(len(keys), 1 + len(kind.measures), squeeze=False)
     for key, line in zip(keys, panels, strict=True):
         groups = _groups_by_value(rows, key)

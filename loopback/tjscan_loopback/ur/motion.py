@@ -12,8 +12,13 @@ from scipy.interpolate import CubicSpline
 from tjscan.core.errors import PoseUnreachable
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import MotionLimits, fastest_joint_path
-from tjscan.robot.path import FEWEST_PIECES, JOINT_SPACING, LARGEST_TURN
+from tjscan.robot.path import (
+    FEWEST_PIECES,
+    JOINT_TURN_SPACING,
+    LARGEST_JOINT_TURN,
+    MotionLimits,
+    fastest_joint_path,
+)
 from tjscan_loopback.ur.tool_path import ToolPath
 
 UNBOUNDED_SPEED: Final = 1e3
@@ -133,7 +138,7 @@ def joint_motion(
     kinematics: Kinematics, q: Array, goal: Array, speed: float, acceleration: float
 ) -> Motion:
     """Motion of all joints in proportion; speed and acceleration are those of the leading axis."""
-    pieces = max(FEWEST_PIECES, ceil(float(np.abs(goal - q).max()) / JOINT_SPACING))
+    pieces = max(FEWEST_PIECES, ceil(float(np.abs(goal - q).max()) / JOINT_TURN_SPACING))
     waypoints = np.linspace(q, goal, pieces + 1)
     points_b = np.array([kinematics.forward(w)[:3, 3] for w in waypoints])
     limits = MotionLimits(UNBOUNDED_SPEED, UNBOUNDED_SPEED, 1.0, acceleration)
@@ -174,7 +179,7 @@ def path_motion(
     waypoints = [np.asarray(q, dtype=float)]
     for T in path.poses[1:]:
         found = kinematics.inverse(T @ T_tcp_f, near=waypoints[-1])
-        if np.abs(found - waypoints[-1]).max() > LARGEST_TURN:
+        if np.abs(found - waypoints[-1]).max() > LARGEST_JOINT_TURN:
             raise PoseUnreachable("a joint would have to swing at once.", T @ T_tcp_f)
         waypoints.append(found)
     if path.length < NO_PATH:

@@ -12,7 +12,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import pose, rot_x, rot_z
 from tjscan.robot.dh import DhParameters
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.urdf import ARM_MODELS, frames_b_and_f, read_urdf, ur_dh_lengths
+from tjscan.robot.urdf import ARM_MODELS, read_urdf, ur_dh_lengths
 
 LENGTH_SIGMA: Final = 3e-4
 ANGLE_SIGMA: Final = 3e-4
@@ -30,12 +30,11 @@ def nominal_dh_parameters(model: str) -> DhParameters | None:
     if model not in ARM_MODELS:
         return None
     urdf = Kinematics.load(model).urdf
-    chain = read_urdf(urdf)
+    chain, _, flange = read_urdf(urdf)
     lengths = ur_dh_lengths(chain)
     if lengths is None:
         raise ConfigurationError(f"the URDF of {model} is not of the Universal Robots type")
     a = (0.0, lengths.a2, lengths.a3, 0.0, 0.0, 0.0)
-    _, flange = frames_b_and_f(chain)
     d6 = lengths.d6 + chain.frames[flange].placement.translation[2]
     d = (lengths.d1, 0.0, 0.0, lengths.d4, lengths.d5, d6)
     return DhParameters(np.zeros(6), np.array(a), np.array(d), np.array(UR_TWISTS))

@@ -36,7 +36,7 @@ def test_nonsense_on_every_port_leaves_it_at_work(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # A busy machine takes its time to hang up on all of them before it answers.
-    monkeypatch.setattr("tjscan.robot.ur.dashboard.ANSWER_LIMIT", 60.0)
+    monkeypatch.setattr("tjscan.robot.ur.dashboard.DASHBOARD_ANSWER_LIMIT", 60.0)
     random = Random(7)
     with UrLoopbackProcess(address(), "--fast") as loopback:
         for _ in range(60):

@@ -13,7 +13,7 @@ from tjscan.cli.output.console import print_fields, print_json, print_message, p
 from tjscan.recording.journal import RunEvent
 from tjscan.result import summary as results
 from tjscan.runs.stations.stitch import StitchedRun
-from tjscan.scanning.events import ScanEvent
+from tjscan.scanning.journal import ScanEvent
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection
 

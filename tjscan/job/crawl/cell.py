@@ -18,7 +18,7 @@ from tjscan.crawler.torch_axes import TorchAxes
 from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings
 from tjscan.job.devices import DeviceGroup, make_laser_without_arm
 from tjscan.job.torch_drivers import TorchDriverInputs
-from tjscan.joint.hull import hull_section, joint_pose, laser_offset, place_beside_joint
+from tjscan.joint.hull import hull_section, joint_line_pose, laser_offset, place_beside_joint
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose, SimulatedSectionLaser
 from tjscan.vehicle.drivers import VEHICLE_DRIVERS, VehicleDriverFactory, VehicleDriverInputs
@@ -78,7 +78,7 @@ class SimulatedWeld:
         vehicle, joint = self.job.vehicle, self.world.joint
         place = self.place(vehicle.laser_to_torch - vehicle.centre_to_torch)
         along, offset = laser_offset(joint, *place)
-        relative = place[2] - joint_pose(joint, along)[2]
+        relative = place[2] - joint_line_pose(joint, along)[2]
         passes = sum(start <= along <= end for start, end in self.welded)
         return hull_section(joint, along, passes), SectionLaserPose(offset=offset, heading=relative)
 

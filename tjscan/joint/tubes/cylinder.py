@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from tjscan.core.errors import TubesNotFound
-from tjscan.core.frames import Array, frozen_arrays, readonly_copy, transform_points, unit_vector
+from tjscan.core.frames import (
+    Array,
+    array_dataclass,
+    readonly_copy,
+    transform_points,
+    unit_vector,
+    unit_vectors,
+)
 from tjscan.core.robust import mad_sigma, tukey_root_weights
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class Cylinder:
     """A cylinder of unlimited length.
 
@@ -41,8 +46,7 @@ class Cylinder:
 
     def normals(self, points: Array) -> Array:
         """Outward unit normals, shape (..., 3), at or beside points off the axis."""
-        across = self._radial_vectors(points)
-        return np.asarray(across / np.linalg.norm(across, axis=-1, keepdims=True))
+        return unit_vectors(self._radial_vectors(points))
 
     def transformed(self, T: Array) -> Cylinder:
         """The same cylinder in the outer frame of `T`, shape (4, 4)."""
@@ -92,15 +96,15 @@ LEAST_POINT_SIGMA: Final = 10e-6
 REACH_IN_SIGMAS: Final = 6.0
 """Standard deviations within which the spread is estimated again."""
 
-MOST_ROUNDS: Final = 100
-CONVERGED_STEP: Final = 1e-8
+MOST_REFINEMENTS: Final = 100
+CONVERGED_CYLINDER_STEP: Final = 1e-8
 """Metres and radians that no number moves by any more in the end."""
 
-LEAST_TURN: Final = 0.05
+LEAST_NORMAL_SPREAD: Final = 0.05
 """Least singular value, as a share of the largest, by which normals fix an axis: about 10° round
 the tube."""
 
-FEWEST_POINTS: Final = 12
+FEWEST_CYLINDER_POINTS: Final = 12
 """Points that a cylinder is fitted to."""
 
 
@@ -123,7 +127,7 @@ def cylinder_from_normals(points: Array, normals: Array) -> Cylinder:
     if len(points) < 3:
         raise TubesNotFound(f"{len(points)} places on a wall are too few for a cylinder")
     _, spread, directions = np.linalg.svd(normals, full_matrices=False)
-    if spread[1] < LEAST_TURN * spread[0]:
+    if spread[1] < LEAST_NORMAL_SPREAD * spread[0]:
         raise TubesNotFound(
             "the wall was seen over too little of its circumference to show where its axis lies: "
             "scan farther round"
@@ -157,7 +161,7 @@ def fit_cylinder(start: Cylinder, points: Array, scale: float) -> tuple[Cylinder
     converged : bool
         Whether the points hold it.
     """
-    if len(points) < FEWEST_POINTS:
+    if len(points) < FEWEST_CYLINDER_POINTS:
         return start, False
     tube = start.recentred_beside(points)
 
@@ -195,7 +199,7 @@ def refine_cylinder(tube: Cylinder, points: Array) -> Cylinder:
         Of the wall and of anything else, metres.
     """
     reach = FIRST_REACH_FROM_CYLINDER
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_REFINEMENTS):
         off = tube.signed_distances(points)
         near = np.abs(off) < reach
         if near.sum() <= 5:
@@ -206,7 +210,7 @@ def refine_cylinder(tube: Cylinder, points: Array) -> Cylinder:
         solved, *_ = np.linalg.lstsq(root[:, None] * jacobian, -root * off)
         step = np.asarray(solved, dtype=float)
         tube = tube.boxplus(step)
-        if np.abs(step).max() < CONVERGED_STEP:
+        if np.abs(step).max() < CONVERGED_CYLINDER_STEP:
             break
         reach = REACH_IN_SIGMAS * sigma
     return tube.recentred_beside(points[near])

@@ -39,11 +39,11 @@ ON_TUBE_DISTANCE: Final = 1.5e-3
 LOSS_SCALE: Final = 0.2 * ON_TUBE_DISTANCE
 """Metres from a tube beyond which points lose weight while it is sought."""
 
-LEAST_SHARE: Final = 0.08
+LEAST_TUBE_SHARE: Final = 0.08
 """Of the cloud, that must be on either tube."""
 
-LEAST_RADIUS: Final = 0.02
-MOST_RADIUS: Final = 5.0
+LEAST_TUBE_RADIUS: Final = 0.02
+MOST_TUBE_RADIUS: Final = 5.0
 """Metres."""
 
 
@@ -102,7 +102,7 @@ def _best_cylinder(
 ) -> Cylinder:
     """The cylinder that explains most points, refined."""
     which = "first" if other is None else "second"
-    if len(points) < LEAST_SHARE * len(everything) or len(points) <= NORMAL_NEIGHBOURS:
+    if len(points) < LEAST_TUBE_SHARE * len(everything) or len(points) <= NORMAL_NEIGHBOURS:
         raise TubesNotFound(f"nothing is left of the cloud in which a {which} tube could be")
     centres, axes, radii = _cylinders_through_triples(points, rng)
     if other is not None:
@@ -123,13 +123,13 @@ def _best_cylinder(
         held = held and (other is None or bool(_crosses_tube(refined.axis, other)))
         on_tube = np.abs(refined.signed_distances(points)) < ON_TUBE_DISTANCE
         supporters = int(on_tube.sum()) if held else 0
-        if supporters > most and LEAST_RADIUS < refined.radius < MOST_RADIUS:
+        if supporters > most and LEAST_TUBE_RADIUS < refined.radius < MOST_TUBE_RADIUS:
             best, most = refined, supporters
-    if best is None or most < LEAST_SHARE * len(everything):
+    if best is None or most < LEAST_TUBE_SHARE * len(everything):
         share = 100 * most / len(everything)
         raise TubesNotFound(
-            f"the {which} tube holds {share:.0f} % of the cloud, {100 * LEAST_SHARE:.0f} % are "
-            "needed: cut the cloud down to the joint, or scan more of it"
+            f"the {which} tube holds {share:.0f} % of the cloud, {100 * LEAST_TUBE_SHARE:.0f} % "
+            "are needed: cut the cloud down to the joint, or scan more of it"
         )
     return best
 
@@ -161,7 +161,7 @@ def _cylinders_through_triples(
         r = (dn - cosine * dm) / sine**2
         s = (cosine * dn - dm) / sine**2
     good = stout & (sine > 0.2) & (np.abs(np.abs(r) - np.abs(s)) < 0.1 * np.abs(r)) & (r * s > 0)
-    good &= (np.abs(r) > LEAST_RADIUS) & (np.abs(r) < MOST_RADIUS)
+    good &= (np.abs(r) > LEAST_TUBE_RADIUS) & (np.abs(r) < MOST_TUBE_RADIUS)
     r, p, n = r[good], p[good], n[good]
     return p - r[:, None] * n, axes[good], np.abs(r)
 

@@ -9,6 +9,7 @@ The joint's own frame j is made of these two tubes.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import radians
 from typing import Final
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from tjscan.core import pose_vector
 from tjscan.core.errors import TubesNotFound
-from tjscan.core.frames import Array, frozen_arrays, inverse_pose, pose, unit_vector
+from tjscan.core.frames import Array, array_dataclass, inverse_pose, pose, unit_vector
 from tjscan.core.robust import mad_sigma, tukey_weights
 from tjscan.joint.tubes.cylinder import Cylinder
 
@@ -45,8 +46,7 @@ class ArmRepeatability:
         return np.diag(np.repeat(np.square([self.position, self.angle]) / 3, 3))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class WallPoints:
     """Points on the walls of brace and leg, by view, with their standard deviations.
 
@@ -79,17 +79,19 @@ class WallPoints:
         return np.split(order, np.flatnonzero(np.diff(self.view[order])) + 1)
 
 
-MOST_ROUNDS: Final = 60
-CONVERGED_STEP: Final = 1e-9
+MOST_FIT_ROUNDS: Final = 60
+CONVERGED_FIT_STEP: Final = 1e-9
 """Metres and radians that no parameter moves by any more when a fit ends."""
 
-LEAST_WEIGHT: Final = 1e-6
+LEAST_POINT_WEIGHT: Final = 1e-6
 
 FEWEST_FIT_VIEWS: Final = 3
 
+TUBE_STEP: Final = 1e-6
+"""Metres and radians between tubes whose difference is a derivative: deep in the linear range."""
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+
+@array_dataclass
 class FittedTubes:
     """Brace and leg as fitted cylinders, with their covariance.
 
@@ -115,6 +117,16 @@ class FittedTubes:
     reduced_chi2: float
     rms: float
     by_points: Array = field(default_factory=lambda: np.zeros((0, 10, 3)))
+
+    def jacobian_of(self, function: Callable[[Cylinder, Cylinder], Array]) -> Array:
+        """Derivatives of a function of brace and leg by their numbers, shape (m, 10)."""
+
+        def value(change: Array) -> Array:
+            return function(self.brace.boxplus(change[:5]), self.leg.boxplus(change[5:]))
+
+        changes = TUBE_STEP * np.eye(10)
+        columns = [(value(change) - value(-change)) / (2 * TUBE_STEP) for change in changes]
+        return np.column_stack(columns)
 
 
 def fit_tubes_to_walls(
@@ -150,12 +162,12 @@ def fit_tubes_to_walls(
     brace = brace.recentred_beside(walls.points[walls.on_brace])
     leg = leg.recentred_beside(walls.points[~walls.on_brace])
     weights = np.ones(len(walls))
-    for count in range(MOST_ROUNDS):
+    for count in range(MOST_FIT_ROUNDS):
         residuals, jacobian, shared = _linearised_distances(walls, brace, leg)
         own = np.einsum("ij,jk,ik->i", shared, common, shared) + walls.sigma**2
         if count:
             standard = residuals / np.sqrt(own)
-            weights = tukey_weights(standard / max(1.0, mad_sigma(standard)), LEAST_WEIGHT)
+            weights = tukey_weights(standard / max(1.0, mad_sigma(standard)), LEAST_POINT_WEIGHT)
         own_variance = walls.sigma**2 / weights
         rows = np.column_stack((jacobian, residuals))
         white = _whitened_rows(rows, shared, own_variance, common, views)
@@ -165,7 +177,7 @@ def fit_tubes_to_walls(
             message = "the walls that were seen leave leg or brace free to move: scan farther round"
             raise TubesNotFound(message)
         brace, leg = brace.boxplus(step[:5]), leg.boxplus(step[5:])
-        if count > 1 and np.abs(step).max() < CONVERGED_STEP:
+        if count > 1 and np.abs(step).max() < CONVERGED_FIT_STEP:
             break
     counted = weights > 0.1
     reduced_chi2 = float(white[:, -1] @ white[:, -1]) / max(int(counted.sum()) - 10, 1)
@@ -243,7 +255,7 @@ def dihedral_angles(brace: Cylinder, leg: Cylinder, points: Array) -> Array:
     return np.asarray(np.pi - np.arccos(np.clip(cosines, -1, 1)))
 
 
-def dihedral_sigmas(tubes: FittedTubes, points: Array, step: float = 1e-6) -> Array:
+def dihedral_sigmas(tubes: FittedTubes, points: Array) -> Array:
     """Standard deviations of `dihedral_angles` by the tubes' covariance, shape (n,), radians.
 
     Parameters
@@ -252,16 +264,8 @@ def dihedral_sigmas(tubes: FittedTubes, points: Array, step: float = 1e-6) -> Ar
         Brace and leg.
     points : ndarray, shape (n, 3)
         Metres.
-    step : float
-        By which each number of a tube is changed for the derivatives: metres or radians.
     """
-    columns = []
-    for change in step * np.eye(10):
-        moves = change, -change
-        ends = ((tubes.brace.boxplus(m[:5]), tubes.leg.boxplus(m[5:])) for m in moves)
-        up, down = (dihedral_angles(brace, leg, points) for brace, leg in ends)
-        columns.append((up - down) / (2 * step))
-    jacobian = np.column_stack(columns)
+    jacobian = tubes.jacobian_of(lambda brace, leg: dihedral_angles(brace, leg, points))
     return np.asarray(np.sqrt(np.sum((jacobian @ tubes.covariance) * jacobian, axis=1)))
 
 
@@ -297,8 +301,7 @@ class TubeDimensions:
         return np.array((self.brace_radius, self.leg_radius, self.angle, self.offset))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class JointFrame:
     """Frame j as fitted tubes define it: its pose and covariance.
 
@@ -338,17 +341,13 @@ def joint_frame_from_tubes(tubes: FittedTubes, towards: Array) -> JointFrame:
         If the tubes are all but parallel.
     """
     T, shape = joint_pose_from_cylinders(tubes.brace, tubes.leg, towards)
-    step = 1e-6  # a micrometre, a microradian: deep in the linear range
 
-    def around(k: int, sign: int) -> Array:
-        moved = np.zeros(10)
-        moved[k] = sign * step
-        brace, leg = tubes.brace.boxplus(moved[:5]), tubes.leg.boxplus(moved[5:])
+    def motion_and_shape(brace: Cylinder, leg: Cylinder) -> Array:
         T_moved, there = joint_pose_from_cylinders(brace, leg, T[:3, 0])
         motion = pose_vector.pose_to_vector(inverse_pose(T) @ T_moved)
         return np.concatenate((motion, there.as_array))
 
-    jacobian = np.column_stack([(around(k, 1) - around(k, -1)) / (2 * step) for k in range(10)])
+    jacobian = tubes.jacobian_of(motion_and_shape)
     covariance = jacobian @ tubes.covariance @ jacobian.T
     return JointFrame(T, shape, covariance, jacobian @ tubes.by_points)
 

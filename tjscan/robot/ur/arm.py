@@ -30,21 +30,11 @@ from tjscan.core.errors import (
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.robot.arm import ArmState, MotionLock
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import MotionLimits
-from tjscan.robot.path import PathPlanner
+from tjscan.robot.path import MotionLimits, PathPlanner
+from tjscan.robot.ur import moving
 from tjscan.robot.ur.dashboard import DashboardClient, UrIdentity, read_ur_identity
-from tjscan.robot.ur.faults import connection_start_fault, fault_from_state
-from tjscan.robot.ur.kinematics_info import describe_difference, read_controller_kinematics
-from tjscan.robot.ur.messages import ControllerState
-from tjscan.robot.ur.moving import (
-    POLL_PERIOD,
-    await_arrival,
-    check_target_is_safe,
-    execute_move,
-    joint_command,
-    linear_command,
-)
-from tjscan.robot.ur.program import UrProgram, run_program
+from tjscan.robot.ur.kinematics_info import describe_kinematics_difference, read_kinematics_info
+from tjscan.robot.ur.messages import ControllerState, connection_fault, fault_from_state
 from tjscan.robot.ur.session import ClientLibraryError, ControllerSession, not_ready_fault
 from tjscan.robot.ur.settings import UrSettings
 
@@ -111,10 +101,10 @@ def _begin_session(session: ControllerSession, kinematics: Kinematics) -> None:
         session.call_client_method(bool, "start_watchdog")
         _set_tcp(session)
         _set_payload(session)
-        _check_model(session, kinematics)
+        _check_arm_model(session, kinematics)
     except ClientLibraryError as failed:
         words = str(failed)
-        raise not_ready_fault(session.dashboard) or connection_start_fault(host, words) from None
+        raise not_ready_fault(session.dashboard) or connection_fault(host, words) from None
 
 
 def _polls_until_limit(latch: MotionLock) -> Iterator[bool]:
@@ -122,7 +112,7 @@ def _polls_until_limit(latch: MotionLock) -> Iterator[bool]:
     limit = time.monotonic() + SETTING_LIMIT
     while True:
         yield time.monotonic() > limit
-        latch.wait_for_stop(POLL_PERIOD)
+        latch.wait_for_stop(moving.POLL_PERIOD)
 
 
 def _await_end_of_other_program(dashboard: DashboardClient, latch: MotionLock) -> None:
@@ -182,7 +172,7 @@ def _reports_payload(now: ControllerState, wanted: Array) -> bool:
     return bool(np.abs(carried - wanted).max() < READ_BACK_TOLERANCE)
 
 
-def _check_model(session: ControllerSession, kinematics: Kinematics) -> None:
+def _check_arm_model(session: ControllerSession, kinematics: Kinematics) -> None:
     state = session.arm_state()
     apart = np.linalg.norm(kinematics.forward(state.q)[:3, 3] - state.T_b_f[:3, 3])
     if apart > OTHER_ARM_DISTANCE:
@@ -241,11 +231,11 @@ class UrArm(DeviceBase):
             settings, self.kinematics, latch, lambda *event: self._listener(*event)
         )
         try:
-            stated = read_controller_kinematics(settings.host)
+            stated = read_kinematics_info(settings.host)
             self._identity = read_ur_identity(
                 session.dashboard,
                 session.read_state().payload,
-                "" if stated is None else describe_difference(stated, self.kinematics),
+                "" if stated is None else describe_kinematics_difference(stated, self.kinematics),
             )
         except BaseException as error:
             session.end_program_and_disconnect(error)
@@ -263,7 +253,7 @@ class UrArm(DeviceBase):
     @property
     def identity(self) -> UrIdentity:
         """Which arm it is; known while connected."""
-        self._connected  # noqa: B018 - refuses
+        self._connected_session  # noqa: B018 - refuses
         return self._identity
 
     def report_events_to(self, listener: EventListener) -> None:
@@ -272,7 +262,7 @@ class UrArm(DeviceBase):
 
     def state(self) -> ArmState:
         """Joint angles, flange pose and time, as the controller reports them."""
-        return self._connected.arm_state()
+        return self._connected_session.arm_state()
 
     def check_moves(self, *T_b_f: Array) -> None:
         """Check that moves are possible, without moving; see `Arm.check_moves`."""
@@ -296,7 +286,7 @@ class UrArm(DeviceBase):
         """Move to the nearest configuration that holds a pose. See `move_linear`."""
         return self._execute_move(T_b_f, near)
 
-    def run_program(self, program: UrProgram, started: Callable[[], object]) -> None:
+    def run_program(self, program: moving.UrProgram, started: Callable[[], object]) -> None:
         """Run a program in URScript to its end; the arm takes no moves after it.
 
         Parameters
@@ -311,9 +301,9 @@ class UrArm(DeviceBase):
         ArmFault
             As `program.run_program` does. The program is stopped then.
         """
-        session = self._connected
+        session = self._connected_session
         with self._latch.hold_for_move():
-            run_program(session, program, started)
+            moving.run_program(session, program, started)
 
     def stop(self) -> None:
         """Bring the arm to rest, and begin nothing more. See `Arm.stop`."""
@@ -324,7 +314,7 @@ class UrArm(DeviceBase):
         self._latch.clear_stop()
 
     @property
-    def _connected(self) -> ControllerSession:
+    def _connected_session(self) -> ControllerSession:
         if self._session is None:
             raise ArmFault("the arm is not connected: use it inside a 'with' block")
         return self._session
@@ -332,15 +322,15 @@ class UrArm(DeviceBase):
     def _execute_move(
         self, T_b_f: Array, near: Array | None = None, *, linear: bool = False
     ) -> ArmState:
-        session, planner = self._connected, self._planner
+        session, planner = self._connected_session, self._planner
         with self._latch.hold_for_move():
             q = session.arm_state().q
             path = planner.linear_path(q, T_b_f) if linear else planner.joint_path(q, T_b_f, near)
             if path.duration > 0:
-                check_target_is_safe(session, T_b_f)
+                moving.check_target_is_safe(session, T_b_f)
                 if linear:
-                    command = linear_command(self.kinematics, session, path, T_b_f)
+                    command = moving.linear_command(self.kinematics, session, path, T_b_f)
                 else:
-                    command = joint_command(session, path, T_b_f)
-                execute_move(session, command, T_b_f)
-            return await_arrival(session, T_b_f)
+                    command = moving.joint_command(session, path, T_b_f)
+                moving.execute_move(session, command, T_b_f)
+            return moving.await_arrival(session, T_b_f)

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from tjscan.core.process import ClientAnswer, ClientRequest
 from tjscan.core.signals import ignore_ctrl_c
-from tjscan.robot.ur.messages import HOST_GONE, WATCHDOG_PERIOD, ControllerState, SixNumbers
+from tjscan.robot.ur.messages import NOT_SUPERVISED, WATCHDOG_PERIOD, ControllerState, SixNumbers
 
 RTDE_HZ: Final = 125.0
 """Hz at which the controller publishes to this client: what every controller can do."""
@@ -38,10 +38,10 @@ PAYLOAD_OUTPUTS: Final = ["payload", "payload_cog"]
 FEED_INTERVAL: Final = 0.1
 """Seconds between signs of life, when nothing else is asked."""
 
-STOP_DECELERATION: Final = 2.0
+SAFETY_STOP_DECELERATION: Final = 2.0
 """rad/s² with which an unsupervised arm is stopped."""
 
-UNFOLLOWED_LIMIT: Final = WATCHDOG_PERIOD
+UNSUPERVISED_MOVE_LIMIT: Final = WATCHDOG_PERIOD
 """Seconds for which a move may go unfollowed: as long as the controller waits for this process."""
 
 SILENCE_MEMORY: Final = 10.0
@@ -116,7 +116,7 @@ class RtdeClient:
 
     def read_state(self) -> ControllerState:
         """Read the controller's state."""
-        self._watch_clock()
+        self._note_clock_advance()
         receive, status = self._receive, self._control.getAsyncOperationProgressEx()
         reported, moment = self._reports_payload, time.monotonic()
         return ControllerState(
@@ -160,12 +160,12 @@ class RtdeClient:
 
     def move_joint(self, q: SixNumbers, speed: float, acceleration: float) -> bool:
         """Begin a move in joint space."""
-        self._expect_to_be_followed()
+        self._expect_supervision()
         return bool(self._control.moveJ(list(q), speed, acceleration, True))
 
     def move_linear(self, tcp: SixNumbers, speed: float, acceleration: float) -> bool:
         """Begin a linear move."""
-        self._expect_to_be_followed()
+        self._expect_supervision()
         return bool(self._control.moveL(list(tcp), speed, acceleration, True))
 
     def stop_move(self, deceleration: float) -> None:
@@ -186,7 +186,7 @@ class RtdeClient:
     def feed_watchdog(self) -> None:
         """Feed the controller's watchdog, if it is time to."""
         if self._watched and time.monotonic() - self._fed >= FEED_INTERVAL:
-            self._watch_clock()
+            self._note_clock_advance()
             try:
                 self._control.kickWatchdog()
             except Exception:  # the library raises what it likes
@@ -199,7 +199,7 @@ class RtdeClient:
     @property
     def supervision_lost(self) -> bool:
         """Whether the main process no longer supervises the move under way."""
-        if self._before is None or time.monotonic() - self._followed < UNFOLLOWED_LIMIT:
+        if self._before is None or time.monotonic() - self._followed < UNSUPERVISED_MOVE_LIMIT:
             return False
         status = self._control.getAsyncOperationProgressEx()
         if not status.isAsyncOperationRunning() and status.operationId() != self._before:
@@ -210,16 +210,16 @@ class RtdeClient:
         """Stop the arm and end the control script: the arm is not supervised."""
         self._watched = False  # whatever hangs below, the controller's watchdog stops the arm
         if self._control is not None:
-            self._control.stopJ(STOP_DECELERATION)
+            self._control.stopJ(SAFETY_STOP_DECELERATION)
             self._control.stopScript()
 
-    def _watch_clock(self) -> None:
+    def _note_clock_advance(self) -> None:
         """Note when something new has come from the controller: its clock has advanced."""
         if (clock := self._receive.getTimestamp()) != self._clock:
             self._clock = clock
             self._received.note_sign_of_life(time.monotonic())
 
-    def _expect_to_be_followed(self) -> None:
+    def _expect_supervision(self) -> None:
         self._followed = time.monotonic()
         self._before = self._control.getAsyncOperationProgressEx().operationId()
 
@@ -245,7 +245,7 @@ def serve_main_process(connection: Connection, client: RtdeClient) -> None:
     with suppress(EOFError, OSError):  # the main process learns the reason until it is gone
         while True:
             request = connection.recv()
-            connection.send(ClientAnswer(request.number, failure=HOST_GONE))
+            connection.send(ClientAnswer(request.number, failure=NOT_SUPERVISED))
 
 
 def main() -> None:

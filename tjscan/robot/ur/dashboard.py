@@ -15,7 +15,7 @@ from tjscan.core.errors import ArmFault, ArmNotConnected, ArmNotResponding
 
 DASHBOARD_PORT: Final = 29999
 
-ANSWER_LIMIT: Final = 2.0
+DASHBOARD_ANSWER_LIMIT: Final = 2.0
 """Seconds to wait for an answer."""
 
 LONGEST_LINE: Final = 4096
@@ -40,7 +40,7 @@ class DashboardClient:
 
     def __init__(self, host: str) -> None:
         self._host = host
-        self._connect(ANSWER_LIMIT)
+        self._connect(DASHBOARD_ANSWER_LIMIT)
 
     def _connect(self, limit: float) -> None:
         self._silence: ArmNotResponding | None = None
@@ -58,7 +58,7 @@ class DashboardClient:
         except ArmNotResponding:
             self.close()
             raise
-        self._socket.settimeout(ANSWER_LIMIT)
+        self._socket.settimeout(DASHBOARD_ANSWER_LIMIT)
 
     @property
     def has_hung_up(self) -> bool:

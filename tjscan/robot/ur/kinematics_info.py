@@ -16,27 +16,27 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.robot.dh import DhParameters, compare_with_model
+from tjscan.robot.dh import DhParameters, compare_flange_with_model
 from tjscan.robot.kinematics import Kinematics
 
 PRIMARY_PORT: Final = 30001
-READ_LIMIT: Final = 2.0
+KINEMATICS_READ_LIMIT: Final = 2.0
 """Seconds: a controller sends ten states a second, this package with the first ones."""
 
 ROBOT_STATE: Final = 16
-KINEMATICS_INFO: Final = 5
+KINEMATICS_INFO_PACKAGE: Final = 5
 PACKAGE_HEAD: Final = struct.Struct(">iB")
 KINEMATICS_CONTENT: Final = struct.Struct(">6I24d")
-MOST_BYTES: Final = 1 << 16
+MOST_MESSAGE_BYTES: Final = 1 << 16
 """A longer message is none."""
 
 SAME_KINEMATICS_TOLERANCE: Final = 1e-5
 """Metres within which a controller's calibration is the model itself."""
 
 
-def describe_difference(dh: DhParameters, kinematics: Kinematics) -> str:
+def describe_kinematics_difference(dh: DhParameters, kinematics: Kinematics) -> str:
     """Where a controller's own calibration and a model of the arm disagree, in words."""
-    rms, largest = compare_with_model(dh, kinematics)
+    rms, largest = compare_flange_with_model(dh, kinematics)
     if largest < SAME_KINEMATICS_TOLERANCE:
         return f"the controller's kinematics are those of the model {kinematics.name}"
     return (
@@ -46,7 +46,7 @@ def describe_difference(dh: DhParameters, kinematics: Kinematics) -> str:
     )
 
 
-def read_controller_kinematics(host: str, limit: float = READ_LIMIT) -> DhParameters | None:
+def read_kinematics_info(host: str, limit: float = KINEMATICS_READ_LIMIT) -> DhParameters | None:
     """Read how a controller's arm is calibrated; None if it states nothing in time.
 
     Parameters
@@ -65,17 +65,17 @@ def read_controller_kinematics(host: str, limit: float = READ_LIMIT) -> DhParame
             while (left := end - time.monotonic()) > 0:
                 link.settimeout(left)
                 size, kind = PACKAGE_HEAD.unpack(stream.read(PACKAGE_HEAD.size))
-                if not PACKAGE_HEAD.size <= size <= MOST_BYTES:
+                if not PACKAGE_HEAD.size <= size <= MOST_MESSAGE_BYTES:
                     break
                 body = stream.read(size - PACKAGE_HEAD.size)
-                if kind == ROBOT_STATE and (found := find_kinematics(body)) is not None:
+                if kind == ROBOT_STATE and (found := find_kinematics_package(body)) is not None:
                     return found
     except (OSError, struct.error):  # no controller, too late, or it hung up within a package
         pass
     return None
 
 
-def find_kinematics(body: bytes) -> DhParameters | None:
+def find_kinematics_package(body: bytes) -> DhParameters | None:
     """Find the kinematics among the packages of a robot state, without its own head.
 
     A package that can't be, or holds no numbers, is as good as none.
@@ -85,7 +85,7 @@ def find_kinematics(body: bytes) -> DhParameters | None:
         size, kind = PACKAGE_HEAD.unpack_from(body, at)
         if size < PACKAGE_HEAD.size or at + size > len(body):
             return None
-        if kind == KINEMATICS_INFO and size >= PACKAGE_HEAD.size + KINEMATICS_CONTENT.size:
+        if kind == KINEMATICS_INFO_PACKAGE and size >= PACKAGE_HEAD.size + KINEMATICS_CONTENT.size:
             values = KINEMATICS_CONTENT.unpack_from(body, at + PACKAGE_HEAD.size)
             numbers = np.array(values[6:]).reshape(4, 6)
             if not np.isfinite(numbers).all():

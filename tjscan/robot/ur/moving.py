@@ -1,14 +1,25 @@
-"""A move on a controller: its command, set off, followed to its end, and judged there."""
+"""Moves and programs on a controller: set off, followed to their end, and judged there.
+
+A program of our own runs in place of the client library's control script. The client goes on
+watching the controller and feeding its watchdog, so that a controller which no longer hears this
+computer ends the program.
+"""
 
 from __future__ import annotations
 
+import socket
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import NoneType
 from typing import Final
 
 import numpy as np
 
+from tjscan.core import pose_vector
 from tjscan.core.errors import (
     ArmFault,
+    ArmNotConnected,
     ArmNotResponding,
     PoseNotReached,
     ProgramStopped,
@@ -17,11 +28,11 @@ from tjscan.core.errors import (
 from tjscan.core.frames import Array
 from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.motion import JointTrajectory
-from tjscan.robot.ur.messages import ControllerState
+from tjscan.robot.path import JointTrajectory
+from tjscan.robot.ur.messages import PROGRAM_PLAYING, WATCHDOG_PERIOD, ControllerState
 from tjscan.robot.ur.session import ControllerSession
 
-NO_LENGTH: Final = 1e-6
+ZERO_LINE_LENGTH: Final = 1e-6
 """Metres: a shorter line is none."""
 
 LARGEST_FLANGE_SWING: Final = 0.005
@@ -55,8 +66,8 @@ def linear_command(
     """
     end, start = (kinematics.forward(path.q[i])[:3, 3] for i in (-1, 0))
     length = float(np.linalg.norm(end - start))
-    if length < NO_LENGTH:
-        return _turn_command(kinematics, session, path, T_b_f)
+    if length < ZERO_LINE_LENGTH:
+        return _turn_on_spot_command(kinematics, session, path, T_b_f)
     return ("move_linear", session.active_tcp_pose(T_b_f), *_speed_and_acceleration(path, length))
 
 
@@ -80,7 +91,7 @@ def joint_command(session: ControllerSession, path: JointTrajectory, T_b_f: Arra
     return ("move_joint", tuple(q.tolist()), *limited)
 
 
-def _turn_command(
+def _turn_on_spot_command(
     kinematics: Kinematics, session: ControllerSession, path: JointTrajectory, T_b_f: Array
 ) -> MoveCommand:
     """A line without length: a speed of the flange bounds no turn, speeds of joints do."""
@@ -101,7 +112,7 @@ def _speed_and_acceleration(path: JointTrajectory, length: float) -> tuple[float
 POLL_PERIOD: Final = 0.004
 """Seconds between two looks at a move."""
 
-START_LIMIT: Final = 2.0
+MOVE_START_LIMIT: Final = 2.0
 """Seconds within which a move that was accepted begins."""
 
 STALL_LIMIT: Final = 10.0
@@ -113,7 +124,7 @@ SETTLE_LIMIT: Final = 1.0
 REST_SPEED: Final = 5e-3
 """rad/s: what encoders show of a joint at rest, an assumption."""
 
-LEAST_TURN: Final = 1e-5
+LEAST_MOVING_TURN: Final = 1e-5
 """Radians a joint turns at least between two looks at an arm that moves."""
 
 
@@ -154,7 +165,7 @@ def execute_move(session: ControllerSession, command: MoveCommand, T_b_f: Array)
     ArmFault
         If the arm was stopped, or something is wrong with it.
     """
-    session.keep_dashboard()
+    session.ensure_dashboard_answers()
     before = session.read_state()
     try:
         with session.latch.begin_move():
@@ -179,15 +190,15 @@ def _follow_move_to_its_end(session: ControllerSession, before: ControllerState)
                 "the arm was stopped on its way. See that the way is clear, then move again "
                 "from where it is."
             )
-        session.keep_dashboard_connected()
+        session.ensure_dashboard_connected()
         if now.operation == before.operation:
-            if moment > began + START_LIMIT:
+            if moment > began + MOVE_START_LIMIT:
                 fault = ProgramStopped("the controller accepted a move and does not begin it.")
                 raise session.end_for_fault(fault)
         elif not now.moving:
             return
         q = np.array(now.q)
-        if np.abs(q - last).max() > LEAST_TURN:
+        if np.abs(q - last).max() > LEAST_MOVING_TURN:
             moved, last = moment, q
         if moment > moved + STALL_LIMIT:
             raise session.end_for_fault(
@@ -213,7 +224,7 @@ def await_arrival(session: ControllerSession, T_b_f: Array) -> ArmState:
         # A look later than the one that saw the end: both links have the end by then.
         newer, state = now.time > first, session.arm_state_from(now)
         rests = newer and np.abs(now.speed).max() < REST_SPEED
-        distance, angle, near = session.settings.miss(state.T_b_f, T_b_f)
+        distance, angle, near = session.settings.distance_and_angle_missed(state.T_b_f, T_b_f)
         if rests and near:
             return state
         if newer and time.monotonic() > limit:
@@ -227,3 +238,121 @@ def await_arrival(session: ControllerSession, T_b_f: Array) -> ArmState:
                 )
             )
         session.latch.wait_for_stop(POLL_PERIOD)
+
+
+PROGRAM_PORT: Final = 30002
+"""Of the secondary interface, which takes programs."""
+
+PROGRAM_LOOK_PERIOD: Final = 0.05
+"""Seconds between two looks at a program."""
+
+WATCHDOG_STATEMENT: Final = (
+    f'  rtde_set_watchdog("input_int_register_0", {1 / WATCHDOG_PERIOD:g}, "stop")'
+)
+"""First statement of a program: to end when nothing is heard of this computer any more."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UrProgram:
+    """A program in URScript, and the pose that it leads to.
+
+    Parameters
+    ----------
+    script : str
+        ``def NAME(): ... end``.
+    T_b_tcp : ndarray, shape (4, 4)
+        Where it leaves the TCP that it sets, in frame b.
+    leave : str
+        Another program, that is run if this one does not come to its end: to switch off what it
+        has switched on.
+    """
+
+    script: str
+    T_b_tcp: Array
+    leave: str
+
+
+def run_program(
+    session: ControllerSession, program: UrProgram, started: Callable[[], object]
+) -> None:
+    """Run a program and watch it to its end.
+
+    Parameters
+    ----------
+    session : ControllerSession
+        The session; its control script ends.
+    program : UrProgram
+        The program.
+    started : callable
+        Is called once it runs.
+
+    Raises
+    ------
+    ArmFault
+        If the arm was stopped, or something is wrong with it.
+    ProgramStopped
+        If the controller does not begin it.
+    PoseNotReached
+        If it did not lead where it should: it was stopped on its way.
+    """
+    session.ensure_dashboard_answers()
+    session.read_state()
+    try:
+        with session.latch.begin_move():
+            session.call_client_method(NoneType, "stop_control_script")
+            _await_program_state(session, runs=False)
+            head, _, rest = program.script.partition("\n")
+            _send_script(session, "\n".join((head, WATCHDOG_STATEMENT, rest)))
+        _await_program_state(session, runs=True)
+        session.call_client_method(NoneType, "feed_foreign_watchdog")
+        started()
+        while session.read_state(beside_program=True).runtime_state == PROGRAM_PLAYING:
+            if session.latch.wait_for_stop(PROGRAM_LOOK_PERIOD):
+                raise ArmFault("the program was stopped on its way. See that the way is clear.")
+            session.ensure_dashboard_connected()
+        _check_program_end_pose(session, program.T_b_tcp)
+    except BaseException as error:
+        session.stop_program(error)
+        try:
+            _send_script(session, program.leave)
+        except ArmFault as unsent:
+            error.add_note(f"What is more, its outputs could not be reset: {unsent}")
+        raise
+
+
+def _send_script(session: ControllerSession, script: str) -> None:
+    host = session.settings.host
+    try:
+        with socket.create_connection((host, PROGRAM_PORT), MOVE_START_LIMIT) as link:
+            link.sendall(f"{script.rstrip()}\n".encode())
+            # Some controllers drop what they have not read when the link closes.
+            time.sleep(4 * PROGRAM_LOOK_PERIOD)
+    except OSError as error:
+        raise ArmNotConnected(
+            f"the controller at {host} takes no programs (port {PROGRAM_PORT}: "
+            f"{error.strerror or error}). See that the interface is enabled in its security "
+            "settings."
+        ) from None
+
+
+def _await_program_state(session: ControllerSession, *, runs: bool) -> None:
+    """Wait until a program runs, or none does."""
+    limit = time.monotonic() + MOVE_START_LIMIT
+    while (session.read_state(beside_program=True).runtime_state == PROGRAM_PLAYING) != runs:
+        if time.monotonic() > limit:
+            verb = "begin the program" if runs else "end the program before"
+            raise ProgramStopped(f"the controller does not {verb}. Read its log.")
+        session.latch.wait_for_stop(PROGRAM_LOOK_PERIOD)
+
+
+def _check_program_end_pose(session: ControllerSession, T_b_tcp: Array) -> None:
+    there = pose_vector.pose_from_vector(np.array(session.read_state(beside_program=True).tcp))
+    distance, angle, near = session.settings.distance_and_angle_missed(there, T_b_tcp)
+    if not near:
+        raise PoseNotReached(
+            f"the program ended {1e3 * distance:.1f} mm and {np.degrees(angle):.1f} deg from where "
+            "it leads: it was stopped on its way, by a person or by the controller, whose log then "
+            "states why.",
+            T_b_tcp,
+            there,
+        )

@@ -23,19 +23,26 @@ from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.process import ClientClosed, ClientDied, ClientProcess, ClientSilent
 from tjscan.robot.arm import ArmState, MotionLock
 from tjscan.robot.ur.dashboard import DashboardClient
-from tjscan.robot.ur.faults import fault_from_state, power_fault, remote_fault, safety_fault
-from tjscan.robot.ur.messages import HOST_GONE, PROGRAM_PLAYING, ControllerState
+from tjscan.robot.ur.messages import (
+    NOT_SUPERVISED,
+    PROGRAM_PLAYING,
+    ControllerState,
+    fault_from_state,
+    fault_of_local_control,
+    fault_of_robot_mode,
+    fault_of_safety_mode,
+)
 from tjscan.robot.ur.settings import UrSettings
 
 T = TypeVar("T")
 
-ANSWER_LIMIT: Final = 3.0
+CLIENT_ANSWER_LIMIT: Final = 3.0
 """Seconds within which the client answers anything but a connection."""
 
-STOP_DECELERATION: Final = 2.0
+MOVE_STOP_DECELERATION: Final = 2.0
 """rad/s² of the leading axis when a move is stopped."""
 
-NEXT_READING: Final = 0.02
+NEXT_READING_DELAY: Final = 0.02
 """Seconds after which the controller has reported again."""
 
 ANSWER_SLACK: Final = 1.0
@@ -106,7 +113,7 @@ class ControllerSession:
             shown = replace(now, runtime_state=PROGRAM_PLAYING) if beside_program else now
             fault = fault_from_state(shown)
             if isinstance(fault, ProgramStopped):  # blames people: confirm it first
-                time.sleep(NEXT_READING)
+                time.sleep(NEXT_READING_DELAY)
                 now = self.ask_client(ControllerState, name, limit=limit)
                 fault = fault_from_state(now)
         except ArmFault as found:
@@ -118,7 +125,7 @@ class ControllerSession:
         return now
 
     def ask_client(
-        self, kind: type[T], name: str, *arguments: object, limit: float = ANSWER_LIMIT
+        self, kind: type[T], name: str, *arguments: object, limit: float = CLIENT_ANSWER_LIMIT
     ) -> T:
         """Call a method of the client in its process, and return what it returns.
 
@@ -158,7 +165,7 @@ class ControllerSession:
                 f"the arm's controller did not answer within {limit:g} s ({name}). See that it is "
                 "on and its network cable sits, then start again."
             ) from None
-        if answer.failure == HOST_GONE:
+        if answer.failure == NOT_SUPERVISED:
             raise MoveSupervisionLost(
                 "this program stood still while the arm moved, and the arm was stopped on its "
                 "way. See that the way is clear, and that nothing holds this computer up, then "
@@ -200,7 +207,7 @@ class ControllerSession:
                 )
             )
 
-    def keep_dashboard(self) -> None:
+    def ensure_dashboard_answers(self) -> None:
         """See that the dashboard answers, while nothing moves; connect it again if it does not.
 
         It is the way to stop the arm that needs no client.
@@ -215,7 +222,7 @@ class ControllerSession:
         except ArmNotResponding as lost:
             self._reconnect_dashboard(lost)
 
-    def keep_dashboard_connected(self) -> None:
+    def ensure_dashboard_connected(self) -> None:
         """See that the dashboard has not hung up; during a move, for it waits for no answer."""
         if self.dashboard.has_hung_up:
             self._reconnect_dashboard(ArmNotResponding("the dashboard hung up."))
@@ -251,7 +258,7 @@ class ControllerSession:
         """Stop the move under way; the session goes on if the arm is well."""
         if self.fault is None:
             try:
-                self.ask_client(NoneType, "stop_move", STOP_DECELERATION)
+                self.ask_client(NoneType, "stop_move", MOVE_STOP_DECELERATION)
             except (ArmFault, ClientLibraryError) as failed:
                 fault = failed if isinstance(failed, ArmFault) else ArmFault(str(failed))
                 self.end_for_fault(fault)
@@ -335,7 +342,7 @@ class ControllerSession:
 def not_ready_fault(dashboard: DashboardClient) -> ArmFault | None:
     """Fault that keeps the arm from moving, by its dashboard; None if it is ready."""
     return (
-        safety_fault(dashboard.ask_value("safetystatus"))
-        or power_fault(dashboard.ask_value("robotmode"))
-        or remote_fault(dashboard.ask("is in remote control"))
+        fault_of_safety_mode(dashboard.ask_value("safetystatus"))
+        or fault_of_robot_mode(dashboard.ask_value("robotmode"))
+        or fault_of_local_control(dashboard.ask("is in remote control"))
     )

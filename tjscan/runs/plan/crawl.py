@@ -20,7 +20,7 @@ from tjscan.crawler.journal import CRAWL_RECORDING
 from tjscan.crawler.phases import Phase
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
-from tjscan.planning.crawl_passes import CrawlPass, passes_of_plan
+from tjscan.planning.crawl_passes import CrawlPass, crawl_passes_of_plan
 from tjscan.planning.edges import GrooveEdges, fit_edges_to_corners
 from tjscan.planning.plan import plan_weld
 from tjscan.planning.wps import M_MIN, read_wps
@@ -89,7 +89,7 @@ def plan_crawl_run(
     with add_file_of_key(wps_file, directory / f"{CRAWL_RECORDING}.mcap"):
         edges, start = butt_joint_edges(seen, job.weld.length, wps.sequence.longest_step)
         plan = plan_weld(edges, wps, gravity, after_pass=after_pass)
-        passes = passes_of_plan(plan)
+        passes = crawl_passes_of_plan(plan)
     provenance = Provenance.for_file_written_now(job_label_of_run(directory), PLAN_FRAME, "mm")
     begin, end = 1e3 * start, 1e3 * (start + edges.length)
     text = (

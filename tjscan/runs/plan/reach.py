@@ -33,10 +33,10 @@ from tjscan.planning.urscript import BeadPath, StationPath
 from tjscan.planning.wps import TorchSettings
 from tjscan.result.directory import JOB_FILE
 from tjscan.result.summary import read_stitching_report
-from tjscan.robot.collision import SCANNED_GROOVE, CollisionModel
+from tjscan.robot.collision import SCANNED_GROOVE_NAME, CollisionModel
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.path import LARGEST_TURN, linear_waypoints
+from tjscan.robot.path import LARGEST_JOINT_TURN, linear_waypoints
 from tjscan.robot.tool_reach import (
     NEAR_SINGULARITY_TEXT,
     Hindrance,
@@ -109,11 +109,11 @@ class WeldingStation:
             if own:
                 return table.own
             if of_torch.get(moving):
-                return 0.0 if other == SCANNED_GROOVE else -np.inf
+                return 0.0 if other == SCANNED_GROOVE_NAME else -np.inf
             return torch.margin if moving in of_torch else table.solids
 
         margins = np.array([least(pair.moving, pair.other, own=pair.own) for pair in model.pairs])
-        check = model.make_check(margins + reserve)
+        check = model.make_nearness_check(margins + reserve)
 
         def hindrance(q: Array) -> str:
             near = check(q)
@@ -328,7 +328,7 @@ class _TorchLeader:
         for T, s in zip(poses, bead.s, strict=True):
             T_b_f, here = T @ self._T_tool_f, f"at s = {1e3 * s:.0f} mm of {where}"
             q = self._station.kinematics.inverse(T_b_f, near=self.q)
-            if np.abs(q - self.q).max() > LARGEST_TURN:
+            if np.abs(q - self.q).max() > LARGEST_JOINT_TURN:
                 raise PoseUnreachable(f"{here}: a joint would have to swing at once", T_b_f)
             self._check(q, T_b_f, here)
             self.q = q

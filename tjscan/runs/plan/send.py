@@ -20,9 +20,9 @@ from tjscan.result.directory import JOB_FILE
 from tjscan.robot.clearance import ClearPathPlanner
 from tjscan.robot.collision import CollisionModel
 from tjscan.robot.collision_checked import CollisionCheckedArm
-from tjscan.robot.motion import MotionLimits
+from tjscan.robot.path import MotionLimits
 from tjscan.robot.ur.arm import UrArm
-from tjscan.robot.ur.program import UrProgram
+from tjscan.robot.ur.moving import UrProgram
 from tjscan.robot.ur.settings import UrSettings
 from tjscan.runs.scan.context import RunContext
 

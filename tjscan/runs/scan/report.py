@@ -18,7 +18,7 @@ from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
 from tjscan.result.directory import JOB_FILE, RECORDING_FILE, SUMMARY_FILE
 from tjscan.result.summary import check_recording_complete, read_summary
 from tjscan.runs.run import COPIED_FILES
-from tjscan.scanning.events import ScanEvent
+from tjscan.scanning.journal import ScanEvent
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ScannedSection
 

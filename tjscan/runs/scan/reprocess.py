@@ -224,4 +224,4 @@ def _words_of_another_reading(recorded: RecordedScan, found: int, damages: int) 
     again = f"{found} of {len(recorded.sections)} sections read again"
     if damages:
         again += f"; its recording is damaged in {damages} place{'s' if damages > 1 else ''}"
-    return f"{recorded.stop_reason or StopReason.CUT.value}; {again}"
+    return f"{recorded.stop_detail or StopReason.CUT.value}; {again}"

@@ -24,7 +24,12 @@ from tjscan.result.summary import ScanSummary, StepStatistics
 from tjscan.result.wireframe import joint_wireframe
 from tjscan.result.write import write_run_results
 from tjscan.runs.scan.uncertainty import StatedCauses
-from tjscan.scanning.journal import ScanResult, groove_length, plan_is_fulfilled, step_lengths
+from tjscan.scanning.journal import (
+    ScanResult,
+    groove_length,
+    plan_is_fulfilled,
+    untaught_step_lengths,
+)
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.uncertainty.budget import BudgetSummary, summarise_budget
@@ -103,7 +108,7 @@ def summarise_scan(
     uncertainty : BudgetSummary, optional
         Where the uncertainty of its corners comes from.
     """
-    steps = 1e3 * np.array(step_lengths(result.sections))
+    steps = 1e3 * np.array(untaught_step_lengths(result.sections))
     views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
     travel, rotation = flange_way(pairwise(views))
     taken = [view for view in result.views if view.substep is not Substep.TAUGHT]

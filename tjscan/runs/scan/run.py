@@ -31,9 +31,9 @@ from tjscan.runs.run import (
 from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
 from tjscan.runs.scan.results import write_scan_results
 from tjscan.runs.scan.uncertainty import causes_of_job
-from tjscan.scanning.events import ScanEvent
 from tjscan.scanning.journal import (
     RecordedScan,
+    ScanEvent,
     ScannedSurfaceObstacle,
     ScanResult,
     plan_is_fulfilled,
@@ -180,7 +180,7 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
             nothing_left = "nothing is left to scan; the results are written from the recording"
             context.journal.record(RunEvent(ScanEvent.COMPLETE, nothing_left))
             sections = done.reread_sections(groove_reader_of_job(context.job))
-            ended = done.stop, done.stop_reason, done.retry_counts
+            ended = done.stop, done.stop_detail, done.retry_counts
             return write_job_results(context, directory, ScanResult(sections, done.views, *ended))
         left = done.views[-1] if done and done.views else None
         if left is not None:

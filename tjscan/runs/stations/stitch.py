@@ -86,7 +86,7 @@ def build_stitching_report(stitched: StitchedGroove, sources: Mapping[str, str])
     spread = zip(names, (units * stitched.shape_sigma).tolist(), strict=True)
     first = stitched.stations[0]
     middle = np.mean([section.T_r_g[:3, 3] for section in stitched.sections], axis=0)
-    stations = tuple(one.station.name for one in stitched.stations)
+    stations = tuple(one.fit.station.name for one in stitched.stations)
     return StitchingReport(
         frame="j",
         covered_deg=float(np.degrees(stitched.covered)),
@@ -96,7 +96,7 @@ def build_stitching_report(stitched: StitchedGroove, sources: Mapping[str, str])
         loop_gap_before_mm=_mm_if_known(stitched.gap_before),
         loop_gap_after_mm=_mm_if_known(stitched.gap_after),
         stations=tuple(
-            _station_report(one, first, middle, sources.get(one.station.name, ""))
+            _station_report(one, first, middle, sources.get(one.fit.station.name, ""))
             for one in stitched.stations
         ),
         overlaps=tuple(
@@ -120,11 +120,12 @@ def _station_report(
 ) -> StationPlacement:
     position, angles = pose_to_euler_zyx(one.T_j_b)
     spread = np.sqrt(np.diag(one.covariance))
-    meant = inverse_pose(first.station.T_w_b) @ one.station.T_w_b
+    station, tubes = one.fit.station, one.fit.tubes
+    meant = inverse_pose(first.fit.station.T_w_b) @ station.T_w_b
     found = inverse_pose(first.T_j_b) @ one.T_j_b
     at_groove = point_covariance_from_pose(one.covariance, middle)
     return StationPlacement(
-        name=one.station.name,
+        name=station.name,
         source=source,
         position_mm=_as_triple(1e3 * position),
         euler_zyx_deg=_as_triple(np.degrees(angles)),
@@ -132,12 +133,12 @@ def _station_report(
         sigma_rotation_deg=_as_triple(np.degrees(spread[3:])),
         sigma_groove_mm=float(1e3 * np.sqrt(np.trace(at_groove) / 3)),
         azimuth_deg=(float(np.degrees(one.arc.start)), float(np.degrees(one.arc.end))),
-        sections=len(one.station.sections),
-        views=one.views,
+        sections=len(station.sections),
+        views=len(station.all_sections),
         nominal_off_mm=float(1e3 * np.linalg.norm(found[:3, 3] - meant[:3, 3])),
         nominal_off_deg=float(np.degrees(rotation_angle_between(found, meant))),
-        walls_rms_mm=1e3 * one.tubes_rms,
-        walls_misfit=one.tubes_reduced_chi2,
+        walls_rms_mm=1e3 * tubes.rms,
+        walls_misfit=tubes.reduced_chi2,
     )
 
 
@@ -353,7 +354,7 @@ def stitched_profile_points(stitched: StitchedGroove) -> Array:
     """All profile points of the stations, shape (n, 3), metres, in frame j."""
     return np.concatenate(
         [
-            all_profile_points(one.station.sections, JointOrBaseFrame(inverse_pose(one.T_j_b)))
+            all_profile_points(one.fit.station.sections, JointOrBaseFrame(inverse_pose(one.T_j_b)))
             for one in stitched.stations
         ]
     )
@@ -387,7 +388,7 @@ def _write_stitched_run(
         f"{report.covered_deg:.0f}° covered",
         outline=() if joint is None else joint_wireframe(joint),
         paths=[
-            transform_points(one.T_j_b, [s.view.T_b_f[:3, 3] for s in one.station.sections])
+            transform_points(one.T_j_b, [s.view.T_b_f[:3, 3] for s in one.fit.station.sections])
             for one in stitched.stations
         ],
     )

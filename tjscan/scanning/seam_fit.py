@@ -15,11 +15,11 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, cross, frozen_arrays, unit_vector
+from tjscan.core.frames import Array, cross, unit_vector
 from tjscan.core.gaussian_process import Matern52
 from tjscan.scanning.section import Sections
 
-MOST_SECTIONS: Final = 30
+MOST_RECENT_SECTIONS: Final = 30
 """Sections that are looked back upon: at the shortest steps still half a saddle."""
 
 ARM_REPEATABILITY: Final = 0.05e-3 / np.sqrt(3)
@@ -29,7 +29,7 @@ after the ±0.05 mm that makers state. No section knows of it, yet it outweighs 
 ANGULAR_REPEATABILITY: Final = 1e-4 / np.sqrt(3)
 """Radians about one axis: assumption, the above over half a metre of arm."""
 
-END_SIGMA: Final = 0.15e-3
+SIDE_END_SIGMA: Final = 0.15e-3
 """Metres by which p1 and p5 lie off their walls, standard deviation: assumption. The curve that
 is fitted between them and p2 or p4 is a parabola, or a line if that is doubtful."""
 
@@ -37,12 +37,15 @@ LEAST_SIGMA: Final = 1e-6
 """Metres and radians: nothing is known better, not even without any noise."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
 class RecentSections:
     """The last sections, the oldest first, in frame b. n sections; k = 0 brace, 1 leg.
 
     Parameters
+    ----------
+    sections : sequence of ScannedSection
+        Two or more, of which the last `MOST_RECENT_SECTIONS` count.
+
+    Attributes
     ----------
     along : ndarray, shape (n,)
         Length of the groove up to each, metres, counted from the last: never above 0.
@@ -65,56 +68,45 @@ class RecentSections:
         Of `shape`.
     """
 
-    along: Array
-    origins: Array
-    points: Array
-    ends: Array
-    tangents: Array
-    shape: Array
-    sigmas: Array
-    shape_sigmas: Array
+    def __init__(self, sections: Sections) -> None:
+        last = sections[-MOST_RECENT_SECTIONS:]
+        grooves = [scan.groove for scan in last]
+        R = np.array([scan.view.T_b_s[:3, :3] for scan in last])
+        p = np.array([scan.view.T_b_s[:3, 3] for scan in last])
+        ends_s = np.array([g.points_s[[0, 4]] for g in grooves])
+        corners_s = np.array([g.points_s[[1, 3]] for g in grooves])
+        origins_s = np.array([g.T_s_g[:3, 3] for g in grooves])
+        tangents_s = np.array([(g.wall_s, g.leg_s) for g in grooves])
+        self.origins = (R @ origins_s[..., None])[..., 0] + p
+        chords = np.linalg.norm(np.diff(self.origins, axis=0), axis=1)
+        self.along = np.concatenate((-chords[::-1].cumsum()[::-1], [0.0]))
+        self.points, self.ends = (
+            np.moveaxis(places_s @ np.swapaxes(R, 1, 2) + p[:, None], 1, 0)
+            for places_s in (corners_s, ends_s)
+        )
+        self.tangents = np.moveaxis(tangents_s @ np.swapaxes(R, 1, 2), 1, 0)
 
-
-def recent_section_arrays(sections: Sections) -> RecentSections:
-    """Arrays of the last `MOST_SECTIONS` of two or more sections."""
-    last = sections[-MOST_SECTIONS:]
-    grooves = [scan.groove for scan in last]
-    R = np.array([scan.view.T_b_s[:3, :3] for scan in last])
-    p = np.array([scan.view.T_b_s[:3, 3] for scan in last])
-    ends_s = np.array([g.points_s[[0, 4]] for g in grooves])
-    corners_s = np.array([g.points_s[[1, 3]] for g in grooves])
-    origins_s = np.array([g.T_s_g[:3, 3] for g in grooves])
-    tangents_s = np.array([(g.wall_s, g.leg_s) for g in grooves])
-    origins = (R @ origins_s[..., None])[..., 0] + p
-    chords = np.linalg.norm(np.diff(origins, axis=0), axis=1)
-
-    # Square to a tangent, in the laser plane.
-    normals = tangents_s[..., [2, 0]] * (-1, 1)
-    corners = np.array([g.corner_covariances_s[[0, 2]] for g in grooves])
-    across = np.einsum("nki,nkij,nkj->nk", normals, corners, normals)
-    turned = np.array([np.diag(g.tangent_covariance) for g in grooves])
-    read = across.T + ARM_REPEATABILITY**2
-    tilts = turned.T + ANGULAR_REPEATABILITY**2 + LEAST_SIGMA**2
-    lengths = np.sum((corners_s - origins_s[:, None]) * tangents_s, axis=-1)
-    # The origin is found along a tangent by both: their noise over the distance between them.
-    reached = across.sum(axis=1) + (lengths**2 * turned).sum(axis=1) + ARM_REPEATABILITY**2
-    # A corner that is not seen lies somewhere along its tangent.
-    along = np.einsum("nki,nkij,nkj->nk", tangents_s[..., [0, 2]], corners, tangents_s[..., [0, 2]])
-    absent = np.array([[corner in g.absent for corner in ("p2", "p4")] for g in grooves])
-    unseen = np.where(absent, along, 0.0)
-    openings = np.array([(g.groove_angle, g.measure_covariance[0, 0]) for g in grooves])
-    return RecentSections(
-        along=np.concatenate((-chords[::-1].cumsum()[::-1], [0.0])),
-        origins=origins,
-        points=np.moveaxis(corners_s @ np.swapaxes(R, 1, 2) + p[:, None], 1, 0),
-        ends=np.moveaxis(ends_s @ np.swapaxes(R, 1, 2) + p[:, None], 1, 0),
-        tangents=np.moveaxis(tangents_s @ np.swapaxes(R, 1, 2), 1, 0),
-        shape=np.column_stack((lengths, openings[:, 0])),
-        sigmas=np.sqrt(np.concatenate((read + LEAST_SIGMA**2, read + END_SIGMA**2, tilts))),
-        shape_sigmas=np.sqrt(
-            np.column_stack((reached[:, None] + unseen, openings[:, 1])) + LEAST_SIGMA**2
-        ),
-    )
+        # Square to a tangent, in the laser plane.
+        normals = tangents_s[..., [2, 0]] * (-1, 1)
+        corners = np.array([g.corner_covariances_s[[0, 2]] for g in grooves])
+        across = np.einsum("nki,nkij,nkj->nk", normals, corners, normals)
+        turned = np.array([np.diag(g.tangent_covariance) for g in grooves])
+        read = across.T + ARM_REPEATABILITY**2
+        tilts = turned.T + ANGULAR_REPEATABILITY**2 + LEAST_SIGMA**2
+        lengths = np.sum((corners_s - origins_s[:, None]) * tangents_s, axis=-1)
+        # The origin is found along a tangent by both: their noise over the distance between them.
+        reached = across.sum(axis=1) + (lengths**2 * turned).sum(axis=1) + ARM_REPEATABILITY**2
+        # A corner that is not seen lies somewhere along its tangent.
+        in_plane = tangents_s[..., [0, 2]]
+        along = np.einsum("nki,nkij,nkj->nk", in_plane, corners, in_plane)
+        absent = np.array([[corner in g.absent for corner in ("p2", "p4")] for g in grooves])
+        unseen = np.where(absent, along, 0.0)
+        openings = np.array([(g.groove_angle, g.measure_covariance[0, 0]) for g in grooves])
+        self.shape = np.column_stack((lengths, openings[:, 0]))
+        variances = np.concatenate((read + LEAST_SIGMA**2, read + SIDE_END_SIGMA**2, tilts))
+        self.sigmas = np.sqrt(variances)
+        shape_variances = np.column_stack((reached[:, None] + unseen, openings[:, 1]))
+        self.shape_sigmas = np.sqrt(shape_variances + LEAST_SIGMA**2)
 
 
 BRACE_RADIUS: Final = (0.2, 0.7)
@@ -131,7 +123,12 @@ WALL_TILT: Final = radians(30)
 """Of its direction beside what the last two sections show, and of the brace's axis beside the
 laser plane."""
 
-WALL_OFFSET_SIGMA: Final = 0.3e-3
+SHAPE_SPREAD: Final = (4e-3, 4e-3, radians(8))
+"""How much the distances of p2 and p4 from the origin, and the opening, vary round a joint."""
+SHAPE_WAVE: Final = 0.2
+"""Metres along the groove over which they do."""
+
+OUT_OF_ROUND_SIGMA: Final = 0.3e-3
 """Metres by which a wall leaves its cylinder, standard deviation: assumption for rolled tubes,
 over the `OUT_OF_ROUND_WAVE` that cylinders through a few neighbouring sections do not follow."""
 WALL_DIRECTION_SIGMA: Final = radians(0.15)
@@ -146,14 +143,14 @@ MOST_WEIGHT_REVISIONS: Final = 3
 
 AXIS_STARTS: Final = 4
 """Directions of the leg's axis to start from: at the crown nothing shows it beforehand."""
-ROUNDS_TOGETHER: Final = 4
+ROUNDS_OF_ALL_STARTS: Final = 4
 """Rounds after which the best of them goes on alone."""
-MOST_ROUNDS: Final = 40
+MOST_DESCENT_ROUNDS: Final = 40
 SETTLED_SHARE: Final = 1e-5
 """Shares of a parameter's prior standard deviation: smaller steps end the search."""
 _DIFFERENCE_STEP: Final = 1e-5
 
-_RESIDUAL_SIGMAS: Final = (WALL_OFFSET_SIGMA,) * 4 + (WALL_DIRECTION_SIGMA,) * 2
+_RESIDUAL_SIGMAS: Final = (OUT_OF_ROUND_SIGMA,) * 4 + (WALL_DIRECTION_SIGMA,) * 2
 
 _LEAST_AXIS_COMPONENT: Final = 1e-12
 """Of the tube's axis, where nothing points outwards, a search may pass by."""
@@ -209,42 +206,57 @@ class LocalWalls:
         return np.asarray(w / (1 + root)), np.asarray(slopes)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
 class LocalTubeFit:
     """Fit of both tubes to the recent sections: most likely parameters and their covariance.
 
     Parameters
     ----------
-    bases : ndarray, shape (2, 4, 3)
-        What the parameters count from; rows are the foot, the direction along the tube (about),
-        the one round it, and the normal.
+    track : RecentSections
+        The sections.
+    sigmas : ndarray, shape (6, n)
+        Standard deviations of what they show, as of `RecentSections`.
+
+    Attributes
+    ----------
     theta : ndarray, shape (10,)
         The parameters, in units of their prior standard deviations.
     covariance : ndarray, shape (10, 10)
         Of `theta`.
-    along : ndarray, shape (n,)
-        Where the sections lie along the groove, metres.
-    whiten : ndarray, shape (6, n, n)
-        Makes `residuals` white, channel by channel.
     residuals : ndarray, shape (6, n)
         What the tubes leave of the sections: distances of p2 and p4, of p1 and p5 (metres),
         slopes of both tangents (radians).
-    residual_jacobian : ndarray, shape (6, n, 10)
-        Its derivatives.
     """
 
-    bases: Array
-    theta: Array
-    covariance: Array
-    along: Array
-    whiten: Array
-    residuals: Array
-    residual_jacobian: Array
+    def __init__(self, track: RecentSections, sigmas: Array) -> None:
+        # What the parameters count from; rows are the foot, the direction along the tube (about),
+        # the one round it, and the normal.
+        self._bases, self._along = _wall_bases(track), track.along
+        between = track.along[:, None] - track.along
+        covariances = [
+            Matern52(out, OUT_OF_ROUND_WAVE)(between) + np.diag(own**2)
+            for out, own in zip(_RESIDUAL_SIGMAS, sigmas, strict=True)
+        ]
+        # Makes residuals white, channel by channel.
+        self._whiten = np.array([np.linalg.inv(np.linalg.cholesky(C)) for C in covariances])
+
+        def residuals(thetas: Array) -> Array:
+            walls = self.walls(thetas)
+            white = np.einsum("cmn,...cn->...cm", self._whiten, _off_tubes(walls, track))
+            flat = white.reshape(*thetas.shape[:-1], -1)
+            return np.concatenate((flat, _prior_residuals(walls, thetas)), axis=-1)
+
+        self.theta, jacobian = _minimise(residuals, _initial_parameters())
+        spread = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
+        # Ten of the prior's and the sections' residuals are spent on the parameters.
+        reduced_chi2 = float(np.sum(residuals(self.theta) ** 2)) / (6 * len(track.along) + 1)
+        self.covariance = spread * max(1.0, reduced_chi2)
+        lefts = _off_tubes(self.walls(with_small_steps(self.theta, _DIFFERENCE_STEP)), track)
+        self.residuals = lefts[0]
+        self._residual_jacobian = np.moveaxis((lefts[1:] - lefts[0]) / _DIFFERENCE_STEP, 0, -1)
 
     def walls(self, thetas: Array | None = None) -> LocalWalls:
         """Walls of the fitted tubes, or of other parameters, shape (..., 10)."""
-        return _tube_walls(self.bases, self.theta if thetas is None else thetas)
+        return _tube_walls(self._bases, self.theta if thetas is None else thetas)
 
     def seam_curvature(self) -> float:
         """Curvature of the seam beside the last section, 1/m."""
@@ -263,7 +275,7 @@ class LocalTubeFit:
 
         Also the standard deviations that this should have.
         """
-        precision = np.swapaxes(self.whiten, 1, 2) @ self.whiten
+        precision = np.swapaxes(self._whiten, 1, 2) @ self._whiten
         own = np.diagonal(precision, axis1=1, axis2=2)
         return np.einsum("cmn,cn->cm", precision, self.residuals) / own, 1 / np.sqrt(own)
 
@@ -279,14 +291,14 @@ class LocalTubeFit:
             leave are wrong together.
         """
         kernels = (Matern52(sigma, OUT_OF_ROUND_WAVE) for sigma in _RESIDUAL_SIGMAS)
-        towards = np.array([kernel(self.along - at) for kernel in kernels])
-        white = np.einsum("cmn,cn->cm", self.whiten, towards)
-        weights = np.einsum("cmn,cm->cn", self.whiten, white)
+        towards = np.array([kernel(self._along - at) for kernel in kernels])
+        white = np.einsum("cmn,cn->cm", self._whiten, towards)
+        weights = np.einsum("cmn,cm->cn", self._whiten, white)
         variances = np.array(_RESIDUAL_SIGMAS) ** 2 - np.sum(white**2, axis=1)
         return (
             np.sum(weights * self.residuals, axis=1),
             np.sqrt(np.maximum(variances, 0.0)),
-            np.einsum("cn,cnp->cp", weights, self.residual_jacobian),
+            np.einsum("cn,cnp->cp", weights, self._residual_jacobian),
         )
 
 
@@ -306,40 +318,15 @@ def fit_tubes_to_sections(track: RecentSections) -> LocalTubeFit:
     misread, and counts for no more than that.
     """
     sigmas = track.sigmas
-    seam = _fit_walls(track, sigmas)
+    seam = LocalTubeFit(track, sigmas)
     for _ in range(MOST_WEIGHT_REVISIONS):
         off, expected = seam.leave_one_out_residuals()
         misread = np.abs(off) > MISREAD_SIGMAS * expected
         if not misread.any():
             break
         sigmas = np.where(misread, np.abs(off), sigmas)
-        seam = _fit_walls(track, sigmas)
+        seam = LocalTubeFit(track, sigmas)
     return seam
-
-
-def _fit_walls(track: RecentSections, sigmas: Array) -> LocalTubeFit:
-    bases = _wall_bases(track)
-    between = track.along[:, None] - track.along
-    covariances = [
-        Matern52(out, OUT_OF_ROUND_WAVE)(between) + np.diag(own**2)
-        for out, own in zip(_RESIDUAL_SIGMAS, sigmas, strict=True)
-    ]
-    whiten = np.array([np.linalg.inv(np.linalg.cholesky(C)) for C in covariances])
-
-    def residuals(thetas: Array) -> Array:
-        walls = _tube_walls(bases, thetas)
-        white = np.einsum("cmn,...cn->...cm", whiten, _off_tubes(walls, track))
-        flat = white.reshape(*thetas.shape[:-1], -1)
-        return np.concatenate((flat, _prior_residuals(walls, thetas)), axis=-1)
-
-    theta, jacobian = _minimise(residuals, _initial_parameters())
-    spread = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
-    # Ten of the prior's and the sections' residuals are spent on the parameters.
-    reduced_chi2 = float(np.sum(residuals(theta) ** 2)) / (6 * len(track.along) + 1)
-    lefts = _off_tubes(_tube_walls(bases, with_small_steps(theta, _DIFFERENCE_STEP)), track)
-    by_theta = np.moveaxis((lefts[1:] - lefts[0]) / _DIFFERENCE_STEP, 0, -1)
-    covariance = spread * max(1.0, reduced_chi2)
-    return LocalTubeFit(bases, theta, covariance, track.along, whiten, lefts[0], by_theta)
 
 
 def _off_tubes(walls: LocalWalls, track: RecentSections) -> Array:
@@ -420,8 +407,8 @@ def _minimise(residuals: Callable[[Array], Array], starts: Array) -> tuple[Array
     theta, damping = starts, np.full(len(starts), 1e-2)
     values = residuals(theta[:, None] + beside)
     cost = np.sum(values[:, 0] ** 2, axis=-1)
-    for i in range(MOST_ROUNDS):
-        if i == ROUNDS_TOGETHER:
+    for i in range(MOST_DESCENT_ROUNDS):
+        if i == ROUNDS_OF_ALL_STARTS:
             best = slice(int(cost.argmin()), int(cost.argmin()) + 1)
             theta, damping, values, cost = theta[best], damping[best], values[best], cost[best]
         J = np.swapaxes(values[:, 1:] - values[:, :1], 1, 2) / _DIFFERENCE_STEP
@@ -434,6 +421,6 @@ def _minimise(residuals: Callable[[Array], Array], starts: Array) -> tuple[Array
         values = np.where(better[:, None, None], tried, values)
         cost = np.where(better, tried_cost, cost)
         damping = np.where(better, 0.1 * damping, 10 * damping)
-        if i > ROUNDS_TOGETHER and np.abs(step).max() < SETTLED_SHARE:
+        if i > ROUNDS_OF_ALL_STARTS and np.abs(step).max() < SETTLED_SHARE:
             break
     return theta[0], (values[0, 1:] - values[0, 0]).T / _DIFFERENCE_STEP

@@ -1,1 +1,0 @@
-"""The curve that finished sections lie on, carried on to the next one."""
