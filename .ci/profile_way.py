@@ -18,8 +18,7 @@ from typing import Final
 
 import tjscan
 from tjscan.job.files import read_scan_job
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import run_scan
+from tjscan.runs.scan.run import ScanContext, run_scan
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 
 SOURCE_FOLDER: Final = f"{Path(tjscan.__file__).parent}/"
@@ -87,7 +86,7 @@ def trace_profile_way() -> ProfileWay:
     job = read_scan_job(PAPER_JOB, {"scan.sections": TRACED_SECTION + 1})
     with tempfile.TemporaryDirectory() as folder:
         try:
-            run_scan(RunContext(job, PAPER_JOB, journal), Path(folder) / "run")
+            run_scan(ScanContext(job, PAPER_JOB, journal), Path(folder) / "run")
         finally:
             sys.setprofile(None)
     names = [call.function.rpartition(".")[2] for call in journal.calls]

@@ -20,8 +20,7 @@ from _table import Row
 from tjscan.core.frames import Array
 from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import ScanContext, scan_in_cell
 from tjscan.scanning.section import ProfileView
 from tjscan_loopback.process import LaserLoopbackProcess, UrLoopbackProcess
 
@@ -49,7 +48,7 @@ def scan(arm: UrLoopbackProcess, keys: dict[str, Any]) -> tuple[list[ProfileView
     arm.schedule_fault("home")
     job = read_scan_job(PAPER, {"arm.driver": "ur", "arm.ur": {"host": arm.host}} | keys)
     journal = Views()
-    result = scan_in_cell(RunContext(job, PAPER).make_cell(), job, CombinedJournal(journal))
+    result = scan_in_cell(ScanContext(job, PAPER).make_cell(), job, CombinedJournal(journal))
     return journal.views, np.array([section.points_b for section in result.sections])
 
 

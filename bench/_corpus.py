@@ -46,14 +46,13 @@ from tjscan.result.shapes import read_shape
 from tjscan.result.summary import read_summary
 from tjscan.result.table import read_sections_csv
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import run_scan
+from tjscan.runs.scan.run import ScanContext, run_scan
 from tjscan.runs.scan.study import ScanOutcome
 from tjscan.runs.tasks import study_backend_of_task
 from tjscan.scanning.recording import ScanRecording, read_recorded_scan
 from tjscan.scanning.section import ScannedSection
 from tjscan.study.file import plan_study, read_study_file
-from tjscan.study.store import PLAN_FILE, ROWS_FILE, make_study_directory, read_rows, read_trials
+from tjscan.study.run import PLAN_FILE, ROWS_FILE, make_study_directory, read_rows, read_trials
 from tjscan.study.trial import StudyRow
 
 ROOT: Final = Path(__file__).resolve().parents[1]
@@ -78,7 +77,7 @@ def readers(folder: Path) -> Iterator[Reader]:
     """Every reader with whole files, which are made in a folder."""
     run, sections = folder / "run", _Sections()
     job = read_scan_job(EXAMPLES / "paper.toml", {"scan.sections": 3})
-    run_scan(RunContext(job, EXAMPLES / "paper.toml", sections), run)
+    run_scan(ScanContext(job, EXAMPLES / "paper.toml", sections), run)
     yield from _configurations(folder, run)
     yield from _recordings(folder, run, sections.scans)
     yield from _profiles(sections.scans[-1].view.profile)

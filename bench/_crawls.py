@@ -24,7 +24,7 @@ from tjscan.job.crawl.cell import CrawlCell, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.joint.hull import joint_line_pose, laser_offset
 from tjscan.laser.profile import Profile
-from tjscan.runs.crawl.run import ConfirmsEveryWeld, CrawlContext
+from tjscan.runs.crawl.run import AutomaticWeldOperator, CrawlContext
 
 NO_PROFILE: Final = Profile(np.empty(0), np.empty(0))
 UNEVENNESS: Final = 0.02e-3
@@ -253,6 +253,6 @@ def _crawler(
         CrawlPlan(job.alignment, job.weld, job.passes),
         method,
         Guards(job.guards, ProximityFilter(job.proximity), corners),
-        ConfirmsEveryWeld(),
+        AutomaticWeldOperator(),
         truth,
     )

@@ -17,8 +17,7 @@ from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import CombinedJournal
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import ScanContext, scan_in_cell
 from tjscan.scanning.journal import plan_is_fulfilled
 
 JOB: Final = EXAMPLES / "paper.toml"
@@ -81,8 +80,8 @@ def faulty_scan(seed: int) -> FaultyScan:
     if kind == "spurious" and dice.random() < 0.5:
         count = 10_000  # for good
     job = read_scan_job(JOB, {"simulation.seed": 1000 + seed})
-    joint = RunContext(job, JOB).joint
-    cell = RunContext(job, JOB).make_cell()
+    joint = ScanContext(job, JOB).joint
+    cell = ScanContext(job, JOB).make_cell()
     fault = {"missing": missing, "frozen": frozen, "spurious": strewn(seed)}[kind]
     bad = range(first, first + count)
     cell = replace(cell, laser=FaultyLaser(cell.laser, lambda k: fault if k in bad else None))

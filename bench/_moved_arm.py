@@ -19,8 +19,7 @@ from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
 from tjscan.result.directory import RECORDING_FILE
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import run_scan, scan_in_cell
+from tjscan.runs.scan.run import ScanContext, run_scan, scan_in_cell
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ProfileView
 
@@ -55,7 +54,7 @@ class Resumed:
 
 def scan_whole(run: Path) -> None:
     """Scan without a break, noise off."""
-    run_scan(RunContext(JOB, FILE), run)
+    run_scan(ScanContext(JOB, FILE), run)
 
 
 def resume_from_elsewhere(whole: Path, seed: int) -> Resumed:
@@ -92,7 +91,7 @@ def resume_from_elsewhere(whole: Path, seed: int) -> Resumed:
 
 def _cell_elsewhere(dice: np.random.Generator, last: ProfileView) -> tuple[Cell, Array]:
     """A cell whose arm was jogged away from the last view, and its joint angles now."""
-    context, arm = RunContext(JOB, FILE), Kinematics.load(JOB.arm.model)
+    context, arm = ScanContext(JOB, FILE), Kinematics.load(JOB.arm.model)
     clearance = context.make_cell().clearance
     q = last.q
     for _ in range(JOGS):

@@ -11,8 +11,7 @@ from _corpus import EXAMPLES
 from _table import Row
 
 from tjscan.job.files import read_scan_job
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import ScanContext, scan_in_cell
 from tjscan.scanning.recording import ScanRecording
 
 
@@ -34,7 +33,7 @@ def recording_time(times: int, sections: int) -> Row:
     job = read_scan_job(file, {"scan.sections": sections, "simulation.arm.realtime": True})
     shares = []
     for _ in range(times):
-        cell = RunContext(job, file).make_cell()
+        cell = ScanContext(job, file).make_cell()
         with TemporaryDirectory() as name:
             began = perf_counter()
             with ScanRecording(Path(name) / "scan.mcap") as recording:

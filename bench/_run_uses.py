@@ -36,9 +36,8 @@ from tjscan.result.table import read_sections_csv
 from tjscan.runs.crawl.report import crawl_chapter
 from tjscan.runs.crawl.results import PASSES_FILE, WELD_LOG_FILE, read_passes
 from tjscan.runs.crawl.run import CrawlContext, replay_crawl, resume_crawl, run_crawl
-from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.reprocess import reprocess_run
-from tjscan.runs.scan.run import resume_scan, run_scan
+from tjscan.runs.scan.run import ScanContext, resume_scan, run_scan
 from tjscan.runs.tow.report import tow_chapter
 from tjscan.runs.tow.results import FIGURES_FILE, PLANS_FILE, read_recorded_tow, read_tow_figures
 from tjscan.runs.tow.run import TowContext, replay_tow, resume_tow, run_tow
@@ -143,7 +142,7 @@ class _Events:
 def make_scans(folder: Path) -> tuple[SoundRun, SoundRun]:
     """A finished scan, noise off, and the same as if it had been killed behind a section."""
     whole, file = folder / "scan", EXAMPLES / "paper.toml"
-    run_scan(RunContext(read_scan_job(file, {"scan.sections": SCANNED, **NO_FAULTS}), file), whole)
+    run_scan(ScanContext(read_scan_job(file, {"scan.sections": SCANNED, **NO_FAULTS}), file), whole)
     killed = _without(whole, SECTIONS_FILE, CLOUD_FILE, SCAN_PICTURE, SUMMARY_FILE, BUDGET_FILE)
     data = (killed / RECORDING_FILE).read_bytes()
     (killed / RECORDING_FILE).write_bytes(data[: section_ends(data)[1]])
@@ -201,7 +200,7 @@ def reprocess_scan(run: Path, cut: bool) -> Outcome:
 def go_on_scanning(run: Path, cut: bool) -> Outcome:
     """Sections of a scan that goes on; wherever it was cut off, it comes to the same."""
     events = _Events()
-    resume_scan(RunContext(read_scan_job(run / JOB_FILE), run / JOB_FILE, events))
+    resume_scan(ScanContext(read_scan_job(run / JOB_FILE), run / JOB_FILE, events))
     return Outcome(_points(run), frozenset(events.changes))
 
 

@@ -55,7 +55,7 @@ def spoil_runs(folder: Path, runs: Sequence[SoundRun], count: int, seed: int) ->
         How many; the same seed spoils the same bits.
     """
     dice, tally = random.Random(seed), SpoiltTally()
-    with patch("tjscan.result.write.write_png"):
+    with patch("tjscan.runs.scan.results.write_png"):
         for number in range(count):
             run = runs[number // 2 % len(runs)]
             copy = folder / f"{runs[0].recording}-{seed}-{number}"

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array, inverse_pose
-from tjscan.job.arm import kinematics_of_job
+from tjscan.job.cell import kinematics_of_job
 from tjscan.job.files import read_scan_job
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.plan import WeldPlan, plan_weld

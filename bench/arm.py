@@ -16,8 +16,7 @@ from tjscan.core.frames import Array
 from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
 from tjscan.robot.collision_checked import CollisionCheckedArm
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import ScanContext, scan_in_cell
 from tjscan.scanning.section import ProfileView
 
 PAPER: Final = Path(__file__).resolve().parents[1] / "examples" / "paper.toml"
@@ -26,7 +25,7 @@ PAPER: Final = Path(__file__).resolve().parents[1] / "examples" / "paper.toml"
 def scanned() -> tuple[CollisionCheckedArm, tuple[ProfileView, ...]]:
     """An arm that knows the whole groove it scanned, and the views it scanned it from."""
     job = read_scan_job(PAPER)
-    cell = RunContext(job, PAPER).make_cell()
+    cell = ScanContext(job, PAPER).make_cell()
     views = scan_in_cell(cell, job, CombinedJournal()).views
     return CollisionCheckedArm(cell.arm, cell.clearance, cell.T_f_s), views
 

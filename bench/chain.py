@@ -18,7 +18,7 @@ from tjscan.core.frames import inverse_pose
 from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.runs.chain import read_chain, run_chain
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import ScanContext
 
 EXAMPLE: Final = Path(__file__).resolve().parents[1] / "examples" / "paper-chain.toml"
 CHAINS: Final = {"quick": 1, "full": 30}
@@ -48,11 +48,11 @@ class CellErrors:
 
 def run_cell(seed: int, *, arm: bool) -> CellErrors:
     """Run the chain with the cell of a seed; raises as `run_chain` does."""
-    chain = read_chain(EXAMPLE).with_keys({"simulation.seed": seed})
+    chain = read_chain(EXAMPLE).with_shared_keys({"simulation.seed": seed})
     with TemporaryDirectory() as folder:
         found = run_chain(chain, Path(folder), arm=arm)
     whole = read_scan_job(chain.scan, chain.both)
-    joint = RunContext(whole, chain.scan).joint
+    joint = ScanContext(whole, chain.scan).joint
     if joint is None or whole.joint is None:
         raise SystemExit(f"{EXAMPLE} names no joint to compare with")
     T_j_w = inverse_pose(whole.joint.T_w_j)
@@ -61,7 +61,7 @@ def run_cell(seed: int, *, arm: bool) -> CellErrors:
         for one in found.stitched.stations
     ]
     return CellErrors(
-        found.corners_mean,
+        found.mean_corner_error,
         found.mount_nees,
         across_edges(found.stitched.sections, feature_edges(joint)),
         placed_stations(found.stitched, truth),

@@ -43,8 +43,7 @@ from tjscan.laser.model import LaserModel, MeasuringRange
 from tjscan.laser.profile import Profile
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.calibration.run import start_calibration
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import run_scan
+from tjscan.runs.scan.run import ScanContext, run_scan
 
 EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"
 MM: Final = 1e-3
@@ -349,7 +348,7 @@ def end_to_end() -> list[Row]:
 def corner_error(keys: dict[str, Any], folder: Path) -> float:
     """Mean corner error in millimetres of the paper's scan, with keys replaced."""
     file = EXAMPLES / "paper.toml"
-    summary = run_scan(RunContext(read_scan_job(file, keys), file), folder)
+    summary = run_scan(ScanContext(read_scan_job(file, keys), file), folder)
     if summary.corner_error_mm is None:
         raise SystemExit(f"{file} names no joint to compare with")
     return summary.corner_error_mm.mean

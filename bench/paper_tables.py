@@ -32,10 +32,9 @@ from tjscan.result.picture import write_png
 from tjscan.runs.scan.study import ScanOutcome
 from tjscan.runs.tasks import study_backend_of_task
 from tjscan.runs.tow.study import TOW_STUDY, TowOutcome
-from tjscan.study.backend import ReportedQuantity
 from tjscan.study.report import RowGroup, keys_to_show
-from tjscan.study.store import read_rows, read_trials
-from tjscan.study.trial import StudyRow, Value
+from tjscan.study.run import read_rows, read_trials
+from tjscan.study.trial import ReportedQuantity, StudyRow, Value
 
 PAPER_TABLES: Final = "paper.md"
 

@@ -44,7 +44,7 @@ from tjscan.planning.lay import ArrangedGroove
 from tjscan.planning.path import chord_error_and_kink, stations_at, template_at
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.wps import WeldingProcedure, read_wps
-from tjscan.result.export import sort_sections_by_azimuth
+from tjscan.result.shapes import sort_sections_by_azimuth
 from tjscan.result.table import read_sections_csv
 
 ROOT: Final = Path(__file__).parent.parent

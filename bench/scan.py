@@ -21,9 +21,8 @@ from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.recording.journal import CombinedJournal
 from tjscan.result.summary import ScanSummary
-from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.results import summarise_scan
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import ScanContext, scan_in_cell
 from tjscan.scanning.journal import StopReason
 
 EXAMPLES: Final = Path(__file__).resolve().parents[1] / "examples"
@@ -48,10 +47,10 @@ def scan(
     file = JOBS[way]
     keys = {"scan.prediction_case": case, "scan.step_mm": step_mm}
     job = read_scan_job(file, keys | (FAULTLESS if faultless else {}))
-    joint = RunContext(job, file).joint
+    joint = ScanContext(job, file).joint
     if joint is None or job.joint is None:
         raise SystemExit(f"{file} names no joint to compare with")
-    cell = RunContext(job, file).make_cell()
+    cell = ScanContext(job, file).make_cell()
     loop = Stopwatch()
     with loop:
         result = scan_in_cell(cell, job, CombinedJournal())
@@ -85,7 +84,7 @@ def time_command(times: int, *arguments: str | Path) -> Stopwatch:
 def time_profile() -> Stopwatch:
     """Time one simulated profile of 640 points, all faults on."""
     job = read_scan_job(JOBS["ccw"])
-    cell, watch = RunContext(job, JOBS["ccw"]).make_cell(), Stopwatch()
+    cell, watch = ScanContext(job, JOBS["ccw"]).make_cell(), Stopwatch()
     with cell:
         cell.arm.move_joint_to_pose(job.start_poses[0].T)
         for _ in range(200):

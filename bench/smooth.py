@@ -23,9 +23,8 @@ from _table import Row, main
 from tjscan.core.frames import JointOrBaseFrame
 from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
-from tjscan.runs.scan.context import RunContext
 from tjscan.runs.scan.results import summarise_scan
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import ScanContext, scan_in_cell
 from tjscan.scanning.journal import groove_length
 from tjscan.scanning.smooth import predictor_for_plan
 
@@ -79,7 +78,7 @@ def scan(key: tuple[str, str | int, int, int]) -> Scanned:
         file,
         {"scan.prediction_case": case, "scan.step_mm": step_mm, "simulation.seed": seed},
     )
-    cell = RunContext(job, file).make_cell()
+    cell = ScanContext(job, file).make_cell()
     result = scan_in_cell(cell, job, CombinedJournal())
     summary = summarise_scan(result, job.scan, JointOrBaseFrame(), None)
     metres = max(groove_length(result.sections[1:]), 1e-9)
@@ -98,7 +97,7 @@ def scan(key: tuple[str, str | int, int, int]) -> Scanned:
 def time_predictor() -> Stopwatch:
     """Time predictions from thirty sections."""
     job = read_scan_job(JOBS["ccw"], {"scan.prediction_case": "smooth", "scan.step_mm": 15})
-    cell = RunContext(job, JOBS["ccw"]).make_cell()
+    cell = ScanContext(job, JOBS["ccw"]).make_cell()
     sections = scan_in_cell(cell, job, CombinedJournal()).sections
     predictor, watch = predictor_for_plan(job.scan), Stopwatch()
     for _ in range(50):

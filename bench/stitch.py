@@ -20,8 +20,7 @@ from tjscan.core.frames import Array, inverse_pose, pose, rotation_angle_between
 from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.recording.journal import CombinedJournal
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import ScanContext, groove_reader_of_job, scan_in_cell
 from tjscan.stitching.stations import Station, station_from_recording
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
 
@@ -63,10 +62,10 @@ def scan(seed: int) -> Scanned:
     whole = read_scan_job(EXAMPLE, {"simulation.seed": seed})
     for name in whole.station_names:
         job = whole.job_at_station(name)
-        joint = RunContext(job, EXAMPLE).joint
+        joint = ScanContext(job, EXAMPLE).joint
         if joint is None or job.joint is None:
             raise SystemExit(f"{EXAMPLE} names no joint to compare with")
-        cell = RunContext(job, EXAMPLE).make_cell()
+        cell = ScanContext(job, EXAMPLE).make_cell()
         result = scan_in_cell(cell, job, CombinedJournal())
         true = next(t.T for t in whole.simulation.station if t.name == name)  # type: ignore[union-attr]
         away, turned = (
@@ -85,7 +84,7 @@ def scan(seed: int) -> Scanned:
 
 def judge(stitched: StitchedGroove, scanned: Scanned) -> Errors:
     """Hold a stitching against the truth."""
-    joint = RunContext(read_scan_job(EXAMPLE), EXAMPLE).joint
+    joint = ScanContext(read_scan_job(EXAMPLE), EXAMPLE).joint
     if joint is None:
         raise SystemExit(f"{EXAMPLE} names no joint to compare with")
     names = [station.name for station in scanned.stations]

@@ -19,9 +19,8 @@ from tjscan.groove.measured import MeasuredSection
 from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import FeatureEdges, feature_edges
 from tjscan.recording.journal import CombinedJournal
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job
 from tjscan.runs.scan.results import sections_in_result_frame
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import ScanContext, groove_reader_of_job, scan_in_cell
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.stitching.stations import Station, station_from_recording
 from tjscan.stitching.stitch import StitchedGroove, stitch_stations
@@ -89,7 +88,7 @@ def draw(seed: int) -> dict[str, Squares]:
             },
         },
     )
-    joint = RunContext(whole, EXAMPLE).joint
+    joint = ScanContext(whole, EXAMPLE).joint
     if joint is None or whole.joint is None or whole.simulation is None:
         raise SystemExit(f"{EXAMPLE} names no joint to compare with")
     edges, stations, truth, placed = feature_edges(joint), [], [], []
@@ -124,7 +123,7 @@ def _station(
     name: str, job: Any, T_j_w: Array
 ) -> tuple[Station, Array, tuple[MeasuredSection, ...]]:
     """A station as scanned, where its base truly stands, and its sections placed by that."""
-    context = RunContext(job, EXAMPLE)
+    context = ScanContext(job, EXAMPLE)
     result = scan_in_cell(context.make_cell(), job, CombinedJournal())
     station = station_from_recording(
         name, job.T_w_b, result.sections, result.views, groove_reader_of_job(job)

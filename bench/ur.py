@@ -32,8 +32,7 @@ from tjscan.recording.journal import CombinedJournal
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.settings import UrSettings
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import run_scan, scan_in_cell
+from tjscan.runs.scan.run import ScanContext, run_scan, scan_in_cell
 from tjscan.scanning.journal import ScanResult
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan_loopback.process import UrLoopbackProcess
@@ -95,7 +94,7 @@ def driven(host: str) -> dict[str, Any]:
 def scan(keys: dict[str, Any]) -> ScanResult:
     """Scan the paper's joint."""
     job = read_scan_job(PAPER, keys)
-    return scan_in_cell(RunContext(job, PAPER).make_cell(), job, CombinedJournal())
+    return scan_in_cell(ScanContext(job, PAPER).make_cell(), job, CombinedJournal())
 
 
 def difference_mm(loopback: UrLoopbackProcess) -> float:
@@ -132,7 +131,7 @@ def survives(loopback: UrLoopbackProcess, fault: InjectedFault, seconds: float, 
     job = read_scan_job(PAPER, driven(loopback.host))
     with TemporaryDirectory() as folder:
         try:
-            run_scan(RunContext(job, PAPER), Path(folder) / "run")
+            run_scan(ScanContext(job, PAPER), Path(folder) / "run")
             known = True  # the fault came after the last move
         except ArmFault as error:
             known = type(error) in ENDS_IN.values()

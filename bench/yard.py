@@ -25,8 +25,7 @@ from tjscan.job.files import read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.recording.journal import CombinedJournal
 from tjscan.result.section import absent_corners
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import ScanContext, scan_in_cell
 from tjscan.scanning.journal import plan_is_fulfilled
 
 JOB: Final = Path(__file__).resolve().parents[1] / "examples" / "yard-joint.toml"
@@ -74,7 +73,7 @@ def scan(key: tuple[str, str | int, int, int]) -> Scanned:
     way, case, step_mm, seed = key
     keys = {"scan.prediction_case": case, "scan.step_mm": step_mm, "simulation.seed": seed}
     job = read_scan_job(JOB, WAYS[way] | keys)
-    context = RunContext(job, JOB)
+    context = ScanContext(job, JOB)
     if context.joint is None or job.joint is None:
         raise SystemExit(f"{JOB} names no joint to compare with")
     try:

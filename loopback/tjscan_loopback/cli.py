@@ -156,10 +156,9 @@ def _read_tow(file: Path, seed: int) -> TowingBodies | None:
     if "seam" not in read_toml(file):
         return None
     from tjscan.core.config import add_file_to_errors
-    from tjscan.job.tow.cell import make_planner
+    from tjscan.job.tow.cell import make_planner, sweep_seam
     from tjscan.job.tow.job import read_tow_job
     from tjscan.job.tow.simulation import towing_world_of_job
-    from tjscan.job.tow.sweep import sweep_seam
     from tjscan.vehicle.cable.world import TowingWorld
     from tjscan_loopback.vehicle.towing import TowingBodies
 

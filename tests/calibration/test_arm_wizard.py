@@ -15,7 +15,7 @@ from tjscan.job.files import read_calibration_job, read_scan_job
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
 from tjscan.runs.calibration.run import resume_calibration, start_calibration
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import ScanContext
 
 JOB = EXAMPLES / "calibrate.toml"
 KEYS = {
@@ -83,7 +83,7 @@ def test_a_scan_that_takes_it_reports_poses_by_what_was_found(
     assert found is not None
     arm = with_deviations(Kinematics.load("ur10e"), found.deviations_si)
     job = read_scan_job(paper, {"calibration.file": str(file)})
-    with RunContext(job, paper).make_cell() as cell:
+    with ScanContext(job, paper).make_cell() as cell:
         state = cell.arm.state()
         np.testing.assert_allclose(state.T_b_f, arm.forward(state.q), rtol=0, atol=1e-12)
         up = np.array(state.T_b_f)

@@ -44,12 +44,11 @@ from tjscan.calibration.wizard.operator import JoggedProbe, Question
 from tjscan.calibration.wizard.session import CalibrationPlan, CalibrationProgress
 from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
 from tjscan.calibration.wizard.wizard import MAX_RETOUCHES, MAX_SKIPPED_IN_A_ROW, CalibrationWizard
-from tjscan.cli.operators import TerminalOperator
+from tjscan.cli.output.calibration import TerminalOperator
 from tjscan.core.errors import CalibrationRefused, RecordingError
 from tjscan.core.frames import Array, inverse_pose, pose
 from tjscan.core.units import pose_from_rows_mm, pose_to_rows_mm
-from tjscan.job.arm import sensor_mount_of_job
-from tjscan.job.cell import Cell
+from tjscan.job.cell import Cell, sensor_mount_of_job
 from tjscan.job.files import read_calibration_job
 from tjscan.laser.profile import Profile
 from tjscan.recording.foxglove import PROFILE_TOPIC, TRANSFORMS_TOPIC

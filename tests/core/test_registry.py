@@ -8,7 +8,7 @@ import pytest
 
 from tjscan.core.devices import DriverRegistry
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.torch_drivers import TORCH_DRIVERS
+from tjscan.job.crawl.job import TORCH_DRIVERS
 from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.robot.drivers import ARM_DRIVERS
 from tjscan.vehicle.drivers import LOCALISATION_DRIVERS, VEHICLE_DRIVERS

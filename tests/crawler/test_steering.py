@@ -16,7 +16,7 @@ from tjscan.crawler.slip_model import (
     TrackOdometry,
     propagate_state,
 )
-from tjscan.runs.crawl.run import SETTLING_GAINS, TURNING_RADII
+from tjscan.runs.crawl.run import SETTLING_MULTIPLE, TURNING_MULTIPLE
 
 GEOMETRY = CrawlerGeometry(0.5, 0.0)
 WIDE = SteeringSettings(gain=8.0, least_radius=0.5)
@@ -82,9 +82,9 @@ def shuttled(length: float, crab: float, settings: SteeringSettings, times: int 
 
 @pytest.mark.parametrize(("crab", "radius"), [(5e-3, 8.0), (10e-3, 8.0), (10e-3, 4.0)])
 def test_ways_too_short_to_turn_by_twice_the_crab_lead_outward(crab: float, radius: float) -> None:
-    """With everything known: it is geometry, and `tjscan.runs.crawl.run.short_way` tells of it."""
+    """With everything known: it is geometry; `short_pass_warning` warns of it."""
     settings = SteeringSettings(least_radius=radius)
-    needed = SETTLING_GAINS / settings.gain + TURNING_RADII * crab * radius
+    needed = SETTLING_MULTIPLE / settings.gain + TURNING_MULTIPLE * crab * radius
     # Where it goes straight along the joint, it stands askew by the crab.
     assert shuttled(needed, crab, settings) < crab / settings.gain * 3
     short = 0.3 * needed

@@ -7,7 +7,7 @@ import pytest
 from _image import BASE, follow, instructions
 from documented import ROOT
 
-from tjscan.cli import SYSTEM_LIBRARIES
+from tjscan.cli import SYSTEM_LIBRARY_ADVICE
 
 DOCKERFILE = (ROOT / "Dockerfile").read_text(encoding="utf-8")
 
@@ -15,7 +15,7 @@ DOCKERFILE = (ROOT / "Dockerfile").read_text(encoding="utf-8")
 def test_whoever_installs_libraries_of_the_system_names_the_same() -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     (packages,) = re.findall(r"^SYSTEM_PACKAGES := (.*)$", makefile, re.MULTILINE)
-    assert SYSTEM_LIBRARIES.endswith(f"apt-get install {packages}")
+    assert SYSTEM_LIBRARY_ADVICE.endswith(f"apt-get install {packages}")
     assert f"`{packages}`" in (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
     steps = [" ".join(rest.split()) for word, rest in instructions(DOCKERFILE) if word == "RUN"]
     assert any(packages in step for step in steps)

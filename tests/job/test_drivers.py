@@ -22,7 +22,7 @@ from tjscan.job.files import read_calibration_job, read_scan_job
 from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.robot.drivers import ARM_DRIVERS
 from tjscan.runs.calibration.run import make_calibration_cell
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import ScanContext
 from tjscan_loopback.process import UrLoopbackProcess
 
 ACME = """
@@ -137,7 +137,7 @@ def test_what_is_simulated_needs_its_world(
 ) -> None:
     file = bare(tmp_path, {})
     with pytest.raises(ConfigurationError, match=words):
-        RunContext(read_scan_job(file, overrides), file).make_cell()
+        ScanContext(read_scan_job(file, overrides), file).make_cell()
 
 
 @pytest.mark.parametrize(
@@ -188,14 +188,14 @@ class TestDriverOfAnotherPackage:
     def test_a_package_that_it_lacks_is_named(self) -> None:
         job = read_scan_job(PAPER, UR | {"laser.driver": "acme", "laser.acme.host": "x"})
         with pytest.raises(ConfigurationError, match="pip install no_such_package") as caught:
-            RunContext(job, PAPER).make_cell()
+            ScanContext(job, PAPER).make_cell()
         assert caught.value.key == "laser.driver"
 
 
 def test_a_missing_client_library_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(vars(ARM_DRIVERS), "clients", {"ur": "no_such_client"})
     with pytest.raises(ConfigurationError, match=r"pip install 'tjscan\[ur\]'") as caught:
-        RunContext(read_scan_job(PAPER, UR), PAPER).make_cell()
+        ScanContext(read_scan_job(PAPER, UR), PAPER).make_cell()
     assert caught.value.key == "arm.driver"
 
 

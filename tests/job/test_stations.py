@@ -23,11 +23,10 @@ from tjscan.core.frames import (
     rotation_angle_between,
     transform_points,
 )
-from tjscan.job.arm import clear_path_planner_of_job
+from tjscan.job.cell import clear_path_planner_of_job
 from tjscan.job.files import ScanJob, read_calibration_job, read_scan_job
 from tjscan.joint.edges import feature_edges
-from tjscan.runs.scan.context import RunContext, result_frame_of_job
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import ScanContext, result_frame_of_job, scan_in_cell
 from tjscan.scanning.journal import ScanResult, plan_is_fulfilled
 
 SAME = 1e-12
@@ -41,7 +40,7 @@ ELSEWHERE = pose_from_euler_zyx((4.0, -2.5, 0.7), (2.1, 0.3, -0.2))
 
 def scan(file: Path, overrides: dict[str, Any], station: str | None = None) -> ScanResult:
     job = read_scan_job(file, overrides).job_at_station(station)
-    return scan_in_cell(RunContext(job, file).make_cell(), job, Notes())
+    return scan_in_cell(ScanContext(job, file).make_cell(), job, Notes())
 
 
 def corners(result: ScanResult) -> Array:
@@ -90,7 +89,7 @@ def _table(T: Array) -> dict[str, Any]:
 def test_the_laser_sees_from_where_the_base_truly_stands() -> None:
     result = scan(WHOLE, {"scan.sections": 5}, "left")
     job = read_scan_job(WHOLE).job_at_station("left")
-    joint = RunContext(job, WHOLE).joint
+    joint = ScanContext(job, WHOLE).joint
     assert job.joint is not None
     assert joint is not None
     edges = feature_edges(joint)

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.job.tow.cell import make_planner
+from tjscan.job.tow.cell import make_planner, sweep_seam
 from tjscan.job.tow.job import read_tow_job
-from tjscan.job.tow.sweep import sweep_seam
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "tow-simulation.toml"
 

@@ -19,7 +19,7 @@ from tjscan.live.buttons import HOLD_RATE, Button
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import Setting
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
-from tjscan.runs.live.crawl import HOLD_LIFETIME, SHORTEST_CYCLE, PageHandDrive
+from tjscan.runs.live.crawl import BUTTON_HOLD_LIFETIME, SHORTEST_ORDER_CYCLE, PageHandDrive
 from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN, Twist
 
 SPEED, CURVATURE = 0.02, 0.125
@@ -57,7 +57,7 @@ def test_it_drives_while_it_hears_that_a_button_is_held(hand: PageHandDrive, clo
     for word in hand.words:
         hand.hear(word)
         driven.append(hand.order())
-        clock.wait(HOLD_LIFETIME)
+        clock.wait(BUTTON_HOLD_LIFETIME)
         assert hand.order() == AT_REST
     turn = SPEED * CURVATURE
     assert driven == [Twist(SPEED, 0), Twist(SPEED, -turn), Twist(SPEED, turn), Twist(-SPEED, 0)]
@@ -78,7 +78,7 @@ def test_once_begun_nothing_held_is_heard(hand: PageHandDrive) -> None:
 def test_a_simulated_clock_does_not_outrun_the_hand(hand: PageHandDrive, clock: Clock) -> None:
     for _ in range(101):
         hand.order()
-    assert clock.now == pytest.approx(100 * SHORTEST_CYCLE)
+    assert clock.now == pytest.approx(100 * SHORTEST_ORDER_CYCLE)
 
 
 class StopsOnceItStands:

@@ -15,7 +15,7 @@ from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.page import Page, PageAddress
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.live.scan import show_scan
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import ScanContext
 from tjscan.runs.tasks import read_recorded_show
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.stopping import StopRequest
@@ -46,7 +46,7 @@ def test_sections_are_the_same_to_the_bit_with_a_page(
 
 def test_a_scan_that_is_gone_on_with_shows_what_was_scanned(without_page: Path) -> None:
     job = read_scan_job(without_page / "job.toml")
-    context = RunContext(job, without_page / "job.toml")
+    context = ScanContext(job, without_page / "job.toml")
     with show_scan(context, PageAddress(port=0), print, list, resumed=without_page) as journal:
         page = journal.run.page
         assert page is not None

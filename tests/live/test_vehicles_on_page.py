@@ -29,7 +29,7 @@ from tjscan.live.step import STATE_FACT, RecordedShow, Setting
 from tjscan.recording.journal import RunEvent
 from tjscan.runs.live.crawl import TORCH_DEVIATION, CrawlPageJournal, CrawlShow
 from tjscan.runs.live.tow import CABLE_CLEARANCE, TowShow, vehicles_apart
-from tjscan.runs.tow.results import clearance_of_discs
+from tjscan.runs.tow.results import clearance_from_discs
 from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import TowCycle, TowTruth
 from tjscan.towing.shape.plan import PlanTerms, TowingPlan
@@ -118,9 +118,9 @@ def test_what_a_simulated_tow_records_of_the_truth_is_shown_too() -> None:
 
 def test_clearance_is_to_the_rim_of_the_nearest_disc() -> None:
     line = np.array([(0.0, 0.0), (1.0, 0.0)])
-    assert clearance_of_discs(line, np.array([(1.0, 2.0, 0.5), (5.0, 0.0, 1.0)])) == pytest.approx(
-        1.5
-    )
+    assert clearance_from_discs(
+        line, np.array([(1.0, 2.0, 0.5), (5.0, 0.0, 1.0)])
+    ) == pytest.approx(1.5)
 
 
 def test_vehicles_are_apart_from_rim_to_rim() -> None:

@@ -12,10 +12,11 @@ from cells import FAULTLESS, PAPER
 from command import tjscan
 
 from tjscan.core.errors import RecordingError
+from tjscan.recording.journal import RunEvent
 from tjscan.report.charts import draw_scan_charts
 from tjscan.report.data import read_report_data
 from tjscan.report.write import render_report_page
-from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
+from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.runs.calibration import report as calibration_report
 from tjscan.runs.scan import report as scan_report
 
@@ -23,7 +24,7 @@ FED = ReportChapter(
     facts=(("wire feeder", "spool 7 <full>"),),
     findings=("The wire slipped twice.",),
     charts=(ReportChart("wire speed", "bead", "speed / mm/s", np.arange(3.0), np.ones(3), 1.0),),
-    events=(ReportEvent(datetime(2026, 3, 4, 5, 6, 7, tzinfo=UTC), "slip", "at bead 2"),),
+    events=(RunEvent("slip", "at bead 2", datetime(2026, 3, 4, 5, 6, 7, tzinfo=UTC)),),
 )
 
 

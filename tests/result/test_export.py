@@ -23,8 +23,8 @@ from tjscan.joint.edges import feature_edges
 from tjscan.joint.file import read_joint
 from tjscan.result.directions import tangents_along_line
 from tjscan.result.directory import job_label_of_run
-from tjscan.result.document import GROOVE_DOCUMENT
-from tjscan.result.export import export_run, sort_sections_by_azimuth
+from tjscan.result.export import GROOVE_DOCUMENT, export_run
+from tjscan.result.shapes import sort_sections_by_azimuth
 from tjscan.result.summary import read_summary
 from tjscan.result.table import read_sections_csv, write_sections_csv
 

@@ -12,7 +12,7 @@ from measured import ORIGIN, a_section
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
-from tjscan.result.document import build_sections_document
+from tjscan.result.export import build_sections_document
 from tjscan.result.ply import sections_to_ply
 from tjscan.result.section import (
     FIELD_BY_NAME,

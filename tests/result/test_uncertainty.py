@@ -10,7 +10,7 @@ from measured import ORIGIN, a_section
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.result.section import absent_corners
-from tjscan.result.uncertainty import read_budget, write_budget
+from tjscan.result.summary import read_budget, write_budget
 from tjscan.uncertainty.budget import BudgetComponent, UncertaintyBudget, summarise_budget
 
 COUNT = 7

@@ -15,7 +15,7 @@ from tjscan.core.config import table_to_dict
 from tjscan.core.devices import DeviceBase
 from tjscan.core.errors import ArmFault, ConfigurationError, PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array, pose, rot_y, rot_z, transform_points
-from tjscan.job.arm import clear_path_planner_of_job
+from tjscan.job.cell import clear_path_planner_of_job
 from tjscan.job.files import read_scan_job
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import PATH_CHECK_RESOLUTION, ClearPathPlanner
@@ -26,8 +26,7 @@ from tjscan.robot.path import interpolate_joints, linear_waypoints
 from tjscan.robot.settings import Box, Capsule, ClearanceMargins, Cylinder, Solid
 from tjscan.robot.simulated import SimulatedArm
 from tjscan.robot.urdf import ARM_MODELS
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import check_scan_job, scan_in_cell
+from tjscan.runs.scan.run import ScanContext, check_scan_job, scan_in_cell
 from tjscan.scanning.journal import ScannedSurfaceObstacle, StopReason, grid_triangles
 
 HOME = np.radians([0, -80, 110, -120, -90, 0])
@@ -410,7 +409,7 @@ def test_the_examples_ways_are_clear(file: object) -> None:
     assert isinstance(file, type(PAPER))
     job = read_scan_job(file)
     assert {one.name for one in job.clearance.solid} == {"leg", "brace", "floor", "pillar"}
-    check_scan_job(RunContext(job, file))
+    check_scan_job(ScanContext(job, file))
 
 
 CLAMP = {
@@ -427,7 +426,7 @@ def test_a_scan_that_would_run_into_something_ends_and_what_was_found_stays() ->
     solids = [*table_to_dict(job)["clearance"]["solid"], CLAMP]
     job = read_scan_job(PAPER, {"clearance.solid": solids, "clearance.lifts_mm": []})
     notes = Notes()
-    cell = RunContext(job, PAPER).make_cell()
+    cell = ScanContext(job, PAPER).make_cell()
     result = scan_in_cell(cell, job, notes)
     assert result.stop is StopReason.UNREACHABLE
     assert "clamp" in result.detail
@@ -451,7 +450,7 @@ def test_a_detour_of_a_scan_is_an_event() -> None:
     solids = [*table_to_dict(job)["clearance"]["solid"], crate]
     job = read_scan_job(PAPER, {"clearance.solid": solids, "scan.sections": 3})
     notes = Notes()
-    scan_in_cell(RunContext(job, PAPER).make_cell(), job, notes)
+    scan_in_cell(ScanContext(job, PAPER).make_cell(), job, notes)
     (name, detail), *_ = notes.events
     assert name == "detour"
     assert detail.startswith("round crate, 50 mm back, across in joint space and forward: ")
@@ -459,7 +458,7 @@ def test_a_detour_of_a_scan_is_an_event() -> None:
 
 def test_a_scan_keeps_clear_of_what_it_scanned() -> None:
     job = read_scan_job(PAPER, {"scan.sections": 3})
-    cell = RunContext(job, PAPER).make_cell()
+    cell = ScanContext(job, PAPER).make_cell()
     result = scan_in_cell(cell, job, Notes())
     fresh = clear_path_planner_of_job(job)
     q = result.views[-1].q

@@ -10,7 +10,7 @@ from command import tjscan
 
 from tjscan.core.config import table_to_dict
 from tjscan.job.files import read_calibration_job, read_scan_job
-from tjscan.runs.chain import KEYS_SWITCHING_OFF, read_chain
+from tjscan.runs.chain import KEYS_OF_ERROR_SOURCES, read_chain
 from tjscan.study.file import flatten_to_dotted_keys
 
 CHAIN = EXAMPLES / "paper-chain.toml"
@@ -32,13 +32,13 @@ def test_both_jobs_are_of_one_cell_that_errs() -> None:
     assert worlds[0].T_f_s_mm == worlds[1].T_f_s_mm
 
 
-@pytest.mark.parametrize("source", KEYS_SWITCHING_OFF)
+@pytest.mark.parametrize("source", KEYS_OF_ERROR_SOURCES)
 def test_each_source_is_there_and_can_be_switched_off(source: str) -> None:
     chain = read_chain(CHAIN)
     as_it_is = flatten_to_dotted_keys(table_to_dict(read_scan_job(chain.scan, chain.both)))
-    without = chain.with_keys(dict.fromkeys(KEYS_SWITCHING_OFF[source], 0.0))
+    without = chain.with_shared_keys(dict.fromkeys(KEYS_OF_ERROR_SOURCES[source], 0.0))
     off = flatten_to_dotted_keys(table_to_dict(read_scan_job(chain.scan, without.both)))
-    for key in KEYS_SWITCHING_OFF[source]:
+    for key in KEYS_OF_ERROR_SOURCES[source]:
         assert as_it_is[key] > 0
         assert off[key] == 0
 

@@ -32,7 +32,7 @@ from tjscan.runs.crawl.run import (
     CrawlContext,
     resume_crawl,
     run_crawl,
-    short_way,
+    short_pass_warning,
     slip_after_stop,
     start_after_stop,
 )
@@ -258,14 +258,14 @@ def test_a_calibration_is_learned_and_holds_for_its_vehicle_alone(
     job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tjscan.runs.crawl.run.SHUTTLE_LENGTH", 0.06)
-    monkeypatch.setattr("tjscan.runs.crawl.run.SHUTTLE_TIMES", 1)
+    monkeypatch.setattr("tjscan.runs.crawl.run.SHUTTLE_COUNT", 1)
     out = tmp_path / "shuttle"
     assert tjscan("crawl", "calibrate", job_file, "--out", out) == 0
     calibrated = tmp_path / "calibrated.toml"
     calibrated.write_text('calibration = "shuttle/calibration.toml"\n' + SHORT)
     assert read_crawl_job(calibrated).calibration is not None
-    first = CrawlContext(read_crawl_job(calibrated), calibrated).first_slip
-    unknown = CrawlContext(read_crawl_job(job_file), job_file).first_slip
+    first = CrawlContext(read_crawl_job(calibrated), calibrated).initial_slip
+    unknown = CrawlContext(read_crawl_job(job_file), job_file).initial_slip
     learned = np.diag(unknown.P)[2:6] - np.diag(first.P)[2:6]
     assert (learned > 0).all()
     code = tjscan("crawl", "run", calibrated, "--vehicle.id", "crawler-2", "--out", tmp_path / "x")
@@ -322,8 +322,8 @@ def test_a_wrong_key_of_a_pass_is_told_by_the_number_of_the_pass(
 def test_the_example_has_ways_long_enough() -> None:
     file = Path(__file__).parents[2] / "examples" / "crawl.toml"
     context = CrawlContext(read_crawl_job(file), file)
-    assert short_way(context.job, context.first_slip) == ""
-    assert short_way(context.job, None) == ""
+    assert short_pass_warning(context.job, context.initial_slip) == ""
+    assert short_pass_warning(context.job, None) == ""
 
 
 def test_a_bend_to_the_other_side_is_refused(job_file: Path, tmp_path: Path) -> None:

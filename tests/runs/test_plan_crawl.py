@@ -19,7 +19,7 @@ from tjscan.planning.crawl_passes import crawl_passes_of_plan
 from tjscan.planning.edges import GrooveEdges
 from tjscan.planning.plan import WeldPlan, plan_weld
 from tjscan.planning.wps import WeldingProcedure, read_wps
-from tjscan.runs.plan.crawl import butt_joint_edges, passes_to_toml
+from tjscan.runs.plan.run import butt_joint_edges, passes_to_toml
 
 EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "wps.toml"
 LENGTH = 0.2

@@ -25,8 +25,7 @@ from tjscan.job.files import read_scan_job
 from tjscan.recording.journal import CombinedJournal
 from tjscan.recording.parts import recording_files
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import check_joint_angles, scan_in_cell
+from tjscan.runs.scan.run import ScanContext, check_joint_angles, scan_in_cell
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import Substep
 
@@ -158,7 +157,7 @@ def test_an_arm_that_was_moved_goes_back_to_the_configuration_in_which_it_scanne
     job = read_scan_job(PAPER, FAULTLESS)
     q = np.radians(elsewhere_deg)
     moved = replace(done.views[-1], q=q, T_b_f=Kinematics.load("ur10e").forward(q))
-    cell = RunContext(job, PAPER).make_cell(left=moved)
+    cell = ScanContext(job, PAPER).make_cell(left=moved)
     result = scan_in_cell(cell, job, CombinedJournal(), done)
     back = next(view for view in result.views if view.substep == Substep.RESUMED)
     section = done.sections[back.index]

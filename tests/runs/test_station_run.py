@@ -27,7 +27,7 @@ from tjscan.report.write import write_run_report
 from tjscan.result.summary import read_summary
 from tjscan.result.table import read_sections_csv
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import ScanContext
 from tjscan.runs.stations.run import StationScan, resume_stations, run_stations
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.stopping import StopRequest
@@ -74,9 +74,9 @@ def quick(file: Path = WHOLE) -> ScanJob:
     return read_scan_job(file, {"scan.sections": 4})
 
 
-def in_directory(directory: Path) -> RunContext:
+def in_directory(directory: Path) -> ScanContext:
     """The job that a run directory holds."""
-    return RunContext(read_scan_job(directory / "job.toml"), directory / "job.toml")
+    return ScanContext(read_scan_job(directory / "job.toml"), directory / "job.toml")
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def story(tmp_path_factory: pytest.TempPathFactory) -> Story:
     """Both stations, four sections each."""
     directory = tmp_path_factory.mktemp("runs") / "whole"
     no, yes, before, later = Asked(False), Asked(True), Watched(), Watched()
-    context = RunContext(quick(), WHOLE, finished=write_run_report)
+    context = ScanContext(quick(), WHOLE, finished=write_run_report)
     refused = run_stations(context, directory, no, before)
     begun = (directory / "right").exists()
     held = replace(in_directory(directory), finished=write_run_report)
@@ -170,7 +170,7 @@ def test_who_says_no_stops_before_the_next_station_and_goes_on_later(story: Stor
 def test_a_request_to_stop_begins_no_other_station(tmp_path: Path) -> None:
     stop = StopRequest()
     stop.request_stop_after_section()
-    context = RunContext(quick(), WHOLE, stop=stop)
+    context = ScanContext(quick(), WHOLE, stop=stop)
     left, right = run_stations(context, tmp_path / "run", Asked(True), Watched())
     assert not left.is_complete
     assert right.summary is None

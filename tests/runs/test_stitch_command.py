@@ -15,8 +15,7 @@ from tjscan.job.files import read_scan_job
 from tjscan.result.directory import JOINT_FILE
 from tjscan.result.table import read_sections_csv
 from tjscan.runs.run import make_run_directory
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import run_scan
+from tjscan.runs.scan.run import ScanContext, run_scan
 
 EXAMPLE = EXAMPLES / "whole-joint.toml"
 
@@ -27,7 +26,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("stations")
     job = read_scan_job(EXAMPLE, {"scan.step_mm": 40.0})
     for name in job.station_names:
-        run_scan(RunContext(job.job_at_station(name), EXAMPLE), folder / name)
+        run_scan(ScanContext(job.job_at_station(name), EXAMPLE), folder / name)
     return folder
 
 
@@ -88,9 +87,9 @@ def test_a_refusal_leaves_its_picture_and_nothing_else(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     job = read_scan_job(EXAMPLE, {"scan.sections": 6})
-    run_scan(RunContext(job.job_at_station("right"), EXAMPLE), tmp_path / "right")
+    run_scan(ScanContext(job.job_at_station("right"), EXAMPLE), tmp_path / "right")
     left = read_scan_job(EXAMPLE, {"scan.sections": 6}).job_at_station("left")
-    run_scan(RunContext(left, EXAMPLE), tmp_path / "left")
+    run_scan(ScanContext(left, EXAMPLE), tmp_path / "left")
     out = tmp_path / "stitched"
     assert tjscan("stitch", tmp_path / "left", tmp_path / "right", "--out", out) == 1
     said = capsys.readouterr().err

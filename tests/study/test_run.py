@@ -14,9 +14,8 @@ from command import tjscan
 from tjscan.runs.scan.study import ScanOutcome
 from tjscan.runs.tasks import study_backend_of_task
 from tjscan.study.file import plan_study
-from tjscan.study.run import run_study, run_trial
+from tjscan.study.run import ROWS_FILE, make_study_directory, read_rows, run_study, run_trial
 from tjscan.study.schedule import DaskScheduler, EndedTask
-from tjscan.study.store import ROWS_FILE, make_study_directory, read_rows
 from tjscan.study.trial import LOST_WORKER, StudyRow, Trial
 
 STUDY = {

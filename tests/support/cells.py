@@ -24,7 +24,7 @@ from tjscan.joint.edges import feature_edges
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import RunEvent
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import ScanContext
 from tjscan.scanning.journal import ScanResult
 from tjscan.scanning.profile_taker import ScanSetup
 from tjscan.scanning.scanner import Scanner
@@ -87,7 +87,7 @@ def scan_example(
 ) -> ScanResult:
     """Scan an example with keys replaced, its laser heard `through` another one."""
     job = read_scan_job(file, overrides)
-    with RunContext(job, file).make_cell() as cell:
+    with ScanContext(job, file).make_cell() as cell:
         scanner = Scanner(
             ScanSetup(cell.arm, through(cell.laser), cell.T_f_s, read),
             job.scan,
@@ -102,7 +102,7 @@ def scan_example(
 def example_corner_errors(result: ScanResult, file: Path = PAPER) -> Array:
     """Distances of p2, p3, p4 from the example's edges, metres, shape (n, 3)."""
     job = read_scan_job(file)
-    joint = RunContext(job, file).joint
+    joint = ScanContext(job, file).joint
     assert joint is not None
     assert job.joint is not None
     T_j_b = JointOrBaseFrame(job.joint.T_w_j).T_r_b

@@ -58,14 +58,13 @@ def scan(
     from tjscan.core.config import add_file_to_errors
     from tjscan.job.files import read_scan_job
     from tjscan.runs.run import default_run_directory
-    from tjscan.runs.scan.context import RunContext
-    from tjscan.runs.scan.run import run_scan
+    from tjscan.runs.scan.run import ScanContext, run_scan
 
     file = Path(job)
     with add_file_to_errors(file):
         parsed = read_scan_job(file, dict(keys or {})).job_at_station(station)
     folder = default_run_directory(file, station) if directory is None else Path(directory)
-    run_scan(RunContext(parsed, file), folder)
+    run_scan(ScanContext(parsed, file), folder)
     return Scan.read(folder)
 
 

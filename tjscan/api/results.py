@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.frames import Array, frozen_arrays, readonly_copy
 
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
 
 File = str | PathLike[str]
 
-MOST_PROFILES: Final = 9
+MOST_PROFILES_PLOTTED: Final = 9
 """Profiles of a recording that are drawn."""
 
 
@@ -136,14 +138,6 @@ class Recording:
     ----------
     profiles : tuple of Profile
         Every profile in the order taken, in frame s, metres.
-    section_numbers : ndarray of int, shape (n,)
-        Number of the section that each profile was taken for.
-    q : ndarray, shape (n, 6)
-        Joint angles of the arm at each profile, radians.
-    T_b_f, T_b_s : ndarray, shape (n, 4, 4)
-        Poses of the flange and of the sensor in the base frame at each profile, metres.
-    times : ndarray, shape (n,)
-        Time of each profile on the clock of the arm, seconds.
 
     Raises
     ------
@@ -157,14 +151,35 @@ class Recording:
         from tjscan.scanning.recording import read_views
 
         self._name = Path(path).resolve().name
-        self._views = views = tuple(read_views(Path(path)))
-        self.profiles: tuple[Profile, ...] = tuple(view.profile for view in views)
-        self.section_numbers = np.array([view.index for view in views], dtype=np.int64)
-        self.section_numbers.setflags(write=False)
-        self.q = readonly_copy([view.q for view in views])
-        self.T_b_f = readonly_copy([view.T_b_f for view in views])
-        self.T_b_s = readonly_copy([view.T_b_s for view in views])
-        self.times = readonly_copy([view.time for view in views])
+        self._views = tuple(read_views(Path(path)))
+        self.profiles: tuple[Profile, ...] = tuple(view.profile for view in self._views)
+
+    @cached_property
+    def section_numbers(self) -> NDArray[np.int64]:
+        """Number of the section that each profile was taken for, shape (n,)."""
+        numbers = np.array([view.index for view in self._views], dtype=np.int64)
+        numbers.setflags(write=False)
+        return numbers
+
+    @cached_property
+    def q(self) -> Array:
+        """Joint angles of the arm at each profile, shape (n, 6), radians."""
+        return readonly_copy([view.q for view in self._views])
+
+    @cached_property
+    def T_b_f(self) -> Array:
+        """Poses of the flange in the base frame at each profile, shape (n, 4, 4), metres."""
+        return readonly_copy([view.T_b_f for view in self._views])
+
+    @cached_property
+    def T_b_s(self) -> Array:
+        """Poses of the sensor in the base frame at each profile, shape (n, 4, 4), metres."""
+        return readonly_copy([view.T_b_s for view in self._views])
+
+    @cached_property
+    def times(self) -> Array:
+        """Time of each profile on the clock of the arm, shape (n,), seconds."""
+        return readonly_copy([view.time for view in self._views])
 
     def __len__(self) -> int:
         return len(self._views)
@@ -201,7 +216,8 @@ class Recording:
         from tjscan.result.picture import draw_profiles_with_fits
         from tjscan.result.readings import measure_grooves
 
-        chosen = np.unique(np.linspace(0, len(self) - 1, min(len(self), MOST_PROFILES), dtype=int))
+        count = min(len(self), MOST_PROFILES_PLOTTED)
+        chosen = np.unique(np.linspace(0, len(self) - 1, count, dtype=int))
         profiles = {
             f"profile {k + 1}: section {self._views[k].index}": self._views[k].profile
             for k in chosen.tolist()

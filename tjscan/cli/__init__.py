@@ -75,7 +75,7 @@ EXIT_CODES: dict[type[errors.TjscanError], int] = {
 """Exit code of each branch of the error tree; 1 for the rest."""
 
 
-SYSTEM_LIBRARIES: Final = (
+SYSTEM_LIBRARY_ADVICE: Final = (
     "A library of the system is missing. Those that are needed, on Debian and Ubuntu: apt-get "
     "install libegl1 libgl1 libgomp1 libidn2-0 libudev1 libusb-1.0-0 libx11-6"
 )
@@ -122,7 +122,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
     except ImportError as error:
         if ".so" not in str(error):
             raise
-        print(f"tjscan: {error}. {SYSTEM_LIBRARIES}", file=sys.stderr)
+        print(f"tjscan: {error}. {SYSTEM_LIBRARY_ADVICE}", file=sys.stderr)
         sys.exit(1)
     except BrokenPipeError:
         sys.exit(0)  # the reader of the output has closed it

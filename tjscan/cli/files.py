@@ -100,10 +100,12 @@ def schema(kind: str | None = None) -> None:
 
 def json_schema_of_kind(kind: FileKind) -> dict[str, Any]:
     """The JSON schema of files of a kind."""
-    from tjscan.core.json_schema import json_schema_of
+    from pydantic import TypeAdapter
+
+    from tjscan.core.json_schema import SCHEMA_DIALECT
 
     model = EntryPoint(kind.word, MODELS_OF_KINDS[kind.word], "tjscan.file").load()
-    return json_schema_of(model, kind.name)
+    return {"$schema": SCHEMA_DIALECT} | TypeAdapter(model).json_schema() | {"title": kind.name}
 
 
 def joint(file: Path, *, out: Path | None = None, json: bool = False) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -12,10 +13,10 @@ from tjscan.cli.output.console import print_message, show_phase
 from tjscan.core.errors import ConfigurationError
 
 if TYPE_CHECKING:
+    from tjscan.job.files import ScanJob
     from tjscan.runs.plan.run import WrittenPlan
-    from tjscan.runs.plan.send import ArmForProgram
 
-OUT_OF_WPS: Final = 3
+OUT_OF_WPS_EXIT_CODE: Final = 3
 """Exit code if something of the plan is out of the WPS or reached by no station."""
 
 
@@ -86,18 +87,17 @@ def plan(
         raise ConfigurationError("must be 0 or more", key="--after-pass")
     arm = None
     if program.send_to is not None:
-        from tjscan.runs.plan.send import arm_for_program
+        from tjscan.runs.plan.send import read_job_of_program_arm
 
-        arm = arm_for_program(program.send_to, program.station, run)
+        arm = read_job_of_program_arm(program.send_to, program.station, run)
     with show_phase("planning the beads"):
         import numpy as np
 
         from tjscan.report.plan_page import write_plan_page
-        from tjscan.runs.plan.crawl import is_crawl, plan_crawl_run
-        from tjscan.runs.plan.run import ArcSwitch, plan_run
+        from tjscan.runs.plan.run import ArcSwitch, is_crawl_run, plan_crawl_run, plan_run
 
         down = np.array(gravity)
-        if is_crawl(run):
+        if is_crawl_run(run):
             done = plan_crawl_run(run, wps, down, out, after_pass)
         else:
             switch = ArcSwitch(program.output, program.arc)
@@ -119,21 +119,18 @@ def plan(
     elif arm is not None:
         _send_program_to_arm(done, arm, program)
     if wanting:
-        raise SystemExit(OUT_OF_WPS)
+        raise SystemExit(OUT_OF_WPS_EXIT_CODE)
 
 
-def _send_program_to_arm(done: WrittenPlan, arm: ArmForProgram, program: ProgramOptions) -> None:
+def _send_program_to_arm(done: WrittenPlan, job: ScanJob, program: ProgramOptions) -> None:
+    from tjscan.runs.plan.run import ArcSwitch
     from tjscan.runs.plan.send import path_of_station, send_program
 
     path = path_of_station(done.paths, program.station)
     switched = f"output {program.output} switches the arc" if program.arc else "the arc stays off"
-    words = f"{len(path.beads)} beads of {path.station} run on {arm.settings.host}, {switched}"
-    send_program(
-        arm,
-        path,
-        done.plan.wps.torch,
-        program.output,
-        arc=program.arc,
-        started=lambda: print_message(f"{words}; Ctrl-C stops them"),
-    )
+    host = job.arm.driver_settings.host
+    words = f"{len(path.beads)} beads of {path.station} run on {host}, {switched}"
+    started = partial(print_message, f"{words}; Ctrl-C stops them")
+    switch = ArcSwitch(program.output, program.arc)
+    send_program(job, path, done.plan.wps.torch, switch, started)
     print_message("the program has come to its end")

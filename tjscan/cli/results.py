@@ -168,7 +168,7 @@ def _read_profiles(file: Path, options: ProfileFileOptions | None) -> FileProfil
     return table
 
 
-TOLERANCE_EXCEEDED: Final = 3
+TOLERANCE_EXIT_CODE: Final = 3
 """Exit code if the distances exceed the tolerance."""
 
 LengthUnit = Literal["mm", "um", "m"]
@@ -176,7 +176,7 @@ LengthUnit = Literal["mm", "um", "m"]
 
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StatedUnitOptions:
+class UnstatedUnitOptions:
     """Units and frame of files that state none.
 
     Parameters
@@ -200,7 +200,7 @@ def compare(
     *,
     align: Literal["none", "joint", "icp"] = "none",
     tolerance_mm: float | None = None,
-    stated: StatedUnitOptions | None = None,
+    stated: UnstatedUnitOptions | None = None,
     plot: Path | None = None,
     json: bool = False,
 ) -> None:
@@ -231,7 +231,7 @@ def compare(
 
     if plot is not None:
         check_map_file(plot)
-    o = stated or StatedUnitOptions()
+    o = stated or UnstatedUnitOptions()
     with show_phase("comparing"):
         ours = read_shape(measured, UserUnitAndFrame(o.units, o.frame))
         theirs = read_shape(reference, UserUnitAndFrame(o.reference_units or o.units, o.frame))
@@ -251,7 +251,7 @@ def compare(
         write_deviation_map(plot, comparison.plot().figure)
         print_message(f"drawn in {plot}")
     if not comparison.passed:
-        raise SystemExit(TOLERANCE_EXCEEDED)
+        raise SystemExit(TOLERANCE_EXIT_CODE)
 
 
 def export(

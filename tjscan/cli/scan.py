@@ -86,18 +86,9 @@ def scan(
     if dry_run:
         check_job_only(parsed, file, station)
         return
-    run_scan_request(
-        ScanRequest(
-            job=parsed,
-            file=file,
-            keys=keys,
-            station=station,
-            directory=file.parent if resume else out or default_run_directory(file, station),
-            resume=resume,
-            page=page,
-            json=json,
-        )
-    )
+    directory = file.parent if resume else out or default_run_directory(file, station)
+    request = ScanRequest(parsed, file, keys, station, directory, page, resume=resume, json=json)
+    run_scan_request(request)
 
 
 def teach(

@@ -10,8 +10,8 @@ from typing import Any
 
 from tjscan.calibration.wizard.operator import DefaultAnswerOperator
 from tjscan.cli.interrupt import INTERRUPT_EXIT_CODE, ctrl_c_presser, stop_request_on_ctrl_c
-from tjscan.cli.operators import TerminalOperator
 from tjscan.cli.options.page import LiveScanOptions
+from tjscan.cli.output.calibration import TerminalOperator
 from tjscan.cli.output.console import print_json, print_message
 from tjscan.cli.output.scan import print_scan_summary, print_stitched_groove, scan_progress_bar
 from tjscan.core.config import add_file_to_errors
@@ -20,17 +20,17 @@ from tjscan.job.files import ScanJob
 from tjscan.recording.journal import CombinedJournal
 from tjscan.report.write import write_run_report
 from tjscan.runs.scan import run as scan
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import ScanContext
 from tjscan.runs.stations import run as stations
 
 
 def check_job_only(job: ScanJob, file: Path, station: str | None) -> None:
     """Check a job and the way to its taught poses, without a scan."""
-    scan.check_scan_job(RunContext(_job_at_chosen_station(job, file, station), file))
+    scan.check_scan_job(ScanContext(_job_at_chosen_station(job, file, station), file))
     print_message(f"{file}: the job is sound, and the way to its taught poses is clear")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ScanRequest:
     """The scan that a command line asks for.
 
@@ -45,10 +45,10 @@ class ScanRequest:
         The one station to scan from.
     directory : Path
         Of the run: to make, or to go on in.
-    resume : bool
-        Whether to go on with an interrupted scan.
     page : LiveScanOptions
         Whether and where it is shown in a browser.
+    resume : bool
+        Whether to go on with an interrupted scan.
     json : bool
         Whether to print the summary as JSON.
     """
@@ -58,8 +58,8 @@ class ScanRequest:
     keys: dict[str, Any]
     station: str | None
     directory: Path
-    resume: bool
     page: LiveScanOptions
+    resume: bool
     json: bool
 
 
@@ -69,7 +69,7 @@ def run_scan_request(request: ScanRequest) -> None:
     # A resumed scan of several stations has a directory for each of them, whichever is chosen.
     whole = request.job if request.resume else here
     with stop_request_on_ctrl_c() as stop:
-        context = RunContext(whole, request.file, stop=stop, finished=write_run_report)
+        context = ScanContext(whole, request.file, stop=stop, finished=write_run_report)
         if len(whole.station) > 1:
             unfinished = _scan_from_stations(request, context)
         else:
@@ -80,7 +80,7 @@ def run_scan_request(request: ScanRequest) -> None:
         raise SystemExit(INTERRUPT_EXIT_CODE if stop.ends_after_section else 1)
 
 
-def _scan_from_one_place(request: ScanRequest, context: RunContext) -> list[str] | None:
+def _scan_from_one_place(request: ScanRequest, context: ScanContext) -> list[str] | None:
     """Scan, and print the summary; an empty list if the scan is not complete."""
     with (
         scan_progress_bar("sections", context.job.scan) as journal,
@@ -94,7 +94,7 @@ def _scan_from_one_place(request: ScanRequest, context: RunContext) -> list[str]
     return None if summary.complete else []
 
 
-def _scan_from_stations(request: ScanRequest, context: RunContext) -> list[str] | None:
+def _scan_from_stations(request: ScanRequest, context: ScanContext) -> list[str] | None:
     """Scan from all stations, or the one chosen, and stitch what they scanned once all have.
 
     Returns the names of those that are not complete, if any.
@@ -130,7 +130,7 @@ def _job_at_chosen_station(job: ScanJob, file: Path, station: str | None) -> Sca
 
 
 @contextmanager
-def _shown_on_page(context: RunContext, request: ScanRequest) -> Iterator[RunContext]:
+def _shown_on_page(context: ScanContext, request: ScanRequest) -> Iterator[ScanContext]:
     """Show a scan on the live page too, if that is asked for, while the block runs."""
     page = request.page
     if not page.live:

@@ -42,9 +42,8 @@ def study(
     from tjscan.runs.run import default_run_directory
     from tjscan.runs.tasks import study_backend_of_task
     from tjscan.study.file import plan_study
-    from tjscan.study.run import run_study
+    from tjscan.study.run import make_study_directory, read_trials, run_study
     from tjscan.study.schedule import DaskScheduler, check_study_packages
-    from tjscan.study.store import make_study_directory, read_trials
 
     if resume and (out is not None or dry_run):
         raise ConfigurationError("--resume goes on in a study's directory: no --out, no --dry-run")
@@ -94,13 +93,13 @@ def chain(
     from tjscan.cli.output.chain import outcome_line, print_sources
     from tjscan.report.write import write_run_report
     from tjscan.result.directory import CALIBRATION_FILE
-    from tjscan.runs.chain import CALIBRATION_RUN, read_chain, run_sources
+    from tjscan.runs.chain import CALIBRATION_RUN, read_chain, run_error_sources
     from tjscan.runs.run import default_run_directory
 
     read = read_chain(chain)
     directory = out or default_run_directory(chain)
     rows = []
-    for row in run_sources(read, directory, arm=arm, begin=print_message, alone=sources):
+    for row in run_error_sources(read, directory, arm=arm, begin=print_message, alone=sources):
         rows.append(row)
         print_message(outcome_line(row))
         calibration = row.directory / CALIBRATION_RUN

@@ -68,7 +68,7 @@ def read_pcd(path: Path) -> Array:
         layout, count, encoding = _read_head(stream)
         rest = path.stat().st_size - stream.tell()
         rate = BYTES_PER_COMPRESSED_POINT if encoding == "binary_compressed" else BYTES_PER_POINT
-        mesh_files.refuse_memory(path, count * (rate + layout.itemsize))
+        mesh_files.refuse_large_memory(path, count * (rate + layout.itemsize))
         if encoding == "ascii":
             lines = (line.decode("ascii") for line in stream)
             columns = [_first_column_of_field(layout, axis) for axis in "xyz"]
@@ -264,7 +264,7 @@ def _read_e57(path: Path) -> FileContent:
     _check_package("pye57", "E57", "e57")
     file = import_module("pye57").E57(str(path))
     points_of_all = sum(file.get_header(i).point_count for i in range(file.scan_count))
-    mesh_files.refuse_memory(path, BYTES_PER_E57_POINT * points_of_all)
+    mesh_files.refuse_large_memory(path, BYTES_PER_E57_POINT * points_of_all)
     scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
     points = [np.column_stack([s[f"cartesian{axis}"] for axis in "XYZ"]) for s in scans]
     return np.concatenate(points), None, ("m", "its standard")
@@ -286,9 +286,9 @@ def _read_csv(path: Path) -> FileContent:
     """Columns x, y, z, with a unit in their names or without."""
     mesh_files.check_memory_to_read(path)
     with path.open(newline="", encoding="utf-8-sig") as stream:
-        lines = iter(lambda: stream.readline(mesh_files.LONGEST_LINE + 1), "")
+        lines = iter(lambda: stream.readline(mesh_files.LONGEST_HEADER_LINE + 1), "")
         head = next((line for line in lines if not line.startswith("#")), "")
-        if len(head) > mesh_files.LONGEST_LINE:
+        if len(head) > mesh_files.LONGEST_HEADER_LINE:
             raise ConfigurationError("its first line is far too long for a header", file=path)
         names = [name.strip().lower() for name in next(csv.reader([head]), [])]
         unit_words = "|".join(METRES_PER_UNIT)

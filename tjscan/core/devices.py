@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
@@ -11,7 +11,13 @@ from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
-from tjscan.core.errors import ConfigurationError, TjscanError, nearest_word
+from tjscan.core.errors import (
+    ConfigurationError,
+    TjscanError,
+    explain_missing_package,
+    missing_package_error,
+    nearest_word,
+)
 from tjscan.core.units import SettingsTable
 
 C = TypeVar("C")
@@ -209,37 +215,9 @@ class DriverRegistry(Generic[F]):
     def _error_at_key(self, message: str) -> ConfigurationError:
         return ConfigurationError(message, key=self.key)
 
-    @contextmanager
-    def explain_missing_package(self, name: str) -> Iterator[None]:
-        """Name the extra to install if the block can't import a package that an entry needs.
-
-        Raises
-        ------
-        ConfigurationError
-            If a package is missing that is not this program's own.
-        """
-        try:
-            yield
-        except ModuleNotFoundError as error:
-            if (error.name or "").split(".")[0] == "tjscan":
-                raise
-            raise self.missing_package_error(name, error.name or "") from error
-
-    def missing_package_error(self, name: str, package: str) -> ConfigurationError:
-        """Error that states what to install for an entry whose package is missing.
-
-        Parameters
-        ----------
-        name : str
-            Name of the entry.
-        package : str
-            Top-level module that is missing.
-        """
-        what = f"'tjscan[{self.extras[name]}]'" if name in self.extras else package
-        return self._error_at_key(
-            f"the {self.kind} {name!r} needs the package {package}, which is not installed: "
-            f"pip install {what}"
-        )
+    def explain_missing_package(self, name: str) -> AbstractContextManager[None]:
+        """Name what to install if the block can't import a package that an entry needs."""
+        return explain_missing_package(f"the {self.kind} {name!r}", self.extras.get(name), self.key)
 
     def make(self, name: str, inputs: Any, settings: Any) -> Any:
         """Make the device of a driver, not yet connected.
@@ -260,6 +238,7 @@ class DriverRegistry(Generic[F]):
         """
         factory: Any = self.load(name)
         if (client := self.clients.get(name)) is not None and find_spec(client) is None:
-            raise self.missing_package_error(name, client)
+            what, extra = f"the {self.kind} {name!r}", self.extras.get(name)
+            raise missing_package_error(what, client, extra, self.key)
         with self.explain_missing_package(name):
             return factory.make(inputs, settings)

@@ -11,7 +11,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from tjscan.core.errors import package_missing
+from tjscan.core.errors import explain_missing_package
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,8 +70,6 @@ def to_data_frame(columns: Mapping[str, Any]) -> Any:
     ConfigurationError
         If pandas is not installed.
     """
-    try:
+    with explain_missing_package("a data frame", "pandas"):
         pandas = import_module("pandas")
-    except ModuleNotFoundError as error:
-        raise package_missing(error, "a data frame", "pandas") from None
     return pandas.DataFrame(dict(columns))

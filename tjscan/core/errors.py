@@ -5,7 +5,8 @@ Library code raises them; only the command line turns them into exit codes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -419,27 +420,40 @@ def nearest_word(word: str, known: Sequence[str]) -> str:
     return close[0] if close else ", ".join(sorted(known))
 
 
-def package_missing(
-    error: ModuleNotFoundError, what: str, extra: str, key: str | None = None
+def missing_package_error(
+    what: str, package: str, extra: str | None, key: str | None = None
 ) -> ConfigurationError:
-    """Error that names a package which is not installed, and the extra that brings it.
+    """Error that names a package which is not installed, and how to install it.
 
     Parameters
     ----------
-    error : ModuleNotFoundError
-        Of the import; raised again if it is of a module of tjscan itself.
     what : str
         What needs the package, in words.
-    extra : str
-        Name of the extra.
+    package : str
+        Its module.
+    extra : str or None
+        Name of the extra that brings it; None if none does.
     key : str, optional
         Key of the job file that asks for it.
     """
-    package = (error.name or "").partition(".")[0]
-    if package == "tjscan":
-        raise error
-    return ConfigurationError(
-        f"{what} needs the package {package}, which is not installed: "
-        f"pip install 'tjscan[{extra}]'",
-        key=key,
-    )
+    source = package if extra is None else f"'tjscan[{extra}]'"
+    reason = f"{what} needs the package {package}, which is not installed: pip install {source}"
+    return ConfigurationError(reason, key=key)
+
+
+@contextmanager
+def explain_missing_package(what: str, extra: str | None, key: str | None = None) -> Iterator[None]:
+    """Name what to install if the block can't import a package; see `missing_package_error`.
+
+    Raises
+    ------
+    ConfigurationError
+        If a package is missing that is not this program's own.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package == "tjscan":
+            raise
+        raise missing_package_error(what, package, extra, key) from error

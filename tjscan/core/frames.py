@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final, TypeVar, dataclass_transform
+from typing import Annotated, Final, TypeVar, dataclass_transform
 
 import numpy as np
 import scipy  # its parts are loaded at first use
@@ -258,3 +258,29 @@ class JointOrBaseFrame:
     def T_r_b(self) -> Array:
         """Pose of the base frame in it, shape (4, 4)."""
         return np.eye(4) if self.T_b_j is None else inverse_pose(self.T_b_j)
+
+
+@dataclass(frozen=True, slots=True)
+class ArrayForm:
+    """Form of the numbers in a field.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Of the array, -1 for a length that varies; empty for a single number.
+    may_be_unknown : bool
+        Whether numbers may be NaN.
+    is_pose : bool
+        Whether it is the pose of a frame.
+    """
+
+    shape: tuple[int, ...] = (-1,)
+    may_be_unknown: bool = False
+    is_pose: bool = False
+
+
+PoseMatrix = Annotated[Array, ArrayForm((4, 4), is_pose=True)]
+FloatOrNan = Annotated[float, ArrayForm((), may_be_unknown=True)]
+PlanarPoints = Annotated[Array, ArrayForm((-1, 2))]
+PlanarPoses = Annotated[Array, ArrayForm((-1, 3))]
+"""Rows of two numbers, such as x and y; and of three, such as x, y and heading."""

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from docstring_parser import Docstring, DocstringStyle, parse
-from pydantic import TypeAdapter
 
 SCHEMA_DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 
@@ -16,19 +15,6 @@ _UNITS_INSIDE: Final = re.compile(
     r"|\s+\((?:metres|radians)\)|\s+in (?:metres|radians)(?= )|\s+Metres, radians\."
 )
 """A docstring states which units the program keeps; the file has the ones that its keys end in."""
-
-
-def json_schema_of(model: type[Any], title: str) -> dict[str, Any]:
-    """JSON schema of a configuration file's model, its keys explained.
-
-    Parameters
-    ----------
-    model : type
-        A `StrictFileModel`.
-    title : str
-        What such a file is.
-    """
-    return {"$schema": SCHEMA_DIALECT} | TypeAdapter(model).json_schema() | {"title": title}
 
 
 def describe_table(

@@ -25,13 +25,13 @@ MOST_MEMORY: Final = 500_000_000
 MOST_HEADER_LINES: Final = 1000
 """Of a PLY."""
 
-LONGEST_LINE: Final = 10_000
+LONGEST_HEADER_LINE: Final = 10_000
 """Bytes of a line in such a header."""
 
 CHUNK_BYTES: Final = 1 << 16
 """Bytes that are counted at once."""
 
-TEXT_RATES: Final = {
+TEXT_MEMORY_RATES: Final = {
     ".stl": (6.6, 80),  # the rate of a binary STL
     ".obj": (8, 65),
     ".ply": (0, 152),
@@ -63,7 +63,7 @@ def check_memory_to_read(path: Path) -> None:
     zipfile.BadZipFile
         If it should be an archive, and is none.
     """
-    refuse_memory(path, memory_to_read(path))
+    refuse_large_memory(path, memory_to_read(path))
 
 
 def memory_to_read(path: Path) -> float:
@@ -79,11 +79,11 @@ def memory_to_read(path: Path) -> float:
         return _memory_of_3mf(path)
     if kind == ".ply" and (needed := _memory_of_binary_ply(path)) is not None:
         return needed
-    by_byte, by_word = TEXT_RATES.get(kind, (0, 0))
+    by_byte, by_word = TEXT_MEMORY_RATES.get(kind, (0, 0))
     return max(by_byte * path.stat().st_size, by_word * _count_words(path)) if by_word else 0.0
 
 
-def refuse_memory(path: Path, needed: float) -> None:
+def refuse_large_memory(path: Path, needed: float) -> None:
     """Refuse a file that needs so many bytes of memory, if that is more than `MOST_MEMORY`."""
     if needed > MOST_MEMORY:
         raise ConfigurationError(
@@ -96,7 +96,7 @@ def refuse_memory(path: Path, needed: float) -> None:
 def read_ply_header(path: Path) -> list[str]:
     """Lines of a PLY file's header."""
     with path.open("rb") as stream:
-        ends = iter(lambda: stream.readline(LONGEST_LINE), b"")
+        ends = iter(lambda: stream.readline(LONGEST_HEADER_LINE), b"")
         lines = (line.decode("ascii", errors="replace").strip() for line in ends)
         return list(islice(takewhile(lambda line: line != "end_header", lines), MOST_HEADER_LINES))
 

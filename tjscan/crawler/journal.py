@@ -11,8 +11,8 @@ from typing import Any, Final
 
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
-from tjscan.core.array_fields import FloatOrNan
 from tjscan.core.errors import RecordingError
+from tjscan.core.frames import FloatOrNan
 from tjscan.core.signals import hold_ctrl_c
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase

@@ -9,8 +9,7 @@ from typing import Annotated, Final, Self
 import numpy as np
 from annotated_types import Gt, Le
 
-from tjscan.core.array_fields import ArrayForm
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, ArrayForm
 from tjscan.core.units import MM, MRAD, SettingsTable
 from tjscan.crawler import slip_model
 from tjscan.crawler.slip_model import STATE_COUNT, CrawlerGeometry, SlipState, TrackOdometry

@@ -9,9 +9,8 @@ from typing import Annotated, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tjscan.core.array_fields import ArrayForm, FloatOrNan, PoseMatrix
 from tjscan.core.errors import GrooveNotFound
-from tjscan.core.frames import Array, frozen_arrays, unit_vector
+from tjscan.core.frames import Array, ArrayForm, FloatOrNan, PoseMatrix, frozen_arrays, unit_vector
 from tjscan.groove.prior import SectionEvidence
 
 PARALLEL_SINE: Final = 1e-3

@@ -1,18 +1,18 @@
-"""From a job to the arm, the laser and the pose of the laser on the arm."""
+"""From a job to its cell: the arm, its clear paths, the laser, and its pose on the flange."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache, partial
 from pathlib import Path
 
+from tjscan.calibration.file import read_calibration
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.devices import DriverKind, NoSettings
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, inverse_pose
 from tjscan.core.units import pose_from_rows_mm
-from tjscan.job.arm import clear_path_planner_of_job, kinematics_of_job
 from tjscan.job.devices import DeviceGroup, LaserSettings
 from tjscan.job.files import CellJob, ScanJob
 from tjscan.joint.definition import JointDefinition
@@ -25,11 +25,150 @@ from tjscan.laser.profile import Profile
 from tjscan.laser.replay import RecordedPoses
 from tjscan.robot.arm import Arm, ArmState
 from tjscan.robot.clearance import ClearPathPlanner
+from tjscan.robot.collision import CollisionModel, check_ignored_links
 from tjscan.robot.collision_checked import CollisionCheckedArm
-from tjscan.robot.deviations import CorrectedArm
+from tjscan.robot.deviations import CorrectedArm, with_deviations
 from tjscan.robot.drivers import ARM_DRIVERS, ArmDriverInputs
+from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import MotionLimits
+from tjscan.robot.settings import Solid, SolidSettings
 from tjscan.scanning.recording import read_views
+
+
+def kinematics_of_job(job: CellJob) -> Kinematics:
+    """Kinematics of the arm's model; ConfigurationError if the model is unknown."""
+    with add_file_to_errors(key="arm.model"):
+        return Kinematics.load(job.arm.model)
+
+
+def clear_path_planner_of_job(job: CellJob, deviations: Array | None = None) -> ClearPathPlanner:
+    """Planner that keeps a job's arm clear of its surroundings, whichever driver moves it.
+
+    Parameters
+    ----------
+    job : CellJob
+        The job.
+    deviations : ndarray, shape (joints, 6), optional
+        Of the arm's joints from its model.
+
+    Raises
+    ------
+    ConfigurationError
+        If the arm's model is unknown or its geometry can't be read, or an ignored link is unknown.
+    """
+    table = job.clearance
+    kinematics = kinematics_of_job(job)
+    if deviations is not None:
+        kinematics = with_deviations(kinematics, deviations)
+    with add_file_to_errors(key="clearance.ignore"):
+        check_ignored_links(kinematics, table.ignore)
+    with add_file_to_errors(key="arm.model"):
+        model = collision_model_of_job(job, kinematics, table.tool)
+    return ClearPathPlanner(kinematics, model, table)
+
+
+def collision_model_of_job(
+    job: CellJob, arm: Kinematics, tool: Iterable[SolidSettings], T_b_w: Array | None = None
+) -> CollisionModel:
+    """Make the model of what a job's arm may touch: itself, and the solids about it.
+
+    Parameters
+    ----------
+    job : CellJob
+        The job, of one station if it has any.
+    arm : Kinematics
+        Of its arm.
+    tool : iterable of SolidSettings
+        Solids that the flange carries.
+    T_b_w : ndarray, shape (4, 4), optional
+        As of `solids_in_base`.
+    """
+    table, solids, carried = job.clearance, solids_in_base(job, T_b_w), [one.solid for one in tool]
+    own, ignored = table.self_collision, table.ignore
+    return CollisionModel(arm, solids, carried, self_collision=own, ignored=ignored)
+
+
+def solids_in_base(job: CellJob, T_b_w: Array | None = None) -> tuple[Solid, ...]:
+    """Solids about a job's arm, with their poses in frame b.
+
+    Parameters
+    ----------
+    job : CellJob
+        The job, of one station if it has any.
+    T_b_w : ndarray, shape (4, 4), optional
+        Pose of the workpiece's frame; the one in the job if left out.
+    """
+    T_b_w = inverse_pose(job.T_w_b) if T_b_w is None else T_b_w
+    return tuple(
+        one.solid if one.frame == "b" else replace(one.solid, T=T_b_w @ one.solid.T)
+        for one in job.clearance.solid
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorMount:
+    """Pose of the laser on the flange, and the calibration file it comes from.
+
+    Parameters
+    ----------
+    T_f_s : ndarray, shape (4, 4)
+        Pose of the laser in the flange frame.
+    file : Path or None
+        The calibration it comes from; None if the job itself holds it.
+    deviations : ndarray, shape (joints, 6), or None
+        Of the arm's joints from its model, where they were calibrated with it.
+    covariance : ndarray, shape (6, 6) or (6 + 6 joints, 6 + 6 joints), or None
+        Of `T_f_s`, translation and small rotation in axes of f, and of the deviations, if any;
+        SI. None if it is not known.
+    by_laser : ndarray, shape (6, m) or (6 + 6 joints, m), or None
+        What of it comes from m draws of the laser's deviation, see `LaserDeviation.at`; none where
+        that was not calibrated with.
+    linearity : float
+        Largest deviation of that laser, metres.
+    """
+
+    T_f_s: Array
+    file: Path | None = None
+    deviations: Array | None = None
+    covariance: Array | None = None
+    by_laser: Array | None = None
+    linearity: float = 0.0
+
+
+def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
+    """Pose of the laser on the flange, as a job states it or as its calibration file does.
+
+    Parameters
+    ----------
+    job : CellJob
+        The job.
+    job_file : Path
+        Where it was read from.
+
+    Raises
+    ------
+    ConfigurationError
+        If the calibration can't be read, or holds for another arm or laser.
+    """
+    if (T_f_s := job.calibration.T_f_s) is not None:
+        return SensorMount(T_f_s, covariance=job.calibration.covariance)
+    file = job_file.parent / str(job.calibration.file)
+    # A recording does not name the laser that made it, unless the job does.
+    laser = job.laser.id if job.laser.driver_kind is DriverKind.REPLAYED else job.laser.device_id
+    found = read_calibration(file, arm=job.arm.device_id, laser=laser)
+    by_laser, linearity = None, 0.0
+    if (response := found.laser_response) is not None:
+        by_laser, linearity = response.by_draws_si, 1e-3 * response.linearity_mm
+    if (arm := found.kinematics) is None:
+        return SensorMount(found.T_f_s, file, None, found.covariance_si, by_laser, linearity)
+    if arm.model != (name := kinematics_of_job(job).name):
+        raise ConfigurationError(
+            f"holds the kinematics of a {arm.model!r}, but this cell has a {name!r}: calibrate "
+            "this arm",
+            file=file,
+            key="kinematics.model",
+        )
+    return SensorMount(found.T_f_s, file, arm.deviations_si, arm.covariance_si, by_laser, linearity)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,37 +202,11 @@ class Cell(DeviceGroup):
         return self.arm, self.laser
 
 
-def make_scan_cell(
-    job: ScanJob,
-    T_f_s: Array,
-    joint: JointDefinition | None,
-    left: ArmState | None = None,
-    deviations: Array | None = None,
-) -> Cell:
-    """Make the cell of a scan; see `make_cell`.
-
-    Parameters
-    ----------
-    job : ScanJob
-        The job.
-    T_f_s : ndarray, shape (4, 4)
-        Pose of the laser on the flange, see `sensor_mount_of_job`.
-    joint : JointDefinition, optional
-        What a simulated laser looks at.
-    left : ArmState, optional
-        State of the arm when a scan was interrupted.
-    deviations : ndarray, shape (joints, 6), optional
-        Of the arm's joints, see `make_cell`.
-    """
-    return make_cell(job, T_f_s, partial(_joint_scene, job, joint), left, deviations)
-
-
 def make_cell(
     job: CellJob,
-    T_f_s: Array,
+    mount: SensorMount,
     scene: Callable[[], SimulatedScene],
     left: ArmState | None = None,
-    deviations: Array | None = None,
 ) -> Cell:
     """Make the cell that a job describes, by its drivers; entering it connects the devices.
 
@@ -101,14 +214,13 @@ def make_cell(
     ----------
     job : CellJob
         The job, of one station if it has any.
-    T_f_s : ndarray, shape (4, 4)
-        Estimated pose of the laser on the flange.
+    mount : SensorMount
+        Estimated pose of the laser on the flange; the arm's poses are corrected by the deviations
+        that were calibrated with it, if any.
     scene : callable
-        Gives what a simulated laser looks at; called for such a laser alone.
+        Gives what a simulated laser looks at; called for such a laser alone. See `joint_scene`.
     left : ArmState, optional
         State of the arm when a scan was interrupted: a simulated arm starts from it.
-    deviations : ndarray, shape (joints, 6), optional
-        Of the arm's joints from its model, as calibrated: its poses are corrected by them.
 
     Raises
     ------
@@ -116,8 +228,8 @@ def make_cell(
         If a driver or the arm's model is unknown, a package is missing that a driver needs, or
         the job lacks what it needs.
     """
-    clearance, simulation = clear_path_planner_of_job(job, deviations), job.simulation
-    model = kinematics_of_job(job)
+    clearance, simulation = clear_path_planner_of_job(job, mount.deviations), job.simulation
+    model, T_f_s = kinematics_of_job(job), mount.T_f_s
     recording = cache(partial(_read_recording, job.laser))
     arm_driver = ARM_DRIVERS.load(job.arm.driver)
     device: Arm = job.arm.make_device(
@@ -132,7 +244,7 @@ def make_cell(
     )
     arm = device
     if arm_driver.kind is not DriverKind.REPLAYED:
-        if deviations is not None:
+        if mount.deviations is not None:
             arm = CorrectedArm(arm, model, clearance.kinematics)
         arm = CollisionCheckedArm(arm, clearance, T_f_s, lifts=job.clearance.lifts)
     true_flange = partial(arm_driver.truth, device)
@@ -172,7 +284,7 @@ def make_simulated_laser(
         job,
         LaserFlange(T_b_f, T_b_f, time),
         T_f_s,
-        partial(_joint_scene, job, joint),
+        partial(joint_scene, job, joint),
         lambda: _read_recording(job.laser)[::2],
     )
     laser: LineLaser = LASER_DRIVERS.load("simulated").make(inputs, NoSettings())
@@ -210,8 +322,8 @@ def _read_recording(
     return poses, states, tuple(view.profile for view in views)
 
 
-def _joint_scene(job: ScanJob, joint: JointDefinition | None) -> SimulatedScene:
-    """The joint of a job at its true pose."""
+def joint_scene(job: ScanJob, joint: JointDefinition | None) -> SimulatedScene:
+    """The joint of a job at its true pose; ConfigurationError if the job has none."""
     if job.joint is None or joint is None:
         raise ConfigurationError("a simulated laser needs a [joint] table to look at", key="joint")
     return SimulatedScene(_joint_surface(joint), inverse_pose(job.T_w_b_true) @ job.joint.T_w_j)

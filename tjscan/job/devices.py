@@ -212,7 +212,7 @@ class ArmUncertaintySettings(units.SettingsTable):
     ] = None
 
     @property
-    def repeats(self) -> tuple[ArmRepeatability, str]:
+    def stated_repeatability(self) -> tuple[ArmRepeatability, str]:
         """Repeatability, and whether any of it is stated or all assumed."""
         assumed = ArmRepeatability()
         position, evidence = _stated_or_assumed(self.repeatability, assumed.position)
@@ -239,12 +239,12 @@ class LaserUncertaintySettings(units.SettingsTable):
     range_bias: Annotated[float | None, Ge(0), Le(5), units.MM] = None
 
     @property
-    def linear(self) -> tuple[float, str]:
+    def stated_linearity(self) -> tuple[float, str]:
         """Linearity in metres, and whether it is stated or assumed."""
         return _stated_or_assumed(self.linearity, ASSUMED_LINEARITY)
 
     @property
-    def bias(self) -> tuple[float, str]:
+    def stated_bias(self) -> tuple[float, str]:
         """Range bias in metres, and whether it is stated or assumed."""
         return _stated_or_assumed(self.range_bias, ASSUMED_RANGE_BIAS)
 

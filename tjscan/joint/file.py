@@ -166,17 +166,23 @@ def _check_root(d: JointDefinition, s: JointGrooveSections) -> None:
         )
 
 
+def groove_extent(d: JointDefinition, s: JointGrooveSections) -> tuple[float, float]:
+    """How far the groove reaches up the brace and along the leg, metres from where axes cross."""
+    foot = d.leg_surface.points_j(s.phi, d.brace_radius) @ d.leg_surface.axis
+    root = cylindrical_to_j(s.phi, s.p4[:, 0], s.p4[:, 1]) @ d.leg_surface.axis
+    return float(np.max(s.p2[:, 1])), float(np.max(np.abs((foot, root))))
+
+
 def _check_lengths(d: JointDefinition, s: JointGrooveSections) -> None:
-    top = float(np.max(s.p2[:, 1])) + LEAST_TUBE_BEYOND_GROOVE
+    up, along = groove_extent(d, s)
+    top = up + LEAST_TUBE_BEYOND_GROOVE
     if d.brace_length < top:
         _raise_wrong_key(
             "brace.length_mm",
             f"{_mm(d.brace_length)} ends in the groove; from where the axes cross it takes at "
             f"least {_mm(top)}",
         )
-    foot = d.leg_surface.points_j(s.phi, d.brace_radius) @ d.leg_surface.axis
-    root = cylindrical_to_j(s.phi, s.p4[:, 0], s.p4[:, 1]) @ d.leg_surface.axis
-    least = 2 * (float(np.max(np.abs((foot, root)))) + LEAST_TUBE_BEYOND_GROOVE)
+    least = 2 * (along + LEAST_TUBE_BEYOND_GROOVE)
     if d.leg_length < least:
         _raise_wrong_key(
             "leg.length_mm",

@@ -28,8 +28,7 @@ import numpy as np
 from google.protobuf.message import DecodeError, Message
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from tjscan.core.array_fields import ArrayForm
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, ArrayForm, readonly_copy
 from tjscan.laser.profile import Profile
 
 LARGEST_NUMBER: Final = 1e9

@@ -14,7 +14,7 @@ from tjscan.report import picture
 from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import job_label_of_run
 
-NARROW_SIZE: Final = (4.6, 3.2)
+NARROW_CHART_SIZE: Final = (4.6, 3.2)
 """Inches of a chart that has others beside it."""
 
 
@@ -50,7 +50,7 @@ def draw_chapter_charts(
 ) -> Iterator[picture.ReportPicture]:
     """Draw charts, the lines of one title together; `narrow` ones are beside each other."""
     for title, lines in _charts_by_title(charts).items():
-        size = NARROW_SIZE if narrow else (12, 5.5 if lines[0].plane else 3.6)
+        size = NARROW_CHART_SIZE if narrow else (12, 5.5 if lines[0].plane else 3.6)
         figure = picture.new_figure(*size)
         _draw_charts_of_one_title(figure.add_subplot(), lines)
         yield picture.inline_figure(figure, title[:1].upper() + title[1:], lines[0].caption)
@@ -65,7 +65,9 @@ def draw_sheet_picture(chapter: ReportChapter) -> Figure:
         With a sheet.
     """
     charts = _charts_by_title(chapter.charts)
-    figure = picture.new_figure(NARROW_SIZE[0] * max(len(charts), 1), 1.3 * NARROW_SIZE[1])
+    figure = picture.new_figure(
+        NARROW_CHART_SIZE[0] * max(len(charts), 1), 1.3 * NARROW_CHART_SIZE[1]
+    )
     if chapter.sheet is not None:
         texts = [f"{name}: {value}" for name, value in chapter.sheet.headline]
         wide = max(len(charts), 1)
@@ -105,8 +107,7 @@ def _draw_charts_of_one_title(axes: Any, lines: list[ReportChart]) -> None:
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.yaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.set_xlabel(lines[0].x_label)
-    axes.set_ylabel(lines[0].y_label)
+    axes.set(xlabel=lines[0].x_label, ylabel=lines[0].y_label)
     axes.grid(alpha=0.3)
     if any(chart.line for chart in lines):
         axes.legend(fontsize=8, ncols=4)

@@ -41,7 +41,7 @@ STATION_COLOURS: Final = tuple(f"C{k}" for k in range(10))
 MOST_PICTURE_BYTES: Final = 1_000_000
 """A larger picture of stations would make the report too large to send."""
 
-ROOT_WIDTH: Final = 1
+ROOT_WIDTH_INDEX: Final = 1
 """Place of the root's width among the measures of a section."""
 
 BOX_MARGIN: Final = 50e-3
@@ -144,8 +144,7 @@ def draw_scan_charts(data: ReportData) -> picture.ReportPicture | None:
             if chart.nominal is not None:
                 axes.axhline(chart.nominal, color=DESIGN_COLOUR, linestyle="--", linewidth=1)
                 axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
-            axes.set_xlabel(chart.x_label)
-            axes.set_ylabel(chart.y_label)
+            axes.set(xlabel=chart.x_label, ylabel=chart.y_label)
         axes.set_title(title, fontsize=10)
         axes.grid(alpha=0.3)
     for axes in panels.flat[len(titles) :]:
@@ -183,8 +182,7 @@ def draw_corner_errors(data: ReportData) -> picture.ReportPicture | None:
             1e3 * tolerance, color=DESIGN_COLOUR, linestyle="--", linewidth=1, label="tolerance"
         )
     axes.set_ylim(bottom=0)
-    axes.set_xlabel(label)
-    axes.set_ylabel("distance / mm")
+    axes.set(xlabel=label, ylabel="distance / mm")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, ncols=4)
     return picture.inline_figure(
@@ -221,9 +219,9 @@ def draw_fit_up(data: ReportData) -> picture.ReportPicture:
         axes.grid(alpha=0.3)
     opening = 1e3 * np.array([section.root_opening for section in sections])
     rootless = absent_corners(sections)[:, 1:].any(axis=1)
-    width = 1e3 * np.array([section.measures[ROOT_WIDTH] for section in sections])
+    width = 1e3 * np.array([section.measures[ROOT_WIDTH_INDEX] for section in sections])
     width[~np.isnan(opening) | rootless] = np.nan
-    widths = 1e3 * np.array([section.sigmas[ROOT_WIDTH] for section in sections])
+    widths = 1e3 * np.array([section.sigmas[ROOT_WIDTH_INDEX] for section in sections])
     # An opening ends at p3, the edge of the bevel.
     edges = 1e3 * np.array([section.own_corner_sigmas[1] for section in sections])
     for name, y, sigma, colour in (

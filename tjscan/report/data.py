@@ -18,7 +18,8 @@ from tjscan.groove.settings import GrooveSettings
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.file import read_joint
 from tjscan.laser.profile import Profile
-from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
+from tjscan.recording.journal import RunEvent
+from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import JOINT_FILE, RECORDING_FILE, SECTIONS_FILE, SUMMARY_FILE
 from tjscan.result.shapes import read_run_shape, read_shape
 from tjscan.result.summary import ScanSummary, StitchingReport, read_stitching_report, read_summary
@@ -60,7 +61,7 @@ class StationRunData:
         return [chart for chapter in self.chapters for chart in chapter.charts]
 
     @property
-    def events(self) -> list[ReportEvent]:
+    def events(self) -> list[RunEvent]:
         """Events of all chapters."""
         return [event for chapter in self.chapters for event in chapter.events]
 

@@ -12,7 +12,7 @@ import numpy as np
 from tjscan.comparison.compare import Comparison
 from tjscan.report.data import ReportData
 from tjscan.result.directory import JOINT_FILE
-from tjscan.result.summary import LOOP_OPEN, StitchingReport
+from tjscan.result.summary import LOOP_OPEN_TEXT, StitchingReport
 
 GAP_RATIO: Final = 2.5
 """Neighbouring sections farther apart than so many times the usual distance leave a gap."""
@@ -69,7 +69,7 @@ def _stitching_findings(report: StitchingReport) -> Iterator[str]:
     if report.covered_deg < 360 - 0.5:
         yield f"The stations cover {report.covered_deg:.0f}° without a gap, not all of the joint."
     elif report.loop_gap_after_mm is None:
-        yield f"All of it was seen, but {LOOP_OPEN}."
+        yield f"All of it was seen, but {LOOP_OPEN_TEXT}."
     for one in report.overlaps:
         if one.misfit > UNFIT_CHI2:
             yield (

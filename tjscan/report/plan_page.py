@@ -80,8 +80,7 @@ def draw_positions(courses: Sequence[document.BeadCourse]) -> picture.ReportPict
         axes.barh(np.nan, 0, color=POSITION_COLOURS[name], label=name)
     axes.set_yticks([bead.number for bead in courses])
     axes.invert_yaxis()
-    axes.set_xlabel("s / mm")
-    axes.set_ylabel("bead")
+    axes.set(xlabel="s / mm", ylabel="bead")
     axes.legend(ncols=len(seen), fontsize="small", loc="lower right", bbox_to_anchor=(1, 1))
     return picture.inline_figure(
         figure,

@@ -21,7 +21,7 @@ from tjscan.report.findings import is_closed, wide_steps
 from tjscan.result.section import UNIT_SYMBOLS, absent_corners, measure_columns
 from tjscan.result.wireframe import ghost_of_joint, joint_wireframe
 
-MOST_POINTS: Final = 40_000
+MOST_SHOWN_POINTS: Final = 40_000
 """A page of more would be slow, and too large."""
 
 SEQUENTIAL, DIVERGING = "viridis", "coolwarm"
@@ -129,7 +129,7 @@ def _encoded_points(data: ReportData) -> tuple[dict[str, Any], DeviationDistance
     """Points near the groove as 16-bit numbers, and the deviations that they carry."""
     cloud = data.cloud
     chosen = indices_near_groove(data.sections, cloud)
-    chosen = chosen[:: -(-len(chosen) // MOST_POINTS) or 1]
+    chosen = chosen[:: -(-len(chosen) // MOST_SHOWN_POINTS) or 1]
     points = 1e3 * cloud[chosen]
     carried = None if data.comparison is None else data.comparison.deviations[0]
     if carried is not None and len(carried.distances) != len(cloud):

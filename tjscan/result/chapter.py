@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, Protocol
@@ -18,6 +17,7 @@ import numpy as np
 from tjscan.core.frames import Array, frozen_arrays
 from tjscan.groove.settings import DEFAULT_SETTINGS, GrooveSettings
 from tjscan.laser.profile import Profile
+from tjscan.recording.journal import RunEvent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,23 +157,6 @@ class ReportChart:
 
 
 @dataclass(frozen=True, slots=True)
-class ReportEvent:
-    """An event of a run that a report lists: its time, name and detail.
-
-    Parameters
-    ----------
-    time : datetime
-        When, in UTC.
-    name, detail : str
-        What, in a word and in a sentence.
-    """
-
-    time: datetime
-    name: str
-    detail: str
-
-
-@dataclass(frozen=True, slots=True)
 class ReportSheet:
     """What makes the page of a chapter a single sheet that begins with the numbers asked for.
 
@@ -207,7 +190,7 @@ class ReportChapter:
         What a reader has to know before relying on it, a sentence each.
     charts : tuple of ReportChart
         How it went.
-    events : tuple of ReportEvent
+    events : tuple of RunEvent
         In their order.
     sheet : ReportSheet or None
         Where its page is a single sheet.
@@ -222,7 +205,7 @@ class ReportChapter:
     facts: tuple[tuple[str, str], ...] = ()
     findings: tuple[str, ...] = ()
     charts: tuple[ReportChart, ...] = ()
-    events: tuple[ReportEvent, ...] = ()
+    events: tuple[RunEvent, ...] = ()
     sheet: ReportSheet | None = None
     animation: PlaneAnimation | None = None
     profiles: Mapping[int, Profile] = field(default_factory=lambda: MappingProxyType({}))

@@ -1,4 +1,7 @@
-"""Write a run's sections for another tool."""
+"""Write a run's sections for another tool: as a table, points, JSON or a weldx file.
+
+JSON holds every field of every section, after a schema that follows from the fields.
+"""
 
 from __future__ import annotations
 
@@ -6,21 +9,116 @@ from collections.abc import Sequence
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from pydantic import BaseModel
+from pydantic import BaseModel, create_model
+from pydantic import Field as Described
 
+from tjscan.core.config import StrictFileModel
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import inverse_pose, pose_from_rounded_matrix, transform_points
 from tjscan.core.provenance import LengthUnit, Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.directory import SECTIONS_FILE, job_label_of_run
-from tjscan.result.document import build_sections_document
 from tjscan.result.ply import sections_to_ply
-from tjscan.result.shapes import read_finished_summary
-from tjscan.result.table import read_sections_csv, sections_to_csv
+from tjscan.result.section import SECTION_FIELDS, SectionQuantity
+from tjscan.result.shapes import read_finished_sections
+from tjscan.result.table import sections_to_csv
+
+
+class SectionFieldDescription(StrictFileModel):
+    """What a field of the sections means."""
+
+    unit: str
+    meaning: str
+
+
+def _type_in_json(field: SectionQuantity) -> Any:
+    """The type of a field's value in JSON."""
+    if field.text or field.name == "index":
+        return str if field.text else int
+    kind: Any = float
+    for count in reversed(field.shape):
+        numbers: Any = tuple.__class_getitem__((kind,) * count)
+        kind = Annotated[numbers, Described(strict=False)]
+    return kind | None if field.blank else kind
+
+
+SECTION_KEYS: Final[dict[str, Any]] = {
+    field.name: (_type_in_json(field), Described(description=field.meaning))
+    for field in SECTION_FIELDS
+}
+SECTION_MODEL: Final[Any] = create_model("Section", __base__=StrictFileModel, **SECTION_KEYS)
+HEAD_KEYS: Final[dict[str, Any]] = {
+    "schema_name": (Literal["tjscan.groove"], "tjscan.groove"),
+    "version": (Literal[3], 3),
+    "run": (str, Described(description="name of the run directory")),
+    "calibration": (str, Described(description="where the sensor's pose on the flange comes from")),
+    "provenance": (Provenance, ...),
+    "fields": (dict[str, SectionFieldDescription], ...),
+}
+SECTION_LIST: Final[Any] = Annotated[
+    tuple[SECTION_MODEL, ...], Described(strict=False, min_length=2)
+]
+
+GROOVE_DOCUMENT: Final[type[BaseModel]] = create_model(
+    "GrooveDocument", __base__=StrictFileModel, **HEAD_KEYS, sections=(SECTION_LIST, ...)
+)
+"""The document's model, whose schema is ``docs/export.schema.json``."""
+
+
+def build_sections_document(
+    sections: Sequence[MeasuredSection], provenance: Provenance, run: str, calibration: str
+) -> BaseModel:
+    """Build the model of the sections' JSON document, validated against `GROOVE_DOCUMENT`.
+
+    Parameters
+    ----------
+    sections : sequence of MeasuredSection
+        Two or more, in their order along the groove.
+    provenance : Provenance
+        Of the file; its unit of length is the document's.
+    run : str
+        Name of the run directory.
+    calibration : str
+        Where the sensor's pose on the flange comes from.
+    """
+    unit = provenance.length
+    columns = {field.name: _json_values(field, sections, unit) for field in SECTION_FIELDS}
+    rows = zip(*columns.values(), strict=True)
+    return GROOVE_DOCUMENT.model_validate(
+        {
+            "run": run,
+            "calibration": calibration,
+            "provenance": provenance,
+            "fields": {
+                field.name: SectionFieldDescription(
+                    unit=field.unit_for_lengths(unit).suffix, meaning=field.meaning
+                )
+                for field in SECTION_FIELDS
+            },
+            "sections": [dict(zip(columns, row, strict=True)) for row in rows],
+        }
+    )
+
+
+def _json_values(
+    field: SectionQuantity, sections: Sequence[MeasuredSection], unit: LengthUnit
+) -> list[Any]:
+    """A field's value of each section, to the digits that tables print."""
+    cells = field.formatted_columns(sections, unit)
+    if field.text:
+        return [row[0] for row in cells]
+    if not field.shape:
+        kind = int if field.name == "index" else float
+        return [kind(row[0]) if row[0] else None for row in cells]
+    return [
+        np.reshape(np.array(row, dtype=float), field.shape).tolist() if all(row) else None
+        for row in cells
+    ]
+
 
 Format = Literal["csv", "ply", "json", "weldx"]
 
@@ -52,8 +150,7 @@ def export_run(
     RecordingError
         If the file can't be written; what was there before is unchanged.
     """
-    summary = read_finished_summary(directory)
-    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
+    summary, sections = read_finished_sections(directory)
     if len(sections) < 2:
         raise ConfigurationError(
             "two sections or more are needed to find the groove's direction",
@@ -80,20 +177,6 @@ def export_run(
     return file
 
 
-def sort_sections_by_azimuth(sections: tuple[MeasuredSection, ...]) -> tuple[MeasuredSection, ...]:
-    """Sections by growing azimuth, whichever way the scan went; as they are if none is known.
-
-    Parameters
-    ----------
-    sections : tuple of MeasuredSection
-        In their order along the groove.
-    """
-    azimuths = np.unwrap([section.azimuth for section in sections])
-    if np.isnan(azimuths).any():
-        return sections
-    return tuple(sections[i] for i in np.argsort(azimuths))
-
-
 WELDX_ROOTS = {"j": "joint", "b": "arm base"}
 """What the frame of the result is called in the tree of frames."""
 
@@ -112,7 +195,7 @@ def write_weldx(
     file : Path
         The file to write.
     sections, provenance
-        As of `tjscan.result.document.build_sections_document`.
+        As of `build_sections_document`.
     document : BaseModel
         The sections as JSON holds them.
 

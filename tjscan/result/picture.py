@@ -232,8 +232,7 @@ def draw_profile(axes: Any, reading: ProfileReading) -> None:
         axes.plot(z, x, "o", color=CORNER_COLOUR, markersize=3)
         axes.annotate(f"$p_{i}$", (z, x), xytext=(8, -2), textcoords="offset points")
     axes.margins(0.12)
-    axes.set_xlabel("$z_s$ / mm")
-    axes.set_ylabel("$x_s$ / mm")
+    axes.set(xlabel="$z_s$ / mm", ylabel="$x_s$ / mm")
     axes.invert_xaxis()
     axes.set_aspect("equal", adjustable="datalim")
 

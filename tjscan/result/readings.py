@@ -16,7 +16,7 @@ from tjscan.groove.settings import TEE_GROOVE, GrooveSettings
 from tjscan.laser.profile import Profile
 from tjscan.result.section import MEASURE_FIELDS
 
-SIDE_POINTS: Final = 24
+DRAWN_SIDE_POINTS: Final = 24
 """Points of a fitted side in a picture."""
 
 
@@ -106,7 +106,7 @@ def fitted_side_polylines(profile: Profile, settings: GrooveSettings) -> list[Ar
     for number, curve in enumerate(fitted.curves):
         along = fitted.kept_along(number)
         if len(along):
-            reach = np.linspace(along.min(), along.max(), SIDE_POINTS)
+            reach = np.linspace(along.min(), along.max(), DRAWN_SIDE_POINTS)
             sides.append(np.array([curve.point_on_curve(float(s)) for s in reach]))
     return sides
 

@@ -248,12 +248,8 @@ def _text_field(name: str, meaning: str) -> SectionQuantity:
     return SectionQuantity(name, meaning, NO_UNIT, text=True, blank=True, later=True)
 
 
-def _take_measure(k: int) -> TakeValues:
-    return lambda sections: np.array([section.measures[k] for section in sections])
-
-
-def _take_sigma(k: int) -> TakeValues:
-    return lambda sections: np.array([section.sigmas[k] for section in sections])
+def _take_entry(name: str, k: int) -> TakeValues:
+    return lambda sections: np.array([getattr(section, name)[k] for section in sections])
 
 
 def _take_correlations(sections: Sequence[MeasuredSection]) -> Array:
@@ -285,7 +281,9 @@ MEASURE_MEANINGS: Final = {
     "area": (MM2, "of the quadrilateral of the origin of g, p2, p3 and p4"),
 }
 MEASURE_FIELDS: Final = tuple(
-    SectionQuantity(name, meaning, unit, _take_measure(k), decimals=3 if unit is MM2 else 4)
+    SectionQuantity(
+        name, meaning, unit, _take_entry("measures", k), decimals=3 if unit is MM2 else 4
+    )
     for k, (name, (unit, meaning)) in enumerate(MEASURE_MEANINGS.items())
 )
 """What a section measures, in the order of `MeasuredSection.measures`."""
@@ -295,7 +293,7 @@ SIGMA_FIELDS: Final = tuple(
         f"sigma_{name}",
         f"standard deviation of {name}",
         unit,
-        _take_sigma(k),
+        _take_entry("sigmas", k),
         decimals=None,
         least=0,
     )

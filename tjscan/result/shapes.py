@@ -17,13 +17,12 @@ from tjscan.groove.measured import MeasuredSection
 from tjscan.result.directions import section_directions
 from tjscan.result.directory import BUDGET_FILE, CLOUD_FILE, SECTIONS_FILE, SUMMARY_FILE
 from tjscan.result.section import absent_corners
-from tjscan.result.summary import ScanSummary, read_summary
+from tjscan.result.summary import ScanSummary, read_budget, read_summary
 from tjscan.result.table import read_sections_csv
-from tjscan.result.uncertainty import read_budget
 
 
 def read_shape(path: Path, options: UserUnitAndFrame | None = None) -> Shape:
-    """Read a run directory, of one scan or stitched, or any file that `clouds.read_shape` reads.
+    """Read a run directory, of one scan or stitched, or any file that `read_shape_file` reads.
 
     Parameters
     ----------
@@ -62,6 +61,32 @@ def read_finished_summary(directory: Path) -> ScanSummary:
         problem = f"is no finished run: it holds no {SUMMARY_FILE}{hint if stations else ''}"
         raise ConfigurationError(problem, file=directory)
     return read_summary(directory / SUMMARY_FILE)
+
+
+def read_finished_sections(directory: Path) -> tuple[ScanSummary, tuple[MeasuredSection, ...]]:
+    """Read summary and sections of a finished run, sections by growing azimuth.
+
+    Raises
+    ------
+    ConfigurationError
+        If the directory holds no finished run, or its files are damaged.
+    """
+    summary = read_finished_summary(directory)
+    return summary, sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
+
+
+def sort_sections_by_azimuth(sections: tuple[MeasuredSection, ...]) -> tuple[MeasuredSection, ...]:
+    """Sections by growing azimuth, whichever way the scan went; as they are if none is known.
+
+    Parameters
+    ----------
+    sections : tuple of MeasuredSection
+        In their order along the groove.
+    """
+    azimuths = np.unwrap([section.azimuth for section in sections])
+    if np.isnan(azimuths).any():
+        return sections
+    return tuple(sections[i] for i in np.argsort(azimuths))
 
 
 def read_run_shape(directory: Path) -> Shape:

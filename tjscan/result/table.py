@@ -36,7 +36,7 @@ RUN_FIELDS: Final = tuple(
 RUN_COLUMNS: Final = tuple(column for field in RUN_FIELDS for column in field.column_names())
 """Columns of ``sections.csv``."""
 
-NEEDED_COLUMNS: Final = tuple(
+REQUIRED_COLUMNS: Final = tuple(
     column for f in RUN_FIELDS if not f.later for column in f.column_names()
 )
 """Those without which a file holds no sections."""
@@ -44,7 +44,7 @@ NEEDED_COLUMNS: Final = tuple(
 MOST_TABLE_BYTES: Final = 50_000_000
 """A larger file holds no sections: each takes a kilobyte."""
 
-VARIANCE_PLACES: Final = (0, 3, 5)
+VARIANCE_INDICES: Final = (0, 3, 5)
 """Where xx, yy and zz are among the six numbers of a covariance."""
 
 AXES_TOLERANCE: Final = 1e-6
@@ -163,7 +163,7 @@ class _SectionRow:
 
 def _check_column_names(file: Path, line: int, head: Sequence[str]) -> None:
     """Refuse a head that does not name every column once."""
-    missing = [name for name in NEEDED_COLUMNS if name not in head]
+    missing = [name for name in REQUIRED_COLUMNS if name not in head]
     twice = sorted({name for name in head if head.count(name) > 1})
     if missing or twice:
         name = (missing or twice)[0]
@@ -186,9 +186,9 @@ def _section_of_row(row: _SectionRow) -> MeasuredSection:
         raise row.error(
             "xg, yg and zg are no right-handed axes", FIELD_BY_NAME["axes"].column_names()[0]
         )
-    variances = np.asarray(values["covariances"])[:, VARIANCE_PLACES]
+    variances = np.asarray(values["covariances"])[:, VARIANCE_INDICES]
     if (bad := np.argwhere(variances < 0)).size:
         corner, axis = bad[0]
-        column = FIELD_BY_NAME["covariances"].column_names()[6 * corner + VARIANCE_PLACES[axis]]
+        column = FIELD_BY_NAME["covariances"].column_names()[6 * corner + VARIANCE_INDICES[axis]]
         raise row.error("a variance is not negative", column)
     return section_from_values(values)

@@ -38,7 +38,9 @@ def joint_wireframe(joint: JointDefinition) -> list[Array]:
     for phi in np.linspace(0, 2 * np.pi, LINES_ALONG_TUBE, endpoint=False):
         start = float(joint.leg_surface.height(phi, joint.brace_radius))
         lines.append(cylindrical_to_j(np.full(2, phi), joint.brace_radius, np.array((start, top))))
-    return lines + _leg_lines(joint)
+    left, right = leg_rings(joint)
+    spokes = slice(None, None, 180 // LINES_ALONG_TUBE)
+    return [*lines, left, right, *np.stack((left[spokes], right[spokes]), axis=1)]
 
 
 def brace_top(joint: JointDefinition) -> float:
@@ -56,13 +58,6 @@ def leg_rings(joint: JointDefinition) -> tuple[Array, Array]:
     ring = joint.leg_radius * (np.outer(np.cos(turn), side) + np.outer(np.sin(turn), up))
     reach = min(joint.leg_length / 2, 2 * joint.brace_radius)
     return ring - reach * axis, ring + reach * axis
-
-
-def _leg_lines(joint: JointDefinition) -> list[Array]:
-    """Rings and generatrices of the leg."""
-    left, right = leg_rings(joint)
-    spokes = slice(None, None, 180 // LINES_ALONG_TUBE)
-    return [left, right, *np.stack((left[spokes], right[spokes]), axis=1)]
 
 
 STEPS_AROUND_BRACE: Final = 144

@@ -27,8 +27,7 @@ from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.recording.journal import CombinedJournal
 from tjscan.result.section import absent_corners
 from tjscan.runs.calibration.run import start_calibration
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job
-from tjscan.runs.scan.run import scan_in_cell
+from tjscan.runs.scan.run import ScanContext, groove_reader_of_job, scan_in_cell
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.runs.stations.stitch import stitched_profile_points
 from tjscan.stitching.stations import Station, StitchSettings, station_from_recording
@@ -96,7 +95,7 @@ class Chain:
     both: dict[str, Any]
     calibration: dict[str, Any]
 
-    def with_keys(self, keys: dict[str, Any]) -> Chain:
+    def with_shared_keys(self, keys: dict[str, Any]) -> Chain:
         """Return the same chain with other values of some keys of both jobs."""
         return replace(self, both=self.both | keys)
 
@@ -163,7 +162,7 @@ class ChainOutcome:
     held_out: tuple[float, float] | None
 
     @property
-    def corners_mean(self) -> float:
+    def mean_corner_error(self) -> float:
         """Mean distance of the corners from the edges, aligned to the joint, metres."""
         return float(np.mean(self.corner_errors))
 
@@ -173,7 +172,7 @@ class ChainOutcome:
         return float(np.mean(self.in_own_frame))
 
     @property
-    def corners_p95(self) -> float:
+    def p95_corner_error(self) -> float:
         """Distance that 95 % of the corners stay within, metres."""
         return float(np.percentile(self.corner_errors, 95))
 
@@ -212,7 +211,7 @@ def run_chain(chain: Chain, directory: Path, *, arm: bool) -> ChainOutcome:
             key="simulation.T_f_s_mm",
         )
     keys = chain.both | {"calibration.file": str(saved.file.absolute())}
-    whole = RunContext(read_scan_job(chain.scan, keys), chain.scan)
+    whole = ScanContext(read_scan_job(chain.scan, keys), chain.scan)
     if (joint := whole.joint) is None:
         raise ConfigurationError("a chain compares with the joint", file=chain.scan, key="joint")
     stations = [_scan_from_station(whole.at_station(name)) for name in whole.job.station_names]
@@ -234,7 +233,7 @@ def run_chain(chain: Chain, directory: Path, *, arm: bool) -> ChainOutcome:
     )
 
 
-def _scan_from_station(context: RunContext) -> Station:
+def _scan_from_station(context: ScanContext) -> Station:
     job, read = context.job, groove_reader_of_job(context.job)
     found = scan_in_cell(context.make_cell(), job, CombinedJournal())
     name = job.station[0].name
@@ -258,7 +257,7 @@ def mount_error_in_words(outcome: ChainOutcome) -> str:
     return f"{position:.3f} mm, {turn:.3f}°"
 
 
-KEYS_SWITCHING_OFF: Final[Mapping[str, tuple[str, ...]]] = {
+KEYS_OF_ERROR_SOURCES: Final[Mapping[str, tuple[str, ...]]] = {
     "arm: zeros, lengths, twists": (
         "simulation.arm.errors.offset_deg",
         "simulation.arm.errors.length_mm",
@@ -283,7 +282,7 @@ NO_SOURCE: Final = "none: touches, reading and stitching alone"
 
 
 @dataclass(frozen=True, slots=True)
-class SourceRow:
+class ErrorSourceRow:
     """What is left with one source of error alone.
 
     Parameters
@@ -304,9 +303,9 @@ class SourceRow:
     refusal: str = ""
 
 
-def run_sources(
+def run_error_sources(
     chain: Chain, directory: Path, *, arm: bool, begin: Callable[[str], None], alone: bool = True
-) -> Iterator[SourceRow]:
+) -> Iterator[ErrorSourceRow]:
     """Run a chain with all its errors, then with each source alone, then with none.
 
     Parameters
@@ -322,17 +321,17 @@ def run_sources(
     alone : bool
         Whether to run each source alone, or all of them together and no more.
     """
-    everything = [key for keys in KEYS_SWITCHING_OFF.values() for key in keys]
+    everything = [key for keys in KEYS_OF_ERROR_SOURCES.values() for key in keys]
     runs: dict[str, dict[str, Any]] = {ALL_SOURCES: {}}
     if alone:
-        for source, keys in KEYS_SWITCHING_OFF.items():
+        for source, keys in KEYS_OF_ERROR_SOURCES.items():
             runs[source] = {key: 0.0 for key in everything if key not in keys}
         runs[NO_SOURCE] = dict.fromkeys(everything, 0.0)
     for number, (source, zeros) in enumerate(runs.items()):
         begin(source)
         own = directory / str(number)
         try:
-            outcome = run_chain(chain.with_keys(zeros), own, arm=arm)
-            yield SourceRow(source, own, outcome)
+            outcome = run_chain(chain.with_shared_keys(zeros), own, arm=arm)
+            yield ErrorSourceRow(source, own, outcome)
         except (CalibrationRefused, StitchingRefused) as refused:
-            yield SourceRow(source, own, None, str(refused))
+            yield ErrorSourceRow(source, own, None, str(refused))

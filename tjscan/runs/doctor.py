@@ -16,13 +16,12 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError, TjscanError
 from tjscan.groove.section import GrooveSection
-from tjscan.job.arm import clear_path_planner_of_job
-from tjscan.job.cell import Cell
+from tjscan.job.cell import Cell, clear_path_planner_of_job
 from tjscan.job.devices import LaserSettings
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.laser.line_laser import DescribedLaser
 from tjscan.laser.profile import Profile
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
+from tjscan.runs.scan.run import ScanContext, groove_reader_of_job, result_frame_of_job
 
 REPORTED_LIBRARIES: Final = (
     "tjscan",
@@ -35,11 +34,11 @@ REPORTED_LIBRARIES: Final = (
 )
 """Whose versions are reported."""
 
-MODEL_TOLERANCE: Final = 0.02
+MODEL_FLANGE_TOLERANCE: Final = 0.02
 """Metres between the flange as reported by the arm and as computed by its model; a larger
 difference is another arm, for a kinematic calibration corrects less."""
 
-FEWEST_POINTS: Final = 100
+FEWEST_POINTS_IN_RANGE: Final = 100
 """Points of a profile below which nothing is in the sensor's range."""
 
 
@@ -92,14 +91,14 @@ def check_job_and_cell(
             jobs.extend(job.jobs_at_stations if station is None else (job.job_at_station(station),))
         return f"{job_file} is sound"
 
-    yield (finding := _check("job", read))
+    yield (finding := _result_of_check("job", read))
     if not finding.passed:
         return
-    context = RunContext(jobs[0], job_file)
+    context = ScanContext(jobs[0], job_file)
     named = [
-        _check("joint", _describe_joint, context),
-        _check("calibration", _describe_calibration, context),
-        _check("clearance", _describe_clearance, jobs[0]),
+        _result_of_check("joint", _describe_joint, context),
+        _result_of_check("calibration", _describe_calibration, context),
+        _result_of_check("clearance", _describe_clearance, jobs[0]),
     ]
     yield from named
     if all(finding.passed for finding in named):
@@ -111,7 +110,7 @@ def check_job_and_cell(
 
 def _check_devices(job: ScanJob, job_file: Path) -> Iterator[CheckResult]:
     try:
-        cell = RunContext(job, job_file).make_cell()
+        cell = ScanContext(job, job_file).make_cell()
     except TjscanError as error:
         yield CheckResult("cell", str(error), error)
         return
@@ -121,24 +120,28 @@ def _check_devices(job: ScanJob, job_file: Path) -> Iterator[CheckResult]:
             stack.enter_context(device)
             return name
 
-        yield (arm := _check("arm", connect, cell.arm, f"{job.arm.driver} {job.arm.model}"))
-        yield (laser := _check("laser", connect, cell.laser, job.laser.device_id))
+        yield (
+            arm := _result_of_check("arm", connect, cell.arm, f"{job.arm.driver} {job.arm.model}")
+        )
+        yield (laser := _result_of_check("laser", connect, cell.laser, job.laser.device_id))
         if laser.passed and isinstance(cell.laser, DescribedLaser):
-            yield _check("laser's link", _describe_link, cell.laser)
-            yield _check("laser's format", lambda device: device.describe().format, cell.laser)
-            yield _check("laser's range", _compare_range, cell.laser, job.laser)
+            yield _result_of_check("laser's link", _describe_laser_link, cell.laser)
+            yield _result_of_check(
+                "laser's format", lambda device: device.describe().format, cell.laser
+            )
+            yield _result_of_check("laser's range", _compare_laser_range, cell.laser, job.laser)
         if arm.passed:
-            yield _check("model", _compare_model, cell)
-            yield _check("stance", _describe_stance, cell)
+            yield _result_of_check("model", _compare_arm_with_model, cell)
+            yield _result_of_check("stance", _describe_stance, cell)
         if laser.passed and arm.passed:
-            yield _check("profile", _describe_profile, cell, groove_reader_of_job(job))
+            yield _result_of_check("profile", _describe_profile, cell, groove_reader_of_job(job))
         if arm.passed:
             first, second = (start.T for start in job.start_poses)
-            yield _check("first pose", _check_arm_path, cell, first)
-            yield _check("second pose", _check_arm_path, cell, first, second)
+            yield _result_of_check("first pose", _check_arm_path, cell, first)
+            yield _result_of_check("second pose", _check_arm_path, cell, first, second)
 
 
-def _check(what: str, look: Callable[..., str], *things: Any) -> CheckResult:
+def _result_of_check(what: str, look: Callable[..., str], *things: Any) -> CheckResult:
     """What a look at some things finds, or what is wrong with them."""
     try:
         return CheckResult(what, look(*things))
@@ -154,12 +157,12 @@ def _library_versions() -> Iterator[str]:
             yield f"{library} not installed"
 
 
-def _describe_joint(context: RunContext) -> str:
+def _describe_joint(context: ScanContext) -> str:
     frame = f"results will be in frame {result_frame_of_job(context.job).letter}"
     return f"none named: {frame}" if context.joint is None else f"{context.joint_file}; {frame}"
 
 
-def _describe_calibration(context: RunContext) -> str:
+def _describe_calibration(context: ScanContext) -> str:
     mount = context.sensor_mount
     where = "as the job has it" if mount.file is None else f"{mount.file}"
     away = 1e3 * np.linalg.norm(mount.T_f_s[:3, 3])
@@ -174,13 +177,13 @@ def _describe_clearance(job: ScanJob) -> str:
     return f"keeps {1e3 * table.solids:g} mm from {around}; carries {carried}"
 
 
-def _compare_model(cell: Cell) -> str:
+def _compare_arm_with_model(cell: Cell) -> str:
     """Whether the arm is the one that the job names."""
     state = cell.arm.state()
     who = cell.arm.identity or "connected"
     T_b_f = cell.clearance.kinematics.forward(state.q)
     apart = float(np.linalg.norm(T_b_f[:3, 3] - state.T_b_f[:3, 3]))
-    if apart > MODEL_TOLERANCE:
+    if apart > MODEL_FLANGE_TOLERANCE:
         raise ConfigurationError(
             f"the arm has its flange {1e3 * apart:.0f} mm from where the model has it; name the "
             "arm that is there",
@@ -197,12 +200,12 @@ def _describe_stance(cell: Cell) -> str:
     return f"nearest to each other are {pair.moving} and {pair.other}, {1e3 * distance:.0f} mm"
 
 
-def _describe_link(laser: Any) -> str:
+def _describe_laser_link(laser: Any) -> str:
     described = laser.describe()
     return "; ".join(filter(None, (f"{laser.identity} at {described.link}", described.advice)))
 
 
-def _compare_range(laser: DescribedLaser, table: LaserSettings) -> str:
+def _compare_laser_range(laser: DescribedLaser, table: LaserSettings) -> str:
     """Whether the laser can state every z of the job's measuring range."""
     described = laser.describe()
     wanted = f"{1e3 * table.near:g} to {1e3 * table.far:g} mm"
@@ -220,7 +223,7 @@ def _describe_profile(cell: Cell, read: Callable[[Profile], GrooveSection]) -> s
     profile = cell.laser.capture()
     valid = int(profile.valid.sum())
     points = f"{valid} of {len(profile)} points"
-    if valid < FEWEST_POINTS:
+    if valid < FEWEST_POINTS_IN_RANGE:
         return f"{points}: nothing in range of the arm's place"
     try:
         read(profile)

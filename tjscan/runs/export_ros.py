@@ -14,16 +14,15 @@ from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import inverse_pose
 from tjscan.job.files import read_scan_job
 from tjscan.recording.ros import joint_trajectory_message, pose_array_message, write_ros_messages
-from tjscan.result.directory import JOB_FILE, SECTIONS_FILE, URDF_FILE
-from tjscan.result.export import EXPORT_STEM, sort_sections_by_azimuth
-from tjscan.result.shapes import read_finished_summary
-from tjscan.result.table import read_sections_csv
+from tjscan.result.directory import JOB_FILE, URDF_FILE
+from tjscan.result.export import EXPORT_STEM
+from tjscan.result.shapes import read_finished_sections
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.scan.context import result_frame_of_job
+from tjscan.runs.scan.run import result_frame_of_job
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.scanning.section import ProfileView
 
-BAG_FILE: Final = f"{EXPORT_STEM}.mcap"
+ROS_BAG_FILE: Final = f"{EXPORT_STEM}.mcap"
 
 
 def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
@@ -48,7 +47,7 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
         If the recording is damaged, or the arm's clock restarted in it, or a file can't be
         written.
     """
-    summary = read_finished_summary(directory)
+    summary, sections = read_finished_sections(directory)
     if summary.stations:
         raise ConfigurationError(
             "is stitched from several stations, each with an arm base of its own: export the run "
@@ -64,7 +63,6 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
         raise ConfigurationError("a file is in the way: name a folder", file=folder, key="--out")
     job = read_scan_job(directory / JOB_FILE)
     arm, T_b_r = Kinematics.load(job.arm.model), inverse_pose(result_frame_of_job(job).T_r_b)
-    sections = sort_sections_by_azimuth(read_sections_csv(directory / SECTIONS_FILE))
     views, time = _views_of_growing_time(directory)
     T_b_g = np.array([T_b_r @ section.T_r_g for section in sections])
     T_b_f, q = np.array([view.T_b_f for view in views]), np.array([view.q for view in views])
@@ -78,7 +76,7 @@ def export_run_to_ros(directory: Path, out: Path | None = None) -> Path:
         for topic, message in messages.items():
             text = json.dumps(message.fields, indent=1, allow_nan=False)
             (draft / f"{topic.strip('/')}.json").write_text(f"{text}\n", encoding="utf-8")
-        with (draft / BAG_FILE).open("wb") as file:
+        with (draft / ROS_BAG_FILE).open("wb") as file:
             write_ros_messages(file, time, messages)
         (draft / URDF_FILE).write_bytes(arm.urdf.read_bytes())
     return folder

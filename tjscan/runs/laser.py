@@ -89,11 +89,11 @@ def prepare_simulated_laser(
     ConfigurationError
         If the job, or a file that it names, is wrong.
     """
-    from tjscan.runs.scan.context import RunContext
+    from tjscan.runs.scan.run import ScanContext
 
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file, overrides).job_at_station()
-        context = RunContext(job, job_file)
+        context = ScanContext(job, job_file)
         T_f_s, joint = context.sensor_mount.T_f_s, context.joint
         first = job.start_poses[0].T
 

@@ -50,12 +50,12 @@ from tjscan.result.directory import (
 COPIED_FILES: Final = (JOB_FILE, JOINT_FILE, CALIBRATION_FILE, URDF_FILE)
 """What a run directory is made with."""
 
-MOST_BYTES: Final = 50_000_000
+MOST_RESULT_BYTES: Final = 50_000_000
 """A larger file is no result of a run: passes of an hour's welding take a tenth of it."""
 
 NO_COPIES: Final[Mapping[str, Path | None]] = MappingProxyType({})
 
-REPLAYED_TASKS: Final = ("crawl", "tow")
+REPLAYABLE_TASKS: Final = ("crawl", "tow")
 """What is replayed into another run directory, as its recordings are named."""
 
 
@@ -215,18 +215,18 @@ def check_replay(
     """
     refuse_links_outside(directory, JOB_FILE, CALIBRATION_FILE)
     check_as_written(directory / JOB_FILE, directory / CALIBRATION_FILE)
-    names = REPLAYED_TASKS if (directory / JOB_FILE).is_file() else ()
+    names = REPLAYABLE_TASKS if (directory / JOB_FILE).is_file() else ()
     held = [name for name in names if recording_files(directory, name)[0].is_file()]
     if task not in held:
         advice = [f"it holds a {other}: tjscan {other} replay takes it" for other in held]
         what = ", ".join(advice) or "give the run directory of one"
         raise ConfigurationError(f"holds no {task}: {what}", file=directory)
     why = f"is about how the {task} was done, and it is done"
-    refuse_other_keys(keys, replayable, why, directory / JOB_FILE)
+    refuse_fixed_keys(keys, replayable, why, directory / JOB_FILE)
     refuse_directory_inside(out, directory)
 
 
-def refuse_other_keys(
+def refuse_fixed_keys(
     keys: Iterable[str], replaceable: tuple[str, ...], why: str, job_file: Path
 ) -> None:
     """Refuse to replace keys of a run's job that follow from what is recorded.
@@ -265,7 +265,7 @@ def refuse_directory_inside(out: Path, directory: Path) -> None:
         raise ConfigurationError("is inside the run directory, which stays as it is", file=out)
 
 
-def changes_of_job(
+def check_job_changes(
     before: JobSnapshot, now: JobSnapshot, resumable: tuple[str, ...], advice: str, file: Path
 ) -> list[tuple[str, str]]:
     """Keys of a job that changed since it was recorded, and what changed.
@@ -394,7 +394,7 @@ def read_result_file(file: Path, what: str, parse: Callable[[str], T]) -> T:
     """
     check_as_written(file)
     try:
-        return parse(read_small_file(file, MOST_BYTES, what).decode())
+        return parse(read_small_file(file, MOST_RESULT_BYTES, what).decode())
     except (OSError, ValueError, TypeError, KeyError, RecursionError, csv.Error) as error:
         reason = f"can't be read: {error}. A run directory holds {what} there"
         raise ConfigurationError(reason, file=file) from None

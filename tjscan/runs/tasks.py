@@ -15,7 +15,7 @@ from tjscan.live.step import RecordedShow, ShowReader
 from tjscan.recording.parts import recording_files
 from tjscan.result.chapter import ChapterWriter
 from tjscan.result.directory import JOB_FILE
-from tjscan.study.backend import StudyBackend
+from tjscan.study.trial import StudyBackend
 
 SHOWN_RECORDINGS: Final = ("measured", "crawl", "scan", "tow")
 """What the names of the recordings begin with that the live page shows."""

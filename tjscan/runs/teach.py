@@ -18,13 +18,13 @@ from tjscan.core.frames import Array, pose, pose_to_euler_zyx
 from tjscan.groove.section import GrooveSection
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.robot.arm import await_rest, check_arm_has_not_moved
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job
+from tjscan.runs.scan.run import ScanContext, groove_reader_of_job
 
 Which = Literal["first", "second"]
 Numbers = tuple[float, ...]
 
-DECIMALS_OF_MM: Final = 3
-DEG_DECIMALS: Final = 4
+POSITION_DECIMALS: Final = 3
+ANGLE_DECIMALS: Final = 4
 """What is kept of a pose: finer than any arm repeats."""
 
 
@@ -87,7 +87,7 @@ def teach_pose(
         raise ConfigurationError(
             "leads a simulated arm alone; lead this one by hand or pendant", key="--lead-mm"
         )
-    with RunContext(job, job_file).make_cell() as cell:
+    with ScanContext(job, job_file).make_cell() as cell:
         if lead is not None:
             T = job.start_poses[which == "second"].T
             cell.arm.move_joint_to_pose(pose(T[:3, :3], T[:3, 3] + T[:3, :3] @ lead))
@@ -109,8 +109,8 @@ def teach_pose(
 def pose_for_job_file(T_b_f: Array) -> tuple[Numbers, Numbers]:
     """Position in millimetres and Z-Y-X Euler angles in degrees, as a job file holds them."""
     position, angles = pose_to_euler_zyx(T_b_f)
-    position_mm = np.round(1e3 * position, DECIMALS_OF_MM) + 0.0  # no minus zero
-    euler_zyx_deg = np.round(np.degrees(angles), DEG_DECIMALS) + 0.0
+    position_mm = np.round(1e3 * position, POSITION_DECIMALS) + 0.0  # no minus zero
+    euler_zyx_deg = np.round(np.degrees(angles), ANGLE_DECIMALS) + 0.0
     return tuple(position_mm.tolist()), tuple(euler_zyx_deg.tolist())
 
 

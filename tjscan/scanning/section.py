@@ -9,8 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from tjscan.core.array_fields import PoseMatrix
-from tjscan.core.frames import Array, array_dataclass, transform_points
+from tjscan.core.frames import Array, PoseMatrix, array_dataclass, transform_points
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 

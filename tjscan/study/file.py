@@ -12,8 +12,7 @@ from pydantic import Field
 
 from tjscan.core.config import StrictFileModel, add_file_to_errors, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
-from tjscan.study.backend import BackendOfTask
-from tjscan.study.trial import Trial, Value, canonical_json
+from tjscan.study.trial import BackendOfTask, Trial, Value, canonical_json
 
 Names = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
 Tables = Annotated[tuple[dict[str, Any], ...], Field(strict=False)]

@@ -14,8 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tjscan.result.picture import write_png
-from tjscan.study.backend import ReportedQuantity, StudyBackend
-from tjscan.study.trial import RunOutcome, StudyRow, Value
+from tjscan.study.trial import ReportedQuantity, RunOutcome, StudyBackend, StudyRow, Value
 
 O = TypeVar("O", bound=RunOutcome)  # noqa: E741
 

@@ -11,7 +11,7 @@ from itertools import islice
 from logging import CRITICAL
 from typing import Any, Final, Generic, TypeVar
 
-from tjscan.core.errors import ComputeClusterFault, ConfigurationError
+from tjscan.core.errors import ComputeClusterFault, ConfigurationError, missing_package_error
 from tjscan.core.version import PROGRAM_VERSION
 from tjscan.study.trial import StudyRow, Trial
 
@@ -92,10 +92,7 @@ def check_study_packages() -> None:
     """
     for name in STUDY_PACKAGES:
         if find_spec(name) is None:
-            raise ConfigurationError(
-                f"a study needs the package {name}, which is not installed: "
-                "pip install 'tjscan[study]'"
-            )
+            raise missing_package_error("a study", name, "study")
 
 
 SCHEDULER_GONE: Final = "the scheduler is gone; start one again, and go on with --resume"

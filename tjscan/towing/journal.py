@@ -8,8 +8,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Final
 
-from tjscan.core.array_fields import ArrayForm, PlanarPoints, PlanarPoses
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, ArrayForm, PlanarPoints, PlanarPoses
 from tjscan.core.signals import hold_ctrl_c
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.journal import LOG_TOPIC, RecordingWriter, RunEvent

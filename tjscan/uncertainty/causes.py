@@ -328,7 +328,7 @@ def range_bias_cause(sections: Sections, bias: float, evidence: str) -> ViewCaus
         normals = np.column_stack((tangents[:, 1], -tangents[:, 0]))
         offsets = np.empty((4, 2))  # of each side along its normal, at its first and second point
         for k in range(4):  # the side between a point and the next
-            offsets[k] = bend(xz[k : k + 2], np.tile(tangents[k], (2, 1)))[..., 0] @ normals[k]
+            offsets[k] = bend(xz[[k, k + 1]], np.tile(tangents[k], (2, 1)))[..., 0] @ normals[k]
         points = np.zeros((5, 2))
         points[0], points[4] = normals[0] * offsets[0, 0], normals[3] * offsets[3, 1]
         for i in (1, 2, 3):

@@ -8,9 +8,9 @@ from math import isfinite
 from statistics import fmean
 from typing import Final, Protocol, Self
 
-from tjscan.core.array_fields import FloatOrNan
 from tjscan.core.devices import Device, LocalDevice
 from tjscan.core.errors import VehicleFault, VehicleLinkLost, VehicleStopped
+from tjscan.core.frames import FloatOrNan
 
 DEAD_MAN: Final = 0.5
 """Seconds after its last command at which a vehicle stops by itself."""

@@ -6,7 +6,7 @@ import pytest
 from cells import PAPER
 from studies import expand_in, settings_of
 
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import ScanContext
 from tjscan.runs.scan.run import run_scan as record_scan
 from tjscan.runs.scan.study import ScanOutcome, StudyScanSettings, run_study_scan
 
@@ -30,7 +30,7 @@ def test_settings_come_back_from_their_text(settings: StudyScanSettings) -> None
 def test_a_study_keeps_what_a_recorded_scan_would_say(
     settings: StudyScanSettings, outcome: ScanOutcome, tmp_path: Path
 ) -> None:
-    summary = record_scan(RunContext(settings.job, PAPER), tmp_path / "run")
+    summary = record_scan(ScanContext(settings.job, PAPER), tmp_path / "run")
     assert summary.step_mm.mean == outcome.step_mean_mm
     assert summary.flange_travel_mm == outcome.travel_mm
     assert summary.motion_time_s == outcome.motion_time_s

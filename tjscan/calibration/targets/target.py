@@ -10,9 +10,8 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 import numpy as np
 
 from tjscan.calibration.noise import FlangeMoves, NoiseModel
-from tjscan.core.array_fields import PoseMatrix
 from tjscan.core.errors import CalibrationRefused
-from tjscan.core.frames import Array, array_dataclass
+from tjscan.core.frames import Array, PoseMatrix, array_dataclass
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.profile import Profile
 

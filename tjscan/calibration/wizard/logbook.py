@@ -14,9 +14,8 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
 from tjscan.calibration.targets.target import PosedProfile
-from tjscan.core.array_fields import PoseMatrix
 from tjscan.core.errors import RecordingError
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, PoseMatrix
 from tjscan.recording.foxglove import (
     PROFILE_TOPIC,
     TRANSFORMS_TOPIC,

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Final
 
 from cyclopts import Parameter
 
-from tjscan.core.errors import ConfigurationError
+from tjscan.core.errors import ConfigurationError, explain_missing_package
 
 if TYPE_CHECKING:
     from tjscan.live.page import PageAddress
@@ -47,7 +45,7 @@ class PageOptions:
         """
         if not 0 <= self.port <= HIGHEST_PORT:
             raise ConfigurationError(f"--port is 0 to {HIGHEST_PORT}")
-        with explain_missing_viser():
+        with explain_missing_package("the page", "live"):
             from tjscan.live.page import PageAddress
         return PageAddress(port=self.port, address=self.address)
 
@@ -119,16 +117,3 @@ class LiveCrawlOptions(LiveScanOptions):
         With --live: begin when Start is pressed there; until then buttons drive while they are
         held.
     """
-
-
-@contextmanager
-def explain_missing_viser() -> Iterator[None]:
-    """Name what to install if the page's server is missing."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in ("viser", "websockets"):
-            raise
-        raise ConfigurationError(
-            "the page needs the package viser, which is not installed: pip install 'tjscan[live]'"
-        ) from error

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from tjscan.cli.output.console import print_figures_table, print_message
-from tjscan.runs.chain import ChainOutcome, SourceRow, mount_error_in_words
+from tjscan.runs.chain import ChainOutcome, ErrorSourceRow, mount_error_in_words
 
 
-def print_sources(rows: Sequence[SourceRow], *, json: bool) -> None:
+def print_sources(rows: Sequence[ErrorSourceRow], *, json: bool) -> None:
     """Print what each source of error leaves, on stderr, and as JSON on stdout if asked."""
     head = ("source alone", "corners mean mm", "p95 mm", "in own frame mm", "T_f_s off by")
     print_figures_table(head, [(row.source, *_outcome_cells(row.outcome)) for row in rows])
@@ -29,31 +29,31 @@ def print_sources(rows: Sequence[SourceRow], *, json: bool) -> None:
         print(dumps([_outcome_to_dict(row) for row in rows], indent=2))
 
 
-def outcome_line(row: SourceRow) -> str:
+def outcome_line(row: ErrorSourceRow) -> str:
     """What one source leaves, in a line, as soon as it is known."""
     if row.outcome is None:
         return "  refused"
     return (
-        f"  corners {1e3 * row.outcome.corners_mean:.3f} mm off in the mean, "
-        f"{1e3 * row.outcome.corners_p95:.3f} mm at the 95th percentile"
+        f"  corners {1e3 * row.outcome.mean_corner_error:.3f} mm off in the mean, "
+        f"{1e3 * row.outcome.p95_corner_error:.3f} mm at the 95th percentile"
     )
 
 
 def _outcome_cells(outcome: ChainOutcome | None) -> tuple[str, ...]:
     if outcome is None:
         return ("refused", "", "", "")
-    errors = (outcome.corners_mean, outcome.corners_p95, outcome.in_own_frame_mean)
+    errors = (outcome.mean_corner_error, outcome.p95_corner_error, outcome.in_own_frame_mean)
     return (*(f"{1e3 * error:.3f}" for error in errors), mount_error_in_words(outcome))
 
 
-def _outcome_to_dict(row: SourceRow) -> dict[str, Any]:
+def _outcome_to_dict(row: ErrorSourceRow) -> dict[str, Any]:
     one = row.outcome
     if one is None:
         return {"source": row.source, "refused": row.refusal}
     return {
         "source": row.source,
-        "corners_mean_mm": 1e3 * one.corners_mean,
-        "corners_p95_mm": 1e3 * one.corners_p95,
+        "corners_mean_mm": 1e3 * one.mean_corner_error,
+        "corners_p95_mm": 1e3 * one.p95_corner_error,
         "corners_in_own_frame_mean_mm": 1e3 * one.in_own_frame_mean,
         "mount_error_mm_deg": [*1e3 * one.mount_error[:3], *np.degrees(one.mount_error[3:])],
         "mount_nees": one.mount_nees,

@@ -17,7 +17,7 @@ from tjscan.job.crawl.job import CrawlJob
 from tjscan.recording.journal import CombinedJournal, RunEvent
 from tjscan.report.write import write_run_report
 from tjscan.runs.crawl.results import PASSES_FILE, read_passes
-from tjscan.runs.crawl.run import ConfirmsEveryWeld, CrawlContext
+from tjscan.runs.crawl.run import AutomaticWeldOperator, CrawlContext
 
 
 class EventPrinter:
@@ -54,7 +54,7 @@ def watch_crawl(
     page : LiveCrawlOptions, optional
         Whether it is shown in a browser too, and driven by hand there before it begins.
     """
-    operator = TerminalWeldOperator() if job.simulation is None else ConfirmsEveryWeld()
+    operator = TerminalWeldOperator() if job.simulation is None else AutomaticWeldOperator()
     context = CrawlContext(job, file, EventPrinter(), write_run_report, operator)
     if page is None or not page.live:
         yield context

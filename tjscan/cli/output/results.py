@@ -25,19 +25,19 @@ from tjscan.result.readings import (
 )
 from tjscan.uncertainty.budget import budget_in_words
 
-LISTED_BAD_ROWS: Final = 5
+MOST_BAD_ROWS: Final = 5
 """Unreadable rows that are listed one by one."""
 
-TRIED_TURNED: Final = 10
+MOST_TURNED_PROFILES: Final = 10
 """Profiles that are read with heights turned round if none shows a groove."""
 
 
 def print_bad_rows(file: Path, bad: Sequence[str]) -> None:
     """Print on stderr which rows of a file could not be read."""
-    for row in bad[:LISTED_BAD_ROWS]:
+    for row in bad[:MOST_BAD_ROWS]:
         print_message(f"{file}: {row}; left out")
-    if len(bad) > LISTED_BAD_ROWS:
-        print_message(f"{file}: and {len(bad) - LISTED_BAD_ROWS} more like these")
+    if len(bad) > MOST_BAD_ROWS:
+        print_message(f"{file}: and {len(bad) - MOST_BAD_ROWS} more like these")
 
 
 def print_readings(
@@ -98,7 +98,7 @@ def _found_in_words(reading: ProfileReading) -> str:
 
 def suggest_height_sign(profiles: Mapping[str, Profile], settings: GrooveSettings) -> None:
     """Print on stderr if profiles without a groove show one once their heights change sign."""
-    few = dict(islice(profiles.items(), TRIED_TURNED))
+    few = dict(islice(profiles.items(), MOST_TURNED_PROFILES))
     turned = {name: flip_heights(p) for name, p in few.items() if p.valid.any()}
     found = sum(reading.refusal is None for reading in measure_grooves(turned, settings))
     if 2 * found > len(turned):

@@ -17,7 +17,7 @@ from tjscan.scanning.journal import ScanEvent
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection
 
-SMALLEST_NOTED_MM: Final = 0.05
+SMALLEST_OUT_OF_ROUND_MM: Final = 0.05
 """Tubes less out of round than this are not reported."""
 
 
@@ -114,14 +114,14 @@ def _stitched_lines(
             f"{report.loop_gap_before_mm:.3f} mm, closed {report.loop_gap_after_mm:.3f} mm",
         )
     else:
-        yield "loop", results.LOOP_OPEN
+        yield "loop", results.LOOP_OPEN_TEXT
     yield "covered", f"{report.covered_deg:.0f}°, {summary.sections} sections"
     yield (
         "diameters",
         f"brace {report.brace_diameter_mm:.2f} ± {report.sigma_brace_diameter_mm:.2f} mm, "
         f"leg {report.leg_diameter_mm:.2f} ± {report.sigma_leg_diameter_mm:.2f} mm",
     )
-    if report.out_of_round_mm > SMALLEST_NOTED_MM:
+    if report.out_of_round_mm > SMALLEST_OUT_OF_ROUND_MM:
         yield (
             "out of round",
             f"tubes bulge by some {report.out_of_round_mm:.2f} mm: frame j is that uncertain, the "

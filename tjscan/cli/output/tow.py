@@ -13,12 +13,11 @@ from tjscan.cli.interrupt import ctrl_c_presser
 from tjscan.cli.options.page import LiveOptions
 from tjscan.cli.output.console import print_fields, print_json, print_message, stderr
 from tjscan.core.config import add_file_to_errors
-from tjscan.job.tow.cell import make_planner
+from tjscan.job.tow.cell import make_planner, sweep_seam
 from tjscan.job.tow.job import TowJob
-from tjscan.job.tow.sweep import sweep_seam
 from tjscan.recording.journal import CombinedJournal, RunEvent
 from tjscan.report.write import write_run_report
-from tjscan.runs.tow.results import FIGURE_UNITS, FIGURES_FILE, read_tow_figures
+from tjscan.runs.tow.results import FIGURES_FILE, figures_in_words, read_tow_figures
 from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import TowCycle
 from tjscan.towing.seam import Seam
@@ -124,10 +123,5 @@ def print_figures(directory: Path, *, json: bool) -> None:
     if json:
         print_json({"directory": str(directory), "figures": figures})
         return
-    rows = []
-    for name, value in figures.items():
-        if value is not None:
-            word, unit = FIGURE_UNITS[name]
-            text = f"{value:.4g}" if isinstance(value, float) else str(value)
-            rows.append((word, f"{text} {unit}".strip()))
+    rows = figures_in_words(figures)
     print_fields(rows, ("figure", "value"), str(directory / FIGURES_FILE))

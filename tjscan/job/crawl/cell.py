@@ -15,9 +15,8 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.crawler.journal import SimulatedPlace
 from tjscan.crawler.torch_axes import TorchAxes
-from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings
+from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings, TorchDriverInputs
 from tjscan.job.devices import DeviceGroup, make_laser_without_arm
-from tjscan.job.torch_drivers import TorchDriverInputs
 from tjscan.joint.hull import hull_section, joint_line_pose, laser_offset, place_beside_joint
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.section_laser import SectionLaserModel, SectionLaserPose, SimulatedSectionLaser
@@ -25,7 +24,7 @@ from tjscan.vehicle.drivers import VEHICLE_DRIVERS, VehicleDriverFactory, Vehicl
 from tjscan.vehicle.simulated import SimulatedVehicle
 from tjscan.vehicle.vehicle import Vehicle, VehicleState
 
-RANDOM_STREAM: Final = 2
+LASER_RANDOM_STREAM: Final = 2
 """Keeps the random numbers of the laser apart from the vehicle's, which has the bare seed."""
 
 
@@ -190,7 +189,7 @@ def make_crawl_cell(job: CrawlJob, left: InterruptedWorld | None = None) -> Craw
     if job.laser.driver_kind is not DriverKind.SIMULATED:
         return CrawlCell(vehicle, make_laser_without_arm(job.laser), torch, weld)
     clock = monotonic if body is None else lambda: body.time
-    rng = np.random.default_rng([world.seed, RANDOM_STREAM])
+    rng = np.random.default_rng([world.seed, LASER_RANDOM_STREAM])
     laser = SimulatedSectionLaser(weld.view, weld.laser_model, clock, rng=rng)
     return CrawlCell(vehicle, laser, torch, weld, clock)
 

@@ -12,7 +12,8 @@ from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 from pydantic import Field
 
 from tjscan.core.config import StrictFileModel
-from tjscan.core.devices import DriverKind, DriverRegistry
+from tjscan.core.devices import DriverFactory, DriverKind, DriverRegistry, NoSettings
+from tjscan.core.errors import ConfigurationError
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, FileUnit, SettingsTable
 from tjscan.crawler import plan
 from tjscan.crawler.guards import ProximitySettings
@@ -20,15 +21,71 @@ from tjscan.crawler.sizing import SizeSettings
 from tjscan.crawler.slip_aware import SteeringSettings
 from tjscan.crawler.slip_estimator import SlipUncertainty
 from tjscan.crawler.slip_model import CrawlerGeometry
+from tjscan.crawler.torch_axes import FixedTorch, SimulatedTorchAxes, TorchAxes
 from tjscan.job.devices import DeviceSettings
 from tjscan.job.reading import read_job
-from tjscan.job.torch_drivers import TORCH_DRIVERS
 from tjscan.joint.hull import HullJoint
 from tjscan.laser.drivers import LASER_DRIVERS
 from tjscan.laser.section_laser import STAND_OFF, SectionLaserModel
 from tjscan.vehicle.drivers import VEHICLE_DRIVERS
+from tjscan.vehicle.mqtt.settings import MqttSettings
 from tjscan.vehicle.simulated_body import VehicleSimulationSettings
 from tjscan.vehicle.tracks import TrackGeometry
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TorchDriverInputs:
+    """What a torch's driver makes its torch from, beside its own settings.
+
+    Parameters
+    ----------
+    reach : float
+        To either side of the vehicle's middle, metres.
+    speed : float
+        Across the joint, m/s.
+    vehicle : SettingsTable or object
+        Settings of the vehicle's driver: a torch may hang on the same link.
+    """
+
+    reach: float
+    speed: float
+    vehicle: object
+
+
+TorchDriverFactory = DriverFactory[TorchDriverInputs, TorchAxes]
+
+
+def _make_mqtt_torch(context: TorchDriverInputs, settings: NoSettings) -> TorchAxes:
+    if not isinstance(context.vehicle, MqttSettings):
+        raise ConfigurationError(
+            'the torch "mqtt" hangs on the link of its vehicle: vehicle.driver must be "mqtt" too',
+            key="torch.driver",
+        )
+    from tjscan.vehicle.mqtt.torch import MqttTorch
+
+    return MqttTorch(context.vehicle, context.reach)
+
+
+SIMULATED_TORCH: Final = TorchDriverFactory(
+    lambda context, settings: SimulatedTorchAxes(context.reach, context.speed),
+    kind=DriverKind.SIMULATED,
+)
+FIXED_TORCH: Final = TorchDriverFactory(lambda context, settings: FixedTorch())
+MQTT_TORCH: Final = TorchDriverFactory(_make_mqtt_torch)
+
+TORCH_DRIVERS: Final[DriverRegistry[TorchDriverFactory]] = DriverRegistry(
+    "torch",
+    {
+        "simulated": "tjscan.job.crawl.job:SIMULATED_TORCH",
+        "none": "tjscan.job.crawl.job:FIXED_TORCH",
+        "mqtt": "tjscan.job.crawl.job:MQTT_TORCH",
+    },
+    extras={"mqtt": "vehicle"},
+    key="torch.driver",
+    type=DriverFactory,
+)
+"""Every torch driver by name."""
+
 
 LEAST_HULL_EACH_SIDE: Final = 5e-3
 """Metres of a plate at least: its pose needs ten points, and half as many may be missing."""

@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt, Le, Len, MaxLen
 
 from tjscan.core.config import StrictFileModel, add_file_to_errors
 from tjscan.core.devices import DriverRegistry
-from tjscan.core.errors import package_missing
+from tjscan.core.errors import explain_missing_package
 from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, SECONDS, SettingsTable
 from tjscan.job.devices import DeviceSettings
 from tjscan.job.reading import read_job
@@ -250,11 +250,8 @@ def read_tow_job(file: Path, overrides: dict[str, Any] | None = None) -> TowJob:
     ConfigurationError
         If it can't be read, or asks for what can't be towed.
     """
-    with add_file_to_errors(file):
-        try:
-            return read_job(TowJob, file, overrides)
-        except ModuleNotFoundError as error:
-            raise package_missing(error, "towing", TOWING_EXTRA) from None
+    with add_file_to_errors(file), explain_missing_package("towing", TOWING_EXTRA):
+        return read_job(TowJob, file, overrides)
 
 
 def _size_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:

@@ -47,8 +47,8 @@ def calibration_chapter(directory: Path) -> ReportChapter:
 MOST_REJECTED_NAMED: Final = 4
 """Profiles left out that the page names; the file names all."""
 
-IN_USE: Final = "in use"
-LEFT_OUT: Final = "left out"
+LABEL_IN_USE: Final = "in use"
+LABEL_LEFT_OUT: Final = "left out"
 
 
 def calibration_page(directory: Path) -> ReportChapter:
@@ -64,11 +64,8 @@ def calibration_page(directory: Path) -> ReportChapter:
     found = read_calibration(file)
     frame = "f" if found.T_b_s_mm is None else "b"
     sheet = ReportSheet("Calibration", tuple(_pose_headline(found)), CALIBRATION_PICTURE, frame)
-    facts, findings = (
-        tuple(_calibration_facts(found)),
-        tuple(_calibration_findings(directory, found)),
-    )
-    return ReportChapter(facts, findings, tuple(_calibration_charts(found)), sheet=sheet)
+    facts, charts = tuple(_calibration_facts(found)), tuple(_calibration_charts(found))
+    return ReportChapter(facts, tuple(_calibration_findings(directory, found)), charts, sheet=sheet)
 
 
 def _pose_headline(found: CalibrationFile) -> Iterator[tuple[str, str]]:
@@ -167,7 +164,7 @@ def _calibration_charts(found: CalibrationFile) -> Iterator[ReportChart]:
     misfit = np.array([residual.misfit for residual in found.residuals])
     numbers = np.arange(1, len(used) + 1)
     caption = "Offset and tilt together, against what the noise stated lets one expect: dashed."
-    for which, line, expected in ((used, IN_USE, 1.0), (~used, LEFT_OUT, None)):
+    for which, line, expected in ((used, LABEL_IN_USE, 1.0), (~used, LABEL_LEFT_OUT, None)):
         if which.any():
             yield ReportChart(
                 "residual of each profile",
@@ -185,15 +182,15 @@ def _calibration_charts(found: CalibrationFile) -> Iterator[ReportChart]:
 
 
 def _charts_of_tilts(found: CalibrationFile) -> Iterator[ReportChart]:
-    used = {one.name: IN_USE if one.used else LEFT_OUT for one in found.residuals}
+    used = {one.name: LABEL_IN_USE if one.used else LABEL_LEFT_OUT for one in found.residuals}
     frame = "the arm's base" if found.T_b_s_mm is None else "the flange"
     caption = (
         f"A dot for each profile: its distance from the origin is the tilt from z of {frame}, its "
         "direction the azimuth."
     )
     # An arm's calibration solves with some of its profiles, and is checked by the others.
-    other = LEFT_OUT if found.kinematics is None else "others"
-    shown: dict[str, list[tuple[float, float]]] = {IN_USE: []}
+    other = LABEL_LEFT_OUT if found.kinematics is None else "others"
+    shown: dict[str, list[tuple[float, float]]] = {LABEL_IN_USE: []}
     for view in () if found.basis is None else found.basis.views:
         place = view.tilt_deg, np.radians(view.azimuth_deg)
         shown.setdefault(used.get(view.name, other), []).append(place)

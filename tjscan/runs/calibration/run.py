@@ -44,8 +44,7 @@ from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
 from tjscan.core.provenance import Provenance
 from tjscan.core.units import pose_to_rows_mm
-from tjscan.job.arm import kinematics_of_job, sensor_mount_of_job
-from tjscan.job.cell import Cell, make_cell
+from tjscan.job.cell import Cell, SensorMount, kinematics_of_job, make_cell, sensor_mount_of_job
 from tjscan.job.devices import CalibrationSettings
 from tjscan.job.files import CalibrationJob, RecordedJob, read_calibration_job
 from tjscan.job.surroundings import BallSettings, SimulatedBoardSettings
@@ -89,7 +88,7 @@ def _calibrate_on_ball(
     )
 
 
-def _basis_of_lines(wizard: CalibrationWizard, result: HandEyeCalibration) -> BasisEntry:
+def _basis_of_board(wizard: CalibrationWizard, result: HandEyeCalibration) -> BasisEntry:
     """What a calibration on a touched board rests on; raises as `fit_plane` does."""
     task, measured = wizard.task, wizard.measurements
     target, _ = task.fit_board(measured)
@@ -117,7 +116,7 @@ def _basis_of_lines(wizard: CalibrationWizard, result: HandEyeCalibration) -> Ba
 BOARD_THICKNESS: Final = 5e-3
 """Metres, of the simulated board."""
 
-PROBE_STREAM: Final = 2
+PROBE_RANDOM_STREAM: Final = 2
 """Keeps the random numbers of the probe apart from the arm's and the laser's."""
 
 
@@ -178,7 +177,7 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
         wizard = CalibrationWizard(task, cell.arm, cell.laser, probe, operator, logbook)
         if job.ball is None:
             (result, verification), noise = wizard.run(), job.board.noise
-            basis = _basis_of_lines(wizard, result)
+            basis = _basis_of_board(wizard, result)
         else:
             verification, noise = None, job.ball.noise
             result, basis = _calibrate_on_ball(job, job.ball, wizard)
@@ -217,20 +216,22 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
     ConfigurationError
         As `make_cell` does.
     """
-    simulation, board = job.simulation, job.board
+    simulation, board, mount = job.simulation, job.board, SensorMount(T_f_s)
     if job.laser.driver_kind is DriverKind.REPLAYED:
         raise ConfigurationError(
             "a calibration touches its board: recorded profiles go into tables [[recorded]]",
             key="laser.driver",
         )
     if job.laser.driver_kind is DriverKind.REAL:
-        cell = make_cell(job, T_f_s, _refuse_board_without_simulation)
+        cell = make_cell(job, mount, _refuse_board_without_simulation)
         return cell, JoggedProbe(cell.arm)
     if simulation is None:
         _refuse_board_without_simulation()
     as_stated = SimulatedBoardSettings(position=board.position, euler_zyx=board.euler_zyx)
     truth = simulation.board or as_stated
-    cell = make_cell(job, T_f_s, lambda: SimulatedScene(_targets_surface(job, truth.T), np.eye(4)))
+    cell = make_cell(
+        job, mount, lambda: SimulatedScene(_board_and_ball_surface(job, truth.T), np.eye(4))
+    )
     probe = SimulatedTouchProbe(
         cell.arm,
         np.array(board.probe_tip),
@@ -238,7 +239,7 @@ def make_calibration_cell(job: CalibrationJob, T_f_s: Array) -> tuple[Cell, Touc
         plane_through_point(truth.T[:3, 3], truth.T[:3, 2]),
         sigma=truth.touch,
         approach=board.approach,
-        rng=np.random.default_rng([simulation.seed, PROBE_STREAM]),
+        rng=np.random.default_rng([simulation.seed, PROBE_RANDOM_STREAM]),
         true_flange=cell.true_flange,
     )
     return cell, probe
@@ -248,7 +249,7 @@ def _refuse_board_without_simulation() -> NoReturn:
     raise ConfigurationError("a simulated board needs the table [simulation]")
 
 
-def _targets_surface(job: CalibrationJob, T_b_board: Array) -> RaycastSurface:
+def _board_and_ball_surface(job: CalibrationJob, T_b_board: Array) -> RaycastSurface:
     """The board, whose upper face is the plane z = 0 of its frame, and the ball; frame b."""
     plate = trimesh.creation.box((*job.board.size, BOARD_THICKNESS))
     plate.apply_translation((0.0, 0.0, -0.5 * BOARD_THICKNESS))
@@ -276,7 +277,7 @@ def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPla
     board = job.board
     # That other lasers of this class open their fan as the simulated one is an assumption.
     window = job.laser_model.measuring_range
-    largest, _ = job.laser.uncertainty.linear
+    largest, _ = job.laser.uncertainty.stated_linearity
     deviation = None  # if the laser is stated to be exact
     if largest:
         deviation = LaserDeviation.in_window(largest, window)
@@ -345,7 +346,7 @@ def calibrate_recorded_job(
     return SavedCalibration(file, found, result.caveats)
 
 
-NOT_TAKEN: Final = Profile(np.empty(0), np.empty(0))
+PROFILE_NOT_TAKEN: Final = Profile(np.empty(0), np.empty(0))
 """Of a line that is planned only."""
 
 
@@ -375,7 +376,7 @@ def check_calibration_job(job: CalibrationJob, job_file: Path) -> HandEyeUncerta
     task = calibration_plan_of_job(job, T_f_s)
     cell, _ = make_calibration_cell(job, T_f_s)
     with cell:
-        return _plan_lines(task, cell.arm, _find_start_pose(task, cell.arm))
+        return _uncertainty_of_lines(task, cell.arm, _find_start_pose(task, cell.arm))
 
 
 def _find_start_pose(task: CalibrationPlan, arm: Arm) -> Array:
@@ -391,7 +392,7 @@ def _find_start_pose(task: CalibrationPlan, arm: Arm) -> Array:
     raise CalibrationRefused("the arm can't get square over the board", reason)
 
 
-def _plan_lines(task: CalibrationPlan, arm: Arm, ready: Array) -> HandEyeUncertainty:
+def _uncertainty_of_lines(task: CalibrationPlan, arm: Arm, ready: Array) -> HandEyeUncertainty:
     """Plan lines one after the other, as the wizard would if each were as expected."""
     touched, outside = task.touch_points, task.T_b_board[:3, 3] + task.T_b_board[:3, 2]
     target = fit_plane(touched, task.noise.touch, outside, geometry=task.noise.geometry)
@@ -401,6 +402,6 @@ def _plan_lines(task: CalibrationPlan, arm: Arm, ready: Array) -> HandEyeUncerta
     reaches = partial(can_reach_and_return, arm, ready)
     for number in range(1, task.lines + 1):
         there = task.suggest_line_pose(measured, target, board, None, reaches)
-        shot = PosedProfile(f"line {number}", there.T_b_f, NOT_TAKEN)
+        shot = PosedProfile(f"line {number}", there.T_b_f, PROFILE_NOT_TAKEN)
         measured, expected = measured.with_entry(LaserLineTaken(shot, False)), there.after
     return expected

@@ -15,11 +15,11 @@ from tjscan.crawler.phases import Phase
 from tjscan.crawler.slip_model import SlipState
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.recording.journal import REPLAY_EVENT
-from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
+from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.runs.crawl.results import RecordedCrawl, read_recorded_crawl
 
-MOST_POINTS: Final = 2000
+MOST_CHART_POINTS: Final = 2000
 """Of a line in a chart."""
 
 SLIP_CHARTS: Final = (
@@ -37,12 +37,11 @@ def crawl_chapter(directory: Path) -> ReportChapter:
         return ReportChapter()
     check_as_written(directory / JOB_FILE, directory / CALIBRATION_FILE)
     job, found = read_crawl_job(directory / JOB_FILE), read_recorded_crawl(directory)
-    events = tuple(ReportEvent(event.time, event.name, event.detail) for event in found.events)
     return ReportChapter(
         facts=tuple(_crawl_facts(job, found)),
         findings=tuple(_crawl_findings(job, found)),
         charts=tuple(_crawl_charts(job, found)),
-        events=events,
+        events=found.events,
     )
 
 
@@ -93,7 +92,7 @@ def _crawl_charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
             ("torch beside its path, as the simulation knows", one.true_travel, one.true_deviation),
         ):
             if len(x):
-                every = max(len(x) // MOST_POINTS, 1)
+                every = max(len(x) // MOST_CHART_POINTS, 1)
                 x, y = 1e3 * x[::every], 1e3 * y[::every]
                 yield ReportChart(title, along, beside, x, y, line=f"pass {one.number}")
     title, across = "cross-section of the joint, median of each pass", "across the joint / mm"
@@ -102,7 +101,7 @@ def _crawl_charts(job: CrawlJob, found: RecordedCrawl) -> Iterator[ReportChart]:
         line = f"after pass {number}" if number else "before welding"
         x, y = 1e3 * PLACES_ACROSS, 1e3 * height
         yield ReportChart(title, across, "over the hull / mm", x, y, line=line)
-    every = max(len(found.cycles) // MOST_POINTS, 1)
+    every = max(len(found.cycles) // MOST_CHART_POINTS, 1)
     slips = [(cycle.state.time, cycle.slip) for cycle in found.cycles[::every]]
     known = [(time, slip) for time, slip in slips if slip is not None]
     times = np.array([time for time, _ in known])

@@ -66,10 +66,10 @@ from tjscan.runs.run import (
 )
 from tjscan.vehicle.vehicle import DEAD_MAN
 
-SETTLING_GAINS: Final = 4.0
+SETTLING_MULTIPLE: Final = 4.0
 """Times 1 / gain, after which a tenth of what a reversal brings is left: (1 + 4) exp(-4)."""
 
-TURNING_RADII: Final = 4.0
+TURNING_MULTIPLE: Final = 4.0
 """Times crab and least radius: as far as curvature alone brings the vehicle aside and back, so that
 the mean of its slope is no longer outward."""
 
@@ -77,16 +77,16 @@ the mean of its slope is no longer outward."""
 WELD_OVERLAP: Final = 0.02
 """Metres by which a weld that goes on after a stop overlaps what was welded before."""
 
-LONGEST_OFF_WAY: Final = 1.0
+LARGEST_OVERSHOOT: Final = 1.0
 """Metres beyond a crawl's way at which its vehicle may be set down."""
 
 SHUTTLE_LENGTH: Final = 0.8
 """Metres of the shuttle's way out."""
 
-SHUTTLE_TIMES: Final = 3
+SHUTTLE_COUNT: Final = 3
 
 
-class ConfirmsEveryWeld:
+class AutomaticWeldOperator:
     """A `WeldOperator` of a simulation: everything is always ready."""
 
     def confirm_weld(self, number: int) -> bool:
@@ -106,7 +106,7 @@ class CrawlContext(JobContext[CrawlJob]):
         Drives by hand before the crawl begins; none by default.
     """
 
-    operator: WeldOperator = field(default_factory=ConfirmsEveryWeld)
+    operator: WeldOperator = field(default_factory=AutomaticWeldOperator)
     hand: HandDrive | None = None
 
     @property
@@ -116,7 +116,7 @@ class CrawlContext(JobContext[CrawlJob]):
         return None if name is None else self.job_file.parent / name
 
     @property
-    def first_slip(self) -> SlipEstimate:
+    def initial_slip(self) -> SlipEstimate:
         """What is known of the vehicle's slip before the first reading.
 
         Raises
@@ -136,7 +136,7 @@ class CrawlContext(JobContext[CrawlJob]):
         job = self.job
         if job.method == "paper":
             return PaperMethod(job.vehicle.geometry, job.vehicle.tracks)
-        known = slip or self.first_slip
+        known = slip or self.initial_slip
         return SlipAwareMethod(job.vehicle.geometry, known, job.slip, job.steering)
 
 
@@ -167,7 +167,7 @@ def make_crawler(
     return Crawler(devices, plan, method, guards, context.operator, journal, context.hand)
 
 
-def check_size(job: CrawlJob) -> None:
+def check_sizing(job: CrawlJob) -> None:
     """Refuse a vehicle that its job asks for more than its sizing allows; see `size_crawler`.
 
     Raises
@@ -183,7 +183,7 @@ def check_size(job: CrawlJob) -> None:
         raise ConfigurationError(f"{found}, and {rule}", key="size")
 
 
-def short_way(job: CrawlJob, slip: SlipEstimate | None) -> str:
+def short_pass_warning(job: CrawlJob, slip: SlipEstimate | None) -> str:
     """A warning of passes too short to come back from a reversal; empty for others.
 
     At a reversal the slope against the joint turns round, and crab adds to it both ways: the
@@ -200,7 +200,9 @@ def short_way(job: CrawlJob, slip: SlipEstimate | None) -> str:
         return ""
     crab = abs(float(slip.x[SlipState.CRAB])) + slip.sigma(SlipState.CRAB)
     way = job.weld.run_up + job.weld.length
-    needed = SETTLING_GAINS / job.steering.gain + TURNING_RADII * crab * job.steering.least_radius
+    needed = (
+        SETTLING_MULTIPLE / job.steering.gain + TURNING_MULTIPLE * crab * job.steering.least_radius
+    )
     if way >= needed:
         return ""
     return (
@@ -227,7 +229,7 @@ def run_crawl(context: CrawlContext, directory: Path) -> None:
 def _prepare_crawl(context: CrawlContext, directory: Path) -> tuple[CrawlCell, FollowingMethod]:
     """Make cell and method of a job that is sound, and the run directory."""
     with add_file_to_errors(context.job_file):
-        check_size(context.job)
+        check_sizing(context.job)
         method = context.make_method()
         cell = make_crawl_cell(context.job)
         make_vehicle_run_directory(directory, context)
@@ -260,7 +262,7 @@ def _record_crawl(
     results = partial(write_crawl_results, job=context.job)
     with record_vehicle_run(context, directory, CRAWL_RECORDING, record, results) as journal, cell:
         accept_edited_copies(directory, journal)
-        if short := short_way(context.job, method.slip):
+        if short := short_pass_warning(context.job, method.slip):
             journal.record(RunEvent(WARNING_EVENT, short))
         make_crawler(context, cell, method, journal, reader).run(start)
 
@@ -307,7 +309,7 @@ def resume_crawl(
         start, slip = replace(start, last_view=view), slip_after_stop(found, context.job)
     else:
         weld = context.job.weld
-        first, end = -weld.run_up - LONGEST_OFF_WAY, weld.length + LONGEST_OFF_WAY
+        first, end = -weld.run_up - LARGEST_OVERSHOOT, weld.length + LARGEST_OVERSHOOT
         if not first <= place <= end:
             raise ConfigurationError(
                 f"--place is {1e3 * place:g} mm along the joint, from where the weld begins; it "
@@ -320,7 +322,7 @@ def resume_crawl(
         welded = tuple((arc.min(), arc.max()) for arc in arcs)
         left = InterruptedWorld(np.array(found.places[-1][1].pose_w), last.state.time, welded)
     with add_file_to_errors(context.job_file):
-        check_size(context.job)
+        check_sizing(context.job)
         cell = make_crawl_cell(context.job, left)
     method, reader = context.make_method(slip), RememberingTracker()
     for cycle, profile in found.profiles:
@@ -410,7 +412,7 @@ def calibrate_slip(context: CrawlContext, directory: Path) -> SlipCalibration:
     cell, method = _prepare_crawl(context, directory)
     record = partial(CrawlRecording, truth=cell.simulated_place)
     with record_vehicle_run(context, directory, CRAWL_RECORDING, record) as journal, cell:
-        make_crawler(context, cell, method, journal).shuttle(SHUTTLE_LENGTH, SHUTTLE_TIMES)
+        make_crawler(context, cell, method, journal).shuttle(SHUTTLE_LENGTH, SHUTTLE_COUNT)
     if method.slip is None:
         raise ConfigurationError("this method learns no slip", key="method")
     found = SlipCalibration.from_estimate(method.slip, context.job.vehicle.device_id)
@@ -458,7 +460,7 @@ def replay_crawl(
     with add_file_to_errors(job_file):
         method = context.make_method()
     # Read to their ends before anything is made: what is no crawl, or damaged, is refused.
-    set_down = [_was_set_down(part) for part in parts]
+    set_down = [_begins_set_down(part) for part in parts]
     make_vehicle_run_directory(out, context)
     origin = job_snapshot_of_file(out / JOB_FILE)
     with lock_and_clean_directory(out):
@@ -474,7 +476,7 @@ def replay_crawl(
     finished(out)
 
 
-def _was_set_down(part: Path) -> bool:
+def _begins_set_down(part: Path) -> bool:
     """Read a part of a recording to its end: whether it begins where its operator set it down."""
     events = [entry.message for entry in read_crawl_messages(part) if entry.topic is LOG_TOPIC]
     return any(event.name == SET_DOWN_EVENT for event in events)

@@ -18,13 +18,14 @@ from tjscan.crawler.pass_record import pass_records, root_mean_square
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.runs.crawl.run import CrawlContext, make_crawler
-from tjscan.study.backend import (
+from tjscan.study.trial import (
     ReportedQuantity,
     ResolvedRun,
+    RunOutcome,
     StudyBackend,
+    canonical_json,
     drop_file_from_study_key_errors,
 )
-from tjscan.study.trial import RunOutcome, canonical_json
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +65,7 @@ class CrawlOutcome(RunOutcome):
     read_percent: float | None = None
 
 
-class CrawlCycleKeeper:
+class InMemoryCrawlJournal:
     """A crawl's journal that keeps in memory what its passes are judged by.
 
     Parameters
@@ -102,7 +103,7 @@ def run_study_crawl(job: CrawlJob) -> CrawlOutcome:
     context, cell = CrawlContext(job, Path()), make_crawl_cell(job)
     if cell.simulated_place is None:
         raise ConfigurationError("a study simulates", key="vehicle.driver")
-    keeper = CrawlCycleKeeper(cell.simulated_place)
+    keeper = InMemoryCrawlJournal(cell.simulated_place)
     ended = True, "Complete", "every pass is welded"
     try:
         with cell:

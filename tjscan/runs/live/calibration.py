@@ -12,21 +12,13 @@ from typing import Final
 import numpy as np
 
 from tjscan.calibration.targets.target import PosedProfile
-from tjscan.calibration.wizard.logbook import (
-    ArmPoseTaken,
-    BoardTouch,
-    CalibrationEntry,
-    LaserLineTaken,
-    SkippedPose,
-    StartOrResumeEntry,
-    read_calibration_entries,
-)
+from tjscan.calibration.wizard import logbook
 from tjscan.calibration.wizard.operator import Answer, Question
 from tjscan.calibration.wizard.session import CalibrationProgress
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import LaserFault, PageUnavailable
 from tjscan.core.frames import Array, rot_z, transform_points
-from tjscan.job.arm import kinematics_of_job, sensor_mount_of_job, solids_in_base
+from tjscan.job.cell import kinematics_of_job, sensor_mount_of_job, solids_in_base
 from tjscan.job.files import CalibrationJob, read_calibration_job
 from tjscan.live.buttons import Act, Button, Tone
 from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR, TOOL_COLOUR
@@ -39,10 +31,10 @@ from tjscan.runs.calibration.run import calibration_plan_of_job
 
 POSITION_SIGMA: Final = Measure("position known to", "mm", logarithmic=True)
 ROTATION_SIGMA: Final = Measure("rotation known to", "°", logarithmic=True)
-RESIDUALS_HEAD: Final = ("line", "offset / mm", "residual / σ", "")
+RESIDUAL_TABLE_HEAD: Final = ("line", "offset / mm", "residual / σ", "")
 """Of the list of lines."""
 
-CROSS_HALF_SIZE: Final = 0.015
+TOUCH_MARK_HALF_SIZE: Final = 0.015
 """Metres, half the size of the mark on a touched place."""
 
 
@@ -66,16 +58,16 @@ class CalibrationShow:
     def step(self, entry: object) -> Step:
         """Return what an entry of the logbook, or the progress after a line, changes."""
         match entry:
-            case StartOrResumeEntry():
+            case logbook.StartOrResumeEntry():
                 return Step("begun", facts={"lines": f"0 of {self._plan.lines}"})
-            case BoardTouch():
+            case logbook.BoardTouch():
                 return self._touch_step(entry)
-            case LaserLineTaken(shot, for_verification):
+            case logbook.LaserLineTaken(shot, for_verification):
                 return self._profile_step("verification" if for_verification else shot.name, shot)
-            case ArmPoseTaken():
+            case logbook.ArmPoseTaken():
                 shot = entry.posed_profile
                 return self._profile_step(shot.name, shot, entry.q)
-            case SkippedPose():
+            case logbook.SkippedPose():
                 return Step("skipped", events=(("passed over", entry.reason),))
             case CalibrationProgress():
                 return self._progress_step(entry)
@@ -115,12 +107,12 @@ class CalibrationShow:
             look_from=at + out * aside + (0.0, 0.0, 0.6 * out),
         )
 
-    def _touch_step(self, touch: BoardTouch) -> Step:
+    def _touch_step(self, touch: logbook.BoardTouch) -> Step:
         label = f"place {touch.place_number + 1}"
         if touch.T_b_f is None:
             return Step(label, events=(("passed over", label),))
         tip = transform_points(touch.T_b_f, self._plan.tip_f)
-        marks = [np.stack((tip - arm, tip + arm)) for arm in CROSS_HALF_SIZE * np.eye(3)]
+        marks = [np.stack((tip - arm, tip + arm)) for arm in TOUCH_MARK_HALF_SIZE * np.eye(3)]
         cross = Lines.through(*marks, colour=TOOL_COLOUR, width=3.0)
         drawn: dict[str, Drawable] = {f"touch/{touch.place_number}": cross}
         if touch.q is not None:
@@ -161,7 +153,7 @@ class CalibrationShow:
             facts=facts,
             progress=min(taken / progress.wanted, 1.0),
             samples=(Sample(float(taken), values),),
-            table=[RESIDUALS_HEAD, *rows],
+            table=[RESIDUAL_TABLE_HEAD, *rows],
         )
 
 
@@ -169,10 +161,10 @@ def read_calibration_show(directory: Path) -> tuple[CalibrationShow, Iterable[ob
     """Read what a calibration's recording has to show; see `tjscan.live.step.ShowReader`."""
     job_file = directory / JOB_FILE
     show = CalibrationShow(read_calibration_job(job_file), job_file, directory.resolve().name)
-    return show, read_calibration_entries(directory)
+    return show, logbook.read_calibration_entries(directory)
 
 
-LOOK_INTERVAL: Final = 0.2
+PREVIEW_INTERVAL: Final = 0.2
 """Seconds between two profiles of a real laser while an answer is awaited."""
 
 ANSWER_BUTTONS: Final[tuple[tuple[Answer, Tone, str], ...]] = (
@@ -238,7 +230,7 @@ class PageOperator:
         """Show how sure the pose is, and the lines that it rests on."""
         self._run.post(progress)
 
-    def show_entry(self, entry: CalibrationEntry) -> None:
+    def show_entry(self, entry: logbook.CalibrationEntry) -> None:
         """Show what was measured."""
         self._run.post(entry)
 
@@ -253,7 +245,7 @@ class PageOperator:
             return self._pressed.get()
         while True:
             with suppress(Empty):
-                return self._pressed.get(timeout=LOOK_INTERVAL)
+                return self._pressed.get(timeout=PREVIEW_INTERVAL)
             try:
                 profile = PlaneCurve.of_profile(look())
                 self._run.post(Step(facts={"laser": ""}, profile=profile))

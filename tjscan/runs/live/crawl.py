@@ -19,36 +19,27 @@ from tjscan.crawler.journal import CrawlCycle, read_crawl
 from tjscan.crawler.phases import PHASE_TRANSITIONS, Event, Phase
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.laser.profile import Profile
+from tjscan.live import step as live_step
 from tjscan.live.buttons import Act, Button, stop_button
 from tjscan.live.colours import LASER_COLOUR, NOMINAL_COLOUR
 from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Placement, Surface
 from tjscan.live.listening import Report, RunOnPage, show_run
 from tjscan.live.page import PageAddress
-from tjscan.live.step import (
-    PRESS_FACT,
-    STATE_FACT,
-    Measure,
-    PlaneCurve,
-    Sample,
-    Setting,
-    StateDiagram,
-    Step,
-)
 from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.settings import Box, Cylinder, Solid
 from tjscan.vehicle.vehicle import AT_REST, Twist
 
-TORCH_DEVIATION: Final = Measure("torch beside its path", "mm")
-VEHICLE_OFFSET: Final = Measure("vehicle beside the joint", "mm")
-TORCH_SIGMA: Final = Measure("torch known to", "mm")
-LARGEST_TORQUE: Final = Measure("largest torque", "N m")
+TORCH_DEVIATION: Final = live_step.Measure("torch beside its path", "mm")
+VEHICLE_OFFSET: Final = live_step.Measure("vehicle beside the joint", "mm")
+TORCH_SIGMA: Final = live_step.Measure("torch known to", "mm")
+LARGEST_TORQUE: Final = live_step.Measure("largest torque", "N m")
 
 BODY_HEIGHT: Final = 0.12
 """Metres, of the drawn body."""
 GROUND_CLEARANCE: Final = 0.05
 """Metres by which it is off the hull."""
-PIECE_LENGTH: Final = 5e-3
+WELD_PIECE_LENGTH: Final = 5e-3
 """Metres of travel that a drawn piece of weld is long."""
 WELD_WIDTH: Final = 0.01
 """Metres, of the drawn weld."""
@@ -57,10 +48,10 @@ SECONDS_BETWEEN_STEPS: Final = 0.25
 
 SECONDS_BETWEEN_PAGE_CYCLES: Final = 0.05
 """Of the vehicle's clock, between two cycles that are handed to the page."""
-HOLD_LIFETIME: Final = 0.3
+BUTTON_HOLD_LIFETIME: Final = 0.3
 """Seconds for which the page's last word that a button is held counts; the page repeats it 20 times
 a second. It leaves the rest of a vehicle's `DEAD_MAN` to brake in."""
-SHORTEST_CYCLE: Final = 0.01
+SHORTEST_ORDER_CYCLE: Final = 0.01
 """Seconds between two orders at least: a simulated vehicle waits for nothing."""
 
 
@@ -82,22 +73,26 @@ class CrawlShow:
         self._last: tuple[int, float, float] | None = None
         self.setting = self._make_setting(title)
 
-    def step(self, entry: object) -> Step:
+    def step(self, entry: object) -> live_step.Step:
         """Return what one entry of the journal changes on the page."""
         match entry:
             case CrawlCycle():
                 return self._cycle_step(entry)
             case Profile():
-                return Step(profile=PlaneCurve.of_profile(entry))
+                return live_step.Step(profile=live_step.PlaneCurve.of_profile(entry))
             case RunEvent(name, detail):
-                step = Step(name, events=((name, detail),))
+                step = live_step.Step(name, events=((name, detail),))
                 if name not in set(Phase):
                     return step
                 # An event that a phase begins with bears its name: no cycle follows a stop.
-                return replace(step, facts={STATE_FACT: name}, diagram=phase_diagram(Phase(name)))
-        return Step()
+                return replace(
+                    step,
+                    facts={live_step.STATE_FACT: name},
+                    diagram=phase_transition_diagram(Phase(name)),
+                )
+        return live_step.Step()
 
-    def _make_setting(self, title: str) -> Setting:
+    def _make_setting(self, title: str) -> live_step.Setting:
         job, length = self._job, self._job.weld.length
         before = job.alignment.length + job.weld.run_up
         size = (job.vehicle.body_length, job.vehicle.body_width, BODY_HEIGHT)
@@ -109,7 +104,7 @@ class CrawlShow:
         hull = np.vstack((ends - wide, (ends + wide * (1, 1, -1))[::-1]))
         middle = np.array((0.5 * (length - before), 0.0, 0.0))
         away = length + before + 2 * job.vehicle.body_length
-        return Setting(
+        return live_step.Setting(
             title,
             (TORCH_DEVIATION, VEHICLE_OFFSET, TORCH_SIGMA, LARGEST_TORQUE),
             "along the joint / mm",
@@ -124,7 +119,7 @@ class CrawlShow:
             look_from=middle + away * np.array((-0.35, -0.9, 0.7)),
         )
 
-    def _cycle_step(self, cycle: CrawlCycle) -> Step:
+    def _cycle_step(self, cycle: CrawlCycle) -> live_step.Step:
         torch, state = cycle.torch, cycle.state
         torch_place = cycle.travel, -(torch.offset + cycle.torch_y), 0.0
         values = {
@@ -138,22 +133,22 @@ class CrawlShow:
             "vehicle": Placement(pose(rot_z(-torch.heading), (cycle.travel, -torch.offset, 0.0))),
             "torch": Placement(pose(p=torch_place)),
         }
-        samples: tuple[Sample, ...] = ()
+        samples: tuple[live_step.Sample, ...] = ()
         if cycle.arc and (piece := self._next_piece_of_weld(cycle, values)) is not None:
             self._piece += 1
             drawn[f"weld/{self._piece}"] = piece
-            samples = (Sample(1e3 * cycle.travel, values),)
+            samples = (live_step.Sample(1e3 * cycle.travel, values),)
         progress = None
         if cycle.phase is Phase.WELDING and cycle.number:
             along = min(max(cycle.travel / self._job.weld.length, 0.0), 1.0)
             progress = (cycle.number - 1 + along) / len(self._job.passes)
-        return Step(
+        return live_step.Step(
             f"{cycle.phase}, {1e3 * cycle.travel:.0f} mm",
             drawn,
             self._cycle_facts(cycle),
             progress,
             samples,
-            diagram=phase_diagram(cycle.phase),
+            diagram=phase_transition_diagram(cycle.phase),
         )
 
     def _cycle_facts(self, cycle: CrawlCycle) -> dict[str, str]:
@@ -161,7 +156,7 @@ class CrawlShow:
         proximity = [value for value in cycle.state.proximity if isfinite(value)]
         nearest = {"nearest corner": f"{1e3 * min(proximity):.0f} mm"} if proximity else {}
         return {
-            STATE_FACT: str(cycle.phase),
+            live_step.STATE_FACT: str(cycle.phase),
             "pass": f"{cycle.number} of {len(self._job.passes)}" if cycle.number else "",
             "along the joint": f"{1e3 * cycle.travel:.0f} of {1e3 * self._job.weld.length:.0f} mm",
             "speed": f"{1e3 * cycle.state.odometry.speed:.1f} mm/s",
@@ -178,7 +173,7 @@ class CrawlShow:
         here = cycle.number, cycle.travel, -(cycle.torch.offset + cycle.torch_y)
         number, x0, y0 = self._last or here
         is_same_pass = self._last is not None and number == cycle.number
-        if is_same_pass and abs(cycle.travel - x0) < PIECE_LENGTH:
+        if is_same_pass and abs(cycle.travel - x0) < WELD_PIECE_LENGTH:
             return None
         self._last = here
         if not is_same_pass:
@@ -190,11 +185,11 @@ class CrawlShow:
         return MeasuredPiece(np.empty((0, 3)), np.array(strip), triangles, values)
 
 
-def phase_diagram(now: Phase) -> StateDiagram:
+def phase_transition_diagram(now: Phase) -> live_step.StateDiagram:
     """The phases and what leads from one to another, the present one marked."""
     ways = ((phase, after, event) for (phase, event), after in PHASE_TRANSITIONS.items())
     arrows = tuple((str(a), str(b), str(why)) for a, b, why in ways if why is not Event.DANGER)
-    return StateDiagram(tuple(map(str, Phase)), arrows, str(now), str(Phase.STOP))
+    return live_step.StateDiagram(tuple(map(str, Phase)), arrows, str(now), str(Phase.STOP))
 
 
 def read_crawl_show(directory: Path) -> tuple[CrawlShow, Iterator[object]]:
@@ -276,11 +271,11 @@ class PageHandDrive:
 
     def order(self) -> Twist | None:
         """Return what is asked for now; see `HandDrive.order`."""
-        self._wait(max(0.0, self._last + SHORTEST_CYCLE - self._clock()))
+        self._wait(max(0.0, self._last + SHORTEST_ORDER_CYCLE - self._clock()))
         self._last = now = self._clock()
         if self._begun.is_set():
             return None
-        held = [word for word, heard in self._heard.items() if now - heard < HOLD_LIFETIME]
+        held = [word for word, heard in self._heard.items() if now - heard < BUTTON_HOLD_LIFETIME]
         return self._twists[held[0]] if len(held) == 1 else AT_REST
 
 
@@ -360,9 +355,9 @@ def hand_drive_buttons(run: RunOnPage, hand: PageHandDrive) -> Sequence[Button]:
         hand.start()
         if run.page is not None:
             run.page.enable(dict.fromkeys(("Start", *hand.words), False))
-        run.post(Step(facts={PRESS_FACT: ""}))
+        run.post(live_step.Step(facts={live_step.PRESS_FACT: ""}))
 
-    run.post(Step(facts={PRESS_FACT: "Start, or hold a button to drive"}))
+    run.post(live_step.Step(facts={live_step.PRESS_FACT: "Start, or hold a button to drive"}))
     hint = "Drives slowly while it is held; released, or gone with the page, the crawler stops"
     held = [Button(word, partial(hand.hear, word), hint=hint, held=True) for word in hand.words]
     return [Button("Start", start, "green", "Let the crawl begin"), *held]

@@ -16,7 +16,7 @@ from tjscan.comparison.distance import corner_to_edge_distances
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array, transform_points
 from tjscan.groove.measured import MeasuredSection, section_to_result_frame
-from tjscan.job.arm import kinematics_of_job, solids_in_base
+from tjscan.job.cell import kinematics_of_job, solids_in_base
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.live.buttons import Act, Button
@@ -30,7 +30,7 @@ from tjscan.recording.parts import recording_files
 from tjscan.result.directory import JOB_FILE, RECORDING_FILE
 from tjscan.result.section import absent_corners
 from tjscan.result.wireframe import joint_wireframe
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
+from tjscan.runs.scan.run import ScanContext, groove_reader_of_job, result_frame_of_job
 from tjscan.scanning.journal import grid_triangles
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.recording import read_recording_entries
@@ -48,7 +48,7 @@ CORNER_SIGMA: Final = Measure("sigma of the corners", "mm")
 EVENTS_AT_REST: Final = ("paused", "stop", "failed", "interrupted", "complete")
 """Events after which the arm does not move."""
 
-FAN_POINTS: Final = 32
+LASER_FAN_POINTS: Final = 32
 """Of the laser's drawn fan."""
 
 
@@ -64,7 +64,7 @@ class ScanShow:
 
     Parameters
     ----------
-    context : RunContext
+    context : ScanContext
         The job, of one station if it has any.
     title : str
         Of the run.
@@ -75,7 +75,7 @@ class ScanShow:
         Sections that the job asks for, if it does.
     """
 
-    def __init__(self, context: RunContext, title: str) -> None:
+    def __init__(self, context: ScanContext, title: str) -> None:
         self._frame = result_frame_of_job(context.job)
         self._last_b: Array | None = None
         self._joint = context.joint if self._frame.T_b_j is not None else None
@@ -204,7 +204,7 @@ def laser_fan(view: ProfileView) -> dict[str, Drawable]:
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) < 2:
         return {"profile": Lines(np.empty((0, 2, 3)), LASER_COLOUR)}
-    thin = points[np.linspace(0, len(points) - 1, FAN_POINTS).round().astype(int)]
+    thin = points[np.linspace(0, len(points) - 1, LASER_FAN_POINTS).round().astype(int)]
     seen_b = transform_points(view.T_b_s, thin)
     k = np.arange(1, len(thin))
     fan = np.concatenate((view.T_b_s[None, :3, 3], seen_b))
@@ -226,11 +226,11 @@ def _value_in_words(measure: Measure, values: dict[str, float], sigmas: dict[str
 def read_scan_show(directory: Path) -> tuple[ScanShow, Iterator[object]]:
     """Read what a scan's recording has to show; see `tjscan.live.step.ShowReader`."""
     job_file = directory / JOB_FILE
-    context = RunContext(read_scan_job(job_file), job_file).at_station()
-    return ScanShow(context, directory.resolve().name), read_entries(directory, context)
+    context = ScanContext(read_scan_job(job_file), job_file).at_station()
+    return ScanShow(context, directory.resolve().name), read_scan_entries(directory, context)
 
 
-def read_entries(directory: Path, context: RunContext) -> Iterator[object]:
+def read_scan_entries(directory: Path, context: ScanContext) -> Iterator[object]:
     """Yield views, sections and events of a run; sections are read again for their measures."""
     read = groove_reader_of_job(context.job)
     found: list[ScannedSection] = []
@@ -276,7 +276,7 @@ class ScanPageJournal:
 
 @contextmanager
 def show_scan(
-    context: RunContext,
+    context: ScanContext,
     where: PageAddress,
     report: Report,
     interrupt: Act,
@@ -286,7 +286,7 @@ def show_scan(
 
     Parameters
     ----------
-    context : RunContext
+    context : ScanContext
         The job, of one station if it has any, and what pauses its scan.
     where : PageAddress
     report : callable
@@ -302,7 +302,7 @@ def show_scan(
         if simulation is not None and simulation.arm is not None:
             yield Step(drawn={"arm": Posture(np.array(simulation.arm.home))})
         if resumed is not None and (resumed / RECORDING_FILE).is_file():
-            yield from map(show.step, read_entries(resumed, context))
+            yield from map(show.step, read_scan_entries(resumed, context))
 
     show = ScanShow(context, context.job_file.stem)
     buttons = partial(scan_buttons, stop=context.stop, interrupt=interrupt)

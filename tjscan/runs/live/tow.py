@@ -27,7 +27,7 @@ from tjscan.live.step import STATE_FACT, Measure, Sample, Setting, Step
 from tjscan.recording.journal import RunEvent
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.settings import Cylinder, Solid
-from tjscan.runs.tow.results import clearance_of_discs
+from tjscan.runs.tow.results import clearance_from_discs
 from tjscan.towing.journal import TowCycle, TowTruth, read_tow
 from tjscan.towing.seam import Seam
 
@@ -111,13 +111,13 @@ class TowShow:
             VEHICLE_CLEARANCE.name: 1e3 * vehicles_apart(cycle.poses, radius, discs),
         }
         if len(discs):
-            values[CABLE_CLEARANCE.name] = 1e3 * clearance_of_discs(estimate, discs)
+            values[CABLE_CLEARANCE.name] = 1e3 * clearance_from_discs(estimate, discs)
         bodies = zip(self.setting.bodies, cycle.poses, strict=True)
         drawn: dict[str, Drawable] = {
             **{name: Placement(pose(rot_z(a), (x, y, 0.0))) for name, (x, y, a) in bodies},
             "cable": Lines.through(_lift_to_height(estimate), colour=TOOL_COLOUR, width=4.0),
             "planned": Lines.through(_lift_to_height(planned), colour=FITTED_COLOUR, width=2.0),
-            "obstacles": Lines.through(*map(_ring, discs), colour=SOLID_COLOUR, width=3.0),
+            "obstacles": Lines.through(*map(_circle_points, discs), colour=SOLID_COLOUR, width=3.0),
         }
         return Step(
             f"{time:.1f} s",
@@ -178,7 +178,7 @@ def _lift_to_height(points: Array, height: float = CABLE_HEIGHT) -> Array:
     return np.column_stack((points[:, :2], np.full(len(points), height)))
 
 
-def _ring(disc: Array) -> Array:
+def _circle_points(disc: Array) -> Array:
     turn = np.linspace(0, 2 * np.pi, CIRCLE_SIDES + 1)
     return _lift_to_height(disc[:2] + disc[2] * np.column_stack((np.cos(turn), np.sin(turn))))
 

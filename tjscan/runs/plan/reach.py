@@ -22,7 +22,7 @@ from tjscan.core.frames import (
     transform_points,
 )
 from tjscan.core.units import MM
-from tjscan.job.arm import kinematics_of_job, solids_in_base
+from tjscan.job.cell import collision_model_of_job, kinematics_of_job
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.document import LengthEntry
@@ -33,7 +33,7 @@ from tjscan.planning.urscript import BeadPath, StationPath
 from tjscan.planning.wps import TorchSettings
 from tjscan.result.directory import JOB_FILE
 from tjscan.result.summary import read_stitching_report
-from tjscan.robot.collision import SCANNED_GROOVE_NAME, CollisionModel
+from tjscan.robot.collision import SCANNED_GROOVE_NAME
 from tjscan.robot.deviations import with_deviations
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.path import LARGEST_JOINT_TURN, linear_waypoints
@@ -43,7 +43,7 @@ from tjscan.robot.tool_reach import (
     ToolConfigurations,
     find_tool_holds,
 )
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.scan.run import ScanContext
 from tjscan.scanning.journal import grid_triangles
 
 ARM_STATION: Final = "arm"
@@ -94,13 +94,7 @@ class WeldingStation:
         table, T_b_w = self.job.clearance, None
         if self.job.joint is not None and self.job.station:
             T_b_w = self.T_b_r @ inverse_pose(self.job.joint.T_w_j)
-        model = CollisionModel(
-            self.kinematics,
-            solids_in_base(self.job, T_b_w),
-            [one.solid for one in torch.solid],
-            self_collision=table.self_collision,
-            ignored=table.ignore,
-        )
+        model = collision_model_of_job(self.job, self.kinematics, torch.solid, T_b_w)
         surface = transform_points(self.T_b_r, groove.reshape(-1, 3))
         model.set_measured_surface(surface, grid_triangles(*groove.shape[:2]))
         of_torch = {one.name: one.in_groove for one in torch.solid}
@@ -165,7 +159,7 @@ def _make_station(name: str, job: ScanJob, folder: Path, T_b_r: Array) -> Weldin
     file = folder / JOB_FILE
     with add_file_to_errors(file):
         model = kinematics_of_job(job)
-        deviations = RunContext(job, file).sensor_mount.deviations
+        deviations = ScanContext(job, file).sensor_mount.deviations
     calibrated = model if deviations is None else with_deviations(model, deviations)
     return WeldingStation(name, job, file, model, calibrated, T_b_r)
 
@@ -176,7 +170,7 @@ def _read_job(folder: Path) -> ScanJob:
     return read_scan_job(folder / JOB_FILE)
 
 
-PLACE_STEP: Final = 25e-3
+REACH_STEP: Final = 25e-3
 """Metres along the groove between the places at which holds are looked for."""
 
 MARGIN_RESERVE: Final = 1e-3
@@ -186,7 +180,7 @@ SURFACE_STEP: Final = 10e-3
 """Metres between sections of the groove's surface: a tube's chords stay 0.1 mm off it."""
 
 
-def to_mm(length: float) -> float:
+def rounded_mm(length: float) -> float:
     """Metres along the groove as millimetres of a plan's document."""
     return round(length / MM.factor, 1)
 
@@ -248,7 +242,7 @@ class StationReach:
                 begin, *_ = found.pop()
             found.append((begin, at, reason))
         return tuple(
-            LengthEntry(begin_mm=to_mm(begin), end_mm=to_mm(end), reason=reason)
+            LengthEntry(begin_mm=rounded_mm(begin), end_mm=rounded_mm(end), reason=reason)
             for begin, end, reason in found
         )
 
@@ -365,7 +359,7 @@ def find_station_reach(station: WeldingStation, plan: WeldPlan, groove: Array) -
         If the arm is not of the Universal Robots type.
     """
     edges, torch = plan.edges, plan.wps.torch
-    count = ceil(edges.length / PLACE_STEP)
+    count = ceil(edges.length / REACH_STEP)
     places = np.linspace(0.0, edges.length, count + 1)[: count if edges.closed else None]
     T = station.T_b_r @ torch_poses(plan, places)
     holds = find_tool_holds(
@@ -431,7 +425,7 @@ def _torch_poses_at(plan: WeldPlan, s: float) -> list[Array]:
     back = pose(p=(0.0, 0.0, -plan.wps.torch.retract))
     near = [(bead, _nearest_point_of_bead(bead, s, plan.edges)) for bead in plan.beads]
     least = min(away for _, (_, away) in near)
-    here = [(bead, bead.T_r_torch[i]) for bead, (i, away) in near if away <= max(least, PLACE_STEP)]
+    here = [(bead, bead.T_r_torch[i]) for bead, (i, away) in near if away <= max(least, REACH_STEP)]
     outer = {here[0][0].layer, here[-1][0].layer}
     return [T for _, T in here] + [T @ back for bead, T in here if bead.layer in outer]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -12,41 +11,24 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, inverse_pose
-from tjscan.job.arm import kinematics_of_job, solids_in_base
+from tjscan.job.cell import collision_model_of_job, kinematics_of_job
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.planning.urscript import StationPath, path_to_urscript
 from tjscan.planning.wps import TorchSettings
 from tjscan.result.directory import JOB_FILE
 from tjscan.robot.clearance import ClearPathPlanner
-from tjscan.robot.collision import CollisionModel
 from tjscan.robot.collision_checked import CollisionCheckedArm
 from tjscan.robot.path import MotionLimits
 from tjscan.robot.ur.arm import UrArm
 from tjscan.robot.ur.moving import UrProgram
-from tjscan.robot.ur.settings import UrSettings
-from tjscan.runs.scan.context import RunContext
+from tjscan.runs.plan.run import ArcSwitch
+from tjscan.runs.scan.run import ScanContext
 
 UR_DRIVER: Final = "ur"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ArmForProgram:
-    """The arm of a job that is to run a program.
-
-    Parameters
-    ----------
-    job : ScanJob
-        Of one station.
-    settings : UrSettings
-        Where its controller is.
-    """
-
-    job: ScanJob
-    settings: UrSettings
-
-
-def arm_for_program(job_file: Path, station: str | None, run: Path) -> ArmForProgram:
-    """Read the job of an arm that is to run a program, and check that it is the run's arm.
+def read_job_of_program_arm(job_file: Path, station: str | None, run: Path) -> ScanJob:
+    """Read the job, of one station, of an arm that is to run a program; check its arm and place.
 
     Parameters
     ----------
@@ -65,29 +47,28 @@ def arm_for_program(job_file: Path, station: str | None, run: Path) -> ArmForPro
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file)
         job = job.job_at_station(station) if job.station else job
-        settings = job.arm.driver_settings if job.arm.driver == UR_DRIVER else None
-        if not isinstance(settings, UrSettings):
+        if job.arm.driver != UR_DRIVER:
             raise ConfigurationError(
                 f"a program goes to a real arm alone, whose driver is {UR_DRIVER!r} (found "
                 f"{job.arm.driver!r})",
                 key="arm.driver",
             )
         if (run / JOB_FILE).is_file():
-            scanned = RunContext(read_scan_job(run / JOB_FILE), run / JOB_FILE)
+            scanned = ScanContext(read_scan_job(run / JOB_FILE), run / JOB_FILE)
             if job.arm.model != (model := scanned.job.arm.model):
                 reason = f"is a {job.arm.model}, but the run was scanned with a {model}"
                 raise ConfigurationError(reason, key="arm.model")
-            joints = scanned.joint, RunContext(job, job_file).joint
+            joints = scanned.joint, ScanContext(job, job_file).joint
             if None not in joints and joints[0] != joints[1]:
                 reason = (
                     "is another joint than the run's: plan a run of this joint, or name its job"
                 )
                 raise ConfigurationError(reason, key="joint.file")
-            _check_place(job, scanned.job, station)
-    return ArmForProgram(job, settings)
+            _check_arm_place(job, scanned.job, station)
+    return job
 
 
-def _check_place(job: ScanJob, scanned: ScanJob, station: str | None) -> None:
+def _check_arm_place(job: ScanJob, scanned: ScanJob, station: str | None) -> None:
     """Refuse a job whose arm is at another place by the joint than it was for the run."""
     if job.joint is None or scanned.joint is None:
         return
@@ -127,28 +108,24 @@ def path_of_station(paths: Mapping[str, StationPath], station: str | None) -> St
 
 
 def send_program(
-    arm: ArmForProgram,
+    job: ScanJob,
     path: StationPath,
     torch: TorchSettings,
-    output: int,
-    *,
-    arc: bool,
+    switch: ArcSwitch,
     started: Callable[[], object],
 ) -> None:
     """Move an arm to the beginning of a program, on a checked path, and run it.
 
     Parameters
     ----------
-    arm : ArmForProgram
-        The arm.
+    job : ScanJob
+        Of the arm.
     path : StationPath
         Of its station.
     torch : TorchSettings
         What it carries.
-    output : int
-        Standard digital output of the arc.
-    arc : bool
-        Whether it is switched on on the beads.
+    switch : ArcSwitch
+        How the program switches the arc.
     started : callable
         Is called once the program runs.
 
@@ -157,20 +134,14 @@ def send_program(
     ArmFault
         If the arm can't be reached, is not ready, or did not come to the program's end.
     """
-    job, model, table = arm.job, kinematics_of_job(arm.job), arm.job.clearance
-    collisions = CollisionModel(
-        model,
-        solids_in_base(job),
-        [one.solid for one in torch.solid],
-        self_collision=table.self_collision,
-        ignored=table.ignore,
-    )
+    model, table = kinematics_of_job(job), job.clearance
+    collisions = collision_model_of_job(job, model, torch.solid)
     clearance = ClearPathPlanner(model, collisions, table)
     limits = MotionLimits(tcp_speed=job.arm.speed, tcp_acceleration=job.arm.acceleration)
-    device = UrArm(model, arm.settings, limits)
-    off = f"def tjscan_arc_off():\n  set_standard_digital_out({output}, False)\nend\n"
+    device = UrArm(model, job.arm.driver_settings, limits)
+    off = f"def tjscan_arc_off():\n  set_standard_digital_out({switch.output}, False)\nend\n"
     T_b_tcp: Array = path.beads[-1].retreat[-1]
-    script = path_to_urscript(path, torch, output, arc=arc)
+    script = path_to_urscript(path, torch, switch.output, arc=switch.on)
     with CollisionCheckedArm(device, clearance, torch.tcp.T, lifts=table.lifts) as checked:
         start = path.beads[0].approach[0] @ inverse_pose(torch.tcp.T)
         checked.move_joint_to_pose(start, near=np.asarray(path.q))

@@ -13,8 +13,9 @@ import numpy as np
 from tjscan.core.devices import DriverKind
 from tjscan.core.manifest import check_as_written
 from tjscan.job.files import ScanJob, read_scan_job
+from tjscan.recording.journal import RunEvent
 from tjscan.recording.reader import RecordingDamage
-from tjscan.result.chapter import ReportChapter, ReportChart, ReportEvent
+from tjscan.result.chapter import ReportChapter, ReportChart
 from tjscan.result.directory import JOB_FILE, RECORDING_FILE, SUMMARY_FILE
 from tjscan.result.summary import check_recording_complete, read_summary
 from tjscan.runs.run import COPIED_FILES
@@ -39,14 +40,13 @@ def scan_chapter(directory: Path) -> ReportChapter:
     log = read_recorded_scan(directory, damages.append)
     check_recording_complete(directory, read_summary(directory / SUMMARY_FILE), len(log.sections))
     started = "" if log.started is None else f"{log.started:%Y-%m-%d %H:%M} UTC"
-    events = tuple(ReportEvent(event.time, event.name, event.detail) for event in log.events)
     arm, laser = (f"{one.device_id} ({one.driver})" for one in (job.arm, job.laser))
     devices = f"arm {arm}, laser {laser}"
     return ReportChapter(
         facts=(("scanned", started), ("devices", devices), ("job", _scan_in_words(job))),
-        findings=(*map(str, damages), *_scan_findings(job, events)),
+        findings=(*map(str, damages), *_scan_findings(job, log.events)),
         charts=tuple(_scan_charts([log.sections[i] for i in sorted(log.sections)], job)),
-        events=events,
+        events=log.events,
         profiles=MappingProxyType({i: one.view.profile for i, one in log.sections.items()}),
         settings=job.groove,
     )
@@ -65,7 +65,7 @@ def _scan_in_words(job: ScanJob) -> str:
     )
 
 
-def _scan_findings(job: ScanJob, events: Sequence[ReportEvent]) -> Iterator[str]:
+def _scan_findings(job: ScanJob, events: Sequence[RunEvent]) -> Iterator[str]:
     for name, count in Counter(event.name for event in events).items():
         if name not in (*ORDINARY_EVENTS, *COUNTED_EVENTS):
             times = "" if count == 1 else f", {count} times"

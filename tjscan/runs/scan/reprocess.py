@@ -17,21 +17,14 @@ from tjscan.core.errors import ConfigurationError, GrooveNotFound, RecordingErro
 from tjscan.core.files import refuse_links_outside, write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.core.manifest import check_as_written
-from tjscan.job.arm import SensorMount
+from tjscan.job.cell import SensorMount
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import RecordingDamage
 from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
 from tjscan.result.summary import ScanSummary
-from tjscan.runs.run import (
-    COPIED_FILES,
-    WhenFinished,
-    do_nothing,
-    refuse_directory_inside,
-    refuse_other_keys,
-)
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job
-from tjscan.runs.scan.run import write_job_results
+from tjscan.runs import run
+from tjscan.runs.scan.run import ScanContext, groove_reader_of_job, write_scan_results
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.journal import RecordedScan, ScanResult, StopReason
 from tjscan.scanning.recording import read_recorded_scan
@@ -99,7 +92,7 @@ def reprocess_run(
     directory: Path,
     overrides: dict[str, Any],
     out: Path | None = None,
-    finished: WhenFinished = do_nothing,
+    finished: run.WhenFinished = run.do_nothing,
 ) -> ReprocessedRun:
     """Read a run's recorded sections again with other settings, and write a new directory.
 
@@ -130,14 +123,14 @@ def reprocess_run(
         If the stations can't be stitched any more.
     """
     job_file = directory / JOB_FILE
-    refuse_links_outside(directory, *COPIED_FILES)
-    check_as_written(*(directory / name for name in COPIED_FILES))
+    refuse_links_outside(directory, *run.COPIED_FILES)
+    check_as_written(*(directory / name for name in run.COPIED_FILES))
     why = "is about how the profiles were taken, and they are taken"
-    refuse_other_keys(overrides, REPROCESSABLE_KEYS, why, job_file)
+    run.refuse_fixed_keys(overrides, REPROCESSABLE_KEYS, why, job_file)
     out = out or dated_sibling_directory(directory)
-    refuse_directory_inside(out, directory)
+    run.refuse_directory_inside(out, directory)
     job = read_scan_job(job_file, overrides)
-    context = RunContext(job, job_file, finished=finished)
+    context = ScanContext(job, job_file, finished=finished)
     if len(job.station) < 2:
         return ReprocessedRun(out, (_reprocess_station(context, out),))
     refuse_links_outside(directory, *job.station_names)
@@ -145,18 +138,18 @@ def reprocess_run(
     stations = []
     for name in job.station_names:
         if (file := directory / name / JOB_FILE).is_file():
-            there = RunContext(read_scan_job(file, overrides), file, finished=finished)
+            there = ScanContext(read_scan_job(file, overrides), file, finished=finished)
             stations.append(_reprocess_station(there, out / name))
     whole = len(stations) == len(job.station) and all(one.is_whole for one in stations)
     stitched = stitch_run_directories([out], out, finished=finished) if whole else None
     return ReprocessedRun(out, tuple(stations), stitched)
 
 
-def _reprocess_station(context: RunContext, out: Path) -> ReprocessedStation:
+def _reprocess_station(context: ScanContext, out: Path) -> ReprocessedStation:
     """The same for a single run."""
     context, directory = context.at_station(), context.job_file.parent
-    refuse_links_outside(directory, *COPIED_FILES)
-    check_as_written(*(directory / name for name in COPIED_FILES))
+    refuse_links_outside(directory, *run.COPIED_FILES)
+    check_as_written(*(directory / name for name in run.COPIED_FILES))
     with add_file_to_errors(context.job_file):
         mount = context.sensor_mount
         _refuse_other_kinematics(mount, directory)
@@ -175,7 +168,7 @@ def _reprocess_station(context: RunContext, out: Path) -> ReprocessedStation:
     views = tuple(replace(view, T_b_s=view.T_b_f @ T_f_s) for view in recorded.views)
     detail = _words_of_another_reading(recorded, len(sections), len(damages))
     result = ScanResult(sections, views, recorded.stop, detail, recorded.retry_counts)
-    summary = write_job_results(context, out, result)
+    summary = write_scan_results(context, out, result)
     return ReprocessedStation(out, summary, lost, tuple(damages))
 
 

@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tjscan.calibration.file import read_calibration
 from tjscan.comparison.distance import DistanceStatistics, corner_to_edge_distances
+from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array, JointOrBaseFrame, rotation_angle_between, transform_points
+from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection, section_to_result_frame
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import feature_edges
-from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, job_label_of_run
-from tjscan.result.picture import draw_groove_overview
-from tjscan.result.readings import ProfileReading
+from tjscan.result import directory as run_files
+from tjscan.result.picture import write_png
+from tjscan.result.ply import write_cloud_ply
 from tjscan.result.section import absent_corners
-from tjscan.result.summary import ScanSummary, StepStatistics
-from tjscan.result.wireframe import joint_wireframe
-from tjscan.result.write import write_run_results
-from tjscan.runs.scan.uncertainty import StatedCauses
+from tjscan.result.summary import ScanSummary, StepStatistics, write_budget, write_summary
+from tjscan.result.table import write_sections_csv
 from tjscan.scanning.journal import (
     ScanResult,
     groove_length,
@@ -32,8 +33,56 @@ from tjscan.scanning.journal import (
 )
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
-from tjscan.uncertainty.budget import BudgetSummary, summarise_budget
-from tjscan.uncertainty.causes import budget_of_causes
+from tjscan.uncertainty.budget import BudgetSummary, UncertaintyBudget
+
+
+def write_run_results(
+    directory: Path,
+    sections: Sequence[MeasuredSection],
+    points: Array,
+    summary: ScanSummary,
+    picture: Any,
+    job: str,
+    budget: UncertaintyBudget,
+) -> ScanSummary:
+    """Write sections, cloud, picture, uncertainty budget and summary of a run, all or none.
+
+    Parameters
+    ----------
+    directory : Path
+        The run directory.
+    sections : sequence of MeasuredSection
+        In the frame that the summary names, in the order along the groove.
+    points : ndarray, shape (n, 3)
+        The groove's points in the same frame, metres.
+    summary : ScanSummary
+        The rest in a few numbers.
+    picture : matplotlib Figure
+        See `draw_groove_overview`.
+    job : str
+        The job that all of it comes from, see `job_label_of_run`.
+    budget : UncertaintyBudget
+        Of the sections.
+
+    Returns
+    -------
+    ScanSummary
+        With the provenance of its file.
+
+    Raises
+    ------
+    RecordingError
+        If a file can't be written.
+    """
+    provenance = Provenance.for_file_written_now(job, summary.frame)
+    summary = replace(summary, provenance=provenance)
+    with write_files_atomically(directory, last=run_files.SUMMARY_FILE, listed=True) as draft:
+        write_sections_csv(draft / run_files.SECTIONS_FILE, sections, provenance)
+        write_cloud_ply(draft / run_files.CLOUD_FILE, points, provenance)
+        write_png(draft / run_files.SCAN_PICTURE, picture, provenance)
+        write_budget(draft / run_files.BUDGET_FILE, budget, provenance)
+        write_summary(draft / run_files.SUMMARY_FILE, summary)
+    return summary
 
 
 def calibration_label(directory: Path) -> str:
@@ -44,9 +93,9 @@ def calibration_label(directory: Path) -> str:
     ConfigurationError
         If the ``calibration.toml`` in the run directory can't be read.
     """
-    file = directory / CALIBRATION_FILE
+    file = directory / run_files.CALIBRATION_FILE
     if not file.is_file():
-        return f"T_f_s_mm in {JOB_FILE}"
+        return f"T_f_s_mm in {run_files.JOB_FILE}"
     found = read_calibration(file)
     return f"{found.arm} with {found.laser}, {found.date:%Y-%m-%d %H:%M}"
 
@@ -80,7 +129,7 @@ def corner_errors(
     return corner_to_edge_distances(corners, feature_edges(joint), absent_corners(sections))
 
 
-def flange_way(hops: Iterable[tuple[ProfileView, ProfileView]]) -> tuple[float, float]:
+def flange_motion(hops: Iterable[tuple[ProfileView, ProfileView]]) -> tuple[float, float]:
     """Millimetres and degrees that the flange moved from view to view."""
     poses = [(a.T_b_f, b.T_b_f) for a, b in hops]
     travel = sum(float(np.linalg.norm(b[:3, 3] - a[:3, 3])) for a, b in poses)
@@ -110,7 +159,7 @@ def summarise_scan(
     """
     steps = 1e3 * np.array(untaught_step_lengths(result.sections))
     views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
-    travel, rotation = flange_way(pairwise(views))
+    travel, rotation = flange_motion(pairwise(views))
     taken = [view for view in result.views if view.substep is not Substep.TAUGHT]
     found = sum(s.view.substep is not Substep.TAUGHT for s in result.sections)
     error = None if corner_error is None else DistanceStatistics.from_distances(corner_error)
@@ -133,50 +182,3 @@ def summarise_scan(
         uncertainty=uncertainty,
         **asdict(result.counts),
     )
-
-
-def write_scan_results(
-    directory: Path,
-    result: ScanResult,
-    plan: ScanPlan,
-    frame: JointOrBaseFrame,
-    joint: JointDefinition | None,
-    causes: StatedCauses,
-    *,
-    station: str = "1",
-) -> ScanSummary:
-    """Write the results of a scan from one place; raises as `write_run_results` does.
-
-    Parameters
-    ----------
-    directory : Path
-        The run directory.
-    result, plan, frame
-        What was found, what was asked, and the frame of the result.
-    joint : JointDefinition, optional
-        What to compare the corners with.
-    causes : StatedCauses
-        What makes the sections err.
-    station : str
-        Where it was scanned from.
-    """
-    budget = budget_of_causes(causes.causes, frame.T_r_b, len(result.sections))
-    sections = budget.state_in(sections_in_result_frame(result.sections, frame, station))
-    points = all_profile_points(result.sections, frame)
-    error, calibration = corner_errors(sections, joint), calibration_label(directory)
-    uncertainty = summarise_budget(budget, ~absent_corners(sections), causes.left_out)
-    summary = summarise_scan(result, plan, frame, error, calibration, uncertainty)
-    middle = result.sections[len(result.sections) // 2]
-    groove, view = middle.groove, middle.view
-    example = ProfileReading(f"section {view.index}", view.profile, groove.points_s, groove)
-    picture = draw_groove_overview(
-        sections,
-        points,
-        frame=frame.letter,
-        title=f"{len(sections)} sections, {result.stop}",
-        outline=() if joint is None else joint_wireframe(joint),
-        paths=[transform_points(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])],
-        example=example,
-    )
-    job = job_label_of_run(directory)
-    return write_run_results(directory, sections, points, summary, picture, job, budget)

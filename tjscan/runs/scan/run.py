@@ -2,34 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from tjscan.core.config import add_file_to_errors
-from tjscan.core.errors import RecordingError, ScanInterrupted, TjscanError, message_with_notes
+from tjscan.core.errors import (
+    ConfigurationError,
+    RecordingError,
+    ScanInterrupted,
+    TjscanError,
+    message_with_notes,
+)
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
-from tjscan.job.cell import Cell
+from tjscan.core.frames import JointOrBaseFrame, transform_points
+from tjscan.groove.read import read_groove
+from tjscan.job.cell import Cell, SensorMount, joint_scene, make_cell, sensor_mount_of_job
 from tjscan.job.files import ScanJob
+from tjscan.joint.definition import JointDefinition
+from tjscan.joint.file import read_joint
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.journal import CombinedJournal, Journal, RunEvent, event_recorder
-from tjscan.recording.parts import recording_files
+from tjscan.recording.parts import next_recording_file, recording_files
 from tjscan.recording.reader import RecordingDamage, read_job_snapshot
+from tjscan.result.directory import CALIBRATION_FILE, JOINT_FILE, URDF_FILE, job_label_of_run
+from tjscan.result.picture import draw_groove_overview
+from tjscan.result.readings import ProfileReading
+from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary
+from tjscan.result.wireframe import joint_wireframe
+from tjscan.robot.arm import ArmState
 from tjscan.robot.kinematics import Kinematics
-from tjscan.runs.run import (
-    COPIED_FILES,
-    accept_edited_copies,
-    changes_of_job,
-    nothing_recorded_yet,
-    refuse_other_keys,
-    take_job_snapshot,
-)
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job, result_frame_of_job
-from tjscan.runs.scan.results import write_scan_results
+from tjscan.runs import run
+from tjscan.runs.run import JobContext, make_run_directory, take_job_snapshot
+from tjscan.runs.scan import results
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.journal import (
     RecordedScan,
@@ -39,10 +50,112 @@ from tjscan.scanning.journal import (
     plan_is_fulfilled,
 )
 from tjscan.scanning.profile_taker import ScanSetup
-from tjscan.scanning.recording import read_recorded_scan
+from tjscan.scanning.recording import ScanRecording, read_recorded_scan
 from tjscan.scanning.scanner import Scanner
 from tjscan.scanning.section import ProfileView
+from tjscan.scanning.sections_before import GrooveReader
 from tjscan.scanning.stopping import StopRequest
+from tjscan.uncertainty.budget import summarise_budget
+from tjscan.uncertainty.causes import budget_of_causes
+
+
+@dataclass(frozen=True, eq=False)
+class ScanContext(JobContext[ScanJob]):
+    """A scan job with what it names, and where its run reports to; see `JobContext`.
+
+    Parameters
+    ----------
+    stop : StopRequest
+        Asks for an end before the job is done.
+    """
+
+    stop: StopRequest = field(default_factory=StopRequest)
+
+    def at_station(self, name: str | None = None) -> ScanContext:
+        """The same at one of the job's stations; raises as `ScanJob.job_at_station` does."""
+        return replace(self, job=self.job.job_at_station(name))
+
+    @cached_property
+    def joint_file(self) -> Path | None:
+        """Path of the joint's file that the job names.
+
+        Raises
+        ------
+        ConfigurationError
+            If there is no such file.
+        """
+        if self.job.joint is None:
+            return None
+        file = self.job_file.parent / self.job.joint.file
+        if not file.is_file():
+            raise ConfigurationError(
+                f"there is no such file: {file}", file=self.job_file, key="joint.file"
+            )
+        return file
+
+    @cached_property
+    def joint(self) -> JointDefinition | None:
+        """Definition of the joint that the job names; ConfigurationError if it can't be built."""
+        return None if self.joint_file is None else read_joint(self.joint_file)
+
+    @cached_property
+    def sensor_mount(self) -> SensorMount:
+        """Pose of the sensor on the flange; raises as `sensor_mount_of_job` does."""
+        return sensor_mount_of_job(self.job, self.job_file)
+
+    def make_cell(self, left: ProfileView | None = None) -> Cell:
+        """Make the cell (arm and laser) that the job names; connect nothing.
+
+        Parameters
+        ----------
+        left : ProfileView, optional
+            Where an interrupted scan left the arm.
+
+        Raises
+        ------
+        ConfigurationError
+            If the job, or a file that it names, is wrong.
+        """
+        state = None if left is None else ArmState(left.q, left.T_b_f, left.time)
+        with add_file_to_errors(self.job_file):
+            scene = partial(joint_scene, self.job, self.joint)
+            return make_cell(self.job, self.sensor_mount, scene, state)
+
+    def make_run_directory(self, directory: Path) -> None:
+        """Make a run directory with the job and the files that it names."""
+        with add_file_to_errors(self.job_file):
+            copies = {JOINT_FILE: self.joint_file, CALIBRATION_FILE: self.sensor_mount.file}
+            make_run_directory(directory, self.job, self.job_file, copies)
+
+    @contextmanager
+    def open_recording(self, directory: Path) -> Iterator[Journal]:
+        """Record into a run directory while the block runs; gives the journal that writes it."""
+        arm, T_b_j = Kinematics.load(self.job.arm.model), result_frame_of_job(self.job).T_b_j
+        root = {arm.link_names[0]: arm.link_poses(np.zeros(len(arm.joint_names)))[0]}
+        with ScanRecording(
+            next_recording_file(directory),
+            take_job_snapshot(directory, self.job),
+            joint_names=arm.joint_names,
+            fixed=root if T_b_j is None else {**root, "j": T_b_j},
+            attachments={URDF_FILE: arm.urdf.read_bytes()},
+        ) as recording:
+            yield CombinedJournal(recording, self.journal)
+
+
+def groove_reader_of_job(job: ScanJob) -> GrooveReader:
+    """Function that reads the groove in a profile with the settings of a job."""
+    return partial(read_groove, settings=job.groove)
+
+
+def result_frame_of_job(job: ScanJob) -> JointOrBaseFrame:
+    """Frame of a scan's results: the joint's if the job states its pose, else the base's.
+
+    It is b for a station: the joint's pose there is known only roughly.
+    """
+    if job.joint is None or job.station:
+        return JointOrBaseFrame()
+    return JointOrBaseFrame(job.joint.T_w_j)
+
 
 RESUMABLE_KEYS: Final = (
     "scan.length_mm",
@@ -68,7 +181,7 @@ NOMINAL_FLANGE_TOLERANCE: Final = 0.02
 from their model by some millimetres."""
 
 
-def check_scan_job(context: RunContext) -> None:
+def check_scan_job(context: ScanContext) -> None:
     """Check a job, what it names, and the way from here to its taught poses; move nothing.
 
     Raises
@@ -118,12 +231,12 @@ def scan_in_cell(
             raise
 
 
-def run_scan(context: RunContext, directory: Path) -> ScanSummary:
+def run_scan(context: ScanContext, directory: Path) -> ScanSummary:
     """Scan as a job states, into a new run directory.
 
     Parameters
     ----------
-    context : RunContext
+    context : ScanContext
         The job, of one station if it has any, and where to report to.
     directory : Path
         The run directory to make.
@@ -140,17 +253,17 @@ def run_scan(context: RunContext, directory: Path) -> ScanSummary:
         with lock_and_clean_directory(directory):
             with context.open_recording(directory) as journal:
                 result = scan_in_cell(cell, context.job, journal, stop=context.stop)
-            return write_job_results(context, directory, result)
+            return write_scan_results(context, directory, result)
 
 
-def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSummary:
+def resume_scan(context: ScanContext, overrides: Iterable[str] = ()) -> ScanSummary:
     """Resume an interrupted scan after its last finished section.
 
     Of a scan that did what its job asks for only the results are written, from its recording.
 
     Parameters
     ----------
-    context : RunContext
+    context : ScanContext
         The job as the run directory holds it, with keys replaced or not.
     overrides : iterable of str
         The dotted keys that were replaced, from `RESUMABLE_KEYS` only.
@@ -165,23 +278,23 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
         As `run_scan` does.
     """
     directory = context.job_file.parent
-    refuse_links_outside(directory, *COPIED_FILES)
+    refuse_links_outside(directory, *run.COPIED_FILES)
     check_keys_replaceable(overrides, context.job_file)
     with add_file_to_errors(context.job_file), lock_and_clean_directory(directory):
         context = context.at_station()
         changed, done, damages = [], None, list[RecordingDamage]()
-        if not nothing_recorded_yet(directory):  # else it ended before it began to record
+        if not run.nothing_recorded_yet(directory):  # else it ended before it began to record
             done = read_recorded_scan(directory, damages.append)
             _check_can_go_on_from(directory, damages)
-            now = take_job_snapshot(directory, context.job)
+            now = run.take_job_snapshot(directory, context.job)
             changed = _changes_since_recording(directory, done, now)
-        accept_edited_copies(directory, context.journal)
+        run.accept_edited_copies(directory, context.journal)
         if done is not None and not changed and plan_is_fulfilled(done.stop, context.job.scan):
             nothing_left = "nothing is left to scan; the results are written from the recording"
             context.journal.record(RunEvent(ScanEvent.COMPLETE, nothing_left))
             sections = done.reread_sections(groove_reader_of_job(context.job))
             ended = done.stop, done.stop_detail, done.retry_counts
-            return write_job_results(context, directory, ScanResult(sections, done.views, *ended))
+            return write_scan_results(context, directory, ScanResult(sections, done.views, *ended))
         left = done.views[-1] if done and done.views else None
         if left is not None:
             check_joint_angles(left, Kinematics.load(context.job.arm.model), directory)
@@ -192,7 +305,7 @@ def resume_scan(context: RunContext, overrides: Iterable[str] = ()) -> ScanSumma
             for key, what in changed:
                 journal.record(RunEvent("changed", f"{key} {what}"))
             result = scan_in_cell(cell, context.job, journal, done, context.stop)
-        return write_job_results(context, directory, result)
+        return write_scan_results(context, directory, result)
 
 
 def check_joint_angles(view: ProfileView, arm: Kinematics, directory: Path) -> None:
@@ -243,7 +356,7 @@ def check_keys_replaceable(overrides: Iterable[str], job_file: Path) -> None:
         Naming the first one.
     """
     why = "can't change while a scan goes on: what was scanned before would not fit"
-    refuse_other_keys(overrides, RESUMABLE_KEYS, why, job_file)
+    run.refuse_fixed_keys(overrides, RESUMABLE_KEYS, why, job_file)
 
 
 def _changes_since_recording(
@@ -272,10 +385,10 @@ def _changes_since_recording(
             )
         return []
     advice = "What was scanned before does not fit any more: put it back, or start a new scan"
-    return changes_of_job(before, now, RESUMABLE_KEYS, advice, directory)
+    return run.check_job_changes(before, now, RESUMABLE_KEYS, advice, directory)
 
 
-def write_job_results(context: RunContext, directory: Path, result: ScanResult) -> ScanSummary:
+def write_scan_results(context: ScanContext, directory: Path, result: ScanResult) -> ScanSummary:
     """Write the results of a job's scan into its run directory.
 
     Raises
@@ -287,6 +400,30 @@ def write_job_results(context: RunContext, directory: Path, result: ScanResult) 
     joint = None if frame.T_b_j is None else context.joint
     causes = causes_of_job(job, context.sensor_mount, result.sections)
     station = job.station[0].name if job.station else "1"
-    summary = write_scan_results(directory, result, job.scan, frame, joint, causes, station=station)
+    budget = budget_of_causes(causes.causes, frame.T_r_b, len(result.sections))
+    sections = budget.state_in(results.sections_in_result_frame(result.sections, frame, station))
+    points = results.all_profile_points(result.sections, frame)
+    error, calibration = (
+        results.corner_errors(sections, joint),
+        results.calibration_label(directory),
+    )
+    uncertainty = summarise_budget(budget, ~absent_corners(sections), causes.left_out)
+    summary = results.summarise_scan(result, job.scan, frame, error, calibration, uncertainty)
+    middle = result.sections[len(result.sections) // 2]
+    groove, view = middle.groove, middle.view
+    example = ProfileReading(f"section {view.index}", view.profile, groove.points_s, groove)
+    picture = draw_groove_overview(
+        sections,
+        points,
+        frame=frame.letter,
+        title=f"{len(sections)} sections, {result.stop}",
+        outline=() if joint is None else joint_wireframe(joint),
+        paths=[transform_points(frame.T_r_b, [view.T_b_f[:3, 3] for view in result.views])],
+        example=example,
+    )
+    label = job_label_of_run(directory)
+    summary = results.write_run_results(
+        directory, sections, points, summary, picture, label, budget
+    )
     context.finished(directory)
     return summary

@@ -9,29 +9,20 @@ from math import isclose
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.job.arm import SensorMount, kinematics_of_job
+from tjscan.job.cell import SensorMount, kinematics_of_job
 from tjscan.job.devices import EVIDENCE_ASSUMED, EVIDENCE_STATED
 from tjscan.job.files import CellJob
 from tjscan.robot.deviations import deviation_jacobian, with_deviations
 from tjscan.robot.settings import PlacementTolerance
 from tjscan.scanning.section import ScannedSection
-from tjscan.uncertainty.causes import (
-    ViewCause,
-    arm_geometry_cause,
-    calibration_twists,
-    hand_eye_cause,
-    linearity_cause,
-    range_bias_cause,
-    reading_cause,
-    repeatability_cause,
-)
+from tjscan.uncertainty import causes as view_causes
 
-UNKNOWN_MOUNT = (
+UNKNOWN_MOUNT_TEXT = (
     "where the laser sits on the hand: the job states it without its uncertainty "
     "(sigma_position_mm and sigma_rotation_deg in [calibration], or a calibration's file)"
 )
 CALIBRATED_EVIDENCE = "calibrated"
-STATED_JOINT = "where the joint stands: the job states it without its uncertainty"
+JOINT_POSE_TEXT = "where the joint stands: the job states it without its uncertainty"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,11 +37,11 @@ class StatedCauses:
         What may err too, by an amount that is not stated.
     """
 
-    causes: tuple[ViewCause, ...]
+    causes: tuple[view_causes.ViewCause, ...]
     left_out: tuple[str, ...] = ()
 
     @property
-    def shared(self) -> tuple[ViewCause, ...]:
+    def shared(self) -> tuple[view_causes.ViewCause, ...]:
         """Those that err alike in all views."""
         return tuple(cause for cause in self.causes if cause.is_shared)
 
@@ -75,8 +66,8 @@ def causes_of_job(
         If the arm's model is unknown.
     """
     laser = job.laser.uncertainty
-    repeats, of_repeats = job.arm.uncertainty.repeats
-    linearity, of_linearity = laser.linear
+    repeats, of_repeats = job.arm.uncertainty.stated_repeatability
+    linearity, of_linearity = laser.stated_linearity
     # The calibration answered to the same deviation of the same laser as the scan does.
     is_same = mount.by_laser is not None and isclose(linearity, mount.linearity)
     kinematics = kinematics_of_job(job)
@@ -84,25 +75,27 @@ def causes_of_job(
         kinematics = with_deviations(kinematics, mount.deviations)
     moved = np.array([deviation_jacobian(kinematics, one.view.q) for one in sections])
     absolute = job.arm.uncertainty.absolute
-    causes = [
-        reading_cause(sections),
-        repeatability_cause(sections, repeats, of_repeats),
+    found = [
+        view_causes.reading_cause(sections),
+        view_causes.repeatability_cause(sections, repeats, of_repeats),
         *_causes_of_arm(mount, sections, moved, absolute, without_laser=is_same),
     ]
-    left_out = [UNKNOWN_MOUNT] if mount.covariance is None else []
+    left_out = [UNKNOWN_MOUNT_TEXT] if mount.covariance is None else []
     if linearity > 0:
-        cause = linearity_cause(sections, linearity, job.laser_model, of_linearity)
+        cause = view_causes.linearity_cause(sections, linearity, job.laser_model, of_linearity)
         if is_same and mount.by_laser is not None:
             calibrated = None if mount.deviations is None else moved
-            twists = calibration_twists(sections, mount.T_f_s, calibrated, mount.by_laser)
+            twists = view_causes.calibration_twists(
+                sections, mount.T_f_s, calibrated, mount.by_laser
+            )
             cause = cause.with_motions(sections, twists)
-        causes.append(cause)
-    bias, of_bias = laser.bias
+        found.append(cause)
+    bias, of_bias = laser.stated_bias
     if bias > 0:
-        causes.append(range_bias_cause(sections, bias, of_bias))
+        found.append(view_causes.range_bias_cause(sections, bias, of_bias))
     if job.joint is not None and not job.station:
-        left_out.append(STATED_JOINT)
-    return StatedCauses(tuple(causes), tuple(left_out))
+        left_out.append(JOINT_POSE_TEXT)
+    return StatedCauses(tuple(found), tuple(left_out))
 
 
 def _causes_of_arm(
@@ -112,7 +105,7 @@ def _causes_of_arm(
     absolute: float | None,
     *,
     without_laser: bool,
-) -> Iterator[ViewCause]:
+) -> Iterator[view_causes.ViewCause]:
     """Where the laser sits on the hand, and how the arm's geometry may be off.
 
     Parameters
@@ -126,10 +119,10 @@ def _causes_of_arm(
     calibrated = None if mount.deviations is None else moved
     if covariance is not None:
         evidence = EVIDENCE_STATED if mount.file is None else CALIBRATED_EVIDENCE
-        yield hand_eye_cause(sections, mount.T_f_s, covariance, evidence, calibrated)
+        yield view_causes.hand_eye_cause(sections, mount.T_f_s, covariance, evidence, calibrated)
         if calibrated is not None:
             return
     if absolute != 0:
         evidence = EVIDENCE_ASSUMED if absolute is None else EVIDENCE_STATED
         sigmas = PlacementTolerance().sigmas
-        yield arm_geometry_cause(sections, moved, sigmas, evidence, absolute)
+        yield view_causes.arm_geometry_cause(sections, moved, sigmas, evidence, absolute)

@@ -19,15 +19,8 @@ from tjscan.recording.journal import Journal
 from tjscan.recording.reader import RecordingDamage
 from tjscan.result.directory import JOB_FILE, SUMMARY_FILE
 from tjscan.result.summary import ScanSummary, read_summary
-from tjscan.runs.run import (
-    COPIED_FILES,
-    WhenFinished,
-    accept_edited_copies,
-    do_nothing,
-    nothing_recorded_yet,
-)
-from tjscan.runs.scan.context import RunContext
-from tjscan.runs.scan.run import check_keys_replaceable, resume_scan, run_scan
+from tjscan.runs import run
+from tjscan.runs.scan.run import ScanContext, check_keys_replaceable, resume_scan, run_scan
 from tjscan.runs.stations.stitch import StitchedRun, stitch_run_directories
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.recording import read_recorded_scan
@@ -68,7 +61,7 @@ class StationScan:
 
 
 def run_stations(
-    context: RunContext, directory: Path, operator: StationOperator, watch: Watch
+    context: ScanContext, directory: Path, operator: StationOperator, watch: Watch
 ) -> tuple[StationScan, ...]:
     """Scan from one station after the other; each leaves a run directory of its own in `directory`.
 
@@ -76,7 +69,7 @@ def run_stations(
 
     Parameters
     ----------
-    context : RunContext
+    context : ScanContext
         The job, with several stations; its journal is not used.
     directory : Path
         The directory to make.
@@ -102,7 +95,7 @@ def run_stations(
 
 
 def resume_stations(
-    context: RunContext,
+    context: ScanContext,
     overrides: dict[str, Any],
     operator: StationOperator,
     watch: Watch,
@@ -112,7 +105,7 @@ def resume_stations(
 
     Parameters
     ----------
-    context : RunContext
+    context : ScanContext
         The job as the directory that `run_stations` made holds it, with keys replaced or not.
     overrides : dict
         The dotted keys that were replaced, and their values.
@@ -133,7 +126,7 @@ def resume_stations(
     """
     job, job_file = context.job, context.job_file
     directory = job_file.parent
-    refuse_links_outside(directory, *COPIED_FILES)
+    refuse_links_outside(directory, *run.COPIED_FILES)
     check_keys_replaceable(overrides, job_file)
     refuse_links_outside(directory, *job.station_names)
     _check_cells(context)
@@ -150,7 +143,7 @@ def resume_stations(
             there = context.at_station(name)
             try:
                 with watch(name, there.job.scan) as journal:
-                    accept_edited_copies(directory, journal)
+                    run.accept_edited_copies(directory, journal)
                     _scan_from_station(replace(there, journal=journal), found, overrides)
             except TjscanError as error:
                 error.add_note(
@@ -161,7 +154,9 @@ def resume_stations(
     return tuple(_read_station_scan(directory, name) for name in job.station_names)
 
 
-def stitch_station_runs(directory: Path, finished: WhenFinished = do_nothing) -> StitchedRun:
+def stitch_station_runs(
+    directory: Path, finished: run.WhenFinished = run.do_nothing
+) -> StitchedRun:
     """Stitch the scans of all stations, and write the result beside their directories.
 
     Parameters
@@ -188,7 +183,7 @@ def stitch_station_runs(directory: Path, finished: WhenFinished = do_nothing) ->
             raise
 
 
-def _check_cells(context: RunContext) -> None:
+def _check_cells(context: ScanContext) -> None:
     """Check that a cell can be made at every station; connect none."""
     if context.job.laser.driver_kind is DriverKind.REPLAYED:
         raise ConfigurationError(
@@ -222,12 +217,12 @@ def _is_arm_there(job: ScanJob, station: StationScan, operator: StationOperator)
 
 
 def _scan_from_station(
-    context: RunContext, station: StationScan, overrides: dict[str, Any]
+    context: ScanContext, station: StationScan, overrides: dict[str, Any]
 ) -> None:
     """Scan from one station, or go on with its scan if two sections of it are finished."""
     file = station.directory / JOB_FILE
     if file.is_file():
-        begun = not nothing_recorded_yet(station.directory)
+        begun = not run.nothing_recorded_yet(station.directory)
         damages: list[RecordingDamage] = []  # which the resume reports
         if begun and len(read_recorded_scan(station.directory, damages.append).sections) >= 2:
             refuse_links_outside(station.directory, JOB_FILE)

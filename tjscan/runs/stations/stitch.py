@@ -26,32 +26,14 @@ from tjscan.core.provenance import Provenance
 from tjscan.job.files import read_scan_job
 from tjscan.joint.definition import JointDefinition
 from tjscan.recording.parts import recording_files
-from tjscan.result.directory import (
-    JOB_FILE,
-    JOINT_FILE,
-    STATIONS_FILE,
-    STATIONS_PICTURE,
-    SUMMARY_FILE,
-    job_label_of_run,
-)
+from tjscan.result import directory as run_files
+from tjscan.result import summary as results
 from tjscan.result.picture import draw_groove_overview, write_png
 from tjscan.result.section import absent_corners
-from tjscan.result.summary import (
-    OverlapReport,
-    ScanSummary,
-    StationPlacement,
-    StitchingReport,
-    Triple,
-    check_recording_complete,
-    read_summary,
-    summarise_stations,
-    write_stitching_report,
-)
 from tjscan.result.wireframe import joint_wireframe
-from tjscan.result.write import write_run_results
 from tjscan.runs.run import COPIED_FILES, WhenFinished, do_nothing
-from tjscan.runs.scan.context import RunContext, groove_reader_of_job
-from tjscan.runs.scan.results import all_profile_points, corner_errors
+from tjscan.runs.scan.results import all_profile_points, corner_errors, write_run_results
+from tjscan.runs.scan.run import ScanContext, groove_reader_of_job
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.scanning.recording import read_recorded_scan
 from tjscan.stitching.picture import draw_stitching
@@ -70,7 +52,9 @@ from tjscan.stitching.stitch import PlacedStation, StitchedGroove, stitch_statio
 from tjscan.uncertainty.budget import summarise_budget
 
 
-def build_stitching_report(stitched: StitchedGroove, sources: Mapping[str, str]) -> StitchingReport:
+def build_stitching_report(
+    stitched: StitchedGroove, sources: Mapping[str, str]
+) -> results.StitchingReport:
     """Convert a stitched groove to the report of its stations and overlaps, in mm and degrees.
 
     Parameters
@@ -87,7 +71,7 @@ def build_stitching_report(stitched: StitchedGroove, sources: Mapping[str, str])
     first = stitched.stations[0]
     middle = np.mean([section.T_r_g[:3, 3] for section in stitched.sections], axis=0)
     stations = tuple(one.fit.station.name for one in stitched.stations)
-    return StitchingReport(
+    return results.StitchingReport(
         frame="j",
         covered_deg=float(np.degrees(stitched.covered)),
         **shape,
@@ -110,21 +94,21 @@ def _mm_if_known(length: float | None) -> float | None:
     return None if length is None else 1e3 * length
 
 
-def _as_triple(values: Array) -> Triple:
+def _as_triple(values: Array) -> results.Triple:
     a, b, c = values.tolist()
     return a, b, c
 
 
 def _station_report(
     one: PlacedStation, first: PlacedStation, middle: Array, source: str
-) -> StationPlacement:
+) -> results.StationPlacement:
     position, angles = pose_to_euler_zyx(one.T_j_b)
     spread = np.sqrt(np.diag(one.covariance))
     station, tubes = one.fit.station, one.fit.tubes
     meant = inverse_pose(first.fit.station.T_w_b) @ station.T_w_b
     found = inverse_pose(first.T_j_b) @ one.T_j_b
     at_groove = point_covariance_from_pose(one.covariance, middle)
-    return StationPlacement(
+    return results.StationPlacement(
         name=station.name,
         source=source,
         position_mm=_as_triple(1e3 * position),
@@ -142,11 +126,13 @@ def _station_report(
     )
 
 
-def _overlap_report(edge: StationRegistration, names: tuple[str, ...], gap: float) -> OverlapReport:
+def _overlap_report(
+    edge: StationRegistration, names: tuple[str, ...], gap: float
+) -> results.OverlapReport:
     overlap = edge.overlap
     units = np.repeat((1e3, 180 / np.pi), 3)
     covariance = edge.covariance * np.outer(units, units)
-    return OverlapReport(
+    return results.OverlapReport(
         stations=(names[overlap.first], names[overlap.second]),
         azimuth_deg=float(np.degrees(overlap.arc.middle_azimuth)),
         arc_deg=float(np.degrees(overlap.arc.span_angle)),
@@ -183,7 +169,7 @@ class StationRun:
 
     directory: Path
     station: Station
-    summary: ScanSummary
+    summary: results.ScanSummary
     joint: JointDefinition | None
     left_out: tuple[str, ...] = ()
     devices: tuple[str, ...] = ()
@@ -203,8 +189,8 @@ class StitchedRun:
         The stations and sections in frame j.
     """
 
-    summary: ScanSummary
-    report: StitchingReport
+    summary: results.ScanSummary
+    report: results.StitchingReport
     stitched: StitchedGroove
 
 
@@ -238,12 +224,12 @@ def stitch_run_directories(
     RecordingError
         If one can't be read, or the result can't be written.
     """
-    read = with_errors_of_devices_apart(list(map(read_station_run, station_directories(runs))))
+    read = separate_errors_by_device(list(map(read_station_run, station_directories(runs))))
     for one, other in combinations(read, 2):
         if one.station.name == other.station.name:
             raise ConfigurationError(
                 f"is of station {one.station.name}, and so is {one.directory}: leave one out or, "
-                f"if they are two, rename one in its {JOB_FILE}",
+                f"if they are two, rename one in its {run_files.JOB_FILE}",
                 file=other.directory,
             )
     try:
@@ -251,8 +237,8 @@ def stitch_run_directories(
     except StitchingRefused as error:
         if isinstance(error.draft, StitchingDraft):
             with write_files_atomically(directory) as draft:
-                write_png(draft / STATIONS_PICTURE, draw_stitching(error.draft))
-            error.add_note(f"{directory / STATIONS_PICTURE} shows it")
+                write_png(draft / run_files.STATIONS_PICTURE, draw_stitching(error.draft))
+            error.add_note(f"{directory / run_files.STATIONS_PICTURE} shows it")
         raise
     joint = read[0].joint if all(one.joint == read[0].joint for one in read) else None
     _copy_runs_from_elsewhere(directory, read, joint)
@@ -261,7 +247,7 @@ def stitch_run_directories(
     return done
 
 
-def with_errors_of_devices_apart(read: Sequence[StationRun]) -> list[StationRun]:
+def separate_errors_by_device(read: Sequence[StationRun]) -> list[StationRun]:
     """Stations of different devices, their shared errors named apart: they share none of them."""
     kinds = list(dict.fromkeys(one.devices for one in read))
     if len(kinds) < 2:
@@ -282,8 +268,8 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
             found.append(run)
             continue
         # Runs that were stitched from elsewhere have no job of the whole.
-        check_as_written(run / JOB_FILE)
-        names = read_scan_job(run / JOB_FILE).station_names if (run / JOB_FILE).is_file() else ()
+        check_as_written(job_file := run / run_files.JOB_FILE)
+        names = read_scan_job(job_file).station_names if job_file.is_file() else ()
         folders = [run / name for name in names] or sorted(run.glob("*/scan.mcap"))
         if not folders:
             raise ConfigurationError("is no run directory, nor holds any of stations", file=run)
@@ -293,7 +279,7 @@ def station_directories(runs: Sequence[Path]) -> list[Path]:
 
 def read_station_run(directory: Path) -> StationRun:
     """Read the run directory of one station; raises as `stitch_run_directories` does."""
-    job_file = directory / JOB_FILE
+    job_file = directory / run_files.JOB_FILE
     check_as_written(*(directory / name for name in COPIED_FILES))
     with add_file_to_errors(job_file):
         job = read_scan_job(job_file)
@@ -307,14 +293,14 @@ def read_station_run(directory: Path) -> StationRun:
         read = groove_reader_of_job(job)
         done = read_recorded_scan(directory)
         sections = done.reread_sections(read)
-        context = RunContext(job, job_file)
+        context = ScanContext(job, job_file)
         joint = context.joint
-    if not (directory / SUMMARY_FILE).is_file():
+    if not (directory / run_files.SUMMARY_FILE).is_file():
         raise ConfigurationError(
             f"its scan did not end; go on with: tjscan scan --resume {directory}", file=directory
         )
-    summary = read_summary(directory / SUMMARY_FILE)
-    check_recording_complete(directory, summary, len(sections))
+    summary = results.read_summary(directory / run_files.SUMMARY_FILE)
+    results.check_recording_complete(directory, summary, len(sections))
     station = station_from_recording(job.station[0].name, job.T_w_b, sections, done.views, read)
     with add_file_to_errors(job_file):
         causes = causes_of_job(job, context.sensor_mount, station.all_sections)
@@ -336,9 +322,9 @@ def _copy_runs_from_elsewhere(
         for one in read:
             if not _is_inside(directory, one):
                 shutil.copytree(one.directory, draft / one.station.name)
-        file = read[0].directory / JOINT_FILE
-        if joint is not None and file.is_file() and not (directory / JOINT_FILE).exists():
-            shutil.copyfile(file, draft / JOINT_FILE)
+        file = read[0].directory / run_files.JOINT_FILE
+        if joint is not None and file.is_file() and not (directory / run_files.JOINT_FILE).exists():
+            shutil.copyfile(file, draft / run_files.JOINT_FILE)
 
 
 def _is_inside(directory: Path, one: StationRun) -> bool:
@@ -368,7 +354,7 @@ def _write_stitched_run(
 ) -> StitchedRun:
     sections, points = stitched.sections, stitched_profile_points(stitched)
     left_out = list(dict.fromkeys(words for one in read for words in one.left_out))
-    summary = summarise_stations(
+    summary = results.summarise_stations(
         {one.station.name: one.summary for one in sorted(read, key=lambda one: one.station.name)},
         sections,
         "j",
@@ -376,7 +362,7 @@ def _write_stitched_run(
         closed=stitched.is_closed,
         uncertainty=summarise_budget(stitched.budget, ~absent_corners(sections), left_out),
     )
-    job = job_label_of_run(directory, *(one.directory for one in read))
+    job = run_files.job_label_of_run(directory, *(one.directory for one in read))
     provenance = Provenance.for_file_written_now(job, "j")
     sources = {one.station.name: _folder_in_result(directory, one) for one in read}
     report = replace(build_stitching_report(stitched, sources), provenance=provenance)
@@ -393,8 +379,8 @@ def _write_stitched_run(
         ],
     )
     with write_files_atomically(directory, listed=True) as draft:
-        write_stitching_report(draft / STATIONS_FILE, report)
-        write_png(draft / STATIONS_PICTURE, draw_stitching(stitched.draft), provenance)
+        results.write_stitching_report(draft / run_files.STATIONS_FILE, report)
+        write_png(draft / run_files.STATIONS_PICTURE, draw_stitching(stitched.draft), provenance)
     budget = stitched.budget
     summary = write_run_results(directory, sections, points, summary, picture, job, budget)
     return StitchedRun(summary, report, stitched)

@@ -18,20 +18,19 @@ from tjscan.result.chapter import (
     PlaneAnimation,
     ReportChapter,
     ReportChart,
-    ReportEvent,
 )
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.tow.results import (
-    FIGURE_UNITS,
     RecordedTow,
     TowFigures,
-    clearance_of_discs,
+    clearance_from_discs,
+    figures_in_words,
     read_recorded_tow,
 )
 from tjscan.towing.journal import TOW_RECORDING
 from tjscan.towing.seam import Seam
 
-MOST_POINTS: Final = 2000
+MOST_CHART_POINTS: Final = 2000
 """Of a line in a chart."""
 
 ANIMATION_FRAMES: Final = 400
@@ -43,10 +42,10 @@ SHAPE_SNAPSHOTS: Final = 8
 PAPER_OBJECTIVE: Final = 3.5
 """Mean of the objective in the paper's simulation, V-C."""
 
-PAPER_PLAN: Final = 1e3 / 22
+PAPER_PLAN_MS: Final = 1e3 / 22
 """Milliseconds of a plan in the paper, figure 10."""
 
-OBJECTIVE_TERMS: Final = {
+OBJECTIVE_TERM_LABELS: Final = {
     "paper": "f",
     "bend": "bending",
     "obstacle": "obstacles",
@@ -62,15 +61,14 @@ def tow_chapter(directory: Path) -> ReportChapter:
         return ReportChapter()
     check_as_written(directory / JOB_FILE)
     job, found = read_tow_job(directory / JOB_FILE), read_recorded_tow(directory)
-    events = tuple(ReportEvent(event.time, event.name, event.detail) for event in found.events)
     figures = found.figures(job)
     if figures is None:
-        return ReportChapter(findings=("Nothing was towed.",), events=events)
+        return ReportChapter(findings=("Nothing was towed.",), events=found.events)
     return ReportChapter(
         facts=tuple(_tow_facts(job, figures)),
         findings=tuple(_tow_findings(job, found, figures)),
         charts=tuple(_tow_charts(job, found)),
-        events=events,
+        events=found.events,
         animation=_cable_animation(job, found),
     )
 
@@ -80,11 +78,7 @@ def _tow_facts(job: TowJob, figures: TowFigures) -> Iterator[tuple[str, str]]:
     yield "seam", f"{1e3 * seam.length:.0f} mm at {6e4 * job.seam.speed:g} mm/min"
     yield "cable", f"{job.cable.length:g} m in {job.cable.links} links"
     yield "vehicles", f"{job.vehicles.count} ({job.vehicles.driver}), method {job.method}"
-    for name, value in figures.as_numbers.items():
-        if value is not None:
-            words, unit = FIGURE_UNITS[name]
-            text = f"{value:.4g}" if isinstance(value, float) else str(value)
-            yield words, f"{text} {unit}".strip()
+    yield from figures_in_words(figures.as_numbers)
 
 
 def _tow_findings(job: TowJob, found: RecordedTow, figures: TowFigures) -> Iterator[str]:
@@ -108,7 +102,7 @@ def _tow_findings(job: TowJob, found: RecordedTow, figures: TowFigures) -> Itera
 
 def _tow_charts(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
     cycles = found.cycles
-    thin = slice(None, None, max(len(cycles) // MOST_POINTS, 1))
+    thin = slice(None, None, max(len(cycles) // MOST_CHART_POINTS, 1))
     time = np.array([cycle.time - cycles[0].time for cycle in cycles])[thin]
 
     def over_time(
@@ -122,7 +116,7 @@ def _tow_charts(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
         "Dashed: the paper's mean in its simulation, whose loss functions are not printed; "
         "absolute values can't be compared."
     )
-    for name, line in OBJECTIVE_TERMS.items():
+    for name, line in OBJECTIVE_TERM_LABELS.items():
         values = [getattr(cycle.plan.terms, name) for cycle in cycles]
         nominal = PAPER_OBJECTIVE if name == "paper" else None
         yield over_time(title, of_100, values, line=line, nominal=nominal, caption=caption)
@@ -133,7 +127,7 @@ def _tow_charts(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
         "time of a plan, as figure 10 of the paper",
         "time / ms",
         [1e3 * cycle.seconds for cycle in cycles],
-        nominal=PAPER_PLAN,
+        nominal=PAPER_PLAN_MS,
         caption="Estimate and optimisation together. Dashed: the paper's mean, 22 Hz.",
     )
     *vehicles, welder = np.array([np.hypot(c.asked[:, 0], c.asked[:, 2]) for c in cycles]).T
@@ -152,7 +146,7 @@ def _truth_charts(found: RecordedTow, draw: Callable[..., ReportChart]) -> Itera
         yield draw("pull of the vehicles", "force / N", pull, line=f"vehicle {number}")
     if all(len(truth.passers_by) for truth in found.truths):
         title = "distance of the cable from what moves, as figure 13 of the paper shows by pictures"
-        near = [clearance_of_discs(truth.line, truth.passers_by) for truth in found.truths]
+        near = [clearance_from_discs(truth.line, truth.passers_by) for truth in found.truths]
         yield draw(title, "distance / mm", 1e3 * np.array(near))
 
 

@@ -6,7 +6,7 @@ The figures hold a tow against the plan, and against the truth of a simulation.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from itertools import pairwise
 from math import nan
@@ -40,14 +40,14 @@ PLAN_COLUMNS: Final[dict[str, Callable[[PlannedCycle], str]]] = {
     "constraint": lambda row: f"{row[0].plan.constraint:.2e}",
     "bend_deg": lambda row: f"{np.degrees(np.abs(row[0].plan.angles).max()):.3f}",
     "plan_ms": lambda row: f"{1e3 * row[0].seconds:.3f}",
-    "asked_mm_s": lambda row: f"{fastest_asked(row[0]):.2f}",
+    "asked_mm_s": lambda row: f"{fastest_asked_mm_s(row[0]):.2f}",
     "force_n": lambda row: "" if row[1] is None else f"{np.hypot(*row[1].welder_force[:2]):.2f}",
     "wait": lambda row: row[0].wait,
 }
 """Columns of ``tow.csv``, and their cells of a cycle and of what a simulation knows then."""
 
 
-def fastest_asked(cycle: TowCycle) -> float:
+def fastest_asked_mm_s(cycle: TowCycle) -> float:
     """Fastest speed that was asked of a towing vehicle in a cycle, mm/s."""
     asked = cycle.asked[:-1]
     return float(1e3 * np.hypot(asked[:, 0], asked[:, 2]).max(initial=0.0))
@@ -217,8 +217,17 @@ class TowFigures:
         return {k: None if isinstance(v, float) and v != v else v for k, v in asdict(self).items()}
 
 
-FIGURE_UNITS: Final = {one.name: one.metadata["words"] for one in fields(TowFigures)}
+FIGURE_LABELS: Final = {one.name: one.metadata["words"] for one in fields(TowFigures)}
 """What each figure is, in words, and its unit."""
+
+
+def figures_in_words(figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """What each known figure is, and its value with its unit."""
+    for name, value in figures.items():
+        if value is not None:
+            words, unit = FIGURE_LABELS[name]
+            text = f"{value:.4g}" if isinstance(value, float) else str(value)
+            yield words, f"{text} {unit}".strip()
 
 
 def figures_of_tow(
@@ -255,7 +264,7 @@ def figures_of_tow(
         objective_max=float(terms.max()),
         constraint=float(max((plan.constraint for plan in plans), default=nan)),
         halts=len(cycles) - len(plans),
-        asked_mm_s=max(map(fastest_asked, cycles)),
+        asked_mm_s=max(map(fastest_asked_mm_s, cycles)),
         planned_bend_deg=float(np.degrees(max(bends, default=nan))),
         **known,
     )
@@ -278,8 +287,8 @@ def _figures_against_truth(
     followed = np.linalg.norm(poses[1:, :-1, :2] - targets, axis=-1)
     gaps = np.linalg.norm(poses[:, :, None, :2] - poses[:, None, :, :2], axis=-1)
     gaps[:, *np.diag_indices(gaps.shape[1])] = np.inf
-    link, body = _clearances_of_what_is_fixed(job, line, poses)
-    passers = [_passer_by_distance(job, truth) for truth in truths if len(truth.passers_by)]
+    link, body = _clearances_from_solids(job, line, poses)
+    passers = [_passer_by_clearance(job, truth) for truth in truths if len(truth.passers_by)]
     return {
         "bend_deg": float(np.degrees(np.abs(angles).max())),
         "force_mean_n": float(force.mean()),
@@ -316,7 +325,7 @@ def _welder_off_its_line(
     return max(across), max(along)
 
 
-def _clearances_of_what_is_fixed(job: TowJob, line: Array, poses: Array) -> tuple[float, float]:
+def _clearances_from_solids(job: TowJob, line: Array, poses: Array) -> tuple[float, float]:
     """Least distance of links and of bodies from walls, pillars and obstacles that do not move."""
     from shapely import Point, Polygon, distance, linestrings, points, union_all
 
@@ -329,13 +338,13 @@ def _clearances_of_what_is_fixed(job: TowJob, line: Array, poses: Array) -> tupl
     return float(link), float(body)
 
 
-def clearance_of_discs(line: Array, discs: Array) -> float:
+def clearance_from_discs(line: Array, discs: Array) -> float:
     """Least distance in metres of a line's corners, (n, 2), from discs x, y, radius, (m, 3)."""
     apart = np.linalg.norm(line[:, None, :2] - discs[None, :, :2], axis=2) - discs[:, 2]
     return float(apart.min())
 
 
-def _passer_by_distance(job: TowJob, truth: TowTruth) -> float:
+def _passer_by_clearance(job: TowJob, truth: TowTruth) -> float:
     """Least distance of cable and bodies from what moves, metres."""
     from shapely import LineString, distance, points
 

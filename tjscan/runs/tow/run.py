@@ -14,24 +14,12 @@ import numpy as np
 from tjscan.core.config import add_file_to_errors
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import lock_and_clean_directory
-from tjscan.core.frames import Array
-from tjscan.job.tow.cell import TowCell, fixed_obstacles, make_planner, make_tow_cell
+from tjscan.job.tow.cell import TowCell, fixed_obstacles, make_planner, make_tow_cell, sweep_seam
 from tjscan.job.tow.job import TowJob, read_tow_job
-from tjscan.job.tow.sweep import sweep_seam
 from tjscan.recording.journal import REPLAY_EVENT, Journal, RunEvent, event_recorder
 from tjscan.recording.reader import read_job_snapshot
 from tjscan.result.directory import JOB_FILE
-from tjscan.runs.run import (
-    JobContext,
-    WhenFinished,
-    accept_edited_copies,
-    changes_of_job,
-    check_replay,
-    do_nothing,
-    job_snapshot_of_file,
-    make_vehicle_run_directory,
-    record_vehicle_run,
-)
+from tjscan.runs import run
 from tjscan.runs.tow.results import read_recorded_tow, write_tow_results
 from tjscan.towing.journal import (
     TOW_RECORDING,
@@ -65,7 +53,7 @@ RESUMABLE_KEYS: Final = (
 
 
 @dataclass(frozen=True)
-class TowContext(JobContext[TowJob]):
+class TowContext(run.JobContext[TowJob]):
     """A tow job with its file, and where its run reports to; see `JobContext`.
 
     Parameters
@@ -111,7 +99,7 @@ def run_tow(context: TowContext, directory: Path) -> None:
         sweep = sweep_seam(job, planner)
         sweep.refuse_if_blocked()
         cell = make_tow_cell(job, sweep.start.angles)
-        make_vehicle_run_directory(directory, context)
+        run.make_vehicle_run_directory(directory, context)
     _record_tow(context, directory, cell, planner, 0.0, sweep.start)
 
 
@@ -157,12 +145,12 @@ def _is_job_edited(directory: Path) -> bool:
     before = read_job_snapshot(directory, TOW_RECORDING)
     if before is None:
         return False
-    now = job_snapshot_of_file(directory / JOB_FILE)
+    now = run.job_snapshot_of_file(directory / JOB_FILE)
     advice = (
         "The cable has the shape in which it was left: put it back, or start a new tow. "
         f"What may change: {', '.join(RESUMABLE_KEYS)}"
     )
-    return bool(changes_of_job(before, now, RESUMABLE_KEYS, advice, directory / JOB_FILE))
+    return bool(run.check_job_changes(before, now, RESUMABLE_KEYS, advice, directory / JOB_FILE))
 
 
 def _record_tow(
@@ -177,8 +165,8 @@ def _record_tow(
     """Tow, record, and write the results, however it ended."""
     record = partial(TowRecording, truth=context.truth_of(cell))
     results = partial(write_tow_results, job=context.job)
-    with record_vehicle_run(context, directory, TOW_RECORDING, record, results) as journal:
-        accept_edited_copies(directory, journal)
+    with run.record_vehicle_run(context, directory, TOW_RECORDING, record, results) as journal:
+        run.accept_edited_copies(directory, journal)
         cell.report_events_to(event_recorder(journal))
         with cell:
             make_tow(context.job, cell, planner, journal).run(along, last, hauled)
@@ -189,7 +177,10 @@ REPLAYABLE_KEYS: Final = ("method", "weights.", "targets.", "limits.")
 
 
 def replay_tow(
-    directory: Path, overrides: dict[str, Any], out: Path, finished: WhenFinished = do_nothing
+    directory: Path,
+    overrides: dict[str, Any],
+    out: Path,
+    finished: run.WhenFinished = run.do_nothing,
 ) -> None:
     """Plan a recorded tow again from the poses as they were estimated, into a run directory.
 
@@ -215,26 +206,28 @@ def replay_tow(
         If its recording is damaged, or the new directory can't be written.
     """
     job_file = directory / JOB_FILE
-    check_replay(directory, out, overrides, REPLAYABLE_KEYS, "tow")
+    run.check_replay(directory, out, overrides, REPLAYABLE_KEYS, "tow")
     context = TowContext(read_tow_job(job_file, overrides), job_file, finished=finished)
     with add_file_to_errors(job_file):
         planner = make_planner(context.job)
     entries = list(read_tow(directory))
-    make_vehicle_run_directory(out, context)
-    origin = job_snapshot_of_file(out / JOB_FILE)
+    run.make_vehicle_run_directory(out, context)
+    origin = run.job_snapshot_of_file(out / JOB_FILE)
     truths = [entry for entry in entries if isinstance(entry, TowTruth)]
     truth = partial(next, iter(truths)) if truths else None
     seam = Seam(context.job.seam)
     starts = planner.starts(seam.pose_at(0.0), fixed_obstacles(context.job))
     began = next((entry.poses for entry in entries if isinstance(entry, TowCycle)), None)
-    last = starts[0] if began is None else min(starts, key=partial(_distance_of_poses, began))
+    last = starts[0]
+    if began is not None:  # the shape whose vehicles are nearest to where they were
+        last = min(starts, key=lambda plan: np.hypot(*(plan.held_poses - began)[:, :2].T).mean())
     with lock_and_clean_directory(out):
         with TowRecording(out / f"{TOW_RECORDING}.mcap", origin, truth) as journal:
             journal.record(RunEvent(REPLAY_EVENT, f"planned anew from {directory}; nothing moved"))
             halted = False
             for entry in entries:
                 if isinstance(entry, TowCycle):
-                    cycle = _plan_again(entry, planner, seam, last)
+                    cycle = _replan_cycle(entry, planner, seam, last)
                     halted |= bool(cycle.plan.halt)
                     last = last if cycle.plan.halt else cycle.plan
                     journal.record(cycle)
@@ -244,12 +237,7 @@ def replay_tow(
     finished(out)
 
 
-def _distance_of_poses(poses: Array, start: TowingPlan) -> float:
-    """Mean distance of vehicles from the vehicles of a shape to begin with, metres."""
-    return float(np.hypot(*(start.held_poses - poses)[:, :2].T).mean())
-
-
-def _plan_again(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: TowingPlan) -> TowCycle:
+def _replan_cycle(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: TowingPlan) -> TowCycle:
     obstacles = [DiscObstacle(x, y, r, (vx, vy)) for x, y, r, vx, vy in np.array(cycle.obstacles)]
     began = host.thread_time()
     plan = planner.plan(

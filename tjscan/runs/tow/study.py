@@ -10,18 +10,18 @@ from typing import Any, Final
 
 from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.errors import ConfigurationError, TowHalted, VehicleFault
-from tjscan.job.tow.cell import make_planner, make_tow_cell
+from tjscan.job.tow.cell import make_planner, make_tow_cell, sweep_seam
 from tjscan.job.tow.job import TowJob, read_tow_job
-from tjscan.job.tow.sweep import sweep_seam
 from tjscan.runs.tow.results import figures_of_tow
 from tjscan.runs.tow.run import make_tow
-from tjscan.study.backend import (
+from tjscan.study.trial import (
     ReportedQuantity,
     ResolvedRun,
+    RunOutcome,
     StudyBackend,
+    canonical_json,
     drop_file_from_study_key_errors,
 )
-from tjscan.study.trial import RunOutcome, canonical_json
 from tjscan.towing.journal import TowCycle, TowTruth
 
 
@@ -59,7 +59,7 @@ class TowOutcome(RunOutcome):
     touches: int | None = None
 
 
-class TowCycleKeeper:
+class InMemoryTowJournal:
     """A tow's journal that keeps its cycles in memory.
 
     Parameters
@@ -98,7 +98,7 @@ def run_study_tow(job: TowJob) -> TowOutcome:
     sweep.refuse_if_blocked()
     cell = make_tow_cell(job, sweep.start.angles)
     assert cell.truth is not None
-    keeper = TowCycleKeeper(cell.truth)
+    keeper = InMemoryTowJournal(cell.truth)
     ended = True, "Complete", "the whole seam is welded"
     try:
         with cell:

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from math import radians
 from typing import Protocol
 
-from tjscan.core.array_fields import PlanarPoints, PlanarPoses
-from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.frames import Array, PlanarPoints, PlanarPoses, readonly_copy
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.cable import Cable
 from tjscan.towing.tables import TargetSettings, WeightSettings
