@@ -158,9 +158,10 @@ def click_rows(browser: Browser) -> Iterator[Row]:
     button = Button("Order", lambda: pressed.put(time.perf_counter()))
     taken = []
     with (
-        Page([Setting("clicks")], PageAddress(port=0), [button]) as page,
+        Page([Setting("clicks")], PageAddress(port=0)) as page,
         opened_page(browser, page.url) as shown,
     ):
+        page.add_buttons([button])
         for _ in range(CLICKS):
             begun = time.perf_counter()
             shown.press("Order")

@@ -15,14 +15,14 @@ from _stopwatch import USUAL, Stopwatch
 from _table import Row
 
 from tjscan.core.frames import Array
-from tjscan.towing.shape.area import Area, Obstacles
+from tjscan.towing.shape.area import Floor, Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
-from tjscan.towing.shape.limited import optimise_limited
-from tjscan.towing.shape.limits import HardLimits
-from tjscan.towing.shape.plan import PlannerSettings, TowingLimits, TowingPlan
-from tjscan.towing.shape.planner import TowingPlanner, optimise_freely
+from tjscan.towing.shape.limited import optimise_within_limits
+from tjscan.towing.shape.limits import LimitedProblem
+from tjscan.towing.shape.plan import PlanInputs, PlannerSettings, TowingPlan
+from tjscan.towing.shape.planner import TowingPlanner, optimise_without_limits
 from tjscan.towing.shape.problem import ShapeProblem
-from tjscan.towing.tables import TargetSettings, WeightSettings
+from tjscan.towing.tables import LimitSettings, TargetSettings, WeightSettings
 
 OPTIMA: Final = Path(__file__).with_name("towing-optima.json")
 """Best shapes of 30 problems, by `_towing_optima.py`."""
@@ -30,7 +30,7 @@ OPTIMA: Final = Path(__file__).with_name("towing-optima.json")
 DT, STEP = 0.1, 0.001
 """Of V-C: plans at 10 Hz, the welder at 600 mm/min."""
 
-YARD: Final = Area([(0, -5), (2.6, -5), (2.6, 5), (0, 5)])
+YARD: Final = Floor([(0, -5), (2.6, -5), (2.6, 5), (0, 5)])
 BLOCK: Final = 20
 """Plans that are timed together."""
 
@@ -76,7 +76,7 @@ class Tow:
 
     def next(self, last: TowingPlan, k: int) -> TowingPlan:
         """The k-th plan."""
-        return self.planner.plan(last.held_poses, self.pose(k), dt=DT, last=last)
+        return self.planner.plan(PlanInputs(last.held_poses, self.pose(k), DT, last))
 
     def timed(self, count: int) -> tuple[Stopwatch, list[TowingPlan]]:
         """Plans in blocks, each timed."""
@@ -105,7 +105,8 @@ def rate_rows() -> list[Row]:
     nearest = min(
         float(min(p.held_poses[:-1, 0].min(), 2.6 - p.held_poses[:-1, 0].max())) for p in plans
     )
-    tight = PlannerSettings(limits=TowingLimits(body_clearance=nearest - 0.15 + PRESSED))
+    near = LimitSettings(link_clearance=0.02, vehicle_clearance=nearest - 0.15 + PRESSED)
+    tight = PlannerSettings(limits=near)
     pressed, tight_plans = Tow(TowingPlanner(Cable(), TowingTeam(), YARD, tight), y=-1.5).timed(200)
     share = 100 * float(np.mean([bool(p.limits) and not p.halt for p in tight_plans]))
     return [
@@ -121,10 +122,11 @@ def optimum_rows() -> list[Row]:
     """The 30 problems, from the estimate on, against the best of another solver."""
     gaps, off = [], 0.0
     for given in json.loads(OPTIMA.read_text(encoding="utf-8"))["problems"]:
-        problem, limits = made(given)
-        angles, _ = optimise_freely(problem)
-        if np.abs(angles).max() > limits.cable.joint_limit:
-            angles = optimise_limited(problem, limits, problem.estimate).angles
+        limits = made(given)
+        problem = limits.problem
+        angles, _ = optimise_without_limits(problem)
+        if np.abs(angles).max() > problem.cable.joint_limit:
+            angles = optimise_within_limits(limits, problem.estimate).angles
         gaps.append(100 * (problem.terms(angles).paper / given["f"] - 1))
         off = max(off, float(np.abs(problem.constraint(angles)[0]).max()))
     name = f"optimality gap, {len(gaps)} problems"
@@ -137,12 +139,12 @@ def optimum_rows() -> list[Row]:
     ]
 
 
-def made(given: dict[str, list[float]]) -> tuple[ShapeProblem, HardLimits]:
+def made(given: dict[str, list[float]]) -> LimitedProblem:
     """A problem of the file; of its limits only that of the joints holds."""
     (x, y), (far_x, far_y) = given["low"], given["high"]
     cable = Cable(least_bend_radius=0.05 / np.sin(0.385))
     cx, cy, radius = given["disc"]
-    yard = Obstacles.of_area(Area([(x, y), (far_x, y), (far_x, far_y), (x, far_y)]))
+    yard = Obstacles.of_area(Floor([(x, y), (far_x, y), (far_x, far_y), (x, far_y)]))
     floor = yard._replace(discs=np.array([(cx, cy, cx, cy, radius)]))
     bend, obstacle, change = given["weights"]
     weights = WeightSettings(bending=bend, distance=obstacle, change=change, pace=0.0)
@@ -151,13 +153,15 @@ def made(given: dict[str, list[float]]) -> tuple[ShapeProblem, HardLimits]:
         cable, floor, weights, TargetSettings(),
         np.array(given["estimate"]), np.array([59]), np.array([given["pose"]]), none, nowhere, DT,
     )  # fmt: skip
-    off = TowingLimits(-100.0, -100.0, -100.0, -100.0)
-    return problem, HardLimits(cable, TowingTeam(), off, floor, none, nowhere, DT)
+    off = LimitSettings(
+        link_clearance=-100.0, vehicle_clearance=-100.0, vehicle_gap=-100.0, cable_gap=-100.0
+    )
+    return LimitedProblem(problem, TowingTeam(), off)
 
 
 def seam_rows() -> list[Row]:
     """V-C whole, quasi-static: what is asked of the towing vehicles, and the limits."""
-    cable, team, limits = Cable(), TowingTeam(), TowingLimits()
+    cable, team, limits = Cable(), TowingTeam(), PlannerSettings().limits
     speed, broken, bend, walls, bodies, gap, count, f = 0.0, 0, 0.0, inf, inf, inf, 0, []
     before = None
     for plan in Tow(TowingPlanner(cable, team, YARD)).plans(9600):
@@ -177,7 +181,9 @@ def seam_rows() -> list[Row]:
         Row("V-C, 9,600 plans: made and not halted", count - broken, inf, at_least=9600),
         Row("V-C: speed asked of a towing vehicle, largest", 1e3 * speed, 15, "mm/s"),
         Row("V-C: links to walls", 1e3 * walls, inf, "mm", at_least=1e3 * limits.link_clearance),
-        Row("V-C: bodies to walls", 1e3 * bodies, inf, "mm", at_least=1e3 * limits.body_clearance),
+        Row(
+            "V-C: bodies to walls", 1e3 * bodies, inf, "mm", at_least=1e3 * limits.vehicle_clearance
+        ),
         Row("V-C: gap of two bodies", 1e3 * gap, inf, "mm", at_least=1e3 * limits.vehicle_gap),
         Row("V-C: joint angle", bend, cable.joint_limit, "rad"),
         Row(
@@ -207,10 +213,8 @@ def size_rows() -> list[Row]:
         low, high = -height / 2, height / 2
         cable = Cable(links=links, link_length=length, least_bend_radius=1.33 * length)
         team = TowingTeam(equal_links(links, vehicles), top_speed=0.1)
-        yard = Area([(0, low), (width, low), (width, high), (0, high)])
-        free_ends = TowingLimits(free_at_root=3 * length, free_at_welder=3 * length)
-        planner = TowingPlanner(cable, team, yard, PlannerSettings(limits=free_ends))
-        tow = Tow(planner, x=width, y=-0.15 * height)
+        yard = Floor([(0, low), (width, low), (width, high), (0, high)])
+        tow = Tow(TowingPlanner(cable, team, yard), x=width, y=-0.15 * height)
         watch, plans = tow.timed(40)
         name = (
             f"{vehicles} vehicles, {links * length:g} m in {links} links, {width:g} × {height:g} m"

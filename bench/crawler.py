@@ -34,9 +34,13 @@ from tjscan.crawler.plan import GuardSettings
 from tjscan.job.crawl.cell import make_crawl_cell
 from tjscan.runs.crawl.run import CrawlContext
 from tjscan.vehicle.simulated import SimulatedVehicle
-from tjscan.vehicle.simulated_body import SimulatedBody, VehicleSimulationSettings
-from tjscan.vehicle.steel import ProximitySensors, SteelArea
-from tjscan.vehicle.steel import ProximitySettings as SensorSettings
+from tjscan.vehicle.simulated_body import (
+    ProximitySensors,
+    SimulatedBody,
+    SteelArea,
+    VehicleSimulationSettings,
+)
+from tjscan.vehicle.simulated_body import ProximitySettings as SensorSettings
 from tjscan.vehicle.tracks import TrackGeometry
 from tjscan.vehicle.vehicle import Twist
 from tjscan_loopback.broker import MosquittoProcess

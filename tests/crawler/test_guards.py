@@ -8,11 +8,10 @@ import pytest
 
 from tjscan.core.errors import CrawlStopped
 from tjscan.crawler.guards import CornerPlaces, Guards, ProximityFilter, ProximitySettings
-from tjscan.crawler.method import LaserEstimate
+from tjscan.crawler.method import OffsetEstimate
 from tjscan.crawler.plan import GuardSettings
 from tjscan.crawler.slip_aware import SlipAwareMethod, SteeringSettings
-from tjscan.crawler.slip_estimator import SlipEstimate, SlipUncertainty
-from tjscan.crawler.slip_model import CrawlerGeometry
+from tjscan.crawler.slip_estimator import CrawlerGeometry, SlipEstimate, SlipUncertainty
 from tjscan.vehicle.vehicle import Twist, VehicleState
 
 STEEL = (0.03,) * 4
@@ -108,7 +107,7 @@ def test_a_joint_is_lost_after_a_way_or_a_time() -> None:
 def test_where_nothing_is_left_to_weld_a_joint_need_not_be_seen_but_must_be_near(
     offset: float, sigma: float, goes_on: bool
 ) -> None:
-    found, estimated = guards(), LaserEstimate(offset, sigma)
+    found, estimated = guards(), OffsetEstimate(offset, sigma)
     stops = pytest.raises(CrawlStopped, match="not seen for")
     with nullcontext() if goes_on else stops:
         for _ in range(100):

@@ -11,7 +11,7 @@ PERIOD = 0.01
 
 def test_noise_is_smoothed_and_its_mean_kept() -> None:
     rng = np.random.default_rng(1)
-    found, asked = OdometryFilter(0.05), Twist(0.005, 1e-3)
+    found, asked = OdometryFilter(), Twist(0.005, 1e-3)
     out = [
         found.smooth(Twist(0.0052, 1.1e-3 + 3.5e-4 * rng.standard_normal()), PERIOD, asked)
         for _ in range(4000)
@@ -24,7 +24,7 @@ def test_noise_is_smoothed_and_its_mean_kept() -> None:
 
 @pytest.mark.parametrize("speed", [0.02, 0.06])
 def test_a_ramp_is_followed_as_the_encoders_show_it(speed: float) -> None:
-    found, travel, seen, now = OdometryFilter(0.05), 0.0, 0.0, -speed
+    found, travel, seen, now = OdometryFilter(), 0.0, 0.0, -speed
     for _ in range(100):
         now = min(now + 0.5 * PERIOD, speed)  # slower than a lag alone
         travel += now * PERIOD
@@ -33,7 +33,7 @@ def test_a_ramp_is_followed_as_the_encoders_show_it(speed: float) -> None:
 
 
 def test_it_says_once_that_the_vehicle_turned_back() -> None:
-    found = OdometryFilter(0.05)
+    found = OdometryFilter()
     turned = [
         found.smooth(Twist(speed, 0.0), PERIOD, Twist(speed, 0.0)).turned_back
         for speed in [0.02] * 200 + [0.0] * 200 + [-0.02] * 200

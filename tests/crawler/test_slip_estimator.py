@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from tjscan.core.frames import Array
-from tjscan.crawler.slip_estimator import SlipEstimate, SlipEstimator, SlipUncertainty
-from tjscan.crawler.slip_model import (
+from tjscan.crawler.slip_estimator import (
     SETTLING_LENGTH,
     STATE_COUNT,
     CrawlerGeometry,
-    SlipState,
+    SlipEstimate,
+    SlipEstimator,
+    SlipStateIndex,
+    SlipUncertainty,
     TrackOdometry,
     laser_offset,
     propagate_state,
@@ -21,7 +23,7 @@ SIGMA = 0.015e-3
 PERIOD = 0.05
 
 
-UNSTEADY = [SlipState.UNSTEADY_CRAB, SlipState.UNSTEADY_DRIFT]
+UNSTEADY = [SlipStateIndex.UNSTEADY_CRAB, SlipStateIndex.UNSTEADY_DRIFT]
 
 
 def unsteady(turns: float) -> Array:
@@ -60,7 +62,7 @@ def crawl(seed: int, changes: float = 1.0) -> tuple[float, float]:
         truth = truth + walks * np.sqrt(abs(speed) * PERIOD) * changes * rng.standard_normal(
             STATE_COUNT
         )
-        turns = kept * turns + (1 - kept) * truth[SlipState.YAW_EFFICIENCY] * asked / speed
+        turns = kept * turns + (1 - kept) * truth[SlipStateIndex.YAW_EFFICIENCY] * asked / speed
         truth[UNSTEADY] += np.sqrt(1 - kept**2) * unsteady(turns) * changes * rng.standard_normal(2)
         estimator.move(TrackOdometry(speed, asked, PERIOD, recent))
         d = laser_offset(truth, GEOMETRY)[0]
@@ -86,7 +88,7 @@ def test_it_learns_how_unsteady_slip_is(changes: float, low: float, high: float)
 
 def test_a_reversal_shows_the_crab() -> None:
     truth = SlipEstimate.before_any_reading(UNSURE).x.copy()
-    truth[SlipState.CRAB] = 5e-3
+    truth[SlipStateIndex.CRAB] = 5e-3
     first = SlipEstimate.before_any_reading(UNSURE)
     estimator = SlipEstimator(GEOMETRY, first, UNSURE)
     sigmas = []
@@ -95,10 +97,10 @@ def test_a_reversal_shows_the_crab() -> None:
             truth, _ = propagate_state(truth, TrackOdometry(speed, 0.0, PERIOD), GEOMETRY)
             estimator.move(TrackOdometry(speed, 0.0, PERIOD))
             estimator.read(laser_offset(truth, GEOMETRY)[0], SIGMA)
-        sigmas.append(estimator.estimate.sigma(SlipState.CRAB))
+        sigmas.append(estimator.estimate.sigma(SlipStateIndex.CRAB))
     assert sigmas[0] > 0.7 * UNSURE.crab
     assert sigmas[1] < 0.2 * UNSURE.crab
-    assert estimator.estimate.x[SlipState.CRAB] == pytest.approx(5e-3, abs=3 * sigmas[1])
+    assert estimator.estimate.x[SlipStateIndex.CRAB] == pytest.approx(5e-3, abs=3 * sigmas[1])
 
 
 def test_an_outlier_moves_it_little() -> None:
@@ -106,9 +108,15 @@ def test_an_outlier_moves_it_little() -> None:
     for _ in range(200):
         estimator.move(TrackOdometry(0.02, 0.0, PERIOD))
         estimator.read(0.0, SIGMA)
-    before = estimator.estimate.x[SlipState.OFFSET] + 0.5 * estimator.estimate.x[SlipState.HEADING]
+    before = (
+        estimator.estimate.x[SlipStateIndex.OFFSET]
+        + 0.5 * estimator.estimate.x[SlipStateIndex.HEADING]
+    )
     assert estimator.read(5e-3, SIGMA) > 1e3
-    after = estimator.estimate.x[SlipState.OFFSET] + 0.5 * estimator.estimate.x[SlipState.HEADING]
+    after = (
+        estimator.estimate.x[SlipStateIndex.OFFSET]
+        + 0.5 * estimator.estimate.x[SlipStateIndex.HEADING]
+    )
     assert abs(after - before) < 0.05e-3
 
 
@@ -118,7 +126,7 @@ def test_how_it_slips_is_kept_where_it_stands_is_not() -> None:
     np.testing.assert_array_equal(moved.x[2:], known.x[2:])
     np.testing.assert_array_equal(moved.P[2:, 2:], known.P[2:, 2:])
     assert (moved.x[:2] == 0).all()
-    assert moved.sigma(SlipState.OFFSET) == pytest.approx(UNSURE.offset)
+    assert moved.sigma(SlipStateIndex.OFFSET) == pytest.approx(UNSURE.offset)
 
 
 @pytest.mark.parametrize("turn", [-1, 0, 1])
@@ -144,7 +152,9 @@ def test_a_reversal_leaves_what_slip_is_off_by_for_now_unknown() -> None:
     before = estimator.estimate
     estimator.move(TrackOdometry(-0.02, 0.0, 1e-6, turned_back=True))
     after = estimator.estimate
-    assert before.sigma(SlipState.UNSTEADY_DRIFT) < 0.9 * UNSURE.unsteady_drift
-    assert after.sigma(SlipState.UNSTEADY_DRIFT) == pytest.approx(UNSURE.unsteady_drift, rel=0.1)
+    assert before.sigma(SlipStateIndex.UNSTEADY_DRIFT) < 0.9 * UNSURE.unsteady_drift
+    assert after.sigma(SlipStateIndex.UNSTEADY_DRIFT) == pytest.approx(
+        UNSURE.unsteady_drift, rel=0.1
+    )
     assert after.x[UNSTEADY] == pytest.approx(0.0)
     np.testing.assert_allclose(after.x[2:8], before.x[2:8])

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
 from tjscan.crawler.slip_aware import OdometryFilter
-from tjscan.crawler.slip_model import (
+from tjscan.crawler.slip_estimator import (
     SETTLING_LENGTH,
     STATE_COUNT,
     CrawlerGeometry,
-    SlipState,
+    SlipStateIndex,
     TrackOdometry,
     laser_offset,
     propagate_state,
@@ -61,8 +61,8 @@ def finite_differences(function: object, x: Array) -> Array:
 def test_the_derivative_of_a_step_is_that_of_finite_differences(
     x: Array, odometry: TrackOdometry
 ) -> None:
-    drift = x[SlipState.DRIFT] + x[SlipState.UNSTEADY_DRIFT]
-    turn = x[SlipState.YAW_EFFICIENCY] * odometry.turn_rate + drift * odometry.speed
+    drift = x[SlipStateIndex.DRIFT] + x[SlipStateIndex.UNSTEADY_DRIFT]
+    turn = x[SlipStateIndex.YAW_EFFICIENCY] * odometry.turn_rate + drift * odometry.speed
     if abs(turn) < 1e-5:
         return  # |turn| has a corner there
     _, F = propagate_state(x, odometry, GEOMETRY)
@@ -89,7 +89,7 @@ def test_a_mirror_image_moves_as_a_mirror_image(x: Array, odometry: TrackOdometr
 def observability(speeds: list[float]) -> Array:
     """Rows of how each reading depends on the state at first, shape (n, 11)."""
     x = np.zeros(STATE_COUNT)
-    x[SlipState.YAW_EFFICIENCY] = 0.8
+    x[SlipStateIndex.YAW_EFFICIENCY] = 0.8
     onward, rows = np.eye(STATE_COUNT), []
     for speed in speeds:
         odometry = TrackOdometry(speed, 0.0, 1.0)
@@ -100,7 +100,7 @@ def observability(speeds: list[float]) -> Array:
 
 
 def test_crab_shows_at_a_reversal_only() -> None:
-    ways = [SlipState.OFFSET, SlipState.HEADING, SlipState.CRAB]
+    ways = [SlipStateIndex.OFFSET, SlipStateIndex.HEADING, SlipStateIndex.CRAB]
     forward, both = observability([0.02] * 30), observability([0.02] * 15 + [-0.02] * 15)
     ranks = [
         np.linalg.matrix_rank(rows[:, ways] * (1.0, 0.1, 0.1), tol=1e-9) for rows in (forward, both)
@@ -110,20 +110,20 @@ def test_crab_shows_at_a_reversal_only() -> None:
 
 def test_what_is_unsteady_is_forgotten_over_the_settling_length() -> None:
     x = np.zeros(STATE_COUNT)
-    x[SlipState.UNSTEADY_CRAB] = 1e-3
+    x[SlipStateIndex.UNSTEADY_CRAB] = 1e-3
     for _ in range(100):
         x, _ = propagate_state(x, TrackOdometry(-0.02, 0.0, SETTLING_LENGTH / 2), GEOMETRY)
-    assert x[SlipState.UNSTEADY_CRAB] == pytest.approx(1e-3 * np.exp(-1))
+    assert x[SlipStateIndex.UNSTEADY_CRAB] == pytest.approx(1e-3 * np.exp(-1))
 
 
 def test_a_vehicle_on_a_circle_beside_a_joint_that_is_one_stays_beside_it() -> None:
     x = np.zeros(STATE_COUNT)
-    x[SlipState.YAW_EFFICIENCY], x[SlipState.CURVATURE] = 0.8, 1 / 20
+    x[SlipStateIndex.YAW_EFFICIENCY], x[SlipStateIndex.CURVATURE] = 0.8, 1 / 20
     still = CrawlerGeometry(0.5, 0.0)
     turn = 0.02 / 20 / 0.8
     for _ in range(1000):
         x, _ = propagate_state(x, TrackOdometry(0.02, turn, 0.05), still)
-    assert abs(x[SlipState.OFFSET]) < 1e-12
+    assert abs(x[SlipStateIndex.OFFSET]) < 1e-12
     # The laser, ahead on the tangent, is outside the arc by D² / 2 R.
     assert laser_offset(x, still)[0] == pytest.approx(-(0.5**2) / 40)
 
@@ -131,15 +131,15 @@ def test_a_vehicle_on_a_circle_beside_a_joint_that_is_one_stays_beside_it() -> N
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_the_centre_of_rotation_comes_ahead_as_the_contact_fills(way: float) -> None:
     x = np.zeros(STATE_COUNT)
-    x[SlipState.YAW_EFFICIENCY], x[SlipState.SETTLED_CENTRE] = 0.5, 0.1
-    tracks, speed, turn = OdometryFilter(0.05), 0.02 * way, 2e-5
+    x[SlipStateIndex.YAW_EFFICIENCY], x[SlipStateIndex.SETTLED_CENTRE] = 0.5, 0.1
+    tracks, speed, turn = OdometryFilter(), 0.02 * way, 2e-5
     sideways = []
     for _ in range(3000):
         odometry = tracks.smooth(Twist(speed, turn), 0.01, Twist(speed, turn))
         level = x.copy()
-        level[[SlipState.OFFSET, SlipState.HEADING]] = 0.0
+        level[[SlipStateIndex.OFFSET, SlipStateIndex.HEADING]] = 0.0
         x, _ = propagate_state(level, odometry, CrawlerGeometry(0.5, 0.0))
-        sideways.append(x[SlipState.OFFSET] / (0.02 * 0.01))
+        sideways.append(x[SlipStateIndex.OFFSET] / (0.02 * 0.01))
     settled = -way * 0.1 * 0.5 * turn / 0.02
     assert abs(sideways[50]) < 0.1 * abs(settled)
     assert sideways[-1] == pytest.approx(settled, rel=0.02)

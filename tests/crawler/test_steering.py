@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
 from tjscan.crawler.slip_aware import SteeringSettings, track_turn_rate
-from tjscan.crawler.slip_model import (
+from tjscan.crawler.slip_estimator import (
     STATE_COUNT,
     CrawlerGeometry,
-    SlipState,
+    SlipStateIndex,
     TrackOdometry,
     propagate_state,
 )
@@ -24,8 +24,8 @@ WIDE = SteeringSettings(gain=8.0, least_radius=0.5)
 
 def slipping(offset: float = 0.0, heading: float = 0.0, crab: float = 0.0) -> Array:
     x = np.zeros(STATE_COUNT)
-    x[[SlipState.OFFSET, SlipState.HEADING, SlipState.CRAB]] = offset, heading, crab
-    x[[SlipState.YAW_EFFICIENCY, SlipState.DRIFT]] = 0.7, 5e-3
+    x[[SlipStateIndex.OFFSET, SlipStateIndex.HEADING, SlipStateIndex.CRAB]] = offset, heading, crab
+    x[[SlipStateIndex.YAW_EFFICIENCY, SlipStateIndex.DRIFT]] = 0.7, 5e-3
     return x
 
 
@@ -41,30 +41,30 @@ def drive(x: Array, speed: float, travel: float, settings: SteeringSettings) -> 
 def test_both_poles_are_the_gain_whichever_way_and_speed(speed: float) -> None:
     x = drive(slipping(offset=1e-4), speed, 0.3, WIDE)
     expected = 1e-4 * (1 + 8 * 0.3) * exp(-8 * 0.3)
-    assert x[SlipState.OFFSET] == pytest.approx(expected, rel=0.02)
+    assert x[SlipStateIndex.OFFSET] == pytest.approx(expected, rel=0.02)
 
 
 @pytest.mark.parametrize("speed", [0.005, -0.02])
 @pytest.mark.parametrize("ahead", [0.0, 0.06])
 def test_the_torch_ends_on_the_joint_whatever_the_crab(speed: float, ahead: float) -> None:
     start = slipping(offset=5e-3, heading=0.015, crab=5e-3)
-    start[SlipState.ROTATION_CENTRE] = ahead
+    start[SlipStateIndex.ROTATION_CENTRE] = ahead
     x = drive(start, speed, 3.0, SteeringSettings())
-    assert abs(x[SlipState.OFFSET]) < 2e-6
+    assert abs(x[SlipStateIndex.OFFSET]) < 2e-6
 
 
 @given(st.floats(-0.05, 0.05), st.floats(-0.2, 0.2), st.sampled_from([-0.02, 0.005]))
 def test_no_turn_is_tighter_than_allowed(offset: float, heading: float, speed: float) -> None:
     x = slipping(offset, heading)
     turn = track_turn_rate(x, speed, GEOMETRY, SteeringSettings(least_radius=8.0))
-    curvature = turn * x[SlipState.YAW_EFFICIENCY] / speed + x[SlipState.DRIFT]
+    curvature = turn * x[SlipStateIndex.YAW_EFFICIENCY] / speed + x[SlipStateIndex.DRIFT]
     assert abs(curvature) <= 1 / 8 + 1e-12
 
 
 @given(st.floats(-0.03, 0.03), st.floats(-0.1, 0.1))
 def test_from_far_off_it_does_not_swing_past_by_much(offset: float, heading: float) -> None:
     x = drive(slipping(offset, heading), 0.02, 4.0, SteeringSettings())
-    assert abs(x[SlipState.OFFSET]) < 1e-4
+    assert abs(x[SlipStateIndex.OFFSET]) < 1e-4
 
 
 def test_nothing_is_steered_at_rest() -> None:
@@ -74,10 +74,10 @@ def test_nothing_is_steered_at_rest() -> None:
 def shuttled(length: float, crab: float, settings: SteeringSettings, times: int = 6) -> float:
     """How far off it is after some ways back and forth, when all is known exactly."""
     x = slipping(offset=1e-3, crab=crab)
-    x[SlipState.DRIFT] = 0.0
+    x[SlipStateIndex.DRIFT] = 0.0
     for _ in range(times):
         x = drive(drive(x, 0.02, length, settings), -0.02, length, settings)
-    return abs(float(x[SlipState.OFFSET]))
+    return abs(float(x[SlipStateIndex.OFFSET]))
 
 
 @pytest.mark.parametrize(("crab", "radius"), [(5e-3, 8.0), (10e-3, 8.0), (10e-3, 4.0)])

@@ -9,8 +9,7 @@ import pytest
 from tjscan.crawler.journal import CrawlCycle, CrawlRecording, read_crawl
 from tjscan.crawler.method import TorchEstimate
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.slip_estimator import SlipEstimate
-from tjscan.crawler.slip_model import STATE_COUNT
+from tjscan.crawler.slip_estimator import STATE_COUNT, SlipEstimate
 from tjscan.recording.journal import RunEvent
 from tjscan.recording.topic import Topic
 from tjscan.vehicle.vehicle import AT_REST, VehicleState

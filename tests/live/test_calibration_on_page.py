@@ -30,7 +30,7 @@ class Person(RunOnPage):
         self._choose, self.asked = choose, list[str]()
         self.press: dict[str, Callable[[], object]] = {}
 
-    def post(self, entry: object) -> None:
+    def record(self, entry: object) -> None:
         if isinstance(entry, Step) and (words := entry.facts.get("press")):
             self.asked.append(entry.facts["state"])
             self.press[self._choose(f"{words}: {entry.facts['state']}")]()

@@ -125,7 +125,8 @@ def test_a_browser_that_is_lost_stops_it_in_half_a_second(tmp_path: Path) -> Non
     notes, cell = StopsOnceItStands(hand), make_crawl_cell(job)
     context = CrawlContext(job, file, notes, hand=hand)
     button = Button(FORWARD, lambda: notes.hear(), held=True)
-    with Page([Setting("crawler")], PageAddress(port=0), [button]) as page, cell:
+    with Page([Setting("crawler")], PageAddress(port=0)) as page, cell:
+        page.add_buttons([button])
         browser = Thread(target=partial(hold_until_it_drives, page, notes.drives))
         browser.start()
         with pytest.raises(KeyboardInterrupt):

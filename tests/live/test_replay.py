@@ -67,7 +67,7 @@ def test_the_slider_hides_what_came_later(show: RecordedShow, replay: Replay) ->
     first = next(k for k, step in enumerate(show.steps) if step.samples)
     for number, seen in ((first, 1), (0, 0), (len(show.steps) - 1, len(pieces(show)))):
         replay.move_to(number)
-        shown = [name for name in pieces(show) if all(n.visible for n in stage.nodes(name))]
+        shown = [name for name in pieces(show) if all(n.visible for n in stage.nodes[name])]
         assert len(shown) == seen
         assert len(replay.page.views[0].panel.samples) == seen
 
@@ -75,9 +75,9 @@ def test_the_slider_hides_what_came_later(show: RecordedShow, replay: Replay) ->
 def test_the_slider_takes_back_what_was_said_later(show: RecordedShow, replay: Replay) -> None:
     panel = replay.page.views[0].panel
     replay.move_to(len(show.steps) - 1)
-    assert "groove angle" in panel.shown_facts
+    assert "groove angle" in panel.state.content
     replay.move_to(0)
-    assert "groove angle" not in panel.shown_facts
+    assert "groove angle" not in panel.state.content
 
 
 def test_moving_the_slider_sends_no_piece_twice(show: RecordedShow, replay: Replay) -> None:

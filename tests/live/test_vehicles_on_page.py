@@ -21,7 +21,7 @@ from tjscan.job.tow.job import read_tow_job
 from tjscan.laser.profile import Profile
 from tjscan.live.access import LOOPBACK_ADDRESS
 from tjscan.live.buttons import stop_button
-from tjscan.live.drawables import Lines, MeasuredPiece, Placement
+from tjscan.live.drawables import BodyPose, Lines, MeasuredPiece
 from tjscan.live.listening import RunOnPage
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.replay import Replay
@@ -49,7 +49,7 @@ def test_a_crawl_shows_where_the_vehicle_is_and_what_is_welded() -> None:
     show = CrawlShow(read_crawl_job(CRAWL), "crawl")
     steps = [show.step(crawl_cycle(x)) for x in (0.0, 0.001, 0.02, 0.04)]
     places = [step.drawn["vehicle"] for step in steps]
-    assert [one.T[:2, 3].tolist() for one in places if isinstance(one, Placement)] == [
+    assert [one.T[:2, 3].tolist() for one in places if isinstance(one, BodyPose)] == [
         [x, -0.002] for x in (0.0, 0.001, 0.02, 0.04)
     ]
     welded = [thing for step in steps for thing in step.drawn.values()]
@@ -69,8 +69,8 @@ def test_a_crawl_hands_over_twenty_cycles_a_second() -> None:
     class Counted(RunOnPage):
         count = 0
 
-        def post(self, entry: object) -> None:
-            self.count += isinstance(entry, CrawlCycle)
+        def record(self, message: object) -> None:
+            self.count += isinstance(message, CrawlCycle)
 
     run = Counted(None, show, print)
     journal, nothing = CrawlPageJournal(run), Profile(np.empty(0), np.empty(0))
@@ -148,13 +148,14 @@ def test_the_slider_hides_a_state_of_later() -> None:
         panel = replay.page.views[0].panel
         for number, shown in ((1, True), (0, False), (1, True)):
             replay.move_to(number)
-            assert panel.shows_diagram is shown
+            assert panel.diagram.visible is shown
 
 
 def test_stop_is_pressed_once_for_each_click() -> None:
     pressed: list[str] = []
     (button,) = stop_button(lambda: pressed.append("Ctrl-C"), "the crawler")
-    with Page([Setting("stop")], PageAddress(port=0), [button]):
+    with Page([Setting("stop")], PageAddress(port=0)) as page:
+        page.add_buttons([button])
         button.press()
     assert pressed == ["Ctrl-C"]
 

@@ -15,13 +15,13 @@ from command import tjscan
 from crawls import SHORT
 
 from tjscan.core.errors import CrawlStopped
-from tjscan.crawler.crawler import RUN_UPS
+from tjscan.crawler.crawler import MOST_RUN_UPS
 from tjscan.crawler.joint_sections import COASTING_TIME
 from tjscan.crawler.journal import CRAWL_RECORDING, WARNING_EVENT, CrawlCycle, CrawlRecording
 from tjscan.crawler.method import TorchEstimate
+from tjscan.crawler.pass_record import root_mean_square
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.slip_estimator import MOST_ASIDE, SlipEstimate
-from tjscan.crawler.slip_model import STATE_COUNT
+from tjscan.crawler.slip_estimator import MOST_SIDEWAYS_SHARE, STATE_COUNT, SlipEstimate
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.recording.journal import RunEvent
@@ -93,7 +93,7 @@ def test_no_arc_is_struck_where_the_torch_is_not_known(job_file: Path, tmp_path:
     found = read_recorded_crawl(out)
     assert not any(cycle.arc for cycle in found.cycles)
     run_ups = [event.name for event in found.events].count(Phase.WELDING)
-    assert run_ups == RUN_UPS
+    assert run_ups == MOST_RUN_UPS
     assert "needs 0.01 mm" in found.events[-1].detail
 
 
@@ -117,7 +117,7 @@ def test_a_joint_is_filled_to_its_cap(job_file: Path, tmp_path: Path) -> None:
     assert found.events[-1].name == Phase.MANUAL
     capped = found.passes[2]
     assert capped.read_share > 0.9
-    assert capped.true_deviation_rms < 0.2e-3
+    assert root_mean_square(capped.true_deviation) < 0.2e-3
 
 
 def test_what_was_cut_short_goes_on_with_an_overlap(job_file: Path, tmp_path: Path) -> None:
@@ -391,7 +391,7 @@ def test_how_it_ended_is_told_by_what_crawled_last(
     belief = slip_after_stop(found, read_crawl_job(EXAMPLES / "crawl.toml"))
     assert belief is not None
     seconds = DEAD_MAN if stopped else COASTING_TIME
-    assert belief.P[0, 0] - 1 == pytest.approx((MOST_ASIDE * 0.02 * seconds) ** 2)
+    assert belief.P[0, 0] - 1 == pytest.approx((MOST_SIDEWAYS_SHARE * 0.02 * seconds) ** 2)
 
 
 def test_the_way_since_a_belief_was_recorded_is_doubted(tmp_path: Path) -> None:
@@ -401,7 +401,9 @@ def test_the_way_since_a_belief_was_recorded_is_doubted(tmp_path: Path) -> None:
     old = tuple(replace(cycle, slip=found.cycles[-1].slip) for cycle in found.cycles)
     estimate = slip_after_stop(replace(found, cycles=old), read_crawl_job(EXAMPLES / "crawl.toml"))
     assert estimate is not None
-    assert estimate.P[0, 0] - 1 == pytest.approx((MOST_ASIDE * (0.08 + 0.02 * DEAD_MAN)) ** 2)
+    assert estimate.P[0, 0] - 1 == pytest.approx(
+        (MOST_SIDEWAYS_SHARE * (0.08 + 0.02 * DEAD_MAN)) ** 2
+    )
 
 
 def test_a_place_that_was_told_to_a_crawl_that_never_went_on_is_none(tmp_path: Path) -> None:

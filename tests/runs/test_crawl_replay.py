@@ -10,6 +10,7 @@ from command import tjscan
 
 from tjscan.core.errors import ConfigurationError
 from tjscan.crawler.journal import CrawlCycle
+from tjscan.crawler.pass_record import root_mean_square
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.runs.crawl.results import RecordedCrawl, read_passes, read_recorded_crawl
 from tjscan.runs.crawl.run import CrawlContext, replay_crawl, resume_crawl, run_crawl
@@ -167,7 +168,7 @@ def test_another_estimator_believes_otherwise_and_moves_nothing(run: Path, tmp_p
         assert one.arcs == other.arcs
         # What each has wrong is held against the one truth.
         np.testing.assert_array_equal(one.true_deviation, other.true_deviation)
-        assert one.offset_error_rms != other.offset_error_rms
+        assert root_mean_square(one.offset_error) != root_mean_square(other.offset_error)
         assert abs(one.offset - other.offset).max() > 1e-4
     assert {row["true_deviation_rms_mm"] for row in read_passes(out)} == {
         row["true_deviation_rms_mm"] for row in read_passes(run)

@@ -13,7 +13,7 @@ from tjscan.core.errors import DriveFault, VehicleFault
 from tjscan.core.frames import Array
 from tjscan.towing.following import velocity_from_twist
 from tjscan.towing.shape.area import DiscObstacle
-from tjscan.towing.shape.plan import PlanTerms, TowingPlan
+from tjscan.towing.shape.plan import PlanInputs, PlanTerms, TowingPlan
 from tjscan.vehicle.localisation import TrackedDisc, VehiclePose
 from tjscan.vehicle.vehicle import AT_REST, Twist, VehicleState
 
@@ -108,15 +108,6 @@ class RowPlanner:
         links = np.tile(welder_pose, (self.links, 1))
         return TowingPlan(angles, angles, links, held, PlanTerms(1.0, 2.0, 0.0), 0.0)
 
-    def plan(
-        self,
-        poses: Array,
-        welder_pose: Array,
-        *,
-        dt: float,
-        last: TowingPlan | None = None,
-        obstacles: Sequence[DiscObstacle] = (),
-        stopped: Collection[int] = (),
-    ) -> TowingPlan:
-        self.asked.append(stopped)
-        return replace(self.start(welder_pose), halt=self.halt(welder_pose))
+    def plan(self, inputs: PlanInputs) -> TowingPlan:
+        self.asked.append(inputs.stopped)
+        return replace(self.start(inputs.welder_pose), halt=self.halt(inputs.welder_pose))

@@ -7,19 +7,19 @@ from math import pi
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.towing.shape.area import Area, DiscObstacle, Obstacles
+from tjscan.towing.shape.area import DiscObstacle, Floor, Obstacles
 from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.chain import ChainParts, chain_gradient, chain_hessian, place_links
+from tjscan.towing.shape.chain import ChainDerivatives, chain_gradient, chain_hessian, place_links
 from tjscan.towing.shape.distance import distance_to_obstacle
 from tjscan.towing.shape.estimate import CablePull
-from tjscan.towing.shape.limits import HardLimits, LimitRows, limit_gradients
+from tjscan.towing.shape.limits import LimitedProblem, LimitRows, limit_gradients
 from tjscan.towing.shape.problem import ShapeProblem
 from tjscan.towing.tables import TargetSettings, WeightSettings
 
-YARD = Area([(0, -5), (2.6, -5), (2.6, 5), (0, 5)])
+YARD = Floor([(0, -5), (2.6, -5), (2.6, 5), (0, 5)])
 """The paper's V-C."""
 
-NOTCHED = Area(
+NOTCHED = Floor(
     [(-1, -5), (3, -5), (3, 1), (2, 1.5), (3, 2), (3, 5), (-1, 5)],
     [[(0.8, -1.2), (1.2, -1.2), (1.2, -0.8), (0.8, -0.8)]],
 )
@@ -41,7 +41,7 @@ def bent_angles(rng: np.random.Generator, links: int = 60, most: float = 0.3) ->
     return np.asarray(most * waves.sum(axis=0) / 3)
 
 
-def shape_problem(rng: np.random.Generator, area: Area = NOTCHED, links: int = 60) -> ShapeProblem:
+def shape_problem(rng: np.random.Generator, area: Floor = NOTCHED, links: int = 60) -> ShapeProblem:
     """A problem of every term, near a shape with bends."""
     cable = Cable(links=links, root=(0.0, 0.0, 0.2))
     held = np.array([9, 19, 29, 39, 49])
@@ -65,7 +65,7 @@ def shape_problem(rng: np.random.Generator, area: Area = NOTCHED, links: int = 6
 def objective_gradient(problem: ShapeProblem, angles: Array) -> Array:
     """Of the objective, shape (N,)."""
     state, gradient = problem.evaluated(angles), np.empty(len(angles))
-    parts = ChainParts(state.joint, state.point, state.turn)
+    parts = ChainDerivatives(state.joint, state.point, state.turn)
     chain_gradient(parts, state.links, problem.cable.link_length, gradient)
     return gradient
 
@@ -78,12 +78,12 @@ def objective_hessian(
     if multipliers is not None:
         for link, forces in zip(problem.fixed, multipliers.reshape(-1, 3), strict=True):
             state.point[link, :2] += forces[:2]
-    parts = ChainParts(state.joint, state.point, state.turn)
+    parts = ChainDerivatives(state.joint, state.point, state.turn)
     chain_hessian(parts, state.links, problem.cable.link_length, hessian)
     return hessian
 
 
-def margin_gradients(limits: HardLimits, rows: LimitRows, angles: Array) -> Array:
+def margin_gradients(limits: LimitedProblem, rows: LimitRows, angles: Array) -> Array:
     """Derivatives of the margins of limits by the angles, shape (R, N)."""
     links, gradients = np.empty((len(angles), 5)), np.empty((len(rows), len(angles)))
     place_links(angles, limits.arrays.root, limits.arrays.length, links)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.towing.shape.area import Area
+from tjscan.towing.shape.area import Floor
 from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
 
 CABLE = Cable(root=(0.3, -0.2, 0.4))
@@ -46,9 +46,9 @@ def test_vehicles_sit_at_equal_distances_and_the_last_at_the_tip() -> None:
 
 def test_corners_are_put_counter_clockwise() -> None:
     square = [(0, 0), (0, 1), (1, 1), (1, 0)]
-    np.testing.assert_array_equal(Area(square).outline, square[::-1])
-    np.testing.assert_array_equal(Area(square[::-1]).outline, square[::-1])
+    np.testing.assert_array_equal(Floor(square).outline, square[::-1])
+    np.testing.assert_array_equal(Floor(square[::-1]).outline, square[::-1])
     with pytest.raises(ValueError, match="three corners"):
-        Area(square[:2])
+        Floor(square[:2])
     with pytest.raises(ValueError, match="numbers"):
-        Area([(0, 0), (1, 0), (1, np.nan)])
+        Floor([(0, 0), (1, 0), (1, np.nan)])

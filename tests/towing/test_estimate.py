@@ -6,16 +6,21 @@ from towed import bent_angles
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.chain import chain_gradient, chain_hessian, make_parts, place_links
+from tjscan.towing.shape.chain import (
+    chain_gradient,
+    chain_hessian,
+    new_chain_derivatives,
+    place_links,
+)
 from tjscan.towing.shape.compiled import Indices
 from tjscan.towing.shape.estimate import (
     SLIDING_DISTANCE,
     CableEstimate,
     EstimateArrays,
+    cable_energy,
     estimate_shape,
-    estimate_terms,
 )
-from tjscan.towing.shape.plan import PoseTrust
+from tjscan.towing.shape.plan import PoseAccuracy
 
 CABLE, HELD = Cable(links=20), (9, 19)
 
@@ -25,9 +30,9 @@ def energy(angles: Array, held: Indices, poses: Array, rest: Array) -> tuple[flo
     n = len(angles)
     stiff = np.tile((1e4, 1e3), (len(held), 1))
     problem = EstimateArrays(np.zeros(3), 0.1, held, poses, stiff, rest, np.full(n, 0.5))
-    links, parts = np.empty((n, 5)), make_parts(n)
+    links, parts = np.empty((n, 5)), new_chain_derivatives(n)
     place_links(angles, problem.root, 0.1, links)
-    value = estimate_terms(angles, problem, links, parts)
+    value = cable_energy(angles, problem, links, parts)
     gradient, hessian = np.empty(n), np.empty((n, n))
     chain_gradient(parts, links, 0.1, gradient)
     chain_hessian(parts, links, 0.1, hessian)
@@ -107,7 +112,7 @@ def test_it_lies_where_the_simulated_cable_does() -> None:
 
 
 def test_a_cable_that_is_pushed_together_lies_where_its_energy_is_least() -> None:
-    trust = PoseTrust(5e-4, 1e-3)
+    trust = PoseAccuracy(5e-4, 1e-3)
     lies = CableEstimate.unpulled(CABLE, np.full(20, 1e-3))
     poses = CABLE.poses(lies.angles)[list(HELD)]
     for _ in range(20):

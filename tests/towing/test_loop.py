@@ -14,7 +14,7 @@ from tjscan.core.errors import TowHalted, VehicleFault
 from tjscan.core.frames import Array
 from tjscan.recording.journal import RunEvent
 from tjscan.towing.journal import TowCycle
-from tjscan.towing.loop import CableTow, TowSetting
+from tjscan.towing.loop import CableTow, TowSetup
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.plan import TowingPlan
@@ -55,7 +55,7 @@ class Rig:
         self.kept, self.planner = Kept(), RowPlanner(33, 1.0, 3, halt)
         start = self.planner.start(Seam(seam).pose_at(0.0)).held_poses
         self.team = KinematicTeam(start, lambda time: disturb(self, time))
-        setting = TowSetting(
+        setting = TowSetup(
             Cable(links=33),
             TowingTeam((10, 21, 32)),
             Seam(seam),

@@ -12,11 +12,11 @@ from tjscan.core.frames import Array
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import CableEstimate, estimate_shape
-from tjscan.towing.shape.limited import optimise_limited
+from tjscan.towing.shape.limited import optimise_within_limits
 from tjscan.towing.shape.paper_planner import PaperPlanner
-from tjscan.towing.shape.plan import PlannerSettings, TowingLimits, TowingPlan
-from tjscan.towing.shape.planner import CheckedShape, TowingPlanner, optimise_freely
-from tjscan.towing.tables import WeightSettings
+from tjscan.towing.shape.plan import PlanInputs, PlannerSettings, TowingPlan
+from tjscan.towing.shape.planner import CheckedShape, TowingPlanner, optimise_without_limits
+from tjscan.towing.tables import LimitSettings, WeightSettings
 
 CABLE, TEAM = Cable(), TowingTeam()
 HELD = list(TEAM.held_links)
@@ -24,8 +24,9 @@ WELDER = np.array((2.6, -3.0, pi / 2))
 STEP = np.array((0.0, 0.001, 0.0))
 
 
-def planner(**limits: float) -> TowingPlanner:
-    return TowingPlanner(CABLE, TEAM, YARD, PlannerSettings(limits=TowingLimits(**limits)))
+def planner(vehicle_clearance: float = 0.02) -> TowingPlanner:
+    limits = LimitSettings(link_clearance=0.02, vehicle_clearance=vehicle_clearance)
+    return TowingPlanner(CABLE, TEAM, YARD, PlannerSettings(limits=limits))
 
 
 @pytest.fixture(scope="module")
@@ -33,14 +34,18 @@ def begun() -> TowingPlan:
     """A plan to go on from, with the welder at the yard's long wall."""
     start = estimate_shape(CABLE, [19, 59], np.array([(1.3, -1.0, -pi / 2), WELDER])).angles
     ours = planner()
-    problem, _ = ours.problem(start, WELDER, 1.0)
-    problem = replace(problem, weights=WeightSettings(change=0, pace=0))
-    angles, _ = optimise_freely(problem)
-    plan = CheckedShape(problem, ours.problem(start, WELDER, 1.0)[1], angles).plan()
+    limits = ours.limited_problem(start, PlanInputs(np.zeros((6, 3)), WELDER, 1.0))
+    problem = replace(limits.problem, weights=WeightSettings(change=0, pace=0))
+    angles, _ = optimise_without_limits(problem)
+    plan = CheckedShape(replace(limits, problem=problem), angles).plan()
     for _ in range(20):
-        plan = ours.plan(plan.held_poses, WELDER, dt=0.1, last=plan)
+        plan = ours.plan(PlanInputs(plan.held_poses, WELDER, 0.1, plan))
     assert not plan.halt
     return plan
+
+
+def next_inputs(plan: TowingPlan) -> PlanInputs:
+    return PlanInputs(plan.held_poses, WELDER + STEP, 0.1, plan)
 
 
 def clearance(plan: TowingPlan) -> tuple[float, float, float]:
@@ -58,12 +63,14 @@ def clearance(plan: TowingPlan) -> tuple[float, float, float]:
     )
 
 
-def follow(ours: TowingPlanner, plan: TowingPlan, steps: int, **more: object) -> list[TowingPlan]:
+def follow(
+    ours: TowingPlanner, plan: TowingPlan, steps: int, stopped: tuple[int, ...] = ()
+) -> list[TowingPlan]:
     plans = [plan]
     for k in range(steps):
         now = plans[-1]
         pose = WELDER + (k + 1) * STEP
-        plans.append(ours.plan(now.held_poses, pose, dt=0.1, last=now, **more))  # type: ignore[arg-type]
+        plans.append(ours.plan(PlanInputs(now.held_poses, pose, 0.1, now, stopped=stopped)))
     return plans
 
 
@@ -79,8 +86,8 @@ def test_the_tip_is_where_the_welder_will_be_and_vehicles_hardly_move(begun: Tow
 
 def test_the_end_meets_the_conditions_of_an_optimum(begun: TowingPlan) -> None:
     ours = planner()
-    problem, _ = ours.problem(begun.estimate, WELDER + STEP, 0.1, begun)
-    angles, _ = optimise_freely(problem)
+    problem = ours.limited_problem(begun.estimate, next_inputs(begun)).problem
+    angles, _ = optimise_without_limits(problem)
     _, rows = problem.constraint(angles)
     gradient = objective_gradient(problem, angles)
     y: Array = np.asarray(np.linalg.lstsq(rows.T, -gradient, rcond=None)[0], dtype=float)
@@ -92,7 +99,7 @@ def test_the_end_meets_the_conditions_of_an_optimum(begun: TowingPlan) -> None:
 def test_limits_that_press_are_kept_to_the_last_micrometre(begun: TowingPlan) -> None:
     _, walls, _ = clearance(begun)
     asked = walls - TEAM.body_radius + 0.01
-    plans = follow(planner(body_clearance=asked), begun, 40)
+    plans = follow(planner(vehicle_clearance=asked), begun, 40)
     plan = plans[-1]
     assert not plan.halt
     assert any("to obstacle" in name for name in plan.limits)
@@ -104,10 +111,10 @@ def test_a_limited_shape_is_no_better_than_a_free_one_and_no_gradient_is_left(
     begun: TowingPlan,
 ) -> None:
     _, walls, _ = clearance(begun)
-    ours = planner(body_clearance=walls - TEAM.body_radius + 5e-3)
-    problem, limits = ours.problem(begun.estimate, WELDER + STEP, 0.1, begun)
-    shape = optimise_limited(problem, limits, begun.estimate)
-    free, _ = optimise_freely(problem)
+    ours = planner(vehicle_clearance=walls - TEAM.body_radius + 5e-3)
+    limits = ours.limited_problem(begun.estimate, next_inputs(begun))
+    problem, shape = limits.problem, optimise_within_limits(limits, begun.estimate)
+    free, _ = optimise_without_limits(problem)
     assert len(shape.pressed) > 0
     assert problem.terms(shape.angles).total > problem.terms(free).total
     _, rows = problem.constraint(shape.angles)
@@ -119,7 +126,7 @@ def test_a_limited_shape_is_no_better_than_a_free_one_and_no_gradient_is_left(
 
 
 def test_out_of_reach_halts_and_says_so(begun: TowingPlan) -> None:
-    plan = planner().plan(begun.held_poses, WELDER - (0, 7, 0), dt=0.1, last=begun)
+    plan = planner().plan(PlanInputs(begun.held_poses, WELDER - (0, 7, 0), 0.1, begun))
     assert "does not reach" in plan.halt
 
 
@@ -133,21 +140,21 @@ def test_a_welder_beyond_reach_of_one_that_stands_halts_and_says_so(begun: Towin
     """Programs without a solution are given up after so many steps."""
     for ahead in (0.15, 0.3):
         tip = WELDER + np.array((0.0, ahead, 0.0))
-        plan = planner().plan(begun.held_poses, tip, dt=0.1, last=begun, stopped=(4,))
+        plan = planner().plan(PlanInputs(begun.held_poses, tip, 0.1, begun, stopped=(4,)))
         assert "does not reach" in plan.halt
 
 
 def test_who_stands_where_a_link_must_go_halts(begun: TowingPlan) -> None:
     x, y, _ = begun.link_poses[25]
-    plan = planner().plan(
-        begun.held_poses, WELDER, dt=0.1, last=begun, obstacles=[DiscObstacle(x, y, 0.3)]
-    )
+    there = [DiscObstacle(x, y, 0.3)]
+    plan = planner().plan(PlanInputs(begun.held_poses, WELDER, 0.1, begun, there))
     # It can neither stay nor be away in time: both are missed alike.
     assert "further than it can" in plan.halt or "too near" in plan.halt
 
 
 def test_a_cable_that_lies_on_itself_halts_however_sound_the_plan_is(begun: TowingPlan) -> None:
-    shape = CheckedShape(*planner().problem(begun.angles, WELDER, 0.1, begun), begun.angles)
+    inputs = PlanInputs(begun.held_poses, WELDER, 0.1, begun)
+    shape = CheckedShape(planner().limited_problem(begun.angles, inputs), begun.angles)
     assert shape.objection(begun.angles) == ""
     assert "as the cable lies, link" in shape.objection(np.full(60, 0.15))
 
@@ -162,7 +169,7 @@ def test_the_cable_makes_way_for_who_passes_by(begun: TowingPlan) -> None:
     for k in range(60):
         x, y = centre - 0.005 * k * away
         disc = DiscObstacle(x, y, 0.2, (-0.05 * away[0], -0.05 * away[1]))
-        plan = ours.plan(plan.held_poses, WELDER, dt=0.1, last=plan, obstacles=[disc])
+        plan = ours.plan(PlanInputs(plan.held_poses, WELDER, 0.1, plan, [disc]))
         assert not plan.halt
         line = shapely.LineString(CABLE.line(plan.angles))
         assert line.distance(shapely.Point(x, y)) > 0.2 + 0.02
@@ -201,7 +208,7 @@ def test_a_pose_unknown_is_a_pose_less_and_not_a_fault(begun: TowingPlan) -> Non
 
 def test_what_is_no_number_is_refused(begun: TowingPlan) -> None:
     with pytest.raises(ValueError, match="no plan"):
-        planner().plan(begun.held_poses, WELDER * np.nan, dt=0.1, last=begun)
+        planner().plan(PlanInputs(begun.held_poses, WELDER * np.nan, 0.1, begun))
     with pytest.raises(ValueError, match="must be where numbers say"):
         DiscObstacle(np.nan, 0.0, 0.1)
 
@@ -227,12 +234,13 @@ def test_a_start_keeps_every_limit_and_is_found_at_the_far_end_too() -> None:
 def test_the_papers_method_agrees_where_its_problem_is_ours(begun: TowingPlan) -> None:
     """Far from corners the nearest wall is nearly all of the noisy-or; nothing is at a limit."""
     paper = PaperPlanner(CABLE, TEAM, YARD)
-    plan = paper.plan(begun.held_poses, WELDER + STEP, dt=0.1, last=begun)
+    plan = paper.plan(next_inputs(begun))
     assert not plan.halt
     assert plan.constraint < 1e-6
-    problem, _ = planner().problem(plan.estimate, WELDER + STEP, 0.1)
+    inputs = PlanInputs(begun.held_poses, WELDER + STEP, 0.1)
+    problem = planner().limited_problem(plan.estimate, inputs).problem
     ours = replace(problem, weights=replace(problem.weights, pace=0.0))
-    free, _ = optimise_freely(ours)
+    free, _ = optimise_without_limits(ours)
     assert ours.terms(free).paper <= ours.terms(plan.angles).paper + 1e-9
     assert (
         paper.objective(free, plan.estimate, problem.obstacles)[0].paper >= plan.terms.paper - 0.02

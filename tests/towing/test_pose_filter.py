@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from tjscan.core.frames import Array
-from tjscan.towing.loop import LOOKS_PER_PLAN
-from tjscan.towing.pose_filter import PoseEstimate, VehiclePoseFilter
+from tjscan.towing.loop import MEASUREMENTS_PER_PLAN
+from tjscan.towing.pose_filter import VehiclePoseEstimate, VehiclePoseFilter
 from tjscan.towing.tables import LocalisationSettings
 from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.vehicle import Twist
@@ -21,7 +21,7 @@ def make_filter(sigma: float = 3e-3) -> VehiclePoseFilter:
 
 def drive(
     one: VehiclePoseFilter, steps: int, measure: object, *, start: int = 0
-) -> tuple[list[PoseEstimate], Array]:
+) -> tuple[list[VehiclePoseEstimate], Array]:
     """Drive along x at 10 mm/s; `measure` gives what is measured at each time and place."""
     found = [
         one.update(k * PERIOD, PERIOD, CREEP, measure(k, k * 1e-3))  # type: ignore[operator]
@@ -49,7 +49,7 @@ def test_late_poses_are_taken_as_of_their_own_time() -> None:
 
 
 def test_a_pose_that_is_a_second_and_a_half_late_is_taken_so_too() -> None:
-    one, look, speed, late = make_filter(), PERIOD / LOOKS_PER_PLAN, 0.02, 1.5
+    one, look, speed, late = make_filter(), PERIOD / MEASUREMENTS_PER_PLAN, 0.02, 1.5
     for k in range(200):
         at = look * k - late
         measured = VehiclePose(at, speed * at, 0.0, 0.0) if at >= 0 else None

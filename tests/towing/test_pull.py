@@ -6,15 +6,15 @@ import pytest
 from tjscan.core.frames import Array
 from tjscan.towing.shape.cable import Cable
 from tjscan.towing.shape.estimate import (
-    RELIEF_SPEED,
+    PULL_RELIEF_SPEED,
     CableEstimate,
     CablePull,
     estimate_shape,
     pull_on_welder,
 )
-from tjscan.towing.shape.plan import PoseTrust
+from tjscan.towing.shape.plan import PoseAccuracy
 
-CABLE, HELD, TRUST = Cable(links=20), (9, 19), PoseTrust(5e-4, 1e-3)
+CABLE, HELD, TRUST = Cable(links=20), (9, 19), PoseAccuracy(5e-4, 1e-3)
 BENT = np.linspace(0.02, 0.12, 20)
 POSES = CABLE.poses(BENT)[list(HELD)]
 
@@ -101,7 +101,7 @@ def test_where_it_is_soft_the_vehicle_still_gives_way_slowly() -> None:
     stiffness = np.array(((30.0, 8.0), (5.0, 90.0)))
     soft = CablePull(np.array((2.0, -4.0)), stiffness, 9, np.zeros(2), 0.0)
     step = best_step(soft, 0.1)
-    assert 0.5 * RELIEF_SPEED * 0.1 < np.hypot(*step) <= RELIEF_SPEED * 0.1
+    assert 0.5 * PULL_RELIEF_SPEED * 0.1 < np.hypot(*step) <= PULL_RELIEF_SPEED * 0.1
     assert soft.force @ stiffness @ step < 0
 
 

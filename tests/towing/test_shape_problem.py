@@ -20,7 +20,7 @@ from towed import (
 )
 
 from tjscan.core.frames import Array
-from tjscan.towing.shape.area import Area, DiscObstacle, Obstacles
+from tjscan.towing.shape.area import DiscObstacle, Floor, Obstacles
 from tjscan.towing.shape.estimate import CablePull
 from tjscan.towing.shape.problem import ShapeProblem, free_share, rising_loss
 
@@ -100,7 +100,7 @@ def test_a_whole_turn_more_at_the_welder_is_the_same_pose() -> None:
         np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
 
-def moved(problem: ShapeProblem, angle: float, shift: Array, area: Area) -> ShapeProblem:
+def moved(problem: ShapeProblem, angle: float, shift: Array, area: Floor) -> ShapeProblem:
     """The same problem in a yard that lies elsewhere."""
 
     def place(points: Array) -> Array:
@@ -109,7 +109,7 @@ def moved(problem: ShapeProblem, angle: float, shift: Array, area: Area) -> Shap
     x, y = place(PASSER_BY_AT)
     vx, vy = turned(np.array(PASSER_BY.velocity), angle)
     disc = DiscObstacle(x, y, PASSER_BY.radius, (vx, vy))
-    there = Area(place(area.outline), [place(pillar) for pillar in area.pillars])
+    there = Floor(place(area.outline), [place(pillar) for pillar in area.pillars])
     root = problem.cable.root
     cable = replace(problem.cable, root=(*place(np.array(root[:2])), root[2] + angle))
     return replace(

@@ -5,10 +5,10 @@ import pytest
 
 from tjscan.core.frames import Array
 from tjscan.towing.standstill import (
-    DRIVEN_SHARE,
-    ERROR_RATE,
     FIRST_RETRY_SECONDS,
+    LEAST_DRIVEN_SHARE,
     SHORTEST_JUDGED_WINDOW,
+    STANDSTILL_ERROR_RATE,
     StandstillCheck,
 )
 
@@ -57,7 +57,11 @@ def test_noise_makes_no_driving_vehicle_stand_and_hides_none_that_stands(sigma: 
         first = looks_that_take_it_for_standing(0.0, sigma, seed)[0] * PERIOD
         # What it is told to go is by then as far above the noise as the error rate asks for.
         needed = (
-            2 * sigma * np.sqrt(2 * np.log(1 / ERROR_RATE)) / DRIVEN_SHARE / (ALONG[0] / PERIOD)
+            2
+            * sigma
+            * np.sqrt(2 * np.log(1 / STANDSTILL_ERROR_RATE))
+            / LEAST_DRIVEN_SHARE
+            / (ALONG[0] / PERIOD)
         )
         assert first <= max(SHORTEST_JUDGED_WINDOW, needed) + 1.0
 

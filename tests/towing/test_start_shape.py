@@ -2,16 +2,15 @@
 
 import subprocess
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tjscan.core.frames import Array
-from tjscan.towing.shape.area import Area
+from tjscan.towing.shape.area import Floor
 from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
-from tjscan.towing.shape.plan import PlannerSettings, TowingLimits
-from tjscan.towing.shape.planner import START_SEARCH_PERIOD, TowingPlanner
+from tjscan.towing.shape.plan import PlanInputs
+from tjscan.towing.shape.planner import TowingPlanner
 from tjscan.towing.shape.start import StartShape, start_shapes
 
 OUTLINE = np.array([(0.0, -5.0), (2.6, -5.0), (2.6, 5.0), (0.0, 5.0)])
@@ -19,11 +18,7 @@ OUTLINE = np.array([(0.0, -5.0), (2.6, -5.0), (2.6, 5.0), (0.0, 5.0)])
 
 def found(planner: TowingPlanner, pose: Array) -> list[StartShape]:
     """All that `TowingPlanner.start` chooses from."""
-    resting = np.zeros(planner.cable.links)
-    problem, limits = planner.problem(resting, pose, 1.0)
-    weights = replace(planner.settings.weights, change=0.0, pace=0.0)
-    free = replace(problem, weights=weights)
-    return start_shapes(free, replace(limits, period=START_SEARCH_PERIOD), planner.area, pose)
+    return start_shapes(planner.start_problem(pose, ()), planner.area, pose)
 
 
 @pytest.mark.parametrize(("links", "length", "vehicles"), [(100, 0.2, 20), (120, 0.5, 20)])
@@ -32,12 +27,10 @@ def test_a_long_cable_has_a_shape_in_a_yard_of_its_size(
 ) -> None:
     """20 and 60 m: at the welder's pose, within every limit, from root to tip."""
     scale = links * length / 6
-    ends = TowingLimits(free_at_root=3 * length, free_at_welder=3 * length)
     planner = TowingPlanner(
         Cable(links=links, link_length=length, least_bend_radius=1.33 * length),
         TowingTeam(equal_links(links, vehicles)),
-        Area(scale * OUTLINE),
-        PlannerSettings(limits=ends),
+        Floor(scale * OUTLINE),
     )
     pose = np.array((2.6 * scale, -1.5 * scale, np.pi / 2))
 
@@ -46,13 +39,13 @@ def test_a_long_cable_has_a_shape_in_a_yard_of_its_size(
     assert not plan.halt
     np.testing.assert_allclose(plan.held_poses[-1], pose, atol=1e-6)
     assert np.abs(plan.angles).max() <= planner.cable.joint_limit
-    assert not planner.plan(plan.held_poses, pose, dt=0.1, last=plan).halt
+    assert not planner.plan(PlanInputs(plan.held_poses, pose, 0.1, plan)).halt
 
 
 def test_a_pillar_is_passed_on_either_side() -> None:
     """Two shapes at least, one north and one south of it, and the best one first."""
     pillar = np.array([(1.0, -0.9), (1.2, -0.9), (1.2, -0.7), (1.0, -0.7)])
-    planner = TowingPlanner(Cable(), TowingTeam(), Area(OUTLINE, [pillar]))
+    planner = TowingPlanner(Cable(), TowingTeam(), Floor(OUTLINE, [pillar]))
 
     shapes = found(planner, np.array((2.6, 0.0, np.pi / 2)))
 
@@ -69,7 +62,7 @@ def test_a_pillar_is_passed_on_either_side() -> None:
 
 def test_the_search_finds_the_same_twice() -> None:
     """To the last bit."""
-    planner = TowingPlanner(Cable(), TowingTeam(), Area(OUTLINE))
+    planner = TowingPlanner(Cable(), TowingTeam(), Floor(OUTLINE))
     pose = np.array((2.6, 3.0, np.pi / 2))
     first, second = planner.start(pose), planner.start(pose)
     np.testing.assert_array_equal(first.angles, second.angles)
@@ -80,8 +73,9 @@ def test_no_plan_of_a_tow_waits_for_what_is_compiled() -> None:
     program = """
 import sys
 import numpy as np
-from tjscan.towing.shape.area import Area
+from tjscan.towing.shape.area import Floor
 from tjscan.towing.shape.cable import Cable, TowingTeam
+from tjscan.towing.shape.plan import PlanInputs
 from tjscan.towing.shape.planner import TowingPlanner
 
 def known():
@@ -89,12 +83,12 @@ def known():
     found = {f for room in rooms for f in vars(room).values() if hasattr(f, "signatures")}
     return sum(len(f.signatures) for f in found)
 
-yard = Area(np.array(((0, -2), (2, -2), (2, 2), (0, 2)), float))
+yard = Floor(np.array(((0, -2), (2, -2), (2, 2), (0, 2)), float))
 planner, welder = TowingPlanner(Cable(links=20), TowingTeam((9, 19)), yard), np.array((1.4, 0, 0))
 plan = planner.starts(welder)[0]
 before = known()
 for _ in range(3):
-    plan = planner.plan(plan.held_poses, welder, dt=0.1, last=plan)
+    plan = planner.plan(PlanInputs(plan.held_poses, welder, 0.1, plan))
 print(before, known(), plan.halt)
 """
     said = subprocess.run(

@@ -4,7 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.vehicle.mqtt.wire import CLOCK_LEARNED, TAKEN_OVER, BadMessage, PoseGate, PoseMessage
+from tjscan.vehicle.mqtt.wire import (
+    CLOCK_CONFIRMATIONS,
+    TAKEOVER_SILENCE,
+    BadMessage,
+    PoseGate,
+    PoseMessage,
+)
 
 
 def pose(number: int, time: float, session: str = "first") -> PoseMessage:
@@ -47,7 +53,7 @@ def test_a_clock_that_jumps_is_believed_when_it_keeps_to_it() -> None:
                 measured = gate.measured(pose(number, 0.05 * number + jump), 100 + 0.05 * number)
             except BadMessage:
                 dropped += 1
-        assert dropped == CLOCK_LEARNED - 1
+        assert dropped == CLOCK_CONFIRMATIONS - 1
         assert measured == pytest.approx(100 + 0.05 * number)
 
 
@@ -68,7 +74,7 @@ def test_another_sender_takes_over_from_a_silent_one_alone() -> None:
     gate.measured(pose(5, 1.0), 10.0)
     with pytest.raises(BadMessage, match="session"):
         gate.measured(pose(1, 7.0, "other"), 10.1)
-    now = 10.0 + TAKEN_OVER
+    now = 10.0 + TAKEOVER_SILENCE
     assert gate.measured(pose(2, 7.4, "other"), now) == now
     with pytest.raises(BadMessage, match="session"):
         gate.measured(pose(6, 1.05), now + 0.05)

@@ -16,13 +16,13 @@ from tjscan.vehicle.simulated import SimulatedVehicle
 from tjscan.vehicle.simulated_body import (
     STATE_PERIOD,
     DriveSettings,
+    ProximitySettings,
     SimulatedBody,
     VehicleSimulationSettings,
 )
 from tjscan.vehicle.slip_plant import SlipSettings
-from tjscan.vehicle.steel import ProximitySettings
 from tjscan.vehicle.tracks import TrackGeometry
-from tjscan.vehicle.vehicle import AT_REST, Twist, Vehicle, VehicleState, latest_state
+from tjscan.vehicle.vehicle import AT_REST, Twist, Vehicle, VehicleState, merge_unread_states
 
 
 def vehicle(seed: int = 0, **settings: object) -> SimulatedVehicle:
@@ -205,10 +205,10 @@ def test_of_states_that_nobody_read_the_last_is_given_with_the_way_of_all() -> N
     simulated = vehicle(slip=SlipSettings(ratio=0.0), encoder_noise=0.01)
     with simulated:
         states = run(simulated, 0.3, Twist(0.05, 0.02))
-    read = [latest_state(states[k : k + 5]) for k in range(0, len(states), 5)]
+    read = [merge_unread_states(states[k : k + 5]) for k in range(0, len(states), 5)]
     assert [state.time for state in read] == [state.time for state in states[4::5]]
     way = sum(state.odometry.speed for state in states) * STATE_PERIOD
     assert sum(state.odometry.speed for state in read) * 5 * STATE_PERIOD == pytest.approx(way)
     sampled = [state.proximity for state in states if state.proximity]
     assert [state.proximity for state in read if state.proximity] == sampled
-    assert latest_state(states[:1]) == states[0]
+    assert merge_unread_states(states[:1]) == states[0]

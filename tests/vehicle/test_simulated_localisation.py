@@ -93,7 +93,7 @@ def test_it_reads_a_world_in_order_and_drops_what_is_no_pose() -> None:
     from tjscan.vehicle.cable.model import CableModel, PasserBy, TowingWorldModel
     from tjscan.vehicle.cable.world import TowingWorld
     from tjscan.vehicle.drivers import LOCALISATION_DRIVERS, LocalisationInputs
-    from tjscan.vehicle.simulated_localisation import SimulatedLocalisation
+    from tjscan.vehicle.simulated_team import SimulatedLocalisation
 
     model = TowingWorldModel(
         cable=CableModel(links=10, held=(4, 9)),

@@ -95,7 +95,7 @@ def test_a_stop_holds_for_that_vehicle_alone(team: SimulatedTeam) -> None:
 
 def test_a_jammed_vehicle_reports_its_fault_and_refuses_commands(team: SimulatedTeam) -> None:
     with team:
-        team.world.jam(0)
+        team.world.set_jammed(0, True)
         assert "jammed" in states(team, 0.05)[0].fault
         with pytest.raises(DriveFault, match="jammed"):
             team.vehicles[0].command(TOWS)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.vehicle.steel import ProximitySensors, ProximitySettings, SteelArea
+from tjscan.vehicle.simulated_body import ProximitySensors, ProximitySettings, SteelArea
 
 PLATE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 HOOK = ((0.0, 0.0), (3.0, 0.0), (3.0, 1.0), (1.0, 1.0), (1.0, 2.0), (3.0, 2.0), (3.0, 3.0), (0, 3))

@@ -15,9 +15,9 @@ import pytest
 pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'tjscan[towing]'")
 
 from tjscan.core.frames import Array
-from tjscan.vehicle.cable.drives import GRAVITY_M_S2
 from tjscan.vehicle.cable.model import CableModel, TowingVehicleModel, TowingWorldModel
 from tjscan.vehicle.cable.world import TowingWorld
+from tjscan.vehicle.pad_plant import GRAVITY_M_S2
 from tjscan.vehicle.vehicle import Twist
 
 CABLE = CableModel(links=20, held=(9, 19), root=None)

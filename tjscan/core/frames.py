@@ -21,7 +21,7 @@ Mask = NDArray[np.bool_]
 
 ARRAY_DTYPES: Final[dict[str, type[np.generic]]] = {
     "Array": np.float64,
-    "PoseMatrix": np.float64,
+    **dict.fromkeys(("PoseMatrix", "PlanarPoints", "PlanarPoses"), np.float64),
     "Mask": np.bool_,
     "NDArray[np.bool_]": np.bool_,
     "NDArray[np.int8]": np.int8,

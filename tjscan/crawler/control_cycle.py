@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import nan
 from typing import Final, Protocol
@@ -26,11 +26,11 @@ CYCLES_AT_REST: Final = 30
 LONGEST_PERIOD: Final = 2.0
 """Seconds from one state of the vehicle to the next, beyond which its way is not known."""
 
-OLDEST_PROFILE: Final = 0.1
+MOST_PROFILE_AGE: Final = 0.1
 """Seconds before now, or after it by a clock gone wrong, from which on a profile is not read: ten
 of a sensor's periods, in which a vehicle that turns at 40 mm/s goes on by 4 mm."""
 
-RECENT_PROFILES: Final = 10
+MOST_KEPT_PROFILES: Final = 10
 """Profiles that are kept."""
 
 
@@ -87,7 +87,8 @@ class JointSensor:
 
     def __init__(self, devices: CrawlDevices, journal: Journal) -> None:
         self._devices, self._journal, self._late = devices, journal, False
-        self._seen: deque[tuple[float, Profile]] = deque(maxlen=RECENT_PROFILES)
+        self.seen: deque[tuple[float, Profile]] = deque(maxlen=MOST_KEPT_PROFILES)
+        """The last profiles that were read, with laser minus joint in each, metres."""
 
     def look(self, travel: float) -> tuple[Profile, JointPlacement | None]:
         """Take a profile, and find the joint in it, if it shows it and is of now.
@@ -104,7 +105,7 @@ class JointSensor:
         """
         profile = self._devices.laser.capture()
         off = self._profile_age(profile)
-        was_late, self._late = self._late, off > OLDEST_PROFILE
+        was_late, self._late = self._late, off > MOST_PROFILE_AGE
         if self._late:
             if not was_late:
                 detail = f"a profile of the laser is dated {off:.2f} s off the clock, and not read"
@@ -114,13 +115,8 @@ class JointSensor:
             reading = self._devices.reader.read(profile, travel)
         except GrooveNotFound:
             return profile, None
-        self._seen.append((-reading.centre, profile))
+        self.seen.append((-reading.centre, profile))
         return profile, reading
-
-    @property
-    def seen(self) -> Sequence[tuple[float, Profile]]:
-        """The last profiles that were read, with laser minus joint in each, metres."""
-        return tuple(self._seen)
 
     def _profile_age(self, profile: Profile) -> float:
         """Seconds between a profile and now, at the least; none if the laser dates nothing."""
@@ -144,6 +140,8 @@ class ControlCycle:
 
     Attributes
     ----------
+    joint : JointSensor
+        What reads the joint.
     phase : Phase
         What the crawler does.
     number : int
@@ -164,15 +162,10 @@ class ControlCycle:
     ) -> None:
         self._devices, self._method, self._guards = devices, method, guards
         self._journal = journal
-        self._joint = JointSensor(devices, journal)
+        self.joint = JointSensor(devices, journal)
         self._time: float | None = None
         self.phase, self.number, self.travel = Phase.MANUAL, 0, 0.0
         self.arc, self.deviation, self.all_welded = False, 0.0, False
-
-    @property
-    def seen(self) -> Sequence[tuple[float, Profile]]:
-        """The last profiles that were read; see `JointSensor.seen`."""
-        return self._joint.seen
 
     def come_to_rest(self, path: float = 0.0, height: float = 0.0) -> None:
         """Rest before the way is turned: what pads and drives do meanwhile, no model knows."""
@@ -244,7 +237,7 @@ class ControlCycle:
                 method.move(state.odometry, period, twist)
             self.travel += state.odometry.speed * period
 
-        profile, reading = self._joint.look(self.travel)
+        profile, reading = self.joint.look(self.travel)
         d = d_sigma = nan
         if reading is not None:
             d, d_sigma = -reading.centre, reading.centre_sigma

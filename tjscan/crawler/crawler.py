@@ -19,19 +19,19 @@ from tjscan.crawler.plan import AlignmentSettings, PassSettings, WeldSettings
 from tjscan.recording.journal import Journal, event_recorder
 from tjscan.vehicle.vehicle import AT_REST, Twist
 
-TURN_BACK: Final = 0.5
+TURN_BACK_WAY: Final = 0.5
 """Metres before a reversal from which the vehicle makes room for it."""
 
 WAVE_CURVATURE: Final = 0.05
 """1/m: curvature of the waves of a shuttle, which show how well the vehicle turns."""
 
-RUN_UPS: Final = 6
+MOST_RUN_UPS: Final = 6
 """How often it runs up to a weld until it knows well enough where the torch is."""
 
 WAVE_LENGTH: Final = 0.4
 """Metres of a wave."""
 
-LONGEST_WAIT: Final = 5.0
+REPORTED_WAIT: Final = 5.0
 """Seconds after which it reports what it waits for before anything moves."""
 
 
@@ -202,7 +202,7 @@ class Crawler:
             cycle.enter(Event.AT_START, "back at the start")
         else:
             if start.last_view is not None:
-                start.last_view.check(cycle.seen)
+                start.last_view.check(tuple(cycle.joint.seen))
                 self._report("place", f"{at}, which the laser does not contradict")
             cycle.phase = Phase.RETURN  # what was interrupted goes on from the way back
             self._go_back(start.arc_from - self._plan.weld.run_up)
@@ -224,7 +224,7 @@ class Crawler:
         while seen < limit or not self._guards.stands_on_steel:
             period, found = self._cycle.run(AT_REST)
             seen = seen + period if found else 0.0
-            if waited <= LONGEST_WAIT < waited + period:
+            if waited <= REPORTED_WAIT < waited + period:
                 missing = "steel below every corner" if seen >= limit else "the joint in view"
                 self._report(str(self._cycle.phase), f"waits for {missing}")
             waited += period
@@ -250,7 +250,7 @@ class Crawler:
         """Go backward to a place along the joint."""
         self._cycle.come_to_rest()
         while (left := self._cycle.travel - place) > 0:
-            self._cycle.drive(-self._plan.alignment.return_speed, turns_back=left < TURN_BACK)
+            self._cycle.drive(-self._plan.alignment.return_speed, turns_back=left < TURN_BACK_WAY)
 
     def _weld_pass(self, number: int, arc_from: float) -> None:
         """Go along the joint with the arc burning where the weld is."""
@@ -272,7 +272,7 @@ class Crawler:
         What is not known is the crab, which only a reversal shows. It goes on without the arc
         first: each reversal puts the vehicle aside, and takes some way to make up for.
         """
-        for left in reversed(range(RUN_UPS)):
+        for left in reversed(range(MOST_RUN_UPS)):
             self._cycle.come_to_rest()  # an operator takes his time, and no guard looks meanwhile
             while not self._operator.confirm_weld(self._cycle.number):
                 self._cycle.run(AT_REST)

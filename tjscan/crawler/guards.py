@@ -14,14 +14,14 @@ from annotated_types import Ge, Gt, Le
 
 from tjscan.core.errors import CrawlStopped
 from tjscan.core.units import MM, SettingsTable
-from tjscan.crawler.method import LaserEstimate
+from tjscan.crawler.method import OffsetEstimate
 from tjscan.crawler.plan import GuardSettings
 from tjscan.vehicle.vehicle import PROXIMITY_CORNERS, Twist, VehicleState
 
 SENSOR_SILENCE_SECONDS: Final = 0.5
 """Seconds without a sample of the proximity sensors, five of theirs, after which it stops."""
 
-VOUCHED_TIME: Final = 0.1
+LONGEST_VOUCHED_PERIOD: Final = 0.1
 """Seconds before it that a state holds for at most: a longer gap without a state shows nothing
 against a sensor or a drive."""
 
@@ -146,7 +146,7 @@ class Guards:
             silent.
         """
         self._proximity.add_sample(state.proximity)
-        silent = self._without_sample + min(period, VOUCHED_TIME)
+        silent = self._without_sample + min(period, LONGEST_VOUCHED_PERIOD)
         self._without_sample = 0.0 if state.proximity else silent
         if self._without_sample > SENSOR_SILENCE_SECONDS:
             raise CrawlStopped(
@@ -183,7 +183,7 @@ class Guards:
             If it does not move, or goes the other way.
         """
         standing = asked != 0 and shown / asked < 0.5
-        period = min(period, VOUCHED_TIME)
+        period = min(period, LONGEST_VOUCHED_PERIOD)
         self._standing = max(self._standing + (period if standing else -period), 0.0)
         if self._standing > STANDSTILL_TIME:
             raise CrawlStopped(
@@ -193,7 +193,7 @@ class Guards:
             )
 
     def watch_joint(
-        self, d: float | None, speed: float, period: float, estimated: LaserEstimate | None = None
+        self, d: float | None, speed: float, period: float, estimated: OffsetEstimate | None = None
     ) -> None:
         """Look at a reading of the joint, or at there being none.
 
@@ -205,7 +205,7 @@ class Guards:
             Of the vehicle, m/s.
         period : float
             Since the last call, seconds.
-        estimated : LaserEstimate, optional
+        estimated : OffsetEstimate, optional
             The estimated place of the laser, if nothing is left to weld: the joint need not
             be seen then as long as it surely lies within the laser's line.
 

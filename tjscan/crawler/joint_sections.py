@@ -12,7 +12,7 @@ from tjscan.core.errors import CrawlStopped
 from tjscan.core.frames import Array
 from tjscan.crawler.journal import CrawlCycle
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.slip_estimator import MOST_ASIDE
+from tjscan.crawler.slip_estimator import MOST_SIDEWAYS_SHARE
 from tjscan.laser.profile import Profile
 
 PLACES_ACROSS: Final = np.arange(-0.030, 0.030001, 0.25e-3)
@@ -52,12 +52,7 @@ class LastView:
     way: float
 
     @classmethod
-    def of_recording(
-        cls,
-        cycles: Sequence[CrawlCycle],
-        *,
-        stopped: bool,
-    ) -> Self | None:
+    def of_recording(cls, cycles: Sequence[CrawlCycle], *, stopped: bool) -> Self | None:
         """What a recording ends with; None if the joint was not seen any more.
 
         Parameters
@@ -91,7 +86,7 @@ class LastView:
             If the joint is elsewhere in the laser's line, or looks different.
         """
         aside = float(np.median([d for d, _ in seen])) - self.d
-        if abs(aside) > FEET_YIELD + MOST_ASIDE * self.way:
+        if abs(aside) > FEET_YIELD + MOST_SIDEWAYS_SHARE * self.way:
             raise _moved_error(f"the laser is {1e3 * abs(aside):.1f} mm aside of where it was")
         section = median_section(seen)
         if section is None:

@@ -118,7 +118,7 @@ WARNING_EVENT: Final = "warning"
 CYCLES_TOGETHER: Final = 50
 """Cycles that are written at once."""
 
-LONGEST_WAIT: Final = 500_000_000
+LONGEST_WRITE_DELAY: Final = 500_000_000
 """Nanoseconds that cycles wait: a killed program loses no more, and never the first cycle of an arc
 that was struck, without which it would not be known that a pass was begun."""
 
@@ -198,7 +198,7 @@ class CrawlRecording(RecordingWriter):
         self._cycles += 1
         struck, self._arc = cycle.arc and not self._arc, cycle.arc
         is_last = self._cycles % CYCLES_TOGETHER == 0
-        if is_last or struck or self.now - self.waiting[0][0] >= LONGEST_WAIT:
+        if is_last or struck or self.now - self.waiting[0][0] >= LONGEST_WRITE_DELAY:
             self.flush()
 
     def _is_profile_due(self, cycle: CrawlCycle) -> bool:

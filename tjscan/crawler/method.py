@@ -13,38 +13,34 @@ SURE_SIGMAS: Final = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class TorchEstimate:
-    """The estimated place of the torch beside the joint.
+class OffsetEstimate:
+    """The estimated place of the laser, or of the torch, beside the joint.
 
     Parameters
     ----------
     offset, sigma : float
-        Of the torch from the joint, positive to the right, metres, and its standard deviation.
-    heading : float
-        Angle from the joint to the vehicle, radians, clockwise positive.
-    """
-
-    offset: float
-    sigma: float
-    heading: float
-
-
-@dataclass(frozen=True, slots=True)
-class LaserEstimate:
-    """The estimated place of the laser beside the joint.
-
-    Parameters
-    ----------
-    offset, sigma : float
-        Of the laser from the joint, positive to the right, metres, and its standard deviation.
+        From the joint, positive to the right, metres, and its standard deviation.
     """
 
     offset: float
     sigma: float
 
     def surely_within(self, limit: float) -> bool:
-        """Whether the joint surely lies within a distance of the laser's middle, metres."""
+        """Whether the joint surely lies within a distance of it, metres."""
         return abs(self.offset) + SURE_SIGMAS * self.sigma < limit
+
+
+@dataclass(frozen=True, slots=True)
+class TorchEstimate(OffsetEstimate):
+    """The estimated place of the torch beside the joint.
+
+    Parameters
+    ----------
+    heading : float
+        Angle from the joint to the vehicle, radians, clockwise positive.
+    """
+
+    heading: float
 
 
 class FollowingMethod(Protocol):
@@ -74,7 +70,7 @@ class FollowingMethod(Protocol):
         """The estimated place of the torch."""
 
     @property
-    def laser(self) -> LaserEstimate:
+    def laser(self) -> OffsetEstimate:
         """The estimated place of the laser, whether it sees the joint or not."""
 
     @property

@@ -23,7 +23,7 @@ from tjscan.laser.profile import Profile
 FILTER_POINTS, FILTER_DEGREE = 11, 2
 """Points and degree of the Savitzky-Golay filter (the paper's [25])."""
 
-FIRST_POINTS: Final = 20
+FIRST_LINE_POINTS: Final = 20
 """Points at an end that the first line is fitted to."""
 
 LINE_REFITS: Final = 5
@@ -75,7 +75,7 @@ def read_joint_as_paper(profile: Profile) -> PaperJoint:
     valid = profile.valid
     x, z = profile.x_s[valid], profile.z_s[valid]
     points = np.column_stack((x, z))
-    if len(x) < 2 * FIRST_POINTS + FILTER_POINTS:
+    if len(x) < 2 * FIRST_LINE_POINTS + FILTER_POINTS:
         raise GrooveNotFound("too few points", f"{len(x)} columns hold a point", points)
     if x[0] > x[-1]:
         x, z = x[::-1], z[::-1]
@@ -109,15 +109,16 @@ def _last_inlier(x: Array, z: Array) -> int:
     """Number of the last point on the line that begins at the first one."""
     # Far coordinates make sums of squares useless.
     x, z = x - x[0], z - z[0]
-    slope, height, sigma = _first_line(x[:FIRST_POINTS], z[:FIRST_POINTS])
+    slope, height, sigma = _first_line(x[:FIRST_LINE_POINTS], z[:FIRST_LINE_POINTS])
     on = np.abs(
-        z[:FIRST_POINTS] - height - slope * x[:FIRST_POINTS]
+        z[:FIRST_LINE_POINTS] - height - slope * x[:FIRST_LINE_POINTS]
     ) < OUTLIER_SIGMAS * sigma * hypot(1.0, slope)
-    a, b = x[:FIRST_POINTS][on], z[:FIRST_POINTS][on]
+    a, b = x[:FIRST_LINE_POINTS][on], z[:FIRST_LINE_POINTS][on]
     n, sx, sz, sxx, sxz = float(len(a)), a.sum(), b.sum(), a @ a, a @ b
-    last, missed = FIRST_POINTS - 1, 0
+    last, missed = FIRST_LINE_POINTS - 1, 0
     for k, (u, w) in enumerate(
-        zip(x[FIRST_POINTS:].tolist(), z[FIRST_POINTS:].tolist(), strict=True), FIRST_POINTS
+        zip(x[FIRST_LINE_POINTS:].tolist(), z[FIRST_LINE_POINTS:].tolist(), strict=True),
+        FIRST_LINE_POINTS,
     ):
         if abs(w - height - slope * u) > OUTLIER_SIGMAS * sigma * hypot(1.0, slope):
             missed += 1

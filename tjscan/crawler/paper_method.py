@@ -15,12 +15,12 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.crawler.method import LaserEstimate, TorchEstimate
-from tjscan.crawler.slip_model import CrawlerGeometry
+from tjscan.crawler.method import OffsetEstimate, TorchEstimate
+from tjscan.crawler.slip_estimator import CrawlerGeometry
 from tjscan.vehicle.tracks import TrackGeometry
 from tjscan.vehicle.vehicle import Twist
 
-FIRST_SIGMAS: Final = (1e-3, 1e-2, 5e-3, 20e-3, 50e-3)
+FIRST_STATE_SIGMAS: Final = (1e-3, 1e-2, 5e-3, 20e-3, 50e-3)
 """Of the first estimate."""
 
 LOOP_PERIOD: Final = 0.02
@@ -34,6 +34,13 @@ ENCODER_SIGMA: Final = 2e-3
 
 READING_SIGMA: Final = 0.12e-3
 """Metres of a reading of the joint (assumption)."""
+
+PROPORTIONAL_GAIN: Final = 1.0
+INTEGRAL_GAIN: Final = 0.02
+"""Of the paper's PID, rad/s per m and per m s; its derivative needs none (assumption)."""
+
+VIRTUAL_LASER_DISTANCE: Final = 0.3
+"""How far the virtual laser is behind the centre of rotation, metres: l' (assumption)."""
 
 
 class PaperState(IntEnum):
@@ -64,7 +71,7 @@ def propagate_paper_state(x: Array, period: float) -> tuple[Array, Array]:
 
 def paper_laser_offset(x: Array) -> tuple[float, Array]:
     """Offset of the laser from the joint by (1), and its derivative, shape (5,)."""
-    y, heading, ahead = x[PaperState.OFFSET], x[PaperState.HEADING], x[PaperState.LASER_TO_CENTRE]
+    y, heading, ahead = (x[PaperState.OFFSET], x[PaperState.HEADING], x[PaperState.LASER_TO_CENTRE])
     H = np.zeros(5)
     H[PaperState.OFFSET] = 1 / cos(heading)
     H[PaperState.HEADING] = (y * sin(heading) + ahead) / cos(heading) ** 2
@@ -120,24 +127,6 @@ class PaperFilter:
         self.P = rest @ self.P @ rest.T + variance * np.outer(gain, gain)
 
 
-@dataclass(frozen=True, slots=True)
-class PaperGains:
-    """Gains of the paper's PID, and where its virtual laser is.
-
-    Parameters
-    ----------
-    proportional, integral, derivative : float
-        rad/s per m, per m s, and per m/s.
-    virtual_laser : float
-        How far the virtual laser lies behind the centre of rotation, metres: l'.
-    """
-
-    proportional: float = 1.0
-    integral: float = 0.02
-    derivative: float = 0.0
-    virtual_laser: float = 0.3
-
-
 class PaperMethod:
     """A `FollowingMethod` by the paper's filter (9), (10) and control (6), (8).
 
@@ -147,22 +136,18 @@ class PaperMethod:
         Where laser and torch sit.
     tracks : TrackGeometry
         Of the vehicle.
-    gains : PaperGains, optional
     """
 
-    def __init__(
-        self, geometry: CrawlerGeometry, tracks: TrackGeometry, gains: PaperGains | None = None
-    ) -> None:
+    def __init__(self, geometry: CrawlerGeometry, tracks: TrackGeometry) -> None:
         self._geometry, self._tracks = geometry, tracks
-        self._gains = gains or PaperGains()
         self.set_down_anew()
 
     def set_down_anew(self) -> None:
         """Forget everything; see `FollowingMethod.set_down_anew`."""
         geometry, x = self._geometry, np.zeros(5)
         x[PaperState.LASER_TO_CENTRE] = geometry.laser_to_torch - geometry.centre_to_torch
-        self._filter = PaperFilter(self._tracks, x, np.diag(np.square(FIRST_SIGMAS)))
-        self._d = self._before = self._integral = 0.0
+        self._filter = PaperFilter(self._tracks, x, np.diag(np.square(FIRST_STATE_SIGMAS)))
+        self._d = self._integral = 0.0
         self._period, self._way = 0.01, 0.0
 
     def move(self, odometry: Twist, period: float, commanded: Twist) -> None:
@@ -185,9 +170,9 @@ class PaperMethod:
         return TorchEstimate(self._d - D * tan(heading), sigma, heading)
 
     @property
-    def laser(self) -> LaserEstimate:
+    def laser(self) -> OffsetEstimate:
         """Where the laser was when it last saw the joint: the paper goes on from there."""
-        return LaserEstimate(self._d, self.torch.sigma)
+        return OffsetEstimate(self._d, self.torch.sigma)
 
     @property
     def slip(self) -> None:
@@ -203,20 +188,14 @@ class PaperMethod:
         way = float(np.sign(speed))
         if way != self._way:
             self._integral, self._way = 0.0, way
-            self._before = self._control_error(way)
         error = self._control_error(way)
         self._integral += error * self._period
-        slope, self._before = (error - self._before) / self._period, error
-        gains = self._gains
-        turn = (
-            gains.proportional * error + gains.integral * self._integral + gains.derivative * slope
-        )
-        return -way * turn
+        return -way * (PROPORTIONAL_GAIN * error + INTEGRAL_GAIN * self._integral)
 
     def _control_error(self, way: float) -> float:
         """Error to control: d forward; backward d + alpha theta, alpha = -(l + l')."""
         if way >= 0:
             return self._d
         x = self._filter.x
-        alpha = -(x[PaperState.LASER_TO_CENTRE] + self._gains.virtual_laser)
+        alpha = -(x[PaperState.LASER_TO_CENTRE] + VIRTUAL_LASER_DISTANCE)
         return float(self._d + alpha * x[PaperState.HEADING])

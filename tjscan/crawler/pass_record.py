@@ -74,31 +74,6 @@ class PassRecord:
         return burned / self.seconds if self.seconds > 0 else 0.0
 
     @property
-    def deviation_rms(self) -> float:
-        """Root mean square of the deviation, metres."""
-        return root_mean_square(self.deviation)
-
-    @property
-    def offset_rms(self) -> float:
-        """Root mean square of the vehicle's offset, metres."""
-        return root_mean_square(self.offset)
-
-    @property
-    def true_deviation_rms(self) -> float:
-        """Root mean square of the true deviation, metres; NaN if it is not known."""
-        return root_mean_square(self.true_deviation)
-
-    @property
-    def offset_error_rms(self) -> float:
-        """Root mean square of the estimated offset's error, metres; NaN if it is not known."""
-        return root_mean_square(self.offset_error)
-
-    @property
-    def sigma_rms(self) -> float:
-        """Root mean square of what the estimate states as its standard deviation, metres."""
-        return root_mean_square(self.sigma)
-
-    @property
     def deviation_max(self) -> float:
         """Largest deviation, metres."""
         return float(np.abs(self.deviation).max())
@@ -115,8 +90,7 @@ def root_mean_square(values: Array) -> float:
 
 
 def pass_records(
-    cycles: Iterable[CrawlCycle],
-    places: Iterable[tuple[CrawlCycle, SimulatedPlace]] = (),
+    cycles: Iterable[CrawlCycle], places: Iterable[tuple[CrawlCycle, SimulatedPlace]] = ()
 ) -> tuple[PassRecord, ...]:
     """Records of every pass in which the arc burned, in the order of their numbers.
 

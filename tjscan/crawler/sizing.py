@@ -22,10 +22,10 @@ from tjscan.vehicle.tracks import TrackGeometry
 
 METRES_PER_MINUTE: Final = FileUnit("m_min", 1 / 60)
 WATT_UNIT: Final = FileUnit("w")
-STEPS_PER_LENGTH: Final = 140
+STEPS_PER_CONTACT_LENGTH: Final = 140
 """Steps in which a pad goes from the front of its track to the rear."""
 
-TURN_RADII: Final = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
+REPORTED_TURN_RADII: Final = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
 """Metres at which the torque of a turn is reported."""
 
 
@@ -156,7 +156,7 @@ def _turn_torque_figures(
     size: SizeSettings, tracks: TrackGeometry, least_radius: float
 ) -> tuple[SizeFigure, ...]:
     """Torque against radius, and the rule of the tightest turn that the job allows."""
-    radii = sorted({*TURN_RADII, least_radius})
+    radii = sorted({*REPORTED_TURN_RADII, least_radius})
     torques = [torque_of_turn(size.pads, tracks, turn) for turn in radii]
     tightest = tightest_turn(radii, torques, size.torque)
     advice = (
@@ -230,10 +230,10 @@ def torque_of_turn(pads: PadSettings, tracks: TrackGeometry, radius: float) -> f
         Of the circle that the tracks are driven on, metres.
     """
     plant = PadPlant(pads, tracks, np.zeros(3))
-    step, half = pads.contact_length / STEPS_PER_LENGTH, tracks.gauge / (2 * radius)
+    step, half = pads.contact_length / STEPS_PER_CONTACT_LENGTH, tracks.gauge / (2 * radius)
     torques = []
-    for k in range(3 * STEPS_PER_LENGTH):
+    for k in range(3 * STEPS_PER_CONTACT_LENGTH):
         plant.advance(step * (1 + half), step * (1 - half), 1.0)
-        if k >= 2 * STEPS_PER_LENGTH:
+        if k >= 2 * STEPS_PER_CONTACT_LENGTH:
             torques.append(np.abs(plant.torques).max())
     return float(np.mean(torques))

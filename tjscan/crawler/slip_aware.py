@@ -10,10 +10,17 @@ from annotated_types import Ge, Gt, Le
 
 from tjscan.core.frames import Array
 from tjscan.core.units import MM, PER_M, SettingsTable
-from tjscan.crawler import slip_model
-from tjscan.crawler.method import LaserEstimate, TorchEstimate
-from tjscan.crawler.slip_estimator import SlipEstimate, SlipEstimator, SlipUncertainty
-from tjscan.crawler.slip_model import CrawlerGeometry, SlipState, TrackOdometry
+from tjscan.crawler.method import OffsetEstimate, TorchEstimate
+from tjscan.crawler.slip_estimator import (
+    SETTLING_LENGTH,
+    CrawlerGeometry,
+    SlipEstimate,
+    SlipEstimator,
+    SlipStateIndex,
+    SlipUncertainty,
+    TrackOdometry,
+    laser_offset,
+)
 from tjscan.vehicle.vehicle import AT_REST, Twist
 
 AVERAGING_TIME: Final = 0.5
@@ -29,6 +36,9 @@ CREEPING_SPEED: Final = 1e-3
 
 DRIVE_LAG: Final = 0.05
 """Seconds: time constant of the drives (assumption)."""
+
+LEAST_YAW_EFFICIENCY: Final = 0.2
+"""A vehicle that turned less would not be one that follows a joint."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +74,7 @@ def track_turn_rate(
     Parameters
     ----------
     x : ndarray, shape (11,)
-        As `SlipState` orders it.
+        As `SlipStateIndex` orders it.
     speed : float
         Forward, m/s; nothing is steered if it is 0.
     geometry : CrawlerGeometry
@@ -81,26 +91,24 @@ def track_turn_rate(
     if speed == 0.0:
         return 0.0
     way, gain = copysign(1.0, speed), settings.gain
-    ahead = x[SlipState.ROTATION_CENTRE] + x[SlipState.SETTLED_CENTRE]
+    ahead = x[SlipStateIndex.ROTATION_CENTRE] + x[SlipStateIndex.SETTLED_CENTRE]
     arm = geometry.centre_to_torch + way * ahead
-    offset = x[SlipState.OFFSET] + arm * x[SlipState.HEADING]
-    slope = way * x[SlipState.HEADING] + x[SlipState.CRAB] + x[SlipState.UNSTEADY_CRAB]
+    offset = x[SlipStateIndex.OFFSET] + arm * x[SlipStateIndex.HEADING]
+    slope = (
+        way * x[SlipStateIndex.HEADING] + x[SlipStateIndex.CRAB] + x[SlipStateIndex.UNSTEADY_CRAB]
+    )
     # If it goes straight along the joint, it is turned by the crab: so is the torch.
-    asked = -arm * way * x[SlipState.CRAB]
+    asked = -arm * way * x[SlipStateIndex.CRAB]
     if turns_back:
-        asked -= 2 * x[SlipState.CRAB] / gain
+        asked -= 2 * x[SlipStateIndex.CRAB] / gain
     limit, off = 1 / settings.least_radius, offset - asked
     # From farther off it comes back more gently: the tightest turn could not brake in time.
     if gain**2 * abs(off) > limit:
         gain = sqrt(limit / abs(off))
-    curvature = x[SlipState.CURVATURE] - 2 * gain * slope - gain**2 * off
+    curvature = x[SlipStateIndex.CURVATURE] - 2 * gain * slope - gain**2 * off
     curvature = min(max(curvature, -limit), limit)
-    turn = (curvature - x[SlipState.DRIFT] - x[SlipState.UNSTEADY_DRIFT]) * speed
-    return float(turn / max(x[SlipState.YAW_EFFICIENCY], LEAST_EFFICIENCY))
-
-
-LEAST_EFFICIENCY = 0.2
-"""A vehicle that turned less would not be one that follows a joint."""
+    turn = (curvature - x[SlipStateIndex.DRIFT] - x[SlipStateIndex.UNSTEADY_DRIFT]) * speed
+    return float(turn / max(x[SlipStateIndex.YAW_EFFICIENCY], LEAST_YAW_EFFICIENCY))
 
 
 class OdometryFilter:
@@ -108,15 +116,9 @@ class OdometryFilter:
 
     Noise of the encoders would else bias the yaw efficiency, which multiplies it: errors in a
     regressor make its coefficient too small.
-
-    Parameters
-    ----------
-    drive_lag : float
-        Time constant of the drives, seconds.
     """
 
-    def __init__(self, drive_lag: float) -> None:
-        self._lag = drive_lag
+    def __init__(self) -> None:
         self._speed = self._turn_rate = 0.0
         self._way, self._recent_turn = 0.0, 0.0
 
@@ -132,7 +134,7 @@ class OdometryFilter:
         commanded : Twist
             What the drives were asked for meanwhile.
         """
-        follow, correct = min(period / self._lag, 1.0), min(period / AVERAGING_TIME, 1.0)
+        follow, correct = min(period / DRIVE_LAG, 1.0), min(period / AVERAGING_TIME, 1.0)
         speed = self._speed + follow * (commanded.speed - self._speed)
         turn_rate = self._turn_rate + follow * (commanded.turn_rate - self._turn_rate)
         if abs(measured.speed - speed) > SPEED_RAMP or (
@@ -147,7 +149,7 @@ class OdometryFilter:
             turned_back = way == -self._way
             if way != self._way:
                 self._way, self._recent_turn = way, 0.0
-            new = 1 - exp(-abs(self._speed) * period / slip_model.SETTLING_LENGTH)
+            new = 1 - exp(-abs(self._speed) * period / SETTLING_LENGTH)
             self._recent_turn += new * (self._turn_rate / abs(self._speed) - self._recent_turn)
         return TrackOdometry(self._speed, self._turn_rate, period, self._recent_turn, turned_back)
 
@@ -173,7 +175,7 @@ class SlipAwareMethod:
     ) -> None:
         self._estimator = SlipEstimator(geometry, estimate, uncertainty)
         self._uncertainty, self._steering = uncertainty, steering
-        self._odometry = OdometryFilter(DRIVE_LAG)
+        self._odometry = OdometryFilter()
 
     @property
     def slip(self) -> SlipEstimate:
@@ -191,19 +193,19 @@ class SlipAwareMethod:
     def set_down_anew(self) -> None:
         """Forget where the vehicle is; see `FollowingMethod.set_down_anew`."""
         self._estimator.estimate = self.slip.at_new_start(self._uncertainty)
-        self._odometry = OdometryFilter(DRIVE_LAG)
+        self._odometry = OdometryFilter()
 
     @property
     def torch(self) -> TorchEstimate:
         """The estimated place of the torch."""
-        offset, heading = self.slip.x[[SlipState.OFFSET, SlipState.HEADING]].tolist()
-        return TorchEstimate(offset, self.slip.sigma(SlipState.OFFSET), heading)
+        offset, heading = self.slip.x[[SlipStateIndex.OFFSET, SlipStateIndex.HEADING]].tolist()
+        return TorchEstimate(offset, self.slip.sigma(SlipStateIndex.OFFSET), heading)
 
     @property
-    def laser(self) -> LaserEstimate:
+    def laser(self) -> OffsetEstimate:
         """The estimated place of the laser."""
-        offset, H = slip_model.laser_offset(self.slip.x, self._estimator.geometry)
-        return LaserEstimate(offset, sqrt(float(H @ self.slip.P @ H)))
+        offset, H = laser_offset(self.slip.x, self._estimator.geometry)
+        return OffsetEstimate(offset, sqrt(float(H @ self.slip.P @ H)))
 
     def turn_rate(self, speed: float, *, turns_back: bool = False) -> float:
         """Turn rate to ask of the tracks; see `FollowingMethod.turn_rate`."""

@@ -14,20 +14,19 @@ from tjscan.core.config import StrictFileModel, read_toml, validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import write_files_atomically
 from tjscan.core.provenance import Provenance
-from tjscan.crawler.slip_estimator import SlipEstimate, SlipUncertainty
-from tjscan.crawler.slip_model import SlipState
+from tjscan.crawler.slip_estimator import SlipEstimate, SlipStateIndex, SlipUncertainty
 
 LEARNED_QUANTITIES: Final = {
     "rotation_centre_m": (
-        SlipState.ROTATION_CENTRE,
+        SlipStateIndex.ROTATION_CENTRE,
         *("centre of rotation, ahead in travel direction", 1e3, "mm"),
     ),
-    "yaw_efficiency": (SlipState.YAW_EFFICIENCY, "yaw efficiency", 1.0, ""),
-    "drift_rad_per_m": (SlipState.DRIFT, "drift", 1e3, "mrad/m"),
-    "crab_rad": (SlipState.CRAB, "crab", 1e3, "mrad"),
-    "turning_crab_m": (SlipState.TURNING_CRAB, "crab while turning", 1e3, "mm"),
+    "yaw_efficiency": (SlipStateIndex.YAW_EFFICIENCY, "yaw efficiency", 1.0, ""),
+    "drift_rad_per_m": (SlipStateIndex.DRIFT, "drift", 1e3, "mrad/m"),
+    "crab_rad": (SlipStateIndex.CRAB, "crab", 1e3, "mrad"),
+    "turning_crab_m": (SlipStateIndex.TURNING_CRAB, "crab while turning", 1e3, "mm"),
     "settled_centre_m": (
-        SlipState.SETTLED_CENTRE,
+        SlipStateIndex.SETTLED_CENTRE,
         *("centre of rotation, farther ahead in a turn that lasts", 1e3, "mm"),
     ),
 }

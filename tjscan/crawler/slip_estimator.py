@@ -1,9 +1,16 @@
-"""Estimate where the torch is and how the vehicle slips, from encoders and the laser."""
+"""How a tracked vehicle that slips moves beside a joint, and its estimate from encoders and laser.
+
+Derived from (1), (9) and (10) of Kermorgant (2018), and extended by what they leave out: yaw
+efficiency, drift, crab, the centre of rotation that moves with the travel direction and with the
+turn that came before, and a joint that bends. Turn rates and headings are positive clockwise as
+seen from outside the hull, offsets to the right: vehicle minus joint.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, sqrt
+from enum import IntEnum
+from math import copysign, cos, exp, sin, sqrt, tan
 from typing import Annotated, Final, Self
 
 import numpy as np
@@ -11,30 +18,193 @@ from annotated_types import Gt, Le
 
 from tjscan.core.frames import Array, ArrayForm
 from tjscan.core.units import MM, MRAD, SettingsTable
-from tjscan.crawler import slip_model
-from tjscan.crawler.slip_model import STATE_COUNT, CrawlerGeometry, SlipState, TrackOdometry
 
-DEGREES_OF_FREEDOM: Final = 4.0
+
+class SlipStateIndex(IntEnum):
+    """The place of each quantity in a state vector, shape (11,).
+
+    OFFSET is that of the torch from the joint, metres; HEADING the angle from the joint to the
+    vehicle; ROTATION_CENTRE how far the centre of rotation lies ahead of the vehicle's own, in
+    travel direction, metres; YAW_EFFICIENCY the share of the tracks' turn rate that turns the
+    vehicle; DRIFT its turn per metre when the tracks run alike, rad/m; CRAB its sideways travel per
+    metre, whichever way it goes; CURVATURE that of the joint, 1/m, positive to the right;
+    TURNING_CRAB its sideways travel per radian of turn, metres. SETTLED_CENTRE is how much farther
+    ahead than ROTATION_CENTRE the centre of rotation comes to lie in a gentle turn that lasts,
+    metres. UNSTEADY_CRAB and UNSTEADY_DRIFT are what crab and drift differ from those for now, and
+    forget over `SETTLING_LENGTH`.
+    """
+
+    OFFSET = 0
+    HEADING = 1
+    ROTATION_CENTRE = 2
+    YAW_EFFICIENCY = 3
+    DRIFT = 4
+    CRAB = 5
+    CURVATURE = 6
+    TURNING_CRAB = 7
+    SETTLED_CENTRE = 8
+    UNSTEADY_CRAB = 9
+    UNSTEADY_DRIFT = 10
+
+
+STATE_COUNT: Final = len(SlipStateIndex)
+
+SETTLING_LENGTH: Final = 0.1
+"""Metres after which a track has forgotten how its feet were sheared: they leave at its end, at the
+latest after its contact, and let go before where they slide (assumption)."""
+
+TIGHT_CURVATURE: Final = 0.1
+"""1/m: a turn in which most feet slide, so that half of what a turn that lasts shifts the centre of
+rotation by is gone. Feet that stuck over a contact of 0.7 m would be sheared by 6 mm, and give way
+by 1 mm (assumption)."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackOdometry:
+    """What the tracks' encoders show of the vehicle's motion over a period.
+
+    Parameters
+    ----------
+    speed : float
+        Forward, m/s.
+    turn_rate : float
+        That of a vehicle that does not slip, rad/s.
+    period : float
+        Seconds.
+    recent_turn : float, optional
+        What such a vehicle turned per metre of its way lately, rad/m: the mean over the way since
+        it last turned back, faded over `SETTLING_LENGTH`.
+    turned_back : bool, optional
+        Whether it now goes the other way than in the periods before.
+    """
+
+    speed: float
+    turn_rate: float
+    period: float
+    recent_turn: float = 0.0
+    turned_back: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class CrawlerGeometry:
+    """Where laser and torch sit on the vehicle.
+
+    Parameters
+    ----------
+    laser_to_torch : float
+        How far the laser's line lies ahead of the torch, metres: D.
+    centre_to_torch : float
+        How far the vehicle's centre lies ahead of the torch, metres: a0.
+    """
+
+    laser_to_torch: float
+    centre_to_torch: float
+
+
+def propagate_state(
+    x: Array, odometry: TrackOdometry, geometry: CrawlerGeometry
+) -> tuple[Array, Array]:
+    """State after one period, and its derivative with respect to the state before.
+
+    Parameters
+    ----------
+    x : ndarray, shape (11,)
+        As `SlipStateIndex` orders it.
+    odometry : TrackOdometry
+    geometry : CrawlerGeometry
+
+    Returns
+    -------
+    x : ndarray, shape (11,)
+    F : ndarray, shape (11, 11)
+    """
+    q, heading, ahead, efficiency, drift, crab, curvature, turning_crab, settled, sways, veers = (
+        x.tolist()
+    )
+    u, dt = odometry.speed, odometry.period
+    way = copysign(1.0, u) if u else 0.0
+    turn = efficiency * odometry.turn_rate + (drift + veers) * u
+    arm = geometry.centre_to_torch + way * ahead
+    # Travel sideways: by heading, by crab, and as the torch swings round the centre of rotation.
+    q += dt * (u * sin(heading) + (crab + sways) * abs(u) + turning_crab * abs(turn) - turn * arm)
+    # A turn that lasts shifts the centre farther, the less so the more feet slide.
+    sticks = 1 / (1 + efficiency * abs(odometry.recent_turn) / TIGHT_CURVATURE)
+    turned = u * odometry.recent_turn * sticks
+    q -= dt * settled * efficiency * turned
+    kept = exp(-abs(u) * dt / SETTLING_LENGTH)
+    after = x.copy()
+    after[SlipStateIndex.UNSTEADY_CRAB :] *= kept
+    after[SlipStateIndex.OFFSET] = q
+    after[SlipStateIndex.HEADING] = heading + dt * (turn - curvature * u)
+    F = np.eye(STATE_COUNT)
+    by_turn = turning_crab * (copysign(1.0, turn) if turn else 0.0) - arm
+    F[0, 1:] = (
+        dt * u * cos(heading),
+        -dt * turn * way,
+        dt * (by_turn * odometry.turn_rate - settled * turned * sticks),
+        dt * by_turn * u,
+        dt * abs(u),
+        0.0,
+        dt * abs(turn),
+        -dt * efficiency * turned,
+        dt * abs(u),
+        dt * by_turn * u,
+    )
+    F[1, 3:5] = dt * odometry.turn_rate, dt * u
+    F[1, 6] = -dt * u
+    F[1, SlipStateIndex.UNSTEADY_DRIFT] = dt * u
+    F[9, 9] = F[10, 10] = kept
+    return after, F
+
+
+def laser_offset(x: Array, geometry: CrawlerGeometry) -> tuple[float, Array]:
+    """Offset of the laser from the joint, and its derivative with respect to the state.
+
+    Equation (1) of the paper, with the torch instead of the centre of rotation and a joint that
+    bends: d = q + D tan(theta) - curvature D² / 2.
+
+    Parameters
+    ----------
+    x : ndarray, shape (11,)
+    geometry : CrawlerGeometry
+
+    Returns
+    -------
+    d : float
+        Metres.
+    H : ndarray, shape (11,)
+    """
+    D, slope = geometry.laser_to_torch, tan(x[SlipStateIndex.HEADING])
+    H = np.zeros(STATE_COUNT)
+    states = [SlipStateIndex.OFFSET, SlipStateIndex.HEADING, SlipStateIndex.CURVATURE]
+    H[states] = 1, D * (1 + slope**2), -D * D / 2
+    return float(x[SlipStateIndex.OFFSET] + D * slope - x[SlipStateIndex.CURVATURE] * D * D / 2), H
+
+
+STUDENT_DEGREES_OF_FREEDOM: Final = 4.0
 """Of Student's t distribution of a reading's error: what is farther off counts less."""
 
-WINDOW_LENGTH: Final = 0.05
+MATCHING_WINDOW_LENGTH: Final = 0.05
 """Metres over which differences between readings and what was expected are added up."""
 
-MEMORY_LENGTH: Final = 0.7
+MISFIT_MEMORY_LENGTH: Final = 0.7
 """Metres of such windows that show how unsteady slip is: the contact of a track (assumption)."""
 
-MOST_MISFIT: Final = 9.0
+MOST_WINDOW_MISFIT: Final = 9.0
 """A window's misfit counts as no more: one that was disturbed shows little about the others."""
 
 UNSTEADINESS_BOUNDS: Final = (0.02, 1.0)
 """Least and most that the variances of slip's changes are multiplied by: as stated they are what a
 track does at most, and with none of them the filter would learn no more."""
 
-MOST_ASIDE: Final = 0.1
+MOST_SIDEWAYS_SHARE: Final = 0.1
 """Metres by which torch or laser go aside at most while the vehicle goes on by one: by its slope
 against the joint, and by how it turns."""
 
-UNSTEADY_STATES: Final = [SlipState.UNSTEADY_CRAB, SlipState.UNSTEADY_DRIFT]
+LIKELY_YAW_EFFICIENCY: Final = 0.85
+"""Before anything was measured."""
+
+UNSTEADY_STATES: Final = [SlipStateIndex.UNSTEADY_CRAB, SlipStateIndex.UNSTEADY_DRIFT]
 
 Deviation = Annotated[float, Gt(0), Le(1000)]
 
@@ -49,7 +219,7 @@ class SlipUncertainty(SettingsTable):
     ----------
     offset, heading, rotation_centre, yaw_efficiency, drift, crab, turning_crab : float
     settled_centre : float
-        Before anything was measured; named as in `SlipState`, in its units.
+        Before anything was measured; named as in `SlipStateIndex`, in its units.
     rotation_centre_walk, yaw_efficiency_walk, drift_walk, crab_walk, turning_crab_walk : float
     settled_centre_walk : float
         Of the change over one metre of travel. They are of vehicle and hull, which change slowly;
@@ -96,7 +266,7 @@ class SlipEstimate:
     Parameters
     ----------
     x : ndarray, shape (11,)
-        As `SlipState` orders it.
+        As `SlipStateIndex` orders it.
     P : ndarray, shape (11, 11)
         Its covariance.
     """
@@ -106,36 +276,30 @@ class SlipEstimate:
 
     @classmethod
     def before_any_reading(
-        cls,
-        uncertainty: SlipUncertainty,
-        *,
-        yaw_efficiency: float = 0.85,
-        curvature: float = 0.0,
-        curvature_sigma: float = 1e-6,
+        cls, uncertainty: SlipUncertainty, *, curvature: float = 0.0, curvature_sigma: float = 1e-6
     ) -> Self:
         """What is known before anything was measured.
 
         Parameters
         ----------
         uncertainty : SlipUncertainty
-        yaw_efficiency : float, optional
-            What is likeliest.
         curvature, curvature_sigma : float, optional
             Of the joint, 1/m, as the job states them.
         """
         x = np.zeros(STATE_COUNT)
-        x[SlipState.YAW_EFFICIENCY], x[SlipState.CURVATURE] = yaw_efficiency, curvature
-        sigmas = [getattr(uncertainty, one.name.lower(), curvature_sigma) for one in SlipState]
+        x[SlipStateIndex.YAW_EFFICIENCY] = LIKELY_YAW_EFFICIENCY
+        x[SlipStateIndex.CURVATURE] = curvature
+        sigmas = [getattr(uncertainty, one.name.lower(), curvature_sigma) for one in SlipStateIndex]
         return cls(x, np.diag(np.square(sigmas)))
 
-    def sigma(self, which: SlipState) -> float:
+    def sigma(self, which: SlipStateIndex) -> float:
         """Standard deviation of one quantity."""
         return sqrt(self.P[which, which])
 
     def at_new_start(self, uncertainty: SlipUncertainty) -> Self:
         """What stays known if the vehicle is set down again: how it slips, not where it is."""
         x, P = self.x.copy(), self.P.copy()
-        place = [SlipState.OFFSET, SlipState.HEADING]
+        place = [SlipStateIndex.OFFSET, SlipStateIndex.HEADING]
         x[place], P[place, :], P[:, place] = 0.0, 0.0, 0.0
         P[place, place] = uncertainty.offset**2, uncertainty.heading**2
         return type(self)(x, P)
@@ -154,13 +318,13 @@ class SlipEstimate:
             Of the tightest turn, metres.
         """
         P = self.P.copy()
-        P[SlipState.OFFSET, SlipState.OFFSET] += (MOST_ASIDE * way) ** 2
-        P[SlipState.HEADING, SlipState.HEADING] += (way / least_radius) ** 2
+        P[SlipStateIndex.OFFSET, SlipStateIndex.OFFSET] += (MOST_SIDEWAYS_SHARE * way) ** 2
+        P[SlipStateIndex.HEADING, SlipStateIndex.HEADING] += (way / least_radius) ** 2
         return type(self)(self.x, P)
 
 
 class SlipEstimator:
-    """Extended Kalman filter of `SlipState`; what it learned stays through reversals and passes.
+    """Extended Kalman filter of `SlipStateIndex`; it learns through reversals and passes.
 
     How much slip changes differs from hull to hull, and a filter with wrong values states a wrong
     sigma. So it learns that too, by matching covariances (Mehra 1972): differences between
@@ -187,7 +351,7 @@ class SlipEstimator:
         self, geometry: CrawlerGeometry, estimate: SlipEstimate, uncertainty: SlipUncertainty
     ) -> None:
         self.geometry, self.estimate, self._uncertainty = geometry, estimate, uncertainty
-        walks = [getattr(uncertainty, f"{one.name.lower()}_walk", 0.0) for one in SlipState]
+        walks = [getattr(uncertainty, f"{one.name.lower()}_walk", 0.0) for one in SlipStateIndex]
         self._walk_per_metre = np.square(walks)
         self._turns = 0.0
         self.unsteadiness = 1.0
@@ -197,7 +361,7 @@ class SlipEstimator:
         """Go on by one period in which the tracks moved as the encoders show."""
         if odometry.turned_back:
             self._forget_unsteady_slip()
-        x, F = slip_model.propagate_state(self.estimate.x, odometry, self.geometry)
+        x, F = propagate_state(self.estimate.x, odometry, self.geometry)
         P = F @ self.estimate.P @ F.T
         travel = abs(odometry.speed) * odometry.period
         changes = self._walk_per_metre * travel + self._added_variances(odometry, float(F[-1, -1]))
@@ -205,12 +369,12 @@ class SlipEstimator:
         # White noise of the turn rate: its spectral density does not depend on the period.
         by_turn = np.array([0.0, odometry.period])
         if odometry.turn_rate != 0.0:
-            by_turn = F[:2, SlipState.YAW_EFFICIENCY] / odometry.turn_rate
-        by_turn = by_turn * self.estimate.x[SlipState.YAW_EFFICIENCY]
+            by_turn = F[:2, SlipStateIndex.YAW_EFFICIENCY] / odometry.turn_rate
+        by_turn = by_turn * self.estimate.x[SlipStateIndex.YAW_EFFICIENCY]
         P[:2, :2] += np.outer(by_turn, by_turn) * self._uncertainty.turn_rate**2 / odometry.period
         self.estimate = SlipEstimate(x, (P + P.T) / 2)
         self._window += travel
-        if self._window >= WINDOW_LENGTH:
+        if self._window >= MATCHING_WINDOW_LENGTH:
             self._match_covariances()
 
     def _forget_unsteady_slip(self) -> None:
@@ -226,8 +390,8 @@ class SlipEstimator:
     def _match_covariances(self) -> None:
         """Learn from a window how unsteady the slip is."""
         if self._readings:
-            misfit = min(self._misfit**2 / self._readings, MOST_MISFIT)
-            learned = self.unsteadiness * exp((misfit - 1) * self._window / MEMORY_LENGTH)
+            misfit = min(self._misfit**2 / self._readings, MOST_WINDOW_MISFIT)
+            learned = self.unsteadiness * exp((misfit - 1) * self._window / MISFIT_MEMORY_LENGTH)
             self.unsteadiness = min(max(learned, UNSTEADINESS_BOUNDS[0]), UNSTEADINESS_BOUNDS[1])
         self._misfit, self._readings, self._window = 0.0, 0, 0.0
 
@@ -239,7 +403,7 @@ class SlipEstimator:
         """
         added = np.zeros(STATE_COUNT)
         if odometry.speed:
-            efficiency = float(self.estimate.x[SlipState.YAW_EFFICIENCY])
+            efficiency = float(self.estimate.x[SlipStateIndex.YAW_EFFICIENCY])
             curvature = efficiency * odometry.turn_rate / odometry.speed
             self._turns = kept * self._turns + (1 - kept) * curvature
         added[UNSTEADY_STATES] = self._unsteady_variances()
@@ -268,14 +432,14 @@ class SlipEstimator:
             How far off it was, squared, in its variance.
         """
         x, P = self.estimate.x, self.estimate.P
-        expected, H = slip_model.laser_offset(x, self.geometry)
+        expected, H = laser_offset(x, self.geometry)
         variance = sigma**2 + self._uncertainty.unevenness**2
         PH = P @ H
         before = float(H @ PH)
         off = (d - expected) ** 2 / (before + variance)
         self._misfit += (d - expected) / sqrt(before + variance)
         self._readings += 1
-        nu = DEGREES_OF_FREEDOM
+        nu = STUDENT_DEGREES_OF_FREEDOM
         variance *= (nu + off) / (nu + 1) if off > 1 else 1.0
         gain = PH / (before + variance)
         rest = np.eye(STATE_COUNT) - np.outer(gain, H)

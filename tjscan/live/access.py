@@ -60,7 +60,7 @@ def open_server(address: str, port: int, token: str, label: str) -> viser.ViserS
         without the token.
     """
     _check_can_bind(address, port)
-    with _token_required(token):
+    with _servers_require_token(token):
         server = UnsharedServer(host=address, port=port, label=label, verbose=False)
     try:
         if port and server.get_port() != port:
@@ -113,7 +113,7 @@ def _check_can_bind(address: str, port: int) -> None:
 
 
 @contextmanager
-def _token_required(token: str) -> Iterator[None]:
+def _servers_require_token(token: str) -> Iterator[None]:
     """While the block runs, servers are made that ask for the token."""
     serve = websockets_server.serve
 

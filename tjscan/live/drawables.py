@@ -80,17 +80,17 @@ class MeasuredPiece:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Posture:
+class ArmPosture:
     """Joint angles of the arm, shape (n,), radians."""
 
     q: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Placement:
+class BodyPose:
     """Pose, shape (4, 4), of a body that the page was given before, under its name."""
 
     T: Array
 
 
-Drawable = Lines | Surface | MeasuredPiece | Posture | Placement
+Drawable = Lines | Surface | MeasuredPiece | ArmPosture | BodyPose

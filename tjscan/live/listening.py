@@ -91,18 +91,14 @@ class RunOnPage:
         self._started = Event()
         self._feed = None if page is None else LiveFeed(self._draw_entries, report)
 
-    def post(self, entry: object) -> None:
-        """Hand an entry of the journal, or a step, to the page; never waits."""
-        if self._feed is not None:
-            self._feed.post(entry)
-
     def record(self, message: object) -> None:
-        """Show a message of the run's journal."""
-        self.post(message)
+        """Show a message of the run's journal, or a step; never waits."""
+        if self._feed is not None:
+            self._feed.post(message)
 
     def show_state(self, state: str) -> None:
         """Show what the run is doing, in a few words."""
-        self.post(Step(facts={STATE_FACT: state}))
+        self.record(Step(facts={STATE_FACT: state}))
 
     def check_page(self) -> None:
         """Check that there is a page to press Start in.
@@ -176,7 +172,7 @@ def show_run(
         try:
             page.add_buttons(buttons(run))
             try:
-                run.post(merge_steps([Step(), *before()]))
+                run.record(merge_steps([Step(), *before()]))
             except Exception as error:  # whatever it is, the run goes on
                 report(f"what was there before is not on the page: {error}")
             yield run

@@ -86,8 +86,6 @@ class Page:
     settings : sequence of Setting
         Of the runs, side by side.
     where : PageAddress
-    buttons : sequence of Button
-        In their order.
 
     Raises
     ------
@@ -95,12 +93,7 @@ class Page:
         If it can't be served.
     """
 
-    def __init__(
-        self,
-        settings: Sequence[Setting],
-        where: PageAddress | None = None,
-        buttons: Sequence[Button] = (),
-    ) -> None:
+    def __init__(self, settings: Sequence[Setting], where: PageAddress | None = None) -> None:
         where, self.token = where or PageAddress(), secrets.token_urlsafe(18)
         viridis_colours()  # loads Matplotlib, which would hold up the first section
         self.server = open_server(where.address, where.port, self.token, "tjscan")
@@ -113,7 +106,6 @@ class Page:
         try:
             with self.server.atomic():
                 self._prepare_scene(settings)
-                self.add_buttons(buttons)
                 self._add_choice_of_measure()
                 self.views = self._add_views(settings)
         except BaseException:

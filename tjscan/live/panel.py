@@ -25,10 +25,10 @@ from tjscan.live.step import (
 
 STATE_ORDER: Final = -200.0
 """Of the state: below the buttons, above all else."""
-MOST_EVENTS: Final = 200
+MOST_SHOWN_EVENTS: Final = 200
 MOST_PLOTTED_SAMPLES: Final = 600
 """Samples in the plot: of more, as many evenly chosen ones."""
-PROFILE_POINTS: Final = 64
+MOST_PROFILE_POINTS: Final = 64
 """Of the newest profile in its plot."""
 EMPTY_FACTS: Final = {STATE_FACT: "", PRESS_FACT: ""}
 """Before any is known; these two come first."""
@@ -67,7 +67,7 @@ class Panel:
         self._facts = dict(EMPTY_FACTS)
         self.samples: list[Sample] = []
         self.events: list[tuple[str, str]] = []
-        self._state = gui.add_html(_render("facts", {}), order=STATE_ORDER)
+        self.state = gui.add_html(_render("facts", {}), order=STATE_ORDER)
         self._progress: Any = gui.add_progress_bar(0.0, visible=False)
         self._legend = gui.add_html("", visible=False)
         self._plot = _add_chart(
@@ -85,7 +85,7 @@ class Panel:
             uplot.Series(label="fitted", stroke=FIT_COLOUR, width=2, points={"show": False}),
         )
         self._table = gui.add_html("", visible=False)
-        self._diagram = gui.add_html("", visible=False)
+        self.diagram = gui.add_html("", visible=False)
         self._drawn_diagram: StateDiagram | None = None
         with gui.add_folder("Events", expand_by_default=True):
             self._log = gui.add_html(_render("events", ()))
@@ -103,17 +103,17 @@ class Panel:
         """
         if step.facts:
             self._facts.update(step.facts)
-            self._state.content = _render("facts", self._facts)
+            self.state.content = _render("facts", self._facts)
         if step.progress is not None:
             self._progress.visible, self._progress.value = True, 100 * step.progress
         if step.events:
             self.events.extend(step.events)
-            self._log.content = _render("events", self.events[-MOST_EVENTS:])
+            self._log.content = _render("events", self.events[-MOST_SHOWN_EVENTS:])
         if step.table is not None:
             self._table.visible, self._table.content = True, _render("table", step.table)
         if step.diagram is not None and step.diagram != self._drawn_diagram:
-            self._drawn_diagram, self._diagram.visible = step.diagram, True
-            self._diagram.content = _render("diagram", step.diagram)
+            self._drawn_diagram, self.diagram.visible = step.diagram, True
+            self.diagram.content = _render("diagram", step.diagram)
         if step.profile is not None:
             x, *others = columns = profile_columns(step.profile)
             ends = round_ends(np.concatenate(others))
@@ -122,22 +122,12 @@ class Panel:
             self.samples.extend(step.samples)
             self.plot(measure, scale)
 
-    @property
-    def shown_facts(self) -> str:
-        """HTML of the state."""
-        return str(self._state.content)
-
-    @property
-    def shows_diagram(self) -> bool:
-        """Whether a state diagram is seen."""
-        return bool(self._diagram.visible)
-
     def forget(self) -> None:
         """Forget all that was shown: other steps come next."""
         self.samples, self.events = [], []
         self._facts = dict(EMPTY_FACTS)
         self._progress.value = 0.0
-        self._table.visible = self._diagram.visible = False
+        self._table.visible = self.diagram.visible = False
         self._drawn_diagram = None
         self._log.content = _render("events", ())
 
@@ -224,7 +214,7 @@ def plot_range(y: Array, above: Array | None = None) -> tuple[float, float]:
 def profile_columns(curve: PlaneCurve) -> tuple[Array, ...]:
     """Columns of the newest profile's plot: x, its points, and the corners fitted to them."""
     known = np.flatnonzero(np.isfinite(curve.x) & np.isfinite(curve.z))
-    thin = known[:: max(1, len(known) // PROFILE_POINTS)]
+    thin = known[:: max(1, len(known) // MOST_PROFILE_POINTS)]
     corners = curve.fitted
     xs = np.concatenate((curve.x[thin], corners[:, 0]))
     points = np.concatenate((curve.z[thin], np.full(len(corners), np.nan)))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from threading import Lock
 
-from tjscan.live.drawables import Drawable, Posture
+from tjscan.live.drawables import ArmPosture, Drawable
 from tjscan.live.page import Page, PageAddress
 from tjscan.live.step import RecordedShow, Step, merge_steps
 
@@ -60,7 +60,7 @@ class Replay:
         changed = {
             name: thing
             for name, thing in whole.drawn.items()
-            if drawn.get(name) is not thing or isinstance(thing, Posture)
+            if drawn.get(name) is not thing or isinstance(thing, ArmPosture)
         }
         view.panel.forget()
         facts = {"step": f"{number + 1} of {len(show.steps)}: {whole.label}", **whole.facts}

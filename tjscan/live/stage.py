@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array
 from tjscan.live.colours import ARM_COLOUR, SOLID_COLOUR, TOOL_COLOUR, Colour, ColourScale
-from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Placement, Posture, Surface
+from tjscan.live.drawables import ArmPosture, BodyPose, Drawable, Lines, MeasuredPiece, Surface
 from tjscan.live.step import Setting
 from tjscan.robot.settings import Solid
 from tjscan.robot.visuals import link_bodies, solid_mesh
@@ -42,7 +42,8 @@ class Stage:
         self._scene, self._root, self._arm = server.scene, root, setting.arm
         self._scene.add_frame(root, show_axes=False, position=shift)
         self._frames: dict[str, Any] = {}
-        self._nodes: dict[str, list[Any]] = {}
+        self.nodes: dict[str, list[Any]] = {}
+        """Nodes of viser's scene that each thing was drawn as, by its name."""
         self._pieces: dict[str, MeasuredPiece] = {}
         self._colour_by, self._scale = "", ColourScale(0.0, 1.0)
         self._draw_arm(setting)
@@ -62,15 +63,11 @@ class Stage:
     def show_only(self, names: Iterable[str]) -> None:
         """Hide what was drawn and is not named; draw nothing again."""
         wanted = set(names)
-        for name, nodes in self._nodes.items():
+        for name, nodes in self.nodes.items():
             shown = name in wanted or name.startswith("ghost/")
             for node in nodes:
                 if node.visible != shown:
                     node.visible = shown
-
-    def nodes(self, name: str) -> Sequence[Any]:
-        """Nodes of viser's scene that a thing was drawn as, by its name."""
-        return self._nodes[name]
 
     def colour_by(self, measure: str, scale: ColourScale) -> None:
         """Colour the measured pieces by a measure, on a scale."""
@@ -79,7 +76,7 @@ class Stage:
         self._colour_by, self._scale = measure, scale
         for name, piece in self._pieces.items():
             colour = self._piece_colour(piece)
-            for node in self._nodes[name]:
+            for node in self.nodes[name]:
                 if isinstance(node, viser.PointCloudHandle):
                     node.colors = np.array(colour, dtype=np.uint8)
                 else:
@@ -88,17 +85,17 @@ class Stage:
     def _draw_thing(self, name: str, thing: Drawable) -> None:
         path = f"{self._root}/{name}"
         match thing:
-            case Posture():
+            case ArmPosture():
                 self._pose_arm(thing.q)
-            case Placement():
+            case BodyPose():
                 self._place_frame(name, thing.T)
             case Lines():
-                self._nodes[name] = [self._draw_lines(path, thing)]
+                self.nodes[name] = [self._draw_lines(path, thing)]
             case Surface(vertices, triangles, colour, opacity):
-                self._nodes[name] = [self._draw_mesh(path, vertices, triangles, colour, opacity)]
+                self.nodes[name] = [self._draw_mesh(path, vertices, triangles, colour, opacity)]
             case MeasuredPiece():
                 self._pieces[name] = thing
-                self._nodes[name] = self._draw_piece(path, thing)
+                self.nodes[name] = self._draw_piece(path, thing)
 
     def _draw_arm(self, setting: Setting) -> None:
         """Links as meshes; the tool is a child of the flange."""

@@ -201,7 +201,7 @@ class Setting:
     tool : tuple of Solid
         What the arm carries, in frame f.
     bodies : mapping of str to tuple of Solid
-        What else moves, each in its own frame, placed by `Placement` steps of its name.
+        What else moves, each in its own frame, placed by `BodyPose` steps of its name.
     see_through : tuple of str
         Which of them are.
     ghost : tuple of Lines or Surface

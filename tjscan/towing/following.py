@@ -25,14 +25,8 @@ def twist_from_velocity(velocity_w: Array, heading: float) -> Twist:
 
 def velocity_from_twist(twist: Twist, heading: float) -> Array:
     """A twist's velocity in frame w, (m/s, m/s, rad/s), shape (3,)."""
-    c, s = cos(heading), sin(heading)
-    return np.array(
-        (
-            c * twist.speed - s * twist.sideways,
-            s * twist.speed + c * twist.sideways,
-            twist.turn_rate,
-        )
-    )
+    c, s, x, y = cos(heading), sin(heading), twist.speed, twist.sideways
+    return np.array((c * x - s * y, s * x + c * y, twist.turn_rate))
 
 
 class PoseFollower:
@@ -70,10 +64,8 @@ class PoseFollower:
             Seconds.
         """
         gains = self._settings
-        error, ahead = (
-            _pose_difference(target, pose),
-            _pose_difference(next_target, target) / period,
-        )
+        error = _pose_difference(target, pose)
+        ahead = _pose_difference(next_target, target) / period
         slope = np.zeros(3) if self._error is None else (error - self._error) / period
         self._error = error
         sums = self._sum + error * period

@@ -16,12 +16,12 @@ from tjscan.core.frames import Array
 from tjscan.recording.journal import Journal, RunEvent, event_recorder
 from tjscan.towing.following import PoseFollower
 from tjscan.towing.journal import WELDED_EVENT, TowCycle
-from tjscan.towing.pose_filter import OUTLIER_SIGMAS, TeamEstimate, TeamPoses
+from tjscan.towing.pose_filter import OUTLIER_SIGMAS, TeamEstimate, TeamPoseFilter
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.cable import Cable, TowingTeam
-from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
-from tjscan.towing.standstill import Patience, StandingVehicles, WaitingReason
+from tjscan.towing.shape.plan import PlanInputs, ShapePlanner, TowingPlan
+from tjscan.towing.standstill import StandstillWatch, WaitingPatience, WaitingReason
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings
 from tjscan.vehicle.localisation import Localisation
 from tjscan.vehicle.vehicle import AT_REST, Twist, Vehicle, VehicleState
@@ -29,13 +29,13 @@ from tjscan.vehicle.vehicle import AT_REST, Twist, Vehicle, VehicleState
 PLAN_PERIOD: Final = 0.1
 """Seconds between plans."""
 
-LOOKS_PER_PLAN: Final = 2
+MEASUREMENTS_PER_PLAN: Final = 2
 """From one plan to the next: a localisation sees the vehicles more often than that."""
 
 START_POSE_SIGMA: Final = 0.15e-3
 """Metres to which the poses of vehicles at rest are to be known before they drive."""
 
-LONGEST_START_LOOK: Final = 10.0
+LONGEST_START_WAIT: Final = 10.0
 """Seconds that this may take; then they drive as well as they are known."""
 
 START_POSITION_TOLERANCE: Final = 0.05
@@ -61,7 +61,7 @@ class Team(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class TowSetting:
+class TowSetup:
     """What is towed, where to, and how patiently.
 
     Parameters
@@ -92,7 +92,7 @@ class CableTow:
         Connected; the last is the welder.
     localisation : Localisation
         Connected.
-    setting : TowSetting
+    setting : TowSetup
     planner : ShapePlanner
     journal : Journal
     """
@@ -101,7 +101,7 @@ class CableTow:
         self,
         vehicles: Team,
         localisation: Localisation,
-        setting: TowSetting,
+        setting: TowSetup,
         planner: ShapePlanner,
         journal: Journal,
     ) -> None:
@@ -109,13 +109,13 @@ class CableTow:
         self._setting, self._planner, self._journal = setting, planner, journal
         team, count = setting.team, len(setting.team.held_links)
         record_event = event_recorder(journal)
-        self._poses = TeamPoses(setting.cable, team, setting.localisation, record_event)
+        self._poses = TeamPoseFilter(setting.cable, team, setting.localisation, record_event)
         turn = team.top_speed / team.body_radius
         self._followers = [
             PoseFollower(setting.following, team.top_speed, turn) for _ in range(count)
         ]
-        self._standing = StandingVehicles(setting.cable, team, record_event)
-        self._patience = Patience(setting.following.patience, record_event)
+        self._standing = StandstillWatch(setting.cable, team, record_event)
+        self._patience = WaitingPatience(setting.following.patience, record_event)
         self._along = self._stood = self._due = self._began = 0.0
         self._last: TowingPlan | None = None
         self._targets: Array | None = None
@@ -185,7 +185,7 @@ class CableTow:
                 f"no pose of vehicle {numbers} came within {seconds}. See that the localisation is "
                 "running."
             )
-        limit = self._team.time + LONGEST_START_LOOK
+        limit = self._team.time + LONGEST_START_WAIT
         while estimate.sigmas[:, 0].max() > START_POSE_SIGMA and self._team.time < limit:
             estimate = self._take_measurements()
         places = estimate.poses.copy() if self._last is None else self._last.held_poses.copy()
@@ -205,9 +205,9 @@ class CableTow:
         """Let a period pass while the vehicles drive as asked, and take in what was measured."""
         due, begun = self._due + PLAN_PERIOD, self._due
         self._measured = np.full((len(self._followers), 3), np.nan)
-        for look in range(1, LOOKS_PER_PLAN + 1):
+        for look in range(1, MEASUREMENTS_PER_PLAN + 1):
             before = self._team.time
-            self._states = self._team.advance_to(begun + look * PLAN_PERIOD / LOOKS_PER_PLAN)
+            self._states = self._team.advance_to(begun + look * PLAN_PERIOD / MEASUREMENTS_PER_PLAN)
             measured, now = self._localisation.read(), self._team.time
             odometry = [
                 state.odometry if isinstance(state, VehicleState) else AT_REST
@@ -229,7 +229,7 @@ class CableTow:
         obstacles = self._setting.obstacles(now)
         discs = [(d.x, d.y, d.radius, *d.velocity) for d in obstacles]
         began = host.thread_time()
-        plan, pace = self._plan_step(estimate, obstacles, pace)
+        plan, pace = self._plan_next_step(estimate, obstacles, pace)
         seconds = host.thread_time() - began
         if plan.halt:
             waiting = waiting or WaitingReason(plan.halt)
@@ -263,18 +263,18 @@ class CableTow:
         if not plan.halt:
             self._last = plan
 
-    def _plan_step(
+    def _plan_next_step(
         self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle], pace: float
     ) -> tuple[TowingPlan, float]:
         """The plan for one step on, or for the welder's place if that has none; and its pace."""
         step = pace * self._setting.seam.settings.speed * PLAN_PERIOD
-        if pace and self._may_go_on(estimate, obstacles, step):
+        if pace and self._is_next_step_worth_planning(estimate, obstacles, step):
             plan = self._plan_ahead(estimate, obstacles, step)
             if not plan.halt:
                 return plan, pace
         return self._plan_ahead(estimate, obstacles, 0.0), 0.0
 
-    def _may_go_on(
+    def _is_next_step_worth_planning(
         self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle], step: float
     ) -> bool:
         """Whether the next step is worth a plan.
@@ -291,13 +291,10 @@ class CableTow:
         self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle], ahead: float
     ) -> TowingPlan:
         """The plan for a welder so many metres further along its seam."""
+        poses, stopped = estimate.poses, self._standing.stopped
+        welder = self._setting.seam.pose_at(self._along + ahead)
         return self._planner.plan(
-            estimate.poses,
-            self._setting.seam.pose_at(self._along + ahead),
-            dt=PLAN_PERIOD,
-            last=self._last,
-            obstacles=obstacles,
-            stopped=self._standing.stopped,
+            PlanInputs(poses, welder, PLAN_PERIOD, self._last, obstacles, stopped)
         )
 
     def _send_targets(self, estimate: TeamEstimate, plan: TowingPlan, along: float) -> Array:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, inf, sqrt
 from typing import Final
 
 import numpy as np
 
+from tjscan.core.devices import EventListener
 from tjscan.core.frames import Array, readonly_copy
 from tjscan.core.robust import MAD_TO_SIGMA
 from tjscan.towing.following import velocity_from_twist, wrap_angle
@@ -18,11 +19,11 @@ from tjscan.towing.tables import LocalisationSettings
 from tjscan.vehicle.localisation import VehiclePose
 from tjscan.vehicle.vehicle import Twist
 
-SLIP_SHARE: Final = 0.05
+WHEEL_SLIP_SHARE: Final = 0.05
 """Share of its way by which a vehicle's odometry may be wrong along it: wheels slip as they drive,
 wear, and climb what lies on the floor."""
 
-SLIP_ANGLE: Final = 0.01
+WHEEL_SLIP_ANGLE: Final = 0.01
 """The same across its way, radians: the slip angle of wheels at a side force of a tenth of their
 load, more than the cable's. Their cornering stiffness is ten times the load at least (Pacejka,
 Tire and Vehicle Dynamics, 2012)."""
@@ -33,7 +34,7 @@ ODOMETRY_NOISE: Final = (1e-4, 3e-4)
 OUTLIER_SIGMAS: Final = 5.0
 """Standard deviations by which a pose that is true is off at most."""
 
-KEPT_UPDATES: Final = 40
+MOST_KEPT_UPDATES: Final = 40
 """Updates that are kept, 2 s of them, so that a late pose meets the estimate of its own time."""
 
 FEWEST_POSES_FOR_SCATTER: Final = 30
@@ -44,7 +45,7 @@ FROZEN_POSE_COUNT: Final = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PoseEstimate:
+class VehiclePoseEstimate:
     """Where a vehicle is, as estimated.
 
     Parameters
@@ -94,35 +95,32 @@ class VehiclePoseFilter:
     ) -> None:
         place = settings.position_sigma
         self._stated = np.array((place, place, settings.heading_sigma))
-        self._sigma = self._stated
+        self.scatter = self._stated
+        """Standard deviation that measured poses count with, metres and radians, shape (3,)."""
         self._taken_before: tuple[float, Array] | None = None
         self._step: Array | None = None
         self._bends: deque[Array] = deque(maxlen=FEWEST_POSES_FOR_SCATTER)
         self._top = np.array((top_speed, top_speed, top_turn_rate))
         self._longest_gap = settings.lost
         self._pose: Array | None = None
-        self._covariance = np.diag(np.square(self._sigma))
-        self._trail: deque[tuple[float, Array]] = deque(maxlen=KEPT_UPDATES)
+        self._covariance = np.diag(np.square(self.scatter))
+        self._trail: deque[tuple[float, Array]] = deque(maxlen=MOST_KEPT_UPDATES)
         self._taken = self._newest = -inf
         self._last: tuple[float, ...] = ()
         self._equal, self._way = 0, 0.0
         self._refused = ""
-        self._denied: Array | None = None
+        self.denied: Array | None = None
+        """Last measured pose if poses are refused as jumps, moved on to now; shape (3,)."""
 
     @property
     def known(self) -> bool:
         """Whether a pose was ever taken."""
         return self._pose is not None
 
-    @property
-    def scatter(self) -> Array:
-        """Standard deviation that measured poses count with, metres and radians, shape (3,)."""
-        return readonly_copy(self._sigma)
-
     def begin_at(self, pose: Array, time: float) -> None:
         """Begin with a pose that is known, at a time in seconds."""
-        self._pose, self._covariance = np.array(pose, dtype=float), np.diag(np.square(self._sigma))
-        self._taken, self._refused, self._denied = time, "", None
+        self._pose, self._covariance = np.array(pose, dtype=float), np.diag(np.square(self.scatter))
+        self._taken, self._refused, self.denied = time, "", None
         self._equal, self._way, self._last = 0, 0.0, ()
         self._taken_before = self._step = None
         self._trail.clear()
@@ -130,7 +128,7 @@ class VehiclePoseFilter:
 
     def update(
         self, time: float, period: float, odometry: Twist, measured: VehiclePose | None
-    ) -> PoseEstimate:
+    ) -> VehiclePoseEstimate:
         """Go on to a time, and take in the pose that was measured, if one came.
 
         Parameters
@@ -144,32 +142,27 @@ class VehiclePoseFilter:
         measured : VehiclePose or None
         """
         if self._pose is not None:
-            self._add_odometry(period, odometry)
+            self._predict_by_odometry(period, odometry)
             self._trail.append((time, self._pose.copy()))
         if measured is None:
             self._refused = self._refused or "none comes"
         elif measured.time > self._newest:
             self._newest = measured.time
-            self._take_measured(measured, time)
+            self._correct_by_measured_pose(measured, time)
         return self.estimate(time)
 
-    def estimate(self, time: float) -> PoseEstimate:
+    def estimate(self, time: float) -> VehiclePoseEstimate:
         """The estimate now."""
         pose = np.full(3, np.nan) if self._pose is None else self._pose
         sigma = np.sqrt(np.diag(self._covariance))
         age = time - self._taken
         late = age > self._longest_gap / 2
         refused = (self._refused or "none comes") if late else ""
-        return PoseEstimate(
+        return VehiclePoseEstimate(
             readonly_copy(pose), float(sigma[:2].max()), float(sigma[2]), age, refused
         )
 
-    @property
-    def denied(self) -> Array | None:
-        """Last measured pose where poses are refused as jumps, moved on to now; shape (3,)."""
-        return self._denied
-
-    def _add_odometry(self, period: float, odometry: Twist) -> None:
+    def _predict_by_odometry(self, period: float, odometry: Twist) -> None:
         assert self._pose is not None
         velocity = velocity_from_twist(odometry, self._pose[2] + odometry.turn_rate * period / 2)
         step = velocity * period
@@ -177,15 +170,15 @@ class VehiclePoseFilter:
         way = hypot(step[0], step[1])
         self._way += way
         turned = np.array(((1.0, 0.0, -step[1]), (0.0, 1.0, step[0]), (0.0, 0.0, 1.0)))
-        across = (SLIP_ANGLE * way) ** 2 + ODOMETRY_NOISE[0] ** 2 * period
-        turn = (SLIP_SHARE * step[2]) ** 2 + ODOMETRY_NOISE[1] ** 2 * period
+        across = (WHEEL_SLIP_ANGLE * way) ** 2 + ODOMETRY_NOISE[0] ** 2 * period
+        turn = (WHEEL_SLIP_SHARE * step[2]) ** 2 + ODOMETRY_NOISE[1] ** 2 * period
         doubt = np.diag((across, across, turn))
-        doubt[:2, :2] += (SLIP_SHARE**2 - SLIP_ANGLE**2) * np.outer(step[:2], step[:2])
+        doubt[:2, :2] += (WHEEL_SLIP_SHARE**2 - WHEEL_SLIP_ANGLE**2) * np.outer(step[:2], step[:2])
         self._covariance = turned @ self._covariance @ turned.T + doubt
-        if self._denied is not None:
-            self._denied = self._denied + step
+        if self.denied is not None:
+            self.denied = self.denied + step
 
-    def _take_measured(self, measured: VehiclePose, time: float) -> None:
+    def _correct_by_measured_pose(self, measured: VehiclePose, time: float) -> None:
         found = np.array((measured.x, measured.y, measured.heading))
         if not np.isfinite((*found, measured.time)).all():
             self._refused = "not a number"
@@ -196,15 +189,15 @@ class VehiclePoseFilter:
         if self._is_frozen(found):
             self._refused = "frozen"
             return
-        late = self._moved_since(measured.time)
+        late = self._way_since(measured.time)
         off = found + late - self._pose
         off[2] = wrap_angle(off[2])
         gap = min(time - self._taken, self._longest_gap)
-        noise = np.diag(np.square(self._sigma))
+        noise = np.diag(np.square(self.scatter))
         spread = OUTLIER_SIGMAS * np.sqrt(np.diag(noise + self._covariance))
         reach = self._top * gap + spread
         if hypot(off[0], off[1]) > reach[0] or abs(off[2]) > reach[2]:
-            self._refused, self._denied = "jumped", self._pose + off
+            self._refused, self.denied = "jumped", self._pose + off
             return
         self._learn_scatter(found, measured.time)
         if (np.abs(off) > spread).any():  # within reach but not as odometry has it: it slipped
@@ -213,15 +206,15 @@ class VehiclePoseFilter:
             gain = self._covariance @ np.linalg.inv(self._covariance + noise)
             off, self._covariance = gain @ off, gain @ noise
         self._pose = self._pose + off
-        self._trail = deque(((t, p + off) for t, p in self._trail), maxlen=KEPT_UPDATES)
-        self._taken, self._refused, self._denied = time, "", None
+        self._trail = deque(((t, p + off) for t, p in self._trail), maxlen=MOST_KEPT_UPDATES)
+        self._taken, self._refused, self.denied = time, "", None
 
     def _learn_scatter(self, found: Array, time: float) -> None:
         """Take the poses' scatter from how they bend away from the odometry."""
         before, self._taken_before = self._taken_before, (time, found)
         if before is None:
             return
-        step = found - before[1] - (self._moved_since(before[0]) - self._moved_since(time))
+        step = found - before[1] - (self._way_since(before[0]) - self._way_since(time))
         step[2] = wrap_angle(step[2])
         if self._step is not None:
             self._bends.append(step - self._step)
@@ -230,9 +223,9 @@ class VehiclePoseFilter:
             # Weights 1, -2 and 1 of three independent poses.
             sigma = np.median(np.abs(self._bends), axis=0) * MAD_TO_SIGMA / sqrt(6)
             place = hypot(sigma[0], sigma[1]) / sqrt(2)
-            self._sigma = np.maximum(self._stated, (place, place, sigma[2]))
+            self.scatter = np.maximum(self._stated, (place, place, sigma[2]))
 
-    def _moved_since(self, time: float) -> Array:
+    def _way_since(self, time: float) -> Array:
         """Way from a time until now, shape (3,)."""
         assert self._pose is not None
         times, trail = zip(*self._trail, strict=True)
@@ -245,7 +238,7 @@ class VehiclePoseFilter:
             self._equal += 1
         else:
             self._last, self._equal, self._way = tuple(found), 0, 0.0
-        return self._equal >= FROZEN_POSE_COUNT and self._way > OUTLIER_SIGMAS * self._sigma[0]
+        return self._equal >= FROZEN_POSE_COUNT and self._way > OUTLIER_SIGMAS * self.scatter[0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -254,11 +247,11 @@ class TeamEstimate:
 
     Parameters
     ----------
-    estimates : tuple of PoseEstimate
+    estimates : tuple of VehiclePoseEstimate
         One each.
     """
 
-    estimates: tuple[PoseEstimate, ...]
+    estimates: tuple[VehiclePoseEstimate, ...]
 
     @property
     def poses(self) -> Array:
@@ -271,7 +264,7 @@ class TeamEstimate:
         return np.array([(one.position_sigma, one.heading_sigma) for one in self.estimates])
 
 
-class TeamPoses:
+class TeamPoseFilter:
     """Filters of the vehicles' poses, one each, and a check of those that jumped.
 
     A vehicle may be pushed farther than it drives, and a measurement may jump, or take one
@@ -289,11 +282,7 @@ class TeamPoses:
     """
 
     def __init__(
-        self,
-        cable: Cable,
-        team: TowingTeam,
-        settings: LocalisationSettings,
-        report: Callable[[str, str], None],
+        self, cable: Cable, team: TowingTeam, settings: LocalisationSettings, report: EventListener
     ) -> None:
         self._cable, self._team, self._settings, self._report = cable, team, settings, report
         turn_rate = team.top_speed / team.body_radius
@@ -320,7 +309,7 @@ class TeamPoses:
             for one, twist, pose in zip(self._filters, odometry, measured, strict=True)
         ]
         late = [v for v, one in enumerate(found) if one.age > self._settings.lost]
-        if late and self._take_denied(time, late, found):
+        if late and self._accept_refused_poses(time, late, found):
             found = [one.estimate(time) for one in self._filters]
         self._report_changes(found)
         return TeamEstimate(tuple(found))
@@ -333,10 +322,12 @@ class TeamPoses:
             if one.age > self._settings.lost
         }
 
-    def _take_denied(self, time: float, late: Sequence[int], found: list[PoseEstimate]) -> bool:
+    def _accept_refused_poses(
+        self, time: float, late: Sequence[int], found: list[VehiclePoseEstimate]
+    ) -> bool:
         denied = {v: pose for v in late if (pose := self._filters[v].denied) is not None}
         poses = np.array([denied.get(v, one.pose) for v, one in enumerate(found)])
-        if not denied or not self._is_possible(poses):
+        if not denied or not self._is_possible_for_cable(poses):
             return False
         for v, pose in denied.items():
             way = f"{1e3 * hypot(*(pose - found[v].pose)[:2]):.0f} mm"
@@ -344,7 +335,7 @@ class TeamPoses:
             self._report("moved", f"vehicle {v + 1} was moved by {way}, and not by itself")
         return True
 
-    def _is_possible(self, poses: Array) -> bool:
+    def _is_possible_for_cable(self, poses: Array) -> bool:
         """Whether the cable reaches from each vehicle to the next, and no bodies overlap."""
         doubt = OUTLIER_SIGMAS * self._settings.position_sigma
         places = np.vstack((self._cable.root[:2], poses[:, :2]))
@@ -356,7 +347,7 @@ class TeamPoses:
         np.fill_diagonal(apart, np.inf)
         return bool(apart.min() > 2 * self._team.body_radius - doubt)
 
-    def _report_changes(self, found: Sequence[PoseEstimate]) -> None:
+    def _report_changes(self, found: Sequence[VehiclePoseEstimate]) -> None:
         for v, one in enumerate(found):
             if not self._filters[v].known:
                 continue

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, log
 from typing import Final
 
 import numpy as np
 
+from tjscan.core.devices import EventListener
 from tjscan.core.errors import TowHalted, VehicleFault, VehicleLinkLost
 from tjscan.core.frames import Array
 from tjscan.towing.following import velocity_from_twist
@@ -28,15 +29,15 @@ LONGEST_JUDGED_WINDOW: Final = 30.0
 LEAST_COMMANDED_WAY: Final = 0.02
 """Metres that a vehicle must have been commanded to go before its standstill means anything."""
 
-DRIVEN_SHARE: Final = 0.6
+LEAST_DRIVEN_SHARE: Final = 0.6
 """Share of the commanded way that a vehicle goes at least, if it drives: its wheels slip."""
 
-ERROR_RATE: Final = 1e-6
+STANDSTILL_ERROR_RATE: Final = 1e-6
 """Probability at most with which a check takes a driving vehicle for one at a standstill."""
 
-DECIDING_EVIDENCE: Final = log(1 / ERROR_RATE)
+DECIDING_EVIDENCE: Final = log(1 / STANDSTILL_ERROR_RATE)
 
-EXPECTED_RATIO: Final = 2.0
+EXPECTED_EVIDENCE_RATIO: Final = 2.0
 """Evidence to be expected in a window, over what is needed: it is found in spite of noise."""
 
 FIRST_RETRY_SECONDS: Final = 10.0
@@ -81,7 +82,7 @@ class WaitingReason:
     device: bool = False
 
 
-class Patience:
+class WaitingPatience:
     """Reports that the welder waits, and that it goes on; gives up when it has waited for too long.
 
     Parameters
@@ -92,7 +93,7 @@ class Patience:
         Receives events: a name and a sentence.
     """
 
-    def __init__(self, seconds: float, report: Callable[[str, str], None]) -> None:
+    def __init__(self, seconds: float, report: EventListener) -> None:
         self._seconds, self._report = seconds, report
         self._said: set[str] = set()
         self._since = 0.0
@@ -137,23 +138,19 @@ class Patience:
 class StandstillCheck:
     """Whether one vehicle is at a standstill; without a fault of its own it is tried again.
 
-    Two hypotheses are compared: it goes `DRIVEN_SHARE` of the way that it is commanded to go, and
-    it goes none. Its measured way is off by the noise of the two poses at its ends. The
-    logarithm of the likelihoods' ratio decides once it passes log(1 / `ERROR_RATE`): the other
-    hypothesis then gives such a ratio no oftener than that (Wald, Sequential analysis, 1947, 3.2).
-    The window is as long as it takes until either is to be expected to pass it by far.
+    Two hypotheses are compared: it goes `LEAST_DRIVEN_SHARE` of the way that it is commanded to
+    go, and it goes none. Its measured way is off by the noise of the two poses at its ends. The
+    logarithm of the likelihoods' ratio decides once it passes log(1 / `STANDSTILL_ERROR_RATE`):
+    the other hypothesis then gives such a ratio no oftener than that (Wald, Sequential analysis,
+    1947, 3.2). The window is as long as it takes until either is to be expected to pass it by far.
     """
 
     def __init__(self) -> None:
         self._way: deque[_WayPoint] = deque()
         self._since: float | None = None
         self._retry = FIRST_RETRY_SECONDS
-        self._doubted = self._faulty = False
-
-    @property
-    def doubted(self) -> bool:
+        self._faulty = self.doubted = False
         """Whether it is at a standstill, or was and has not been seen to drive since its retry."""
-        return self._doubted
 
     def update(
         self, time: float, pose: Array, asked: Array, *, sigma: float, fault: bool = False
@@ -174,11 +171,11 @@ class StandstillCheck:
             Whether it reports one itself.
         """
         if fault:  # when it is mended, the vehicle reports so itself
-            self._since, self._faulty, self._doubted = None, True, True
+            self._since, self._faulty, self.doubted = None, True, True
             self._way.clear()
             return True
         if self._faulty:
-            self._faulty = self._doubted = False
+            self._faulty = self.doubted = False
         if self._since is not None:
             if time - self._since < self._retry:
                 return True
@@ -187,24 +184,26 @@ class StandstillCheck:
             self._way.clear()
         total = asked + (self._way[-1].asked if self._way else 0.0)
         self._way.append(_WayPoint(time, pose[:2], total, sigma))
-        while self._is_enough_from(1) or time - self._way[0].time > LONGEST_JUDGED_WINDOW:
+        while self._can_judge_from(1) or time - self._way[0].time > LONGEST_JUDGED_WINDOW:
             self._way.popleft()
-        if not self._is_enough_from(0):
+        if not self._can_judge_from(0):
             return False
         evidence = self._standstill_evidence()
         if evidence > DECIDING_EVIDENCE:
-            self._doubted, self._since = True, time
+            self.doubted, self._since = True, time
         elif evidence < -DECIDING_EVIDENCE:
-            self._doubted, self._retry = False, FIRST_RETRY_SECONDS
+            self.doubted, self._retry = False, FIRST_RETRY_SECONDS
         return self._since is not None
 
-    def _is_enough_from(self, k: int) -> bool:
+    def _can_judge_from(self, k: int) -> bool:
         """Whether the way from the one at k on is enough to judge it by."""
         if k >= len(self._way):
             return False
         begin, end = self._way[k], self._way[-1]
         asked, noise = hypot(*(end.asked - begin.asked)), hypot(begin.sigma, end.sigma)
-        expected = (DRIVEN_SHARE * asked / noise) ** 2 / 2 >= EXPECTED_RATIO * DECIDING_EVIDENCE
+        expected = (
+            LEAST_DRIVEN_SHARE * asked / noise
+        ) ** 2 / 2 >= EXPECTED_EVIDENCE_RATIO * DECIDING_EVIDENCE
         return (
             end.time - begin.time >= SHORTEST_JUDGED_WINDOW
             and asked > LEAST_COMMANDED_WAY
@@ -214,7 +213,7 @@ class StandstillCheck:
     def _standstill_evidence(self) -> float:
         """Logarithm of the likelihoods' ratio, a standstill over driving."""
         begin, end = self._way[0], self._way[-1]
-        driven, moved = DRIVEN_SHARE * (end.asked - begin.asked), end.place - begin.place
+        driven, moved = LEAST_DRIVEN_SHARE * (end.asked - begin.asked), end.place - begin.place
         off, still = np.sum((moved - driven) ** 2), np.sum(moved**2)
         return float((off - still) / (2 * (begin.sigma**2 + end.sigma**2)))
 
@@ -229,7 +228,7 @@ class _WayPoint:
     sigma: float
 
 
-class StandingVehicles:
+class StandstillWatch:
     """Notices vehicles at a standstill, and what that means for the weld.
 
     Parameters
@@ -245,7 +244,7 @@ class StandingVehicles:
         Those at a standstill for good.
     """
 
-    def __init__(self, cable: Cable, team: TowingTeam, report: Callable[[str, str], None]) -> None:
+    def __init__(self, cable: Cable, team: TowingTeam, report: EventListener) -> None:
         self._cable, self._team, self._report = cable, team, report
         self._checks = [StandstillCheck() for _ in team.held_links]
         self._states: Sequence[VehicleState | VehicleFault] = ()

@@ -20,9 +20,6 @@ from tjscan.vehicle.vehicle import Vehicle
 if TYPE_CHECKING:
     from tjscan.core.frames import Array
     from tjscan.vehicle.cable.world import TowingWorld
-    from tjscan.vehicle.mqtt.localisation import MqttLocalisation
-    from tjscan.vehicle.mqtt.vehicle import MqttVehicle
-    from tjscan.vehicle.simulated_localisation import SimulatedLocalisation
     from tjscan.vehicle.tracks import TrackGeometry
     from tjscan.vehicle.vehicle import VehicleState
 
@@ -77,7 +74,7 @@ class VehicleDriverFactory(DriverFactory[VehicleDriverInputs, Vehicle]):
     truth: Callable[[Any], Array] = field(default=_refuse_truth)
 
 
-def _simulated_vehicle(context: VehicleDriverInputs, settings: NoSettings) -> SimulatedVehicle:
+def _simulated_vehicle(context: VehicleDriverInputs, settings: NoSettings) -> Vehicle:
     if context.simulation is None:
         raise ConfigurationError(
             "a simulated vehicle needs a [simulation.vehicle] table", key="simulation.vehicle"
@@ -89,7 +86,7 @@ def _simulated_vehicle(context: VehicleDriverInputs, settings: NoSettings) -> Si
     return SimulatedVehicle(body)
 
 
-def _vehicle_over_mqtt(inputs: VehicleDriverInputs, settings: MqttSettings) -> MqttVehicle:
+def _vehicle_over_mqtt(inputs: VehicleDriverInputs, settings: MqttSettings) -> Vehicle:
     from tjscan.vehicle.mqtt.vehicle import MqttVehicle
 
     return MqttVehicle(settings)
@@ -148,10 +145,8 @@ class LocalisationDriverFactory(DriverFactory[LocalisationInputs, Localisation])
     """How a localisation's driver makes it from a job file; see `DriverFactory`."""
 
 
-def _simulated_localisation(
-    inputs: LocalisationInputs, settings: NoSettings
-) -> SimulatedLocalisation:
-    from tjscan.vehicle.simulated_localisation import SimulatedLocalisation
+def _simulated_localisation(inputs: LocalisationInputs, settings: NoSettings) -> Localisation:
+    from tjscan.vehicle.simulated_team import SimulatedLocalisation
 
     if inputs.world is None:
         raise ConfigurationError(
@@ -162,7 +157,7 @@ def _simulated_localisation(
 
 def _localisation_over_mqtt(
     inputs: LocalisationInputs, settings: MqttLocalisationSettings
-) -> MqttLocalisation:
+) -> Localisation:
     from tjscan.vehicle.mqtt.localisation import MqttLocalisation
 
     return MqttLocalisation(settings, inputs.vehicles)

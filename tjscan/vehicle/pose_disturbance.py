@@ -26,7 +26,7 @@ FAULT_JUMP: Final = np.array((0.5, 0.0, 0.0))
 """By how much the fault `PoseFault.JUMP` puts them off, metres and radians."""
 
 FAULT_POSE_DELAY: Final = 0.3
-HELD_BACK: Final = 0.12
+HELD_BACK_DELAY: Final = 0.12
 """Seconds of the faults late and disorder."""
 
 
@@ -132,7 +132,7 @@ class DisturbedPoses:
             delay += FAULT_POSE_DELAY
         sample = round(pose.time / self.settings.period)
         if self._has_fault(PoseFault.DISORDER, vehicle) and sample % 2:
-            delay += HELD_BACK
+            delay += HELD_BACK_DELAY
         if not lost and not self._has_fault(PoseFault.LOST, vehicle):
             heapq.heappush(self._on_the_way, (pose.time + delay, number, vehicle, pose))
 

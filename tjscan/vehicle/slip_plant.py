@@ -18,7 +18,7 @@ from tjscan.core.units import DEG, MM, FileUnit, SettingsTable
 from tjscan.vehicle.pad_plant import GRAVITY_M_S2, PadSettings
 from tjscan.vehicle.tracks import TrackGeometry, moved_pose
 
-TURN_TIGHTNESS: Final = (0.925, 0.15)
+MERRITT_COEFFICIENTS: Final = (0.925, 0.15)
 """Of Merritt's formula, as Wong, Theory of Ground Vehicles, prints it."""
 
 
@@ -51,7 +51,7 @@ class TrackLoad:
         if run == 0.0:
             return
         # R / b = |left + right| / 2 |turn|, multiplied out: straight on there is no R.
-        own, by_radius = TURN_TIGHTNESS
+        own, by_radius = MERRITT_COEFFICIENTS
         wanted = self._most * turn / (own * abs(turn) + by_radius * abs(left + right) / 2)
         share = min(run / 2 / self._pads.contact_length, 1.0)
         self._moment += share * (wanted - self._moment)

@@ -73,7 +73,7 @@ class VehicleState:
     fault: str = ""
 
 
-def latest_state(states: Sequence[VehicleState]) -> VehicleState:
+def merge_unread_states(states: Sequence[VehicleState]) -> VehicleState:
     """The last of some states that came since one was read.
 
     Its odometry is their mean, so that the way over the time since then comes out right, and it
@@ -124,7 +124,7 @@ class Vehicle(Device, Protocol):
     def next_state(self) -> VehicleState:
         """Wait for the next state, and return it; some 100 come each second.
 
-        Of several that came since the last call it is the newest; see `latest_state`.
+        Of several that came since the last call it is the newest; see `merge_unread_states`.
 
         A simulated vehicle goes on by one period instead of waiting, so simulated time runs as
         fast as the computer does. The state holds a fault of the drives.
@@ -153,10 +153,7 @@ class LocalVehicle(LocalDevice):
     replaced as a whole, and a stop that outranks it.
     """
 
-    not_connected = (
-        VehicleLinkLost,
-        "the vehicle is not connected: use it inside a 'with' block",
-    )
+    not_connected = (VehicleLinkLost, "the vehicle is not connected: use it inside a 'with' block")
     dead_man: float = DEAD_MAN
     _order: tuple[Twist, float] | None = None
     _stopped = False

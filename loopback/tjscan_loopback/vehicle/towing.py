@@ -83,10 +83,7 @@ class TowingBody:
     def take_faults(self, faults: Faults) -> None:
         """See `LoopbackBody.take_faults`."""
         world, which = self._world, self._which
-        if VehicleFaultOrder.STOP in faults:
-            world.jam(which)
-        else:
-            world.release(which)
+        world.set_jammed(which, VehicleFaultOrder.STOP in faults)
         self.clock_error = CLOCK_ERROR if VehicleFaultOrder.POSE_CLOCK in faults else 0.0
         own = {(fault, which) for fault in PoseFault if fault.value in faults}
         self._poses.faults = {f for f in self._poses.faults if f[1] != which} | own

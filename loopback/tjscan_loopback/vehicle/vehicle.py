@@ -12,7 +12,7 @@ from tjscan.vehicle.mqtt.wire import (
     COMMAND_TOPIC,
     COMMANDER_TOPIC,
     POSE_TOPIC,
-    REPORTED_COUNTS,
+    REPORTED_DROP_COUNTS,
     STATE_TOPIC,
     BadMessage,
     CommandMessage,
@@ -93,7 +93,7 @@ class LoopbackVehicle:
                 self.torch.receive(received)
         except BadMessage as error:
             self.dropped += 1
-            if self.dropped in REPORTED_COUNTS:
+            if self.dropped in REPORTED_DROP_COUNTS:
                 self._tell(f"dropped {self.number} number {self.dropped}: {error}")
 
     def advance(self, now: float, period: float) -> list[tuple[str, bytes]]:

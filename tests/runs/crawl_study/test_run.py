@@ -7,6 +7,7 @@ import tomli_w
 from cells import PAPER
 
 from tjscan.core.errors import ConfigurationError
+from tjscan.crawler.pass_record import root_mean_square
 from tjscan.job.crawl.job import read_crawl_job
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.crawl.run import CrawlContext, run_crawl
@@ -82,12 +83,16 @@ def test_a_study_keeps_what_a_recorded_crawl_says(
     found = rows[1].outcome
     assert found.complete
     assert found.passes == 1
-    assert found.sigma_mm == 1e3 * recorded.sigma_rms
+    assert found.sigma_mm == 1e3 * root_mean_square(recorded.sigma)
     assert found.read_percent == 100 * recorded.read_share
     # Where the arc goes out the recording holds the truth of the last cycle once more.
     nearly = 1.5 / len(recorded.travel)
-    assert found.torch_rms_mm == pytest.approx(1e3 * recorded.true_deviation_rms, rel=nearly)
-    assert found.error_rms_mm == pytest.approx(1e3 * recorded.offset_error_rms, rel=nearly)
+    assert found.torch_rms_mm == pytest.approx(
+        1e3 * root_mean_square(recorded.true_deviation), rel=nearly
+    )
+    assert found.error_rms_mm == pytest.approx(
+        1e3 * root_mean_square(recorded.offset_error), rel=nearly
+    )
 
 
 def test_each_method_estimates_otherwise(rows: tuple[StudyRow[CrawlOutcome], ...]) -> None:

@@ -25,7 +25,7 @@ EDGE_LINE_PAIRS: Final = tuple(zip(PLATE_LINES, BEVEL_LINES, strict=True))
 CAPTURE_SIGMAS: Final = (0.35e-3, 0.15e-3)
 """Standard deviations of the first rounds, in metres: a line this far off is still found."""
 
-MOST_ROUNDS: Final = 12
+MOST_FIT_ROUNDS: Final = 12
 """Most rounds after those."""
 
 SETTLED_SIGMAS: Final = 0.02
@@ -40,7 +40,7 @@ LEAST_FILL_RANGE: Final = 1e-3
 BEVEL_ANGLE_SIGMA: Final = radians(1.0)
 """By how much a bevel's angle differs from what it was before, one standard deviation."""
 
-CLEAR_SIGMAS: Final = 3.0
+BELOW_PLATE_SIGMAS: Final = 3.0
 """Standard deviations below the plate from which a point shows a bevel."""
 
 SAME_FOOT_POINTS, SAME_FOOT_LOG_ODDS = 2.5, 8.0
@@ -186,9 +186,9 @@ def fit_edge_lines(
     moments = np.stack(rows)
     prior = _angle_prior(start, bevel_angles)
     found = start
-    for k in range(len(CAPTURE_SIGMAS) + MOST_ROUNDS):
+    for k in range(len(CAPTURE_SIGMAS) + MOST_FIT_ROUNDS):
         sigma = max(CAPTURE_SIGMAS[k], start.noise) if k < len(CAPTURE_SIGMAS) else start.noise
-        after = _fit_once(t, z, moments, found, sigma, prior)
+        after = _fit_lines_once(t, z, moments, found, sigma, prior)
         if after is None:
             return None
         moved = float(np.abs(after.edges - found.edges).max()) * float(z[len(z) // 2])
@@ -203,7 +203,7 @@ def fit_edge_lines(
     return found
 
 
-def _fit_once(
+def _fit_lines_once(
     t: Array, z: Array, moments: Array, before: EdgeLines, sigma: float, prior: Array
 ) -> EdgeLines | None:
     """Which points are of the steel, the lines through them, and where they meet.
@@ -232,7 +232,7 @@ def _fit_once(
     for plate, bevel in EDGE_LINE_PAIRS:
         own = slice(*spans[bevel].tolist())
         below = z[own] - 1 / (lines[plate, 0] + lines[plate, 1] * t[own])
-        counts[bevel] = weight[own] @ (below > CLEAR_SIGMAS * before.noise)
+        counts[bevel] = weight[own] @ (below > BELOW_PLATE_SIGMAS * before.noise)
     found = replace(
         before,
         lines=lines,

@@ -26,7 +26,7 @@ REFERENCE_PITCH: Final = 0.25e-3
 SMOOTHED_POINTS: Final = 7
 """Points over which a reference's slope is taken: that of its noise must not look like shape."""
 
-MOST_ROUNDS: Final = 8
+MOST_REGISTRATION_ROUNDS: Final = 8
 SETTLED_SHIFT: Final = 1e-6
 """Most rounds after the first wide ones, and the move, in metres, from which a fit is final."""
 
@@ -193,7 +193,7 @@ def register_profile(
     place = np.array((c * start.centre - s * start.hull_z, s * start.centre + c * start.hull_z))
     share = 0.1
     information = np.zeros((3, 3))
-    for k in range(len(CAPTURE_SIGMAS) + MOST_ROUNDS):
+    for k in range(len(CAPTURE_SIGMAS) + MOST_REGISTRATION_ROUNDS):
         sigma = max(CAPTURE_SIGMAS[k], noise) if k < len(CAPTURE_SIGMAS) else noise
         c, s = cos(roll), sin(roll)
         level, deep = c * x - s * z, s * x + c * z

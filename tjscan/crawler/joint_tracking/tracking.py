@@ -21,7 +21,7 @@ from tjscan.groove.settings import BUTT_V, GrooveSettings
 from tjscan.groove.sides import FittedProfile
 from tjscan.laser.profile import Profile, ProfileRepeats
 
-HULL_JOINT: Final = GrooveSettings(model=BUTT_V, noise=0.06e-3, largest_sigma=0.15e-3)
+HULL_GROOVE: Final = GrooveSettings(model=BUTT_V, noise=0.06e-3, largest_sigma=0.15e-3)
 """A crawler's joint and its sensor's noise."""
 
 FILLED_GROOVE, TACK_WELD, REGISTERED_JOINT = "filled", "tack", "registered"
@@ -32,7 +32,7 @@ FEWEST_ON_PLATE, FEWEST_ON_BEVEL = 10.0, 3.5
 """Points that must lie on each plate and on each bevel, by their probability: of a bevel whose
 angle is known four show where its edge is."""
 
-LEAST_SHARE: Final = 0.3
+LEAST_SHARE_ON_PLATE: Final = 0.3
 """Share of the points before a plate that must lie on it."""
 
 BEVEL_TURNS: Final = (radians(10.0), radians(80.0))
@@ -44,7 +44,7 @@ MOST_BETWEEN_PLATES: Final = radians(20.0)
 WIDTH_CHANGE: Final = 1.0e-3
 """The joint's width does not change by more from one profile to the next, in metres."""
 
-REGISTERED_SHARE: Final = 0.3
+LEAST_SHARE_ON_REFERENCE: Final = 0.3
 """Share of the points that must lie on the reference."""
 
 FARTHEST_SIGMAS, FARTHEST_SIDEWAYS = 4.0, 0.03e-3
@@ -52,14 +52,14 @@ FARTHEST_SIGMAS, FARTHEST_SIDEWAYS = 4.0, 0.03e-3
 deviations, and, in metres, for each profile since then. A vehicle at 20 mm/s that turns with a
 radius of 5 m carries its laser sideways by half of that."""
 
-LOST_BEFORE_SEARCH: Final = 5
+REFUSALS_BEFORE_SEARCH: Final = 5
 """Profiles in a row that are refused before the joint is searched for again: a search takes longer
 than a sensor's period."""
 
 LEARNING_SHARE: Final = 0.05
 """Share that each profile has in what is known of noise, width and the bevels' angles."""
 
-CORRELATION_EVERY: Final = 5
+PROFILES_PER_CORRELATION: Final = 5
 """Of how many profiles one shows how its noise is correlated: that takes a while, and stays."""
 
 DEPTHS_KEPT, DEPTH_EVERY = 21, 50
@@ -120,17 +120,12 @@ class JointTracker:
     """Reads the centre of a butt joint off one profile after the other.
 
     It goes on from its last reading, and knows the joint by its width: another joint needs another
-    tracker.
-
-    Parameters
-    ----------
-    settings : GrooveSettings
-        What the first reading is searched with; the noise is learned from then on.
+    tracker. The first reading is searched with `HULL_GROOVE`; the noise is learned from
+    then on.
     """
 
-    def __init__(self, settings: GrooveSettings = HULL_JOINT) -> None:
-        self._settings = settings
-        self._noise = settings.noise
+    def __init__(self) -> None:
+        self._noise = HULL_GROOVE.noise
         self._inflation = 1.0
         self._lines: EdgeLines | None = None
         self._angles = np.zeros(2)
@@ -165,14 +160,14 @@ class JointTracker:
             raise GrooveNotFound(
                 "frozen", "the profile came before, to the last bit: is the sensor still measuring?"
             )
-        row = _ProfileRays(profile, self._settings.minimum_points)
+        row = _ProfileRays(profile, HULL_GROOVE.minimum_points)
         try:
             self._reading = self._read_from_last(row, reference)
         except GrooveNotFound:
             self._lost += 1
-            if self._lines is not None and self._lost % LOST_BEFORE_SEARCH:
+            if self._lines is not None and self._lost % REFUSALS_BEFORE_SEARCH:
                 raise
-            start = _edge_lines_of_fit(fit_groove(profile, self._settings).fitted, self._noise)
+            start = _edge_lines_of_fit(fit_groove(profile, HULL_GROOVE).fitted, self._noise)
             self._reading = self._read_edges(row, start, known=False)
         self._lost = 0
         return self._reading
@@ -245,7 +240,7 @@ class JointTracker:
         self, row: _ProfileRays, reference: ReferenceProfile, last: ButtJointReading
     ) -> ButtJointReading:
         found = registration.register_profile(row.t, row.z, reference, last, self._noise)
-        if found is None or found[1] < REGISTERED_SHARE:
+        if found is None or found[1] < LEAST_SHARE_ON_REFERENCE:
             raise row.ambiguity("the profile does not look like the last one taken here")
         placement, _ = found
         noise = placement.centre_sigma**2 - reference.centre_sigma**2
@@ -284,7 +279,8 @@ class JointTracker:
         refusals = {
             "too little of a plate is seen": lines.counts[PLATE_LINES].min() < FEWEST_ON_PLATE,
             "too little of a bevel is left": lines.counts[BEVEL_LINES].min() < FEWEST_ON_BEVEL,
-            "the points do not lie on the plates": lines.shares[PLATE_LINES].min() < LEAST_SHARE,
+            "the points do not lie on the plates": lines.shares[PLATE_LINES].min()
+            < LEAST_SHARE_ON_PLATE,
             "the left bevel does not lead down": not least_turn < left_bevel - left < most_turn,
             "the right bevel does not lead down": not least_turn < right - right_bevel < most_turn,
             "the plates stand at an angle": abs(left - right) > MOST_BETWEEN_PLATES,
@@ -296,7 +292,7 @@ class JointTracker:
 
     def _check_sigma(self, row: _ProfileRays, sigma: float) -> None:
         """Refuse a centre that is too uncertain."""
-        if sigma > self._settings.largest_sigma:
+        if sigma > HULL_GROOVE.largest_sigma:
             raise row.ambiguity(f"its centre is known to {1e3 * sigma:.2f} mm only")
 
     def _learn_from(
@@ -319,7 +315,7 @@ class JointTracker:
             left = 0.973 * (1 - 4 / np.count_nonzero(on))
             noise = sqrt(float(np.mean(residuals[on] ** 2)) / left)
             self._noise += LEARNING_SHARE * (noise - self._noise)
-            if self._count % CORRELATION_EVERY == 0:
+            if self._count % PROFILES_PER_CORRELATION == 0:
                 order = np.argsort(columns[on])
                 correlation = estimate_correlation(
                     residuals[on][order] / noise, columns[on][order], row.count, 4

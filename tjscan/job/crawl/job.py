@@ -19,8 +19,7 @@ from tjscan.crawler import plan
 from tjscan.crawler.guards import ProximitySettings
 from tjscan.crawler.sizing import SizeSettings
 from tjscan.crawler.slip_aware import SteeringSettings
-from tjscan.crawler.slip_estimator import SlipUncertainty
-from tjscan.crawler.slip_model import CrawlerGeometry
+from tjscan.crawler.slip_estimator import CrawlerGeometry, SlipUncertainty
 from tjscan.crawler.torch_axes import FixedTorch, SimulatedTorchAxes, TorchAxes
 from tjscan.job.devices import DeviceSettings
 from tjscan.job.reading import read_job

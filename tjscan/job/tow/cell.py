@@ -18,7 +18,7 @@ from tjscan.towing.journal import TowTruth
 from tjscan.towing.loop import Team
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
-from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
+from tjscan.towing.shape.plan import PlanInputs, ShapePlanner, TowingPlan
 from tjscan.vehicle.drivers import LOCALISATION_DRIVERS, LocalisationInputs
 from tjscan.vehicle.localisation import Localisation
 from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings
@@ -41,13 +41,13 @@ def make_planner(job: TowJob) -> ShapePlanner:
     known = job.localisation
     with explain_missing_package("towing", TOWING_EXTRA, "method"):
         from tjscan.towing.shape.paper_planner import PaperPlanner
-        from tjscan.towing.shape.plan import PlannerSettings, PoseTrust
+        from tjscan.towing.shape.plan import PlannerSettings, PoseAccuracy
         from tjscan.towing.shape.planner import TowingPlanner
     settings = PlannerSettings(
         job.weights,
         job.targets,
         job.hard_limits,
-        PoseTrust(known.position_sigma, known.heading_sigma),
+        PoseAccuracy(known.position_sigma, known.heading_sigma),
     )
     kind = PaperPlanner if job.method == "paper" else TowingPlanner
     return kind(job.planned_chain, job.team, job.floor, settings)
@@ -285,9 +285,8 @@ def _sweep_from_start(
     count = 1 + int(np.ceil((seam.length - begin) / SWEEP_STEP))
     steps = np.linspace(begin, seam.length, count)[1:]
     for along in () if start.halt else steps:
-        plan = planner.plan(
-            plan.held_poses, seam.pose_at(along), dt=STEP_SECONDS, last=plan, obstacles=obstacles
-        )
+        pose = seam.pose_at(along)
+        plan = planner.plan(PlanInputs(plan.held_poses, pose, STEP_SECONDS, plan, obstacles))
         plans.append(plan)
         if plan.halt:
             break

@@ -18,9 +18,8 @@ from tjscan.core.units import LIST_OR_WORD_IN_FILE, MM, MM_S, SECONDS, SettingsT
 from tjscan.job.devices import DeviceSettings
 from tjscan.job.reading import read_job
 from tjscan.towing import tables
-from tjscan.towing.shape.area import Area
+from tjscan.towing.shape.area import Floor
 from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
-from tjscan.towing.shape.plan import TowingLimits
 from tjscan.vehicle.cable.model import TowingVehicleModel
 from tjscan.vehicle.drivers import LOCALISATION_DRIVERS
 from tjscan.vehicle.mqtt.settings import MqttSettings
@@ -213,22 +212,20 @@ class TowJob(StrictFileModel):
         return replace(chain, least_bend_radius=BEND_RESERVE * chain.least_bend_radius)
 
     @property
-    def hard_limits(self) -> TowingLimits:
+    def hard_limits(self) -> tables.LimitSettings:
         """What no plan breaks: the job's limits, and a reserve for what the plan is off by."""
-        limits, free = self.limits, self.limits.free_links * self.cable.link
-        return TowingLimits(
+        limits = self.limits
+        return replace(
+            limits,
             link_clearance=limits.link_clearance + PLAN_RESERVE,
-            body_clearance=limits.vehicle_clearance + PLAN_RESERVE,
+            vehicle_clearance=limits.vehicle_clearance + PLAN_RESERVE,
             vehicle_gap=limits.vehicle_gap + PLAN_RESERVE,
-            cable_gap=limits.cable_gap,
-            free_at_root=free,
-            free_at_welder=free,
         )
 
     @property
-    def floor(self) -> Area:
+    def floor(self) -> Floor:
         """The area, as the planner knows it."""
-        return Area(self.area.outline, self.area.holes)
+        return Floor(self.area.outline, self.area.holes)
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """Yield key and message of what can't be towed."""

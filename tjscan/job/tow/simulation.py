@@ -98,7 +98,7 @@ class FaultyTeam(SimulatedTeam):
         world = self.world
         which = None if fault.vehicle is None else fault.vehicle - 1
         if fault.kind == "jam":
-            (world.jam if begins else world.release)(which or 0)
+            world.set_jammed(which or 0, begins)
         elif fault.kind == "push":
             if begins:
                 world.push(which or 0, *fault.push)

@@ -11,8 +11,9 @@ import numpy as np
 from tjscan.core.manifest import check_as_written
 from tjscan.crawler.joint_sections import PLACES_ACROSS, section_histories
 from tjscan.crawler.journal import CRAWL_RECORDING, WARNING_EVENT
+from tjscan.crawler.pass_record import root_mean_square
 from tjscan.crawler.phases import Phase
-from tjscan.crawler.slip_model import SlipState
+from tjscan.crawler.slip_estimator import SlipStateIndex
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.recording.journal import REPLAY_EVENT
 from tjscan.result.chapter import ReportChapter, ReportChart
@@ -23,10 +24,10 @@ MOST_CHART_POINTS: Final = 2000
 """Of a line in a chart."""
 
 SLIP_CHARTS: Final = (
-    (SlipState.YAW_EFFICIENCY, "yaw efficiency", "share of the tracks' turn", 1.0),
-    (SlipState.CRAB, "crab", "crab / mrad", 1e3),
-    (SlipState.DRIFT, "drift", "drift / (mrad/m)", 1e3),
-    (SlipState.ROTATION_CENTRE, "centre of rotation", "ahead in travel direction / mm", 1e3),
+    (SlipStateIndex.YAW_EFFICIENCY, "yaw efficiency", "share of the tracks' turn", 1.0),
+    (SlipStateIndex.CRAB, "crab", "crab / mrad", 1e3),
+    (SlipStateIndex.DRIFT, "drift", "drift / (mrad/m)", 1e3),
+    (SlipStateIndex.ROTATION_CENTRE, "centre of rotation", "ahead in travel direction / mm", 1e3),
 )
 """What is estimated of slip: quantity, title, label and scale of its chart."""
 
@@ -53,8 +54,8 @@ def _crawl_facts(job: CrawlJob, found: RecordedCrawl) -> Iterator[tuple[str, str
         yield (
             f"pass {one.number}",
             f"{1e3 * one.length:.0f} mm in {one.seconds:.0f} s, vehicle "
-            f"{1e3 * one.offset_rms:.2f} mm off (rms), torch's place known to "
-            f"{1e3 * one.sigma_rms:.2f} mm, {one.stops} stops, joint read in "
+            f"{1e3 * root_mean_square(one.offset):.2f} mm off (rms), torch's place known to "
+            f"{1e3 * root_mean_square(one.sigma):.2f} mm, {one.stops} stops, joint read in "
             f"{100 * one.read_share:.0f} % of profiles",
         )
 

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from tjscan.core.files import write_files_atomically
 from tjscan.crawler.journal import CRAWL_RECORDING, CrawlCycle, SimulatedPlace, read_crawl
-from tjscan.crawler.pass_record import PassRecord, pass_records
+from tjscan.crawler.pass_record import PassRecord, pass_records, root_mean_square
 from tjscan.crawler.phases import Phase
 from tjscan.job.crawl.job import CrawlJob
 from tjscan.laser.profile import Profile
@@ -29,12 +29,12 @@ PASS_COLUMNS: Final[dict[str, Callable[[PassRecord], object]]] = {
     "pass": lambda one: one.number,
     "length_mm": lambda one: f"{1e3 * one.length:.2f}",
     "speed_mm_s": lambda one: f"{1e3 * one.speed:.3f}",
-    "vehicle_offset_rms_mm": lambda one: f"{1e3 * one.offset_rms:.3f}",
-    "deviation_rms_mm": lambda one: f"{1e3 * one.deviation_rms:.3f}",
+    "vehicle_offset_rms_mm": lambda one: f"{1e3 * root_mean_square(one.offset):.3f}",
+    "deviation_rms_mm": lambda one: f"{1e3 * root_mean_square(one.deviation):.3f}",
     "deviation_max_mm": lambda one: f"{1e3 * one.deviation_max:.3f}",
-    "sigma_rms_mm": lambda one: f"{1e3 * one.sigma_rms:.3f}",
-    "true_deviation_rms_mm": lambda one: _mm_if_known(one.true_deviation_rms),
-    "offset_error_rms_mm": lambda one: _mm_if_known(one.offset_error_rms),
+    "sigma_rms_mm": lambda one: f"{1e3 * root_mean_square(one.sigma):.3f}",
+    "true_deviation_rms_mm": lambda one: _mm_if_known(root_mean_square(one.true_deviation)),
+    "offset_error_rms_mm": lambda one: _mm_if_known(root_mean_square(one.offset_error)),
     "profiles_read_percent": lambda one: f"{100 * one.read_share:.1f}",
     "stops": lambda one: one.stops,
 }
@@ -160,9 +160,9 @@ def weld_log(directory: Path, job: CrawlJob, recorded: RecordedCrawl) -> dict[st
                 "seconds": round(one.seconds, 2),
                 "length_mm": round(1e3 * one.length, 2),
                 "travel_speed_mm_s": round(1e3 * one.speed, 3),
-                "deviation_rms_mm": round(1e3 * one.deviation_rms, 3),
+                "deviation_rms_mm": round(1e3 * root_mean_square(one.deviation), 3),
                 "deviation_max_mm": round(1e3 * one.deviation_max, 3),
-                "deviation_sigma_mm": round(1e3 * one.sigma_rms, 3),
+                "deviation_sigma_mm": round(1e3 * root_mean_square(one.sigma), 3),
                 "stops": one.stops,
             }
             for one in recorded.passes

@@ -44,8 +44,7 @@ from tjscan.crawler.slip_calibration import (
     read_slip_calibration,
     write_slip_calibration,
 )
-from tjscan.crawler.slip_estimator import SlipEstimate
-from tjscan.crawler.slip_model import SlipState
+from tjscan.crawler.slip_estimator import SlipEstimate, SlipStateIndex
 from tjscan.job.crawl.cell import CrawlCell, InterruptedWorld, make_crawl_cell
 from tjscan.job.crawl.job import CrawlJob, read_crawl_job
 from tjscan.recording.foxglove import event_log_message
@@ -198,7 +197,7 @@ def short_pass_warning(job: CrawlJob, slip: SlipEstimate | None) -> str:
     """
     if slip is None:
         return ""
-    crab = abs(float(slip.x[SlipState.CRAB])) + slip.sigma(SlipState.CRAB)
+    crab = abs(float(slip.x[SlipStateIndex.CRAB])) + slip.sigma(SlipStateIndex.CRAB)
     way = job.weld.run_up + job.weld.length
     needed = (
         SETTLING_MULTIPLE / job.steering.gain + TURNING_MULTIPLE * crab * job.steering.least_radius

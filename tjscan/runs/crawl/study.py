@@ -124,10 +124,10 @@ def run_study_crawl(job: CrawlJob) -> CrawlOutcome:
         passes=len(passes),
         vehicle_rms_mm=1e3 * root_mean_square(last.true_offset),
         vehicle_p95_mm=1e3 * vehicle_p95,
-        torch_rms_mm=1e3 * last.true_deviation_rms,
+        torch_rms_mm=1e3 * root_mean_square(last.true_deviation),
         torch_p95_mm=1e3 * torch_p95,
-        error_rms_mm=1e3 * last.offset_error_rms,
-        sigma_mm=1e3 * last.sigma_rms,
+        error_rms_mm=1e3 * root_mean_square(last.offset_error),
+        sigma_mm=1e3 * root_mean_square(last.sigma),
         read_percent=100 * last.read_share,
     )
 

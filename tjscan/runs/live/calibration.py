@@ -22,7 +22,7 @@ from tjscan.job.cell import kinematics_of_job, sensor_mount_of_job, solids_in_ba
 from tjscan.job.files import CalibrationJob, read_calibration_job
 from tjscan.live.buttons import Act, Button, Tone
 from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR, TOOL_COLOUR
-from tjscan.live.drawables import Drawable, Lines, Posture, Surface
+from tjscan.live.drawables import ArmPosture, Drawable, Lines, Surface
 from tjscan.live.listening import Report, RunOnPage, show_run
 from tjscan.live.page import PageAddress
 from tjscan.live.step import PRESS_FACT, STATE_FACT, Measure, PlaneCurve, Sample, Setting, Step
@@ -116,14 +116,14 @@ class CalibrationShow:
         cross = Lines.through(*marks, colour=TOOL_COLOUR, width=3.0)
         drawn: dict[str, Drawable] = {f"touch/{touch.place_number}": cross}
         if touch.q is not None:
-            drawn["arm"] = Posture(touch.q)
+            drawn["arm"] = ArmPosture(touch.q)
         return Step(label, drawn, {"touched": f"{label} of {self._plan.touches}"})
 
     def _profile_step(self, label: str, shot: PosedProfile, q: Array | None = None) -> Step:
         points = shot.profile.points_s
         points = points[np.isfinite(points).all(axis=1)]
         posture = shot.q if q is None else q
-        drawn: dict[str, Drawable] = {} if posture is None else {"arm": Posture(posture)}
+        drawn: dict[str, Drawable] = {} if posture is None else {"arm": ArmPosture(posture)}
         if len(points) > 1:
             seen = transform_points(shot.T_b_f @ self._T_f_s, points[:: max(1, len(points) // 48)])
             drawn[f"line/{label}"] = Lines.through(seen, colour=LASER_COLOUR, width=2.5)
@@ -212,27 +212,27 @@ class PageOperator:
         while not self._pressed.empty():  # an earlier press answers none: the arm might move
             self._pressed.get()
         words = f"{question.yes} or {question.no}"
-        self._run.post(Step(facts={STATE_FACT: question.text, PRESS_FACT: words}))
-        self._run.post(self._show.next_pose(question.T_b_f))
+        self._run.record(Step(facts={STATE_FACT: question.text, PRESS_FACT: words}))
+        self._run.record(self._show.next_pose(question.T_b_f))
         self._enable_buttons(question.yes, question.no)
         while (answer := self._wait_for_button(question)) not in (question.yes, question.no):
             pass  # of a button that answers nothing now
         self._enable_buttons()
-        self._run.post(Step(facts={STATE_FACT: "working", PRESS_FACT: ""}))
+        self._run.record(Step(facts={STATE_FACT: "working", PRESS_FACT: ""}))
         return answer == question.yes
 
     def report(self, message: str) -> None:
         """Show a message among the events, and pass it on."""
-        self._run.post(Step(events=(("", message),)))
+        self._run.record(Step(events=(("", message),)))
         self._report(message)
 
     def show_uncertainty(self, progress: CalibrationProgress) -> None:
         """Show how sure the pose is, and the lines that it rests on."""
-        self._run.post(progress)
+        self._run.record(progress)
 
     def show_entry(self, entry: logbook.CalibrationEntry) -> None:
         """Show what was measured."""
-        self._run.post(entry)
+        self._run.record(entry)
 
     def _enable_buttons(self, *words: Answer) -> None:
         if self._run.page is not None:
@@ -248,9 +248,9 @@ class PageOperator:
                 return self._pressed.get(timeout=PREVIEW_INTERVAL)
             try:
                 profile = PlaneCurve.of_profile(look())
-                self._run.post(Step(facts={"laser": ""}, profile=profile))
+                self._run.record(Step(facts={"laser": ""}, profile=profile))
             except LaserFault as fault:
-                self._run.post(Step(facts={"laser": str(fault)}))
+                self._run.record(Step(facts={"laser": str(fault)}))
 
 
 @contextmanager

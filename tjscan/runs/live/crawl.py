@@ -22,7 +22,7 @@ from tjscan.laser.profile import Profile
 from tjscan.live import step as live_step
 from tjscan.live.buttons import Act, Button, stop_button
 from tjscan.live.colours import LASER_COLOUR, NOMINAL_COLOUR
-from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Placement, Surface
+from tjscan.live.drawables import BodyPose, Drawable, Lines, MeasuredPiece, Surface
 from tjscan.live.listening import Report, RunOnPage, show_run
 from tjscan.live.page import PageAddress
 from tjscan.recording.journal import RunEvent
@@ -130,8 +130,8 @@ class CrawlShow:
         if state.torques:
             values[LARGEST_TORQUE.name] = max(map(abs, state.torques))
         drawn: dict[str, Drawable] = {
-            "vehicle": Placement(pose(rot_z(-torch.heading), (cycle.travel, -torch.offset, 0.0))),
-            "torch": Placement(pose(p=torch_place)),
+            "vehicle": BodyPose(pose(rot_z(-torch.heading), (cycle.travel, -torch.offset, 0.0))),
+            "torch": BodyPose(pose(p=torch_place)),
         }
         samples: tuple[live_step.Sample, ...] = ()
         if cycle.arc and (piece := self._next_piece_of_weld(cycle, values)) is not None:
@@ -295,11 +295,11 @@ class CrawlPageJournal:
         match message:
             case CrawlCycle(state=state, profile=profile) if state.time >= self._due:
                 self._due = state.time + SECONDS_BETWEEN_PAGE_CYCLES
-                self._run.post(message)
+                self._run.record(message)
                 if profile is not None:
-                    self._run.post(profile)
+                    self._run.record(profile)
             case RunEvent():
-                self._run.post(message)
+                self._run.record(message)
 
 
 @contextmanager
@@ -355,9 +355,9 @@ def hand_drive_buttons(run: RunOnPage, hand: PageHandDrive) -> Sequence[Button]:
         hand.start()
         if run.page is not None:
             run.page.enable(dict.fromkeys(("Start", *hand.words), False))
-        run.post(live_step.Step(facts={live_step.PRESS_FACT: ""}))
+        run.record(live_step.Step(facts={live_step.PRESS_FACT: ""}))
 
-    run.post(live_step.Step(facts={live_step.PRESS_FACT: "Start, or hold a button to drive"}))
+    run.record(live_step.Step(facts={live_step.PRESS_FACT: "Start, or hold a button to drive"}))
     hint = "Drives slowly while it is held; released, or gone with the page, the crawler stops"
     held = [Button(word, partial(hand.hear, word), hint=hint, held=True) for word in hand.words]
     return [Button("Start", start, "green", "Let the crawl begin"), *held]

@@ -21,7 +21,7 @@ from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.joint.edges import feature_edges
 from tjscan.live.buttons import Act, Button
 from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR
-from tjscan.live.drawables import Drawable, Lines, MeasuredPiece, Posture, Surface
+from tjscan.live.drawables import ArmPosture, Drawable, Lines, MeasuredPiece, Surface
 from tjscan.live.listening import Report, RunOnPage, show_run
 from tjscan.live.page import PageAddress
 from tjscan.live.step import STATE_FACT, Measure, PlaneCurve, Sample, Setting, Step
@@ -120,7 +120,7 @@ class ScanShow:
 
     def _view_step(self, view: ProfileView) -> Step:
         label = f"section {view.index}, {view.substep}"
-        drawn = {"arm": Posture(view.q), **laser_fan(view)}
+        drawn = {"arm": ArmPosture(view.q), **laser_fan(view)}
         facts = {"doing": label, "arm's clock": f"{view.time:.1f} s"}
         return Step(label, drawn, facts, profile=PlaneCurve.of_profile(view.profile))
 
@@ -264,14 +264,14 @@ class ScanPageJournal:
 
     def record(self, message: object) -> None:
         """Show a message; of a section also how long the rest takes at the pace until now."""
-        self.run.post(message)
+        self.run.record(message)
         if not isinstance(message, ScannedSection):
             return
         number, now = message.view.index, monotonic()
         first, began = self._first = self._first or (number, now)
         if self._total is not None and number > first:
             left = (now - began) / (number - first) * max(self._total - 1 - number, 0)
-            self.run.post(Step(facts={"time left": f"{left // 60:.0f} min {left % 60:02.0f} s"}))
+            self.run.record(Step(facts={"time left": f"{left // 60:.0f} min {left % 60:02.0f} s"}))
 
 
 @contextmanager
@@ -300,7 +300,7 @@ def show_scan(
     def before() -> Iterator[Step]:
         simulation = context.job.simulation
         if simulation is not None and simulation.arm is not None:
-            yield Step(drawn={"arm": Posture(np.array(simulation.arm.home))})
+            yield Step(drawn={"arm": ArmPosture(np.array(simulation.arm.home))})
         if resumed is not None and (resumed / RECORDING_FILE).is_file():
             yield from map(show.step, read_scan_entries(resumed, context))
 

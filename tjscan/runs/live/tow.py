@@ -20,7 +20,7 @@ from tjscan.live.colours import (
     SOLID_COLOUR,
     TOOL_COLOUR,
 )
-from tjscan.live.drawables import Drawable, Lines, Placement
+from tjscan.live.drawables import BodyPose, Drawable, Lines
 from tjscan.live.listening import Report, RunOnPage, show_run
 from tjscan.live.page import PageAddress
 from tjscan.live.step import STATE_FACT, Measure, Sample, Setting, Step
@@ -114,7 +114,7 @@ class TowShow:
             values[CABLE_CLEARANCE.name] = 1e3 * clearance_from_discs(estimate, discs)
         bodies = zip(self.setting.bodies, cycle.poses, strict=True)
         drawn: dict[str, Drawable] = {
-            **{name: Placement(pose(rot_z(a), (x, y, 0.0))) for name, (x, y, a) in bodies},
+            **{name: BodyPose(pose(rot_z(a), (x, y, 0.0))) for name, (x, y, a) in bodies},
             "cable": Lines.through(_lift_to_height(estimate), colour=TOOL_COLOUR, width=4.0),
             "planned": Lines.through(_lift_to_height(planned), colour=FITTED_COLOUR, width=2.0),
             "obstacles": Lines.through(*map(_circle_points, discs), colour=SOLID_COLOUR, width=3.0),

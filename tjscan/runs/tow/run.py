@@ -29,10 +29,10 @@ from tjscan.towing.journal import (
     TowTruth,
     read_tow,
 )
-from tjscan.towing.loop import PLAN_PERIOD, CableTow, TowSetting
+from tjscan.towing.loop import PLAN_PERIOD, CableTow, TowSetup
 from tjscan.towing.seam import Seam
 from tjscan.towing.shape.area import DiscObstacle
-from tjscan.towing.shape.plan import ShapePlanner, TowingPlan
+from tjscan.towing.shape.plan import PlanInputs, ShapePlanner, TowingPlan
 
 RESUMABLE_KEYS: Final = (
     "method",
@@ -80,7 +80,7 @@ class TowContext(run.JobContext[TowJob]):
 def make_tow(job: TowJob, cell: TowCell, planner: ShapePlanner, journal: Journal) -> CableTow:
     """Make the loop of a job for a cell whose devices are connected."""
     line, obstacles = Seam(job.seam), cell.obstacles
-    setting = TowSetting(job.chain, job.team, line, job.localisation, job.following, obstacles)
+    setting = TowSetup(job.chain, job.team, line, job.localisation, job.following, obstacles)
     return CableTow(cell.team, cell.localisation, setting, planner, journal)
 
 
@@ -240,13 +240,9 @@ def replay_tow(
 def _replan_cycle(cycle: TowCycle, planner: ShapePlanner, seam: Seam, last: TowingPlan) -> TowCycle:
     obstacles = [DiscObstacle(x, y, r, (vx, vy)) for x, y, r, vx, vy in np.array(cycle.obstacles)]
     began = host.thread_time()
+    welder_pose = seam.pose_at(cycle.along)
     plan = planner.plan(
-        cycle.poses,
-        seam.pose_at(cycle.along),
-        dt=PLAN_PERIOD,
-        last=last,
-        obstacles=obstacles,
-        stopped=cycle.stopped,
+        PlanInputs(cycle.poses, welder_pose, PLAN_PERIOD, last, obstacles, cycle.stopped)
     )
     seconds = host.thread_time() - began
     if plan.halt:

@@ -15,7 +15,7 @@ from tjscan.core.frames import Array, readonly_copy
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Area:
+class Floor:
     """A floor.
 
     Parameters
@@ -92,7 +92,7 @@ class Obstacles(NamedTuple):
     discs: Array
 
     @classmethod
-    def of_area(cls, area: Area) -> Obstacles:
+    def of_area(cls, area: Floor) -> Obstacles:
         """Walls and polygons of an area."""
         walls, pockets = _split_outside(area.outline)
         polygons = (*pockets, *area.pillars)

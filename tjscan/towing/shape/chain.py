@@ -28,7 +28,7 @@ def place_links(angles: Array, root: Array, length: float, links: Array) -> None
         links[i, 0], links[i, 1], links[i, 2], links[i, 3], links[i, 4] = x, y, phi, c, s
 
 
-class ChainParts(NamedTuple):
+class ChainDerivatives(NamedTuple):
     """What single joints and links contribute to derivatives of a function of the chain.
 
     Parameters
@@ -47,13 +47,13 @@ class ChainParts(NamedTuple):
 
 
 @compiled
-def make_parts(n: int) -> ChainParts:
+def new_chain_derivatives(n: int) -> ChainDerivatives:
     """Parts of a chain of n links; those by heading are 0."""
-    return ChainParts(np.empty((n, 2)), np.empty((n, 5)), np.zeros((n, 2)))
+    return ChainDerivatives(np.empty((n, 2)), np.empty((n, 5)), np.zeros((n, 2)))
 
 
 @compiled
-def chain_gradient(parts: ChainParts, links: Array, length: float, gradient: Array) -> None:
+def chain_gradient(parts: ChainDerivatives, links: Array, length: float, gradient: Array) -> None:
     """Gradient by the angles, shape (N,), filled."""
     joint, point, turn = parts
     sx, sy, by_heading = 0.0, 0.0, 0.0
@@ -65,7 +65,7 @@ def chain_gradient(parts: ChainParts, links: Array, length: float, gradient: Arr
 
 
 @compiled
-def chain_hessian(parts: ChainParts, links: Array, length: float, hessian: Array) -> None:
+def chain_hessian(parts: ChainDerivatives, links: Array, length: float, hessian: Array) -> None:
     """Hessian by the angles, shape (N, N); both triangles are filled.
 
     With n_j = (-sin φ_j, cos φ_j) and u_j = (cos φ_j, sin φ_j), headings j ≤ k give

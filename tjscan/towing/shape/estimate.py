@@ -18,39 +18,39 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.towing.shape import chain
 from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.chain import ChainParts, place_links
+from tjscan.towing.shape.chain import ChainDerivatives, place_links
 from tjscan.towing.shape.compiled import Indices, compiled
 from tjscan.towing.shape.linear import back_substitute, factorise_convex
-from tjscan.towing.shape.plan import PoseTrust
+from tjscan.towing.shape.plan import PoseAccuracy
 
 SLIDING_DISTANCE = 1e-3
 """Metres by which a link gives way before it slides. As long as this is little beside the bends of
 a cable, it does not matter: from 0.2 to 2 mm estimates are the same."""
 
-LEAST_SHIFT = 0.1
+LEAST_HESSIAN_SHIFT = 0.1
 """Share of a joint's stiffness that is added first if the energy is not convex. Poses are held
 1e8 times as stiffly as joints: a share of that would freeze the shape, and end the search."""
 
-WARM_ITERATIONS: Final = 60
+MOST_WARM_ITERATIONS: Final = 60
 """Iterations at most of a search from the estimate before; fewer than ten are usual."""
 
-COLD_ITERATIONS: Final = 10 * WARM_ITERATIONS
+MOST_COLD_ITERATIONS: Final = 10 * MOST_WARM_ITERATIONS
 """The same of a search that knows no shape before."""
 
 TRIED_BULGES: Final = (-0.3, 0.0, 0.3)
 """Sideways, in chords between vehicles, of the shapes where such a search begins."""
 
-RELIEF_TIME: Final = 0.2
+PULL_RELIEF_TIME: Final = 0.2
 """Seconds over which the vehicle gives way to the whole of the force. Quicker, and it would go
 after the noise of its pose; slower, and friction builds the force up again."""
 
-RELIEF_SPEED: Final = 2e-3
+PULL_RELIEF_SPEED: Final = 2e-3
 """m/s with which it does so at most."""
 
-PLACE_ERROR: Final = 1e-3
+VEHICLE_PLACE_ERROR: Final = 1e-3
 """Metres within which vehicles are where they are sent: no force is relieved better than that."""
 
-PULL_TERM: Final = 4
+PULL_TERM_INDEX: Final = 4
 """Which term of the objective it is."""
 
 
@@ -83,8 +83,8 @@ class EstimateArrays(NamedTuple):
 
 
 @compiled
-def estimate_terms(
-    angles: Array, problem: EstimateArrays, links: Array, parts: ChainParts
+def cable_energy(
+    angles: Array, problem: EstimateArrays, links: Array, parts: ChainDerivatives
 ) -> float:
     """Energy of the cable over the stiffness of a joint, and the parts of each joint and link.
 
@@ -94,7 +94,7 @@ def estimate_terms(
     problem : EstimateArrays
     links : ndarray, shape (N, 5)
         As `place_links` fills it.
-    parts : ChainParts
+    parts : ChainDerivatives
         Filled.
     """
     joint, point, turn = parts
@@ -134,18 +134,18 @@ def estimate_terms(
 
 
 @compiled
-def newton_estimate(angles: Array, problem: EstimateArrays, most: int) -> float:
+def minimise_cable_energy(angles: Array, problem: EstimateArrays, most: int) -> float:
     """Shape of least energy near the vehicles' poses, in place; returns the energy."""
     n = len(angles)
-    links, parts = np.empty((n, 5)), chain.make_parts(n)
+    links, parts = np.empty((n, 5)), chain.new_chain_derivatives(n)
     gradient, step, trial = np.empty(n), np.empty(n), np.empty(n)
     hessian, factor = np.empty((n, n)), np.zeros((n, n))
     place_links(angles, problem.root, problem.length, links)
-    energy, shift = estimate_terms(angles, problem, links, parts), 0.0
+    energy, shift = cable_energy(angles, problem, links, parts), 0.0
     for _ in range(most):
         chain.chain_gradient(parts, links, problem.length, gradient)
         chain.chain_hessian(parts, links, problem.length, hessian)
-        shift = factorise_convex(hessian, shift, factor, LEAST_SHIFT)
+        shift = factorise_convex(hessian, shift, factor, LEAST_HESSIAN_SHIFT)
         step[:] = -gradient
         back_substitute(factor, step)
         slope, longest = 0.0, 0.0
@@ -158,7 +158,7 @@ def newton_estimate(angles: Array, problem: EstimateArrays, most: int) -> float:
             for i in range(n):
                 trial[i] = angles[i] + share * step[i]
             place_links(trial, problem.root, problem.length, links)
-            after = estimate_terms(trial, problem, links, parts)
+            after = cable_energy(trial, problem, links, parts)
             if after <= energy + 1e-4 * share * slope + 1e-12 * abs(energy):
                 better = True
                 break
@@ -199,7 +199,7 @@ def estimate_shape(
     poses: Array,
     *,
     last: CableEstimate | None = None,
-    trust: PoseTrust | None = None,
+    trust: PoseAccuracy | None = None,
 ) -> CableEstimate:
     """Shape of the cable between vehicles at these poses.
 
@@ -216,17 +216,17 @@ def estimate_shape(
         Of the held links: x, y, metres, and heading, radians; rows of NaN are unknown.
     last : CableEstimate, optional
         The estimate before. Without, the floor is left out.
-    trust : PoseTrust, optional
+    trust : PoseAccuracy, optional
     """
-    problem = estimate_arrays(cable, held_links, poses, trust or PoseTrust(), last)
+    problem = energy_problem_arrays(cable, held_links, poses, trust or PoseAccuracy(), last)
     if last is None:
-        starts, most = _guess_shapes(cable, problem.held, problem.poses), COLD_ITERATIONS
+        starts, most = _guess_shapes(cable, problem.held, problem.poses), MOST_COLD_ITERATIONS
     else:
-        starts, most = [last.angles], WARM_ITERATIONS
+        starts, most = [last.angles], MOST_WARM_ITERATIONS
     best, least = np.zeros(cable.links), np.inf
     for start in starts:
         angles = np.array(start, dtype=float)
-        energy = newton_estimate(angles, problem, most)
+        energy = minimise_cable_energy(angles, problem, most)
         if energy < least:
             best, least = angles, energy
     if last is None:
@@ -238,11 +238,11 @@ def estimate_shape(
     return CableEstimate(best, places - held_back)
 
 
-def estimate_arrays(
+def energy_problem_arrays(
     cable: Cable,
     held_links: Sequence[int],
     poses: Array,
-    trust: PoseTrust,
+    trust: PoseAccuracy,
     last: CableEstimate | None,
 ) -> EstimateArrays:
     """The problem of vehicles at these poses; without an estimate before, the floor is left out."""
@@ -341,24 +341,24 @@ class CablePull:
             A row of the pulls that the objective of `problem` takes.
         """
         force, stiffness = self.force, self.stiffness
-        doubt = max(self.doubt, PLACE_ERROR)
+        doubt = max(self.doubt, VEHICLE_PLACE_ERROR)
         counts = np.linalg.inv(target**2 * np.eye(2) + doubt**2 * stiffness @ stiffness.T)
         root = np.sqrt(1 + force @ counts @ force)
         by_force = 2 * weight / root * stiffness.T @ counts
         gradient = by_force @ force
-        hessian = max(1.0, RELIEF_TIME / period) * by_force @ stiffness
+        hessian = max(1.0, PULL_RELIEF_TIME / period) * by_force @ stiffness
         at = 2 * weight * (root - 1)
         # However soft the cable is there, the vehicle gives way slowly; also where the force goes
         # through zero, as it is known no better than the errors of the poses allow.
         doubted = min(self.doubt * float(np.linalg.norm(stiffness, 2)), target)
         slope = np.hypot(np.hypot(*gradient), doubted * np.linalg.norm(by_force, 2))
-        hessian += slope / (RELIEF_SPEED * period) * np.eye(2)
+        hessian += slope / (PULL_RELIEF_SPEED * period) * np.eye(2)
         second = (hessian[0, 0], hessian[0, 1], hessian[1, 1])
-        return np.array((PULL_TERM, *self.place, at, *gradient, *second))
+        return np.array((PULL_TERM_INDEX, *self.place, at, *gradient, *second))
 
 
 def pull_on_welder(
-    cable: Cable, held_links: Sequence[int], lies: CableEstimate, poses: Array, trust: PoseTrust
+    cable: Cable, held_links: Sequence[int], lies: CableEstimate, poses: Array, trust: PoseAccuracy
 ) -> CablePull | None:
     """The cable's pull at the welder; None if its pose or that of the vehicle before is unknown.
 
@@ -367,8 +367,8 @@ def pull_on_welder(
     """
     if len(held_links) < 2 or not np.isfinite(poses[-2:]).all():
         return None
-    problem = estimate_arrays(cable, held_links, poses, trust, lies)
-    stiffness = cable.bending_stiffness * _force_by_place(lies.angles, problem)
+    problem = energy_problem_arrays(cable, held_links, poses, trust, lies)
+    stiffness = cable.bending_stiffness * _pull_stiffness(lies.angles, problem)
     places = cable.poses(lies.angles)[:, :2]
     force = cable.bending_stiffness / trust.position_sd**2 * (places[-1] - poses[-1, :2])
     link = held_links[-2]
@@ -376,15 +376,15 @@ def pull_on_welder(
 
 
 @compiled
-def _force_by_place(angles: Array, problem: EstimateArrays) -> Array:
+def _pull_stiffness(angles: Array, problem: EstimateArrays) -> Array:
     """Derivative of the last held link's force by the place of the one before, (2, 2), over k."""
     n, last, root = len(angles), len(problem.held) - 1, problem.root
-    links, parts, stiff = np.empty((n, 5)), chain.make_parts(n), problem.stiff
+    links, parts, stiff = np.empty((n, 5)), chain.new_chain_derivatives(n), problem.stiff
     hessian, factor = np.empty((n, n)), np.zeros((n, n))
     place_links(angles, root, problem.length, links)
-    estimate_terms(angles, problem, links, parts)
+    cable_energy(angles, problem, links, parts)
     chain.chain_hessian(parts, links, problem.length, hessian)
-    factorise_convex(hessian, 0.0, factor, LEAST_SHIFT)
+    factorise_convex(hessian, 0.0, factor, LEAST_HESSIAN_SHIFT)
     derivative, change = np.zeros((2, 2)), np.empty(n)
     before, tip = problem.held[last - 1], problem.held[last]
     for axis in range(2):

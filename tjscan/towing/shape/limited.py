@@ -20,30 +20,29 @@ from tjscan.towing.shape.compiled import compiled, inlined
 from tjscan.towing.shape.limits import (
     ROW_TYPE,
     SPARE_MARGIN,
-    HardLimits,
     LimitArrays,
+    LimitedProblem,
     LimitKind,
     LimitRows,
-    RowRoom,
+    RowBuffer,
     fill_limit_rows,
     limit_gradients,
 )
 from tjscan.towing.shape.problem import (
     ShapeArrays,
-    ShapeProblem,
     ShapeState,
     add_multipliers,
     convex_hessian,
+    derivatives_of_state,
     evaluate_shape,
-    new_state,
-    parts_of,
-    pull_after,
+    new_shape_state,
+    pull_gradient_after_step,
 )
 
 LIMIT_BAND_WIDTH: Final = 0.05
 """Metres of margin below which a limit is in the program: some steps of a slow vehicle."""
 
-LONGEST_TURN: Final = 0.2
+LONGEST_JOINT_TURN: Final = 0.2
 """Radians that a joint turns at most in one step."""
 
 SLACK_COST: Final = 1e3
@@ -51,10 +50,10 @@ SLACK_COST: Final = 1e3
 
 QP_SOLVED: Final = proxsuite.proxqp.QPSolverOutput.PROXQP_SOLVED
 
-OUTER_ITERATIONS: Final = 100
+MOST_OUTER_ITERATIONS: Final = 100
 """Of ProxQP; 10 to 50 are usual. One without a solution would take it minutes."""
 
-INNER_ITERATIONS: Final = 20
+MOST_INNER_ITERATIONS: Final = 20
 """Its steps in each of them; one or two are usual."""
 
 MOST_ACTIVE_ROWS: Final = 20
@@ -85,7 +84,8 @@ class _QuadraticProgram(NamedTuple):
     ----------
     gradient : ndarray, shape (N,)
     hessian, factor : ndarray, shape (N, N)
-        Lower triangles: of the Hessian, to which `_model_step` adds a shift, and its factor.
+        Lower triangles: of the Hessian, to which `_fill_quadratic_program` adds a shift, and its
+        factor.
     force : ndarray, shape (2,)
         Of the pull at the welder, see `problem.replace_pull`.
     """
@@ -99,9 +99,9 @@ class _QuadraticProgram(NamedTuple):
 class _ShapeIterate:
     """All that is known at a shape: objective, constraints, rows of limits that are near."""
 
-    def __init__(self, problem: ShapeProblem, limits: HardLimits) -> None:
-        n = problem.cable.links
-        self.angles, self.state = np.empty(n), new_state(n, len(problem.fixed))
+    def __init__(self, limits: LimitedProblem) -> None:
+        problem, n = limits.problem, limits.problem.cable.links
+        self.angles, self.state = np.empty(n), new_shape_state(n, len(problem.fixed))
         self.plain_state = tuple(self.state)
         self._given = *problem.plain, tuple(limits.arrays)
         self._rows, self._used = np.empty(128, dtype=ROW_TYPE), 0
@@ -142,7 +142,7 @@ def _evaluate_shape(
     problem, state = ShapeArrays(*plain_problem), ShapeState(*plain_state)
     limits, obstacles = LimitArrays(*plain_limits), Obstacles(*plain_obstacles)
     f = evaluate_shape(angles, problem, obstacles, state)
-    room = RowRoom(rows, np.zeros(1, np.int64), band)
+    room = RowBuffer(rows, np.zeros(1, np.int64), band)
     fill_limit_rows(room, angles, state.links, limits, obstacles)
     used, worst = room.total[0], 0.0
     for r in range(min(used, len(rows))):
@@ -165,7 +165,7 @@ def _add_limit_forces(rows: LimitRows, z: Array, point: Array) -> None:
 
 
 @inlined
-def _guess_active(
+def _solve_by_active_set(
     program: _QuadraticProgram,
     state: ShapeState,
     C: Array,
@@ -219,7 +219,7 @@ def _guess_active(
 
 
 @compiled
-def _model_step(
+def _fill_quadratic_program(
     plain_problem: Any,
     plain_state: Any,
     rows: LimitRows,
@@ -235,7 +235,7 @@ def _model_step(
     """
     problem, state = ShapeArrays(*plain_problem), ShapeState(*plain_state)
     program, n = _QuadraticProgram(*plain_program), len(state.links)
-    chain_gradient(parts_of(state), state.links, problem.length, program.gradient)
+    chain_gradient(derivatives_of_state(state), state.links, problem.length, program.gradient)
     if len(last_z) == 0:
         linear.least_squares_multipliers(state.jacobian, program.gradient, y)
     add_multipliers(problem, y, state.point)
@@ -244,19 +244,17 @@ def _model_step(
     shift, _ = convex_hessian(problem, state, program.force, shift, program.hessian, program.factor)
     C, step, z = np.ones((len(rows), n + 1)), np.empty(n), np.empty(len(rows))
     limit_gradients(rows, problem.root, state.links, C)
-    solved = _guess_active(program, state, C, rows, step, y, z)
+    solved = _solve_by_active_set(program, state, C, rows, step, y, z)
     return shift, solved, step, z, C
 
 
-def optimise_limited(
-    problem: ShapeProblem, limits: HardLimits, start: Array, *, most: int = 40
-) -> LimitedShape:
+def optimise_within_limits(limits: LimitedProblem, start: Array, *, most: int = 40) -> LimitedShape:
     """Best shape near `start` that keeps all limits.
 
     Parameters
     ----------
-    problem : ShapeProblem
-    limits : HardLimits
+    limits : LimitedProblem
+        With their problem.
     start : ndarray, shape (N,)
         Angles, radians.
     most : int
@@ -266,8 +264,9 @@ def optimise_limited(
     -----
     The search ends when a step promises less than 1e-7 of the objective, or when none gains.
     """
-    n, bound, arrays = len(start), problem.cable.joint_limit - SPARE_MARGIN, problem.arrays
-    now, after = _ShapeIterate(problem, limits), _ShapeIterate(problem, limits)
+    n, bound = len(start), limits.problem.cable.joint_limit - SPARE_MARGIN
+    arrays, has_pull = limits.problem.arrays, limits.problem.pull is not None
+    now, after = _ShapeIterate(limits), _ShapeIterate(limits)
     now.move_to(np.clip(start, -bound, bound), LIMIT_BAND_WIDTH)
     y, z = np.zeros(len(now.state.constraint)), np.zeros(0)
     fix, shift, band, iteration = 1.0, 0.0, LIMIT_BAND_WIDTH, 0
@@ -276,21 +275,21 @@ def optimise_limited(
     while iteration < most:
         iteration += 1
         rows, left, reach = now.rows, 0.0, 1.0
-        shift, solved, step, z, C = _model_step(
+        shift, solved, step, z, C = _fill_quadratic_program(
             plain, now.plain_state, rows, y, z, shift, plain_program
         )
         if not solved:
             step, left, y, z, reach = _solve_program(program, shift, now, C)
         if reach == 0.0:
             break
-        if problem.pull is not None:
+        if has_pull:
             moved, costs, root = arrays.moved, arrays.costs, arrays.root
-            pull_after(moved, costs, now.state.links, root, step, program.force)
+            pull_gradient_after_step(moved, costs, now.state.links, root, step, program.force)
         fix = max(fix, 2 * max(map(abs, y.tolist()), default=0.0))
         slope = float(program.gradient @ step) - fix * reach * now.off
         slope -= SLACK_COST * max(now.worst - left, 0.0)
         merit = now.merit(fix)
-        share = min(1.0, LONGEST_TURN / max(float(np.abs(step).max()), 1e-300))
+        share = min(1.0, LONGEST_JOINT_TURN / max(float(np.abs(step).max()), 1e-300))
         for _ in range(12):
             after.move_to(now.angles + share * step, band)
             if after.merit(fix) <= merit + 1e-4 * share * slope + 1e-10 * abs(merit):
@@ -331,7 +330,7 @@ def _solve_program(
         qp = proxsuite.proxqp.dense.QP(n + 1, m, len(rows))
         qp.settings.eps_abs = 1e-8
         qp.init(hessian, gradient, A, -reach * constraint, rows, low, high)
-        qp.settings.max_iter, qp.settings.max_iter_in = OUTER_ITERATIONS, INNER_ITERATIONS
+        qp.settings.max_iter, qp.settings.max_iter_in = MOST_OUTER_ITERATIONS, MOST_INNER_ITERATIONS
         qp.solve()
         found = qp.results
         if found.info.status == QP_SOLVED:

@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Obstacles
-from tjscan.towing.shape.cable import Cable, TowingTeam
+from tjscan.towing.shape.cable import TowingTeam
 from tjscan.towing.shape.chain import place_links
 from tjscan.towing.shape.compiled import Indices, compiled, inlined
 from tjscan.towing.shape.distance import distance_to_obstacle
-from tjscan.towing.shape.plan import TowingLimits
+from tjscan.towing.shape.problem import ShapeProblem
+from tjscan.towing.tables import LimitSettings
 
 
 class LimitKind(IntEnum):
@@ -77,12 +78,12 @@ LimitRows = NDArray[np.void]
 """Rows of `ROW_TYPE`, shape (R,)."""
 
 SPARE_MARGIN = 1e-6
-"""Metres and radians added to every limit: what a solver may miss it by (`KEPT_MARGIN`)."""
+"""Metres and radians added to every limit: what a solver may miss it by (`LEAST_KEPT_MARGIN`)."""
 
-KEPT_MARGIN = -1e-6
+LEAST_KEPT_MARGIN = -1e-6
 """A margin above is a limit that is kept."""
 
-JOINT_BAND = 5.0
+JOINT_RADIANS_PER_METRE = 5.0
 """Radians of a joint's margin that count as a metre of distance: a step changes them so."""
 
 
@@ -129,7 +130,7 @@ class LimitArrays(NamedTuple):
     pace: float
 
 
-class RowRoom(NamedTuple):
+class RowBuffer(NamedTuple):
     """Room for the rows of limits with a margin below a band.
 
     Parameters
@@ -176,7 +177,7 @@ def nearest_on_link(i: int, x: float, y: float, root: Array, links: Array) -> Ch
 
 @inlined
 def add_row(
-    room: RowRoom, kind: int, margin: float, x: float, y: float, at: ChainPoint, other: ChainPoint
+    room: RowBuffer, kind: int, margin: float, x: float, y: float, at: ChainPoint, other: ChainPoint
 ) -> None:
     """Write a row whose margin grows along (x, y), if it fits."""
     if room.total[0] < len(room.rows):
@@ -188,7 +189,9 @@ def add_row(
 
 
 @inlined
-def add_apart(room: RowRoom, kind: int, apart: float, at: ChainPoint, other: ChainPoint) -> None:
+def add_distance_row(
+    room: RowBuffer, kind: int, apart: float, at: ChainPoint, other: ChainPoint
+) -> None:
     """A row for two points that must be `apart`, if the margin is less than the band."""
     x, y = at.x - other.x, at.y - other.y
     d = hypot(x, y)
@@ -198,8 +201,8 @@ def add_apart(room: RowRoom, kind: int, apart: float, at: ChainPoint, other: Cha
 
 
 @inlined
-def add_to_obstacles(
-    room: RowRoom, kind: int, apart: float, at: ChainPoint, obstacles: Obstacles
+def add_obstacle_rows(
+    room: RowBuffer, kind: int, apart: float, at: ChainPoint, obstacles: Obstacles
 ) -> None:
     """Rows for a point that must be `apart` from all obstacles."""
     walls, corners, starts, discs = obstacles
@@ -210,7 +213,7 @@ def add_to_obstacles(
 
 
 @inlined
-def do_cross(a: Array, b: Array, c: Array, d: Array) -> bool:
+def do_segments_cross(a: Array, b: Array, c: Array, d: Array) -> bool:
     """Whether the lines from a to b and from c to d cross, all of shape (2,)."""
     ux, uy, vx, vy = b[0] - a[0], b[1] - a[1], d[0] - c[0], d[1] - c[1]
     c_side = ux * (c[1] - a[1]) - uy * (c[0] - a[0])
@@ -221,14 +224,14 @@ def do_cross(a: Array, b: Array, c: Array, d: Array) -> bool:
 
 
 @inlined
-def add_crossed_edges(
-    room: RowRoom, apart: float, i: int, root: Array, links: Array, corners: Array
+def add_crossed_edge_rows(
+    room: RowBuffer, apart: float, i: int, root: Array, links: Array, corners: Array
 ) -> None:
     """Rows for a link that crosses edges of a polygon thinner than the link is long."""
     before = root[:2] if i == 0 else links[i - 1, :2]
     for k in range(len(corners)):
         a, b = corners[k - 1], corners[k]
-        if do_cross(before, links[i, :2], a, b):
+        if do_segments_cross(before, links[i, :2], a, b):
             nx, ny = b[1] - a[1], a[0] - b[0]
             length = hypot(nx, ny)
             nx, ny = nx / length, ny / length
@@ -245,8 +248,8 @@ def add_crossed_edges(
 
 
 @inlined
-def add_links_to_obstacles(
-    room: RowRoom, links: Array, limits: LimitArrays, obstacles: Obstacles
+def add_link_obstacle_rows(
+    room: RowBuffer, links: Array, limits: LimitArrays, obstacles: Obstacles
 ) -> None:
     """Rows of links: their ends, their nearest points to corners and discs, edges they cross."""
     kind, apart = LimitKind.LINK_TO_OBSTACLE, limits.link_clearance
@@ -255,26 +258,26 @@ def add_links_to_obstacles(
     reach = 3.0 * (length + apart + room.band)
     for i in range(limits.first_link, limits.last_link):
         end = link_end(i, root, links)
-        add_to_obstacles(room, kind, apart, end, obstacles)
+        add_obstacle_rows(room, kind, apart, end, obstacles)
         for k in range(len(corners)):
             place = ChainPoint(-1, corners[k, 0], corners[k, 1])
             if abs(end.x - place.x) + abs(end.y - place.y) < reach:
                 at = nearest_on_link(i, place.x, place.y, root, links)
                 if 0.0 < hypot(at.x - end.x, at.y - end.y) < length:
-                    add_apart(room, kind, apart, at, place)
+                    add_distance_row(room, kind, apart, at, place)
         for k in range(len(starts) - 1):
             polygon = corners[starts[k] : starts[k + 1]]
-            add_crossed_edges(room, apart, i, root, links, polygon)
+            add_crossed_edge_rows(room, apart, i, root, links, polygon)
         for k in range(2 * len(discs)):
             disc, column = discs[k // 2], 2 * (k % 2)
             place = ChainPoint(-1, disc[column], disc[column + 1])
             at = nearest_on_link(i, place.x, place.y, root, links)
             if 0.0 < hypot(at.x - end.x, at.y - end.y) < length:
-                add_apart(room, kind, apart + disc[4], at, place)
+                add_distance_row(room, kind, apart + disc[4], at, place)
 
 
 @inlined
-def add_links_to_body(room: RowRoom, i: int, links: Array, limits: LimitArrays) -> None:
+def add_link_body_rows(room: RowBuffer, i: int, links: Array, limits: LimitArrays) -> None:
     """Rows of all links but the next ones to the vehicle that holds link i."""
     root, length, apart = limits.root, limits.length, limits.body_clearance
     centre = link_end(i, root, links)
@@ -285,21 +288,23 @@ def add_links_to_body(room: RowRoom, i: int, links: Array, limits: LimitArrays) 
         near = abs(centre.x - links[j, 0]) + abs(centre.y - links[j, 1]) < reach
         if near and not between < next_to_body:
             at = nearest_on_link(j, centre.x, centre.y, root, links)
-            add_apart(room, LimitKind.LINK_TO_BODY, apart, at, centre)
+            add_distance_row(room, LimitKind.LINK_TO_BODY, apart, at, centre)
 
 
 @inlined
-def add_links_apart(room: RowRoom, apart: float, i: int, j: int, root: Array, links: Array) -> None:
+def add_link_link_rows(
+    room: RowBuffer, apart: float, i: int, j: int, root: Array, links: Array
+) -> None:
     """Rows for two links: each end of one against the other; if they cross, the way back."""
     kind = LimitKind.LINK_TO_LINK
     before_i, before_j = root[:2] if i == 0 else links[i - 1, :2], links[j - 1, :2]
-    crossed = do_cross(before_i, links[i, :2], before_j, links[j, :2])
+    crossed = do_segments_cross(before_i, links[i, :2], before_j, links[j, :2])
     least, nearest, nearest_end = 1e300, NO_CHAIN_POINT, NO_CHAIN_POINT
     for a, b in ((i, j), (j, i)):
         for end in (link_end(a - 1, root, links), link_end(a, root, links)):
             at = nearest_on_link(b, end.x, end.y, root, links)
             if not crossed:
-                add_apart(room, kind, apart, end, at)
+                add_distance_row(room, kind, apart, end, at)
             elif hypot(end.x - at.x, end.y - at.y) < least:
                 least, nearest, nearest_end = hypot(end.x - at.x, end.y - at.y), at, end
     if crossed:
@@ -309,7 +314,7 @@ def add_links_apart(room: RowRoom, apart: float, i: int, j: int, root: Array, li
 
 
 @inlined
-def add_cable_to_itself(room: RowRoom, links: Array, limits: LimitArrays) -> None:
+def add_cable_self_rows(room: RowBuffer, links: Array, limits: LimitArrays) -> None:
     """Rows of links that are near each other, but for the next ones."""
     n, root, length, apart = len(links), limits.root, limits.length, limits.cable_gap
     skip = 1 + int(np.ceil(pi / 2 * apart / length))
@@ -319,13 +324,13 @@ def add_cable_to_itself(room: RowRoom, links: Array, limits: LimitArrays) -> Non
         while j < n:
             d = hypot(links[i, 0] - links[j, 0], links[i, 1] - links[j, 1])
             if d < reach:
-                add_links_apart(room, apart, i, j, root, links)
+                add_link_link_rows(room, apart, i, j, root, links)
             # Links further on can't be nearer than what the cable between allows.
             j += max(1, int((d - reach) / length))
 
 
 @inlined
-def add_speeds(room: RowRoom, links: Array, limits: LimitArrays) -> None:
+def add_speed_rows(room: RowBuffer, links: Array, limits: LimitArrays) -> None:
     """Rows of vehicles that are sent nearly as far as they can go."""
     for p in range(len(limits.paced)):
         at = link_end(limits.paced[p], limits.root, links)
@@ -337,24 +342,24 @@ def add_speeds(room: RowRoom, links: Array, limits: LimitArrays) -> None:
 
 
 @inlined
-def add_joints(room: RowRoom, angles: Array, most: float) -> None:
+def add_joint_rows(room: RowBuffer, angles: Array, most: float) -> None:
     """Rows of joints that are bent nearly as far as the cable may be, `most` radians."""
     for i in range(len(angles)):
         margin = most - abs(angles[i])
-        if margin < JOINT_BAND * room.band:
+        if margin < JOINT_RADIANS_PER_METRE * room.band:
             sign, joint = -1.0 if angles[i] > 0 else 1.0, ChainPoint(i, 0.0, 0.0)
             add_row(room, LimitKind.JOINT, margin, sign, 0.0, joint, NO_CHAIN_POINT)
 
 
 @inlined
 def fill_limit_rows(
-    room: RowRoom, angles: Array, links: Array, limits: LimitArrays, obstacles: Obstacles
+    room: RowBuffer, angles: Array, links: Array, limits: LimitArrays, obstacles: Obstacles
 ) -> None:
     """Fill the rows of all limits.
 
     Parameters
     ----------
-    room : RowRoom
+    room : RowBuffer
     angles : ndarray, shape (N,)
     links : ndarray, shape (N, 5)
         As `place_links` fills it.
@@ -362,27 +367,27 @@ def fill_limit_rows(
     obstacles : Obstacles
     """
     held, root = limits.held, limits.root
-    add_links_to_obstacles(room, links, limits, obstacles)
+    add_link_obstacle_rows(room, links, limits, obstacles)
     for m in range(len(held)):
         at = link_end(held[m], root, links)
         if m < len(held) - 1:
             kind = LimitKind.BODY_TO_OBSTACLE
-            add_to_obstacles(room, kind, limits.body_clearance, at, obstacles)
+            add_obstacle_rows(room, kind, limits.body_clearance, at, obstacles)
         for o in range(m):
             other = link_end(held[o], root, links)
-            add_apart(room, LimitKind.BODY_TO_BODY, limits.body_gap, at, other)
-        add_links_to_body(room, held[m], links, limits)
-    add_cable_to_itself(room, links, limits)
-    add_speeds(room, links, limits)
-    add_joints(room, angles, limits.joint_limit)
+            add_distance_row(room, LimitKind.BODY_TO_BODY, limits.body_gap, at, other)
+        add_link_body_rows(room, held[m], links, limits)
+    add_cable_self_rows(room, links, limits)
+    add_speed_rows(room, links, limits)
+    add_joint_rows(room, angles, limits.joint_limit)
 
 
 @compiled
-def _limit_rows(
+def _fill_limit_rows_of_tuples(
     rows: LimitRows, band: float, angles: Array, links: Array, limits: Any, obstacles: Any
 ) -> int:
     """Fill rows of the limits of plain tuples; returns how many there are, even if not all fit."""
-    room, named = RowRoom(rows, np.zeros(1, np.int64), band), LimitArrays(*limits)
+    room, named = RowBuffer(rows, np.zeros(1, np.int64), band), LimitArrays(*limits)
     place_links(angles, named.root, named.length, links)
     fill_limit_rows(room, angles, links, named, Obstacles(*obstacles))
     return int(room.total[0])
@@ -414,90 +419,73 @@ def worst_margin(rows: LimitRows) -> float:
     return float(rows["margin"].min(initial=0.0))
 
 
-def round_for_message(figure: float) -> str:
+def figure_in_words(figure: float) -> str:
     """A figure as a message states it: what is below ten is not rounded to nothing."""
     return f"{figure:.0f}" if figure >= 10 else f"{figure:.2g}"
 
 
 @dataclass(frozen=True, eq=False)
-class HardLimits:
-    """All that a plan of one period must keep.
+class LimitedProblem:
+    """The problem of one period, and all that its plan must keep.
 
     Parameters
     ----------
-    cable : Cable
+    problem : ShapeProblem
+        What is planned: the cable, the obstacles, and the vehicles that drive.
     team : TowingTeam
-    limits : TowingLimits
-    obstacles : Obstacles
-    paced : ndarray of int, shape (P,)
-        Links of vehicles that drive.
-    pace_from : ndarray, shape (P, 2)
-        Where they are.
-    period : float
-        Seconds.
+    limits : LimitSettings
     """
 
-    cable: Cable
+    problem: ShapeProblem
     team: TowingTeam
-    limits: TowingLimits
-    obstacles: Obstacles
-    paced: Indices
-    pace_from: Array
-    period: float
+    limits: LimitSettings
 
     @cached_property
     def arrays(self) -> LimitArrays:
         """The same, as compiled functions take it."""
-        limits, body, length = self.limits, self.team.body_radius, self.cable.link_length
+        problem, limits, body = self.problem, self.limits, self.team.body_radius
+        cable, body_clearance = problem.cable, body + limits.vehicle_clearance
         return LimitArrays(
-            root=np.array(self.cable.root, dtype=float),
-            length=length,
+            root=np.array(cable.root, dtype=float),
+            length=cable.link_length,
             held=np.array(self.team.held_links),
             link_clearance=limits.link_clearance + SPARE_MARGIN,
-            first_link=int(np.ceil(limits.free_at_root / length - 1e-9)),
-            last_link=self.cable.links - int(np.ceil(limits.free_at_welder / length - 1e-9)),
-            body_clearance=body + limits.body_clearance + SPARE_MARGIN,
+            first_link=limits.free_links,
+            last_link=cable.links - limits.free_links,
+            body_clearance=body_clearance + SPARE_MARGIN,
             body_gap=2 * body + limits.vehicle_gap + SPARE_MARGIN,
             cable_gap=limits.cable_gap + SPARE_MARGIN,
-            joint_limit=self.cable.joint_limit - SPARE_MARGIN,
-            paced=self.paced,
-            pace_from=self.pace_from,
-            pace=self.team.top_speed * self.period - SPARE_MARGIN,
+            joint_limit=cable.joint_limit - SPARE_MARGIN,
+            paced=problem.paced,
+            pace_from=problem.pace_from,
+            pace=self.team.top_speed * problem.period - SPARE_MARGIN,
         )
 
     def rows(self, angles: Array, band: float = 0.0) -> LimitRows:
         """Rows with a margin below `band`, shape (R,), of `ROW_TYPE`."""
         links, count, rows = np.empty((len(angles), 5)), 64, np.empty(0, dtype=ROW_TYPE)
-        limits, obstacles = tuple(self.arrays), tuple(self.obstacles)
+        limits, obstacles = tuple(self.arrays), tuple(self.problem.obstacles)
         while count > len(rows):
             rows = np.empty(count, dtype=ROW_TYPE)
-            count = _limit_rows(rows, band, angles, links, limits, obstacles)
+            count = _fill_limit_rows_of_tuples(rows, band, angles, links, limits, obstacles)
         return rows[:count]
 
-    def name(self, row: np.void) -> str:
-        """Which limit a row is, in words."""
-        return self._describe(LIMIT_NAMES, row)
-
-    def words(self, row: np.void) -> str:
-        """How a shape breaks the limit of a row with a margin below zero."""
-        return self._describe(BROKEN_LIMITS, row)
-
-    def _describe(self, texts: Sequence[str], row: np.void) -> str:
-        """The text of a row's kind with its figures."""
+    def describe(self, row: np.void, texts: Sequence[str] = LIMIT_NAMES) -> str:
+        """The text of a row's kind with its figures: its name, or how a shape breaks it."""
         link, other = int(row["link"]), int(row["other"])
         figures = {
             "link": link,
             "other": other,
             "holder": self._vehicle_of_link(link),
             "other_holder": self._vehicle_of_link(other),
-            "mm": round_for_message(-1e3 * row["margin"]),
-            "bend": round_for_message(degrees(-row["margin"])),
+            "mm": figure_in_words(-1e3 * row["margin"]),
+            "bend": figure_in_words(degrees(-row["margin"])),
             "link_clearance": 1e3 * self.limits.link_clearance,
-            "body_clearance": 1e3 * self.limits.body_clearance,
+            "body_clearance": 1e3 * self.limits.vehicle_clearance,
             "vehicle_gap": 1e3 * self.limits.vehicle_gap,
             "cable_gap": 1e3 * self.limits.cable_gap,
             "top_speed": 60 * self.team.top_speed,
-            "joint_limit": degrees(self.cable.joint_limit),
+            "joint_limit": degrees(self.problem.cable.joint_limit),
         }
         return texts[int(row["kind"])].format(**figures)
 

@@ -120,7 +120,7 @@ def least_squares_multipliers(rows: Array, gradient: Array, multipliers: Array) 
 
 
 @compiled
-def add_squares(rows: Array, matrix: Array) -> float:
+def add_constraint_squares(rows: Array, matrix: Array) -> float:
     """Add the constraints' rows to the lower triangle, A'A times a weight that is returned.
 
     That leaves the step what it is, as A d is fixed, and makes convex what can be: the Hessian

@@ -7,7 +7,7 @@ leaves open is closed as for the planner (`docs/towing.md`); the code shares not
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -15,12 +15,12 @@ import numpy as np
 import scipy  # its parts are loaded at first use
 
 from tjscan.core.frames import Array
-from tjscan.towing.shape.area import Area, DiscObstacle, Obstacles
+from tjscan.towing.shape.area import Floor, Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import estimate_shape
-from tjscan.towing.shape.plan import PlannerSettings, PlanTerms, TowingPlan
+from tjscan.towing.shape.plan import PlanInputs, PlannerSettings, PlanTerms, TowingPlan
 from tjscan.towing.shape.planner import TowingPlanner
-from tjscan.towing.shape.problem import SHARES_AND_SLOPES
+from tjscan.towing.shape.problem import LOSS_CURVES
 
 SLSQP_ITERATIONS: Final = 200
 """Of SLSQP; the paper names none."""
@@ -36,52 +36,45 @@ class PaperPlanner(TowingPlanner):
     ----------
     cable : Cable
     team : TowingTeam
-    area : Area
+    area : Floor
     settings : PlannerSettings, optional
         Weights and targets of it; its limits, its trust in poses and its pace are not the paper's.
     """
 
     def __init__(
-        self, cable: Cable, team: TowingTeam, area: Area, settings: PlannerSettings | None = None
+        self, cable: Cable, team: TowingTeam, area: Floor, settings: PlannerSettings | None = None
     ) -> None:
         settings = settings or PlannerSettings()
         unpaced = replace(settings.weights, pace=0.0)
         super().__init__(cable, team, area, replace(settings, weights=unpaced))
 
-    def plan(
-        self,
-        poses: Array,
-        welder_pose: Array,
-        *,
-        dt: float,
-        last: TowingPlan | None = None,
-        obstacles: Sequence[DiscObstacle] = (),
-        stopped: Collection[int] = (),
-    ) -> TowingPlan:
+    def plan(self, inputs: PlanInputs) -> TowingPlan:
         """Estimate by (1), then optimise by (5). See `plan.ShapePlanner`.
 
         The paper knows no period and no vehicle that stopped.
         """
-        held = list(self.team.held_links)
+        held, poses = list(self.team.held_links), np.asarray(inputs.poses)
         known = np.flatnonzero(np.isfinite(poses).all(axis=1))
-        guess = None if last is None else last.estimate
-        if guess is None:
+        if inputs.last is None:
             guess = estimate_shape(self.cable, held, poses).angles
-        links = [held[m] for m in known]
-        known_poses = self._pose_constraint(links, np.asarray(poses)[known])
+        else:
+            guess = inputs.last.estimate
+        known_poses = self._pose_constraint([held[m] for m in known], poses[known])
         estimate, count, failed = minimise_with_slsqp(
             lambda a: (float(a @ a), 2 * a), known_poses, guess
         )
-        floor = self._floor.with_discs(obstacles, 0.0)
-        at_welder = self._pose_constraint(held[-1:], welder_pose[None])
+        floor = self._floor.with_discs(inputs.obstacles, 0.0)
+        at_welder = self._pose_constraint(held[-1:], inputs.welder_pose[None])
         angles, more, failed_too = minimise_with_slsqp(
             lambda a: self.objective(a, estimate, floor)[1:], at_welder, estimate
         )
         off = float(np.abs(at_welder(angles)[0]).max())
         terms, _, _ = self.objective(angles, estimate, floor)
-        plan = TowingPlan.of_angles(self.cable, held, estimate, angles, terms, off)
         halt = "" if off < 1e-3 else f"SLSQP found no shape: {failed_too or failed}"
-        return replace(plan, iterations=count + more, halt=halt)
+        poses, steps = self.cable.poses(angles), count + more
+        return TowingPlan(
+            estimate, angles, poses, poses[held], terms, off, iterations=steps, halt=halt
+        )
 
     def objective(
         self, angles: Array, estimate: Array, floor: Obstacles
@@ -146,7 +139,7 @@ def minimise_with_slsqp(f: Scalar, constraint: Vector, start: Array) -> tuple[Ar
 def _rising_loss(f: Array, target: float) -> tuple[Array, Array]:
     """(9) from 0 to 1, and its derivative."""
     value, slope = np.zeros_like(f), np.zeros_like(f)
-    for share, steep in SHARES_AND_SLOPES:
+    for share, steep in LOSS_CURVES:
         t, zero = np.tanh(steep / target * (f - target)), np.tanh(steep)
         value += share * (t + zero) / (1 + zero)
         slope += share * steep / target * (1 - t**2) / (1 + zero)
@@ -168,7 +161,7 @@ def _loss_of_nearest(points: Array, floor: Obstacles, target: float) -> tuple[Ar
     nearest = distance.argmin(axis=0), np.arange(len(points))
     d = distance[nearest]
     value, slope = np.zeros_like(d), np.zeros_like(d)
-    for share, steep in SHARES_AND_SLOPES:
+    for share, steep in LOSS_CURVES:
         t = np.tanh(steep / target * (d - target))
         value += share * (1 - t) / 2
         slope -= share * steep / target * (1 - t**2) / 2

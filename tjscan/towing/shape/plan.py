@@ -7,41 +7,13 @@ from dataclasses import dataclass, field
 from math import radians
 from typing import Protocol
 
-from tjscan.core.frames import Array, PlanarPoints, PlanarPoses, readonly_copy
+from tjscan.core.frames import Array, PlanarPoints, PlanarPoses, array_dataclass
 from tjscan.towing.shape.area import DiscObstacle
-from tjscan.towing.shape.cable import Cable
-from tjscan.towing.tables import TargetSettings, WeightSettings
+from tjscan.towing.tables import LimitSettings, TargetSettings, WeightSettings
 
 
 @dataclass(frozen=True, slots=True)
-class TowingLimits:
-    """Distances that no plan undercuts, metres. The joints' limit is the cable's own.
-
-    Parameters
-    ----------
-    link_clearance : float
-        Of the cable's middle line to walls, pillars and obstacles.
-    body_clearance : float
-        Of a vehicle's body to the same, and to links that it does not hold.
-    vehicle_gap : float
-        Between the bodies of two vehicles.
-    cable_gap : float
-        Between middle lines of parts of the cable.
-    free_at_root, free_at_welder : float
-        Length of cable at either end to which `link_clearance` does not apply: work starts and
-        ends at walls. The welder's body is not looked at either.
-    """
-
-    link_clearance: float = 0.02
-    body_clearance: float = 0.02
-    vehicle_gap: float = 0.05
-    cable_gap: float = 0.04
-    free_at_root: float = 0.3
-    free_at_welder: float = 0.3
-
-
-@dataclass(frozen=True, slots=True)
-class PoseTrust:
+class PoseAccuracy:
     """How well the vehicles' poses are known.
 
     Parameters
@@ -64,8 +36,9 @@ class PlannerSettings:
     ----------
     weights : WeightSettings
     targets : TargetSettings
-    limits : TowingLimits
-    trust : PoseTrust
+    limits : LimitSettings
+        Distances that no plan undercuts. The joints' limit is the cable's own.
+    trust : PoseAccuracy
         In the vehicles' poses.
     look_ahead : float
         Seconds of an obstacle's way that are kept free: delay and stopping time.
@@ -73,8 +46,8 @@ class PlannerSettings:
 
     weights: WeightSettings = field(default_factory=WeightSettings)
     targets: TargetSettings = field(default_factory=TargetSettings)
-    limits: TowingLimits = field(default_factory=TowingLimits)
-    trust: PoseTrust = field(default_factory=PoseTrust)
+    limits: LimitSettings = field(default_factory=lambda: LimitSettings(link_clearance=0.02))
+    trust: PoseAccuracy = field(default_factory=PoseAccuracy)
     look_ahead: float = 1.0
 
 
@@ -113,7 +86,7 @@ class PlanTerms:
         return self.paper + self.pace + self.pull
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@array_dataclass
 class TowingPlan:
     """A planned shape of the cable. Arrays are read-only.
 
@@ -153,26 +126,35 @@ class TowingPlan:
     halt: str = ""
     rest: PlanarPoints | None = None
 
-    @classmethod
-    def of_angles(
-        cls,
-        cable: Cable,
-        held: Sequence[int],
-        estimate: Array,
-        angles: Array,
-        terms: PlanTerms,
-        constraint: float,
-    ) -> TowingPlan:
-        """A plan of these angles for vehicles that hold the links `held`."""
-        poses = cable.poses(angles)
-        return cls(
-            readonly_copy(estimate),
-            readonly_copy(angles),
-            readonly_copy(poses),
-            readonly_copy(poses[list(held)]),
-            terms,
-            constraint,
-        )
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanInputs:
+    """What a plan of one period is made from.
+
+    Parameters
+    ----------
+    poses : ndarray, shape (vehicles, 3)
+        Of the vehicles now: x, y, metres, and heading, radians, each of its link's far end. A row
+        of NaN is a vehicle with an unknown pose.
+    welder_pose : ndarray, shape (3,)
+        Where the welder will be one period on.
+    period : float
+        Seconds.
+    last : TowingPlan or None
+        The plan before: the next estimate starts from its estimate, and the vehicles' steps are
+        counted from the poses that it sent them to. Without, from where they are.
+    obstacles : sequence of DiscObstacle
+        As they are now.
+    stopped : collection of int
+        Vehicles that no longer move: their links stay where they are.
+    """
+
+    poses: Array
+    welder_pose: Array
+    period: float
+    last: TowingPlan | None = None
+    obstacles: Sequence[DiscObstacle] = ()
+    stopped: Collection[int] = ()
 
 
 class ShapePlanner(Protocol):
@@ -192,32 +174,5 @@ class ShapePlanner(Protocol):
         obstacles : sequence of DiscObstacle
         """
 
-    def plan(
-        self,
-        poses: Array,
-        welder_pose: Array,
-        *,
-        dt: float,
-        last: TowingPlan | None = None,
-        obstacles: Sequence[DiscObstacle] = (),
-        stopped: Collection[int] = (),
-    ) -> TowingPlan:
-        """Estimate the cable's shape, then the best one near it.
-
-        Parameters
-        ----------
-        poses : ndarray, shape (vehicles, 3)
-            Of the vehicles now: x, y, metres, and heading, radians, each of its link's far end.
-            A row of NaN is a vehicle with an unknown pose.
-        welder_pose : ndarray, shape (3,)
-            Where the welder will be one period on.
-        dt : float
-            The period, seconds.
-        last : TowingPlan or None
-            The plan before: the next estimate starts from its estimate, and the vehicles' steps are
-            counted from the poses that it sent them to. Without, from where they are.
-        obstacles : sequence of DiscObstacle
-            As they are now.
-        stopped : collection of int
-            Vehicles that no longer move: their links stay where they are.
-        """
+    def plan(self, inputs: PlanInputs) -> TowingPlan:
+        """Estimate the cable's shape, then the best one near it."""

@@ -2,39 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, readonly_copy
-from tjscan.towing.shape.area import Area, DiscObstacle, Obstacles
+from tjscan.core.frames import Array
+from tjscan.towing.shape.area import DiscObstacle, Floor, Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import CableEstimate, estimate_shape, pull_on_welder
-from tjscan.towing.shape.limited import optimise_limited
+from tjscan.towing.shape.limited import optimise_within_limits
 from tjscan.towing.shape.limits import (
-    KEPT_MARGIN,
-    HardLimits,
+    BROKEN_LIMITS,
+    LEAST_KEPT_MARGIN,
+    LimitedProblem,
     LimitKind,
     LimitRows,
-    round_for_message,
+    figure_in_words,
     worst_margin,
 )
-from tjscan.towing.shape.plan import PlannerSettings, PlanTerms, TowingPlan
-from tjscan.towing.shape.problem import ShapeProblem, newton_shape
+from tjscan.towing.shape.plan import PlanInputs, PlannerSettings, PlanTerms, TowingPlan
+from tjscan.towing.shape.problem import ShapeProblem, minimise_objective
 from tjscan.towing.shape.start import start_shapes
 
 POSE_TOLERANCE: Final = 1e-6
 """Metres and radians within which fixed links must have their poses."""
 
-MISSED_POSE: Final = 1e-3
+LEAST_POSE_MISS: Final = 1e-3
 """Metres of a missed pose below which a limit that is broken, too, says more of what is wrong."""
 
-LINK_STEP: Final = 0.05
+LONGEST_LINK_STEP: Final = 0.05
 """Metres that a link moves at most from one shape looked at to the next, on its way to the plan."""
 
-LYING_NEAR: Final = 0.01
+LARGEST_LYING_OVERLAP: Final = 0.01
 """Metres by which the estimated cable may lie nearer to a body, or to itself, than a plan may bring
 it: between vehicles the floor holds it back from where it is planned."""
 
@@ -60,7 +61,7 @@ class TowingPlanner:
     ----------
     cable : Cable
     team : TowingTeam
-    area : Area
+    area : Floor
     settings : PlannerSettings, optional
 
     Raises
@@ -70,7 +71,7 @@ class TowingPlanner:
     """
 
     def __init__(
-        self, cable: Cable, team: TowingTeam, area: Area, settings: PlannerSettings | None = None
+        self, cable: Cable, team: TowingTeam, area: Floor, settings: PlannerSettings | None = None
     ) -> None:
         if team.held_links[-1] != cable.links - 1:
             raise ValueError(
@@ -82,16 +83,7 @@ class TowingPlanner:
         self._held = np.array(team.held_links, dtype=np.int64)
         self._floor = Obstacles.of_area(area)
 
-    def plan(
-        self,
-        poses: Array,
-        welder_pose: Array,
-        *,
-        dt: float,
-        last: TowingPlan | None = None,
-        obstacles: Sequence[DiscObstacle] = (),
-        stopped: Collection[int] = (),
-    ) -> TowingPlan:
+    def plan(self, inputs: PlanInputs) -> TowingPlan:
         """Estimate the cable's shape, then the best one near it. See `plan.ShapePlanner`.
 
         Raises
@@ -99,89 +91,86 @@ class TowingPlanner:
         ValueError
             A pose of the welder or a period that is no number.
         """
-        if not (np.isfinite(welder_pose).all() and np.isfinite(dt) and dt > 0):
-            raise ValueError(f"no plan for a welder at {welder_pose} in {dt} s")
-        before = None if last is None else self._estimate_of(last)
-        held, trust = self.team.held_links, self.settings.trust
-        now = estimate_shape(self.cable, held, poses, last=before, trust=trust)
-        problem, limits = self.problem(now.angles, welder_pose, dt, last, obstacles, stopped)
-        if last is not None and self.settings.weights.pull and self.team.welder - 1 not in stopped:
-            pull = pull_on_welder(self.cable, held, now, poses, trust)
+        poses, welder_pose, period = inputs.poses, inputs.welder_pose, inputs.period
+        if not (np.isfinite(welder_pose).all() and np.isfinite(period) and period > 0):
+            raise ValueError(f"no plan for a welder at {welder_pose} in {period} s")
+        last, before = inputs.last, None
+        if last is not None and last.rest is not None:
+            before = CableEstimate(last.estimate, last.rest)
+        elif last is not None:
+            before = CableEstimate.unpulled(self.cable, last.estimate)
+        held, settings = self.team.held_links, self.settings
+        now = estimate_shape(self.cable, held, poses, last=before, trust=settings.trust)
+        limits = self.limited_problem(now.angles, inputs)
+        if last and settings.weights.pull and self.team.welder - 1 not in inputs.stopped:
+            pull = pull_on_welder(self.cable, held, now, poses, settings.trust)
             if pull is not None:
-                problem = replace(problem, pull=pull.moved((welder_pose - poses[-1])[:2]))
+                pull = pull.moved((welder_pose - poses[-1])[:2])
+                limits = replace(limits, problem=replace(limits.problem, pull=pull))
         iterations, shape = 0, None
         pressed: tuple[str, ...] = ()
         if last is None or not last.limits:
-            angles, iterations = optimise_freely(problem)
-            shape = CheckedShape(problem, limits, angles)
+            angles, iterations = optimise_without_limits(limits.problem)
+            shape = CheckedShape(limits, angles)
         if shape is None or not shape.keeps_all:
-            limited = optimise_limited(problem, limits, now.angles)
-            shape = CheckedShape(problem, limits, limited.angles)
-            pressed = tuple(limits.name(row) for row in limited.pressed)
+            limited = optimise_within_limits(limits, now.angles)
+            shape = CheckedShape(limits, limited.angles)
+            pressed = tuple(limits.describe(row) for row in limited.pressed)
             iterations += limited.iterations
-        halt, rest = shape.objection(now.angles, pressed), readonly_copy(now.rest)
-        return shape.plan(iterations=iterations, halt=halt, limits=pressed, rest=rest)
-
-    def _estimate_of(self, plan: TowingPlan) -> CableEstimate:
-        """The estimate that a plan was made from."""
-        if plan.rest is None:
-            return CableEstimate.unpulled(self.cable, plan.estimate)
-        return CableEstimate(plan.estimate, plan.rest)
+        halt = shape.objection(now.angles, pressed)
+        return shape.plan(iterations=iterations, halt=halt, limits=pressed, rest=now.rest)
 
     def starts(
         self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()
     ) -> list[TowingPlan]:
         """Best shapes of many searches. See `plan.ShapePlanner`."""
-        resting = np.zeros(self.cable.links)
-        problem, limits = self.problem(resting, welder_pose, 1.0, None, obstacles)
-        problem = replace(problem, weights=replace(self.settings.weights, change=0.0, pace=0.0))
-        limits = replace(limits, period=START_SEARCH_PERIOD)
-        plans = []
-        for found in start_shapes(problem, limits, self.area, welder_pose):
-            begun = replace(problem, estimate=found.angles)
-            shape = CheckedShape(begun, limits, found.angles)
+        limits = self.start_problem(welder_pose, obstacles)
+        plans, problem, resting = [], limits.problem, limits.problem.estimate
+        for found in start_shapes(limits, self.area, welder_pose):
+            begun = replace(limits, problem=replace(problem, estimate=found.angles))
+            shape = CheckedShape(begun, found.angles)
             if shape.keeps_all:
                 plans.append(shape.plan(iterations=found.iterations))
         # Compiled functions are loaded before anything moves: no plan may have to wait for them.
-        optimise_limited(problem, limits, plans[0].angles if plans else resting, most=1)
+        optimise_within_limits(limits, plans[0].angles if plans else resting, most=1)
         last = plans[0] if plans else None
         for _ in range(2 if last else 0):  # from the second plan on, friction is known
-            last = self.plan(plans[0].held_poses, welder_pose, dt=1.0, last=last)
-        return plans or [CheckedShape(problem, limits, resting).plan(halt=NO_START_TEXT)]
+            last = self.plan(PlanInputs(plans[0].held_poses, welder_pose, 1.0, last))
+        return plans or [CheckedShape(limits, resting).plan(halt=NO_START_TEXT)]
 
     def start(self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()) -> TowingPlan:
         """The best of `starts`."""
         return self.starts(welder_pose, obstacles)[0]
 
-    def problem(
-        self,
-        estimate: Array,
-        welder_pose: Array,
-        dt: float,
-        last: TowingPlan | None = None,
-        obstacles: Sequence[DiscObstacle] = (),
-        stopped: Collection[int] = (),
-    ) -> tuple[ShapeProblem, HardLimits]:
+    def start_problem(
+        self, welder_pose: Array, obstacles: Sequence[DiscObstacle]
+    ) -> LimitedProblem:
+        """The problem of a first shape, which has no shape before it to stay near to."""
+        unknown = np.full((len(self._held), 3), np.nan)
+        inputs = PlanInputs(unknown, welder_pose, START_SEARCH_PERIOD, None, obstacles)
+        limits = self.limited_problem(np.zeros(self.cable.links), inputs)
+        weights = replace(self.settings.weights, change=0.0, pace=0.0)
+        return replace(limits, problem=replace(limits.problem, weights=weights))
+
+    def limited_problem(self, estimate: Array, inputs: PlanInputs) -> LimitedProblem:
         """The problem of one period, and the limits that its solution must keep."""
-        s, now = self.settings, self.cable.poses(estimate)[self._held]
-        still = [m for m in sorted(stopped) if m != self.team.welder]
+        s, now, last = self.settings, self.cable.poses(estimate)[self._held], inputs.last
+        still = [m for m in sorted(inputs.stopped) if m != self.team.welder]
         drives = [m for m in range(self.team.welder) if m not in still]
         begins = now if last is None or last.halt else last.held_poses
-        floor = self._floor.with_discs(obstacles, s.look_ahead)
-        fixed = [*still, self.team.welder]
-        paced, begin = self._held[drives], begins[drives, :2].copy()
-        fixed_poses = np.vstack((now[still], welder_pose))
+        floor = self._floor.with_discs(inputs.obstacles, s.look_ahead)
+        fixed, fixed_poses = [*still, self.team.welder], np.vstack((now[still], inputs.welder_pose))
         problem = ShapeProblem(
-            *(self.cable, floor, s.weights, s.targets, estimate),
-            *(self._held[fixed], fixed_poses, paced, begin, dt),
+            *(self.cable, floor, s.weights, s.targets, estimate, self._held[fixed], fixed_poses),
+            *(self._held[drives], begins[drives, :2].copy(), inputs.period),
         )
-        return problem, HardLimits(self.cable, self.team, s.limits, floor, paced, begin, dt)
+        return LimitedProblem(problem, self.team, s.limits)
 
 
-def optimise_freely(problem: ShapeProblem) -> tuple[Array, int]:
+def optimise_without_limits(problem: ShapeProblem) -> tuple[Array, int]:
     """Solution without limits, from the estimate on; angles and iterations."""
     angles = problem.estimate.copy()
-    return angles, newton_shape(angles, NEWTON_ITERATIONS, GRADIENT_TOLERANCE, *problem.plain)
+    return angles, minimise_objective(angles, NEWTON_ITERATIONS, GRADIENT_TOLERANCE, *problem.plain)
 
 
 class CheckedShape:
@@ -189,14 +178,14 @@ class CheckedShape:
 
     Parameters
     ----------
-    problem : ShapeProblem
-    limits : HardLimits
+    limits : LimitedProblem
+        With their problem.
     angles : ndarray, shape (N,)
     """
 
-    def __init__(self, problem: ShapeProblem, limits: HardLimits, angles: Array) -> None:
-        self.problem, self.limits, self.angles = problem, limits, angles
-        self._state = problem.evaluated(angles)
+    def __init__(self, limits: LimitedProblem, angles: Array) -> None:
+        self.problem, self.limits, self.angles = limits.problem, limits, angles
+        self._state = self.problem.evaluated(angles)
         self.off = float(np.abs(self._state.constraint).max())
         self.rows = limits.rows(angles)
         self.margin = worst_margin(self.rows)
@@ -204,7 +193,7 @@ class CheckedShape:
     @property
     def keeps_all(self) -> bool:
         """Whether it has the poses it must have and keeps every limit."""
-        return self.off < POSE_TOLERANCE and self.margin > KEPT_MARGIN
+        return self.off < POSE_TOLERANCE and self.margin > LEAST_KEPT_MARGIN
 
     def objection(self, estimate: Array, pressed: Sequence[str] = ()) -> str:
         """Why it may not be sent to vehicles whose cable lies as estimated, or nothing.
@@ -216,35 +205,32 @@ class CheckedShape:
             Limits that hold the shape where it is.
         """
         if not self.keeps_all:
-            if self.margin < KEPT_MARGIN and self.off < max(-self.margin, MISSED_POSE):
+            if self.margin < LEAST_KEPT_MARGIN and self.off < max(-self.margin, LEAST_POSE_MISS):
                 return self._worst_row(self.rows)
             held = f"; what holds it: {', '.join(pressed[:3])}" if pressed else ""
             return (
                 "the cable does not reach within its limits: it ends "
-                f"{round_for_message(1e3 * self.off)} mm short of the welder or of a vehicle that "
+                f"{figure_in_words(1e3 * self.off)} mm short of the welder or of a vehicle that "
                 f"does not move{held}"
             )
         here = self.limits.rows(estimate)
         near = here[np.isin(here["kind"], (LimitKind.LINK_TO_BODY, LimitKind.LINK_TO_LINK))]
-        if worst_margin(near) < -LYING_NEAR:
+        if worst_margin(near) < -LARGEST_LYING_OVERLAP:
             return f"as the cable lies, {self._worst_row(near)}"
         cable = self.problem.cable
         way = cable.poses(self.angles)[:, :2] - cable.poses(estimate)[:, :2]
-        steps = int(np.ceil(np.sqrt(np.square(way).sum(axis=1).max()) / LINK_STEP))
+        steps = int(np.ceil(np.sqrt(np.square(way).sum(axis=1).max()) / LONGEST_LINK_STEP))
         for k in range(1, steps):
             between = self.limits.rows(estimate + k / steps * (self.angles - estimate))
-            if worst_margin(between) < -LINK_STEP:
+            if worst_margin(between) < -LONGEST_LINK_STEP:
                 return f"on the way there, {self._worst_row(between)}"
         return ""
 
     def _worst_row(self, rows: LimitRows) -> str:
-        return self.limits.words(rows[rows["margin"].argmin()])
+        return self.limits.describe(rows[rows["margin"].argmin()], BROKEN_LIMITS)
 
     def plan(self, **more: Any) -> TowingPlan:
         """The plan of this shape, with what else a `TowingPlan` states."""
-        problem, held = self.problem, self.limits.team.held_links
-        terms = PlanTerms(*self._state.terms.tolist())
-        plan = TowingPlan.of_angles(
-            problem.cable, held, problem.estimate, self.angles, terms, self.off
-        )
-        return replace(plan, **more)
+        poses, terms = self.problem.cable.poses(self.angles), PlanTerms(*self._state.terms.tolist())
+        held_poses, estimate = poses[list(self.limits.team.held_links)], self.problem.estimate
+        return TowingPlan(estimate, self.angles, poses, held_poses, terms, self.off, **more)

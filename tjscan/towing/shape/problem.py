@@ -25,29 +25,29 @@ from tjscan.core.frames import Array
 from tjscan.towing.shape import chain, linear
 from tjscan.towing.shape.area import Obstacles
 from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.chain import ChainParts, place_links
+from tjscan.towing.shape.chain import ChainDerivatives, place_links
 from tjscan.towing.shape.compiled import Indices, compiled, inlined
 from tjscan.towing.shape.distance import SignedDistance, distance_to_obstacle
-from tjscan.towing.shape.estimate import PULL_TERM, CablePull
+from tjscan.towing.shape.estimate import PULL_TERM_INDEX, CablePull
 from tjscan.towing.shape.plan import PlanTerms
 from tjscan.towing.tables import TargetSettings, WeightSettings
 
-LONGEST_TURN = 0.5
+LONGEST_JOINT_TURN = 0.5
 """Radians that a joint turns at most in one step of Newton's method."""
 
-SMOOTH_CHANGE = 0.02
+CHANGE_ROUNDING = 0.02
 """Radians within which |θ - θ_init| is rounded: it has a kink at the planner's start."""
 
-PACE_TERM = 3
+PACE_TERM_INDEX = 3
 """Index of the term of the vehicles' steps."""
 
 NEGLIGIBLE_TARGET_DISTANCES = 10.0
 """Target distances beyond which an obstacle's loss is below 1e-7 and left out."""
 
-SHARES_AND_SLOPES = ((0.8, 4.0), (0.2, 1.0))
+LOSS_CURVES = ((0.8, 4.0), (0.2, 1.0))
 """Of the two curves; slopes over the target."""
 
-RISING_CURVES = tuple((share / (1 + tanh(b)), b, tanh(b)) for share, b in SHARES_AND_SLOPES)
+RISING_LOSS_CURVES = tuple((share / (1 + tanh(b)), b, tanh(b)) for share, b in LOSS_CURVES)
 """a_i, b_i times the target, and d_i of a rising loss."""
 
 
@@ -55,7 +55,7 @@ RISING_CURVES = tuple((share / (1 + tanh(b)), b, tanh(b)) for share, b in SHARES
 def rising_loss(f: float, target: float) -> tuple[float, float, float]:
     """ρ of (9) and two derivatives: 0 at 0, 1 at infinity, inflection at the target."""
     value, first, second = 0.0, 0.0, 0.0
-    for a, slope, d in RISING_CURVES:
+    for a, slope, d in RISING_LOSS_CURVES:
         b = slope / target
         t = 1.0 - 2.0 / (1.0 + exp(min(2.0 * b * (f - target), 700.0)))  # tanh, in half its time
         steep = a * b * (1.0 - t * t)
@@ -72,7 +72,7 @@ def free_share(d: float, target: float) -> tuple[float, float, float]:
     ρ_d falls: a_i < 0 and d_i = -1, so that 1 - ρ_d is a sum of logistic curves.
     """
     value, first, second = 0.0, 0.0, 0.0
-    for share, slope in SHARES_AND_SLOPES:
+    for share, slope in LOSS_CURVES:
         b = 2.0 * slope / target
         s = 1.0 / (1.0 + exp(min(-b * (d - target), 700.0)))
         steep = share * b * s * (1.0 - s)
@@ -148,7 +148,7 @@ class ShapeState(NamedTuple):
     links : ndarray, shape (N, 5)
         As `place_links` fills it.
     joint, point, turn : ndarray
-        `ChainParts` of the objective.
+        `ChainDerivatives` of the objective.
     terms : ndarray, shape (5,)
         Of the objective.
     constraint : ndarray, shape (3 E,)
@@ -166,7 +166,7 @@ class ShapeState(NamedTuple):
     jacobian: Array
 
 
-def new_state(n: int, fixed: int) -> ShapeState:
+def new_shape_state(n: int, fixed: int) -> ShapeState:
     """Room for a chain of n links and a number of fixed ones."""
     links, point = np.empty((n, 5)), np.empty((n, 5))
     joint, turn = np.empty((n, 2)), np.zeros((n, 2))
@@ -174,14 +174,14 @@ def new_state(n: int, fixed: int) -> ShapeState:
     return ShapeState(links, joint, point, turn, np.empty(5), constraint, jacobian)
 
 
-make_state = inlined(new_state)
-"""`new_state` for compiled functions: they are slow to give tuples back."""
+make_shape_state = inlined(new_shape_state)
+"""`new_shape_state` for compiled functions: they are slow to give tuples back."""
 
 
 @inlined
-def parts_of(state: ShapeState) -> ChainParts:
+def derivatives_of_state(state: ShapeState) -> ChainDerivatives:
     """What joints and links contribute to the derivatives of a shape's objective."""
-    return ChainParts(state.joint, state.point, state.turn)
+    return ChainDerivatives(state.joint, state.point, state.turn)
 
 
 @inlined
@@ -201,8 +201,8 @@ def evaluate_shape(
         one, two = scale[0] * first * 2.0 * a, scale[0] * (2.0 * first + 4.0 * a * a * second)
         if i > 0 and scale[2] > 0.0:
             e = a - estimate[i]
-            root = sqrt(e * e + SMOOTH_CHANGE * SMOOTH_CHANGE)
-            value, first, second = rising_loss(root - SMOOTH_CHANGE, targets[2])
+            root = sqrt(e * e + CHANGE_ROUNDING * CHANGE_ROUNDING)
+            value, first, second = rising_loss(root - CHANGE_ROUNDING, targets[2])
             slope = e / root
             terms[2] += scale[2] * value
             one += scale[2] * first * slope
@@ -276,7 +276,7 @@ class ShapeProblem:
         """The same but for the obstacles, as compiled functions take it."""
         w, targets, links = self.weights, self.targets, self.cable.links
         moved, costs = self.paced, np.zeros((len(self.paced), 9))
-        costs[:, 0], costs[:, 1:3] = PACE_TERM, self.pace_from
+        costs[:, 0], costs[:, 1:3] = PACE_TERM_INDEX, self.pace_from
         costs[:, 6] = costs[:, 8] = 2 * w.pace / (self.period * links)
         if self.pull is not None:
             pull = self.pull.cost(w.pull / links, targets.pull, self.period)
@@ -300,7 +300,7 @@ class ShapeProblem:
 
     def evaluated(self, angles: Array) -> ShapeState:
         """All that is known of a shape."""
-        state = new_state(len(angles), len(self.fixed))
+        state = new_shape_state(len(angles), len(self.fixed))
         _evaluate_plain(angles, *self.plain, tuple(state))
         return state
 
@@ -327,7 +327,7 @@ def add_multipliers(problem: ShapeArrays, y: Array, point: Array) -> None:
 def replace_pull(moved: Indices, costs: Array, links: Array, force: Array, point: Array) -> None:
     """Put a force, shape (2,), for the pull's share in what the links contribute."""
     for m in range(len(moved)):
-        if costs[m, 0] == PULL_TERM:
+        if costs[m, 0] == PULL_TERM_INDEX:
             k = moved[m]
             x, y = links[k, 0] - costs[m, 1], links[k, 1] - costs[m, 2]
             point[k, 0] += force[0] - costs[m, 4] - costs[m, 6] * x - costs[m, 7] * y
@@ -342,7 +342,7 @@ def add_pull_curvature(
 ) -> None:
     """Add the pull's curvature to a Hessian's lower triangle."""
     for m in range(len(moved)):
-        if costs[m, 0] == PULL_TERM:
+        if costs[m, 0] == PULL_TERM_INDEX:
             for i in range(moved[m] + 1):
                 x, y = chain.link_motion_by_joint(i, moved[m], links, root)
                 by_x = costs[m, 6] * x + costs[m, 7] * y
@@ -353,12 +353,12 @@ def add_pull_curvature(
 
 
 @compiled
-def pull_after(
+def pull_gradient_after_step(
     moved: Indices, costs: Array, links: Array, root: Array, step: Array, force: Array
 ) -> None:
     """The pull's gradient by its link's place after a step of the angles, shape (2,), filled."""
     for m in range(len(moved)):
-        if costs[m, 0] == PULL_TERM:
+        if costs[m, 0] == PULL_TERM_INDEX:
             k = moved[m]
             x, y = links[k, 0] - costs[m, 1], links[k, 1] - costs[m, 2]
             for i in range(k + 1):
@@ -394,15 +394,15 @@ def convex_hessian(
     """
     links, moved, costs = state.links, problem.moved, problem.costs
     replace_pull(moved, costs, links, force, state.point)
-    chain.chain_hessian(parts_of(state), links, problem.length, hessian)
-    weight = linear.add_squares(state.jacobian, hessian)
+    chain.chain_hessian(derivatives_of_state(state), links, problem.length, hessian)
+    weight = linear.add_constraint_squares(state.jacobian, hessian)
     least = 1e-4 * np.abs(np.diag(hessian)).max()
     add_pull_curvature(moved, costs, links, problem.root, hessian)
     return linear.factorise_convex(hessian, shift, factor, least), weight
 
 
 @compiled
-def newton_shape(
+def minimise_objective(
     angles: Array, most: int, tolerance: float, arrays: Any, plain_obstacles: Any
 ) -> int:
     """Minimise the objective with poses of links for constraints and no limits, in place.
@@ -431,14 +431,14 @@ def newton_shape(
     """
     problem, obstacles = ShapeArrays(*arrays), Obstacles(*plain_obstacles)
     n, m = len(angles), 3 * len(problem.fixed)
-    state, after = make_state(n, m // 3), make_state(n, m // 3)
+    state, after = make_shape_state(n, m // 3), make_shape_state(n, m // 3)
     gradient, step, trial, second = np.empty(n), np.empty(n), np.empty(n), np.zeros(n)
     hessian, factor = np.empty((n, n)), np.zeros((n, n))
     y, force = np.zeros(m), np.zeros(2)
     penalty, shift, iteration, done = 0.0, 0.0, 0, False
     f = evaluate_shape(angles, problem, obstacles, state)
     while True:
-        chain.chain_gradient(parts_of(state), state.links, problem.length, gradient)
+        chain.chain_gradient(derivatives_of_state(state), state.links, problem.length, gradient)
         residual = linear.least_squares_multipliers(state.jacobian, gradient, y)
         violation = np.abs(state.constraint).max() if m > 0 else 0.0
         if done or iteration >= most or (residual < tolerance and violation < 1e-9):
@@ -447,12 +447,14 @@ def newton_shape(
         add_multipliers(problem, y, state.point)
         shift, weight = convex_hessian(problem, state, force, shift, hessian, factor)
         linear.constrained_step(factor, state.jacobian, gradient, state.constraint, step, y)
-        pull_after(problem.moved, problem.costs, state.links, problem.root, step, force)
+        pull_gradient_after_step(
+            problem.moved, problem.costs, state.links, problem.root, step, force
+        )
         off = np.abs(state.constraint).sum()
         if m > 0:
             penalty = max(penalty, 2.0 * np.abs(y - weight * state.constraint).max())
         slope = gradient @ step - penalty * off
-        share = min(1.0, LONGEST_TURN / max(np.abs(step).max(), 1e-300))
+        share = min(1.0, LONGEST_JOINT_TURN / max(np.abs(step).max(), 1e-300))
         merit, corrected, better = f + penalty * off, False, False
         for _ in range(30):
             for i in range(n):

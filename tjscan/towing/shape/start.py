@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tjscan.core.frames import Array
-from tjscan.towing.shape.area import Area
+from tjscan.towing.shape.area import Floor
 from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.limited import SLACK_COST, optimise_limited
-from tjscan.towing.shape.limits import KEPT_MARGIN, HardLimits, worst_margin
-from tjscan.towing.shape.problem import ShapeProblem, newton_shape
+from tjscan.towing.shape.limited import SLACK_COST, optimise_within_limits
+from tjscan.towing.shape.limits import LEAST_KEPT_MARGIN, LimitedProblem, worst_margin
+from tjscan.towing.shape.problem import minimise_objective
 
 TURN_SIDES: Final = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 """To which the two arcs turn: 1 is left."""
@@ -29,10 +29,10 @@ TURN_SIDES: Final = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 LEAD_DIRECTIONS: Final = 12
 """Directions in which a bend is led away, and its headings there."""
 
-BASE_SHARES: Final = (0.25, 0.5, 0.75)
+BEND_BASE_SHARES: Final = (0.25, 0.5, 0.75)
 """Of the line between the ends, from where a single bend is led away."""
 
-RADIUS_STEPS: Final = 4
+TRIED_RADII: Final = 4
 """Of arcs, each twice the one before."""
 
 LANE_WIDTHS: Final = (2.2, 4.4)
@@ -41,10 +41,10 @@ LANE_WIDTHS: Final = (2.2, 4.4)
 LEAST_RADIUS_FACTORS: Final = 1.05
 """Times the least radius is the smallest: links are chords, and are yet to be fitted."""
 
-LENGTH_STEPS: Final = 48
+TRIED_OFFSETS: Final = 48
 """Places along a direction between which a length may be met."""
 
-LENGTH_HALVINGS: Final = 24
+OFFSET_HALVINGS: Final = 24
 """Of the way between two of them."""
 
 LENGTH_TOLERANCE: Final = 1e-3
@@ -56,17 +56,17 @@ MOST_START_SHAPES: Final = 12
 MOST_BENDS: Final = 4
 """Of a meander at most, tried where shapes with fewer end nowhere."""
 
-SAME_SHAPE: Final = 0.01
+SAME_SHAPE_DISTANCE: Final = 0.01
 """Share of the cable's length that links of two shapes are apart in the mean, below which they are
 the same."""
 
-NEWTON_STEPS: Final = 150
+MOST_NEWTON_STEPS: Final = 150
 """Of a search, at most."""
 
-CLOSING_STEPS: Final = 10
+MOST_CLOSING_STEPS: Final = 10
 """Steps that bring a shape to the welder's pose; three or four are usual."""
 
-MOST_PROGRAMS: Final = 60
+MOST_QUADRATIC_PROGRAMS: Final = 60
 """Of a search for a shape that a limit is in the way of, at most."""
 
 
@@ -88,27 +88,24 @@ class StartShape:
     iterations: int
 
 
-def start_shapes(
-    problem: ShapeProblem, limits: HardLimits, area: Area, welder_pose: Array
-) -> list[StartShape]:
+def start_shapes(limits: LimitedProblem, area: Floor, welder_pose: Array) -> list[StartShape]:
     """Shapes that keep all limits, best first; none if there is none.
 
     Parameters
     ----------
-    problem : ShapeProblem
-        With no weight of change and pace: there is nothing to stay near to.
-    limits : HardLimits
-    area : Area
+    limits : LimitedProblem
+        Of a problem with no weight of change and pace: there is nothing to stay near to.
+    area : Floor
     welder_pose : ndarray, shape (3,)
     """
-    for shapes in first_shapes(problem.cable, area, welder_pose):
-        found = _search_from(problem, limits, area, shapes)
+    for shapes in first_shapes(limits.problem.cable, area, welder_pose):
+        found = _search_shapes(limits, area, shapes)
         if found:
             return found
     return []
 
 
-def first_shapes(cable: Cable, area: Area, welder_pose: Array) -> Iterator[list[Array]]:
+def first_shapes(cable: Cable, area: Floor, welder_pose: Array) -> Iterator[list[Array]]:
     """Shapes of arcs and straight pieces from root to welder: bent once, then in more lanes."""
     root, middles = np.array(cable.root), (np.arange(cable.links) + 0.5) * cable.link_length
     given = root, welder_pose, cable.length, cable.least_bend_radius
@@ -123,11 +120,9 @@ def first_shapes(cable: Cable, area: Area, welder_pose: Array) -> Iterator[list[
         yield [cable.angles(along) for along in headings]
 
 
-def _search_from(
-    problem: ShapeProblem, limits: HardLimits, area: Area, shapes: list[Array]
-) -> list[StartShape]:
+def _search_shapes(limits: LimitedProblem, area: Floor, shapes: list[Array]) -> list[StartShape]:
     """What searches from the most promising of some shapes end with."""
-    cable = problem.cable
+    problem, cable = limits.problem, limits.problem.cable
     costs = [
         problem.terms(angles).total - SLACK_COST * worst_margin(limits.rows(angles))
         for angles in shapes
@@ -135,17 +130,17 @@ def _search_from(
     ranked = [shapes[k] for k in np.argsort(costs, kind="stable")]
     centres = [
         *(pillar.mean(axis=0) for pillar in area.pillars),
-        *(disc[:2] for disc in limits.obstacles.discs),
+        *(disc[:2] for disc in problem.obstacles.discs),
     ]
     found: list[StartShape] = []
     for guess in _distinct_shapes(cable, ranked, centres)[:MOST_START_SHAPES]:
         angles = guess.copy()
-        iterations = newton_shape(angles, NEWTON_STEPS, 1e-4, *problem.plain)
-        if not _is_reached(problem, limits, angles):
-            shape = optimise_limited(problem, limits, guess, most=MOST_PROGRAMS)
+        iterations = minimise_objective(angles, MOST_NEWTON_STEPS, 1e-4, *problem.plain)
+        if not _close_on_welder_pose(limits, angles):
+            shape = optimise_within_limits(limits, guess, most=MOST_QUADRATIC_PROGRAMS)
             angles = shape.angles.copy()
             iterations += shape.iterations
-            if not _is_reached(problem, limits, angles):
+            if not _close_on_welder_pose(limits, angles):
                 continue
         found.append(StartShape(angles, problem.terms(angles).total, iterations))
     found.sort(key=lambda shape: shape.f)
@@ -153,15 +148,15 @@ def _search_from(
     return [shape for shape in found if any(shape.angles is angles for angles in kept)]
 
 
-def _is_reached(problem: ShapeProblem, limits: HardLimits, angles: Array) -> bool:
+def _close_on_welder_pose(limits: LimitedProblem, angles: Array) -> bool:
     """Take a shape to the welder's pose by least changes, in place; whether it keeps its limits.
 
     A search that ends at its last step is still a little off.
     """
-    for _ in range(CLOSING_STEPS):
-        off, rows = problem.constraint(angles)
+    for _ in range(MOST_CLOSING_STEPS):
+        off, rows = limits.problem.constraint(angles)
         if np.abs(off).max() < 1e-9:
-            return worst_margin(limits.rows(angles)) >= KEPT_MARGIN
+            return worst_margin(limits.rows(angles)) >= LEAST_KEPT_MARGIN
         angles -= np.linalg.lstsq(rows, off)[0]
     return False
 
@@ -171,15 +166,16 @@ def _distinct_shapes(cable: Cable, shapes: list[Array], centres: list[Array]) ->
     sides: dict[tuple[int, ...], list[tuple[Array, Array]]] = {}
     for angles in shapes:
         line = cable.line(angles)
-        kept = sides.setdefault(tuple(_count_turns(line, centre) for centre in centres), [])
+        kept = sides.setdefault(tuple(_count_turns_around(line, centre) for centre in centres), [])
         if len(kept) < MOST_START_SHAPES and all(
-            np.hypot(*(line - other).T).mean() > SAME_SHAPE * cable.length for _, other in kept
+            np.hypot(*(line - other).T).mean() > SAME_SHAPE_DISTANCE * cable.length
+            for _, other in kept
         ):
             kept.append((angles, line))
     return [angles for each in zip_longest(*sides.values()) for angles, _ in filter(None, each)]
 
 
-def _count_turns(line: Array, centre: Array) -> int:
+def _count_turns_around(line: Array, centre: Array) -> int:
     """How often a line goes round a place: no cable on a floor gets from one number to another."""
     x, y = (line - centre).T
     sight = np.unwrap(np.arctan2(y, x))
@@ -206,7 +202,9 @@ def one_bend_headings(start: Array, end: Array, length: float, least_radius: flo
         wrapped. In between it changes evenly.
     """
     turns = 2 * np.pi * np.arange(LEAD_DIRECTIONS) / LEAD_DIRECTIONS
-    share, way, heading, radius = _combine(BASE_SHARES, turns, turns, _radii_to_try(least_radius))
+    share, way, heading, radius = _all_combinations(
+        BEND_BASE_SHARES, turns, turns, _radii_to_try(least_radius)
+    )
     bases = start[:2] + share[..., None] * (end - start)[:2]
     off = np.stack((np.cos(way), np.sin(way)), axis=-1)
     return _paths_of_length(start, end, length, bases, off, heading, radius[:, 0])
@@ -232,7 +230,7 @@ def meander_headings(
         See `one_bend_headings`.
     """
     turns = 2 * np.pi * np.arange(LEAD_DIRECTIONS) / LEAD_DIRECTIONS
-    which, axis, first, radius, lane = _combine(
+    which, axis, first, radius, lane = _all_combinations(
         np.arange(len(centres)), turns, (-1, 1), _radii_to_try(least_radius), LANE_WIDTHS
     )
     along = np.stack((np.cos(axis), np.sin(axis)), axis=-1)
@@ -244,13 +242,13 @@ def meander_headings(
     return _paths_of_length(start, end, length, bases, off, heading, radius[:, 0])
 
 
-def _combine(*values: ArrayLike) -> list[NDArray[Any]]:
+def _all_combinations(*values: ArrayLike) -> list[NDArray[Any]]:
     """All combinations of some values, each of shape (M, 1)."""
     return [each.reshape(-1, 1) for each in np.meshgrid(*values, indexing="ij")]
 
 
 def _radii_to_try(least: float) -> Array:
-    return np.asarray(LEAST_RADIUS_FACTORS * least * 2.0 ** np.arange(RADIUS_STEPS))
+    return np.asarray(LEAST_RADIUS_FACTORS * least * 2.0 ** np.arange(TRIED_RADII))
 
 
 def _paths_of_length(
@@ -273,13 +271,13 @@ def _paths_of_length(
         return _path_through(start, between, end, radius[which])
 
     everyone = np.arange(len(bases))
-    fars = np.linspace(0.0, 0.5 * length, LENGTH_STEPS)
+    fars = np.linspace(0.0, 0.5 * length, TRIED_OFFSETS)
     longer = np.stack(
         [paths(everyone, np.full(len(bases), far))[:, -1, 0] > length for far in fars]
     )
     step, which = np.nonzero(longer[1:] != longer[:-1])
     low, high, rises = fars[step], fars[step + 1], longer[step + 1, which]
-    for _ in range(LENGTH_HALVINGS):
+    for _ in range(OFFSET_HALVINGS):
         middle = 0.5 * (low + high)
         above = (paths(which, middle)[:, -1, 0] > length) == rises
         low, high = np.where(above, low, middle), np.where(above, middle, high)

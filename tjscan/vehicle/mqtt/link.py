@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from queue import Empty, SimpleQueue
-from typing import Any, Final
+from typing import Any, Final, Self
 from uuid import uuid4
 
 from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage, MQTTMessageInfo
@@ -19,7 +19,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from tjscan.core.devices import EventListener
 from tjscan.core.errors import VehicleLinkLost
 from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings, MqttSettings
-from tjscan.vehicle.mqtt.wire import REPORTED_COUNTS, BadMessage, PresenceMessage, WireMessage
+from tjscan.vehicle.mqtt.wire import REPORTED_DROP_COUNTS, BadMessage, PresenceMessage, WireMessage
 
 KEEP_ALIVE: Final = 2
 """Seconds of silence after which a broker asks whether its client is there. It calls the last will
@@ -54,6 +54,7 @@ class ReceivedMessage:
     time: float
 
 
+@dataclass(eq=False)
 class BrokerLink:
     """Connection to a broker that announces its end and comes back when it was cut.
 
@@ -75,21 +76,16 @@ class BrokerLink:
         Takes whether the link is up, each time that changes, in that thread.
     """
 
-    def __init__(
-        self,
-        host: str,
-        port: int,
-        *,
-        prefix: str,
-        presence_topic: str,
-        presence: PresenceMessage,
-        topics: Collection[str] = (),
-        receive: Callable[[ReceivedMessage], None] = lambda received: None,
-        changed: Callable[[bool], None] = lambda up: None,
-    ) -> None:
-        self._host, self._port, self._prefix = host, port, prefix
-        self._presence_topic, self._presence = presence_topic, presence
-        self._topics, self._receive, self._changed = topics, receive, changed
+    host: str
+    port: int
+    prefix: str
+    presence_topic: str
+    presence: PresenceMessage
+    topics: Collection[str] = ()
+    receive: Callable[[ReceivedMessage], None] = lambda received: None
+    changed: Callable[[bool], None] = lambda up: None
+
+    def __post_init__(self) -> None:
         self._number = 0
         self._up = threading.Event()
         self._client = self._make_client()
@@ -115,17 +111,17 @@ class BrokerLink:
         self._client = self._make_client()
         self._client.connect_timeout = limit
         try:
-            self._client.connect(self._host, self._port, KEEP_ALIVE)
+            self._client.connect(self.host, self.port, KEEP_ALIVE)
         except OSError as error:
             raise VehicleLinkLost(
-                f"there is no MQTT broker at {self._host}:{self._port} ({error}). Start one, for "
-                f"instance: mosquitto -p {self._port}"
+                f"there is no MQTT broker at {self.host}:{self.port} ({error}). Start one, for "
+                f"instance: mosquitto -p {self.port}"
             ) from None
         self._client.loop_start()
         if not self._up.wait(limit):
             self.close()
             raise VehicleLinkLost(
-                f"the MQTT broker at {self._host}:{self._port} does not take this client. See its "
+                f"the MQTT broker at {self.host}:{self.port} does not take this client. See its "
                 "log."
             )
 
@@ -143,7 +139,7 @@ class BrokerLink:
                 sock.shutdown(socket.SHUT_RDWR)
         # It ends when it next looks whether to connect again, which must not be waited for.
         threading.Thread(target=client.loop_stop, daemon=True).start()
-        self._changed(False)
+        self.changed(False)
 
     def close(self) -> None:
         """Announce that this end goes, and disconnect."""
@@ -154,26 +150,26 @@ class BrokerLink:
         self._client.loop_stop()
 
     def _make_client(self) -> Client:
-        client = Client(CallbackAPIVersion.VERSION2, client_id=f"tjscan-{self._presence.session}")
+        client = Client(CallbackAPIVersion.VERSION2, client_id=f"tjscan-{self.presence.session}")
         client.reconnect_delay_set(RECONNECT_DELAY, RECONNECT_DELAY)
         client.on_connect, client.on_disconnect = self._on_connect, self._on_disconnect
         client.on_message, client.on_socket_open = self._on_message, _send_without_delay
         client.will_set(
-            self._full_topic(self._presence_topic),
-            replace(self._presence, alive=False).to_json(),
+            self._full_topic(self.presence_topic),
+            replace(self.presence, alive=False).to_json(),
             qos=1,
             retain=True,
         )
         return client
 
     def _full_topic(self, topic: str) -> str:
-        return f"{self._prefix}/{topic}"
+        return f"{self.prefix}/{topic}"
 
     def _publish_presence(self, *, alive: bool) -> MQTTMessageInfo:
         self._number += 1
-        message = replace(self._presence, alive=alive, number=self._number, time=time.monotonic())
+        message = replace(self.presence, alive=alive, number=self._number, time=time.monotonic())
         return self._client.publish(
-            self._full_topic(self._presence_topic), message.to_json(), qos=1, retain=True
+            self._full_topic(self.presence_topic), message.to_json(), qos=1, retain=True
         )
 
     def _on_connect(
@@ -181,21 +177,21 @@ class BrokerLink:
     ) -> None:
         if code.is_failure:
             return
-        if self._topics:
-            client.subscribe([(self._full_topic(topic), 0) for topic in self._topics])
+        if self.topics:
+            client.subscribe([(self._full_topic(topic), 0) for topic in self.topics])
         self._publish_presence(alive=True)
         self._up.set()
-        self._changed(True)
+        self.changed(True)
 
     def _on_disconnect(
         self, client: Client, data: Any, flags: DisconnectFlags, code: ReasonCode, properties: Any
     ) -> None:
         self._up.clear()
-        self._changed(False)
+        self.changed(False)
 
     def _on_message(self, client: Client, data: Any, message: MQTTMessage) -> None:
-        topic = message.topic.removeprefix(f"{self._prefix}/")
-        self._receive(
+        topic = message.topic.removeprefix(f"{self.prefix}/")
+        self.receive(
             ReceivedMessage(topic, bytes(message.payload), message.retain, time.monotonic())
         )
 
@@ -224,25 +220,53 @@ class BrokerClient:
     ) -> None:
         self._broker, self._presence_topic, self._topics = settings, presence_topic, topics
         self._listener: EventListener = lambda name, sentence: None
-        self._connected = False
         self._begin()
+
+    def __enter__(self) -> Self:
+        """Connect, and wait until the device answers.
+
+        Raises
+        ------
+        VehicleLinkLost
+            If there is no broker, or no such device on it.
+        VehicleFault
+            If another program commands the device.
+        """
+        self._begin()
+        self._link.connect(self._broker.connect_limit)
+        self._connected = True
+        try:
+            self._wait_until_ready()
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Leave the device at rest, and disconnect."""
+        if self._connected:
+            self._leave_at_rest()
+            self._connected = False
+            self._link.close()
 
     def _begin(self) -> None:
         """Know nothing of the device yet."""
+        self._connected = False
         self._events: SimpleQueue[tuple[str, str]] = SimpleQueue()
         self._session, self._number = uuid4().hex, 0
         self.dropped = 0
         """Messages that were dropped since connecting, for they were none or came out of order."""
-        self._link = BrokerLink(
-            self._broker.host,
-            self._broker.port,
-            prefix=self._broker.prefix,
-            presence_topic=self._presence_topic,
-            presence=PresenceMessage.at_start(self._session),
-            topics=self._topics,
-            receive=self._receive,
-            changed=self._link_changed,
+        address = self._broker.host, self._broker.port, self._broker.prefix
+        here, topics = PresenceMessage.at_start(self._session), self._topics
+        self._link: BrokerLink = BrokerLink(
+            *address, self._presence_topic, here, topics, self._receive, self._link_changed
         )
+
+    def _wait_until_ready(self) -> None:
+        """Wait for the first answer; raises VehicleLinkLost if none comes."""
+
+    def _leave_at_rest(self) -> None:
+        """Bring the device to rest, while the link still is there."""
 
     def report_events_to(self, listener: EventListener) -> None:
         """Report dropped messages and lost links to a listener, in the thread that calls."""
@@ -269,7 +293,7 @@ class BrokerClient:
 
     def _note_dropped(self, sentence: str) -> None:
         self.dropped += 1
-        if self.dropped in REPORTED_COUNTS:
+        if self.dropped in REPORTED_DROP_COUNTS:
             self._events.put(("message-dropped", sentence))
 
     def _take_in(self, received: ReceivedMessage) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from typing import Final, Self
+from typing import Final
 
 from tjscan.core.devices import DeviceIdentity
 from tjscan.core.errors import VehicleLinkLost
@@ -43,38 +43,20 @@ class MqttLocalisation(BrokerClient):
         self._given: list[VehiclePose | None] = [None] * self._vehicles
         self._passers_by: dict[str, TrackedDisc] = {}
         self._gates: defaultdict[str, wire.PoseGate] = defaultdict(wire.PoseGate)
-        self._connected = False
         super()._begin()
 
-    def __enter__(self) -> Self:
-        """Connect, and wait until every vehicle was seen.
-
-        Raises
-        ------
-        VehicleLinkLost
-            If there is no broker, or the pose of a vehicle is not sent.
-        """
-        self._begin()
+    def _wait_until_ready(self) -> None:
+        """Wait until every vehicle was seen."""
         s = self.settings
-        self._link.connect(s.connect_limit)
-        self._connected = True
         until = time.monotonic() + s.connect_limit
         while None in self._newest:
             if time.monotonic() > until:
-                self.__exit__()
                 missing = ", ".join(str(i + 1) for i, p in enumerate(self._newest) if p is None)
                 raise VehicleLinkLost(
                     f"no pose of vehicle {missing} came from the broker at {s.host}:{s.port} on "
                     f"{s.prefix}/N/{wire.POSE_TOPIC}. See that the localisation runs and sees it."
                 )
             time.sleep(LOOK_PERIOD)
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Disconnect."""
-        if self._connected:
-            self._connected = False
-            self._link.close()
 
     @property
     def identity(self) -> DeviceIdentity:

@@ -12,7 +12,30 @@ from tjscan.vehicle.vehicle import DEAD_MAN
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MqttSettings(SettingsTable):
+class BrokerSettings(SettingsTable):
+    """A broker, and what all topics of a device begin with there.
+
+    Parameters
+    ----------
+    host : str
+        The broker's address; nothing else is connected to.
+    port : int
+        Its port.
+    prefix : str
+        Of the topics.
+    """
+
+    host: Annotated[str, MinLen(1)] = "127.0.0.1"
+    port: Annotated[int, Ge(1), Le(65535)] = 1883
+    prefix: str = "tjscan"
+
+    def __post_init__(self) -> None:
+        if set(self.prefix) & set("+#\0") or self.prefix.startswith(("$", "/")):
+            raise ValueError("prefix is a topic: without + and #, and not behind $ or /")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MqttSettings(BrokerSettings):
     """The table [vehicle.mqtt]: the broker, the vehicle's topics, and time limits.
 
     Parameters
@@ -32,19 +55,14 @@ class MqttSettings(SettingsTable):
         Seconds without a new state after which the link counts as lost.
     """
 
-    host: Annotated[str, MinLen(1)] = "127.0.0.1"
-    port: Annotated[int, Ge(1), Le(65535)] = 1883
     prefix: Annotated[str, Len(1, 200)] = "tjscan/vehicle/1"
     dead_man: Annotated[float, Ge(0.05), Le(DEAD_MAN), SECONDS] = DEAD_MAN
     connect_limit: Annotated[float, Ge(0.1), Le(120), SECONDS.with_key("connect_s")] = 5.0
     silence_limit: Annotated[float, Ge(0.05), Le(60), SECONDS.with_key("silence_s")] = 0.5
 
-    def __post_init__(self) -> None:
-        _check_prefix(self.prefix)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MqttLocalisationSettings(SettingsTable):
+class MqttLocalisationSettings(BrokerSettings):
     """The table [localisation.mqtt]: the broker, and the topics with poses there.
 
     Parameters
@@ -59,15 +77,5 @@ class MqttLocalisationSettings(SettingsTable):
         Seconds in which every vehicle must be seen first.
     """
 
-    host: Annotated[str, MinLen(1)] = "127.0.0.1"
-    port: Annotated[int, Ge(1), Le(65535)] = 1883
     prefix: Annotated[str, Len(1, 190)] = "tjscan/vehicle"
     connect_limit: Annotated[float, Ge(0.1), Le(120), SECONDS.with_key("connect_s")] = 5.0
-
-    def __post_init__(self) -> None:
-        _check_prefix(self.prefix)
-
-
-def _check_prefix(prefix: str) -> None:
-    if set(prefix) & set("+#\0") or prefix.startswith(("$", "/")):
-        raise ValueError("prefix is a topic: without + and #, and not behind $ or /")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Self
 
 from tjscan.core.errors import DriveFault, VehicleLinkLost
 from tjscan.vehicle.mqtt import wire
@@ -39,28 +38,18 @@ class MqttTorch(BrokerClient):
         self._gate = wire.MessageGate()
         super()._begin()
 
-    def __enter__(self) -> Self:
-        """Connect, and wait for the torch's first state.
-
-        Raises
-        ------
-        VehicleLinkLost
-            If there is no broker, or no torch on it.
-        """
-        self._begin()
-        self._link.connect(self._settings.connect_limit)
+    def _wait_until_ready(self) -> None:
+        """Wait for the torch's first state."""
         if not self._first.wait(self._settings.connect_limit):
-            self._link.close()
             raise VehicleLinkLost(
                 f"no torch answers on {self._settings.prefix}/{wire.TORCH_STATE_TOPIC}. Is it "
                 'switched on? A vehicle without one takes torch.driver = "none".'
             )
-        return self
 
-    def __exit__(self, *error: object) -> None:
-        """Put the arc out, and disconnect."""
-        self.set_arc(burning=False)
-        self._link.close()
+    def _leave_at_rest(self) -> None:
+        """Put the arc out."""
+        if self._state is not None:
+            self.set_arc(burning=False)
 
     @property
     def arc(self) -> bool:

@@ -7,7 +7,7 @@ import time
 from contextlib import suppress
 from dataclasses import asdict
 from queue import Empty, SimpleQueue
-from typing import Final, Self
+from typing import Final
 
 from tjscan.core.devices import DeviceIdentity
 from tjscan.core.errors import (
@@ -21,12 +21,12 @@ from tjscan.core.frames import Array, pose, rot_z
 from tjscan.vehicle.mqtt import wire
 from tjscan.vehicle.mqtt.link import BrokerClient, ReceivedMessage
 from tjscan.vehicle.mqtt.settings import MqttSettings
-from tjscan.vehicle.vehicle import AT_REST, Twist, VehicleState, check_twist, latest_state
+from tjscan.vehicle.vehicle import AT_REST, Twist, VehicleState, check_twist, merge_unread_states
 
-REPEAT_PERIOD: Final = 0.05
+ORDER_REPEAT_PERIOD: Final = 0.05
 """Seconds after which the last order is sent again."""
 
-MOST_WAITING: Final = 20
+MOST_WAITING_STATES: Final = 20
 """States that wait to be read, 0.2 s of them; older ones are dropped then."""
 
 
@@ -46,7 +46,6 @@ class MqttVehicle(BrokerClient):
     def __init__(self, settings: MqttSettings) -> None:
         self.settings = settings
         self.dead_man = settings.dead_man
-        self._stopped = False
         super().__init__(
             settings, wire.COMMANDER_TOPIC, (wire.PRESENCE_TOPIC, wire.STATE_TOPIC, wire.POSE_TOPIC)
         )
@@ -59,40 +58,15 @@ class MqttVehicle(BrokerClient):
         self._pose: wire.PoseMessage | None = None
         self._identity = DeviceIdentity()
         self._fault = self._commander = self._lost = ""
-        self._heard = time.monotonic()
+        self._heard, self._stopped = time.monotonic(), False
         super()._begin()
 
-    def __enter__(self) -> Self:
-        """Connect, and wait until the vehicle takes this program's commands.
-
-        Raises
-        ------
-        VehicleLinkLost
-            If there is no broker, or no vehicle on it.
-        VehicleFault
-            If another program commands the vehicle.
-        """
-        self._begin()
-        self._stopped = False
-        self._link.connect(self.settings.connect_limit)
-        self._connected = True
-        self._sender = threading.Thread(target=self._send_orders, daemon=True)
-        self._sender.start()
-        try:
-            self._wait_until_accepted()
-        except BaseException:
-            self.__exit__()
-            raise
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Stop the vehicle and disconnect."""
-        if self._connected:
-            self.stop()
-            self._connected = False
-            self._wake.put(True)
-            self._sender.join()
-            self._link.close()
+    def _leave_at_rest(self) -> None:
+        """Stop the vehicle."""
+        self.stop()
+        self._connected = False
+        self._wake.put(True)
+        self._sender.join()
 
     @property
     def identity(self) -> DeviceIdentity:
@@ -128,7 +102,7 @@ class MqttVehicle(BrokerClient):
         states = [state for state in waiting if state is not None]
         if len(states) < len(waiting):
             raise self._link_lost()
-        return latest_state(states)
+        return merge_unread_states(states)
 
     def true_pose(self) -> Array:
         """True pose T_w_v, shape (4, 4), of a stand-in that sends it; no real vehicle does.
@@ -162,12 +136,10 @@ class MqttVehicle(BrokerClient):
     def _send_orders(self) -> None:
         while self._connected:
             self._send_order(time.monotonic())
-            try:
-                self._wake.get(timeout=REPEAT_PERIOD)
+            with suppress(Empty):
+                self._wake.get(timeout=ORDER_REPEAT_PERIOD)
                 while not self._wake.empty():
                     self._wake.get()
-            except Empty:
-                pass
         self._send_order(time.monotonic())  # the stop with which it ends
 
     def _send_order(self, now: float) -> None:
@@ -216,7 +188,7 @@ class MqttVehicle(BrokerClient):
             raise wire.BadMessage(reason)
         self._heard, self._lost = now, ""
         self._fault, self._commander = message.fault, message.commander
-        if self._states.qsize() >= MOST_WAITING:
+        if self._states.qsize() >= MOST_WAITING_STATES:
             self._states.get()
             self._note_dropped("a state that was not read in time")
         self._states.put(message.state)
@@ -232,7 +204,10 @@ class MqttVehicle(BrokerClient):
 
     # What the caller's thread does
 
-    def _wait_until_accepted(self) -> None:
+    def _wait_until_ready(self) -> None:
+        """Wait until the vehicle takes this program's commands."""
+        self._sender = threading.Thread(target=self._send_orders, daemon=True)
+        self._sender.start()
         until = time.monotonic() + self.settings.connect_limit
         s = self.settings
         while self._commander != self._session:

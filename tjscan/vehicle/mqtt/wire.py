@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
+from functools import cache
 from math import inf, isfinite
 from time import monotonic
 from typing import Annotated, Any, ClassVar, Final, Literal, Self
@@ -21,7 +22,7 @@ PRESENCE_TOPIC: Final = "vehicle"
 POSE_TOPIC: Final = "pose"
 PASSER_BY_TOPIC: Final = "passer-by"
 
-MOST_BYTES: Final = 4096
+MOST_MESSAGE_BYTES: Final = 4096
 """No message is longer."""
 
 LONGEST_MESSAGE_DELAY: Final = 0.25
@@ -30,10 +31,8 @@ LONGEST_MESSAGE_DELAY: Final = 0.25
 CLOCK_DRIFT: Final = 1e-3
 """By how much two clocks may differ in rate."""
 
-REPORTED_COUNTS: Final = frozenset(10**n for n in range(10))
+REPORTED_DROP_COUNTS: Final = frozenset(10**n for n in range(10))
 """The first message that is dropped is reported, then the tenth, the hundredth, and so on."""
-
-_MESSAGE_ADAPTERS: Final[dict[type, TypeAdapter[Any]]] = {}
 
 Session = Annotated[str, Len(4, 64)]
 Number = Annotated[int, Ge(0), Le(2**53)]
@@ -83,13 +82,10 @@ class WireMessage:
             If it is not JSON, lacks a key, has one too many, or a value of the wrong type or out
             of its range; NaN is out of every range.
         """
-        if len(payload) > MOST_BYTES:
+        if len(payload) > MOST_MESSAGE_BYTES:
             raise BadMessage(f"it is {len(payload)} bytes long")
-        adapter = _MESSAGE_ADAPTERS.get(cls)
-        if adapter is None:
-            adapter = _MESSAGE_ADAPTERS[cls] = TypeAdapter(cls)
         try:
-            message: Self = adapter.validate_json(payload)
+            message: Self = _type_adapter(cls).validate_json(payload)  # type: ignore[arg-type]
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(map(str, first["loc"]))
@@ -105,6 +101,11 @@ class WireMessage:
             If it holds NaN.
         """
         return json.dumps(asdict(self), allow_nan=False, separators=(",", ":")).encode()
+
+
+@cache
+def _type_adapter(kind: type[WireMessage]) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -353,13 +354,13 @@ class TorchStateMessage(WireMessage):
     fault: Annotated[str, Len(0, 500)] = ""
 
 
-TAKEN_OVER: Final = 0.5
+TAKEOVER_SILENCE: Final = 0.5
 """Seconds of silence after which another sender may take over."""
 
 CLOCK_JUMP: Final = 2.0
 """Seconds: what comes later, or earlier, than this after the quickest has another clock."""
 
-CLOCK_LEARNED: Final = 10
+CLOCK_CONFIRMATIONS: Final = 10
 """Messages in a row that must agree on another clock before it counts."""
 
 
@@ -392,7 +393,7 @@ class PoseGate:
             If it is of another sender, came out of order, or its clock can't be right.
         """
         if message.session != self._session:
-            if now - self._heard < TAKEN_OVER:
+            if now - self._heard < TAKEOVER_SILENCE:
                 raise BadMessage("it is of another session")
             self._session, self._number, self._offset = message.session, -1, inf
         if message.number <= self._number:
@@ -419,4 +420,4 @@ class PoseGate:
         """Whether enough messages in a row have this other clock."""
         before, times = self._doubted
         self._doubted = (offset, times + 1 if abs(offset - before) < LONGEST_MESSAGE_DELAY else 1)
-        return self._doubted[1] >= CLOCK_LEARNED
+        return self._doubted[1] >= CLOCK_CONFIRMATIONS
