@@ -159,8 +159,8 @@ class StitchedGroove:
             for one, covariance in zip(self.stations, placement.covariance, strict=True)
         ]
         fused = fuse_sections(single, placement.shape)
-        self.budget = budget.made_of([one.shares for one in fused])
-        self.sections = self.budget.stated_in([one.section for one in fused])
+        self.budget = budget.composed_of([one.shares for one in fused])
+        self.sections = self.budget.state_in([one.section for one in fused])
         self.gaps = tuple(overlap_gap(edge, placement.T) for edge in self.registrations)
         chain, closing = spanning_tree_poses(len(stations), self.registrations)
         self.gap_before = max((overlap_gap(edge, chain) for edge in closing), default=None)
@@ -173,82 +173,6 @@ class StitchedGroove:
         return self.covered > FULL_TURN_ANGLE - 1e-9
 
 
-<<<<<<< HEAD
-=======
-def stitch_stations(
-    stations: Sequence[Station], settings: StitchSettings = DEFAULT_STITCH_SETTINGS
-) -> StitchedGroove:
-    """Stitch what several stations saw of one joint into one groove.
-
-    Parameters
-    ----------
-    stations : sequence of Station
-        Two or more, in any order.
-    settings : StitchSettings
-        Assumptions and limits.
-
-    Raises
-    ------
-    StitchingRefused
-        If a station does not see the joint, or an overlap that is needed can't hold two stations
-        together. It carries a `StitchingDraft` of what there was until then.
-    ConfigurationError
-        If there are fewer than two stations, or two of one name or of one recording.
-    """
-    stations = sorted(stations, key=lambda station: station.name)
-    _check_distinct_stations(stations)
-    fits = fit_tubes_to_stations(stations, settings)
-    azimuths = [section_azimuths(fit) for fit in fits]
-    overlaps = find_overlaps(azimuths)
-    names = tuple(station.name for station in stations)
-    draft = StitchingDraft(names, tuple(azimuths), tuple(overlaps))
-    try:
-        held = _overlaps_that_count(draft, settings)
-        registrations = register_overlaps(fits, held, settings)
-        draft = replace(draft, registrations=tuple(registrations))
-        _check_registrations(draft, settings)
-        shared = shared_causes(fits, registrations)
-        placement, out_of_round = place_stations_with_out_of_round(
-            fits, registrations, settings, shared.all_errors
-        )
-        _check_placement(draft, placement, settings)
-    except StitchingRefused as error:
-        raise StitchingRefused(error.reason, error.evidence, draft) from None
-    budget, covariances, shape_covariance = stitching_budget(
-        fits, registrations, placement, shared, settings.repeatability
-    )
-    placed = [
-        PlacedStation(fit, T @ inverse_pose(fit.frame.T), covariance, arc_of_azimuths(azimuth))
-        for fit, T, covariance, azimuth in zip(
-            fits, placement.T, covariances, azimuths, strict=True
-        )
-    ]
-    # Weighed by what is each station's own: what they share would not make one of them worse.
-    single = [
-        sections_in_joint_frame(one.fit.station, one.T_j_b, covariance, settings.repeatability)
-        for one, covariance in zip(placed, placement.covariance, strict=True)
-    ]
-    fused = fuse_sections(single, placement.shape)
-    budget = budget.composed_of([one.shares for one in fused])
-    gaps = tuple(overlap_gap(edge, placement.T) for edge in registrations)
-    chain, closing = spanning_tree_poses(len(stations), registrations)
-    return StitchedGroove(
-        tuple(placed),
-        placement.shape,
-        np.sqrt(np.diag(shape_covariance)),
-        tuple(registrations),
-        gaps,
-        out_of_round,
-        max((overlap_gap(edge, chain) for edge in closing), default=None),
-        max(gaps) if closing else None,
-        azimuth_coverage(azimuths)[0],
-        budget.state_in([one.section for one in fused]),
-        budget,
-        draft,
-    )
-
-
->>>>>>> trunk
 def register_overlaps(
     fits: TubeFits, overlaps: Sequence[StationOverlap], settings: StitchSettings
 ) -> list[StationRegistration]:
