@@ -114,10 +114,10 @@ def posture_errors(arm: BallArm) -> tuple[float, float, float, float]:
     held_out = np.array([view.held_out for view in views()])
     found = calibrate_arm(arm.seen(list(views())), held_out, PlacementTolerance(), T_F_S)
     true = _places(arm.true, T_F_S)
-    calibrated = with_deviations(kinematics(), found.deviations)
+    calibrated = with_deviations(kinematics(), found.estimate.deviations)
     return (
         _off(_places(kinematics(), T_F_S), true),
-        _off(_places(calibrated, found.T_f_s), true),
+        _off(_places(calibrated, found.estimate.T_f_s), true),
         found.error_before,
         found.error_after,
     )

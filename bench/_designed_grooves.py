@@ -12,7 +12,7 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.edges import groove_sections
+from tjscan.joint.edges import JointGrooveSections
 from tjscan.joint.geometry import cylindrical_to_j
 from tjscan.planning.edges import GrooveEdges, fit_edges_to_corners
 
@@ -33,7 +33,7 @@ GROOVE_DEG: Final = ((60.0, 38.0), (90.0, 50.0), (140.0, 65.0), (165.0, 77.0))
 
 def designed_corners(joint: JointDefinition, phi: Array) -> Array:
     """p3, p4, g and p2 as designed, shape (n, 4, 3): g where wall and the leg's tangent meet."""
-    found = groove_sections(joint, phi)
+    found = JointGrooveSections(joint, phi)
     slope = joint.leg_surface.slope(phi, found.p4[:, 0])
     rho = found.p2[:, 0]
     g = np.column_stack((rho, found.p4[:, 1] + slope * (rho - found.p4[:, 0])))

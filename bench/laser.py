@@ -35,8 +35,8 @@ from tjscan.core.errors import (
 )
 from tjscan.laser.genicam.settings import ScanControlSettings
 from tjscan.laser.profile import Profile
-from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, points
-from tjscan.laser.scancontrol import MODEL_SCALES, parse_scancontrol, row_bytes
+from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, profile_of_row
+from tjscan.laser.scancontrol import MODEL_SCALES, parse_scancontrol, profile_bytes
 from tjscan_loopback.laser.coding import encode_profile
 from tjscan_loopback.process import LaserLoopbackProcess
 
@@ -182,7 +182,9 @@ def fuzzed(rounds: int) -> Row:
             layouts[k % len(layouts)],
         )
         right = (
-            encode_profile(profile, COORDINATE_FORMATS[name]) if k % 2 else bytes(row_bytes(layout))
+            encode_profile(profile, COORDINATE_FORMATS[name])
+            if k % 2
+            else bytes(profile_bytes(layout))
         )
         raw = bytearray(right)
         for at in random.integers(0, len(raw), int(random.integers(1, 40))):
@@ -193,7 +195,7 @@ def fuzzed(rounds: int) -> Row:
             raw += raw[: int(random.integers(0, len(raw)))]
         try:
             if k % 2:
-                found = points(bytes(raw), name, scales)
+                found = profile_of_row(bytes(raw), name, scales)
             else:
                 found = parse_scancontrol(bytes(raw), layout, MODEL_SCALES["2600-100"])
             bad += not bool(np.isfinite(found.points_s).all())

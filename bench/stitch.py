@@ -22,7 +22,7 @@ from tjscan.joint.edges import feature_edges
 from tjscan.recording.journal import CombinedJournal
 from tjscan.runs.scan.run import ScanContext, groove_reader_of_job, scan_in_cell
 from tjscan.stitching.stations import Station, station_from_recording
-from tjscan.stitching.stitch import StitchedGroove, stitch_stations
+from tjscan.stitching.stitch import StitchedGroove
 
 EXAMPLE: Final = Path(__file__).resolve().parents[1] / "examples" / "whole-joint.toml"
 SEEDS: Final = (1, 2, 3, 4, 5)
@@ -124,7 +124,7 @@ def not_refused(scanned: Scanned) -> int:
         last = kept[-1].view.time
         every = tuple(one for one in short.all_sections if one.view.time <= last)
         try:
-            stitched = stitch_stations(
+            stitched = StitchedGroove(
                 [scanned.stations[0], replace(short, sections=kept, all_sections=every)]
             )
         except StitchingRefused:
@@ -149,7 +149,7 @@ def time_whole_scan() -> tuple[Stopwatch, bool]:
 def measure() -> list[Row]:
     """Measure every limit."""
     scans = [scan(seed) for seed in SEEDS]
-    errors = [judge(stitch_stations(one.stations), one) for one in scans]
+    errors = [judge(StitchedGroove(one.stations), one) for one in scans]
     watch, told = time_whole_scan()
     n = len(SEEDS)
     return [

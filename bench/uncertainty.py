@@ -23,7 +23,7 @@ from tjscan.runs.scan.results import sections_in_result_frame
 from tjscan.runs.scan.run import ScanContext, groove_reader_of_job, scan_in_cell
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.stitching.stations import Station, station_from_recording
-from tjscan.stitching.stitch import StitchedGroove, stitch_stations
+from tjscan.stitching.stitch import StitchedGroove
 from tjscan.uncertainty.causes import budget_of_causes
 
 EXAMPLE: Final = Path(__file__).resolve().parents[1] / "examples" / "whole-joint.toml"
@@ -98,7 +98,7 @@ def draw(seed: int) -> dict[str, Squares]:
         stations.append(station)
         truth.append(T_j_b)
         placed.append(across_edges(sections, edges))
-    stitched = stitch_stations(stations)
+    stitched = StitchedGroove(stations)
     return {
         PLACED: Squares(
             np.concatenate([one.squares for one in placed]),
@@ -134,7 +134,7 @@ def _station(
     sections = sections_in_result_frame(
         station.sections, JointOrBaseFrame(inverse_pose(T_j_b)), name
     )
-    return replace(station, causes=causes.shared), T_j_b, budget.stated_in(sections)
+    return replace(station, causes=causes.shared), T_j_b, budget.state_in(sections)
 
 
 def measure(draws: int = DRAWS) -> list[Row]:

@@ -52,7 +52,7 @@ def planned(
     left = list(prediction.candidate_poses(BOARD, CandidatePoseGrid()))
     taken: list[Array] = []
     for _ in range(count):
-        said = prediction.suggest_pose(left, taken, reachable)
+        said = prediction.most_informative_pose(left, taken, reachable)
         taken.append(said.T_b_f)
         left = [T for T in left if not np.array_equal(T, said.T_b_f)]
     return np.stack(taken)
@@ -150,7 +150,7 @@ def test_too_small_a_reach_is_refused() -> None:
 def test_the_suggested_pose_is_the_one_that_helps_most() -> None:
     taken = list(circle(15, 6))
     candidates = list(PREDICTION.candidate_poses(BOARD, CandidatePoseGrid()))[::7]
-    said = PREDICTION.suggest_pose(candidates, taken)
+    said = PREDICTION.most_informative_pose(candidates, taken)
     assert said.after.position < said.before.position
 
     def volume(T_b_f: Array) -> float:
@@ -164,7 +164,7 @@ def test_the_suggested_pose_is_the_one_that_helps_most() -> None:
 def test_the_suggested_pose_makes_up_for_the_missing_tilt() -> None:
     taken = [looking(a, 0) for a in np.linspace(-30, 30, 8)]  # about x_s only
     candidates = [looking(25, 0), looking(-25, 0), looking(0, 25), looking()]
-    said = PREDICTION.suggest_pose(candidates, taken)
+    said = PREDICTION.most_informative_pose(candidates, taken)
     np.testing.assert_array_equal(said.T_b_f, candidates[2])
 
 
@@ -172,5 +172,5 @@ def test_a_suggestion_needs_candidates_that_see_the_board() -> None:
     away = looking(depth=1.0)
     for candidates in ([], [away]):
         with pytest.raises(CalibrationRefused, match="no pose to suggest"):
-            PREDICTION.suggest_pose(candidates, [])
+            PREDICTION.most_informative_pose(candidates, [])
     assert PREDICTION.lines(away[None]).information.max() == 0

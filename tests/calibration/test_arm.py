@@ -76,9 +76,9 @@ def test_a_calibrated_arm_is_three_times_better_where_it_was_not_calibrated() ->
     before, after = [], []
     for seed in range(3):
         found, true = calibrated_once(seed), drawn(seed)
-        arm = with_deviations(kinematics(), found.deviations)
+        arm = with_deviations(kinematics(), found.estimate.deviations)
         before.append(off(kinematics(), T_F_S, true, anywhere))
-        after.append(off(arm, found.T_f_s, true, anywhere))
+        after.append(off(arm, found.estimate.T_f_s, true, anywhere))
     assert np.mean(before) > 3 * np.mean(after)
     assert np.sqrt(np.mean(np.square(after))) < 1.5e-4
 
@@ -93,7 +93,7 @@ def test_the_stated_uncertainty_is_true() -> None:
     squared = []
     for seed in range(3):
         found = calibrated_once(seed)
-        d = boxminus(T_F_S, found.T_f_s)
+        d = boxminus(T_F_S, found.estimate.T_f_s)
         squared.append(d @ np.linalg.solve(found.covariance[:6, :6], d) / 6)
     # The mean of 18 squares of normal numbers: within four of its standard deviations.
     assert 0 < np.mean(squared) < 1 + 4 * np.sqrt(2 / 18)
@@ -107,7 +107,7 @@ def test_what_can_not_be_told_is_named_and_left() -> None:
     assert "joint 6: length z, offset can't be told from how the sensor sits" in said
     sigma = np.sqrt(np.diag(found.estimate.covariance))[6:42].reshape(6, 6)
     np.testing.assert_allclose(sigma[0], SIGMAS[0], rtol=0.05)
-    assert np.abs(found.deviations[0] / SIGMAS[0]).max() < 0.1
+    assert np.abs(found.estimate.deviations[0] / SIGMAS[0]).max() < 0.1
     # The zero of joint 3, between two long links, is known better than before.
     assert sigma[2, 5] < 0.9 * SIGMAS[2, 5]
 

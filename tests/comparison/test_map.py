@@ -7,7 +7,7 @@ import pytest
 
 from tjscan.comparison.maps import CornerCurves
 from tjscan.core.frames import Array
-from tjscan.joint.edges import feature_edges, groove_sections
+from tjscan.joint.edges import JointGrooveSections, feature_edges
 from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import cylindrical_to_j
 
@@ -25,14 +25,14 @@ def name(request: pytest.FixtureRequest) -> str:
 def lines(name: str) -> CornerCurves:
     edges = feature_edges(read_joint(CAD / f"{name}.toml"))
     points = np.stack([line.points_j for line in (edges.p2, edges.p3, edges.p4)], axis=1)
-    return CornerCurves.from_corners(points, closed=True)
+    return CornerCurves(points, closed=True)
 
 
 PHI = np.radians(np.arange(-179.7, 180, 7.0))
 
 
 def test_the_way_along_a_section_is_its_arc_length_from_p3(name: str) -> None:
-    s = groove_sections(read_joint(CAD / f"{name}.toml"), PHI)
+    s = JointGrooveSections(read_joint(CAD / f"{name}.toml"), PHI)
     bevel = np.linalg.norm(s.p2 - s.p3, axis=1)
     root = np.linalg.norm(s.p4 - s.p3, axis=1)
 
@@ -47,7 +47,7 @@ def test_the_way_along_a_section_is_its_arc_length_from_p3(name: str) -> None:
 
 def test_points_on_the_leg_are_as_far_out_as_they_lie_from_p4(name: str) -> None:
     joint = read_joint(CAD / f"{name}.toml")
-    s = groove_sections(joint, PHI)
+    s = JointGrooveSections(joint, PHI)
     out = joint.leg_surface.points_j(PHI, s.p4[:, 0] + 0.03)
     foot = cylindrical_to_j(PHI, s.p4[:, 0], s.p4[:, 1])
     root = np.linalg.norm(s.p4 - s.p3, axis=1)

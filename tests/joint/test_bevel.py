@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 from tjscan.core.frames import Array
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.edges import groove_sections
+from tjscan.joint.edges import JointGrooveSections
 from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import cylindrical_to_j
 
@@ -27,7 +27,7 @@ def joint(request: pytest.FixtureRequest) -> JointDefinition:
 
 def bevel_point(joint: JointDefinition, phi: float, share: float) -> Array:
     """A point of the bevel in frame j, from the land's edge (0) to the outer wall (1)."""
-    s = groove_sections(joint, [phi])
+    s = JointGrooveSections(joint, [phi])
     rho, z = (s.land + share * (s.p2 - s.land))[0]
     return cylindrical_to_j(phi, rho, z)
 
@@ -56,7 +56,7 @@ def test_groove_angle_in_the_normal_section_is_the_prescribed_one(joint: JointDe
 
 
 def test_corners_lie_where_they_belong(joint: JointDefinition) -> None:
-    s = groove_sections(joint, PHI)
+    s = JointGrooveSections(joint, PHI)
 
     def off_leg(rz: Array) -> Array:
         return joint.leg_surface.signed_distances(cylindrical_to_j(PHI, rz[:, 0], rz[:, 1]))
@@ -73,7 +73,7 @@ def test_corners_lie_where_they_belong(joint: JointDefinition) -> None:
 
 def test_the_bead_closes_the_groove_evenly(joint: JointDefinition) -> None:
     """The leg's curvature over the root is all that keeps it from perfect symmetry."""
-    s = groove_sections(joint, PHI)
+    s = JointGrooveSections(joint, PHI)
     on_bevel = np.linalg.norm(s.p3 - s.apex, axis=1)
     on_leg = np.linalg.norm(s.p4 - s.apex, axis=1)
     np.testing.assert_allclose(on_leg, on_bevel, rtol=0.03)
@@ -81,23 +81,23 @@ def test_the_bead_closes_the_groove_evenly(joint: JointDefinition) -> None:
 
 def test_a_right_angled_joint_is_symmetric() -> None:
     joint = read_joint(CAD / "tjoint-600x457.toml")
-    s = groove_sections(joint, PHI)
+    s = JointGrooveSections(joint, PHI)
     for mirrored in (-PHI, np.pi - PHI):
-        m = groove_sections(joint, mirrored)
+        m = JointGrooveSections(joint, mirrored)
         for name in ("p2", "p3", "p4"):
             np.testing.assert_allclose(getattr(m, name), getattr(s, name), atol=EXACT)
 
 
 def test_the_papers_root_can_be_welded() -> None:
     """A root pass of 4 to 8 mm is what a welder lays in one go."""
-    width = groove_sections(read_joint(CAD / "tjoint-600x457.toml"), PHI).root_width
+    width = JointGrooveSections(read_joint(CAD / "tjoint-600x457.toml"), PHI).root_width
     assert 4e-3 < width.min() < width.max() < 8e-3
 
 
 def test_a_groove_at_a_crown_is_plane_trigonometry() -> None:
     """Where both tubes are straight in the section, gap and angle alone make the root."""
     joint = read_joint(CAD / "tjoint-600x457.toml")
-    s = groove_sections(joint, [0.0])
+    s = JointGrooveSections(joint, [0.0])
     angle = float(s.groove_angle[0])
     side = joint.root_gap / np.sin(angle) + joint.root_bead
     assert s.root_width[0] == pytest.approx(2 * side * np.sin(angle / 2))
@@ -106,6 +106,6 @@ def test_a_groove_at_a_crown_is_plane_trigonometry() -> None:
 
 
 def test_sections_are_read_only() -> None:
-    s = groove_sections(read_joint(CAD / "tjoint-600x457.toml"), [0.0])
+    s = JointGrooveSections(read_joint(CAD / "tjoint-600x457.toml"), [0.0])
     with pytest.raises(ValueError, match="read-only"):
         s.p2[0] = 0

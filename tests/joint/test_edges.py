@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tjscan.core.frames import Array
-from tjscan.joint.edges import ClosedPolyline, feature_edges, groove_sections
+from tjscan.joint.edges import ClosedPolyline, JointGrooveSections, feature_edges
 from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import cylindrical_to_j
 
@@ -52,7 +52,7 @@ def test_true_points_of_an_edge_lie_on_it() -> None:
     joint = read_joint(PAPER)
     edges = feature_edges(joint)
     phi = np.random.default_rng(3).uniform(0, 2 * np.pi, 500)
-    s = groove_sections(joint, phi)
+    s = JointGrooveSections(joint, phi)
     for rz, line in ((s.p2, edges.p2), (s.p3, edges.p3), (s.p4, edges.p4)):
         assert line.distances(cylindrical_to_j(phi, rz[:, 0], rz[:, 1])).max() < 1e-6
 

@@ -31,7 +31,7 @@ from tjscan.joint.definition import (
     TackWeld,
     interpolate_around_joint,
 )
-from tjscan.joint.edges import feature_edges, groove_sections, is_within_spans, tack_spans
+from tjscan.joint.edges import JointGrooveSections, feature_edges, is_within_spans, tack_spans
 from tjscan.joint.file import JointFile, check_buildable, read_joint
 from tjscan.joint.geometry import (
     Ellipse,
@@ -193,7 +193,7 @@ def test_an_oval_legs_derivatives_and_normals_are_those_of_its_points(angle: flo
 def test_the_bevel_ends_on_a_brace_off_its_place() -> None:
     off = BraceMisfit(offset=3e-3, offset_towards=0.4, tilt=radians(0.5), tilt_towards=2.0)
     d = built(Imperfections(misfit=off, brace_ovality=Ovality(ovality=0.01, widest=0.9)))
-    s = groove_sections(d, PHI)
+    s = JointGrooveSections(d, PHI)
     x, y, z = cylindrical_to_j(PHI, s.p2[:, 0], s.p2[:, 1]).T
     cx = 3e-3 * np.cos(0.4) + z * np.tan(radians(0.5)) * np.cos(2.0)
     cy = 3e-3 * np.sin(0.4) + z * np.tan(radians(0.5)) * np.sin(2.0)
@@ -210,7 +210,7 @@ def test_the_bevel_ends_on_a_brace_off_its_place() -> None:
 
 def test_the_root_opens_as_stated() -> None:
     d = built(Imperfections(root=RootAsFitted(opening=(0.0, 1e-3, -1e-3, 0.5e-3))))
-    s = groove_sections(d, PHI)
+    s = JointGrooveSections(d, PHI)
     gap = LegSurface(d.leg_radius, d.angle).signed_distances(
         cylindrical_to_j(PHI, s.land[:, 0], s.land[:, 1])
     )
@@ -224,7 +224,7 @@ def test_the_root_opens_as_stated() -> None:
 
 def test_an_open_root_shows_the_land_and_its_foot_on_the_leg() -> None:
     d = built(Imperfections(root=RootAsFitted(is_open=True)))
-    s = groove_sections(d, PHI)
+    s = JointGrooveSections(d, PHI)
     np.testing.assert_array_equal(s.p3, s.land)
     foot = cylindrical_to_j(PHI, s.p4[:, 0], s.p4[:, 1])
     np.testing.assert_allclose(d.leg_surface.signed_distances(foot), 0, atol=EXACT)
@@ -249,7 +249,7 @@ def test_solids_are_watertight(imperfections: Imperfections, name: str) -> None:
 def test_corners_lie_on_the_solid(name: str) -> None:
     """Rays from over the corner, along the bisector of the faces that meet there."""
     d, mesh = built(BENT, name), mesh_of(BENT, name)
-    s = groove_sections(d, PHI)
+    s = JointGrooveSections(d, PHI)
     surface = RaycastSurface(mesh.vertices, mesh.triangles)
     out = s.p4 + 1e-3 * np.column_stack((np.ones_like(PHI), d.leg_surface.slope(PHI, s.p4[:, 0])))
     up = s.p2 + np.array((0.0, 1e-3))
@@ -279,7 +279,7 @@ def heights_over(d: JointDefinition, mesh: TriangleMesh, start: Array, end: Arra
 
 def test_bead_and_bevel_rise_as_stated() -> None:
     d, mesh = built(BENT), mesh_of(BENT)
-    s = groove_sections(d, PHI)
+    s = JointGrooveSections(d, PHI)
     bead = heights_over(d, mesh, s.p4, s.p3)
     np.testing.assert_allclose(
         bead, interpolate_around_joint(BENT.root.bead_height, PHI), atol=0.05e-3
@@ -298,7 +298,7 @@ def test_tacks_cover_the_root_where_they_are_and_nowhere_else() -> None:
     np.testing.assert_allclose(middle, (0.3, 2.5))
     for tack, span in zip(d.imperfections.tacks, spans, strict=True):
         phi = np.linspace(span[0], span[1], 200)
-        land = groove_sections(d, phi).land
+        land = JointGrooveSections(d, phi).land
         line = cylindrical_to_j(phi, land[:, 0], land[:, 1])
         length = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
         assert length == pytest.approx(tack.length, rel=0.01)
@@ -309,7 +309,7 @@ def test_tacks_cover_the_root_where_they_are_and_nowhere_else() -> None:
     assert is_within_spans(spans, np.array([0.3 - 2 * np.pi])).all()
 
     tacked, bare = build_joint_mesh(d), build_joint_mesh(joint())
-    s = groove_sections(d, PHI)
+    s = JointGrooveSections(d, PHI)
     more = heights_over(d, tacked, s.p4, s.p3) - heights_over(d, bare, s.p4, s.p3)
     on = is_within_spans(spans, PHI)
     assert (more[on] > 0.5e-3).all()
@@ -320,7 +320,7 @@ def test_corners_under_a_tack_have_no_error() -> None:
     d = built(replace(NO_IMPERFECTIONS, tacks=DEPOSITED.tacks))
     edges = feature_edges(d)
     phi = np.array((0.3, 1.0, 2.5))
-    s = groove_sections(d, phi)
+    s = JointGrooveSections(d, phi)
     ends = [cylindrical_to_j(phi, rz[:, 0], rz[:, 1]) for rz in (s.p2, s.p2, s.p3, s.p4, s.p4)]
     errors = corner_to_edge_distances(np.stack(ends, axis=1), edges)
     np.testing.assert_array_equal(

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.edges import feature_edges, groove_sections
+from tjscan.joint.edges import JointGrooveSections, feature_edges
 from tjscan.joint.file import JointFile, check_buildable, read_joint
 from tjscan.joint.geometry import cylindrical_to_j
 from tjscan.joint.mesh import (
@@ -76,7 +76,7 @@ def square_to(rz: Array) -> Array:
 def assert_true_to_the_closed_form(joint: JointDefinition, mesh: TriangleMesh, n: int) -> None:
     rng = np.random.default_rng(5)
     phi, share = rng.uniform(0, 2 * np.pi, n), rng.uniform(0, 1, (n, 1))
-    s = groove_sections(joint, phi)
+    s = JointGrooveSections(joint, phi)
     rho = np.minimum(s.p4[:, 0] + share[:, 0] * NEAR, 0.99 * joint.leg_radius)
     above = min(NEAR, joint.brace_length - float(s.p2[:, 1].max()))
     surfaces = {
@@ -118,7 +118,7 @@ def test_points_of_the_mesh_lie_on_the_closed_form(file: Path) -> None:
     joint, mesh = built(file)
     points = solid_of(mesh).triangles_center
     phi, rho = np.arctan2(points[:, 1], points[:, 0]), np.hypot(points[:, 0], points[:, 1])
-    s = groove_sections(joint, phi)
+    s = JointGrooveSections(joint, phi)
     rz = np.column_stack((rho, points[:, 2]))
     seen = (rho > s.land[:, 0]) & (joint.leg_surface.signed_distances(points) > -ACCURACY)
     seen &= np.linalg.norm(rz - s.p3, axis=1) < NEAR + s.bevel_length
@@ -160,7 +160,7 @@ def test_volume_lies_between_what_it_must_hold_and_may_hold() -> None:
     bore = joint.leg_radius - joint.leg_wall
     leg = np.pi * (joint.leg_radius**2 - bore**2) * joint.leg_length
     ring = np.pi * (joint.brace_radius**2 - joint.brace_inner_radius**2)
-    top = groove_sections(joint, phi).p2[:, 1].mean()
+    top = JointGrooveSections(joint, phi).p2[:, 1].mean()
     foot = joint.leg_surface.height(phi, joint.brace_radius).mean()
     least, most = (leg + ring * (joint.brace_length - z) for z in (top, foot))
     assert least < solid_of(mesh).volume < most

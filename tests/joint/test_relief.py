@@ -16,7 +16,7 @@ from tjscan.joint.definition import (
     MillScale,
     Ovality,
 )
-from tjscan.joint.edges import groove_sections
+from tjscan.joint.edges import JointGrooveSections
 from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import cylindrical_to_j
 from tjscan.joint.relief import make_relief_height_function
@@ -66,7 +66,7 @@ def test_scale_lies_on_the_tubes_alone_and_the_seed_places_it() -> None:
     assert relief is not None
     assert other is not None
     phi = np.linspace(0, 6, 2000)
-    s = groove_sections(d, phi)
+    s = JointGrooveSections(d, phi)
     middle = 0.5 * (s.p2 + s.p3)
     assert not relief(cylindrical_to_j(phi, middle[:, 0], middle[:, 1])).any()
     wall, _ = on_tubes(d, 2000)
@@ -76,7 +76,7 @@ def test_scale_lies_on_the_tubes_alone_and_the_seed_places_it() -> None:
 def test_scallops_rise_and_fall_along_the_bevel() -> None:
     relief = make_relief_height_function(joint(replace(NO_IMPERFECTIONS, bevel=SCALLOPS)))
     assert relief is not None
-    s = groove_sections(joint(), np.array([0.7]))
+    s = JointGrooveSections(joint(), np.array([0.7]))
     length = float(np.linalg.norm(s.p2 - s.p3))
     up = np.arange(0.01e-3, length, 0.01e-3)
     rz = s.p3 + up[:, None] * (s.p2 - s.p3) / length

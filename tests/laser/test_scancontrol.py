@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tjscan.core.errors import LaserFault, ProfileFormatRefused
 from tjscan.laser.genicam.settings import ScanControlSettings
 from tjscan.laser.profile import Profile
-from tjscan.laser.scancontrol import FIELD_WORDS, MODEL_SCALES, parse_scancontrol, row_bytes
+from tjscan.laser.scancontrol import FIELD_WORDS, MODEL_SCALES, parse_scancontrol, profile_bytes
 
 SCALE = MODEL_SCALES["2600-100"]
 OFFSET_SECONDS = 1 / (8000 * 3072)
@@ -141,7 +141,7 @@ def test_whatever_comes_is_a_profile_or_a_fault_of_the_laser(data: st.DataObject
         little_endian=data.draw(st.booleans()),
     )
     rest = data.draw(st.binary(max_size=80))
-    raw = bytes(data.draw(st.integers(0, 1)) * row_bytes(layout))
+    raw = bytes(data.draw(st.integers(0, 1)) * profile_bytes(layout))
     at = data.draw(st.integers(0, max(len(raw), 1)))
     raw = data.draw(st.sampled_from([raw + rest, raw[:at] + rest + raw[at + len(rest) :]]))
     try:

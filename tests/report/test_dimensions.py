@@ -10,7 +10,7 @@ import pytest
 from tjscan.core.frames import Array, pose
 from tjscan.groove.measured import MeasuredSection
 from tjscan.joint.definition import FitUpTolerance, JointDefinition
-from tjscan.joint.edges import groove_sections
+from tjscan.joint.edges import JointGrooveSections
 from tjscan.joint.file import read_joint
 from tjscan.joint.geometry import cylindrical_to_j, radial_direction, tangential_direction
 from tjscan.report.dimensions import Dimension, section_dimensions
@@ -30,7 +30,7 @@ SIGMA = 0.05
 
 def designed_section(joint: JointDefinition, phi: float) -> MeasuredSection:
     """The designed groove as if it was measured square to the wall at an azimuth."""
-    groove = groove_sections(joint, np.array([phi]))
+    groove = JointGrooveSections(joint, np.array([phi]))
     rz = (groove.p2[0], groove.p3[0], groove.p4[0])
     p2, p3, p4 = (cylindrical_to_j(phi, *one) for one in rz)
     p1 = p2 + np.array((0, 0, 30e-3))

@@ -10,7 +10,6 @@ from tjscan.robot.tool_reach import (
     TRIED_SPINS,
     Hindrance,
     ToolConfigurations,
-    find_tool_holds,
 )
 
 TOOL = pose(rot_x(0.4), (0.0, 0.05, 0.2))
@@ -35,7 +34,7 @@ def holds(
     closed: bool = False,
     singular: float = SINGULAR,
 ) -> ToolConfigurations:
-    return find_tool_holds(KINEMATICS, TOOL, poses, hindrance, singular=singular, closed=closed)
+    return ToolConfigurations(KINEMATICS, TOOL, poses, hindrance, singular=singular, closed=closed)
 
 
 def test_a_line_in_reach_is_one_stretch_whose_joints_hold_every_place() -> None:
@@ -95,7 +94,7 @@ def test_a_line_that_closes_may_be_begun_anywhere(first: int) -> None:
 
 
 def test_the_tool_s_own_place_on_the_flange_counts() -> None:
-    found = find_tool_holds(
+    found = ToolConfigurations(
         KINEMATICS,
         TOOL,
         START[None, None],

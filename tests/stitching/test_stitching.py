@@ -28,7 +28,7 @@ from tjscan.runs.stations.stitch import build_stitching_report
 from tjscan.stitching.picture import draw_stitching
 from tjscan.stitching.registration import StitchingDraft
 from tjscan.stitching.stations import Station, StitchSettings
-from tjscan.stitching.stitch import StitchedGroove, stitch_stations
+from tjscan.stitching.stitch import StitchedGroove
 
 NAMES = sorted(file.stem for file in CAD.glob("?joint-*.toml"))
 PAPERS = "tjoint-600x457"
@@ -82,7 +82,7 @@ def same(one: StitchedGroove, other: StitchedGroove, turn: Array, tolerance: flo
 @pytest.mark.parametrize("name", NAMES)
 def test_exact_stations_are_placed_exactly(name: str) -> None:
     stations, truth = two(name)
-    stitched = stitch_stations(stations)
+    stitched = StitchedGroove(stations)
     # The leaning joint's groove angle is prescribed with a kink, which is not smooth.
     tolerance = 20 * EXACT if name.startswith("y") else EXACT
     for T in off_truth(stitched, truth):
@@ -98,7 +98,7 @@ def test_exact_stations_are_placed_exactly(name: str) -> None:
 
 def test_exact_sections_are_fused_exactly() -> None:
     stations, _ = two()
-    stitched = stitch_stations(stations)
+    stitched = StitchedGroove(stations)
     fused = [section for section in stitched.sections if section.station == "left+right"]
     assert len(fused) == 8
     corners = np.array([section.points for section in fused])
@@ -108,7 +108,7 @@ def test_exact_sections_are_fused_exactly() -> None:
 
 def test_the_order_of_the_stations_changes_nothing() -> None:
     stations, _ = two(arm=ArmRepeatability())
-    same(stitch_stations(stations), stitch_stations(stations[::-1]), np.eye(4), 1e-12)
+    same(StitchedGroove(stations), StitchedGroove(stations[::-1]), np.eye(4), 1e-12)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -116,7 +116,7 @@ def test_turning_the_workpiece_changes_nothing_but_perhaps_half_a_turn(seed: int
     T_w_j = pose(Rotation.random(rng=seed).as_matrix(), (3.0, -2.0, 1.0))
     still, _ = two(arm=ArmRepeatability())
     turned, _ = two(arm=ArmRepeatability(), T_w_j=T_w_j)
-    one, other = stitch_stations(still), stitch_stations(turned)
+    one, other = StitchedGroove(still), StitchedGroove(turned)
     x = one.stations[0].T_j_b[0, :3] @ other.stations[0].T_j_b[0, :3]
     same(one, other, np.eye(4) if x > 0 else HALF_TURN)
 
@@ -125,7 +125,7 @@ def test_moving_a_base_moves_its_pose_and_nothing_else() -> None:
     # The same views, told in a base frame that stands elsewhere.
     still, truth = two(seed=1)
     moved, elsewhere = two(seed=2)
-    one, other = stitch_stations(still), stitch_stations(moved)
+    one, other = StitchedGroove(still), StitchedGroove(moved)
     for a, b in zip(one.sections, other.sections, strict=True):
         np.testing.assert_allclose(a.points, b.points, atol=EXACT)
     assert not np.allclose(truth[0], elsewhere[0])
@@ -138,7 +138,7 @@ def test_the_errors_of_the_poses_are_as_large_as_stated() -> None:
     settings = StitchSettings(repeatability=arm, out_of_round=1e-8)
     for seed in range(12):
         stations, truth = two(seed=seed, arm=arm)
-        stitched = stitch_stations(stations, settings)
+        stitched = StitchedGroove(stations, settings)
         for one, T in zip(stitched.stations, off_truth(stitched, truth), strict=True):
             error = pose_vector.pose_to_vector(T)
             squares.append(error @ np.linalg.solve(one.covariance, error) / 6)
@@ -150,7 +150,7 @@ def test_errors_shrink_with_the_arms() -> None:
     for scale in (1.0, 0.1):
         arm = ArmRepeatability(scale * 5e-5, scale * 1e-4)
         stations, truth = two(seed=3, arm=arm)
-        errors = off_truth(stitch_stations(stations, StitchSettings(arm, out_of_round=1e-8)), truth)
+        errors = off_truth(StitchedGroove(stations, StitchSettings(arm, out_of_round=1e-8)), truth)
         sizes.append(max(float(np.linalg.norm(T[:3, 3])) for T in errors))
     assert sizes[1] < 0.2 * sizes[0]
 
@@ -163,7 +163,7 @@ def test_a_view_that_is_wrong_by_a_millimetre_is_not_listened_to() -> None:
         bad, view=replace(bad.view, T_b_s=pose(p=(1e-3, 1e-3, 0)) @ bad.view.T_b_s)
     )
     wrong = replace(stations[1], all_sections=tuple(sections))
-    stitched = stitch_stations([stations[0], wrong], StitchSettings(ArmRepeatability(1e-5, 1e-5)))
+    stitched = StitchedGroove([stations[0], wrong], StitchSettings(ArmRepeatability(1e-5, 1e-5)))
     for T in off_truth(stitched, truth):
         assert np.linalg.norm(T[:3, 3]) < 5e-5
     assert sum(int((~edge.counted).sum()) for edge in stitched.registrations) >= 1
@@ -176,7 +176,7 @@ def test_stations_fit_each_other_though_tubes_are_out_of_round(oval: float) -> N
         exact_station(joint_named(PAPERS), name, arc(*ends), arm=arm, seed=1, oval=oval)
         for name, ends in (("left", (-15.0, 195.0)), ("right", (167.0, 377.0)))
     ]
-    stitched = stitch_stations([station for station, _ in made])
+    stitched = StitchedGroove([station for station, _ in made])
     left, right = off_truth(stitched, [T_j_b for _, T_j_b in made])
     between = pose_vector.pose_to_vector(inverse_pose(left) @ right)
     assert np.linalg.norm(between[:3]) < 0.1e-3
@@ -204,7 +204,7 @@ def simulated(
 ) -> tuple[StitchedGroove, list[Array]]:
     made = [true_station(who, start, length, 1, Cast(joint=name)) for who, start, length in arcs]
     ordered = sorted(made, key=lambda one: one[0].name)
-    return stitch_stations([station for station, _ in made]), [T_j_b for _, T_j_b in ordered]
+    return StitchedGroove([station for station, _ in made]), [T_j_b for _, T_j_b in ordered]
 
 
 LEFT_RIGHT = (("left", -15.0, 210.0), ("right", 165.0, 210.0))
@@ -269,7 +269,7 @@ def refusal(
     stations: Sequence[Station], settings: StitchSettings | None = None
 ) -> StitchingRefused:
     with pytest.raises(StitchingRefused) as caught:
-        stitch_stations(stations, settings or StitchSettings())
+        StitchedGroove(stations, settings or StitchSettings())
     return caught.value
 
 
@@ -294,7 +294,7 @@ def test_a_small_overlap_that_a_third_station_bridges_is_no_harm() -> None:
         exact("c", 90, 270),
         exact("d", 300, 420),
     ]
-    stitched = stitch_stations(stations)
+    stitched = StitchedGroove(stations)
     assert len(stitched.registrations) == 4
     assert stitched.covered == pytest.approx(2 * np.pi)
 
@@ -307,7 +307,7 @@ def test_stations_that_do_not_meet_are_refused() -> None:
 
 
 def test_an_overlap_at_one_end_alone_leaves_the_way_round_open() -> None:
-    stitched = stitch_stations([exact("left", -15, 195), exact("right", 167, 317)])
+    stitched = StitchedGroove([exact("left", -15, 195), exact("right", 167, 317)])
     assert stitched.gap_before is None
     assert stitched.gap_after is None
     assert np.degrees(stitched.covered) == pytest.approx(332, abs=1)
@@ -337,15 +337,15 @@ def test_a_station_that_found_all_but_nothing_is_refused_by_name(count: int) -> 
 
 def test_stations_need_names_of_their_own_and_company() -> None:
     with pytest.raises(ConfigurationError, match="two stations or more"):
-        stitch_stations([exact("left", -15, 195)])
+        StitchedGroove([exact("left", -15, 195)])
     with pytest.raises(ConfigurationError, match="2 stations are called left"):
-        stitch_stations([exact("left", -15, 195), exact("left", 167, 377)])
+        StitchedGroove([exact("left", -15, 195), exact("left", 167, 377)])
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_nominal_pose_too_far_off_to_tell_the_side_is_refused(seed: int) -> None:
     (left, right), _ = two()
-    stitched = stitch_stations([left, right])
+    stitched = StitchedGroove([left, right])
     rng = np.random.default_rng(seed)
     for turn, refused in ((20.0, False), (100.0, True)):
         axis = rng.standard_normal(3)
@@ -354,21 +354,21 @@ def test_a_nominal_pose_too_far_off_to_tell_the_side_is_refused(seed: int) -> No
         doubtful = [left, replace(right, T_w_b=pose(off @ right.T_w_b[:3, :3], away))]
         if refused:
             with pytest.raises(StitchingRefused, match="nominal poses disagree") as caught:
-                stitch_stations(doubtful)
+                StitchedGroove(doubtful)
             assert "stations left and right" in str(caught.value)
         else:
-            same(stitched, stitch_stations(doubtful), np.eye(4))
+            same(stitched, StitchedGroove(doubtful), np.eye(4))
 
 
 def test_a_recording_given_twice_is_refused_under_any_name() -> None:
     (left, right), _ = two()
     with pytest.raises(ConfigurationError, match="left and other hold the same recording"):
-        stitch_stations([left, right, replace(left, name="other")])
+        StitchedGroove([left, right, replace(left, name="other")])
     part = replace(
         left, name="part", sections=left.sections[:9], all_sections=left.all_sections[:9]
     )
     with pytest.raises(ConfigurationError, match="same recording"):
-        stitch_stations([left, part])
+        StitchedGroove([left, part])
 
 
 def test_an_uncertain_arm_leaves_an_overlap_too_uncertain() -> None:

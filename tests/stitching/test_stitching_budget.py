@@ -18,7 +18,7 @@ from tjscan.laser.model import LaserModel
 from tjscan.laser.profile import Profile
 from tjscan.scanning.section import ScannedSection
 from tjscan.stitching.stations import Station, StitchSettings, fit_tubes_to_stations
-from tjscan.stitching.stitch import StitchedGroove, stitch_stations
+from tjscan.stitching.stitch import StitchedGroove
 from tjscan.stitching.unrolled_views import moves_of_wall_points
 from tjscan.uncertainty.causes import (
     HAND_EYE_CAUSE,
@@ -76,10 +76,10 @@ def test_a_wrong_calibration_moves_stitched_sections_as_stated(axis: int) -> Non
         with_cause(s, lambda s: hand_eye_cause(s.sections, T_F_S, np.outer(step, step), "stated"))
         for s in two()
     ]
-    stated = stitch_stations(stations, SMALL)
+    stated = StitchedGroove(stations, SMALL)
     truth = np.array([section.points for section in stated.sections])
     wrong = [moved(s, lambda one: one.view.T_b_f @ stepped(T_F_S, step)) for s in stations]
-    found = stitch_stations(wrong, SMALL)
+    found = StitchedGroove(wrong, SMALL)
     off = np.array([section.points for section in found.sections]) - truth
     (by,) = np.moveaxis(component_of(stated, HAND_EYE_CAUSE), -1, 0)
     sign = np.sign(np.sum(off * by))
@@ -156,8 +156,8 @@ def test_a_bent_lens_moves_fitted_tubes_as_stated(draw: int) -> None:
 def test_a_bent_lens_moves_stitched_sections_as_stated(draw: int) -> None:
     """Corners bend by themselves, and move with stations that are placed by bent walls."""
     stations = [with_cause(s, lambda s: drawn_alone(lens(s), draw)) for s in two()]
-    stated = stitch_stations(stations, SMALL)
-    found = stitch_stations([bent(s, draw) for s in stations], SMALL)
+    stated = StitchedGroove(stations, SMALL)
+    found = StitchedGroove([bent(s, draw) for s in stations], SMALL)
     off = np.array([section.points for section in found.sections])
     off = (off - [section.points for section in stated.sections])[:, 1:4]
     (by,) = np.moveaxis(component_of(stated, LINEARITY_CAUSE)[:, 1:4], -1, 0)
@@ -172,13 +172,13 @@ def test_an_error_that_moves_all_views_alike_is_taken_up_by_the_stations_place()
         all_alike = np.tile(twists, (len(station.sections), 1, 1))
         return motion_cause("base", "stated", station.sections, all_alike, is_shared=True)
 
-    stitched = stitch_stations([with_cause(s, base_moves) for s in two()], SMALL)
+    stitched = StitchedGroove([with_cause(s, base_moves) for s in two()], SMALL)
     by = component_of(stitched, "base")
     assert np.abs(by[:, 1:4]).max() < 1e-3 * 1e-3
 
 
 def test_without_shared_causes_the_budget_is_of_reading_arm_and_places_alone() -> None:
-    stitched = stitch_stations(two())
+    stitched = StitchedGroove(two())
     names = [one.name for one in stitched.budget.components]
     assert names == ["reading of the profile", "arm's repeatability", "stations' places"]
     assert all(
@@ -198,7 +198,7 @@ def test_causes_of_other_names_are_not_shared() -> None:
         for station, name in zip(two(), names, strict=True):
             cause = hand_eye_cause(station.sections, T_F_S, covariance, "stated")
             stations.append(replace(station, causes=(replace(cause, name=name),)))
-        return stitch_stations(stations, SMALL)
+        return StitchedGroove(stations, SMALL)
 
     same, apart = stitched(("hand", "hand")), stitched(("hand 1", "hand 2"))
     assert len(apart.budget.components) == len(same.budget.components) + 1

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_euler_zyx
 from tjscan.groove.section import section_from_points
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.edges import groove_sections
+from tjscan.joint.edges import JointGrooveSections
 from tjscan.joint.geometry import cylindrical_to_j, radial_direction
 from tjscan.joint.tubes.fit import ArmRepeatability
 from tjscan.laser.profile import Profile
@@ -58,7 +58,7 @@ def exact_station(
 def _look(
     joint: JointDefinition, phi: float, number: int, T_j_b: Array, error: Array, oval: float
 ) -> ScannedSection:
-    sections = groove_sections(joint, np.array([phi]))
+    sections = JointGrooveSections(joint, np.array([phi]))
     p2, p3, p4 = (getattr(sections, name)[0] for name in ("p2", "p3", "p4"))
     wall = np.column_stack((np.full(200, joint.brace_radius), p2[1] + np.linspace(VISIBLE, 0, 200)))
     rho = p4[0] + np.linspace(0, VISIBLE, 200)

@@ -20,7 +20,7 @@ from tjscan.core.devices import DeviceBase
 from tjscan.core.frames import Array, inverse_pose, pose, pose_from_euler_zyx, unit_vector
 from tjscan.groove.read import read_groove
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.edges import groove_sections
+from tjscan.joint.edges import JointGrooveSections
 from tjscan.joint.file import read_joint
 from tjscan.joint.mesh import build_joint_mesh
 from tjscan.laser.model import LaserModel
@@ -167,7 +167,7 @@ def view_of(joint: JointDefinition, phi: float, plan: ScanPlan) -> Array:
         x = -x
     y = np.array((0.0, 0.0, 1.0))
     y = unit_vector(y - (y @ x) * x)
-    groove = groove_sections(joint, np.array([phi]))
+    groove = JointGrooveSections(joint, np.array([phi]))
     lean = float(groove.dihedral[0]) - np.pi / 2
     T_s_t = plan.target_pose_in_sensor(0.5 * float(groove.groove_angle[0]) - lean)
     T_j_t = pose(np.column_stack((x, y, np.cross(x, y))), origin)

@@ -57,7 +57,7 @@ def scan(
     """
     from tjscan.core.config import add_file_to_errors
     from tjscan.job.files import read_scan_job
-    from tjscan.runs.run import default_run_directory
+    from tjscan.result.directory import default_run_directory
     from tjscan.runs.scan.run import ScanContext, run_scan
 
     file = Path(job)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, frozen_arrays, readonly_copy
+from tjscan.core.frames import Array, array_dataclass, readonly_copy
 
 if TYPE_CHECKING:
     from tjscan.core.display import Picture
@@ -25,8 +24,7 @@ MOST_PROFILES_PLOTTED: Final = 9
 """Profiles of a recording that are drawn."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class Scan:
     """A scanned groove, as a run directory holds it; all arrays are in one frame.
 

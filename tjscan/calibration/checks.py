@@ -23,7 +23,7 @@ from tjscan.calibration.solve.refine import CombinedModel, LeastSquaresEstimate
 from tjscan.calibration.solve.solution import (
     CalibrationProblem,
     SensorSolution,
-    blame_prices,
+    blame_costs,
     inverse_poses,
 )
 from tjscan.calibration.targets.line import LineFit
@@ -292,7 +292,7 @@ def sample_residuals(
     estimate : LeastSquaresEstimate
         From these profiles.
     settled : LeastSquaresEstimate
-        The same with the targets where the arm sees them; see `settle_targets`.
+        The same with the targets where the arm sees them; see `refit_targets`.
     """
     falls, steps = refine.leave_one_out_changes(estimate)
     found = []
@@ -311,7 +311,7 @@ def _offset_and_tilt(r: Array) -> tuple[float, float | None]:
     return float(offsets[np.argmax(np.abs(offsets))]), float(tilts[np.argmax(np.abs(tilts))])
 
 
-def residual_excess(estimate: LeastSquaresEstimate, residuals: tuple[SampleResidual, ...]) -> float:
+def check_residuals(estimate: LeastSquaresEstimate, residuals: tuple[SampleResidual, ...]) -> float:
     """By how much residuals exceed the noise model: one unless that is significant.
 
     Parameters
@@ -440,11 +440,11 @@ MISREAD_FALSE_ALARM_PROBABILITY: Final = 1e-3
 """Probability to refuse poses that were read as they were meant."""
 MAX_REFINED_STARTS: Final = 2
 """The nearest ones, for each other hypothesis about the poses."""
-MAX_WIDENED: Final = 9.0
+MAX_VARIANCE_SCALE: Final = 9.0
 """A hypothesis fits if no variance must be larger than stated by more than this."""
 MAX_PAIRS_TRIED: Final = 15
 """Pairs of rejected profiles whose poses are exchanged."""
-SHIFTS_TRIED: Final = 5
+POSE_SHIFTS_TRIED: Final = 5
 """Ways to give profiles one another's poses."""
 
 
@@ -466,13 +466,13 @@ def check_pose_convention(problem: CalibrationProblem, solution: SensorSolution)
     if solution.whole.is_plausible:
         return
     fits = {
-        name: _fit_with_poses(problem, problem.in_sensor_sense(T))
-        for name, T in other_readings(problem.in_sensor_sense(problem.T_b_f)).items()
+        name: _fit_with_poses(problem, problem.invert_if_fixed(T))
+        for name, T in other_conventions(problem.invert_if_fixed(problem.T_b_f)).items()
     }
     name = min(fits, key=lambda one: _likelihood_cost(fits[one]))
-    gain = _best_cost(solution) - _likelihood_cost(fits[name])
+    gain = _stated_cost(solution) - _likelihood_cost(fits[name])
     # If neither fits, the cause is another one.
-    if gain > _likelihood_limit(len(fits)) and fits[name].variance_scale < MAX_WIDENED:
+    if gain > _likelihood_limit(len(fits)) and fits[name].variance_scale < MAX_VARIANCE_SCALE:
         raise CalibrationRefused(
             "poses that were read in another way than they were meant",
             f"the profiles fit e^{gain / 2:.0f} times better to the same poses {name}; check which "
@@ -499,11 +499,11 @@ def check_pairing(problem: CalibrationProblem, solution: SensorSolution) -> None
     if count <= 2 or (solution.whole.is_plausible and solution.estimate.used.all()):
         return
     costs = {}
-    for shift in map(int, np.unique(np.linspace(1, count - 1, SHIFTS_TRIED).astype(int))):
+    for shift in map(int, np.unique(np.linspace(1, count - 1, POSE_SHIFTS_TRIED).astype(int))):
         moved = np.concatenate([np.roll(one.T_b_f, shift, axis=0) for one in problem.targets])
         costs[shift] = _likelihood_cost(_fit_with_poses(problem, moved))
     best = min(costs, key=lambda one: costs[one])
-    if costs[best] - _best_cost(solution) < _likelihood_limit(len(costs)):
+    if costs[best] - _stated_cost(solution) < _likelihood_limit(len(costs)):
         raise CalibrationRefused(
             "profiles that do not belong to their poses",
             f"they fit the poses {best} places further on about as well as their own; check that "
@@ -512,7 +512,7 @@ def check_pairing(problem: CalibrationProblem, solution: SensorSolution) -> None
         )
 
 
-def swapped_pairs(problem: CalibrationProblem, solution: SensorSolution) -> tuple[str, ...]:
+def swapped_pose_notes(problem: CalibrationProblem, solution: SensorSolution) -> tuple[str, ...]:
     """Name the rejected profiles that have each other's poses.
 
     Parameters
@@ -542,10 +542,10 @@ def _fit_with_poses(problem: CalibrationProblem, T_b_f: Array) -> LeastSquaresEs
     return other.fit(other.starts, MAX_REFINED_STARTS)[1]
 
 
-def _best_cost(solution: SensorSolution) -> float:
+def _stated_cost(solution: SensorSolution) -> float:
     """Cost of the stated poses, if profiles may be left out at a price."""
     estimate = solution.estimate
-    price = float(blame_prices(estimate)[~estimate.used].sum())
+    price = float(blame_costs(estimate)[~estimate.used].sum())
     return min(_likelihood_cost(solution.whole), _likelihood_cost(estimate) + price)
 
 
@@ -560,7 +560,7 @@ def _likelihood_limit(count: int) -> float:
     return float(2 * np.log(count / MISREAD_FALSE_ALARM_PROBABILITY))
 
 
-def other_readings(T_b_f: Array) -> dict[str, Array]:
+def other_conventions(T_b_f: Array) -> dict[str, Array]:
     """Poses that the same numbers mean under other conventions, by the words for these.
 
     They are the mistakes that are made when arms' files are converted.

@@ -98,7 +98,7 @@ def calibrate_on_targets(
         stated.
     """
     problem = CalibrationProblem(targets, noise, sensor_is_fixed)
-    problem = problem.with_poses(problem.in_sensor_sense(problem.T_b_f))
+    problem = problem.with_poses(problem.invert_if_fixed(problem.T_b_f))
     T_b_f = problem.T_b_f
     R_guess = None if T_f_s_guess is None else T_f_s_guess[:3, :3]
     touched = next((one.target for one in targets if isinstance(one, SeenBoard)), None)
@@ -118,10 +118,10 @@ def calibrate_on_targets(
     if check_conventions:
         checks.check_pose_convention(problem, solution)
         checks.check_pairing(problem, solution)
-    notes = checks.swapped_pairs(problem, solution)
-    condition = _check_geometry(T_b_f, solution, R_guess)
+    notes = checks.swapped_pose_notes(problem, solution)
+    condition = _check_condition(T_b_f, solution, R_guess)
     residuals = checks.sample_residuals(problem.names, estimate, solution.settled)
-    excess = checks.residual_excess(estimate, residuals)
+    excess = checks.check_residuals(estimate, residuals)
     covariance = excess**2 * estimate.covariance
     checks.check_certainty(covariance[:6, :6])
     closed_form = None
@@ -150,7 +150,7 @@ def _check_radius(targets: Targets, solution: SensorSolution) -> MeasuredRadius:
     """The first ball's radius as the profiles show it; refused if it is not the stated one."""
     balls = ((k, one.sphere.radius) for k, one in enumerate(targets) if isinstance(one, SeenBall))
     k, stated = next(balls)
-    estimate, at = solution.estimate, solution.model.part(k)
+    estimate, at = solution.estimate, solution.model.slice_of(k)
     radius = float(estimate.target[at][3])
     variance = estimate.variance_scale * estimate.covariance[6:, 6:][at, at][3, 3]
     variance += (SENSOR_LINEARITY * radius) ** 2
@@ -167,7 +167,7 @@ def _check_radius(targets: Targets, solution: SensorSolution) -> MeasuredRadius:
     return MeasuredRadius(radius, sigma, stated)
 
 
-def _check_geometry(T_b_f: Array, solution: SensorSolution, R_guess: Array | None) -> float:
+def _check_condition(T_b_f: Array, solution: SensorSolution, R_guess: Array | None) -> float:
     """Condition number; refuses profiles that leave the sensor's pose open."""
     estimate, models = solution.estimate, solution.model.models
     first = models[0]
@@ -186,6 +186,6 @@ def _target_fields(solution: SensorSolution) -> dict[str, Any]:
     """Fields of the result that hold the targets; of several of a kind, the first."""
     found: dict[str, Any] = {}
     for k, model in reversed(list(enumerate(solution.model.models))):
-        at, settled = solution.model.part(k), solution.settled
+        at, settled = solution.model.slice_of(k), solution.settled
         found |= model.describe(settled.target[at], settled.covariance[6:, 6:][at, at])
     return found

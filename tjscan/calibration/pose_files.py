@@ -20,7 +20,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import read_small_file
 from tjscan.core.frames import Array, pose
 from tjscan.laser.files.format import METRES_PER_UNIT
-from tjscan.laser.files.read import GROUP_COLUMNS
+from tjscan.laser.files.read import PROFILE_COLUMNS
 from tjscan.laser.profile import Profile
 
 QUATERNION_NORM_TOLERANCE: Final = 0.01
@@ -180,9 +180,9 @@ def _pose_of_position(
 
 RADIANS_PER_UNIT: Final = {"rad": 1.0, "deg": math.pi / 180}
 """Radians in each unit of angle."""
-MAX_FILE_BYTES: Final = 10_000_000
+MAX_POSE_LIST_BYTES: Final = 10_000_000
 """A larger file is no list of poses."""
-ARM_PROGRAMS: Final = {
+ARM_PROGRAM_READERS: Final = {
     ".ls": (poses_of_fanuc_program, FANUC_CONVENTION),
     ".dat": (poses_of_kuka_data, KUKA_CONVENTION),
 }
@@ -224,7 +224,8 @@ def read_flange_poses(file: Path) -> FlangePoseList:
         CSV whose header names position (``x_mm, y_mm, z_mm``; or m, um) and orientation, as one
         of `ORIENTATION_CONVENTIONS` has it (``w_deg, p_deg, r_deg``; or rad); columns of arms'
         makers need no units. Beside them ``profile``, ``frame`` or ``index``, and joint angles
-        ``q1_deg``, ``q2_deg`` and so on (or rad). Or a file that ends in one of `ARM_PROGRAMS`.
+        ``q1_deg``, ``q2_deg`` and so on (or rad). Or a file that ends in one of
+        `ARM_PROGRAM_READERS`.
 
     Raises
     ------
@@ -232,7 +233,7 @@ def read_flange_poses(file: Path) -> FlangePoseList:
         If the file is missing, or a column or a number is missing or wrong.
     """
     with _explain_errors_of(file):
-        if (program := ARM_PROGRAMS.get(file.suffix.lower())) is not None:
+        if (program := ARM_PROGRAM_READERS.get(file.suffix.lower())) is not None:
             read, convention = program
             poses = read(_read_text(file, errors="replace"))
             return FlangePoseList(poses, all(map(str.isdigit, poses)), convention.meaning)
@@ -240,7 +241,7 @@ def read_flange_poses(file: Path) -> FlangePoseList:
         convention, orientation = _find_orientation(names)
         position = _find_position(names, convention.length_unit)
         joints = _find_joint_columns(names)
-        key_at = next((names.index(name) for name in GROUP_COLUMNS if name in names), None)
+        key_at = next((names.index(name) for name in PROFILE_COLUMNS if name in names), None)
         found = FlangePoseList({}, key_at is not None, convention.meaning)
         for number, row in enumerate(rows, start=1):
             key = str(number) if key_at is None else _normalise_number(row[key_at])
@@ -297,7 +298,7 @@ def pair_profiles_with_poses(
         if len(profiles) != len(poses.T_b_f):
             raise ConfigurationError(
                 f"holds {len(poses.T_b_f)} poses for {len(profiles)} profiles, and no column "
-                f"({', '.join(GROUP_COLUMNS)}) that shows which belongs to which",
+                f"({', '.join(PROFILE_COLUMNS)}) that shows which belongs to which",
                 file=file,
             )
         keys = list(poses.T_b_f)
@@ -328,7 +329,7 @@ def _explain_errors_of(file: Path) -> Iterator[None]:
 
 
 def _read_text(file: Path, errors: str = "strict") -> str:
-    return read_small_file(file, MAX_FILE_BYTES, "a list of poses").decode("utf-8-sig", errors)
+    return read_small_file(file, MAX_POSE_LIST_BYTES, "a list of poses").decode("utf-8-sig", errors)
 
 
 def _read_table(file: Path) -> tuple[list[str], list[list[str]]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -105,14 +105,14 @@ def calibrate_recorded_sets(
             shots = [replace(shot, name=f"{prefix} {shot.name}") for shot in shots]
         sets.append((shots, _target_of_set(table, shots, noise, folder)))
     shots = [shot for profiles, _ in sets for shot in profiles]
-    # Joint angles are checked before anything is solved.
-    q = {} if kinematics is None else _joint_angles_by_name(shots, kinematics)
+    if kinematics is not None:  # checked before anything is solved
+        _check_joint_angles(shots, kinematics)
     targets = see_targets(sets, noise, leave_out)
     result = calibrate_on_targets(
         targets, noise, sensor_is_fixed=sensor_is_fixed, check_conventions=True
     )
     if kinematics is not None:
-        result = _calibrate_arm(targets, q, kinematics, result.T_f_s, report)
+        result = _calibrate_arm(targets, kinematics, result.T_f_s, report)
     seen = {shot.name: shot.T_b_f for shot in shots}
     return result, BasisEntry(
         target="; ".join(map(str, tables)),
@@ -188,11 +188,7 @@ def see_targets(
 
 
 def _calibrate_arm(
-    seen: Sequence[SeenTarget[Any]],
-    q: Mapping[str, Array],
-    kinematics: Kinematics,
-    T_f_s: Array,
-    report: Report,
+    seen: Sequence[SeenTarget[Any]], kinematics: Kinematics, T_f_s: Array, report: Report
 ) -> HandEyeCalibration:
     """Calibrate an arm and the sensor on it, every fifth profile held out."""
     names = [name for one in seen for name in one.names]
@@ -200,21 +196,17 @@ def _calibrate_arm(
     targets = []
     for one in seen:
         model, start = one.start_at(T_f_s)
-        angles = np.array([q[name] for name in one.names])
-        targets.append(TargetInPostures(model, angles, one.T_b_f, start))
-    found = calibrate_arm(
-        ArmModel(kinematics, tuple(targets)), held_out, PlacementTolerance(), T_f_s
-    )
-    for line in found.lines("profiles", "targets are"):
+        q = np.array([sample.q for sample in one.samples])
+        targets.append(TargetInPostures(model, q, one.T_b_f, start))
+    arm = ArmModel(kinematics, tuple(targets))
+    found = calibrate_arm(arm, held_out, PlacementTolerance(), T_f_s)
+    for line in found.summary("profiles", "targets are"):
         report(line)
     return as_hand_eye_calibration(found, names, kinematics.name)
 
 
-def _joint_angles_by_name(
-    shots: Sequence[PosedProfile], kinematics: Kinematics
-) -> dict[str, Array]:
-    """Joint angles of every profile, by its name, after a check that they fit its pose."""
-    found = {}
+def _check_joint_angles(shots: Sequence[PosedProfile], kinematics: Kinematics) -> None:
+    """Refuse profiles without joint angles, or with angles that do not fit their poses."""
     for shot in shots:
         if shot.q is None or shot.q.shape != kinematics.lower.shape:
             raise ConfigurationError(
@@ -229,5 +221,3 @@ def _joint_angles_by_name(
                 f"{1e3 * apart:.0f} mm from the pose beside them; they belong to another pose, "
                 "another arm, or count in another unit or from another base"
             )
-        found[shot.name] = shot.q
-    return found

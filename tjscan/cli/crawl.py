@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from tjscan.cli.options.overrides import JobKeys, parse_overrides
 from tjscan.cli.options.page import LiveCrawlOptions
 from tjscan.core.errors import ConfigurationError
+from tjscan.result.directory import dated_sibling_directory, default_run_directory
 
 
 @Parameter(name="*")
@@ -88,7 +89,6 @@ def run(
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.output.crawl import print_passes, watch_crawl
     from tjscan.runs.crawl.run import resume_crawl, run_crawl
-    from tjscan.runs.run import default_run_directory
 
     directory = file.parent if again.resume else out or default_run_directory(file)
     with watch_crawl(parsed, file, page) as context:
@@ -117,7 +117,6 @@ def calibrate(job: Path, *overrides: JobKeys, out: Path | None = None, json: boo
     parsed = read_crawl_job(job, parse_overrides(overrides))
     from tjscan.cli.output.crawl import print_slip_calibration, watch_crawl
     from tjscan.runs.crawl.run import calibrate_slip
-    from tjscan.runs.run import default_run_directory
 
     directory = out or default_run_directory(job)
     with watch_crawl(parsed, job) as context:
@@ -168,7 +167,6 @@ def replay(
     from tjscan.cli.output.crawl import print_passes
     from tjscan.report.write import write_run_report
     from tjscan.runs.crawl.run import replay_crawl
-    from tjscan.runs.scan.reprocess import dated_sibling_directory
 
     directory = out or dated_sibling_directory(run)
     replay_crawl(run, parse_overrides(overrides, method=method), directory, write_run_report)

@@ -14,6 +14,7 @@ from tjscan.cli.options.overrides import JobKeys, parse_overrides
 from tjscan.cli.options.page import LiveScanOptions
 from tjscan.cli.output.console import print_message, show_phase
 from tjscan.core.errors import ConfigurationError
+from tjscan.result.directory import default_run_directory
 
 if TYPE_CHECKING:
     from tjscan.stitching.stations import StitchSettings
@@ -79,7 +80,6 @@ def scan(
 
     with show_phase("loading arm and laser"):
         from tjscan.cli.scan_run import ScanRequest, check_job_only, run_scan_request
-        from tjscan.runs.run import default_run_directory
 
     if resume and (out is not None or dry_run):
         raise ConfigurationError("--resume goes on in the run directory: no --out, no --dry-run")
@@ -284,7 +284,6 @@ def stitch(
     with show_phase("loading what stitches"):
         from tjscan.cli.output.scan import print_stitched_groove
         from tjscan.report.write import write_run_report
-        from tjscan.runs.run import default_run_directory
         from tjscan.runs.stations.stitch import stitch_run_directories
 
     directory = out or default_run_directory(Path("stitched"))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from tjscan.cli.output.console import print_message
 from tjscan.core.errors import ConfigurationError
+from tjscan.result.directory import default_run_directory
 
 
 def study(
@@ -39,7 +40,6 @@ def study(
         Print how the runs ended as JSON on stdout.
     """
     from tjscan.cli.output.study import print_study_outcome, study_progress_bar
-    from tjscan.runs.run import default_run_directory
     from tjscan.runs.tasks import study_backend_of_task
     from tjscan.study.file import plan_study
     from tjscan.study.run import make_study_directory, read_trials, run_study
@@ -94,7 +94,6 @@ def chain(
     from tjscan.report.write import write_run_report
     from tjscan.result.directory import CALIBRATION_FILE
     from tjscan.runs.chain import CALIBRATION_RUN, read_chain, run_error_sources
-    from tjscan.runs.run import default_run_directory
 
     read = read_chain(chain)
     directory = out or default_run_directory(chain)

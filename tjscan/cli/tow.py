@@ -6,6 +6,7 @@ from pathlib import Path
 
 from tjscan.cli.options.overrides import JobKeys, parse_overrides
 from tjscan.cli.options.page import LiveOptions
+from tjscan.result.directory import dated_sibling_directory, default_run_directory
 
 
 def run(
@@ -53,7 +54,6 @@ def run(
     page.check()
     # A job with a mistake in it is refused before anything heavy is loaded.
     from tjscan.cli.output.tow import print_figures, print_sweep, watch_tow
-    from tjscan.runs.run import default_run_directory
     from tjscan.runs.tow.run import resume_tow, run_tow
 
     if dry_run:
@@ -93,7 +93,6 @@ def replay(
     """
     from tjscan.cli.output.tow import print_figures
     from tjscan.report.write import write_run_report
-    from tjscan.runs.scan.reprocess import dated_sibling_directory
     from tjscan.runs.tow.run import replay_tow
 
     directory = out or dated_sibling_directory(run)

@@ -7,7 +7,6 @@ from importlib import import_module
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from tjscan.comparison.distance import MeshDistance, distances_to_cloud
@@ -15,6 +14,7 @@ from tjscan.comparison.shapes import Mesh, Shape
 from tjscan.core.errors import ComparisonRefused, TubesNotFound
 from tjscan.core.frames import (
     Array,
+    Mask,
     array_dataclass,
     inverse_pose,
     pose,
@@ -186,7 +186,7 @@ def align_icp(points: Array, partner: NearestOnReference) -> Alignment:
     return Alignment("icp", T, fitness, residual, rounds, far)
 
 
-def _check_enough_points_near(near: NDArray[np.bool_], when: str, causes: str) -> None:
+def _check_enough_points_near(near: Mask, when: str, causes: str) -> None:
     """Refuse points if too few are near the reference."""
     if near.mean() < LEAST_PARTNER_SHARE:
         raise ComparisonRefused(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, array_dataclass
+from tjscan.core.frames import Array, Mask, array_dataclass
 from tjscan.joint.edges import FeatureEdges
 
 
@@ -100,7 +100,7 @@ class DeviationDistances:
 
 
 def corner_to_edge_distances(
-    points_j: Array, edges: FeatureEdges, absent: NDArray[np.bool_] | None = None
+    points_j: Array, edges: FeatureEdges, absent: Mask | None = None
 ) -> Array:
     """Distances of measured corners from the joint's feature edges.
 

@@ -7,7 +7,6 @@ which are the negative ones.
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,45 +28,30 @@ SMALLEST_SCALE_MM: Final = 0.05
 """Smallest colour scale, mm: noise alone must not look like a deviation."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class CornerCurves:
     """Curves of the corners p2, p3 and p4 over the azimuth.
 
     Parameters
     ----------
-    phi : ndarray, shape (n,)
-        Azimuths, growing, radians.
-    rz : ndarray, shape (n, 3, 2)
-        Distance from the brace's axis, and z, of p2, p3 and p4, metres.
+    points : ndarray, shape (n, 3, 3)
+        p2, p3 and p4 of n sections in frame j, metres.
     closed : bool
-        Whether they go all round.
+        Whether the sections go all the way round the brace.
     """
 
-    phi: Array
-    rz: Array
-    closed: bool
-
-    @classmethod
-    def from_corners(cls, points: Array, *, closed: bool) -> CornerCurves:
-        """Curves through the corners of sections.
-
-        Parameters
-        ----------
-        points : ndarray, shape (n, 3, 3)
-            p2, p3 and p4 of n sections in frame j, metres.
-        closed : bool
-            Whether the sections go all the way round the brace.
-        """
+    def __init__(self, points: Array, *, closed: bool) -> None:
         azimuth = np.arctan2(points[:, 1, 1], points[:, 1, 0])
         order = np.argsort(azimuth)
         rho = np.hypot(points[..., 0], points[..., 1])
-        return cls(azimuth[order], np.stack((rho, points[..., 2]), axis=-1)[order], closed)
+        self._phi, self._closed = azimuth[order], closed
+        # Distance from the brace's axis, and z, of each corner.
+        self._rz = np.stack((rho, points[..., 2]), axis=-1)[order]
 
     def at_azimuths(self, phi: Array) -> Array:
         """Interpolate the three corners at other azimuths, shape (k, 3, 2)."""
-        table = self.rz.reshape(len(self.phi), -1)
-        period = 2 * np.pi if self.closed else None
-        columns = [np.interp(phi, self.phi, column, period=period) for column in table.T]
+        table = self._rz.reshape(len(self._phi), -1)
+        period = 2 * np.pi if self._closed else None
+        columns = [np.interp(phi, self._phi, column, period=period) for column in table.T]
         return np.column_stack(columns).reshape(-1, 3, 2)
 
     def distances_along_section(self, points: Array) -> Array:
@@ -104,9 +88,9 @@ def groove_corner_curves(measured: Shape, reference: Shape) -> CornerCurves | No
     edges, corners = reference.edges, measured.corners
     if edges is not None:
         points = np.stack([line.points_j for line in (edges.p2, edges.p3, edges.p4)], axis=1)
-        return CornerCurves.from_corners(points, closed=True)
+        return CornerCurves(points, closed=True)
     if corners is not None and len(corners) > 1:
-        return CornerCurves.from_corners(corners[:, 1:4], closed=False)
+        return CornerCurves(corners[:, 1:4], closed=False)
     return None
 
 

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tjscan.comparison.distance import IndexArray
 from tjscan.core.config import validate_table
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.files import read_small_file
-from tjscan.core.frames import Array, readonly_copy, transform_points
+from tjscan.core.frames import Array, Mask, readonly_copy, transform_points
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import FeatureEdges
 from tjscan.joint.file import JointFile
@@ -94,7 +93,7 @@ class Shape:
     stated: UnitAndFrame
     points: Array | None = None
     corners: Array | None = None
-    absent: NDArray[np.bool_] | None = None
+    absent: Mask | None = None
     mesh: Mesh | None = None
     edges: FeatureEdges | None = None
     dropped: int = 0

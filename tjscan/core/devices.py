@@ -11,13 +11,7 @@ from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
-from tjscan.core.errors import (
-    ConfigurationError,
-    TjscanError,
-    explain_missing_package,
-    missing_package_error,
-    nearest_word,
-)
+from tjscan.core import errors
 from tjscan.core.units import SettingsTable
 
 C = TypeVar("C")
@@ -81,7 +75,7 @@ class DeviceBase:
 class LocalDevice(DeviceBase):
     """Base of simulated and replayed devices: a ``with`` block connects them."""
 
-    not_connected: ClassVar[tuple[type[TjscanError], str]]
+    not_connected: ClassVar[tuple[type[errors.TjscanError], str]]
     """Error of a call outside a ``with`` block, and its message."""
 
     _connected = False
@@ -199,7 +193,7 @@ class DriverRegistry(Generic[F]):
         if name not in self._places:
             raise self._error_at_key(
                 f"there is no {self.kind} {name!r}; did you mean: "
-                f"{nearest_word(name, self.names)}? Known: {', '.join(self.names)}"
+                f"{errors.nearest_word(name, self.names)}? Known: {', '.join(self.names)}"
             )
         place = self._places[name]
         registered = f"the {self.kind} {name!r} is registered as {place}, which"
@@ -212,12 +206,14 @@ class DriverRegistry(Generic[F]):
             raise self._error_at_key(f"{registered} is no {self.type.__name__}")
         return loaded
 
-    def _error_at_key(self, message: str) -> ConfigurationError:
-        return ConfigurationError(message, key=self.key)
+    def _error_at_key(self, message: str) -> errors.ConfigurationError:
+        return errors.ConfigurationError(message, key=self.key)
 
     def explain_missing_package(self, name: str) -> AbstractContextManager[None]:
         """Name what to install if the block can't import a package that an entry needs."""
-        return explain_missing_package(f"the {self.kind} {name!r}", self.extras.get(name), self.key)
+        return errors.explain_missing_package(
+            f"the {self.kind} {name!r}", self.extras.get(name), self.key
+        )
 
     def make(self, name: str, inputs: Any, settings: Any) -> Any:
         """Make the device of a driver, not yet connected.
@@ -239,6 +235,6 @@ class DriverRegistry(Generic[F]):
         factory: Any = self.load(name)
         if (client := self.clients.get(name)) is not None and find_spec(client) is None:
             what, extra = f"the {self.kind} {name!r}", self.extras.get(name)
-            raise missing_package_error(what, client, extra, self.key)
+            raise errors.missing_package_error(what, client, extra, self.key)
         with self.explain_missing_package(name):
             return factory.make(inputs, settings)

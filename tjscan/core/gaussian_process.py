@@ -18,7 +18,7 @@ from typing import Protocol, Self
 import numpy as np
 import scipy  # its parts are loaded at first use
 
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, array_dataclass
 
 
 class Kernel(Protocol):
@@ -79,8 +79,7 @@ class PeriodicKernel:
         return np.asarray(-np.sin(difference) / self.length**2 * self(difference))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class SimpleKriging:
     """Posterior mean of a process whose mean is known ([1]_ eq. 2.25).
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from tjscan.core.frames import Array
 from tjscan.joint.definition import JointDefinition, SeamWeldCap, TackWeld
-from tjscan.joint.edges import groove_sections, leg_normal_rz
+from tjscan.joint.edges import JointGrooveSections, leg_normal_rz
 from tjscan.joint.geometry import cylindrical_to_j
 
 TACK_BOW: Final = 0.2
@@ -34,7 +34,7 @@ def tack_solid(definition: JointDefinition, tack: TackWeld, span: Array) -> mani
         First and last azimuth, as `tack_spans` gives them.
     """
     phi = np.linspace(span[0], span[1], _STATIONS)
-    s = groove_sections(definition, phi)
+    s = JointGrooveSections(definition, phi)
     along = np.linspace(0, tack.length, _STATIONS)
     ramp = np.clip(np.minimum(along, tack.length - along) / TACK_RAMP_LENGTH, 0, 1)
     rise = np.maximum(tack.height * np.sqrt(ramp * (2 - ramp)), _LEAST_RISE_HEIGHT)
@@ -110,7 +110,7 @@ def spatter_solids(definition: JointDefinition) -> list[manifold3d.Manifold]:
     rng = np.random.default_rng(table.seed)
     count = round(table.density * length)
     phi = rng.uniform(0, 2 * np.pi, count)
-    s = groove_sections(definition, phi)
+    s = JointGrooveSections(definition, phi)
     place = rng.uniform(-1, 1, count)
     depth = np.linalg.norm(s.p2 - s.p3, axis=1)
     # From -1 to -0.4 on the wall, to 0.3 on the bevel, then on the leg.

@@ -14,7 +14,7 @@ import numpy as np
 import scipy  # its parts are loaded at first use
 from numpy.typing import ArrayLike, NDArray
 
-from tjscan.core.frames import Array, array_dataclass, unit_vectors
+from tjscan.core.frames import Array, Mask, array_dataclass, readonly_copy, unit_vectors
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.geometry import (
     LegSurface,
@@ -27,14 +27,18 @@ WALL_CORRECTION_ROUNDS: Final = 12
 """Corrections of where a tilted wall is met; each is smaller by a fifth or less."""
 
 
-@array_dataclass
 class JointGrooveSections:
     """Sections of a joint's designed groove in radial half-planes, one for each azimuth.
 
     Parameters
     ----------
-    phi : ndarray, shape (n,)
+    definition : JointDefinition
+        The joint.
+    phi : array_like, shape (n,)
         Azimuths in radians.
+
+    Attributes
+    ----------
     dihedral : ndarray, shape (n,)
         Local dihedral angle at the brace's outer wall, in radians.
     groove_angle : ndarray, shape (n,)
@@ -51,16 +55,29 @@ class JointGrooveSections:
         on the leg. Where the root is open p3 is the land's outer edge and p4 its foot on the leg.
     """
 
-    phi: Array
-    dihedral: Array
-    groove_angle: Array
-    bevel: Array
-    land_inner: Array
-    land: Array
-    apex: Array
-    p2: Array
-    p3: Array
-    p4: Array
+    def __init__(self, definition: JointDefinition, phi: ArrayLike) -> None:
+        self.phi = phi = readonly_copy(phi)
+        leg = definition.leg_surface
+        gapped = leg.offset_surface(definition.root_opening_at(phi))
+        self.dihedral = leg.dihedral_angle(phi, definition.brace_radius)
+        self.groove_angle = definition.groove_angle_for_dihedral(self.dihedral)
+
+        rho_inner = _bore_radius(definition, gapped, phi)
+        self.land_inner = _points_rz(gapped, phi, rho_inner)
+        self.land = land = _points_rz(gapped, phi, rho_inner + definition.root_face)
+        self.bevel = bevel = bevel_direction(gapped, phi, land[:, 0], self.groove_angle)
+        self.p2 = _bevel_ends(definition, phi, land, bevel)
+        self.apex = leg.ray_intersections(phi, land, -bevel)
+        if definition.imperfections.root.is_open:
+            self.p3, to_leg = land, -leg_normal_rz(gapped, phi, land[:, 0])
+        else:
+            self.p3 = land + definition.root_bead * bevel
+            # The bead's face is the base of an isosceles triangle between the bevel and the leg's
+            # tangent at the apex, so it is about square to the bisector of the groove.
+            to_leg = _unit_slope(leg, phi, self.apex[:, 0]) - bevel
+        self.p4 = leg.ray_intersections(phi, self.p3, to_leg)
+        for array in vars(self).values():
+            array.flags.writeable = False
 
     @property
     def root_width(self) -> Array:
@@ -71,32 +88,6 @@ class JointGrooveSections:
     def bevel_length(self) -> Array:
         """Length of the bevel from the land to the outer wall in metres, shape (n,)."""
         return np.asarray(np.linalg.norm(self.p2 - self.land, axis=1))
-
-
-def groove_sections(definition: JointDefinition, phi: ArrayLike) -> JointGrooveSections:
-    """Compute the sections of a joint's groove at azimuths, shape (n,), in radians."""
-    phi = np.asarray(phi, dtype=float)
-    leg = definition.leg_surface
-    gapped = leg.offset_surface(definition.root_opening_at(phi))
-    dihedral = leg.dihedral_angle(phi, definition.brace_radius)
-    groove_angle = definition.groove_angle_for_dihedral(dihedral)
-
-    rho_inner = _bore_radius(definition, gapped, phi)
-    land_inner = _points_rz(gapped, phi, rho_inner)
-    land = _points_rz(gapped, phi, rho_inner + definition.root_face)
-    bevel = bevel_direction(gapped, phi, land[:, 0], groove_angle)
-    p2 = _bevel_ends(definition, phi, land, bevel)
-    apex = leg.ray_intersections(phi, land, -bevel)
-    if definition.imperfections.root.is_open:
-        p3, to_leg = land, -leg_normal_rz(gapped, phi, land[:, 0])
-    else:
-        p3 = land + definition.root_bead * bevel
-        # The bead's face is the base of an isosceles triangle between the bevel and the leg's
-        # tangent at the apex, so it is about square to the bisector of the groove.
-        to_leg = _unit_slope(leg, phi, apex[:, 0]) - bevel
-    p4 = leg.ray_intersections(phi, p3, to_leg)
-    angles = (phi, dihedral, groove_angle)
-    return JointGrooveSections(*angles, bevel, land_inner, land, apex, p2, p3, p4)
 
 
 def bevel_direction(gapped: LegSurface, phi: Array, rho: Array, groove_angle: Array) -> Array:
@@ -163,7 +154,6 @@ FEWEST_NEIGHBOURS = 4
 """Vertices that a first search looks at; it looks at more where these can't prove the result."""
 
 
-@array_dataclass
 class ClosedPolyline:
     """A closed line through points.
 
@@ -173,14 +163,11 @@ class ClosedPolyline:
         Its vertices in frame j, in metres; the last one is joined to the first.
     """
 
-    points_j: Array
-    _tree: scipy.spatial.KDTree = field(init=False, repr=False)
-    _half: float = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
+    def __init__(self, points_j: Array) -> None:
+        self.points_j = readonly_copy(points_j)
         steps = np.roll(self.points_j, -1, axis=0) - self.points_j
-        object.__setattr__(self, "_tree", scipy.spatial.KDTree(self.points_j))
-        object.__setattr__(self, "_half", float(np.linalg.norm(steps, axis=1).max()) / 2)
+        self._tree = scipy.spatial.KDTree(self.points_j)
+        self._half = float(np.linalg.norm(steps, axis=1).max()) / 2
 
     def nearest_points(self, points_j: Array) -> Array:
         """Nearest points of the line to points, shape (m, 3), in frame j, in metres."""
@@ -239,7 +226,7 @@ class FeatureEdges:
     p4: ClosedPolyline
     tacks: Array = field(default_factory=lambda: np.empty((0, 2)))
 
-    def on_tack(self, points_j: Array) -> NDArray[np.bool_]:
+    def on_tack(self, points_j: Array) -> Mask:
         """Whether points, shape (m, 3), lie at azimuths where a tack covers the root, (m,)."""
         return is_within_spans(self.tacks, np.arctan2(points_j[:, 1], points_j[:, 0]))
 
@@ -255,7 +242,7 @@ def feature_edges(definition: JointDefinition, n: int = 3600) -> FeatureEdges:
     At the default their chords leave the true edge by less than 0.001 mm.
     """
     phi = np.linspace(0, 2 * np.pi, n, endpoint=False)
-    sections = groove_sections(definition, phi)
+    sections = JointGrooveSections(definition, phi)
     corners = (sections.p2, sections.p3, sections.p4)
     p2, p3, p4 = (ClosedPolyline(cylindrical_to_j(phi, rz[:, 0], rz[:, 1])) for rz in corners)
     return FeatureEdges(phi, p2, p3, p4, tack_spans(definition))
@@ -266,13 +253,13 @@ def tack_spans(definition: JointDefinition) -> Array:
     spans = np.empty((len(definition.imperfections.tacks), 2))
     for i, tack in enumerate(definition.imperfections.tacks):
         at = np.array([tack.at])
-        land = groove_sections(definition, at).land
+        land = JointGrooveSections(definition, at).land
         speed = float(np.linalg.norm(definition.leg_surface.azimuth_derivative(at, land[:, 0])))
         spans[i] = tack.at + 0.5 * tack.length / speed * np.array((-1, 1))
     return spans
 
 
-def is_within_spans(spans: Array, phi: ArrayLike) -> NDArray[np.bool_]:
+def is_within_spans(spans: Array, phi: ArrayLike) -> Mask:
     """Whether azimuths lie in one of the spans that `tack_spans` gives, the shape of `phi`.
 
     Parameters

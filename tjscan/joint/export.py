@@ -12,7 +12,7 @@ from tjscan.core.config import StrictFileModel
 from tjscan.core.files import write_files_atomically
 from tjscan.core.frames import Array
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.edges import FeatureEdges, feature_edges, groove_sections
+from tjscan.joint.edges import FeatureEdges, JointGrooveSections, feature_edges
 from tjscan.joint.file import JointFile
 from tjscan.joint.mesh import TriangleMesh, build_joint_mesh, largest_chord_error
 
@@ -55,7 +55,7 @@ def build_and_write_joint(definition: JointDefinition, directory: Path) -> Joint
         If the directory can't be written to.
     """
     mesh, edges = build_joint_mesh(definition), feature_edges(definition)
-    sections = groove_sections(definition, edges.phi)
+    sections = JointGrooveSections(definition, edges.phi)
     length = definition.leg_surface.arc_length(definition.brace_radius, 0, 2 * np.pi)
     sidecar = JointSidecar(
         name=definition.name,

@@ -17,7 +17,7 @@ from tjscan.joint.definition import (
     Imperfections,
     JointDefinition,
 )
-from tjscan.joint.edges import JointGrooveSections, groove_sections
+from tjscan.joint.edges import JointGrooveSections
 from tjscan.joint.geometry import cylindrical_to_j
 
 METRES_PER_MM: Final = 1e-3
@@ -73,7 +73,7 @@ def check_buildable(definition: JointDefinition) -> None:
     _check_tubes(definition)
     _check_groove_table(definition)
     with np.errstate(divide="ignore", invalid="ignore"):
-        sections = groove_sections(definition, CHECKED_AZIMUTHS)
+        sections = JointGrooveSections(definition, CHECKED_AZIMUTHS)
     _check_bevel(sections)
     _check_root(definition, sections)
     _check_lengths(definition, sections)

@@ -12,7 +12,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array, array_dataclass
 from tjscan.joint.definition import JointDefinition, interpolate_around_joint
 from tjscan.joint.deposits import seam_cap_solid, spatter_solids, tack_solid
-from tjscan.joint.edges import JointGrooveSections, groove_sections, leg_normal_rz, tack_spans
+from tjscan.joint.edges import JointGrooveSections, leg_normal_rz, tack_spans
 from tjscan.joint.geometry import OvalLegSurface, cylindrical_to_j, tangential_direction
 
 MOST_CHORD_ERROR: Final = 2e-6
@@ -170,7 +170,7 @@ def _section_outlines(definition: JointDefinition, phi: Array) -> Array:
 
     They run down the bore, along the root and up bead, bevel and outer wall.
     """
-    sections = groove_sections(definition, phi)
+    sections = JointGrooveSections(definition, phi)
     top = np.full_like(phi, definition.brace_length)
     wall = definition.brace_wall_radius(phi, top)
     corners = (

@@ -10,7 +10,7 @@ from scipy.special import ndtri
 
 from tjscan.core.frames import Array
 from tjscan.joint.definition import JointDefinition, MillScale
-from tjscan.joint.edges import groove_sections
+from tjscan.joint.edges import JointGrooveSections
 
 ReliefHeight = Callable[[Array], Array]
 """Height over the solid's surface at points on it, shape (n, 3), in frame j: shape (n,), metres."""
@@ -67,7 +67,7 @@ def _scallop_heights(definition: JointDefinition) -> ReliefHeight:
     def height(points_j: Array) -> Array:
         phi = np.arctan2(points_j[:, 1], points_j[:, 0])
         rz = np.column_stack((np.hypot(points_j[:, 0], points_j[:, 1]), points_j[:, 2]))
-        s = groove_sections(definition, phi)
+        s = JointGrooveSections(definition, phi)
         along = s.p2 - s.p3
         length = np.linalg.norm(along, axis=1)
         up = np.sum((rz - s.p3) * along, axis=1) / length

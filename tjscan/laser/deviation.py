@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from math import tan
 from typing import Final, Self
 
@@ -15,10 +16,7 @@ HIGHEST_DEGREE: Final = 3
 """Of the polynomials in x and z: a lens' distortion is of third order."""
 
 TERM_DEGREES: Final = tuple(
-    (i, j)
-    for i in range(HIGHEST_DEGREE + 1)
-    for j in range(HIGHEST_DEGREE + 1)
-    if 0 < i + j <= HIGHEST_DEGREE
+    (i, j) for i, j in product(range(HIGHEST_DEGREE + 1), repeat=2) if 0 < i + j <= HIGHEST_DEGREE
 )
 """Degrees in x and z of the polynomials that a laser's deviation is made of."""
 

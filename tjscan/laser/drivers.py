@@ -122,23 +122,21 @@ def _make_replayed_laser(context: LaserDriverInputs, settings: NoSettings) -> Li
     return ReplayedLaser(poses, profiles, context.carrier.T_b_f, context.carrier.time)
 
 
-def _make_genicam_laser(inputs: LaserDriverInputs, settings: GenicamSettings) -> LineLaser:
-    from tjscan.laser.genicam.gige import GenicamLaser
+def _make_gige_laser(
+    inputs: LaserDriverInputs, settings: GenicamSettings | ScanControlSettings
+) -> LineLaser:
+    from tjscan.laser.genicam.gige import GenicamLaser, ScanControlLaser
 
-    return GenicamLaser(settings, inputs.carrier.time)
-
-
-def _make_scancontrol_laser(inputs: LaserDriverInputs, settings: ScanControlSettings) -> LineLaser:
-    from tjscan.laser.genicam.gige import ScanControlLaser
-
+    if isinstance(settings, GenicamSettings):
+        return GenicamLaser(settings, inputs.carrier.time)
     return ScanControlLaser(settings, inputs.carrier.time)
 
 
 SIMULATED_DRIVER: Final = LaserDriverFactory(_make_simulated_laser, kind=DriverKind.SIMULATED)
 REPLAY_DRIVER: Final = LaserDriverFactory(_make_replayed_laser, kind=DriverKind.REPLAYED)
 
-GENICAM_DRIVER: Final = LaserDriverFactory(_make_genicam_laser, GenicamSettings)
-SCANCONTROL_DRIVER: Final = LaserDriverFactory(_make_scancontrol_laser, ScanControlSettings)
+GENICAM_DRIVER: Final = LaserDriverFactory(_make_gige_laser, GenicamSettings)
+SCANCONTROL_DRIVER: Final = LaserDriverFactory(_make_gige_laser, ScanControlSettings)
 
 LASER_DRIVERS: Final[DriverRegistry[LaserDriverFactory]] = DriverRegistry(
     "laser",

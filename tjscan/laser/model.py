@@ -24,7 +24,7 @@ _WINDOW_APEX_Z: Final = 0.190 - 0.5 * 0.083 / _WINDOW_SLOPE
 
 _PROBABILITY_FIELDS: Final = ("dropout", "missing", "ghosts", "flyers", "strays")
 _FRACTION_FIELDS: Final = (*_PROBABILITY_FIELDS, "ghost_share", "ghost_intensity")
-_AMPLITUDE_FIELDS: Final = (
+_NON_NEGATIVE_FIELDS: Final = (
     "noise",
     "noise_correlation",
     "bias",
@@ -75,7 +75,7 @@ class LaserModel(SettingsTable):
     The defaults of `columns`, `near`, `far`, `emitter_z`, `half_angle` and `step` are data of
     the scanCONTROL 26xx-100. **Every other default is an assumption**, chosen inside the span
     that such sensors show on ground steel. A zero amplitude or probability switches its
-    effect off; `ideal` switches all of them off.
+    effect off; `without_faults` switches all of them off.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ _FIELD_CHECKS: Final[tuple[tuple[Sequence[str], Callable[[LaserModel, Any], bool
     (("emitter_z", "detector_z"), lambda model, v: v < model.near, "must be before the range"),
     (("half_angle",), lambda _, v: 0 < v < math.pi / 2, "must be between 0 and 90°"),
     (_FRACTION_FIELDS, lambda _, v: 0 <= v <= 1, "is a fraction, from 0 to 1"),
-    (_AMPLITUDE_FIELDS, lambda _, v: v >= 0, "can't be negative; 0 switches it off"),
+    (_NON_NEGATIVE_FIELDS, lambda _, v: v >= 0, "can't be negative; 0 switches it off"),
     (
         ("dropout_end",),
         lambda model, v: 0 <= model.dropout_start < v <= math.pi / 2,

@@ -43,15 +43,12 @@ class RecordedPoses:
         self.times, self._distance, self._angle = tuple(times), distance, angle
         self._at, self._taken = -1, False
 
-    def __len__(self) -> int:
-        return len(self._poses)
-
     @property
     def current_view_number(self) -> int:
         """Number of the view that was last asked for; at first, of the first one."""
         return max(self._at, 0)
 
-    def check_recorded(self, *T_b_f: Array) -> None:
+    def check_views(self, *T_b_f: Array) -> None:
         """Check that views from these poses were recorded, one after another.
 
         Parameters
@@ -69,7 +66,7 @@ class RecordedPoses:
             at = self._find_view(T, at + 1)
 
     def go_to_view(self, T_b_f: Array) -> None:
-        """Go on to the view from a pose; raises as `check_recorded` does."""
+        """Go on to the view from a pose; raises as `check_views` does."""
         self._at, self._taken = self._find_view(T_b_f, self._at + 1), False
 
     def take_profile_number(self, T_b_f: Array) -> int:

@@ -17,7 +17,7 @@ from tjscan.core.errors import ProfileFormatRefused
 from tjscan.core.frames import Array
 from tjscan.laser.profile import Profile
 
-MOST_POINTS: Final = 65_536
+MAX_POINTS: Final = 65_536
 """Longer rows are refused: no line laser has as many columns."""
 
 
@@ -122,7 +122,7 @@ class Scan3dScales:
     invalid: float | None = None
 
 
-def points(
+def profile_of_row(
     raw: bytes,
     pixel_format: str,
     scales: Scan3dScales,
@@ -154,9 +154,9 @@ def points(
             "Set laser.genicam.pixel_format to one that it has"
         )
     count, rest = divmod(len(raw), layout.point_size)
-    if rest or not 0 < count <= MOST_POINTS:
+    if rest or not 0 < count <= MAX_POINTS:
         raise ProfileFormatRefused(
-            f"{len(raw)} bytes are no row of 1 to {MOST_POINTS} points in {pixel_format} "
+            f"{len(raw)} bytes are no row of 1 to {MAX_POINTS} points in {pixel_format} "
             f"({layout.point_size} bytes each)"
         )
     with np.errstate(invalid="ignore"):  # a signalling NaN is one like others

@@ -27,10 +27,10 @@ TIME_STAMP_BYTES: Final = 16
 
 CYCLES_PER_SECOND, OFFSETS_PER_CYCLE = 8000, 3072
 
-RAW_ZERO: Final = 32_768
+RAW_OF_ZERO: Final = 32_768
 """Raw number of the coordinate 0, or of the offset."""
 
-GREATEST_RAW: Final = 65_535
+MAX_RAW: Final = 65_535
 
 Field = Literal["z", "x", "threshold", "intensity", "width", "moment0", "moment1"]
 
@@ -78,7 +78,7 @@ def _check_time_stamp(raw: bytes) -> None:
             )
 
 
-def row_bytes(settings: ScanControlSettings) -> int:
+def profile_bytes(settings: ScanControlSettings) -> int:
     """Bytes of one profile."""
     if settings.layout == "full":
         return settings.points * REFLECTION_COUNT * BYTES_OF_REFLECTION
@@ -116,7 +116,7 @@ def parse_scancontrol(
     ProfileFormatRefused
         If the payload is not of that layout, or its time stamp counts further than the clock.
     """
-    size = row_bytes(settings)
+    size = profile_bytes(settings)
     if not raw or len(raw) % size:
         raise ProfileFormatRefused(
             f"{len(raw)} bytes are no {settings.layout} profile of {settings.points} points "
@@ -125,27 +125,27 @@ def parse_scancontrol(
     row = raw[:size]
     if settings.layout == "full" or settings.time_stamp:
         _check_time_stamp(row[-TIME_STAMP_BYTES:])
-    read = _full_profile if settings.layout == "full" else _raw_coordinates
+    read = _coordinates_of_full_layout if settings.layout == "full" else _coordinates_of_container
     raw_x, raw_z = read(row, settings)
     missing = raw_z == 0  # also if the axis is turned round
     if settings.layout == "full" and settings.reflection == REFLECTION_COUNT:
         missing[-1] = True  # the time stamp is there
     x, z = (
-        scale.scale * ((GREATEST_RAW - values if flip else values) - RAW_ZERO)
+        scale.scale * ((MAX_RAW - values if flip else values) - RAW_OF_ZERO)
         for values, flip in ((raw_x, settings.flip_x), (raw_z, settings.flip_z))
     )
     x[missing] = z[missing] = np.nan
     return Profile(x, z + scale.offset, time=time, time_uncertainty=time_uncertainty)
 
 
-def _full_profile(row: bytes, settings: ScanControlSettings) -> tuple[Array, Array]:
+def _coordinates_of_full_layout(row: bytes, settings: ScanControlSettings) -> tuple[Array, Array]:
     """Raw x and z: the second word of a reflection, its position and its distance."""
     words = np.frombuffer(row, dtype=">u2").reshape(settings.points, REFLECTION_COUNT, -1)
     chosen = words[:, settings.reflection - 1].astype(np.float64)
     return chosen[:, 2], chosen[:, 3]
 
 
-def _raw_coordinates(row: bytes, settings: ScanControlSettings) -> tuple[Array, Array]:
+def _coordinates_of_container(row: bytes, settings: ScanControlSettings) -> tuple[Array, Array]:
     """Raw x and z: fields of the row, one behind the other."""
     words = np.frombuffer(row, dtype="<u2" if settings.little_endian else ">u2").astype(np.float64)
     found, begin = {}, 0

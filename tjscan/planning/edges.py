@@ -8,10 +8,9 @@ from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array, cross
+from tjscan.core.frames import Array, Mask, cross
 from tjscan.groove.measured import MeasuredSection
 from tjscan.groove.root import OPEN_ROOT, ROOT_NOT_SEEN, WELD_IN_GROOVE
 from tjscan.groove.section import TACK_WELD
@@ -59,7 +58,7 @@ class RootAlongGroove:
 
     s: Array
     openness: Array
-    tacked: NDArray[np.bool_]
+    tacked: Mask
     length: float
     closed: bool
 

@@ -115,7 +115,7 @@ class ArrangedGroove:
         s = np.linspace(begin, end, max(2, ceil((end - begin) / step)) + 1)
         s = np.union1d(s, at)
         stations, cells = self.cut(s)
-        lines = path.bead_lines(stations, cells)
+        lines = path.BeadLines(stations, cells)
         middles = free_angle_middles(cells, layer)
         face, outward = (
             stations.vectors_to_space(np.stack((np.sin(angle), np.cos(angle)), axis=2))

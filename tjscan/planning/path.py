@@ -98,7 +98,7 @@ def template_at(
     ConfigurationError
         If the corners of one make no convex quadrilateral.
     """
-    template = SectionTemplate(stations.corners, cap_height, np.asarray(root_area))
+    template = SectionTemplate(stations.corners, cap_height, root_area)
     if not template.is_proper.all():
         at = 1e3 * float(stations.s[int(np.argmin(template.is_proper))])
         raise ConfigurationError(
@@ -153,27 +153,8 @@ def bead_centroids(cells: BeadCells) -> Array:
     return np.asarray((halves[0] * middles[0] + halves[1] * middles[1]) / (halves[0] + halves[1]))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class BeadLines:
     """Lines of n beads through m stations.
-
-    Parameters
-    ----------
-    aims : ndarray, shape (m, n, 3)
-        Where the wire's tip goes, metres.
-    along : ndarray, shape (m, n, 3)
-        Derivative of that by the length along the groove.
-    areas : ndarray, shape (m, n)
-        Laid down a metre of the tip's way, m².
-    """
-
-    aims: Array
-    along: Array
-    areas: Array
-
-
-def bead_lines(stations: GrooveStations, cells: BeadCells) -> BeadLines:
-    """Follow the beads of sections.
 
     A bead of cross-section a, whose centre moves by dc along the groove, fills a (dc · t), t being
     the groove's direction (Pappus); the wire's tip goes another way by dp meanwhile. What is laid
@@ -185,11 +166,22 @@ def bead_lines(stations: GrooveStations, cells: BeadCells) -> BeadLines:
         At m lengths, two or more.
     cells : BeadCells
         The beads there.
+
+    Attributes
+    ----------
+    aims : ndarray, shape (m, n, 3)
+        Where the wire's tip goes, metres.
+    along : ndarray, shape (m, n, 3)
+        Derivative of that by the length along the groove.
+    areas : ndarray, shape (m, n)
+        Laid down a metre of the tip's way, m².
     """
-    aims = stations.points_to_space(aim_points(cells))
-    centres = stations.points_to_space(bead_centroids(cells))
-    order: Literal[1, 2] = 2 if len(stations.s) > 2 else 1
-    along = np.gradient(aims, stations.s, axis=0, edge_order=order)
-    way = np.gradient(centres, stations.s, axis=0, edge_order=order)
-    filled = np.sum(way * stations.tangent[:, None], axis=2)
-    return BeadLines(aims, along, cells.areas * filled / np.linalg.norm(along, axis=2))
+
+    def __init__(self, stations: GrooveStations, cells: BeadCells) -> None:
+        self.aims = stations.points_to_space(aim_points(cells))
+        centres = stations.points_to_space(bead_centroids(cells))
+        order: Literal[1, 2] = 2 if len(stations.s) > 2 else 1
+        self.along = np.gradient(self.aims, stations.s, axis=0, edge_order=order)
+        way = np.gradient(centres, stations.s, axis=0, edge_order=order)
+        filled = np.sum(way * stations.tangent[:, None], axis=2)
+        self.areas: Array = cells.areas * filled / np.linalg.norm(self.along, axis=2)

@@ -8,10 +8,9 @@ from itertools import chain
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tjscan.core.errors import ConfigurationError
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, Mask
 from tjscan.core.units import MM2, FileUnit
 from tjscan.planning.bead import PlannedBead
 from tjscan.planning.edges import GrooveEdges, RootAlongGroove, RootKind, Span
@@ -158,7 +157,7 @@ def findings_of_root(edges: GrooveEdges, wps: WeldingProcedure) -> Iterator[WpsF
         )
 
 
-def _make_finding(bead: PlannedBead, key: str, out: NDArray[np.bool_], text: str) -> WpsFinding:
+def _make_finding(bead: PlannedBead, key: str, out: Mask, text: str) -> WpsFinding:
     at = bead.s[out]
     return WpsFinding(key, bead.number, float(at.min()), float(at.max()), float(out.mean()), text)
 

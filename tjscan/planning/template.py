@@ -9,7 +9,7 @@ that part the groove into given areas.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -24,7 +24,6 @@ def _cross_product(a: Array, b: Array) -> Array:
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class SectionTemplate:
     """The map of the unit square onto m sections, with a reinforcement above the opening.
 
@@ -45,25 +44,13 @@ class SectionTemplate:
         Distance of p2 and g, metres.
     """
 
-    corners: Array
-    cap_height: float
-    root_area: Array = field(default_factory=lambda: np.zeros(1))
-    jacobian: tuple[Array, Array, Array] = field(init=False, repr=False)
-    opening: Array = field(init=False, repr=False)
-    _edges: tuple[Array, Array, Array] = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        corners = readonly_copy(self.corners)
-        p3, p4, g, p2 = np.moveaxis(corners, 1, 0)
-        E, F, H = p4 - p3, p2 - p3, g - p4 - p2 + p3
-        for name, value in (
-            ("corners", corners),
-            ("jacobian", (_cross_product(E, F), _cross_product(E, H), _cross_product(H, F))),
-            ("opening", np.linalg.norm(g - p2, axis=1)),
-            ("root_area", np.broadcast_to(self.root_area, len(corners))),
-            ("_edges", (E, F, H)),
-        ):
-            object.__setattr__(self, name, value)
+    def __init__(self, corners: Array, cap_height: float, root_area: Array | float = 0.0) -> None:
+        self.corners, self.cap_height = readonly_copy(corners), cap_height
+        p3, p4, g, p2 = np.moveaxis(self.corners, 1, 0)
+        self._edges = E, F, H = p4 - p3, p2 - p3, g - p4 - p2 + p3
+        self.jacobian = _cross_product(E, F), _cross_product(E, H), _cross_product(H, F)
+        self.opening: Array = np.linalg.norm(g - p2, axis=1)
+        self.root_area: Array = np.broadcast_to(root_area, len(self.corners))
 
     @property
     def is_proper(self) -> Array:

@@ -18,7 +18,7 @@ import numpy as np
 from tjscan.core.errors import ConfigurationError
 from tjscan.core.frames import Array
 from tjscan.planning.edges import RootKind
-from tjscan.planning.path import GrooveStations, bead_lines
+from tjscan.planning.path import BeadLines, GrooveStations
 from tjscan.planning.template import SectionTemplate
 from tjscan.planning.wps import ArcSettings, RootSettings, WeldingProcedure
 
@@ -236,7 +236,7 @@ class BeadArranger:
             cells = self.template.cut_into_beads(counts, equal)
         except ValueError:
             return dict.fromkeys(BEAD_KIND_NAMES, (1.0, 1.0))
-        shares = bead_lines(self.stations, cells).areas / equal
+        shares = BeadLines(self.stations, cells).areas / equal
         found = {name: shares[:, names == name] for name in BEAD_KIND_NAMES}
         return {
             name: (float(x.min()), float(x.max())) if x.size else (1.0, 1.0)
@@ -285,7 +285,7 @@ class BeadArranger:
                 f"{1e3 * most:.2f} mm high",
                 key="bead.layer_height_mm",
             )
-        laid = bead_lines(self.stations, template.cut_into_beads(counts, wanted)).areas
+        laid = BeadLines(self.stations, template.cut_into_beads(counts, wanted)).areas
         kinds = {}
         for name in BEAD_KIND_NAMES:
             of_kind = laid[:, names == name] if name in names else laid

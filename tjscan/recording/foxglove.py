@@ -19,6 +19,7 @@ from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.Point3_pb2 import Point3
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.Pose_pb2 import Pose
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.timestamp_pb2 import Timestamp
@@ -33,6 +34,8 @@ LINE_WIDTH_PIXELS: Final = 2.0
 
 PROFILE_TOPIC: Final = Topic.of("/profile", PointCloud)
 TRANSFORMS_TOPIC: Final = Topic.of("/tf", FrameTransforms)
+
+IDENTITY_POSE: Final = Pose(orientation=Quaternion(w=1.0))
 
 NumericType = PackedElementField.NumericType
 
@@ -66,7 +69,7 @@ def profile_to_cloud_message(time: int, profile: Profile) -> PointCloud:
     return PointCloud(
         timestamp=_timestamp(time),
         frame_id="s",
-        pose=_identity_pose(),
+        pose=IDENTITY_POSE,
         point_stride=8 * len(columns),
         fields=[
             PackedElementField(name=name, offset=8 * i, type=NumericType.FLOAT64)
@@ -128,7 +131,7 @@ def line_and_surface_message(time: int, name: str, line: Array, triangles: Array
     entity = SceneEntity(timestamp=_timestamp(time), frame_id="b", id=name)
     entity.lines.add(
         type=LinePrimitive.LINE_STRIP,
-        pose=_identity_pose(),
+        pose=IDENTITY_POSE,
         thickness=LINE_WIDTH_PIXELS,
         scale_invariant=True,
         points=_point_messages(line),
@@ -136,7 +139,7 @@ def line_and_surface_message(time: int, name: str, line: Array, triangles: Array
     )
     if len(triangles):
         entity.triangles.add(
-            pose=_identity_pose(),
+            pose=IDENTITY_POSE,
             points=_point_messages(triangles.reshape(-1, 3)),
             color=Color(r=0.6, g=0.65, b=0.7, a=1.0),
         )
@@ -152,12 +155,6 @@ def _timestamp(time: int) -> Timestamp:
     stamp = Timestamp()
     stamp.FromNanoseconds(time)
     return stamp
-
-
-def _identity_pose() -> Pose:
-    pose = Pose()
-    pose.orientation.w = 1.0
-    return pose
 
 
 def _point_messages(values: Array) -> list[Point3]:

@@ -55,11 +55,11 @@ _KINDS_SKIPPED: Final = frozenset((Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX))
 """Kinds of records for viewers. Nothing else is in a file before the end of its data."""
 
 
-class _CutOff(Exception):
+class _CutOffError(Exception):
     """The file ends within a record."""
 
 
-_RECORD_ERRORS: Final = (_CutOff, struct.error, ValueError, OverflowError, McapError)
+_RECORD_ERRORS: Final = (_CutOffError, struct.error, ValueError, OverflowError, McapError)
 """Errors of a record that is cut off or damaged."""
 
 
@@ -100,9 +100,9 @@ def read_mcap_records(
         try:
             length, records = _read_record(stream, place, size)
         except _RECORD_ERRORS as error:
-            whole = _next_chunk(stream, place + 1, size)
-            if not (isinstance(error, _CutOff) and whole is None and not finished):
-                reason = "the file ends in it" if isinstance(error, _CutOff) else error
+            whole = _find_chunk(stream, place + 1, size)
+            if not (isinstance(error, _CutOffError) and whole is None and not finished):
+                reason = "the file ends in it" if isinstance(error, _CutOffError) else error
                 report_damage(f"the record at byte {place} is damaged: {reason}")
             if whole is None:
                 return
@@ -127,17 +127,17 @@ def _read_record(stream: BinaryIO, place: int, size: int) -> tuple[int, list[Mca
     stream.seek(place)
     head = stream.read(_RECORD_HEAD.size)
     if len(head) < _RECORD_HEAD.size:
-        raise _CutOff
+        raise _CutOffError
     opcode, length = _RECORD_HEAD.unpack(head)
-    if opcode == 0 and _only_zeros(head, stream):
-        raise _CutOff  # what a machine that lost its power leaves behind the last whole record
+    if opcode == 0 and _are_zeros(head, stream):
+        raise _CutOffError  # what a machine that lost its power leaves behind the last whole record
     if opcode == Opcode.DATA_END and length == _DATA_END_LENGTH:
         return length, None
     if opcode not in _KINDS_READ | _KINDS_SKIPPED:
         raise ValueError(f"its kind is {opcode}, which does not belong there")
     if length > size - place - _RECORD_HEAD.size:
         _check_cut_chunk(opcode, length, stream)
-        raise _CutOff
+        raise _CutOffError
     if opcode in _KINDS_SKIPPED:
         return length, []
     if length > MAX_RECORD_BYTES:
@@ -180,7 +180,7 @@ def _records_of_chunk(chunk: Chunk) -> list[McapRecord]:
     return list(breakup_chunk(chunk))
 
 
-def _next_chunk(stream: BinaryIO, place: int, size: int) -> int | None:
+def _find_chunk(stream: BinaryIO, place: int, size: int) -> int | None:
     """Place of the next whole chunk; None if there is none."""
     while place < size:
         stream.seek(place)
@@ -194,7 +194,7 @@ def _next_chunk(stream: BinaryIO, place: int, size: int) -> int | None:
     return None
 
 
-def _only_zeros(head: bytes, stream: BinaryIO) -> bool:
+def _are_zeros(head: bytes, stream: BinaryIO) -> bool:
     """Whether the rest of a file is zeros, the nine bytes just read included."""
     blocks = iter(lambda: stream.read(1 << 16), b"")
     return not any(head) and not any(any(block) for block in blocks)
@@ -231,7 +231,7 @@ def refuse_damage(damage: RecordingDamage) -> None:
     raise RecordingError(str(damage))
 
 
-class MessageCount:
+class MissingMessages:
     """Notices messages that are missing between those that are read, by their numbers.
 
     A damage of something else, such as a viewer's index, is none: no message is missing.
@@ -321,7 +321,7 @@ def read_messages(
     asked = {topic.name: topic for topic in topics}
     schemas: dict[int, str] = {}
     channels: dict[int, Topic[Any] | None] = {}
-    count = MessageCount(file, report_damage)
+    count = MissingMessages(file, report_damage)
     for record in _read_records(file, count.noticed.append):
         if isinstance(record, RecordingHeader):
             count.expected = record.messages_before

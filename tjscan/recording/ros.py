@@ -34,7 +34,7 @@ class RosMessageType:
     definition: str
 
 
-POSE_ARRAY: Final = RosMessageType(
+POSE_ARRAY_TYPE: Final = RosMessageType(
     "geometry_msgs/msg/PoseArray",
     _NEXT_DEFINITION.join(
         (
@@ -47,7 +47,7 @@ POSE_ARRAY: Final = RosMessageType(
     )
     + _HEADER_DEFINITION,
 )
-JOINT_TRAJECTORY: Final = RosMessageType(
+JOINT_TRAJECTORY_TYPE: Final = RosMessageType(
     "trajectory_msgs/msg/JointTrajectory",
     _NEXT_DEFINITION.join(
         (
@@ -88,7 +88,7 @@ def pose_array_message(time: int, frame: str, poses: Array) -> RosMessage:
         turn = Rotation.from_matrix(T[:3, :3]).as_quat().tolist()
         position = dict(zip("xyz", T[:3, 3].tolist(), strict=True))
         rows.append({"position": position, "orientation": dict(zip("xyzw", turn, strict=True))})
-    return RosMessage(POSE_ARRAY, {"header": _message_header(time, frame), "poses": rows})
+    return RosMessage(POSE_ARRAY_TYPE, {"header": _message_header(time, frame), "poses": rows})
 
 
 def joint_trajectory_message(time: int, names: Sequence[str], q: Array, times: Array) -> RosMessage:
@@ -117,7 +117,7 @@ def joint_trajectory_message(time: int, names: Sequence[str], q: Array, times: A
     ]
     # No frame: angles are those of the joints that are named.
     fields = {"header": _message_header(time, ""), "joint_names": list(names), "points": points}
-    return RosMessage(JOINT_TRAJECTORY, fields)
+    return RosMessage(JOINT_TRAJECTORY_TYPE, fields)
 
 
 def write_ros_messages(file: BinaryIO, time: int, messages: Mapping[str, RosMessage]) -> None:

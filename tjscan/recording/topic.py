@@ -166,7 +166,7 @@ def _null_if_unknown(number: float | None) -> float | None:
     return number if number is not None and isfinite(number) else None
 
 
-def _measurable(value: Any) -> float:
+def _to_float(value: Any) -> float:
     number = float(value)
     if not abs(number) <= LARGEST_NUMBER:
         raise ValueError(f"{number} can't be measured")
@@ -186,24 +186,24 @@ def _checked_instance(value: Any, kind: type[Any]) -> Any:
 
 
 UNKNOWN_FLOAT_CODEC: Final = ValueCodec(
-    {"type": "number"}, _null_if_unknown, lambda value: nan if value is None else _measurable(value)
+    {"type": "number"}, _null_if_unknown, lambda value: nan if value is None else _to_float(value)
 )
 """Of a number that may be NaN, which JSON has as null."""
 
-PROFILE_TIMES: Final = ("time", "time_uncertainty")
+PROFILE_FIELDS: Final = ("time", "time_uncertainty")
 """What is written of a profile: its points are a message of their own, which viewers draw."""
 
 PLAIN_CODECS: Final[Mapping[Any, ValueCodec]] = {
     bool: ValueCodec({"type": "boolean"}, bool, lambda value: _checked_instance(value, bool)),
     int: ValueCodec({"type": "integer"}, int, _checked_count),
-    float: ValueCodec({"type": "number"}, float, _measurable),
+    float: ValueCodec({"type": "number"}, float, _to_float),
     str: ValueCodec({"type": "string"}, str, lambda value: _checked_instance(value, str)),
     datetime: ValueCodec({"type": "string"}, datetime.isoformat, datetime.fromisoformat),
     Profile: ValueCodec(
-        {"type": "object", "properties": {name: {"type": "number"} for name in PROFILE_TIMES}},
-        lambda profile: {name: getattr(profile, name) for name in PROFILE_TIMES},
+        {"type": "object", "properties": {name: {"type": "number"} for name in PROFILE_FIELDS}},
+        lambda profile: {name: getattr(profile, name) for name in PROFILE_FIELDS},
         lambda content: Profile(
-            np.empty(0), np.empty(0), None, *(_measurable(content[name]) for name in PROFILE_TIMES)
+            np.empty(0), np.empty(0), None, *(_to_float(content[name]) for name in PROFILE_FIELDS)
         ),
     ),
 }

@@ -14,7 +14,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from tjscan.core.frames import Array, frozen_arrays
+from tjscan.core.frames import Array, array_dataclass
 from tjscan.groove.settings import DEFAULT_SETTINGS, GrooveSettings
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import RunEvent
@@ -116,8 +116,7 @@ def _rows_in_whole_mm(values: Array) -> list[Any]:
     return flat
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class ReportChart:
     """A chart of a report: one quantity over another; charts of one title are drawn together.
 

@@ -8,12 +8,11 @@ sections show.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from tjscan.core.frames import Array, frozen_arrays, unit_vectors
+from tjscan.core.frames import Array, array_dataclass, unit_vectors
 from tjscan.groove.measured import MeasuredSection
 
 NEIGHBOUR_DISTANCE: Final = 60e-3
@@ -34,8 +33,7 @@ of 80 mm to 1.2° and 5°.
 """
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-@frozen_arrays
+@array_dataclass
 class SectionDirections:
     """Directions at each of n sections, unit vectors of shape (n, 3) in the sections' frame.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from hashlib import sha256
 from pathlib import Path
 from typing import Final
@@ -48,3 +49,15 @@ def job_label_of_run(*directories: Path) -> str:
 def job_name_and_hash(name: str, content: bytes) -> str:
     """Name of a job file, and the beginning of the SHA-256 of its content."""
     return f"{name}, SHA-256 {sha256(content).hexdigest()[:16]}"
+
+
+def default_run_directory(job_file: Path, station: str | None = None) -> Path:
+    """``runs/JOB-DATE``, or ``runs/JOB-STATION-DATE``, below the working directory."""
+    words = (job_file.stem, *(() if station is None else (station,)))
+    return Path("runs") / f"{'-'.join(words)}-{datetime.now():%Y%m%d-%H%M%S}"
+
+
+def dated_sibling_directory(directory: Path) -> Path:
+    """``RUN-DATE`` beside a run directory."""
+    whole = directory.resolve()
+    return whole.with_name(f"{whole.name}-{datetime.now():%Y%m%d-%H%M%S}")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.edges import feature_edges, groove_sections
+from tjscan.joint.edges import JointGrooveSections, feature_edges
 from tjscan.joint.geometry import cylindrical_to_j
 
 LINES_ALONG_TUBE = 24
@@ -79,7 +79,7 @@ def ghost_of_joint(joint: JointDefinition) -> tuple[Array, NDArray[np.intp]]:
     triangles : ndarray of int, shape (m, 3)
     """
     phi = np.linspace(0, 2 * np.pi, STEPS_AROUND_BRACE, endpoint=False)
-    groove = groove_sections(joint, phi)
+    groove = JointGrooveSections(joint, phi)
     edges = [cylindrical_to_j(phi, rz[:, 0], rz[:, 1]) for rz in (groove.p4, groove.p3, groove.p2)]
     top = cylindrical_to_j(phi, groove.p2[:, 0], np.full(STEPS_AROUND_BRACE, brace_top(joint)))
     strips = ([ring[:-1] for ring in leg_rings(joint)], [*edges, top])

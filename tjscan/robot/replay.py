@@ -49,8 +49,8 @@ class ReplayedArm(LocalDevice):
         return self._states[self._poses.current_view_number]
 
     def check_moves(self, *T_b_f: Array) -> None:
-        """Check that the recording holds these views. See `RecordedPoses.check_recorded`."""
-        self._poses.check_recorded(*T_b_f)
+        """Check that the recording holds these views. See `RecordedPoses.check_views`."""
+        self._poses.check_views(*T_b_f)
 
     def move_linear(self, T_b_f: Array) -> ArmState:
         """Go on to the recorded view with this pose.

@@ -10,13 +10,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tjscan.core.frames import Array, inverse_pose, pose, rot_z
+from tjscan.core.frames import Array, Mask, inverse_pose, pose, rot_z
 from tjscan.robot.kinematics import Kinematics
 
 TRIED_SPINS: Final = 72
@@ -37,11 +35,32 @@ Hindrance = Callable[[Array], str]
 """What keeps an arm from having these joint angles, shape (6,); empty if nothing does."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class ToolConfigurations:
-    """How an arm can hold a tool at m places along a line.
+    """How an arm can hold a tool along a line, its z axis the one it may turn about.
 
     Parameters
+    ----------
+    kinematics : Kinematics
+        The arm.
+    T_f_tool : ndarray, shape (4, 4)
+        The tool on the flange.
+    poses : ndarray, shape (m, n, 4, 4)
+        n poses at each of m places that must all be held with the same spin and in the same branch,
+        in frame b.
+    hindrance : callable
+        What keeps the arm from having joint angles.
+    singular : float
+        Least singular value of the arm's Jacobian, see `Kinematics.smallest_singular_value`. It is
+        looked at for the first pose of a place alone, the others being near.
+    closed : bool
+        Whether the last place is followed by the first.
+
+    Raises
+    ------
+    ConfigurationError
+        If the arm is not of the Universal Robots type.
+
+    Attributes
     ----------
     can : ndarray, shape (m, TRIED_SPINS, 8)
         Whether a spin and a branch of the inverse hold it, clear of everything.
@@ -56,11 +75,39 @@ class ToolConfigurations:
         Whether the last place is followed by the first.
     """
 
-    can: NDArray[np.bool_]
-    q: Array
-    turns: Array
-    hindrances: tuple[str, ...]
-    closed: bool
+    def __init__(
+        self,
+        kinematics: Kinematics,
+        T_f_tool: Array,
+        poses: Array,
+        hindrance: Hindrance,
+        *,
+        singular: float,
+        closed: bool,
+    ) -> None:
+        m, n = poses.shape[:2]
+        spun = np.array([pose(rot_z(2 * np.pi * k / TRIED_SPINS)) for k in range(TRIED_SPINS)])
+        T_tool_f = inverse_pose(T_f_tool)
+        first, can, hindrances = [], np.zeros((m, TRIED_SPINS, 8), dtype=bool), []
+        for i in range(m):
+            T = poses[i][:, None] @ spun @ T_tool_f
+            q = kinematics.inverse_branches(T.reshape(-1, 4, 4)).reshape(n, TRIED_SPINS, 8, 6)
+            first.append(q[0])
+            beyond = [kinematics.excess(q + 2 * np.pi * turn) for turn in (-1, 0, 1)]
+            within = np.isfinite(q) & (np.min(beyond, axis=0) <= 0)
+            reasons: Counter[str] = Counter()
+            for spin, branch in np.argwhere(within.all(axis=(0, 3))):
+                held = q[:, spin, branch]
+                if kinematics.smallest_singular_value(held[0]) < singular:
+                    reason = NEAR_SINGULARITY_TEXT
+                else:
+                    reason = next(filter(None, map(hindrance, held)), "")
+                can[i, spin, branch] = not reason
+                reasons[reason] += 1
+            likely = (reason for reason, _ in reasons.most_common())
+            hindrances.append("" if can[i].any() else next(likely, OUT_OF_REACH_TEXT))
+        self.can, self.q, self.closed = can, np.array(first), closed
+        self.turns, self.hindrances = _squared_turns(can, self.q), tuple(hindrances)
 
     def stretches(self) -> tuple[tuple[int, int], ...]:
         """Longest runs of places along which the tool can be led without a jump.
@@ -127,65 +174,7 @@ class ToolConfigurations:
         return limit
 
 
-def find_tool_holds(
-    kinematics: Kinematics,
-    T_f_tool: Array,
-    poses: Array,
-    hindrance: Hindrance,
-    *,
-    singular: float,
-    closed: bool,
-) -> ToolConfigurations:
-    """Find how an arm can hold a tool along a line, its z axis the one it may turn about.
-
-    Parameters
-    ----------
-    kinematics : Kinematics
-        The arm.
-    T_f_tool : ndarray, shape (4, 4)
-        The tool on the flange.
-    poses : ndarray, shape (m, n, 4, 4)
-        n poses at each of m places that must all be held with the same spin and in the same branch,
-        in frame b.
-    hindrance : callable
-        What keeps the arm from having joint angles.
-    singular : float
-        Least singular value of the arm's Jacobian, see `Kinematics.smallest_singular_value`. It is
-        looked at for the first pose of a place alone, the others being near.
-    closed : bool
-        Whether the last place is followed by the first.
-
-    Raises
-    ------
-    ConfigurationError
-        If the arm is not of the Universal Robots type.
-    """
-    m, n = poses.shape[:2]
-    spun = np.array([pose(rot_z(2 * np.pi * k / TRIED_SPINS)) for k in range(TRIED_SPINS)])
-    T_tool_f = inverse_pose(T_f_tool)
-    first, can, hindrances = [], np.zeros((m, TRIED_SPINS, 8), dtype=bool), []
-    for i in range(m):
-        T = poses[i][:, None] @ spun @ T_tool_f
-        q = kinematics.inverse_branches(T.reshape(-1, 4, 4)).reshape(n, TRIED_SPINS, 8, 6)
-        first.append(q[0])
-        beyond = [kinematics.excess(q + 2 * np.pi * turn) for turn in (-1, 0, 1)]
-        within = np.isfinite(q) & (np.min(beyond, axis=0) <= 0)
-        reasons: Counter[str] = Counter()
-        for spin, branch in np.argwhere(within.all(axis=(0, 3))):
-            held = q[:, spin, branch]
-            if kinematics.smallest_singular_value(held[0]) < singular:
-                reason = NEAR_SINGULARITY_TEXT
-            else:
-                reason = next(filter(None, map(hindrance, held)), "")
-            can[i, spin, branch] = not reason
-            reasons[reason] += 1
-        likely = (reason for reason, _ in reasons.most_common())
-        hindrances.append("" if can[i].any() else next(likely, OUT_OF_REACH_TEXT))
-    held = np.array(first)
-    return ToolConfigurations(can, held, _squared_turns(can, held), tuple(hindrances), closed)
-
-
-def _squared_turns(can: NDArray[np.bool_], q: Array) -> Array:
+def _squared_turns(can: Mask, q: Array) -> Array:
     """Squared turns from place to place, as `ToolConfigurations` has them.
 
     The last place leads to the first; this is not used if the line does not close.

@@ -31,7 +31,7 @@ from tjscan.runs.scan.run import ScanContext, groove_reader_of_job, scan_in_cell
 from tjscan.runs.scan.uncertainty import causes_of_job
 from tjscan.runs.stations.stitch import stitched_profile_points
 from tjscan.stitching.stations import Station, StitchSettings, station_from_recording
-from tjscan.stitching.stitch import StitchedGroove, stitch_stations
+from tjscan.stitching.stitch import StitchedGroove
 from tjscan.study.file import flatten_to_dotted_keys
 
 SHARED_TABLES: Final = ("arm.", "laser.", "simulation.")
@@ -215,7 +215,7 @@ def run_chain(chain: Chain, directory: Path, *, arm: bool) -> ChainOutcome:
     if (joint := whole.joint) is None:
         raise ConfigurationError("a chain compares with the joint", file=chain.scan, key="joint")
     stations = [_scan_from_station(whole.at_station(name)) for name in whole.job.station_names]
-    stitched = stitch_stations(stations, StitchSettings(repeatability=chain.repeatability))
+    stitched = StitchedGroove(stations, StitchSettings(repeatability=chain.repeatability))
     mesh = build_joint_mesh(joint)
     surface = MeshDistance(mesh.vertices, mesh.triangles.astype(np.intp))
     seen = stitched_profile_points(stitched)

@@ -11,7 +11,6 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
-from datetime import datetime
 from hashlib import sha256
 from pathlib import Path
 from types import MappingProxyType
@@ -95,12 +94,6 @@ class JobContext(Generic[T]):
     def calibration_file(self) -> Path | None:
         """The calibration file that the job names, if it names one."""
         return None
-
-
-def default_run_directory(job_file: Path, station: str | None = None) -> Path:
-    """``runs/JOB-DATE``, or ``runs/JOB-STATION-DATE``, below the working directory."""
-    words = (job_file.stem, *(() if station is None else (station,)))
-    return Path("runs") / f"{'-'.join(words)}-{datetime.now():%Y%m%d-%H%M%S}"
 
 
 def make_run_directory(

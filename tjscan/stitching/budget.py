@@ -9,7 +9,7 @@ motion of every view.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -32,23 +32,29 @@ from tjscan.uncertainty.causes import ViewCause, reading_cause, repeatability_ca
 STATION_PLACES_CAUSE: Final = "stations' places"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class SharedCauses:
     """Causes that stations share, and how what is fitted to their views errs with them.
 
     Parameters
     ----------
-    names : tuple of str
-        Of the causes.
-    of_station : tuple of tuple of (ViewCause or None)
+    fits : sequence of StationTubeFit
+        Of k stations.
+    registrations : sequence of StationRegistration
+        Of all overlaps.
+
+    Attributes
+    ----------
+    of_station : list of tuple of (ViewCause or None)
         Each cause as each station has it; None if it has not.
-    errors : tuple of StationErrors
-        By each cause.
+    errors : list of StationErrors
+        Of tube fits and overlaps, by each cause.
     """
 
-    names: tuple[str, ...]
-    of_station: tuple[tuple[ViewCause | None, ...], ...]
-    errors: tuple[StationErrors, ...]
+    def __init__(self, fits: TubeFits, registrations: Registrations) -> None:
+        names = dict.fromkeys(cause.name for fit in fits for cause in fit.station.causes)
+        by_station = [{cause.name: cause for cause in fit.station.causes} for fit in fits]
+        self.of_station = [tuple(causes.get(name) for causes in by_station) for name in names]
+        self.errors = [_station_errors(one, fits, registrations) for one in self.of_station]
 
     @property
     def all_errors(self) -> StationErrors | None:
@@ -59,23 +65,6 @@ class SharedCauses:
             np.concatenate([one.frames for one in self.errors], axis=2),
             np.concatenate([one.overlaps for one in self.errors], axis=2),
         )
-
-
-def shared_causes(fits: TubeFits, registrations: Registrations) -> SharedCauses:
-    """How tube fits and overlaps of stations err with what all their views share.
-
-    Parameters
-    ----------
-    fits : sequence of StationTubeFit
-        Of k stations.
-    registrations : sequence of StationRegistration
-        Of all overlaps.
-    """
-    names = tuple(dict.fromkeys(cause.name for fit in fits for cause in fit.station.causes))
-    by_station = [{cause.name: cause for cause in fit.station.causes} for fit in fits]
-    found = [tuple(causes.get(name) for causes in by_station) for name in names]
-    errors = (_station_errors(causes, fits, registrations) for causes in found)
-    return SharedCauses(names, tuple(found), tuple(errors))
 
 
 def _station_errors(

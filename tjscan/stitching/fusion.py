@@ -29,24 +29,31 @@ LEAST_MEASURE_SHARE: Final = 1e-4
 """The same of measures, as a share of their span."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class UnrolledSection:
     """A section unrolled about the brace, to be carried along the groove.
 
     Parameters
     ----------
     section : MeasuredSection
-        What it was.
+        What it is.
+    shape : TubeDimensions
+        What it is unrolled about.
+
+    Attributes
+    ----------
     azimuth : ndarray, shape (6,)
         Of p1 to p5 and of the origin of g.
     out, up : ndarray, shape (6,)
         Their distances from the brace's axis and heights over the leg.
     """
 
-    section: MeasuredSection
-    azimuth: Array
-    out: Array
-    up: Array
+    def __init__(self, section: MeasuredSection, shape: TubeDimensions) -> None:
+        points = np.vstack((section.points, section.T_r_g[:3, 3]))
+        azimuth = np.arctan2(points[:, 1], points[:, 0])
+        self.section = section
+        self.azimuth: Array = section.azimuth + np.angle(np.exp(1j * (azimuth - section.azimuth)))
+        self.out = np.hypot(points[:, 0], points[:, 1])
+        self.up = points[:, 2] - _leg_height(self.azimuth, self.out, shape)
 
 
 def sections_in_joint_frame(
@@ -109,7 +116,7 @@ def fuse_sections(
     shape : TubeDimensions
         What sections are unrolled about when they are carried to their common place.
     """
-    unrolled = [[_unroll_section(section, shape) for section in sections] for sections in stations]
+    unrolled = [[UnrolledSection(section, shape) for section in sections] for sections in stations]
     curves = _fit_curves([one for sections in unrolled for one in sections])
     azimuths = [np.unwrap([section.azimuth for section in sections]) for sections in stations]
     steps = np.concatenate([np.abs(np.diff(azimuth)) for azimuth in azimuths])
@@ -181,14 +188,6 @@ def _fit_curve(azimuth: Array, value: Array, sigma: float) -> SimpleKriging:
     """A smooth curve through values, shape (n,), over the azimuth."""
     kernel = PeriodicKernel(float(np.ptp(value)) + 10 * sigma, SMOOTH_AZIMUTH)
     return SimpleKriging.fit(kernel, azimuth, value, sigma)
-
-
-def _unroll_section(section: MeasuredSection, shape: TubeDimensions) -> UnrolledSection:
-    points = np.vstack((section.points, section.T_r_g[:3, 3]))
-    azimuth = np.arctan2(points[:, 1], points[:, 0])
-    azimuth = section.azimuth + np.angle(np.exp(1j * (azimuth - section.azimuth)))
-    out = np.hypot(points[:, 0], points[:, 1])
-    return UnrolledSection(section, azimuth, out, points[:, 2] - _leg_height(azimuth, out, shape))
 
 
 def _leg_height(azimuth: Array, out: Array, shape: TubeDimensions) -> Array:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from tjscan.core import pose_vector
-from tjscan.core.frames import Array, array_dataclass, skew_matrix, unit_vector
+from tjscan.core.frames import Array, Mask, array_dataclass, skew_matrix, unit_vector
 from tjscan.core.gaussian_process import PeriodicKernel
 from tjscan.core.robust import tukey_weights
 from tjscan.stitching.stations import StationOverlap, arc_of_azimuths
@@ -83,8 +83,8 @@ class StationRegistration:
     reduced_chi2: float
     azimuth: Array
     residual: Array
-    of_second: NDArray[np.bool_]
-    counted: NDArray[np.bool_]
+    of_second: Mask
+    counted: Mask
     number: NDArray[np.intp]
     by_points: Array
 
@@ -217,7 +217,7 @@ def _overlap_middle(overlap: StationOverlap, seen: UnrolledViews) -> tuple[Array
 
 def _views_near_overlap(
     overlap: StationOverlap, first: UnrolledViews, second: UnrolledViews
-) -> tuple[UnrolledViews, NDArray[np.bool_]]:
+) -> tuple[UnrolledViews, Mask]:
     """The views of both stations in and beside the overlap, and which are the second's."""
     reach = 0.5 * overlap.arc.span_angle + AZIMUTH_BEYOND_OVERLAP
     away = (np.abs(overlap.arc.offset_from_middle(o.place)) for o in (first, second))

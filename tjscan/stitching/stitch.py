@@ -14,9 +14,8 @@ from scipy.sparse.csgraph import connected_components
 from tjscan.core import pose_vector
 from tjscan.core.errors import ConfigurationError, StitchingRefused
 from tjscan.core.frames import Array, array_dataclass, inverse_pose
-from tjscan.groove.measured import MeasuredSection
 from tjscan.joint.tubes.fit import TubeDimensions
-from tjscan.stitching.budget import shared_causes, stitching_budget
+from tjscan.stitching.budget import SharedCauses, stitching_budget
 from tjscan.stitching.fusion import fuse_sections, sections_in_joint_frame
 from tjscan.stitching.graph import StationErrors, StationPoses, overlap_gap, spanning_tree_poses
 from tjscan.stitching.registration import (
@@ -42,7 +41,6 @@ from tjscan.stitching.stations import (
     widen_for_out_of_round,
 )
 from tjscan.stitching.unrolled_views import UnrolledViews, unroll_views
-from tjscan.uncertainty.budget import UncertaintyBudget
 
 ALIGNMENT_ROUNDS = 6
 """Times that a station is laid on another again if it began far off."""
@@ -79,11 +77,25 @@ class PlacedStation:
     arc: AzimuthArc
 
 
-@array_dataclass
 class StitchedGroove:
-    """One groove stitched from the sections of several stations.
+    """One groove stitched from what several stations saw of one joint.
 
     Parameters
+    ----------
+    stations : sequence of Station
+        Two or more, in any order.
+    settings : StitchSettings
+        Assumptions and limits.
+
+    Raises
+    ------
+    StitchingRefused
+        If a station does not see the joint, or an overlap that is needed can't hold two stations
+        together. It carries a `StitchingDraft` of what there was until then.
+    ConfigurationError
+        If there are fewer than two stations, or two of one name or of one recording.
+
+    Attributes
     ----------
     stations : tuple of PlacedStation
         By name.
@@ -106,98 +118,59 @@ class StitchedGroove:
         In frame j by azimuth; those that several stations saw are fused.
     budget : UncertaintyBudget
         Where the sections' uncertainty comes from.
+    draft : StitchingDraft
+        Its stations, overlaps and registrations, for messages.
     """
 
-    stations: tuple[PlacedStation, ...]
-    shape: TubeDimensions
-    shape_sigma: Array
-    registrations: tuple[StationRegistration, ...]
-    gaps: tuple[float, ...]
-    out_of_round: float
-    gap_before: float | None
-    gap_after: float | None
-    covered: float
-    sections: tuple[MeasuredSection, ...]
-    budget: UncertaintyBudget
-    draft: StitchingDraft
+    def __init__(
+        self, stations: Sequence[Station], settings: StitchSettings = DEFAULT_STITCH_SETTINGS
+    ) -> None:
+        stations = sorted(stations, key=lambda station: station.name)
+        _check_distinct_stations(stations)
+        fits = fit_tubes_to_stations(stations, settings)
+        azimuths = [section_azimuths(fit) for fit in fits]
+        names = tuple(station.name for station in stations)
+        draft = StitchingDraft(names, tuple(azimuths), tuple(find_overlaps(azimuths)))
+        try:
+            held = _overlaps_that_count(draft, settings)
+            self.registrations = tuple(register_overlaps(fits, held, settings))
+            self.draft = draft = replace(draft, registrations=self.registrations)
+            _check_registrations(draft, settings)
+            shared = SharedCauses(fits, self.registrations)
+            placement, self.out_of_round = place_stations_with_out_of_round(
+                fits, self.registrations, settings, shared.all_errors
+            )
+            _check_placement(draft, placement, settings)
+        except StitchingRefused as error:
+            raise StitchingRefused(error.reason, error.evidence, draft) from None
+        budget, covariances, shape_covariance = stitching_budget(
+            fits, self.registrations, placement, shared, settings.repeatability
+        )
+        self.shape, self.shape_sigma = placement.shape, np.sqrt(np.diag(shape_covariance))
+        self.stations = tuple(
+            PlacedStation(fit, T @ inverse_pose(fit.frame.T), covariance, arc_of_azimuths(azimuth))
+            for fit, T, covariance, azimuth in zip(
+                fits, placement.T, covariances, azimuths, strict=True
+            )
+        )
+        # Weighed by what is each station's own: what they share would not make one of them worse.
+        single = [
+            sections_in_joint_frame(one.fit.station, one.T_j_b, covariance, settings.repeatability)
+            for one, covariance in zip(self.stations, placement.covariance, strict=True)
+        ]
+        fused = fuse_sections(single, placement.shape)
+        self.budget = budget.composed_of([one.shares for one in fused])
+        self.sections = self.budget.state_in([one.section for one in fused])
+        self.gaps = tuple(overlap_gap(edge, placement.T) for edge in self.registrations)
+        chain, closing = spanning_tree_poses(len(stations), self.registrations)
+        self.gap_before = max((overlap_gap(edge, chain) for edge in closing), default=None)
+        self.gap_after = max(self.gaps) if closing else None
+        self.covered = azimuth_coverage(azimuths)[0]
 
     @property
     def is_closed(self) -> bool:
         """Whether the stitched sections go all the way round, without a gap."""
         return self.covered > FULL_TURN_ANGLE - 1e-9
-
-
-def stitch_stations(
-    stations: Sequence[Station], settings: StitchSettings = DEFAULT_STITCH_SETTINGS
-) -> StitchedGroove:
-    """Stitch what several stations saw of one joint into one groove.
-
-    Parameters
-    ----------
-    stations : sequence of Station
-        Two or more, in any order.
-    settings : StitchSettings
-        Assumptions and limits.
-
-    Raises
-    ------
-    StitchingRefused
-        If a station does not see the joint, or an overlap that is needed can't hold two stations
-        together. It carries a `StitchingDraft` of what there was until then.
-    ConfigurationError
-        If there are fewer than two stations, or two of one name or of one recording.
-    """
-    stations = sorted(stations, key=lambda station: station.name)
-    _check_distinct_stations(stations)
-    fits = fit_tubes_to_stations(stations, settings)
-    azimuths = [section_azimuths(fit) for fit in fits]
-    overlaps = find_overlaps(azimuths)
-    names = tuple(station.name for station in stations)
-    draft = StitchingDraft(names, tuple(azimuths), tuple(overlaps))
-    try:
-        held = _overlaps_that_count(draft, settings)
-        registrations = register_overlaps(fits, held, settings)
-        draft = replace(draft, registrations=tuple(registrations))
-        _check_registrations(draft, settings)
-        shared = shared_causes(fits, registrations)
-        placement, out_of_round = place_stations_with_out_of_round(
-            fits, registrations, settings, shared.all_errors
-        )
-        _check_placement(draft, placement, settings)
-    except StitchingRefused as error:
-        raise StitchingRefused(error.reason, error.evidence, draft) from None
-    budget, covariances, shape_covariance = stitching_budget(
-        fits, registrations, placement, shared, settings.repeatability
-    )
-    placed = [
-        PlacedStation(fit, T @ inverse_pose(fit.frame.T), covariance, arc_of_azimuths(azimuth))
-        for fit, T, covariance, azimuth in zip(
-            fits, placement.T, covariances, azimuths, strict=True
-        )
-    ]
-    # Weighed by what is each station's own: what they share would not make one of them worse.
-    single = [
-        sections_in_joint_frame(one.fit.station, one.T_j_b, covariance, settings.repeatability)
-        for one, covariance in zip(placed, placement.covariance, strict=True)
-    ]
-    fused = fuse_sections(single, placement.shape)
-    budget = budget.made_of([one.shares for one in fused])
-    gaps = tuple(overlap_gap(edge, placement.T) for edge in registrations)
-    chain, closing = spanning_tree_poses(len(stations), registrations)
-    return StitchedGroove(
-        tuple(placed),
-        placement.shape,
-        np.sqrt(np.diag(shape_covariance)),
-        tuple(registrations),
-        gaps,
-        out_of_round,
-        max((overlap_gap(edge, chain) for edge in closing), default=None),
-        max(gaps) if closing else None,
-        azimuth_coverage(azimuths)[0],
-        budget.stated_in([one.section for one in fused]),
-        budget,
-        draft,
-    )
 
 
 def register_overlaps(

@@ -15,11 +15,10 @@ from typing import Final
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
 from tjscan.core import pose_vector
 from tjscan.core.errors import StitchingRefused
-from tjscan.core.frames import Array, array_dataclass, pose, transform_points
+from tjscan.core.frames import Array, Mask, array_dataclass, pose, transform_points
 from tjscan.joint.geometry import LegSurface
 from tjscan.joint.tubes.fit import ArmRepeatability, TubeDimensions, WallPoints
 from tjscan.scanning.section import ScannedSection, Sections
@@ -221,7 +220,7 @@ class UnrolledViews:
     def __len__(self) -> int:
         return len(self.place)
 
-    def select_views(self, which: NDArray[np.bool_]) -> UnrolledViews:
+    def select_views(self, which: Mask) -> UnrolledViews:
         """Select the views for which `which`, shape (n,), is true."""
         return UnrolledViews(*(getattr(self, field.name)[which] for field in fields(self)))
 

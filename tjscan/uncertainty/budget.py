@@ -151,7 +151,7 @@ class UncertaintyBudget:
         pairs = zip(self.components, turned, strict=True)
         return UncertaintyBudget(tuple(replace(one, points=points) for one, points in pairs))
 
-    def made_of(self, shares: Sequence[Sequence[SectionShare]]) -> UncertaintyBudget:
+    def composed_of(self, shares: Sequence[Sequence[SectionShare]]) -> UncertaintyBudget:
         """The budget of sections that are each made of one or several of these.
 
         Parameters
@@ -161,7 +161,7 @@ class UncertaintyBudget:
         """
         return UncertaintyBudget(tuple(_component_made_of(one, shares) for one in self.components))
 
-    def stated_in(self, sections: Sequence[MeasuredSection]) -> tuple[MeasuredSection, ...]:
+    def state_in(self, sections: Sequence[MeasuredSection]) -> tuple[MeasuredSection, ...]:
         """The sections, in their order, with the covariances that the budget gives them."""
         stated = zip(
             sections,
@@ -357,9 +357,9 @@ def summarise_budget(
     left_out : sequence of str
         What is not in the budget.
     """
-    total = _typical_places(np.trace(budget.corner_covariances, axis1=-2, axis2=-1), seen)
+    total = _typical_mask(np.trace(budget.corner_covariances, axis1=-2, axis2=-1), seen)
     whole = np.diagonal(budget.measure_covariances, axis1=-2, axis2=-1)
-    typical = [_typical_places(whole[:, k], np.ones(len(whole), bool)) for k in range(4)]
+    typical = [_typical_mask(whole[:, k], np.ones(len(whole), bool)) for k in range(4)]
     combined = np.zeros(5)
     rows = []
     for one in budget.components:
@@ -377,7 +377,7 @@ def summarise_budget(
     )
 
 
-def _typical_places(variances: Array, counted: Mask) -> Mask:
+def _typical_mask(variances: Array, counted: Mask) -> Mask:
     """Which of the variances that count lie in the middle; all that count if none is."""
     chosen = variances[counted] if counted.any() else variances
     low = np.quantile(chosen, TYPICAL_QUANTILES[0], method="lower")

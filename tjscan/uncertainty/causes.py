@@ -69,7 +69,7 @@ class ViewCause:
     measures: Array
     bend: ProfileBend | None = None
 
-    def with_station_motions(self, sections: Sections, twists: Array) -> Self:
+    def with_motions(self, sections: Sections, twists: Array) -> Self:
         """The same cause, whose draws move the views as a whole as well.
 
         Parameters
@@ -265,7 +265,7 @@ RANGE_BIAS_CAUSE: Final = "range bias at steep incidence"
 LARGEST_INCIDENCE_TANGENT: Final = 5.0
 """Tangent of the incidence beyond which a range errs by no more: such points are lost."""
 
-SLOPE_STEP: Final = 1e-6
+TURN_STEP: Final = 1e-6
 """Metres along a side over which its turn is taken: far more than rounding, less than it bends."""
 
 
@@ -290,8 +290,8 @@ def linearity_cause(
     def corner_moves(xz: Array, tangents: Array) -> tuple[Array, Array]:
         turns = []
         for at, t in ((xz[1], tangents[0]), (xz[3], tangents[3])):
-            ahead, here = field.at(np.array((at + SLOPE_STEP * t, at)))
-            by_step = (ahead - here) / SLOPE_STEP
+            ahead, here = field.at(np.array((at + TURN_STEP * t, at)))
+            by_step = (ahead - here) / TURN_STEP
             turns.append(t[0] * by_step[1] - t[1] * by_step[0])
         return field.at(xz), np.array(turns)
 
@@ -328,7 +328,7 @@ def range_bias_cause(sections: Sections, bias: float, evidence: str) -> ViewCaus
         normals = np.column_stack((tangents[:, 1], -tangents[:, 0]))
         offsets = np.empty((4, 2))  # of each side along its normal, at its first and second point
         for k in range(4):  # the side between a point and the next
-            offsets[k] = bend(xz[k : k + 2], np.tile(tangents[k], (2, 1)))[..., 0] @ normals[k]
+            offsets[k] = bend(xz[[k, k + 1]], np.tile(tangents[k], (2, 1)))[..., 0] @ normals[k]
         points = np.zeros((5, 2))
         points[0], points[4] = normals[0] * offsets[0, 0], normals[3] * offsets[3, 1]
         for i in (1, 2, 3):

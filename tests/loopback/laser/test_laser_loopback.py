@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tjscan.core.errors import ArmNotConnected, ConfigurationError
 from tjscan.laser.profile import Profile
-from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, points
+from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, profile_of_row
 from tjscan_loopback.laser import description as features
 from tjscan_loopback.laser import memory as registers
 from tjscan_loopback.laser.coding import STEP_MM, X_OFFSET_MM, encode_profile
@@ -174,7 +174,7 @@ def test_every_format_brings_the_points_back_within_half_a_count(client: Client,
             for at in (features.SCALE, features.OFFSET, features.LOW, features.HIGH)
         ]
         axes.append(AxisScale(1e-3 * numbers[0], 1e-3 * numbers[1], *numbers[2:]))
-    read = points(points_in(client.trigger()), name, Scan3dScales(axes[0], axes[1], 0))
+    read = profile_of_row(points_in(client.trigger()), name, Scan3dScales(axes[0], axes[1], 0))
     true = profile()
     if layout.has_x:
         both = true.valid

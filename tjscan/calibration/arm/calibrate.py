@@ -83,7 +83,7 @@ class ArmModel:
         return len(self.kinematics.lower)
 
     @cached_property
-    def profiles(self) -> int:
+    def profile_count(self) -> int:
         """Number of profiles."""
         return sum(len(seen.q) for seen in self.targets)
 
@@ -157,7 +157,7 @@ class ArmGeometry:
     tolerance: PlacementTolerance = field(default_factory=PlacementTolerance)
 
     @cached_property
-    def _size(self) -> float:
+    def _rms_error(self) -> float:
         """RMS of the flange's position over all postures, each axis, metres."""
         rng = np.random.default_rng(0)
         drawn = rng.uniform(-np.pi, np.pi, (DRAWN_POSTURES, len(self.kinematics.lower)))
@@ -176,7 +176,7 @@ class ArmGeometry:
             Joint angles, radians.
         """
         R_b_f = self.kinematics.forward(q)[:3, :3]
-        return np.asarray(block_diag(R_b_f, R_b_f) @ self._motions_in_flange(q) / self._size)
+        return np.asarray(block_diag(R_b_f, R_b_f) @ self._motions_in_flange(q) / self._rms_error)
 
     def _motions_in_flange(self, q: Array) -> Array:
         by_deviations = deviation_jacobian(self.kinematics, q) * self.tolerance.sigmas
@@ -214,11 +214,11 @@ def estimate_deviations(
     held_out : ndarray of bool, shape (n,), optional
         Profiles that take no part.
     """
-    used = np.ones(model.profiles, dtype=bool) if held_out is None else ~held_out
+    used = np.ones(model.profile_count, dtype=bool) if held_out is None else ~held_out
     offered = int(used.sum())
     estimate = _solve_for_deviations(model, sigmas, T_f_s, model.start, used)
     while used.sum() > (1 - MAX_REJECTED_SHARE) * offered:
-        falls, _ = without_each_profile(estimate)
+        falls, _ = leave_one_out(estimate)
         worst = int(falls.argmax())
         count = int(estimate.residuals_per_profile[worst])
         limit = chdtri(count, refine.FALSE_ALARM_PROBABILITY / offered)
@@ -280,7 +280,7 @@ def _solve_for_deviations(
     )
 
 
-def without_each_profile(estimate: refine.LeastSquaresEstimate) -> tuple[Array, Array]:
+def leave_one_out(estimate: refine.LeastSquaresEstimate) -> tuple[Array, Array]:
     """By how much the sum of squares would fall without each profile, and T_f_s would move.
 
     Returns
@@ -312,7 +312,7 @@ def _units_of_parameters(sigmas: Array, targets: int) -> Array:
     return np.concatenate((np.ones(6), sigmas.ravel(), np.ones(targets)))
 
 
-def undetermined_deviations(J: Array, joints: int) -> tuple[str, ...]:
+def name_undetermined(J: Array, joints: int) -> tuple[str, ...]:
     """Sentences on deviations that profiles leave as the prior has them, by joint and cause.
 
     Parameters
@@ -416,9 +416,9 @@ class ArmCalibration:
         Shape (6 + 6 joints, m); None if no deviation is stated.
         """
         found = refine.estimate_by_laser(self.estimate)
-        return None if found is None else readonly_copy(found[: 6 + self.deviations.size])
+        return None if found is None else readonly_copy(found[: 6 + self.estimate.deviations.size])
 
-    def lines(self, checks: str, target: str) -> list[str]:
+    def summary(self, checks: str, target: str) -> list[str]:
         """Sentences on the check with held-out `checks`, and on undetermined deviations."""
         before, after = 1e3 * self.error_before, 1e3 * self.error_after
         return [
@@ -426,16 +426,6 @@ class ArmCalibration:
             f"off (RMS) as the arm's model has it, {after:.3f} mm with what was found",
             *self.undetermined,
         ]
-
-    @property
-    def T_f_s(self) -> Array:
-        """The sensor on the flange, shape (4, 4)."""
-        return self.estimate.T_f_s
-
-    @property
-    def deviations(self) -> Array:
-        """Of the joints, shape (joints, 6), metres and radians; see `with_deviations`."""
-        return self.estimate.deviations
 
 
 def calibrate_arm(
@@ -479,7 +469,7 @@ def calibrate_arm(
             "tight, that each profile belongs to its joint angles, and that the arm is of the "
             "model stated",
         )
-    before, after = (_distance_of_target(one, held_out) for one in (plain, found))
+    before, after = (_held_out_rms(one, held_out) for one in (plain, found))
     if after > MAX_WORSENING_RATIO * before:
         raise CalibrationRefused(
             "poses that took no part fit worse",
@@ -487,11 +477,11 @@ def calibrate_arm(
             f"{1e3 * after:.3f} mm with the deviations found; take more poses, in other "
             "postures",
         )
-    undetermined = undetermined_deviations(whitened_jacobian(found, prior), model.joints)
+    undetermined = name_undetermined(whitened_jacobian(found, prior), model.joints)
     return ArmCalibration(found, undetermined, held_out, before, after)
 
 
-def _distance_of_target(estimate: refine.LeastSquaresEstimate, held_out: Mask) -> float:
+def _held_out_rms(estimate: refine.LeastSquaresEstimate, held_out: Mask) -> float:
     """RMS distance of the target in held-out profiles, in metres."""
     stacked = estimate.stacked
     lengths = stacked.residuals[stacked.is_length & held_out[stacked.profile]]
@@ -515,7 +505,7 @@ def as_hand_eye_calibration(
     estimate = found.estimate
     kinematics = ArmKinematicsEntry(
         model=arm_model,
-        deviations=tuple(map(tuple, (found.deviations * FILE_UNITS_PER_SI).tolist())),
+        deviations=tuple(map(tuple, (estimate.deviations * FILE_UNITS_PER_SI).tolist())),
         covariance=in_file_units(found.covariance, axes=2),
         left_as_stated=found.undetermined,
         held_out_poses=int(found.held_out.sum()),
@@ -525,7 +515,7 @@ def as_hand_eye_calibration(
     covariance = found.covariance[:6, :6]
     sigma = np.sqrt(np.diag(covariance))  # the condition counts in units of each one's certainty
     return HandEyeCalibration(
-        found.T_f_s,
+        estimate.T_f_s,
         found.covariance,
         ARM_METHOD,
         _residuals_of_profiles(found, names),
@@ -544,7 +534,7 @@ def _residuals_of_profiles(
     found: ArmCalibration, names: Sequence[str]
 ) -> tuple[SampleResidual, ...]:
     stacked, used = found.estimate.stacked, found.estimate.used
-    falls, steps = without_each_profile(found.estimate)
+    falls, steps = leave_one_out(found.estimate)
     residuals = []
     for i in map(int, np.flatnonzero(~found.held_out)):
         own = stacked.profile == i

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -38,7 +38,7 @@ from tjscan.robot.arm import Arm
 from tjscan.robot.kinematics import Kinematics
 from tjscan.robot.settings import PlacementTolerance
 
-SENSOR_POSES: Final = 100
+SENSOR_POSES_DRAWN: Final = 100
 """Ways to look at the ball from which postures are chosen; each has up to eight."""
 
 MAX_LEAN_ANGLE: Final = float(np.radians(60.0))
@@ -47,7 +47,7 @@ MAX_LEAN_ANGLE: Final = float(np.radians(60.0))
 MAX_OFF_CENTRE_RATIO: Final = 0.6
 """Of the ball's radius: so far, at most, the laser plane passes its centre."""
 
-RANGE_MARGIN: Final = 5e-3
+BALL_RANGE_MARGIN: Final = 5e-3
 """Metres that the ball keeps from the ends of the sensor's range: its place is approximate."""
 
 ARC_SIGMA: Final = 20e-6
@@ -137,7 +137,7 @@ def plan_views(plan: BallPlan, kinematics: Kinematics) -> tuple[PlannedView, ...
     CalibrationRefused
         If too few postures see the ball.
     """
-    q = _draw_candidates(plan, kinematics)
+    q = _draw_postures(plan, kinematics)
     wanted = plan.poses + plan.held_out
     if len(q) < wanted:
         raise CalibrationRefused(
@@ -158,24 +158,24 @@ def plan_views(plan: BallPlan, kinematics: Kinematics) -> tuple[PlannedView, ...
     return tuple(views)
 
 
-def _draw_candidates(plan: BallPlan, kinematics: Kinematics) -> Array:
+def _draw_postures(plan: BallPlan, kinematics: Kinematics) -> Array:
     """Joint angles from which the sensor sees the ball, in every configuration, shape (n, joints).
 
     They are always the same, so that a calibration can be gone on with; each joint is in the turn
     nearest to zero.
     """
     rng, middle = np.random.default_rng(0), np.zeros(len(kinematics.lower))
-    near, far = plan.window.near + plan.radius, plan.window.far - RANGE_MARGIN
+    near, far = plan.window.near + plan.radius, plan.window.far - BALL_RANGE_MARGIN
     wide = 0.5 * plan.window.near * np.tan(plan.window.half_angle)
     off = MAX_OFF_CENTRE_RATIO * plan.radius
     found: list[Array] = []
-    for _ in range(SENSOR_POSES):
+    for _ in range(SENSOR_POSES_DRAWN):
         azimuth, yaw = rng.uniform(-np.pi, np.pi, 2)
         axis = np.array((np.cos(azimuth), np.sin(azimuth), 0.0))
         z = -Rotation.from_rotvec(rng.uniform(0, MAX_LEAN_ANGLE) * axis).as_matrix()[:, 2]
         x = np.linalg.svd(z[None])[2][1]
         R = np.column_stack((x, np.cross(z, x), z)) @ rot_z(yaw)
-        seen_s = rng.uniform((-wide, -off, near + RANGE_MARGIN), (wide, off, far))
+        seen_s = rng.uniform((-wide, -off, near + BALL_RANGE_MARGIN), (wide, off, far))
         T_b_f = pose(R, plan.centre_b - R @ seen_s) @ inverse_pose(plan.T_f_s)
         with suppress(PoseUnreachable):
             found.extend(kinematics.all_inverse_solutions(T_b_f, middle))
@@ -221,7 +221,7 @@ def _order_by_information(plan: BallPlan, rows: Array) -> NDArray[np.intp]:
     return np.concatenate((np.array(order, dtype=np.intp), rest))
 
 
-NO_PROFILE: Final = Profile(np.empty(0), np.empty(0))
+UNREACHED_PROFILE: Final = Profile(np.empty(0), np.empty(0))
 """Recorded for a posture that the arm does not reach: it is not tried again."""
 
 MAX_EXTRA_RADIUS: Final = 1e-3
@@ -274,12 +274,13 @@ class ArmWizard:
         used, checking = self._arcs_seen(held_out=False), self._arcs_seen(held_out=True)
         checks = np.arange(len(used) + len(checking)) >= len(used)
         samples = [*used, *checking]
-        found = calibrate_arm(
-            self._model_of_samples(samples), checks, self.plan.tolerance, self.plan.T_f_s
-        )
-        for line in found.lines("postures", "ball is"):
+        ball = SeenBall(samples, SphereTarget(), self.plan.noise)
+        q = np.array([sample.q for sample in samples])
+        model = self.plan.model_of_arcs(self.kinematics, ball.model, q)
+        found = calibrate_arm(model, checks, self.plan.tolerance, self.plan.T_f_s)
+        for line in found.summary("postures", "ball is"):
             self.operator.report(line)
-        return found, tuple(sample for _, sample in samples)
+        return found, tuple(samples)
 
     def _take_profiles(self, *, held_out: bool, wanted: int) -> None:
         """Take profiles until as many show the ball as are wanted; the nearest posture next."""
@@ -304,7 +305,7 @@ class ArmWizard:
         view = self.views[number]
         turn = float(np.degrees(np.abs(view.q - self.arm.state().q).max()))
         question = f"Take {what}: joints turn by up to {turn:.0f}°?"
-        profile, state = NO_PROFILE, self.arm.state()
+        profile, state = UNREACHED_PROFILE, self.arm.state()
         if self.operator.confirm(Question(question, True, moves=True)):
             with suppress(PoseUnreachable):
                 self._move_to_view(view)
@@ -320,19 +321,12 @@ class ArmWizard:
             self.arm.move_joint_to_pose(self.kinematics.forward(self.home), near=self.home)
             self.arm.move_joint_to_pose(view.T_b_f, near=view.q, direct=True)
 
-    def _arcs_seen(self, *, held_out: bool) -> list[tuple[Array, PosedFit[CircleFit]]]:
-        """Joint angles and arcs of the postures that show the ball."""
-        largest = self.plan.radius + MAX_EXTRA_RADIUS
-        found: list[tuple[Array, PosedFit[CircleFit]]] = []
-        for number, taken in self.logbook.measured.arm_poses.items():
-            if self.views[number].held_out is held_out:
-                arcs, _ = fit_profiles(
-                    [taken.posed_profile], fit_circle, self.plan.noise, self.plan.laser
-                )
-                found.extend((taken.q, arc) for arc in arcs if arc.fit.radius < largest)
-        return found
-
-    def _model_of_samples(self, samples: list[tuple[Array, PosedFit[CircleFit]]]) -> ArmModel:
-        q = np.array([q for q, _ in samples])
-        ball = SeenBall([arc for _, arc in samples], SphereTarget(), self.plan.noise)
-        return self.plan.model_of_arcs(self.kinematics, ball.model, q)
+    def _arcs_seen(self, *, held_out: bool) -> list[PosedFit[CircleFit]]:
+        """Arcs of the postures that show the ball."""
+        shots = [
+            replace(taken.posed_profile, q=taken.q)
+            for number, taken in self.logbook.measured.arm_poses.items()
+            if self.views[number].held_out is held_out
+        ]
+        arcs, _ = fit_profiles(shots, fit_circle, self.plan.noise, self.plan.laser)
+        return [arc for arc in arcs if arc.fit.radius < self.plan.radius + MAX_EXTRA_RADIUS]

@@ -108,7 +108,7 @@ class CombinedModel:
         each = [model.prior_information for model in self.models]
         return each[0] if len(each) == 1 else np.asarray(block_diag(*each))
 
-    def part(self, k: int) -> slice:
+    def slice_of(self, k: int) -> slice:
         """Slice of the parameters of target k among all parameters."""
         ends = np.cumsum([0] + [len(model.prior_information) for model in self.models])
         return slice(int(ends[k]), int(ends[k + 1]))
@@ -124,7 +124,7 @@ class CombinedModel:
             Parameters of the targets, one after the other.
         """
         found = [
-            model.linearise(T_f_s, target[self.part(k)]) for k, model in enumerate(self.models)
+            model.linearise(T_f_s, target[self.slice_of(k)]) for k, model in enumerate(self.models)
         ]
         if self.by_true_pose is None:
             return found
@@ -412,7 +412,7 @@ class _CachedLinearisation:
         return self._found
 
 
-def settle_targets(model: CombinedModel, estimate: LeastSquaresEstimate) -> LeastSquaresEstimate:
+def refit_targets(model: CombinedModel, estimate: LeastSquaresEstimate) -> LeastSquaresEstimate:
     """Move the targets to their places by the used profiles, the sensor being kept.
 
     An error of the arm that is alike at all poses has the same effect as a target at another

@@ -19,7 +19,7 @@ from tjscan.calibration.solve.refine import (
     CombinedModel,
     LeastSquaresEstimate,
     refine_by_least_squares,
-    settle_targets,
+    refit_targets,
 )
 from tjscan.calibration.targets.target import SeenTarget
 from tjscan.core.errors import CalibrationRefused
@@ -29,18 +29,18 @@ MIN_PROFILES_KEPT: Final = 5
 """Profiles that are never left out."""
 MAX_REJECTED_SHARE: Final = 1 / 3
 """If a larger share were bad, the others could not show which."""
-MIN_DOF_SHARE: Final = 0.5
+MIN_DOF_SHARE_KEPT: Final = 0.5
 """Share of the degrees of freedom that must remain: with few left, any lines agree."""
 MAX_SETS_TRIED: Final = 3000
 """Sets of one size that are tried; of larger choices, the last set and one more."""
 SINGULAR_SET_RIDGE: Final = 1e-6
 """Keeps sets solvable that nothing could be found without; they leave no residual anyway."""
-GEOMETRY_TRIED: Final = (2e-5, 2e-3, 25)
+GEOMETRY_GRID: Final = (2e-5, 2e-3, 25)
 """Metres from, metres to, and steps: from less than an arm's repeatability to more than an arm that
 was ever measured is off. Larger residuals are no geometry error."""
-UNKNOWN_RIDGE: Final = 1e-12
+PARAMETER_RIDGE: Final = 1e-12
 """Share of a parameter's information: far less than any measurement gives."""
-MIN_EVIDENCE: Final = float(chdtri(1, 2 * refine.FALSE_ALARM_PROBABILITY))
+MIN_COST_DROP: Final = float(chdtri(1, 2 * refine.FALSE_ALARM_PROBABILITY))
 """Fall of the cost that a larger geometry error must bring: twice a logarithm of likelihoods,
 chi-square with one degree of freedom, and half the time no larger error fits better by chance."""
 
@@ -64,12 +64,12 @@ def reject_outlying_profiles(
     stated : float
         Geometry error to allow for at least, metres.
     """
-    prices = blame_prices(estimate)
+    prices = blame_costs(estimate)
     geometry, cost = most_likely_geometry(estimate, stated)
     best, last = estimate, estimate
     if not (estimate.is_plausible and (refine.leave_one_out_changes(estimate)[0] <= prices).all()):
         n, k = len(estimate.used), int(estimate.residuals_per_profile.max())
-        spare = int((1 - MIN_DOF_SHARE) * estimate.dof)
+        spare = int((1 - MIN_DOF_SHARE_KEPT) * estimate.dof)
         most = min(int(MAX_REJECTED_SHARE * n), n - MIN_PROFILES_KEPT, spare // k)
         for size in range(1, most + 1):
             left_out = _find_worst_set(estimate, last, size)
@@ -86,7 +86,7 @@ def reject_outlying_profiles(
     return refine.refine_by_least_squares(model, best.T_f_s, best.target, best.used)
 
 
-def blame_prices(estimate: LeastSquaresEstimate) -> Array:
+def blame_costs(estimate: LeastSquaresEstimate) -> Array:
     """By how much each profile must stand out to be blamed alone, shape (n,): a chi-squared."""
     sizes = estimate.residuals_per_profile
     return np.asarray(chdtri(sizes, refine.FALSE_ALARM_PROBABILITY / len(sizes)))
@@ -137,14 +137,14 @@ def most_likely_geometry(estimate: LeastSquaresEstimate, stated: float) -> tuple
     geometry : float
         Metres; `stated` if a larger one explains no more than chance does.
     cost : float
-        Minus twice its restricted log-likelihood, and `MIN_EVIDENCE` for the one more unknown.
+        Minus twice its restricted log-likelihood, and `MIN_COST_DROP` for the one more unknown.
     """
-    tried = np.concatenate(([stated], np.geomspace(*GEOMETRY_TRIED)))
+    tried = np.concatenate(([stated], np.geomspace(*GEOMETRY_GRID)))
     tried = tried[tried >= stated]
     costs = _geometry_costs(estimate, tried)
     best = int(np.argmin(costs))
-    if costs[best] + MIN_EVIDENCE < costs[0]:
-        return float(tried[best]), float(costs[best] + MIN_EVIDENCE)
+    if costs[best] + MIN_COST_DROP < costs[0]:
+        return float(tried[best]), float(costs[best] + MIN_COST_DROP)
     return stated, float(costs[0])
 
 
@@ -170,7 +170,7 @@ def _geometry_costs(estimate: LeastSquaresEstimate, tried: Array) -> Array:
     # may leave it open altogether.
     known = np.sqrt(np.einsum("kii->ki", A))
     units = np.where(known > 0, known, 1.0)
-    A = A / (units[:, :, None] * units[:, None]) + UNKNOWN_RIDGE * np.eye(A.shape[1])
+    A = A / (units[:, :, None] * units[:, None]) + PARAMETER_RIDGE * np.eye(A.shape[1])
     gradient = ((r / variances) @ J + pull) / units
     away = np.linalg.solve(A, gradient[..., None])[..., 0]
     chi2 = (r**2 / variances).sum(axis=1) + at_rest - np.einsum("ki,ki->k", gradient, away)
@@ -183,7 +183,7 @@ MIN_LINES: Final = 5
 """Eq. (20) needs five lines in general position."""
 CONFIRMING_STARTS: Final = 2
 """Starts that lead to the same best place before no more are tried."""
-SAME_PLACE_CHI2: Final = 0.01
+SAME_OPTIMUM_CHI2: Final = 0.01
 """Sums of squares nearer than this belong to the same place."""
 
 Targets = Sequence[SeenTarget[Any]]
@@ -226,7 +226,7 @@ class SensorSolution:
     estimate : LeastSquaresEstimate
         Without the profiles that contradict the others.
     settled : LeastSquaresEstimate
-        The same, the targets at the places where the arm sees them; see `settle_targets`.
+        The same, the targets at the places where the arm sees them; see `refit_targets`.
     model : CombinedModel
         Of all targets.
     """
@@ -288,13 +288,13 @@ class CalibrationProblem:
         """Possible poses of the sensor, shape (4, 4) each, by any target alone."""
         return [T for one in self.targets for T in one.starts()]
 
-    def in_sensor_sense(self, T: Array) -> Array:
+    def invert_if_fixed(self, T: Array) -> Array:
         """Poses, shape (n, 4, 4), inverted if the sensor is fixed; of inverted ones, the poses."""
         return inverse_poses(T) if self.sensor_is_fixed else T
 
     def with_poses(self, T_b_f: Array) -> Self:
         """Return the same profiles from other flange poses, shape (n, 4, 4)."""
-        parts = zip(self.targets, self._split(T_b_f), strict=True)
+        parts = zip(self.targets, self._split_by_target(T_b_f), strict=True)
         return replace(self, targets=[one.with_poses(part) for one, part in parts])
 
     def solve(self, begin: Sequence[Array]) -> SensorSolution:
@@ -307,7 +307,7 @@ class CalibrationProblem:
         """
         model, whole = self.fit(begin)
         final = reject_outlying_profiles(model, whole, self.noise.geometry)
-        return SensorSolution(whole, final, settle_targets(model, final), model)
+        return SensorSolution(whole, final, refit_targets(model, final), model)
 
     def fit(
         self, begin: Sequence[Array], most: int | None = None
@@ -326,13 +326,13 @@ class CalibrationProblem:
         for _, T_f_s, model, target in self._nearest_starts(begin)[:most]:
             estimate = refine_by_least_squares(model, T_f_s, target, every, rough=True)
             behind = not self.sensor_is_fixed and any(
-                one.is_behind(estimate.T_f_s, estimate.target[model.part(k)])
+                one.is_behind(estimate.T_f_s, estimate.target[model.slice_of(k)])
                 for k, one in enumerate(model.models)
             )
             found.append((behind, estimate.chi2, model, estimate))
             least_behind, least_chi2 = min(one[:2] for one in found)
             same = [
-                one[0] == least_behind and one[1] < least_chi2 + SAME_PLACE_CHI2 for one in found
+                one[0] == least_behind and one[1] < least_chi2 + SAME_OPTIMUM_CHI2 for one in found
             ]
             if sum(same) == CONFIRMING_STARTS:
                 break
@@ -345,10 +345,10 @@ class CalibrationProblem:
         self, begin: Sequence[Array]
     ) -> list[tuple[float, Array, CombinedModel, Array]]:
         """Misfit, T_f_s, model and targets' parameters of each start, the nearest first."""
-        true_poses = self.in_sensor_sense(self.T_b_f)
+        true_poses = self.invert_if_fixed(self.T_b_f)
         correlation, by_true_pose = geometry_correlation(true_poses), None
         if self.sensor_is_fixed:
-            by_true_pose = tuple(self._split(inverse_pose_errors(true_poses)))
+            by_true_pose = tuple(self._split_by_target(inverse_pose_errors(true_poses)))
         starts = []
         for T_f_s in begin:
             models, targets = zip(*(one.start_at(T_f_s) for one in self.targets), strict=True)
@@ -357,6 +357,6 @@ class CalibrationProblem:
             starts.append((model.misfit(T_f_s, target), T_f_s, model, target))
         return sorted(starts, key=itemgetter(0))
 
-    def _split(self, of_all: Array) -> list[Array]:
+    def _split_by_target(self, of_all: Array) -> list[Array]:
         """Values of all profiles, by target."""
         return np.split(of_all, np.cumsum([len(one.names) for one in self.targets])[:-1])

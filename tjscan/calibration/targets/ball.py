@@ -22,14 +22,14 @@ from tjscan.laser.profile import Profile
 
 MIN_ARC_POINTS: Final = 20
 """An arc has at least so many points."""
-MIN_INLIER_SHARE: Final = 0.15
+MIN_ARC_SHARE: Final = 0.15
 """At least this share of a profile's points is on the arc: a ball fills less of it than a
 board does."""
 MIN_ARC_ANGLE: Final = float(np.radians(30.0))
 """Radians; on a shorter arc radius and centre hardly come apart."""
-MAX_RADIUS: Final = 1.0
+MAX_ARC_RADIUS: Final = 1.0
 """Metres; a larger circle is a straight line."""
-STRAIGHT_PROBABILITY: Final = 1e-6
+FALSE_ARC_PROBABILITY: Final = 1e-6
 """Probability to take a straight line for an arc: most profiles are of straight things."""
 START_RADIUS_RATIO: Final = 1.05
 """An unknown ball starts this much larger than its largest arc."""
@@ -77,7 +77,7 @@ class CircleFit:
         return np.asarray(np.linalg.lstsq(J, outward, rcond=None)[0])
 
 
-def fit_circle(profile: Profile, noise: NoiseModel, largest: float = MAX_RADIUS) -> CircleFit:
+def fit_circle(profile: Profile, noise: NoiseModel, largest: float = MAX_ARC_RADIUS) -> CircleFit:
     """Fit the circle that most points of a profile are on.
 
     Parameters
@@ -109,18 +109,18 @@ def fit_circle(profile: Profile, noise: NoiseModel, largest: float = MAX_RADIUS)
             inlier,
             noise.range,
         )
-    if inlier.sum() < max(MIN_ARC_POINTS, MIN_INLIER_SHARE * len(points)):
+    if inlier.sum() < max(MIN_ARC_POINTS, MIN_ARC_SHARE * len(points)):
         raise CalibrationRefused(
             "no arc seen",
             f"only {inlier.sum()} of {len(points)} points lie on one circle within "
             f"{1e3 * consensus.OUTLIER_SIGMAS * consensus.MAX_SCATTER_RATIO * noise.range:.2f} mm; "
             "let the line cross the ball nearer to its middle",
         )
-    _check_curved(points, inlier, noise)
+    _check_curvature(points, inlier, noise)
     return _describe_arc(profile, inlier, noise, largest)
 
 
-def _check_curved(points: Array, inlier: Mask, noise: NoiseModel) -> None:
+def _check_curvature(points: Array, inlier: Mask, noise: NoiseModel) -> None:
     """Refuse points that a straight line explains as well, by the ratio of the likelihoods.
 
     All points from one end of the arc to the other count, and those that are no part of either
@@ -140,7 +140,7 @@ def _check_curved(points: Array, inlier: Mask, noise: NoiseModel) -> None:
     )
     # Neighbours err alike: n points count as fewer. The circle has one more unknown.
     gain = (line_cost - circle_cost) / noise.mean_variance_inflation
-    if gain < float(chdtri(1, STRAIGHT_PROBABILITY)):
+    if gain < float(chdtri(1, FALSE_ARC_PROBABILITY)):
         raise CalibrationRefused(
             "no arc seen",
             f"{len(span)} points lie on a straight line as well as on a circle; let the line cross "

@@ -16,7 +16,7 @@ from tjscan.laser.profile import Profile
 
 MIN_LINE_POINTS: Final = 20
 """A line has at least so many points."""
-MIN_INLIER_SHARE: Final = 0.3
+MIN_LINE_SHARE: Final = 0.3
 """At least this share of a profile's points is on the line; else the choice of line is a guess."""
 MIN_LINE_LENGTH: Final = 5e-3
 """Metres; a shorter line has no direction to speak of."""
@@ -143,7 +143,7 @@ def fit_line(profile: Profile, noise: NoiseModel) -> LineFit:
         inlier = consensus.refit_and_trim(
             lambda m: distances_from_line(points, m), inlier, noise.range
         )
-    if inlier.sum() < max(MIN_LINE_POINTS, MIN_INLIER_SHARE * len(points)):
+    if inlier.sum() < max(MIN_LINE_POINTS, MIN_LINE_SHARE * len(points)):
         raise CalibrationRefused(
             "no line seen",
             f"only {inlier.sum()} of {len(points)} points lie on one straight line within "

@@ -38,7 +38,7 @@ MAX_NORMAL_SIGMA: Final = float(np.radians(0.2))
 """Radians; a touched plane whose normal is less certain would spoil any calibration."""
 MIN_TOUCH_PROBABILITY: Final = 1e-4
 """Touches less probable than this under the stated noise are refused."""
-NOT_FLAT: Final = "touched points not on one plane"
+NOT_FLAT_REASON: Final = "touched points not on one plane"
 """The reason for which to touch again; none of the other reasons goes away by that."""
 STATED_BOARD_SIZE: Final = 0.2
 """Metres; see `plane_stated_beforehand`."""
@@ -170,8 +170,8 @@ class PlaneModel(TargetModel):
         """
         R_b_f, R, p = self.lines.R_b_f, T_f_s[:3, :3], T_f_s[:3, 3]
         lever_f, a_f = self.lines.points_s @ R.T, self.lines.directions_s @ R.T
-        x_b = _turn_each(R_b_f, lever_f + p)  # from the flange to the line, in the axes of b
-        a_b = _turn_each(R_b_f, a_f)
+        x_b = _rotate_rows(R_b_f, lever_f + p)  # from the flange to the line, in the axes of b
+        a_b = _rotate_rows(R_b_f, a_f)
         tilted = self.target.plane.u + target[:2] @ self.target.axes_b
         length = np.linalg.norm(tilted)
         u = tilted / length
@@ -207,7 +207,7 @@ class PlaneModel(TargetModel):
         )
 
 
-def _turn_each(R: Array, v: Array) -> Array:
+def _rotate_rows(R: Array, v: Array) -> Array:
     """Rows of v, shape (n, 3), each turned by its own R, shape (n, 3, 3)."""
     return np.asarray(np.einsum("nij,nj->ni", R, v))
 
@@ -365,7 +365,7 @@ def fit_plane(
     if side_b is not None and u @ (np.asarray(side_b, dtype=float) - centre) < 0:
         u = -u
     residuals = (points - centre) @ u
-    _check_pattern(singular, sigma)
+    _check_touch_span(singular, sigma)
     across = np.column_stack(((points - centre) @ axes[:2].T, np.ones(len(points))))
     own, gain = sigma**2 * np.eye(len(points)), np.linalg.pinv(across)
     if by_arm is None:
@@ -404,7 +404,7 @@ def plane_stated_beforehand(
     return fit_plane(bare.centre_b + corners @ bare.axes_b, sigma, flange, geometry=geometry)
 
 
-def _check_pattern(singular: Array, sigma: float) -> None:
+def _check_touch_span(singular: Array, sigma: float) -> None:
     tilt = sigma / max(singular[1], 1e-12)
     if singular[1] > MIN_TOUCH_PATTERN_RATIO * singular[0] and tilt < MAX_NORMAL_SIGMA:
         return
@@ -431,7 +431,7 @@ def _check_flatness(residuals: Array, across: Array, covariance: Array, sigma: f
     shown = ", ".join(f"{1e3 * r:+.3f}" for r in residuals)
     worst = int(np.argmax(np.abs(residuals))) + 1
     raise CalibrationRefused(
-        NOT_FLAT,
+        NOT_FLAT_REASON,
         f"their distances from the best plane are {shown} mm, more than {1e3 * sigma:.3f} mm of "
         f"noise explain; touch number {worst} again first, then check that the board is flat",
     )

@@ -32,11 +32,11 @@ from tjscan.core.frames import Array, Mask, array_dataclass
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.profile import Profile
 
-MAX_LINES_TRIED: Final = 5
+MAX_LINES_FOUND: Final = 5
 """A profile holds the two flanks, perhaps the table on both sides, and other things in view."""
 FLANK_ANCHOR_POINTS: Final = 48
 """Points from which lines are drawn: a flank may fill little of a profile."""
-NEIGHBOURING_ANCHORS: Final = 12
+TRIAL_LINES_PER_ANCHOR: Final = 12
 """Lines are drawn through each anchor and so many next ones."""
 FLANK_SCORED_POINTS: Final = 240
 """Points at which a line is scored: a short flank has to be hit often enough."""
@@ -104,7 +104,7 @@ def _find_lines(points: Array, sigma: float) -> list[Mask]:
     """Straight lines in the profile, those with most points first."""
     found: list[Mask] = []
     free = np.ones(len(points), dtype=bool)
-    while len(found) < MAX_LINES_TRIED and free.sum() >= MIN_LINE_POINTS:
+    while len(found) < MAX_LINES_FOUND and free.sum() >= MIN_LINE_POINTS:
         left = np.flatnonzero(free)
         line = _most_crowded_line(points[left], sigma)
         if line.sum() < MIN_LINE_POINTS:
@@ -119,7 +119,9 @@ def _most_crowded_line(points: Array, sigma: float) -> Mask:
     """Points of the line through two near ones that most points are close to."""
     anchors = consensus.evenly_spaced_indices(len(points), FLANK_ANCHOR_POINTS)
     pairs = [
-        (i, j) for k, i in enumerate(anchors) for j in anchors[k + 1 : k + 1 + NEIGHBOURING_ANCHORS]
+        (i, j)
+        for k, i in enumerate(anchors)
+        for j in anchors[k + 1 : k + 1 + TRIAL_LINES_PER_ANCHOR]
     ]
     lines = lines_through_pairs(points[np.array(pairs)])
     line = consensus.find_inliers(points, lines, distances_from_lines, sigma, FLANK_SCORED_POINTS)

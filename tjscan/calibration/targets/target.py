@@ -66,6 +66,8 @@ class PosedFit(Generic[Fit]):
     by_arm : ndarray, shape (6, m), or None
         How the flange moves with each draw of the arm's geometry, see `ArmGeometry.moves`; None
         if the arm's posture is not known.
+    q : ndarray, shape (joints,), or None
+        Joint angles there, radians; None if they are not known.
     """
 
     name: str
@@ -73,6 +75,7 @@ class PosedFit(Generic[Fit]):
     fit: Fit
     by_laser: Array | None = None
     by_arm: Array | None = None
+    q: Array | None = None
 
 
 def fit_profiles(
@@ -114,7 +117,7 @@ def fit_profiles(
             continue
         by_laser = None if laser is None else found.by_laser(shot.profile, laser)
         by_arm = None if flange_moves is None or shot.q is None else flange_moves(shot.q)
-        samples.append(PosedFit(shot.name, shot.T_b_f, found, by_laser, by_arm))
+        samples.append(PosedFit(shot.name, shot.T_b_f, found, by_laser, by_arm, shot.q))
     return samples, refused
 
 

@@ -152,12 +152,12 @@ def read_calibration_entries(directory: Path) -> Iterator[CalibrationEntry]:
             if isinstance(entry.message, LaserLineTaken | ArmPoseTaken):
                 pending = entry.message
             elif entry.topic is PROFILE_TOPIC:
-                yield _with_points_of_cloud(file, pending, entry.message)
+                yield _add_profile_points(file, pending, entry.message)
             else:
                 yield entry.message
 
 
-def _with_points_of_cloud(
+def _add_profile_points(
     file: Path, entry: LaserLineTaken | ArmPoseTaken | None, cloud: PointCloud
 ) -> LaserLineTaken | ArmPoseTaken:
     """A line or a posture with the points of its profile."""

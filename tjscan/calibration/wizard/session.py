@@ -39,7 +39,7 @@ from tjscan.core.frames import (
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.model import MeasuringRange
 
-EDGE_MARGIN: Final = 5e-3
+LINE_EDGE_MARGIN: Final = 5e-3
 """Metres that a line keeps from the board's edges: the mount is not known exactly yet."""
 MIN_LINE_LENGTH: Final = 0.04
 """Metres; a planned line is at least this long."""
@@ -283,7 +283,7 @@ class LinePrediction:
         T_b_f : ndarray, shape (n, 4, 4)
             Flange poses, n ≥ 0.
         """
-        return _uncertainty_left(self._information(T_b_f))
+        return _remaining_uncertainty(self._information(T_b_f))
 
     def candidate_poses(
         self, board: BoardRectangle, grid: CandidatePoseGrid, x_b: ArrayLike | None = None
@@ -321,10 +321,10 @@ class LinePrediction:
         T_b_s[..., :3, :3], T_b_s[..., :3, 3] = R_b_s[:, None, None], origin
         T_b_f = T_b_s.reshape(-1, 4, 4) @ inverse_pose(self.T_f_s)
         seen = self.lines(T_b_f)
-        on_board = board.contains_points(seen.ends_b, EDGE_MARGIN).all(axis=1)
+        on_board = board.contains_points(seen.ends_b, LINE_EDGE_MARGIN).all(axis=1)
         return np.asarray(T_b_f[(seen.line_length >= MIN_LINE_LENGTH) & on_board])
 
-    def suggest_pose(
+    def most_informative_pose(
         self,
         candidates: ArrayLike,
         taken: ArrayLike,
@@ -358,7 +358,7 @@ class LinePrediction:
         for k in np.argsort(-gain):
             if np.isfinite(gain[k]) and reachable(poses[k]):
                 return SuggestedPose(
-                    poses[k], _uncertainty_left(known), _uncertainty_left(total[k])
+                    poses[k], _remaining_uncertainty(known), _remaining_uncertainty(total[k])
                 )
         raise CalibrationRefused(
             "no pose to suggest",
@@ -375,7 +375,7 @@ class LinePrediction:
         return np.asarray(known + self.lines(T_b_f).information.sum(0))
 
 
-def _uncertainty_left(information: Array) -> HandEyeUncertainty:
+def _remaining_uncertainty(information: Array) -> HandEyeUncertainty:
     """Uncertainty of T_f_s that information about it and the plane, shape (9, 9), leaves."""
     return HandEyeUncertainty(covariance_from_information(information)[:6, :6])
 
@@ -528,11 +528,11 @@ class CalibrationPlan:
         """
         points = np.array(list(self.tip_positions(measured).values())).reshape(-1, 3)
         outside = self.T_b_board[:3, 3] + self.T_b_board[:3, 2]
-        by_arm, noise = self._tip_by_arm(measured), self.noise
+        by_arm, noise = self._tip_moves(measured), self.noise
         target = fit_plane(points, noise.touch, outside, geometry=noise.geometry, by_arm=by_arm)
         return target, BoardRectangle.through_touched_points(points, target)
 
-    def _tip_by_arm(self, measured: MeasurementsSoFar) -> Array | None:
+    def _tip_moves(self, measured: MeasurementsSoFar) -> Array | None:
         """How the tip moves at each touch with draws of the arm's geometry, shape (n, 3, m)."""
         moves = []
         for _, T_b_f, q in measured.contacts:
@@ -619,7 +619,7 @@ class CalibrationPlan:
         points_b = np.einsum("nij,kj->nki", candidates[:, :3, :3], points_f)
         heights = target.plane.signed_distances(points_b + candidates[:, None, :3, 3])
         free = _mask_of_new_poses(candidates, done) & (heights > BOARD_CLEARANCE).all(axis=1)
-        return prediction.suggest_pose(candidates[free], taken, reachable)
+        return prediction.most_informative_pose(candidates[free], taken, reachable)
 
 
 def _mask_of_new_poses(candidates: Array, others: list[Array]) -> Mask:

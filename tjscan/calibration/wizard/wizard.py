@@ -12,7 +12,7 @@ import numpy as np
 from tjscan.calibration.checks import Verification, verify_with_fresh_line
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.line import fit_line
-from tjscan.calibration.targets.plane import NOT_FLAT, PlaneTarget, SeenBoard
+from tjscan.calibration.targets.plane import NOT_FLAT_REASON, PlaneTarget, SeenBoard
 from tjscan.calibration.targets.target import PosedProfile, fit_profiles
 from tjscan.calibration.wizard.logbook import (
     BoardTouch,
@@ -96,7 +96,7 @@ class CalibrationWizard:
             try:
                 return self._fit_board()
             except CalibrationRefused as refusal:
-                if refusal.reason != NOT_FLAT:
+                if refusal.reason != NOT_FLAT_REASON:
                     raise
                 self.operator.report(str(refusal))
                 k = self.task.worst_touch(self.measurements)
@@ -223,8 +223,8 @@ class CalibrationWizard:
                 f"{self.measurements.skipped_poses[-1].reason}. Check the place of the "
                 "board in the job, and how the laser sits on the flange",
             )
-        ready = self._get_ready()
-        reachable = partial(reaches_and_returns, self.arm, ready)
+        ready = self._move_to_start()
+        reachable = partial(can_reach_and_return, self.arm, ready)
         there = self.task.suggest_line_pose(
             self.measurements, target, board, progress.result, reachable
         )
@@ -233,7 +233,7 @@ class CalibrationWizard:
         turn = np.degrees(rotation_angle_between(ready, there.T_b_f))
         hope = "" if fresh else f"; certain to {1e3 * there.after.position:.3g} mm after it"
         question = f"Take {what}: move {way:.0f} mm, turn {turn:.0f}°{hope}?"
-        if not self.operator.confirm(self._ask_to_move(question, there.T_b_f)):
+        if not self.operator.confirm(self._move_question(question, there.T_b_f)):
             self.logbook.record(SkippedPose(there.T_b_f, "declined"))
             return
         reached = self.arm.move_linear(there.T_b_f)
@@ -247,7 +247,7 @@ class CalibrationWizard:
             self.logbook.record(SkippedPose(there.T_b_f, reason))
         self.arm.move_linear(ready)
 
-    def _get_ready(self) -> Array:
+    def _move_to_start(self) -> Array:
         """Move to the begin and end of every line: square over the board, clear of it.
 
         All other poses are reached from here on a straight line that was checked from here.
@@ -258,7 +258,7 @@ class CalibrationWizard:
         if max(float(np.linalg.norm(shift)), turn) < POSE_REACHED_TOLERANCE:
             return state
         question = "Move the sensor square over the board?"
-        if not self.operator.confirm(replace(self._ask_to_move(question, ready[0]), no="Finish")):
+        if not self.operator.confirm(replace(self._move_question(question, ready[0]), no="Finish")):
             raise CalibrationRefused(
                 "the arm may not move", "every line begins square over the board; go on later"
             )
@@ -267,12 +267,12 @@ class CalibrationWizard:
                 return self.arm.move_joint_to_pose(T_b_f).T_b_f
         return self.arm.move_joint_to_pose(ready[-1]).T_b_f
 
-    def _ask_to_move(self, text: str, T_b_f: Array) -> Question:
+    def _move_question(self, text: str, T_b_f: Array) -> Question:
         """Question whether the arm may move to a flange pose."""
         return Question(text, True, moves=True, T_b_f=T_b_f, look=self.laser.capture)
 
 
-def reaches_and_returns(arm: Arm, ready: Array, T_b_f: Array) -> bool:
+def can_reach_and_return(arm: Arm, ready: Array, T_b_f: Array) -> bool:
     """Whether an arm gets from a flange pose `ready` to another, and back, on a straight line."""
     try:
         arm.check_moves(ready, T_b_f, ready)

@@ -18,9 +18,8 @@ from tjscan.cli.output.console import print_figures_table, print_message
 from tjscan.core.errors import ConfigurationError
 from tjscan.job.files import CalibrationJob, RecordedJob
 from tjscan.report.write import write_run_report
-from tjscan.result.directory import CALIBRATION_PICTURE
+from tjscan.result.directory import CALIBRATION_PICTURE, default_run_directory
 from tjscan.runs.calibration import run
-from tjscan.runs.run import default_run_directory
 
 if TYPE_CHECKING:
     from tjscan.calibration.wizard.session import CalibrationProgress

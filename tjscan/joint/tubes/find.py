@@ -11,11 +11,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from tjscan.core.errors import TubesNotFound
-from tjscan.core.frames import Array
+from tjscan.core.frames import Array, Mask
 from tjscan.joint.tubes.cylinder import Cylinder, fit_cylinder, refine_cylinder
 from tjscan.joint.tubes.fit import LEAST_AXES_ANGLE, FittedTubes
 
@@ -166,7 +165,7 @@ def _cylinders_through_triples(
     return p - r[:, None] * n, axes[good], np.abs(r)
 
 
-def _crosses_tube(axes: Array, other: Cylinder) -> NDArray[np.bool_]:
+def _crosses_tube(axes: Array, other: Cylinder) -> Mask:
     """Whether axes, shape (..., 3), are far from parallel to the axis of another tube."""
     return np.asarray(np.abs(axes @ other.axis) < np.cos(LEAST_AXES_ANGLE))
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from tjscan.core import pose_vector
 from tjscan.core.errors import TubesNotFound
-from tjscan.core.frames import Array, array_dataclass, inverse_pose, pose, unit_vector
+from tjscan.core.frames import Array, Mask, array_dataclass, inverse_pose, pose, unit_vector
 from tjscan.core.robust import mad_sigma, tukey_weights
 from tjscan.joint.tubes.cylinder import Cylinder
 
@@ -65,7 +65,7 @@ class WallPoints:
     """
 
     points: Array
-    on_brace: NDArray[np.bool_]
+    on_brace: Mask
     sigma: Array
     view: NDArray[np.intp]
     pivots: Array

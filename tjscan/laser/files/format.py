@@ -68,10 +68,10 @@ class FileProfiles:
     notes: list[str] = field(default_factory=list)
 
 
-ENOUGH_HEIGHTS: Final = 20
+MIN_CHECKED_HEIGHTS: Final = 20
 """Heights that show what is usual among them."""
 
-CODE_DISTANCE: Final = 10.0
+CODE_DISTANCE_RATIO: Final = 10.0
 """A code of no point is this many times as far from all heights as these are from each other."""
 
 SMALLEST_SPAN, LARGEST_SPAN = 2e-4, 10.0
@@ -83,7 +83,7 @@ MOST_HEIGHT_OVER_WIDTH: Final = 5.0
 NOTED_ZERO_SHARE: Final = 0.02
 """Share of heights that are exactly zero, among others near it, that is worth a note."""
 
-MIDDLE_TAKEN: Final = (
+MID_RANGE_NOTE: Final = (
     f"heights count from mid-range, which is taken to be {1e3 * ASSUMED_MID_RANGE:g} mm "
     "from the sensor; --z-offset states it"
 )
@@ -100,7 +100,7 @@ def heights_from_sensor(
     z = without_codes(values, form.invalid)
     zero = z == 0
     others = z[~zero & np.isfinite(z)]
-    if _is_apart(others):
+    if _is_zero_apart(others):
         z = np.where(zero, np.nan, z)
     elif zero.mean() > NOTED_ZERO_SHARE:
         table.notes.append(
@@ -113,7 +113,7 @@ def heights_from_sensor(
         return np.asarray(z + scale * form.z_offset)
     if np.nanmin(z, initial=np.inf) > 0:
         return z
-    table.notes.append(MIDDLE_TAKEN)
+    table.notes.append(MID_RANGE_NOTE)
     # Nothing is behind the sensor, however long its range.
     return np.asarray(z + max(ASSUMED_MID_RANGE, -1.2 * float(np.nanmin(z))))
 
@@ -153,7 +153,7 @@ def check_unit(file: Path, profiles: Iterable[Profile]) -> None:
         )
 
 
-def check_scale(file: Path, profiles: Iterable[Profile]) -> None:
+def check_height_scale(file: Path, profiles: Iterable[Profile]) -> None:
     """Refuse heights that only a mistaken scale, or a mistaken pitch, explains."""
     steep = []
     for profile in profiles:
@@ -173,21 +173,21 @@ def check_scale(file: Path, profiles: Iterable[Profile]) -> None:
 def _check_codes(heights: Array) -> None:
     """Refuse heights among which a number comes again and again far from all others."""
     known = heights[np.isfinite(heights)]
-    if known.size < ENOUGH_HEIGHTS:
+    if known.size < MIN_CHECKED_HEIGHTS:
         return
     for code in (known.min(), known.max()):
         others = known[known != code]
         share = 1 - others.size / known.size
         if others.size and share > NOTED_ZERO_SHARE:
             away = np.abs(others - code).min()
-            if away > CODE_DISTANCE * max(np.ptp(others), 1e-9 * away):
+            if away > CODE_DISTANCE_RATIO * max(np.ptp(others), 1e-9 * away):
                 raise ConfigurationError(
                     f"{100 * share:.0f} % of the heights are exactly {code:g}, far from all "
                     f"others; if that means no point, state --invalid {code:g}"
                 )
 
 
-def _is_apart(others: Array) -> bool:
+def _is_zero_apart(others: Array) -> bool:
     """Whether zero is farther from numbers, a few strays aside, than they are from each other."""
     if not len(others):
         return False

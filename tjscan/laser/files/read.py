@@ -19,10 +19,10 @@ from tjscan.core.mesh_files import read_mesh_file
 from tjscan.laser.files.format import (
     ASSUMED_MID_RANGE,
     METRES_PER_UNIT,
-    MIDDLE_TAKEN,
+    MID_RANGE_NOTE,
     FileProfiles,
     ProfileFormat,
-    check_scale,
+    check_height_scale,
     check_unit,
     heights_from_sensor,
     metres_per_number,
@@ -105,14 +105,9 @@ def _find_separator(lines: list[str]) -> str | None:
         if any(mark in line for line in lines):
             return mark
     # Between blanks a comma may be the decimal one.
-    with_comma = [line for line in lines if "," in line]
-    return None if all(_have_decimal_commas(line) for line in with_comma) else ","
-
-
-def _have_decimal_commas(line: str) -> bool:
-    """Whether every word of several is a number with a decimal comma."""
-    words = line.split()
-    return len(words) > 1 and all(_DECIMAL_COMMA.fullmatch(word) for word in words)
+    rows = [line.split() for line in lines if "," in line]
+    are_decimal = all(len(row) > 1 and all(map(_DECIMAL_COMMA.fullmatch, row)) for row in rows)
+    return None if are_decimal else ","
 
 
 def _split_cells(
@@ -136,7 +131,7 @@ def is_column_numbering(values: list[float | None]) -> bool:
     return (from_zero and len(values) > 1) or (from_one and len(values) >= FEWEST_COUNTED_FROM_ONE)
 
 
-PROFILE_SECTIONS = {"profile": False, "rawprofile": True}
+GOCATOR_SECTIONS = {"profile": False, "rawprofile": True}
 """Sections that hold profiles, and whether their X values are in rows."""
 
 METRES_PER_MM = 1e-3
@@ -144,7 +139,7 @@ METRES_PER_MM = 1e-3
 
 def is_gocator_export(table: TextTable) -> bool:
     """Whether a table is a CSV export of a Gocator sensor."""
-    return any(_section_title(row) in PROFILE_SECTIONS for _, row in table.rows)
+    return any(_section_title(row) in GOCATOR_SECTIONS for _, row in table.rows)
 
 
 def read_gocator_profiles(table: TextTable) -> tuple[dict[str, tuple[Array, Array]], list[str]]:
@@ -167,8 +162,8 @@ def read_gocator_profiles(table: TextTable) -> tuple[dict[str, tuple[Array, Arra
     header: list[float | None] = []
     for number, row in table.rows:
         title = _section_title(row)
-        if title in PROFILE_SECTIONS:
-            raw, names = PROFILE_SECTIONS[title], None
+        if title in GOCATOR_SECTIONS:
+            raw, names = GOCATOR_SECTIONS[title], None
         elif len([cell for cell in row if cell]) == 1 and table.parse_number(row[0]) is None:
             raw = None  # another section
         elif raw is not None and "axis" in (low := [cell.lower() for cell in row]):
@@ -223,9 +218,9 @@ def read_npy(file: Path, form: ProfileFormat) -> FileProfiles:
     values[np.isinf(values)] = np.nan
     names = [f"row {i + 1}" for i in range(len(values))]
     if values.ndim == 1:
-        add_matrix(file, table, [file.name], values[None], form)
+        add_matrix_profiles(file, table, [file.name], values[None], form)
     elif values.ndim == 2 and values.shape[1] != 2:
-        add_matrix(file, table, names, values, form)
+        add_matrix_profiles(file, table, names, values, form)
     elif values.ndim in (2, 3) and values.shape[-1] == 2:
         scale = metres_per_number(file, form.unit, "an array")
         several = values if values.ndim == 3 else values[None]
@@ -262,18 +257,18 @@ def read_ply_profile(file: Path, form: ProfileFormat) -> FileProfiles:
     return table
 
 
-def add_matrix(
+def add_matrix_profiles(
     file: Path, table: FileProfiles, names: Sequence[str], heights: Array, form: ProfileFormat
 ) -> None:
     """Add profiles of heights, shape (m, n), at columns a pitch apart, x = 0 in the middle."""
     scale = metres_per_number(file, form.unit, "a matrix of profiles")
-    x = scale * places_of_columns(file, heights.shape[1], form, "a matrix of profiles")
+    x = scale * x_of_columns(file, heights.shape[1], form, "a matrix of profiles")
     z = heights_from_sensor(heights, scale, form, table)
     for name, row in zip(names, z, strict=True):
         table.profiles[name] = profile_of_columns(x, row)
 
 
-def places_of_columns(file: Path, count: int, form: ProfileFormat, what: str) -> Array:
+def x_of_columns(file: Path, count: int, form: ProfileFormat, what: str) -> Array:
     """X of columns a pitch apart, in the file's unit."""
     if form.pitch is None:
         raise ConfigurationError(
@@ -286,14 +281,14 @@ def places_of_columns(file: Path, count: int, form: ProfileFormat, what: str) ->
     return np.asarray(form.pitch * (np.arange(count) - (count - 1) / 2))
 
 
-GROUP_COLUMNS: Final = ("profile", "frame", "index")
+PROFILE_COLUMNS: Final = ("profile", "frame", "index")
 """Names of a column that separates the profiles of one table."""
 
 POINT_COLUMNS: Final = ["x", "z"]
 """What two columns without names hold: no profile has two points."""
 
 
-def read_text(file: Path, text: TextTable, form: ProfileFormat) -> FileProfiles:
+def profiles_of_text(file: Path, text: TextTable, form: ProfileFormat) -> FileProfiles:
     """The profiles of a table, whatever of the three kinds it is.
 
     Raises
@@ -316,7 +311,7 @@ def read_text(file: Path, text: TextTable, form: ProfileFormat) -> FileProfiles:
 def _read_gocator(text: TextTable, form: ProfileFormat) -> FileProfiles:
     """Z grows towards the sensor, from mid-range, in millimetres, unless the options differ."""
     found, bad = read_gocator_profiles(text)
-    offset, notes = ASSUMED_MID_RANGE, [MIDDLE_TAKEN]
+    offset, notes = ASSUMED_MID_RANGE, [MID_RANGE_NOTE]
     if form.z_offset is not None:
         offset, notes = form.z_offset * METRES_PER_UNIT[form.unit or "mm"], []
     profiles = {
@@ -345,22 +340,22 @@ def _read_rows(file: Path, text: TextTable, form: ProfileFormat) -> FileProfiles
             names.append(name)
             heights.append([v for v in values if v is not None][1 if indexed else 0 :])
     if heights:
-        add_matrix(file, table, names, np.array(heights), form)
+        add_matrix_profiles(file, table, names, np.array(heights), form)
     return table
 
 
 def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> FileProfiles:
-    """A point per row, in columns x and z; a column `GROUP_COLUMNS` separates the profiles."""
+    """A point per row, in columns x and z; a column `PROFILE_COLUMNS` separates the profiles."""
     (header, first), *rows = text.rows
     names = [cell.lower() for cell in first]
     z_at, z_unit = _find_column(file, names, "z")
-    pitched = form.pitch is not None and not any(_is_axis(name, "x") for name in names)
+    pitched = form.pitch is not None and not any(_match_axis(name, "x") for name in names)
     x_at, x_unit = (z_at, z_unit) if pitched else _find_column(file, names, "x")
     x_scale, z_scale = (
         metres_per_number(file, unit or form.unit, "a column without a unit in its name")
         for unit in (x_unit, z_unit)
     )
-    group_at = next((names.index(name) for name in GROUP_COLUMNS if name in names), None)
+    group_at = next((names.index(name) for name in PROFILE_COLUMNS if name in names), None)
     table, points = FileProfiles(), dict[str, list[tuple[float, float]]]()
     for line, row in rows:
         name = f"row {line - header + 1}"
@@ -383,7 +378,7 @@ def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> FileProfi
         part = slice(end - len(values), end)
         x_s = together[part, 0]
         if pitched:
-            x_s = places_of_columns(file, len(values), form, "a table without a column x")
+            x_s = x_of_columns(file, len(values), form, "a table without a column x")
         table.profiles[name] = profile_of_columns(x_scale * x_s, z_s[part])
     return table
 
@@ -391,14 +386,14 @@ def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> FileProfi
 def _find_column(file: Path, names: Sequence[str], axis: str) -> tuple[int, str | None]:
     """Place of a column such as x, x_s or x_mm, and the unit in its name."""
     for i, name in enumerate(names):
-        match = _is_axis(name, axis)
+        match = _match_axis(name, axis)
         if match:
             return i, match[1]
     found = ", ".join(names[:12])
     raise ConfigurationError(f"has no column {axis} (found: {found[:200]!r})", file=file)
 
 
-def _is_axis(name: str, axis: str) -> re.Match[str] | None:
+def _match_axis(name: str, axis: str) -> re.Match[str] | None:
     units = "|".join(METRES_PER_UNIT)
     return re.fullmatch(rf"{axis}(?:_s)?(?:[_ ]*[\[(]?({units})[\])]?)?", name)
 
@@ -439,7 +434,7 @@ def read_profiles(file: Path, form: ProfileFormat) -> FileProfiles:
         return _read_folder(file, form)
     table = _read_file(file, form)
     check_unit(file, table.profiles.values())
-    check_scale(file, table.profiles.values())
+    check_height_scale(file, table.profiles.values())
     return table
 
 
@@ -486,7 +481,7 @@ def _read_file(file: Path, form: ProfileFormat) -> FileProfiles:
             return read_ply_profile(file, form)
         if suffix == ".npy":
             return read_npy(file, form)
-        return read_text(file, read_text_table(file), form)
+        return profiles_of_text(file, read_text_table(file), form)
     except FileNotFoundError:
         near = nearest_word(file.name, [f.name for f in file.parent.glob("*")][:1000])
         raise ConfigurationError(f"there is no such file; near it: {near}", file=file) from None

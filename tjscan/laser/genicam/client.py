@@ -38,7 +38,7 @@ DISCOVERY_TIMEOUT_MS: Final = (100, 300, 900)
 Most answer at once; a datagram may get lost, and GigE Vision lets an answer take up to a second.
 """
 
-IN_USE_PATIENCE: Final = 3.2
+HEARTBEAT_PATIENCE: Final = 3.2
 """Seconds for which a laser stays with a program that was killed: GigE Vision's usual heartbeat."""
 
 CLOCK_READINGS: Final = 10
@@ -88,12 +88,12 @@ class GenicamClient:
             self._set_feature("Height", settings.rows)
         if self._waits_for_trigger:
             self._camera.enable_trigger(self._choose_trigger(), "Software")
-        elif "TriggerMode" in self._names:
+        elif "TriggerMode" in self._feature_names:
             self._camera.disable_trigger(self._choose_trigger())
         with suppress(GenicamError):
             self._exposure = 1e-6 * self._camera.exposure_time()
         self._ticks_per_second = int.from_bytes(self._camera.read_register(TICKS_PER_SECOND, 8))
-        self._latches = self._ticks_per_second > 0 and self._clock_runs()
+        self._latches = self._ticks_per_second > 0 and self._can_read_clock()
         if settings.packet_size is not None:
             self._camera.write_register(PACKET_SIZE, settings.packet_size.to_bytes(4))
         laser = ConnectedLaser(
@@ -178,11 +178,12 @@ class GenicamClient:
             return error
         words = str(error)
         if "ACCESS_DENIED" in words or "control of the camera was lost" in words:
-            if self._is_held_by_another():
-                return errors.LaserInUse(
-                    "another program has taken control of the laser. Close it there, then start "
-                    "again."
-                )
+            with suppress(GenicamError):
+                if any(self._camera.read_register(PRIVILEGE)):
+                    return errors.LaserInUse(
+                        "another program has taken control of the laser. Close it there, then "
+                        "start again."
+                    )
             return errors.LaserNotResponding(
                 "the laser no longer takes commands: it was restarted, or its connection broke. "
                 "Start again."
@@ -194,7 +195,7 @@ class GenicamClient:
         )
 
     @property
-    def _names(self) -> set[str]:
+    def _feature_names(self) -> set[str]:
         return set(self._camera.nodes())
 
     @property
@@ -227,7 +228,7 @@ class GenicamClient:
 
     def _take_control(self, info: Any) -> Any:
         """Take control of a laser; one that was left to its heartbeat comes free by itself."""
-        until = time.monotonic() + IN_USE_PATIENCE
+        until = time.monotonic() + HEARTBEAT_PATIENCE
         while True:
             try:
                 return viva_genicam.connect_gige(info)
@@ -240,11 +241,6 @@ class GenicamClient:
                     message = f"another program controls the laser at {info.ip}. Close it there."
                     raise errors.LaserInUse(message) from error
             time.sleep(0.1)
-
-    def _is_held_by_another(self) -> bool:
-        with suppress(GenicamError):
-            return any(self._camera.read_register(PRIVILEGE))
-        return False
 
     def _choose_format(self, wanted: str | None) -> str:
         there = self._camera.available_enum_entries("PixelFormat")
@@ -282,7 +278,7 @@ class GenicamClient:
         return None
 
     def _read_axis_scale(self, coordinate: str) -> StatedAxis:
-        if "Scan3dCoordinateSelector" not in self._names:
+        if "Scan3dCoordinateSelector" not in self._feature_names:
             return StatedAxis()
         with suppress(GenicamError):
             self._camera.set_enum("Scan3dCoordinateSelector", coordinate)
@@ -297,7 +293,7 @@ class GenicamClient:
             )
         return StatedAxis()
 
-    def _clock_runs(self) -> bool:
+    def _can_read_clock(self) -> bool:
         """Whether the laser's clock can be read: two readings differ."""
         readings = set()
         for _ in range(CLOCK_READINGS):

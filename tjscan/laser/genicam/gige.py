@@ -21,14 +21,14 @@ from tjscan.laser.genicam.messages import (
 from tjscan.laser.genicam.settings import GenicamSettings, GigeSettings, ScanControlSettings
 from tjscan.laser.line_laser import LaserDescription
 from tjscan.laser.profile import Profile
-from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, points
+from tjscan.laser.scan3d import COORDINATE_FORMATS, AxisScale, Scan3dScales, profile_of_row
 from tjscan.laser.scancontrol import (
-    GREATEST_RAW,
+    MAX_RAW,
     MODEL_SCALES,
-    RAW_ZERO,
+    RAW_OF_ZERO,
     ScanControlScale,
     parse_scancontrol,
-    row_bytes,
+    profile_bytes,
 )
 
 S = TypeVar("S", bound=GigeSettings)
@@ -37,10 +37,10 @@ T = TypeVar("T")
 ANSWER_SLACK: Final = 2.0
 """Seconds beyond its own time-outs that the client's process may take on a busy machine."""
 
-GIVE_BACK: Final = 1.0
+RELEASE_TIMEOUT: Final = 1.0
 """Seconds that giving the laser back may take; after that its heartbeat does it."""
 
-TAKEN_AGAIN: Final = "profile taken again"
+TAKEN_AGAIN_EVENT: Final = "profile taken again"
 """Event of a profile that took more than one trigger."""
 
 
@@ -77,9 +77,9 @@ class GigeLaser(ABC, Generic[S]):
         table = self.settings
         self._process, limit = ClientProcess("tjscan.laser.genicam.client"), table.connect_limit
         try:
-            self._laser = self._call(ConnectedLaser, "connect", table, limit=limit)
+            self._laser = self._ask_client(ConnectedLaser, "connect", table, limit=limit)
             self._check_identity(self._laser.identity)
-            self._understand(self._laser)
+            self._check_payload(self._laser)
         except BaseException:
             self.__exit__()
             raise
@@ -89,7 +89,7 @@ class GigeLaser(ABC, Generic[S]):
         """Give the laser back, and end the client's process whatever it is doing."""
         process, self._process = self._process, None
         if process is not None:
-            process.close(patience=GIVE_BACK)
+            process.close(patience=RELEASE_TIMEOUT)
 
     @property
     def identity(self) -> DeviceIdentity:
@@ -132,23 +132,23 @@ class GigeLaser(ABC, Generic[S]):
         read = HostInterval(before, time.monotonic())
         attempts, timeout = table.attempts, table.timeout
         limit = attempts * timeout + ANSWER_SLACK
-        block = self._call(ReceivedBlock, "capture", attempts, timeout, limit=limit)
+        block = self._ask_client(ReceivedBlock, "capture", attempts, timeout, limit=limit)
         if block.attempts > 1:
-            self._listener(TAKEN_AGAIN, f"it came with attempt {block.attempts}")
+            self._listener(TAKEN_AGAIN_EVENT, f"it came with attempt {block.attempts}")
         if laser.pixel_format and block.pixel_format != laser.pixel_format:
             raise ProfileFormatRefused(
                 f"the laser sends {block.pixel_format}, and was set to {laser.pixel_format}. "
                 "Start again."
             )
         when, uncertainty = exposure_on_cell_clock(block.exposed, block.uncertainty, cell, read)
-        return self._profile(block, when, uncertainty)
+        return self._parse_block(block, when, uncertainty)
 
     @abstractmethod
-    def _understand(self, laser: ConnectedLaser) -> None:
+    def _check_payload(self, laser: ConnectedLaser) -> None:
         """Find out what its payload means, or refuse it; the laser has just been connected."""
 
     @abstractmethod
-    def _profile(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
+    def _parse_block(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
         """The profile in a block, of this time on the cell's clock."""
 
     @abstractmethod
@@ -177,7 +177,7 @@ class GigeLaser(ABC, Generic[S]):
             raise LaserFault("the laser is not connected: capture inside a `with` block")
         return self._process
 
-    def _call(self, kind: type[T], name: str, *arguments: object, limit: float) -> T:
+    def _ask_client(self, kind: type[T], name: str, *arguments: object, limit: float) -> T:
         """Call a method of `client.GenicamClient` in its process, and return what it returns.
 
         Raises
@@ -223,7 +223,7 @@ class GigeLaser(ABC, Generic[S]):
 MILLIMETER_UNIT: Final = "Millimeter"
 METRES_PER_MM: Final = 1e-3
 
-STATE_THEM: Final = (
+SCALE_ADVICE: Final = (
     "State laser.genicam.scale_mm and laser.genicam.offset_mm, for x and z, from its manual"
 )
 
@@ -272,7 +272,7 @@ def _check_states_millimetres(laser: ConnectedLaser) -> None:
     if laser.unit != MILLIMETER_UNIT:
         what = "does not state it" if laser.unit is None else f"states {laser.unit}"
         raise ProfileFormatRefused(
-            f"the laser {what}: its Scan3dDistanceUnit should be {MILLIMETER_UNIT}. {STATE_THEM}"
+            f"the laser {what}: its Scan3dDistanceUnit should be {MILLIMETER_UNIT}. {SCALE_ADVICE}"
         )
 
 
@@ -281,7 +281,7 @@ def _stated_scale_and_offset(axis: StatedAxis, laser: ConnectedLaser) -> tuple[f
     if axis.scale is None or axis.offset is None:
         raise ProfileFormatRefused(
             f"the laser does not state Scan3dCoordinateScale and Scan3dCoordinateOffset of its "
-            f"{laser.pixel_format}. {STATE_THEM}"
+            f"{laser.pixel_format}. {SCALE_ADVICE}"
         )
     return METRES_PER_MM * axis.scale, METRES_PER_MM * axis.offset
 
@@ -321,17 +321,17 @@ class GenicamLaser(GigeLaser[GenicamSettings]):
         limits = [scales.z.scale * raw + scales.z.offset for raw in layout.raw_range(scales.z)]
         return layout.point_size * laser.columns * laser.rows, sent, limits
 
-    def _understand(self, laser: ConnectedLaser) -> None:
+    def _check_payload(self, laser: ConnectedLaser) -> None:
         scales_of_laser(laser, self.settings)  # refuses what it can't read
 
-    def _profile(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
+    def _parse_block(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
         row = COORDINATE_FORMATS[block.pixel_format].point_size * block.columns
         if len(block.data) < row:
             raise ProfileFormatRefused(
                 f"a block of {len(block.data)} bytes holds no {block.columns} points in "
                 f"{block.pixel_format}"
             )
-        return points(block.data[:row], block.pixel_format, self.scales, time, uncertainty)
+        return profile_of_row(block.data[:row], block.pixel_format, self.scales, time, uncertainty)
 
 
 class ScanControlLaser(GigeLaser[ScanControlSettings]):
@@ -358,16 +358,16 @@ class ScanControlLaser(GigeLaser[ScanControlSettings]):
 
     def _describe_payload(self) -> tuple[int, str, list[float]]:
         table, scale = self.settings, self.scale
-        raw = (GREATEST_RAW - 1, 0) if table.flip_z else (1, GREATEST_RAW)  # 0 as sent is no point
+        raw = (MAX_RAW - 1, 0) if table.flip_z else (1, MAX_RAW)  # 0 as sent is no point
         sent = (
             f"{table.layout} profiles, {table.points} points, {1e3 * scale.scale:g} mm a count "
             f"about x 0 and z {1e3 * scale.offset:g} mm, as the job states"
         )
-        limits = [scale.scale * (end - RAW_ZERO) + scale.offset for end in raw]
-        return row_bytes(table), sent, limits
+        limits = [scale.scale * (end - RAW_OF_ZERO) + scale.offset for end in raw]
+        return profile_bytes(table), sent, limits
 
-    def _understand(self, laser: ConnectedLaser) -> None:
+    def _check_payload(self, laser: ConnectedLaser) -> None:
         """Nothing is asked: the job states how it is set up."""
 
-    def _profile(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
+    def _parse_block(self, block: ReceivedBlock, time: float, uncertainty: float) -> Profile:
         return parse_scancontrol(block.data, self.settings, self.scale, time, uncertainty)

@@ -36,7 +36,7 @@ from tjscan.calibration.wizard.logbook import (
 from tjscan.calibration.wizard.operator import JoggedProbe, Operator, Question, TouchProbe
 from tjscan.calibration.wizard.session import BoardRectangle, CalibrationPlan
 from tjscan.calibration.wizard.simulated import SimulatedTouchProbe
-from tjscan.calibration.wizard.wizard import CalibrationWizard, reaches_and_returns
+from tjscan.calibration.wizard.wizard import CalibrationWizard, can_reach_and_return
 from tjscan.core.devices import DriverKind
 from tjscan.core.errors import CalibrationRefused, ConfigurationError, PoseUnreachable
 from tjscan.core.files import lock_and_clean_directory
@@ -399,7 +399,7 @@ def _uncertainty_of_lines(task: CalibrationPlan, arm: Arm, ready: Array) -> Hand
     board = BoardRectangle.through_touched_points(touched, target)
     measured = MeasurementsSoFar(datetime.now(UTC), {})
     expected = task.predict_from(task.T_f_s, target).uncertainty(np.empty((0, 4, 4)))
-    reaches = partial(reaches_and_returns, arm, ready)
+    reaches = partial(can_reach_and_return, arm, ready)
     for number in range(1, task.lines + 1):
         there = task.suggest_line_pose(measured, target, board, None, reaches)
         shot = PosedProfile(f"line {number}", there.T_b_f, PROFILE_NOT_TAKEN)

@@ -41,7 +41,6 @@ from tjscan.robot.tool_reach import (
     NEAR_SINGULARITY_TEXT,
     Hindrance,
     ToolConfigurations,
-    find_tool_holds,
 )
 from tjscan.runs.scan.run import ScanContext
 from tjscan.scanning.journal import grid_triangles
@@ -362,7 +361,7 @@ def find_station_reach(station: WeldingStation, plan: WeldPlan, groove: Array) -
     count = ceil(edges.length / REACH_STEP)
     places = np.linspace(0.0, edges.length, count + 1)[: count if edges.closed else None]
     T = station.T_b_r @ torch_poses(plan, places)
-    holds = find_tool_holds(
+    holds = ToolConfigurations(
         station.kinematics,
         torch.tcp.T,
         T,

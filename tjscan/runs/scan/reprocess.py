@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,7 +20,7 @@ from tjscan.job.cell import SensorMount
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import RecordingDamage
-from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE
+from tjscan.result.directory import CALIBRATION_FILE, JOB_FILE, dated_sibling_directory
 from tjscan.result.summary import ScanSummary
 from tjscan.runs import run
 from tjscan.runs.scan.run import ScanContext, groove_reader_of_job, write_scan_results
@@ -184,12 +183,6 @@ def _refuse_other_kinematics(mount: SensorMount, directory: Path) -> None:
             file=mount.file,
             key="calibration.file",
         )
-
-
-def dated_sibling_directory(directory: Path) -> Path:
-    """``RUN-DATE`` beside a run directory."""
-    whole = directory.resolve()
-    return whole.with_name(f"{whole.name}-{datetime.now():%Y%m%d-%H%M%S}")
 
 
 def _read_sections_again(

@@ -25,12 +25,7 @@ from tjscan.result.ply import write_cloud_ply
 from tjscan.result.section import absent_corners
 from tjscan.result.summary import ScanSummary, StepStatistics, write_budget, write_summary
 from tjscan.result.table import write_sections_csv
-from tjscan.scanning.journal import (
-    ScanResult,
-    groove_length,
-    plan_is_fulfilled,
-    untaught_step_lengths,
-)
+from tjscan.scanning import journal
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import ProfileView, ScannedSection, Substep
 from tjscan.uncertainty.budget import BudgetSummary, UncertaintyBudget
@@ -137,7 +132,7 @@ def flange_motion(hops: Iterable[tuple[ProfileView, ProfileView]]) -> tuple[floa
 
 
 def summarise_scan(
-    result: ScanResult,
+    result: journal.ScanResult,
     plan: ScanPlan,
     frame: JointOrBaseFrame,
     corner_error: Array | None,
@@ -157,7 +152,7 @@ def summarise_scan(
     uncertainty : BudgetSummary, optional
         Where the uncertainty of its corners comes from.
     """
-    steps = 1e3 * np.array(untaught_step_lengths(result.sections))
+    steps = 1e3 * np.array(journal.untaught_step_lengths(result.sections))
     views = [v for v in result.views if v.substep is not Substep.TAUGHT or v.index == 1]
     travel, rotation = flange_motion(pairwise(views))
     taken = [view for view in result.views if view.substep is not Substep.TAUGHT]
@@ -166,11 +161,11 @@ def summarise_scan(
     return ScanSummary(
         sections=len(result.sections),
         scans=len(result.views),
-        complete=plan_is_fulfilled(result.stop, plan),
+        complete=journal.plan_is_fulfilled(result.stop, plan),
         stopped_because=str(result.stop),
         detail=result.detail,
         frame=frame.letter,
-        groove_length_mm=1e3 * groove_length(result.sections),
+        groove_length_mm=1e3 * journal.groove_length(result.sections),
         step_mm=StepStatistics.from_steps(1e3 * plan.step, steps),
         flange_travel_mm=travel,
         flange_rotation_deg=rotation,

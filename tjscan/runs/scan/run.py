@@ -11,14 +11,8 @@ from typing import Final
 
 import numpy as np
 
+from tjscan.core import errors
 from tjscan.core.config import add_file_to_errors
-from tjscan.core.errors import (
-    ConfigurationError,
-    RecordingError,
-    ScanInterrupted,
-    TjscanError,
-    message_with_notes,
-)
 from tjscan.core.files import lock_and_clean_directory, refuse_links_outside
 from tjscan.core.frames import JointOrBaseFrame, transform_points
 from tjscan.groove.read import read_groove
@@ -88,7 +82,7 @@ class ScanContext(JobContext[ScanJob]):
             return None
         file = self.job_file.parent / self.job.joint.file
         if not file.is_file():
-            raise ConfigurationError(
+            raise errors.ConfigurationError(
                 f"there is no such file: {file}", file=self.job_file, key="joint.file"
             )
         return file
@@ -222,12 +216,12 @@ def scan_in_cell(
                 return scanner.resume(done, sections)
             first, second = job.start_poses
             return scanner.run(first.T, second.T)
-        except TjscanError as error:
+        except errors.TjscanError as error:
             if stop.must_stop_now:
-                reason = f"by the operator: {message_with_notes(error)}"
+                reason = f"by the operator: {errors.message_with_notes(error)}"
                 journal.record(RunEvent(ScanEvent.INTERRUPTED, reason))
-                raise ScanInterrupted from error
-            journal.record(RunEvent(ScanEvent.FAILED, message_with_notes(error)))
+                raise errors.ScanInterrupted from error
+            journal.record(RunEvent(ScanEvent.FAILED, errors.message_with_notes(error)))
             raise
 
 
@@ -317,13 +311,13 @@ def check_joint_angles(view: ProfileView, arm: Kinematics, directory: Path) -> N
         If they do not, so that one of them is damaged.
     """
     if len(view.q) != len(arm.joint_names):
-        raise RecordingError(
+        raise errors.RecordingError(
             f"{directory}: its recording holds {len(view.q)} joint angles, the arm has "
             f"{len(arm.joint_names)}"
         )
     apart = float(np.linalg.norm(arm.forward(view.q)[:3, 3] - view.T_b_f[:3, 3]))
     if apart > NOMINAL_FLANGE_TOLERANCE:
-        raise RecordingError(
+        raise errors.RecordingError(
             f"{directory}: its recording is damaged: the joint angles of the last view, of section "
             f"{view.index}, lead {1e3 * apart:.0f} mm away from its flange pose. Nothing was "
             f"moved; what is recorded is read by: tjscan reprocess {directory}"
@@ -341,7 +335,7 @@ def _check_can_go_on_from(directory: Path, damages: Iterable[RecordingDamage]) -
     last = recording_files(directory)[-1]
     for damage in damages:
         if damage.file != last or not damage.is_at_end:
-            raise RecordingError(
+            raise errors.RecordingError(
                 f"{damage}. A scan can't go on from a recording with a hole in it; the sections "
                 f"that are left are read by: tjscan reprocess {directory}"
             )
@@ -379,7 +373,7 @@ def _changes_since_recording(
     before = read_job_snapshot(directory)
     if before is None:
         if done.started is not None:
-            raise RecordingError(
+            raise errors.RecordingError(
                 f"{directory}: its recording does not state what it was made with; no scan of this "
                 "program made it. Start a new scan"
             )
@@ -401,7 +395,7 @@ def write_scan_results(context: ScanContext, directory: Path, result: ScanResult
     causes = causes_of_job(job, context.sensor_mount, result.sections)
     station = job.station[0].name if job.station else "1"
     budget = budget_of_causes(causes.causes, frame.T_r_b, len(result.sections))
-    sections = budget.stated_in(results.sections_in_result_frame(result.sections, frame, station))
+    sections = budget.state_in(results.sections_in_result_frame(result.sections, frame, station))
     points = results.all_profile_points(result.sections, frame)
     error, calibration = (
         results.corner_errors(sections, joint),

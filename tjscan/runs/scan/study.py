@@ -28,7 +28,7 @@ from tjscan.job.cell import SensorMount, joint_scene, make_cell, sensor_mount_of
 from tjscan.job.files import ScanJob, read_scan_job
 from tjscan.job.surroundings import JointSettings
 from tjscan.joint.definition import JointDefinition
-from tjscan.joint.edges import feature_edges, groove_sections
+from tjscan.joint.edges import JointGrooveSections, feature_edges
 from tjscan.joint.file import CHECKED_AZIMUTHS, JointFile, groove_extent
 from tjscan.joint.geometry import cylindrical_to_j, tangential_direction
 from tjscan.recording.journal import CombinedJournal
@@ -125,7 +125,7 @@ def _joint_with_room(joint: JointFile, room_mm: float) -> JointFile:
     leg, brace = joint.leg.model_copy(update=longest), joint.brace.model_copy(update=longest)
     long_joint = joint.model_copy(update={"leg": leg, "brace": brace})
     definition = long_joint.definition("joint")
-    up, along = groove_extent(definition, groove_sections(definition, CHECKED_AZIMUTHS))
+    up, along = groove_extent(definition, JointGrooveSections(definition, CHECKED_AZIMUTHS))
     leg = leg.model_copy(update={"length_mm": float(np.ceil(2 * (1e3 * along + room_mm)))})
     brace = brace.model_copy(update={"length_mm": float(np.ceil(1e3 * up + room_mm))})
     return joint.model_copy(update={"leg": leg, "brace": brace})
@@ -177,7 +177,7 @@ def ideal_sensor_pose(
     """
     phi = np.array([azimuth])
     tangent = joint.leg_surface.tangent(phi, joint.brace_radius)[0]
-    sections = groove_sections(joint, phi)
+    sections = JointGrooveSections(joint, phi)
     origin = joint.leg_surface.points_j(phi, joint.brace_radius)[0]
     x = tangent if plan.direction is ScanDirection.COUNTERCLOCKWISE else -tangent
     y = frames.unit_vector(np.array([0.0, 0.0, 1.0]) - x[2] * x)
@@ -271,7 +271,7 @@ def plan_with_centred_groove(
 
 def _corners_seen_s(joint: JointDefinition, azimuth: float, plan: ScanPlan) -> Array:
     """p2, p3, p4 of an azimuth as the sensor ideally sees them, shape (3, 3), metres."""
-    sections = groove_sections(joint, [azimuth])
+    sections = JointGrooveSections(joint, [azimuth])
     rz = np.concatenate((sections.p2, sections.p3, sections.p4))
     T_s_j = inverse_pose(ideal_sensor_pose(joint, azimuth, plan))
     return transform_points(T_s_j, cylindrical_to_j(azimuth, rz[:, 0], rz[:, 1]))

@@ -88,7 +88,7 @@ def causes_of_job(
             twists = view_causes.calibration_twists(
                 sections, mount.T_f_s, calibrated, mount.by_laser
             )
-            cause = cause.with_station_motions(sections, twists)
+            cause = cause.with_motions(sections, twists)
         found.append(cause)
     bias, of_bias = laser.stated_bias
     if bias > 0:

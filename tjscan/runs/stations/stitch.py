@@ -48,7 +48,7 @@ from tjscan.stitching.stations import (
     StitchSettings,
     station_from_recording,
 )
-from tjscan.stitching.stitch import PlacedStation, StitchedGroove, stitch_stations
+from tjscan.stitching.stitch import PlacedStation, StitchedGroove
 from tjscan.uncertainty.budget import summarise_budget
 
 
@@ -233,7 +233,7 @@ def stitch_run_directories(
                 file=other.directory,
             )
     try:
-        stitched = stitch_stations([one.station for one in read], settings)
+        stitched = StitchedGroove([one.station for one in read], settings)
     except StitchingRefused as error:
         if isinstance(error.draft, StitchingDraft):
             with write_files_atomically(directory) as draft:
