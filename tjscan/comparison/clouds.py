@@ -32,6 +32,7 @@ from tjscan.core import mesh_files
 from tjscan.core.errors import ConfigurationError, nearest_word
 from tjscan.core.files import check_file_size
 from tjscan.core.frames import Array, readonly_copy
+from tjscan.core.mesh_files import MOST_MEMORY
 from tjscan.joint.definition import JointDefinition
 from tjscan.joint.edges import ClosedPolyline, FeatureEdges, feature_edges
 from tjscan.joint.file import read_joint
@@ -157,7 +158,7 @@ def read_shape_file(path: Path, options: UserUnitAndFrame | None = None) -> Shap
     if not path.exists():
         near = nearest_word(path.name, [f.name for f in path.parent.glob("*")][:1000])
         raise ConfigurationError(f"there is no such file; near it: {near}", file=path)
-    check_file_size(path, mesh_files.MOST_MEMORY, "points and triangles")
+    check_file_size(path, MOST_MEMORY, "points and triangles")
     if kind == ".json":
         return _read_joint_sidecar(path)
     if kind not in READERS_BY_SUFFIX:
