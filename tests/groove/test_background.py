@@ -161,3 +161,25 @@ def test_the_form_is_right_as_often_as_it_is_stated_to_be() -> None:
     by_chance = np.sqrt(np.sum(np.multiply(stated, np.subtract(1, stated)))) / len(stated)
     assert np.mean(right) == pytest.approx(np.mean(stated), abs=3 * by_chance + 0.05)
     assert np.mean(stated) > 0.6
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_cap_of_a_seam_weld_beside_the_groove_is_no_reflection(seed: int) -> None:
+    """Nothing that it shows makes the groove's own sides less certain."""
+    groove = Groove()
+    along = groove.directions[3]
+    start = groove.corners[2] + (10 + seed) * MM * along
+    s = np.linspace(0, 1, 40)[:, None]
+    towards = turned(along, np.pi / 2)
+    towards *= np.sign(-towards[1])
+    cap = start + 12 * MM * s * along + 2 * MM * (4 * s * (1 - s)) * towards
+    profile = seen([*groove.outline(), cap], NOISE, seed)
+    # Where bevel and root meet their neighbours nothing is seen of it.
+    bearings = profile.x_s / profile.z_s
+    hidden = [np.abs(bearings - x / z) < 0.003 for x, z in groove.corners]
+    profile = Profile(np.where(np.any(hidden, axis=0), np.nan, profile.x_s), profile.z_s)
+    section = read_groove(profile)
+    assert "seam weld beside" in section.conditions
+    off, sigma = errors_and_sigmas(section, groove)
+    assert off.max() < 0.2 * MM
+    assert sigma.max() < 0.3 * MM

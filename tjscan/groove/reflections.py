@@ -66,6 +66,17 @@ SAME_READING_DISTANCE: Final = 0.05e-3
 """Readings whose corners differ by less, in metres, are one."""
 
 
+LEAST_CAP, MOST_CAP = 5e-3, 30e-3
+CAP_HEIGHT: Final = 0.5e-3
+"""Width and least height of a seam weld's cap, in metres."""
+
+MOST_CAP_FOOT_SHARE: Final = 0.5
+"""An end of a cap lies lower than this share of its height: it grows out of the surface."""
+
+MOST_CAP_STEP_SHARE: Final = 0.4
+"""Neighbouring points of a cap differ in height by less than this share of it."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PointRuns:
     """Runs of points that hang together, in the order of a row.
@@ -143,11 +154,37 @@ def with_other_readings(best: GrooveFit, others: list[GrooveFit]) -> GrooveFit:
     others : list of GrooveFit
         Fits of the same points, of any form of the groove.
     """
+    surely = replace(best, fitted=without_seam_cap(best.fitted))
     covariance = _covariance_of_readings(best, others)
-    covariance += _reflection_covariance(best)
-    covariance += _left_out_covariance(best)
-    probability = _form_probability(best, others)
+    covariance += _reflection_covariance(surely)
+    covariance += _left_out_covariance(surely)
+    probability = _form_probability(surely, others)
     return replace(best, other_readings=covariance, probability=probability)
+
+
+def find_seam_cap(fitted: FittedProfile) -> slice:
+    """Points of a bump on the last side that may be a weld's cap; none if there is none."""
+    own = fitted.spans[-1]
+    s, d = fitted.along[own], -fitted.residuals[own]
+    starts, stops = true_stretches(d > 0.3 * CAP_HEIGHT)
+    for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
+        width, height = abs(float(s[b - 1] - s[a])), float(d[a:b].max())
+        if not LEAST_CAP < width < MOST_CAP or not CAP_HEIGHT < height < width / 2:
+            continue
+        steps = np.abs(np.diff(d[a:b]))
+        if (
+            min(d[a], d[b - 1]) < MOST_CAP_FOOT_SHARE * height
+            and steps.max() < MOST_CAP_STEP_SHARE * height
+        ):
+            return slice(own.start + a, own.start + b)
+    return slice(0)
+
+
+def without_seam_cap(fitted: FittedProfile) -> FittedProfile:
+    """The same with a weld's cap on the leg taken for its surface: it is no reflection."""
+    residuals = fitted.residuals.copy()
+    residuals[find_seam_cap(fitted)] = 0.0
+    return replace(fitted, residuals=residuals)
 
 
 def _odds_against_likelier(other: GrooveFit, best: GrooveFit) -> float:

@@ -13,9 +13,11 @@ from tjscan.core.frames import Array
 from tjscan.groove.reflections import (
     LEAST_REFLECTION_DISTANCE,
     SHARE_ENDING_AT_SURFACE,
+    find_seam_cap,
     reflection_probability,
     share_in_long_stretches,
     sides_that_meet,
+    without_seam_cap,
 )
 from tjscan.groove.section import TACK_WELD, GrooveSection, section_from_points
 from tjscan.groove.settings import TEE_PARTLY_FILLED
@@ -29,7 +31,6 @@ from tjscan.groove.sides import (
     OrderedProfilePoints,
     end_of_support,
     intersect_curves,
-    true_stretches,
 )
 from tjscan.groove.weld import find_toe, weld_surface
 
@@ -53,16 +54,6 @@ POINTS_AFTER_BEVEL: Final = 40
 FEWEST_POINTS_UNDER_BEVEL: Final = 2
 """Of so many points after the end of a bevel, so many must lie on the leg under it where a root
 is open."""
-
-LEAST_CAP, MOST_CAP = 5e-3, 30e-3
-CAP_HEIGHT: Final = 0.5e-3
-"""Width and least height of a seam weld's cap, in metres."""
-
-MOST_CAP_FOOT_SHARE: Final = 0.5
-"""An end of a cap lies lower than this share of its height: it grows out of the surface."""
-
-MOST_CAP_STEP_SHARE: Final = 0.4
-"""Neighbouring points of a cap differ in height by less than this share of it."""
 
 BURIED_DEPTH_IN_CHORDS: Final = 0.5
 """Distance along bevel or leg from a tack's toe to the corner under it, in chords of the tack."""
@@ -99,13 +90,14 @@ def read_root(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSect
     tolerance : float
         Distance within which a point lies on a side, in metres.
     """
+    seam = (SEAM_BESIDE,) if find_seam_cap(fit.fitted).stop else ()
+    fit = replace(fit, fitted=without_seam_cap(fit.fitted))
     if fit.model.name == TEE_PARTLY_FILLED.name:
         section = _section_over_weld(fit, covariance)
     elif fit.model.has_root_bead:
         section = _section_with_face(fit, covariance)
     else:
         section = _section_without_face(fit, covariance, tolerance)
-    seam = (SEAM_BESIDE,) if _has_seam_beside(fit) else ()
     return replace(section, model=fit.model.name, conditions=(*section.conditions, *seam))
 
 
@@ -362,22 +354,3 @@ def _covariance_along_side(curve: CubicCurve, s: float, along: float, across: fl
     t = np.array(curve.tangent_at(s))
     n = np.array((t[1], -t[0]))
     return np.asarray(along**2 * np.outer(t, t) + across**2 * np.outer(n, n))
-
-
-def _has_seam_beside(fit: GrooveFit) -> bool:
-    """Whether the leg has a bump that may be a weld's cap."""
-    fitted = fit.fitted
-    own = fitted.spans[len(fitted.curves) - 1]
-    s, d = fitted.along[own], -fitted.residuals[own]
-    starts, stops = true_stretches(d > 0.3 * CAP_HEIGHT)
-    for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
-        width, height = abs(float(s[b - 1] - s[a])), float(d[a:b].max())
-        if not LEAST_CAP < width < MOST_CAP or not CAP_HEIGHT < height < width / 2:
-            continue
-        steps = np.abs(np.diff(d[a:b]))
-        if (
-            min(d[a], d[b - 1]) < MOST_CAP_FOOT_SHARE * height
-            and steps.max() < MOST_CAP_STEP_SHARE * height
-        ):
-            return True
-    return False
