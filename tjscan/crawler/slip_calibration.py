@@ -1,4 +1,4 @@
-"""``crawl-calibration.toml``: what a shuttle learned of how a vehicle slips on a hull."""
+"""``calibration.toml`` of a shuttle: what it learned of how a vehicle slips on a hull."""
 
 from __future__ import annotations
 
