@@ -134,7 +134,7 @@ def _station(
     sections = sections_in_result_frame(
         station.sections, JointOrBaseFrame(inverse_pose(T_j_b)), name
     )
-    return replace(station, causes=causes.shared), T_j_b, budget.state_in(sections)
+    return replace(station, causes=causes.shared), T_j_b, budget.sections_with_covariances(sections)
 
 
 def measure(draws: int = DRAWS) -> list[Row]:

@@ -19,10 +19,10 @@ from calibration_stage import (
 )
 from scipy.spatial.transform import Rotation
 
-from tjscan.calibration.arm.calibrate import ArmGeometry
+from tjscan.calibration.arm.calibrate import ArmGeometryDeviation
 from tjscan.calibration.checks import verify_with_fresh_line
 from tjscan.calibration.hand_eye import calibrate_on_plane
-from tjscan.calibration.noise import ARM_REACH, NoiseModel, geometry_correlation
+from tjscan.calibration.noise import ARM_REACH, NoiseModel, geometry_error_correlation
 from tjscan.calibration.targets.line import LineFit
 from tjscan.calibration.targets.plane import SeenBoard, fit_plane
 from tjscan.calibration.targets.target import PosedFit
@@ -39,7 +39,7 @@ def test_poses_that_are_alike_err_alike() -> None:
     R = Rotation.from_rotvec([(0, 0, 0), (0, 0, 0), (0, 0, 1.0), (0, 0, np.pi)]).as_matrix()
     T = np.stack([pose(one) for one in R])
     T[1, 0, 3] = ARM_REACH
-    found = geometry_correlation(T)
+    found = geometry_error_correlation(T)
     # exp(-1/2) after a radian or after the reach, and all of it at the same pose.
     np.testing.assert_allclose(np.diag(found), 1)
     np.testing.assert_allclose(found[0], np.exp([0, -0.5, -0.5, -(np.pi**2) / 2]), atol=1e-7)
@@ -48,7 +48,7 @@ def test_poses_that_are_alike_err_alike() -> None:
 
 def drawn(size: float, rng: np.random.Generator) -> Array:
     """The poses where the flange truly is, if the arm's geometry is that much off."""
-    root = np.linalg.cholesky(geometry_correlation(POSES) + 1e-9 * np.eye(len(POSES)))
+    root = np.linalg.cholesky(geometry_error_correlation(POSES) + 1e-9 * np.eye(len(POSES)))
     off = size * root @ (rng.standard_normal((len(POSES), 6)) / np.repeat((1, ARM_REACH), 3))
     return np.stack([boxplus(T, step) for T, step in zip(POSES, off, strict=True)])
 
@@ -103,7 +103,7 @@ def test_a_known_arm_moves_as_its_deviations_move_it() -> None:
     moved = boxminus(with_deviations(arm, off).forward(q), arm.forward(q))
     # The maker's tolerance leaves 0.40 mm RMS, all directions together: so many metres each.
     np.testing.assert_allclose(
-        ArmGeometry(arm).moves(q) @ size.ravel() * 0.232e-3, moved, rtol=0.01, atol=1e-9
+        ArmGeometryDeviation(arm).moves(q) @ size.ravel() * 0.232e-3, moved, rtol=0.01, atol=1e-9
     )
 
 

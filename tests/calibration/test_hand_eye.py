@@ -36,7 +36,7 @@ from tjscan.calibration.closed_form import (
     transform_line,
 )
 from tjscan.calibration.hand_eye import calibrate_on_plane
-from tjscan.calibration.noise import NoiseModel, geometry_correlation
+from tjscan.calibration.noise import NoiseModel, geometry_error_correlation
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.solve.refine import (
     CombinedModel,
@@ -226,7 +226,7 @@ def test_leaving_a_line_out_moves_the_result_as_foretold() -> None:
     taken = samples(POSES, shots(POSES, HAND, rng))
     board = target(rng)
     lines = PlaneModel(stack_lines(POSES, [s.fit for s in taken]), board, NOISE)
-    model = CombinedModel((lines,), geometry_correlation(POSES))
+    model = CombinedModel((lines,), geometry_error_correlation(POSES))
     every = np.ones(12, dtype=bool)
     whole = refine_by_least_squares(model, T_F_S, np.zeros(3), every)
     foretold_falls, foretold_steps = leave_one_out_changes(whole)

@@ -23,7 +23,7 @@ from tjscan.core.pose_vector import boxminus
 from tjscan.laser.deviation import LaserDeviation
 from tjscan.laser.profile import Profile
 
-LASER = LaserDeviation.in_window(2e-6, WINDOW)
+LASER = LaserDeviation.for_window(2e-6, WINDOW)
 """So small that squares of it do not count."""
 
 

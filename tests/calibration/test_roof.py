@@ -9,7 +9,7 @@ from calibration_stage import NOISE, T_F_S, WINDOW, error
 from scipy.spatial.transform import Rotation
 
 from tjscan.calibration.hand_eye import calibrate_on_targets
-from tjscan.calibration.noise import geometry_correlation
+from tjscan.calibration.noise import geometry_error_correlation
 from tjscan.calibration.solve.refine import CombinedModel
 from tjscan.calibration.solve.solution import inverse_pose_errors
 from tjscan.calibration.targets.ball import CircleFit, SeenBall, SphereTarget
@@ -158,7 +158,9 @@ def test_what_models_share_is_one_pose() -> None:
     """The stacked covariance holds no correlation between profiles but by the arm's geometry."""
     taken = roofs(np.random.default_rng(5), 6)
     seen = SeenRoof(taken, NOISE)
-    model = CombinedModel((seen.start_at(T_F_S)[0],), geometry_correlation(seen.T_b_f))
+    model = CombinedModel(
+        (seen.model_at_sensor_pose(T_F_S)[0],), geometry_error_correlation(seen.T_b_f)
+    )
     plain = model.linearise(T_F_S, np.zeros(6))
     other = plain.profile[:, None] != plain.profile
     assert np.abs(plain.covariance[other]).max() == 0

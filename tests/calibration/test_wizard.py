@@ -29,7 +29,7 @@ from tjscan.calibration.file import read_calibration
 from tjscan.calibration.result import HandEyeCalibration
 from tjscan.calibration.targets.target import PosedProfile
 from tjscan.calibration.wizard.logbook import (
-    CALIBRATION_RECORDING,
+    CALIBRATION_RECORDING_KIND,
     BoardTouch,
     CalibrationEntry,
     LaserLineTaken,
@@ -186,7 +186,7 @@ def test_the_hidden_truth_is_found_as_surely_as_is_claimed(calibrated: Path) -> 
     assert found.lines == 12
     assert found.verification is not None
     assert found.verification.misfit < found.verification.limit
-    files = {"SHA256SUMS", "job.toml", f"{CALIBRATION_RECORDING}.mcap", "calibration.toml"}
+    files = {"SHA256SUMS", "job.toml", f"{CALIBRATION_RECORDING_KIND}.mcap", "calibration.toml"}
     files |= {"report.html", "calibration.png"}
     assert found.basis is not None
     assert [step.lines for step in found.basis.shrinking][-1] == 12
@@ -281,7 +281,7 @@ def test_the_same_lines_give_the_same_calibration_and_no_move(
 ) -> None:
     copy = tmp_path / "copy"
     copy.mkdir()
-    for name in ("job.toml", f"{CALIBRATION_RECORDING}.mcap"):
+    for name in ("job.toml", f"{CALIBRATION_RECORDING_KIND}.mcap"):
         (copy / name).write_bytes((calibrated / name).read_bytes())
     watcher = Watcher()
     resume_calibration(copy, watcher)
@@ -443,7 +443,7 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
     T[:3, 3] = rng.normal(size=3)
     turned = np.diag((1.0, -1.0, -1.0, 1.0))
     profile = Profile(np.array([0.1, np.nan, 0.3]), np.array([0.2, np.nan, 1 / 3]))
-    file = tmp_path / f"{CALIBRATION_RECORDING}.mcap"
+    file = tmp_path / f"{CALIBRATION_RECORDING_KIND}.mcap"
     with Logbook(tmp_path, TRUTH) as logbook:
         for entry in (
             BoardTouch(0, T),
@@ -464,7 +464,7 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
     with Logbook(tmp_path, TRUTH) as logbook:
         found = logbook.measured
     assert file.read_bytes() == cut
-    assert (tmp_path / f"{CALIBRATION_RECORDING}-2.mcap").exists()
+    assert (tmp_path / f"{CALIBRATION_RECORDING_KIND}-2.mcap").exists()
     assert found.started_at == written.started_at
     assert found.touches[1].T_b_f is None
     np.testing.assert_array_equal(found.touches[0].T_b_f, T @ turned)
@@ -477,7 +477,7 @@ def test_a_logbook_keeps_every_entry_and_drops_what_was_cut_off(tmp_path: Path) 
 
 
 def test_every_part_shows_a_viewer_where_the_laser_sits_on_the_flange(tmp_path: Path) -> None:
-    for name in (f"{CALIBRATION_RECORDING}.mcap", f"{CALIBRATION_RECORDING}-2.mcap"):
+    for name in (f"{CALIBRATION_RECORDING_KIND}.mcap", f"{CALIBRATION_RECORDING_KIND}-2.mcap"):
         with Logbook(tmp_path, TRUTH):
             pass
         (entry,) = read_messages(tmp_path / name, [TRANSFORMS_TOPIC])
@@ -501,14 +501,16 @@ def test_a_damaged_recording_is_refused(
     tmp_path: Path, name: str, schema: str, fields: dict[str, Any]
 ) -> None:
     topic = raw_topic(name, schema)
-    with RecordingWriter(tmp_path / f"{CALIBRATION_RECORDING}.mcap", [topic]) as recording:
+    with RecordingWriter(tmp_path / f"{CALIBRATION_RECORDING_KIND}.mcap", [topic]) as recording:
         recording.write(0, (topic, fields))
     with pytest.raises(RecordingError, match="damaged"), Logbook(tmp_path, TRUTH):
         pass
 
 
 def test_a_profile_without_its_line_is_refused(tmp_path: Path) -> None:
-    with RecordingWriter(tmp_path / f"{CALIBRATION_RECORDING}.mcap", [PROFILE_TOPIC]) as recording:
+    with RecordingWriter(
+        tmp_path / f"{CALIBRATION_RECORDING_KIND}.mcap", [PROFILE_TOPIC]
+    ) as recording:
         recording.write(0, (PROFILE_TOPIC, PointCloud()))
     with (
         pytest.raises(RecordingError, match="a profile without a line"),
@@ -518,7 +520,7 @@ def test_a_profile_without_its_line_is_refused(tmp_path: Path) -> None:
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
-    (tmp_path / f"{CALIBRATION_RECORDING}.mcap").write_text("nonsense", encoding="utf-8")
+    (tmp_path / f"{CALIBRATION_RECORDING_KIND}.mcap").write_text("nonsense", encoding="utf-8")
     with (
         pytest.raises(RecordingError, match="is no recording"),
         Logbook(tmp_path, TRUTH),

@@ -25,7 +25,7 @@ from tjscan.core.errors import (
     WrongLaser,
 )
 from tjscan.job.files import read_scan_job
-from tjscan.laser.genicam.gige import TAKEN_AGAIN_EVENT, ScanControlLaser
+from tjscan.laser.genicam.gige import RETRIGGERED_PROFILE_EVENT, ScanControlLaser
 from tjscan.laser.genicam.settings import ScanControlSettings
 from tjscan.laser.scan3d import COORDINATE_FORMATS
 from tjscan_loopback.process import LaserLoopbackProcess
@@ -169,7 +169,7 @@ def test_lost_packets_are_made_up_for(loopback: LaserLoopbackProcess) -> None:
         laser.report_events_to(lambda name, detail: events.append(name))
         loopback.schedule_fault("loss 5")
         taken = [laser.capture() for _ in range(40)]
-    assert set(events) <= {TAKEN_AGAIN_EVENT}
+    assert set(events) <= {RETRIGGERED_PROFILE_EVENT}
     first = taken[0]
     assert first.valid.sum() > 300
     both = first.valid & true.valid

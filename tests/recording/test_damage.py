@@ -15,10 +15,10 @@ from tjscan.recording.parts import recording_files
 from tjscan.recording.reader import (
     RecordingDamage,
     count_messages,
+    raise_damage_error,
     read_header,
     read_job_snapshot,
     read_messages,
-    refuse_damage,
 )
 from tjscan.recording.topic import Topic
 
@@ -43,7 +43,7 @@ def record(file: Path, first: int = 0) -> None:
 
 
 def content(
-    directory: Path, report: Callable[[RecordingDamage], object] = refuse_damage
+    directory: Path, report: Callable[[RecordingDamage], object] = raise_damage_error
 ) -> list[tuple[int, str]]:
     return [
         (entry.time, str(entry.message))

@@ -15,7 +15,7 @@ from tjscan.calibration.file import (
     BallEntry,
     BasisEntry,
     CalibrationFile,
-    ShrinkingEntry,
+    UncertaintyAfterLinesEntry,
     in_file_units,
     read_calibration,
     to_calibration_file,
@@ -66,8 +66,8 @@ def found() -> CalibrationFile:
         caveats=result.caveats,
         views=views_of_poses(dict(zip(names, poses, strict=True)), result.T_f_s),
         shrinking=(
-            ShrinkingEntry(lines=5, sigma_position_mm=0.3, sigma_rotation_deg=0.06),
-            ShrinkingEntry(lines=12, sigma_position_mm=0.1, sigma_rotation_deg=0.02),
+            UncertaintyAfterLinesEntry(lines=5, sigma_position_mm=0.3, sigma_rotation_deg=0.06),
+            UncertaintyAfterLinesEntry(lines=12, sigma_position_mm=0.1, sigma_rotation_deg=0.02),
         ),
     )
     return to_calibration_file(
@@ -92,7 +92,8 @@ def test_it_begins_with_the_pose_and_its_uncertainty_as_the_file_states_them(
     sigma = np.sqrt(np.diag(found.covariance))
     places = [page.words.index("Findings")]
     places.extend(
-        page.words.index(f"{found.sensor_rows[k][3]:.3f} ± {sigma[k]:.3f} mm") for k in range(3)
+        page.words.index(f"{found.sensor_pose_rows[k][3]:.3f} ± {sigma[k]:.3f} mm")
+        for k in range(3)
     )
     places.append(
         page.words.index(f"{found.sigma_position_mm:.3f} mm, {found.sigma_rotation_deg:.4f}°")

@@ -83,7 +83,7 @@ def test_squares_of_the_components_add_up_to_what_is_combined() -> None:
 
 def test_sections_carry_what_the_budget_says() -> None:
     budget = a_budget()
-    for k, section in enumerate(budget.state_in(SECTIONS)):
+    for k, section in enumerate(budget.sections_with_covariances(SECTIONS)):
         np.testing.assert_allclose(section.covariances, budget.corner_covariances[k])
         own = budget.components[0].corner_covariances[k]
         np.testing.assert_allclose(

@@ -15,7 +15,7 @@ from tjscan.core.frames import Array
 from tjscan.robot.arm import (
     LARGEST_TURN_AT_REST,
     REST_DURATION,
-    REST_LIMIT,
+    REST_TIMEOUT,
     STATE_READING_PAUSE,
     ArmState,
     await_rest,
@@ -61,11 +61,11 @@ class LedArm(SimulatedArm):
 
 
 @settings(max_examples=50, deadline=None)
-@given(speed=st.floats(CREEP, 1.0), seconds=st.floats(0.0, REST_LIMIT - 2 * REST_DURATION))
+@given(speed=st.floats(CREEP, 1.0), seconds=st.floats(0.0, REST_TIMEOUT - 2 * REST_DURATION))
 def test_a_state_at_rest_is_one_after_the_motion(speed: float, seconds: float) -> None:
     with LedArm(speed, seconds) as arm:
         state = arm.rest()
-        assert state.time >= min(seconds, REST_LIMIT)
+        assert state.time >= min(seconds, REST_TIMEOUT)
         # Flickering encoders may hold a slow motion on for another window.
         assert state.time <= seconds + 2 * REST_DURATION + 3 * STATE_READING_PAUSE
         check_arm_has_not_moved(state, arm.state())
@@ -77,7 +77,7 @@ def test_an_arm_that_never_rests_is_not_waited_for_for_ever(speed: float) -> Non
     with LedArm(speed, np.inf) as arm:
         with pytest.raises(ArmFault, match="does not come to rest"):
             arm.rest()
-        assert REST_LIMIT < arm.clock <= REST_LIMIT + 2 * STATE_READING_PAUSE
+        assert REST_TIMEOUT < arm.clock <= REST_TIMEOUT + 2 * STATE_READING_PAUSE
 
 
 def test_an_arm_that_moved_meanwhile_is_told() -> None:

@@ -16,14 +16,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
-from tjscan.calibration.noise import geometry_correlation
+from tjscan.calibration.noise import geometry_error_correlation
 from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty, SampleResidual
 from tjscan.calibration.solve import refine
 from tjscan.calibration.solve.refine import CombinedModel, LeastSquaresEstimate
 from tjscan.calibration.solve.solution import (
     CalibrationProblem,
     SensorSolution,
-    blame_costs,
+    blame_thresholds,
     inverse_poses,
 )
 from tjscan.calibration.targets.line import LineFit
@@ -41,11 +41,11 @@ ADVISED_TILT_DEG: Final = 20
 """Degrees to tilt by, in the advice: they bring the condition number well below its limit."""
 MAX_CONDITION: Final = 100.0
 """Of eq. (21); beyond it, errors of a line grow into millimetres."""
-ARBITRARY_CONDITION: Final = 1e4
+ARBITRARY_ROTATION_CONDITION: Final = 1e4
 """Condition beyond which the rotation found is arbitrary and names no axes."""
 
 
-def check_motion(T_b_f: Array, u_b: Array | None, R_f_s: Array | None = None) -> None:
+def check_poses_fix_hand_eye(T_b_f: Array, u_b: Array | None, R_f_s: Array | None = None) -> None:
     """Refuse poses that can't fix a hand-eye transform, for any lines.
 
     Parameters
@@ -77,12 +77,12 @@ def check_motion(T_b_f: Array, u_b: Array | None, R_f_s: Array | None = None) ->
             f"{ADVISED_TILT_DEG}° or more, both ways, about {advised}",
         )
     if spread[1] < MIN_ROTATION:
-        _refuse_one_axis(axes[0], None if u_b is None else R[0].T @ u_b, R_f_s)
+        _refuse_turns_about_one_axis(axes[0], None if u_b is None else R[0].T @ u_b, R_f_s)
     if u_b is not None:
-        _check_normals(u_b @ R, R_f_s)
+        _check_normals_lean_two_ways(u_b @ R, R_f_s)
 
 
-def _refuse_one_axis(axis_f: Array, u_f: Array | None, R_f_s: Array | None) -> None:
+def _refuse_turns_about_one_axis(axis_f: Array, u_f: Array | None, R_f_s: Array | None) -> None:
     """Name the axis turned about, and the one to tilt about: square to it, along the board."""
     if u_f is None and R_f_s is not None:
         u_f = -R_f_s[:, 2]  # the sensor looks at the board
@@ -100,7 +100,7 @@ def _refuse_one_axis(axis_f: Array, u_f: Array | None, R_f_s: Array | None) -> N
     )
 
 
-def _check_normals(u_f: Array, R_f_s: Array | None) -> None:
+def _check_normals_lean_two_ways(u_f: Array, R_f_s: Array | None) -> None:
     """The normals seen from the flange, shape (n, 3), must lean two ways."""
     spread, axes = tilt_spread(u_f)
     missing = [axis for axis, s in zip(axes, spread, strict=True) if s < MIN_ROTATION]
@@ -173,7 +173,11 @@ def check_rotation_condition(
     if condition <= MAX_CONDITION:
         return condition
     # A rotation from an ill-conditioned set still names the axes, unless it is arbitrary.
-    R = R_f_s_guess if R_f_s_guess is not None or condition > ARBITRARY_CONDITION else R_f_s
+    R = (
+        R_f_s_guess
+        if R_f_s_guess is not None or condition > ARBITRARY_ROTATION_CONDITION
+        else R_f_s
+    )
     spread, axes = tilt_spread(u_f)
     shown = " and ".join(
         f"{np.degrees(s):.1f}° about {describe_axis(axis, R)}"
@@ -419,8 +423,8 @@ def verify_with_fresh_line(
     """
     every = replace(board, samples=[*board.samples, fresh])
     used = np.array([*(one.used for one in result.residuals), False])
-    plane, start = every.start_at(result.T_f_s)
-    model = CombinedModel((plane,), geometry_correlation(every.T_b_f), result.geometry)
+    plane, start = every.model_at_sensor_pose(result.T_f_s)
+    model = CombinedModel((plane,), geometry_error_correlation(every.T_b_f), result.geometry)
     estimate = refine.refine_by_least_squares(model, result.T_f_s, start, used)
     r, covariance = refine.predicted_residuals(estimate, len(used) - 1)
     covariance = result.sigma_scale**2 * covariance
@@ -442,9 +446,9 @@ MAX_REFINED_STARTS: Final = 2
 """The nearest ones, for each other hypothesis about the poses."""
 MAX_VARIANCE_SCALE: Final = 9.0
 """A hypothesis fits if no variance must be larger than stated by more than this."""
-MAX_PAIRS_TRIED: Final = 15
+MAX_SWAPPED_PAIRS_TRIED: Final = 15
 """Pairs of rejected profiles whose poses are exchanged."""
-POSE_SHIFTS_TRIED: Final = 5
+POSE_ORDER_SHIFTS_TRIED: Final = 5
 """Ways to give profiles one another's poses."""
 
 
@@ -467,10 +471,10 @@ def check_pose_convention(problem: CalibrationProblem, solution: SensorSolution)
         return
     fits = {
         name: _fit_with_poses(problem, problem.invert_if_fixed(T))
-        for name, T in other_conventions(problem.invert_if_fixed(problem.T_b_f)).items()
+        for name, T in poses_by_other_conventions(problem.invert_if_fixed(problem.T_b_f)).items()
     }
     name = min(fits, key=lambda one: _likelihood_cost(fits[one]))
-    gain = _stated_cost(solution) - _likelihood_cost(fits[name])
+    gain = _cost_of_stated_poses(solution) - _likelihood_cost(fits[name])
     # If neither fits, the cause is another one.
     if gain > _likelihood_limit(len(fits)) and fits[name].variance_scale < MAX_VARIANCE_SCALE:
         raise CalibrationRefused(
@@ -480,7 +484,7 @@ def check_pose_convention(problem: CalibrationProblem, solution: SensorSolution)
         )
 
 
-def check_pairing(problem: CalibrationProblem, solution: SensorSolution) -> None:
+def check_pose_pairing(problem: CalibrationProblem, solution: SensorSolution) -> None:
     """Refuse profiles that fit their own poses no better than one another's.
 
     Parameters
@@ -499,11 +503,13 @@ def check_pairing(problem: CalibrationProblem, solution: SensorSolution) -> None
     if count <= 2 or (solution.whole.is_plausible and solution.estimate.used.all()):
         return
     costs = {}
-    for shift in map(int, np.unique(np.linspace(1, count - 1, POSE_SHIFTS_TRIED).astype(int))):
+    for shift in map(
+        int, np.unique(np.linspace(1, count - 1, POSE_ORDER_SHIFTS_TRIED).astype(int))
+    ):
         moved = np.concatenate([np.roll(one.T_b_f, shift, axis=0) for one in problem.targets])
         costs[shift] = _likelihood_cost(_fit_with_poses(problem, moved))
     best = min(costs, key=lambda one: costs[one])
-    if costs[best] - _stated_cost(solution) < _likelihood_limit(len(costs)):
+    if costs[best] - _cost_of_stated_poses(solution) < _likelihood_limit(len(costs)):
         raise CalibrationRefused(
             "profiles that do not belong to their poses",
             f"they fit the poses {best} places further on about as well as their own; check that "
@@ -522,7 +528,7 @@ def swapped_pose_notes(problem: CalibrationProblem, solution: SensorSolution) ->
     solution : SensorSolution
         Without the profiles that contradict the others.
     """
-    pairs = list(combinations(np.flatnonzero(~solution.estimate.used), 2))[:MAX_PAIRS_TRIED]
+    pairs = list(combinations(np.flatnonzero(~solution.estimate.used), 2))[:MAX_SWAPPED_PAIRS_TRIED]
     notes, T, names = [], problem.T_b_f, problem.names
     for i, j in pairs:
         swapped = T.copy()
@@ -542,10 +548,10 @@ def _fit_with_poses(problem: CalibrationProblem, T_b_f: Array) -> LeastSquaresEs
     return other.fit(other.starts, MAX_REFINED_STARTS)[1]
 
 
-def _stated_cost(solution: SensorSolution) -> float:
+def _cost_of_stated_poses(solution: SensorSolution) -> float:
     """Cost of the stated poses, if profiles may be left out at a price."""
     estimate = solution.estimate
-    price = float(blame_costs(estimate)[~estimate.used].sum())
+    price = float(blame_thresholds(estimate)[~estimate.used].sum())
     return min(_likelihood_cost(solution.whole), _likelihood_cost(estimate) + price)
 
 
@@ -560,7 +566,7 @@ def _likelihood_limit(count: int) -> float:
     return float(2 * np.log(count / MISREAD_FALSE_ALARM_PROBABILITY))
 
 
-def other_conventions(T_b_f: Array) -> dict[str, Array]:
+def poses_by_other_conventions(T_b_f: Array) -> dict[str, Array]:
     """Poses that the same numbers mean under other conventions, by the words for these.
 
     They are the mistakes that are made when arms' files are converted.

@@ -33,7 +33,7 @@ Words = Annotated[tuple[str, ...], Field(strict=False)]
 FILE_UNITS_PER_SI: Final = np.array((1e3, 1e3, 1e3, *np.full(3, 180 / np.pi)))
 """From metres and radians to the file's millimetres and degrees: a pose or a joint's frame."""
 
-MAX_DEVIATION: Final = 5.0
+MAX_JOINT_DEVIATION: Final = 5.0
 """Millimetres and degrees; an arm that deviates by more is of another model."""
 
 
@@ -107,8 +107,8 @@ class ArmKinematicsEntry(StrictFileModel):
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> ArmKinematicsEntry:
-        if not np.abs(self.deviations).max() <= MAX_DEVIATION:
-            raise ValueError(f"an arm deviates by less than {MAX_DEVIATION:g} mm and degrees")
+        if not np.abs(self.deviations).max() <= MAX_JOINT_DEVIATION:
+            raise ValueError(f"an arm deviates by less than {MAX_JOINT_DEVIATION:g} mm and degrees")
         n = 6 + 6 * len(self.deviations)
         covariance = np.array([row for row in self.covariance if len(row) == n])
         if covariance.shape != (n, n) or not np.allclose(covariance, covariance.T):
@@ -138,13 +138,13 @@ class LaserResponseEntry(StrictFileModel):
     by_draws: NumberTable
 
     @model_validator(mode="after")
-    def _is_a_table(self) -> LaserResponseEntry:
+    def _check_response_table(self) -> LaserResponseEntry:
         if len({len(row) for row in self.by_draws}) != 1 or len(self.by_draws) % 6:
             raise ValueError("a response has six rows a pose and joint, all of the same length")
         return self
 
     @property
-    def by_draws_si(self) -> Array:
+    def response_si(self) -> Array:
         """The response in metres and radians, shape (6 k, m)."""
         units = np.tile(FILE_UNITS_PER_SI, len(self.by_draws) // 6)
         return np.asarray(np.array(self.by_draws) / units[:, None])
@@ -163,7 +163,7 @@ class ViewEntry(StrictFileModel):
     azimuth_deg: float
 
 
-class ShrinkingEntry(StrictFileModel):
+class UncertaintyAfterLinesEntry(StrictFileModel):
     """Standard uncertainty of the result after so many lines."""
 
     lines: int = Field(ge=1)
@@ -183,7 +183,7 @@ class BasisEntry(StrictFileModel):
     left_out: Words = ()
     caveats: Words = ()
     views: Annotated[tuple[ViewEntry, ...], Field(strict=False)] = ()
-    shrinking: Annotated[tuple[ShrinkingEntry, ...], Field(strict=False)] = ()
+    shrinking: Annotated[tuple[UncertaintyAfterLinesEntry, ...], Field(strict=False)] = ()
 
 
 def views_of_poses(
@@ -267,12 +267,15 @@ class CalibrationFile(StrictFileModel):
             held = covariance if self.kinematics is None else self.kinematics.covariance
             if len(self.laser_response.by_draws) != len(held):
                 raise ValueError("its laser_response has not as many rows as its covariance")
-        if not max(abs(v) for row in self.sensor_rows[:3] for v in row[3:]) >= MIN_SENSOR_OFFSET_MM:
+        if (
+            not max(abs(v) for row in self.sensor_pose_rows[:3] for v in row[3:])
+            >= MIN_SENSOR_OFFSET_MM
+        ):
             raise ValueError("its sensor sits in the flange: are these metres, not millimetres?")
         return self
 
     @property
-    def sensor_rows(self) -> PoseRows:
+    def sensor_pose_rows(self) -> PoseRows:
         """Pose of the sensor, on the flange or, fixed, in the base; rows in millimetres."""
         return cast("PoseRows", self.T_f_s_mm or self.T_b_s_mm)
 

@@ -13,7 +13,7 @@ from tjscan.calibration import checks
 from tjscan.calibration.closed_form import rotation_equations, solve_closed_form
 from tjscan.calibration.noise import NoiseModel
 from tjscan.calibration.result import HandEyeCalibration, MeasuredRadius
-from tjscan.calibration.solve.refine import estimate_by_laser
+from tjscan.calibration.solve.refine import laser_response_of_estimate
 from tjscan.calibration.solve.solution import CalibrationProblem, SensorSolution, Targets
 from tjscan.calibration.targets.ball import SeenBall, SphereTarget
 from tjscan.calibration.targets.line import stack_lines
@@ -102,7 +102,7 @@ def calibrate_on_targets(
     T_b_f = problem.T_b_f
     R_guess = None if T_f_s_guess is None else T_f_s_guess[:3, :3]
     touched = next((one.target for one in targets if isinstance(one, SeenBoard)), None)
-    checks.check_motion(T_b_f, None if touched is None else touched.plane.u, R_guess)
+    checks.check_poses_fix_hand_eye(T_b_f, None if touched is None else touched.plane.u, R_guess)
     starts = problem.starts + ([] if T_f_s_guess is None else [T_f_s_guess])
     measured_radius = None
     if any(isinstance(one, SeenBall) for one in targets):
@@ -117,7 +117,7 @@ def calibrate_on_targets(
     estimate = solution.estimate
     if check_conventions:
         checks.check_pose_convention(problem, solution)
-        checks.check_pairing(problem, solution)
+        checks.check_pose_pairing(problem, solution)
     notes = checks.swapped_pose_notes(problem, solution)
     condition = _check_condition(T_b_f, solution, R_guess)
     residuals = checks.sample_residuals(problem.names, estimate, solution.settled)
@@ -141,7 +141,7 @@ def calibrate_on_targets(
         sensor_is_fixed=sensor_is_fixed,
         closed_form=closed_form,
         notes=notes,
-        by_laser=estimate_by_laser(estimate),
+        by_laser=laser_response_of_estimate(estimate),
         **_target_fields(solution),
     )
 

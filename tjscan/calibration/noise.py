@@ -36,7 +36,7 @@ class NoiseModel(SettingsTable):
         Of one touched point, in metres, in each axis, the arm's own error included.
     geometry : float
         Of the flange's position, in metres, in each axis, from the arm's lengths and zeros of
-        joints: alike at poses that are alike; see `geometry_correlation`. At least so
+        joints: alike at poses that are alike; see `geometry_error_correlation`. At least so
         much is allowed for; if the residuals show more, that. The default is what a maker's
         own calibration of an arm leaves; zero suits an exact, simulated one.
 
@@ -80,10 +80,10 @@ joint's angle, and an error of its position over this is the error of its orient
 
 FlangeMoves = Callable[[Array], Array]
 """From joint angles, shape (joints,), to how the flange moves with m independent standard normal
-draws of the arm's geometry, shape (6, m): see `ArmGeometry.moves`."""
+draws of the arm's geometry, shape (6, m): see `ArmGeometryDeviation.moves`."""
 
 
-def geometry_correlation(T_b_f: Array) -> Array:
+def geometry_error_correlation(T_b_f: Array) -> Array:
     """Correlation of the geometry error of an unknown arm, shape (n, n).
 
     Parameters
@@ -106,7 +106,7 @@ def geometry_correlation(T_b_f: Array) -> Array:
     return np.asarray(np.exp(-0.5 * ((metres / ARM_REACH) ** 2 + radians**2)))
 
 
-def geometry_covariance(by_arm: Array, correlation: Array) -> Array:
+def geometry_error_covariance(by_arm: Array, correlation: Array) -> Array:
     """Covariance that a geometry error of one metre (position, each axis) gives residuals.
 
     Parameters

@@ -50,7 +50,7 @@ class OrientationConvention:
     angle_unit: str = ""
 
 
-def _from_quaternion(wxyz: Array) -> Array:
+def _rotation_of_quaternion(wxyz: Array) -> Array:
     length = float(np.linalg.norm(wxyz))
     if not abs(length - 1) < QUATERNION_NORM_TOLERANCE:
         raise ValueError(f"its quaternion has length {length:.3f}, not 1")
@@ -75,12 +75,12 @@ ORIENTATION_CONVENTIONS: Final = (
     OrientationConvention(
         ("qx", "qy", "qz", "qw"),
         "quaternion, scalar last",
-        lambda q: _from_quaternion(np.roll(q, 1)),
+        lambda q: _rotation_of_quaternion(np.roll(q, 1)),
     ),
     OrientationConvention(
         ("q1", "q2", "q3", "q4"),
         "ABB quaternion, scalar first",
-        _from_quaternion,
+        _rotation_of_quaternion,
         length_unit="mm",
     ),
     FANUC_CONVENTION,
@@ -238,8 +238,8 @@ def read_flange_poses(file: Path) -> FlangePoseList:
             poses = read(_read_text(file, errors="replace"))
             return FlangePoseList(poses, all(map(str.isdigit, poses)), convention.meaning)
         names, rows = _read_table(file)
-        convention, orientation = _find_orientation(names)
-        position = _find_position(names, convention.length_unit)
+        convention, orientation = _find_orientation_columns(names)
+        position = _find_position_columns(names, convention.length_unit)
         joints = _find_joint_columns(names)
         key_at = next((names.index(name) for name in PROFILE_COLUMNS if name in names), None)
         found = FlangePoseList({}, key_at is not None, convention.meaning)
@@ -267,7 +267,7 @@ def read_points_in_base_frame(file: Path) -> Array:
     """
     with _explain_errors_of(file):
         names, rows = _read_table(file)
-        columns = _find_position(names)
+        columns = _find_position_columns(names)
         try:
             return np.array([_values_of_row(row, columns) for row in rows])
         except ValueError as error:
@@ -347,14 +347,14 @@ def _read_table(file: Path) -> tuple[list[str], list[list[str]]]:
     return names, rows[1:]
 
 
-def _find_position(names: Sequence[str], unit: str = "") -> Columns:
+def _find_position_columns(names: Sequence[str], unit: str = "") -> Columns:
     columns = _find_columns(names, ("x", "y", "z"), METRES_PER_UNIT, unit)
     if columns is None:
         raise ValueError(f"has no columns x_mm, y_mm, z_mm (found: {', '.join(names[:12])})")
     return columns
 
 
-def _find_orientation(names: Sequence[str]) -> tuple[OrientationConvention, Columns]:
+def _find_orientation_columns(names: Sequence[str]) -> tuple[OrientationConvention, Columns]:
     """Convention that the header names, and its columns."""
     found = []
     for convention in ORIENTATION_CONVENTIONS:

@@ -195,7 +195,7 @@ def _calibrate_arm(
     held_out = np.arange(len(names)) % HELD_OUT_EVERY == HELD_OUT_EVERY // 2
     targets = []
     for one in seen:
-        model, start = one.start_at(T_f_s)
+        model, start = one.model_at_sensor_pose(T_f_s)
         q = np.array([sample.q for sample in one.samples])
         targets.append(TargetInPostures(model, q, one.T_b_f, start))
     arm = ArmModel(kinematics, tuple(targets))

@@ -13,8 +13,8 @@ from tjscan.calibration.targets.plane import PlaneTarget
 from tjscan.calibration.targets.roof import RoofTarget
 from tjscan.core.frames import Array, array_dataclass
 
-TARGET_SIGMA_POSITION: Final = 0.5e-3
-TARGET_SIGMA_ROTATION: Final = float(np.radians(0.1))
+WANTED_SIGMA_POSITION: Final = 0.5e-3
+WANTED_SIGMA_ROTATION: Final = float(np.radians(0.1))
 """Metres and radians RMS; what a weld groove is to be measured to."""
 MAX_RADIUS_SIGMA: Final = 0.15e-3
 """Metres; a radius measured with less certainty does not check the one that is stated."""
@@ -214,7 +214,7 @@ class HandEyeCalibration:
                 "has been widened by as much"
             )
         sure = self.uncertainty
-        if sure.position > TARGET_SIGMA_POSITION or sure.rotation > TARGET_SIGMA_ROTATION:
+        if sure.position > WANTED_SIGMA_POSITION or sure.rotation > WANTED_SIGMA_ROTATION:
             found.append(
                 f"the sensor's place is certain to {1e3 * sure.position:.2f} mm and "
                 f"{np.degrees(sure.rotation):.2f}° only; add lines that are tilted further"

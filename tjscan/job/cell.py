@@ -158,7 +158,7 @@ def sensor_mount_of_job(job: CellJob, job_file: Path) -> SensorMount:
     found = read_calibration(file, arm=job.arm.device_id, laser=laser)
     by_laser, linearity = None, 0.0
     if (response := found.laser_response) is not None:
-        by_laser, linearity = response.by_draws_si, 1e-3 * response.linearity_mm
+        by_laser, linearity = response.response_si, 1e-3 * response.linearity_mm
     if (arm := found.kinematics) is None:
         return SensorMount(found.T_f_s, file, None, found.covariance_si, by_laser, linearity)
     if arm.model != (name := kinematics_of_job(job).name):

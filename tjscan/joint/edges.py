@@ -74,7 +74,7 @@ class JointGrooveSections:
             self.p3 = land + definition.root_bead * bevel
             # The bead's face is the base of an isosceles triangle between the bevel and the leg's
             # tangent at the apex, so it is about square to the bisector of the groove.
-            to_leg = _unit_slope(leg, phi, self.apex[:, 0]) - bevel
+            to_leg = _leg_direction_rz(leg, phi, self.apex[:, 0]) - bevel
         self.p4 = leg.ray_intersections(phi, self.p3, to_leg)
         for array in vars(self).values():
             array.flags.writeable = False
@@ -119,7 +119,7 @@ def bevel_direction(gapped: LegSurface, phi: Array, rho: Array, groove_angle: Ar
 
 def leg_normal_rz(leg: LegSurface, phi: Array, rho: Array) -> Array:
     """Unit vectors out of the leg in the radial half-planes, square to its line there, (n, 2)."""
-    return _unit_slope(leg, phi, rho)[:, ::-1] * (-1.0, 1.0)
+    return _leg_direction_rz(leg, phi, rho)[:, ::-1] * (-1.0, 1.0)
 
 
 def _bore_radius(definition: JointDefinition, gapped: LegSurface, phi: Array) -> Array:
@@ -145,7 +145,7 @@ def _points_rz(leg: LegSurface, phi: Array, rho: Array) -> Array:
     return np.column_stack((rho, leg.height(phi, rho)))
 
 
-def _unit_slope(leg: LegSurface, phi: Array, rho: Array) -> Array:
+def _leg_direction_rz(leg: LegSurface, phi: Array, rho: Array) -> Array:
     """Unit vectors along the leg in the radial half-planes, away from the brace, (n, 2)."""
     return unit_vectors(np.column_stack((np.ones_like(phi), leg.slope(phi, rho))))
 

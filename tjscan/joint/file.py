@@ -84,26 +84,28 @@ def _check_tubes(d: JointDefinition) -> None:
     for name, (table, key, _) in LENGTH_KEYS.items():
         value = getattr(d, name)
         if not 0 <= value < np.inf and key != "wall_mm":
-            _raise_wrong_key(f"{table}.{key}", f"{_mm(value)} is no length")
+            _raise_wrong_key(f"{table}.{key}", f"{_to_mm(value)} is no length")
     for key, radius, wall in (
         ("leg.wall_mm", d.leg_radius, d.leg_wall),
         ("brace.wall_mm", d.brace_radius, d.brace_wall),
     ):
         if not 0 < wall <= radius - LEAST_BORE_RADIUS:
-            most = _mm(radius - LEAST_BORE_RADIUS)
-            _raise_wrong_key(key, f"a wall of {_mm(wall)} leaves no bore; stay at or below {most}")
+            most = _to_mm(radius - LEAST_BORE_RADIUS)
+            _raise_wrong_key(
+                key, f"a wall of {_to_mm(wall)} leaves no bore; stay at or below {most}"
+            )
     if d.brace_radius > MOST_RADIUS_RATIO * d.leg_radius:
-        most = _mm(2 * MOST_RADIUS_RATIO * d.leg_radius)
+        most = _to_mm(2 * MOST_RADIUS_RATIO * d.leg_radius)
         _raise_wrong_key(
             "brace.outer_diameter_mm",
-            f"{_mm(2 * d.brace_radius)} is too wide for a leg of {_mm(2 * d.leg_radius)}: "
+            f"{_to_mm(2 * d.brace_radius)} is too wide for a leg of {_to_mm(2 * d.leg_radius)}: "
             f"the groove opens flat at the saddle; stay at or below {most}",
         )
     if not LEAST_BRACE_ANGLE <= d.angle <= MOST_BRACE_ANGLE:
         _raise_wrong_key(
             "brace.angle_deg",
-            f"{_deg(d.angle)} is out of range; the angle on the heel side lies between "
-            f"{_deg(LEAST_BRACE_ANGLE)} and {_deg(MOST_BRACE_ANGLE)}",
+            f"{_to_deg(d.angle)} is out of range; the angle on the heel side lies between "
+            f"{_to_deg(LEAST_BRACE_ANGLE)} and {_to_deg(MOST_BRACE_ANGLE)}",
         )
 
 
@@ -118,20 +120,20 @@ def _check_groove_table(d: JointDefinition) -> None:
         if not LEAST_GROOVE_ANGLE <= angle <= MOST_GROOVE_ANGLE:
             _raise_wrong_key(
                 key,
-                f"a groove angle of {_deg(angle)} is out of range; stay between "
-                f"{_deg(LEAST_GROOVE_ANGLE)} and {_deg(MOST_GROOVE_ANGLE)}",
+                f"a groove angle of {_to_deg(angle)} is out of range; stay between "
+                f"{_to_deg(LEAST_GROOVE_ANGLE)} and {_to_deg(MOST_GROOVE_ANGLE)}",
             )
     widest = min(d.brace_wall, d.brace_inner_radius / 2)
     if d.root_gap > widest:
         _raise_wrong_key(
             "groove.root_gap_mm",
-            f"{_mm(d.root_gap)} is too wide for this brace; stay at or below {_mm(widest)}",
+            f"{_to_mm(d.root_gap)} is too wide for this brace; stay at or below {_to_mm(widest)}",
         )
     if d.root_face >= d.brace_wall - LEAST_FREE_BEVEL:
-        most = _mm(d.brace_wall - LEAST_FREE_BEVEL)
+        most = _to_mm(d.brace_wall - LEAST_FREE_BEVEL)
         _raise_wrong_key(
             "groove.root_face_mm",
-            f"{_mm(d.root_face)} of a wall of {_mm(d.brace_wall)} leaves no bevel; "
+            f"{_to_mm(d.root_face)} of a wall of {_to_mm(d.brace_wall)} leaves no bevel; "
             f"stay below {most}",
         )
 
@@ -142,27 +144,27 @@ def _check_bevel(s: JointGrooveSections) -> None:
     if sharpness[i] < LEAST_BEVEL_ANGLE:
         _raise_wrong_key(
             "groove.angle_deg",
-            f"a groove angle of {_deg(s.groove_angle[i])} where the local dihedral angle is "
-            f"{_deg(s.dihedral[i])} leaves no bevel on the brace; make it smaller there by at "
-            f"least {_deg(LEAST_BEVEL_ANGLE - sharpness[i])}",
+            f"a groove angle of {_to_deg(s.groove_angle[i])} where the local dihedral angle is "
+            f"{_to_deg(s.dihedral[i])} leaves no bevel on the brace; make it smaller there by at "
+            f"least {_to_deg(LEAST_BEVEL_ANGLE - sharpness[i])}",
         )
 
 
 def _check_root(d: JointDefinition, s: JointGrooveSections) -> None:
     free = float(np.min(s.bevel_length)) - d.root_bead
     if free < LEAST_FREE_BEVEL:
-        most = _mm(d.root_bead + free - LEAST_FREE_BEVEL)
+        most = _to_mm(d.root_bead + free - LEAST_FREE_BEVEL)
         _raise_wrong_key(
             "groove.root_bead_mm",
-            f"{_mm(d.root_bead)} covers the bevel, which is {_mm(free + d.root_bead)} long; "
+            f"{_to_mm(d.root_bead)} covers the bevel, which is {_to_mm(free + d.root_bead)} long; "
             f"stay at or below {most}",
         )
     width = float(np.min(s.root_width))
     if not width >= LEAST_ROOT_WIDTH:
         _raise_wrong_key(
             "groove.root_gap_mm",
-            f"gap and bead leave a root only {_mm(width)} wide; open the gap or raise the bead "
-            f"until it is {_mm(LEAST_ROOT_WIDTH)}",
+            f"gap and bead leave a root only {_to_mm(width)} wide; open the gap or raise the bead "
+            f"until it is {_to_mm(LEAST_ROOT_WIDTH)}",
         )
 
 
@@ -179,14 +181,14 @@ def _check_lengths(d: JointDefinition, s: JointGrooveSections) -> None:
     if d.brace_length < top:
         _raise_wrong_key(
             "brace.length_mm",
-            f"{_mm(d.brace_length)} ends in the groove; from where the axes cross it takes at "
-            f"least {_mm(top)}",
+            f"{_to_mm(d.brace_length)} ends in the groove; from where the axes cross it takes at "
+            f"least {_to_mm(top)}",
         )
     least = 2 * (along + LEAST_TUBE_BEYOND_GROOVE)
     if d.leg_length < least:
         _raise_wrong_key(
             "leg.length_mm",
-            f"{_mm(d.leg_length)} doesn't hold the intersection; it takes at least {_mm(least)}",
+            f"{_to_mm(d.leg_length)} doesn't hold the intersection; it takes at least {_to_mm(least)}",
         )
 
 
@@ -198,8 +200,8 @@ def _check_seams(d: JointDefinition, s: JointGrooveSections) -> None:
             least = np.arcsin(min(1.0, (reach + seam.width / 2) / d.leg_radius))
             _raise_wrong_key(
                 f"imperfections.seams.{i}.at_deg",
-                f"at {_deg(seam.at)} the cap runs into the groove, where it would be ground off; "
-                f"keep it {_deg(least)} or more from the top of the leg",
+                f"at {_to_deg(seam.at)} the cap runs into the groove, where it would be ground off; "
+                f"keep it {_to_deg(least)} or more from the top of the leg",
             )
 
 
@@ -207,11 +209,11 @@ def _raise_wrong_key(key: str, message: str) -> NoReturn:
     raise ConfigurationError(message, key=key)
 
 
-def _mm(metres: float) -> str:
+def _to_mm(metres: float) -> str:
     return f"{1e3 * metres:.4g} mm"
 
 
-def _deg(radians: float) -> str:
+def _to_deg(radians: float) -> str:
     return f"{np.rad2deg(radians):.4g}°"
 
 

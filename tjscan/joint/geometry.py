@@ -263,7 +263,7 @@ class OvalLegSurface(LegSurface):
         up = self._height_over_axis(y)
         return np.asarray((B * up + C * y) / (A * up + B * y) * way)
 
-    def _across(self, points_j: Array) -> tuple[Array, Array, Array]:
+    def _coordinates_up_and_y(self, points_j: Array) -> tuple[Array, Array, Array]:
         """Up and y of points, and the unit vector up, in frame j."""
         up = np.array((-np.cos(self.angle), 0.0, np.sin(self.angle)))
         return points_j @ up, points_j[..., 1], up
@@ -271,14 +271,14 @@ class OvalLegSurface(LegSurface):
     def normal(self, points_j: Array) -> Array:
         """Outward unit normals in frame j, shape (..., 3), at points on the surface or near it."""
         A, B, C = self.section.quadratic_coefficients()
-        u, v, up = self._across(points_j)
+        u, v, up = self._coordinates_up_and_y(points_j)
         gradient = (A * u + B * v)[..., None] * up
         return unit_vectors(gradient + (B * u + C * v)[..., None] * (0.0, 1.0, 0.0))
 
     def signed_distances(self, points_j: Array) -> Array:
         """Distances of points, shape (..., 3), outside the surface, to first order, in metres."""
         A, B, C = self.section.quadratic_coefficients()
-        u, v, _ = self._across(points_j)
+        u, v, _ = self._coordinates_up_and_y(points_j)
         scaled = np.sqrt(A * u * u + 2 * B * u * v + C * v * v)
         return np.asarray((scaled - 1) * scaled / np.hypot(A * u + B * v, B * u + C * v))
 

@@ -219,10 +219,10 @@ DRAWN_GAP_DEPTH: Final = 0.5
 BEAD_NODES: Final = 25
 """Points on the face of a bead; the chords between them miss it by a micrometre or two."""
 
-FACE_LEAN: Final = 1e-9
+UPRIGHT_FACE_LEAN: Final = 1e-9
 """By how much upright faces lean, in metres, so that a section has one height everywhere."""
 
-MILLIMETRE_DIGITS: Final = 3
+PLACE_DECIMALS: Final = 3
 """Decimals of a place along the joint: a section is taken at the nearest millimetre."""
 
 RIPPLE_WAVELENGTHS: Final = (0.006, 0.017, 0.052)
@@ -245,7 +245,7 @@ def hull_section(joint: HullJoint, along: float, passes: int = 0) -> Array:
     ndarray, shape (n, 2)
         Across and height, in metres, from left to right; not to be written to.
     """
-    along = round(along, MILLIMETRE_DIGITS)
+    along = round(along, PLACE_DECIMALS)
     rises = (min(t.height, t.length / 2 - abs(along - t.at)) for t in joint.tacks)
     ripples = tuple(joint.ripple * _bead_ripple(along, k) for k in range(len(joint.beads[:passes])))
     return _section_with_welds(joint, max((0.0, *rises)), ripples)
@@ -267,18 +267,18 @@ def _section_as_prepared(joint: HullJoint) -> Array:
     flank = _flank_nodes(joint)
     step = np.array((0.0, joint.high_low / 2))
     left, right = flank[::-1] * (-1, 1) - step, flank + step
-    if joint.backing or joint.root_gap < 4 * FACE_LEAN:
+    if joint.backing or joint.root_gap < 4 * UPRIGHT_FACE_LEAN:
         return np.vstack((left, right))
-    inward = np.array((FACE_LEAN, -DRAWN_GAP_DEPTH))
+    inward = np.array((UPRIGHT_FACE_LEAN, -DRAWN_GAP_DEPTH))
     return np.vstack((left, left[-1] + inward, right[0] + inward * (-1, 1), right))
 
 
 def _flank_nodes(joint: HullJoint) -> Array:
     """The right plate from the bottom of its root face outward, without high-low, (n, 2)."""
-    gap = max(joint.root_gap / 2, FACE_LEAN)
+    gap = max(joint.root_gap / 2, UPRIGHT_FACE_LEAN)
     nodes = [(gap, -joint.depth), (joint.width / 2, 0.0), (HALF_PLATE_WIDTH, 0.0)]
     if joint.root_face > 0:
-        nodes.insert(1, (gap + FACE_LEAN, joint.root_face - joint.depth))
+        nodes.insert(1, (gap + UPRIGHT_FACE_LEAN, joint.root_face - joint.depth))
     return np.array(nodes)
 
 

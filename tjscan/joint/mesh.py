@@ -26,7 +26,7 @@ FEWEST_MESH_AZIMUTHS: Final = 1440
 BEVEL_STRIPS, BEAD_STRIPS = 8, 4
 """Bevel and bead twist on their way round. Cut into strips, flat triangles follow them."""
 
-BOWED_STRIPS = 12
+BEAD_FACE_STRIPS = 12
 """Strips of a curved bead's face, whose edges lie on the true one."""
 
 BEAD_SINK_DEPTH: Final = 2e-3
@@ -192,12 +192,12 @@ def _bead_corners(definition: JointDefinition, s: JointGrooveSections) -> list[A
     # From p4, where the face begins on the leg, up to below p3.
     face = np.array((s.p4, s.p3))
     if root.bead_height != (0.0,):
-        share = np.linspace(0, 1, BOWED_STRIPS + 1)[:, None, None]
+        share = np.linspace(0, 1, BEAD_FACE_STRIPS + 1)[:, None, None]
         height = interpolate_around_joint(root.bead_height, s.phi)[:, None]
         chord = s.p3 - s.p4
         outward = chord[:, ::-1] * (1, -1) / s.root_width[:, None]
         face = s.p4 + share * chord + 4 * share * (1 - share) * height * outward
-    foot_outer, foot_inner = _bead_feet(definition, s, face[1])
+    foot_outer, foot_inner = _bead_ends_in_leg(definition, s, face[1])
     if len(face) == 2:
         return [foot_inner, *np.linspace(foot_outer, s.p3, BEAD_STRIPS, endpoint=False)]
     return [foot_inner, foot_outer, *face[1:-1]]
@@ -218,7 +218,9 @@ def _bevel_corners(definition: JointDefinition, s: JointGrooveSections) -> Array
     return np.asarray(s.p3 + share * along + height * knee * outward)
 
 
-def _bead_feet(d: JointDefinition, s: JointGrooveSections, above: Array) -> tuple[Array, Array]:
+def _bead_ends_in_leg(
+    d: JointDefinition, s: JointGrooveSections, above: Array
+) -> tuple[Array, Array]:
     """Where the bead's face, from a point above p4, and its back end inside the leg, each (n, 2).
 
     Both cross the leg's surface at a good angle, so the union's edge there is sharp and lies on

@@ -47,7 +47,7 @@ class LaserDeviation:
     half: Array
 
     @classmethod
-    def in_window(cls, largest: float, window: MeasuringRange) -> Self:
+    def for_window(cls, largest: float, window: MeasuringRange) -> Self:
         """The deviation of a laser that measures in a window.
 
         Parameters
@@ -87,7 +87,7 @@ class LaserDeviation:
 RANDOM_STREAM: Final = 4
 """Keeps the random numbers of a sensor's make apart from the numbers of its profiles."""
 
-SAMPLE_COUNT: Final = 41
+WINDOW_PLACES_EACH_WAY: Final = 41
 """Places across the window, each way, at which the largest error is looked for."""
 
 
@@ -134,8 +134,8 @@ class Distortion:
             np.array((0.0, 0.5 * (model.near + model.far))),
             np.array((width, 0.5 * (model.far - model.near))),
         )
-        z = np.linspace(model.near, model.far, SAMPLE_COUNT)
-        slopes = np.linspace(-1, 1, SAMPLE_COUNT)[:, None]
+        z = np.linspace(model.near, model.far, WINDOW_PLACES_EACH_WAY)
+        slopes = np.linspace(-1, 1, WINDOW_PLACES_EACH_WAY)[:, None]
         x = slopes * (z - model.emitter_z) * np.tan(model.half_angle)
         errors = field._errors_at(x.ravel(), np.broadcast_to(z, x.shape).ravel())
         largest = np.abs(errors).max()

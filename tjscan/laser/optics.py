@@ -22,10 +22,10 @@ from tjscan.laser.profile import Profile
 RAY_START_OFFSET: Final = 10e-6
 """Secondary rays start this far above the face, in metres: float32 is good to about 0.1 µm."""
 
-LEAST_PLANE_COSINE: Final = 1e-3
+LEAST_RAY_TO_PLANE_COSINE: Final = 1e-3
 """Cosine of incidence below which a plane is too nearly parallel to be met again in float64."""
 
-LEAST_RELIEF_COSINE: Final = 0.2
+LEAST_COSINE_IN_RELIEF_SHIFT: Final = 0.2
 """Rays that graze more than this shift over a relief as if they did not."""
 
 LEAST_GHOST_DISTANCE: Final = 0.5e-3
@@ -115,7 +115,7 @@ class RaycastSurface:
         normals = np.where(hit[:, None], self._normals[face], 0.0)
         cosine = np.einsum("ij,ij->i", normals, directions)
         height = self._offsets[face] - np.einsum("ij,ij->i", normals, o)
-        np.divide(height, cosine, out=distance, where=np.abs(cosine) > LEAST_PLANE_COSINE)
+        np.divide(height, cosine, out=distance, where=np.abs(cosine) > LEAST_RAY_TO_PLANE_COSINE)
         return FirstHits(distance, np.where(cosine[:, None] > 0, -normals, normals))
 
     def is_hidden_from(self, points: Array, normals: Array, eye: Array) -> Mask:
@@ -208,7 +208,7 @@ def trace_laser_rays(
     if surface.relief is not None and index.size:
         square = -np.einsum("ij,ij->i", rays[index], hits.normals[index])
         distance = distance.copy()
-        distance[index] -= surface.relief(points) / np.maximum(square, LEAST_RELIEF_COSINE)
+        distance[index] -= surface.relief(points) / np.maximum(square, LEAST_COSINE_IN_RELIEF_SHIFT)
     if model.occlusion and (model.detector_y, model.detector_z) != (0.0, model.emitter_z):
         detector = transform_points(T_j_s, (0.0, model.detector_y, model.detector_z))
         seen[index] = ~surface.is_hidden_from(points, hits.normals[index], detector)
@@ -231,7 +231,7 @@ def _mirror_distances(
     normals = hits.normals[index]
     turned = rays - 2.0 * np.einsum("ij,ij->i", rays, normals)[:, None] * normals
     rise = np.einsum("ij,ij->i", turned, normals)
-    start = RAY_START_OFFSET / np.maximum(rise, LEAST_PLANE_COSINE)
+    start = RAY_START_OFFSET / np.maximum(rise, LEAST_RAY_TO_PLANE_COSINE)
     second = start + surface.cast_rays(points + start[:, None] * turned, turned).distance
     image = hits.distance[index] + second
     return np.where(np.isfinite(second) & (second > LEAST_GHOST_DISTANCE), image, np.nan)

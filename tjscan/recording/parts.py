@@ -10,11 +10,11 @@ from typing import Final
 
 from tjscan.core.files import refuse_links_outside
 
-SCAN_RECORDING: Final = "scan"
+SCAN_RECORDING_KIND: Final = "scan"
 """Kind of recording that a run directory holds unless stated otherwise."""
 
 
-def recording_files(directory: Path, kind: str = SCAN_RECORDING) -> list[Path]:
+def recording_files(directory: Path, kind: str = SCAN_RECORDING_KIND) -> list[Path]:
     """Files of a run's recording: ``scan.mcap``, and a further part for each time it was resumed.
 
     Parameters
@@ -35,7 +35,7 @@ def recording_files(directory: Path, kind: str = SCAN_RECORDING) -> list[Path]:
     return found
 
 
-def next_recording_file(directory: Path, kind: str = SCAN_RECORDING) -> Path:
+def next_recording_file(directory: Path, kind: str = SCAN_RECORDING_KIND) -> Path:
     """File to record into next; one that is on disk is never written again."""
     found = recording_files(directory, kind)
     return _part_file(directory, kind, len(found) + 1) if found[0].exists() else found[0]

@@ -25,7 +25,7 @@ from mcap.writer import MCAP0_MAGIC
 from tjscan.core.errors import ConfigurationError, RecordingError
 from tjscan.core.files import check_file_size
 from tjscan.recording.header import FORMAT_VERSION, PROGRAM_NAME, JobSnapshot, RecordingHeader
-from tjscan.recording.parts import SCAN_RECORDING, neighbouring_parts, recording_files
+from tjscan.recording.parts import SCAN_RECORDING_KIND, neighbouring_parts, recording_files
 from tjscan.recording.topic import Topic
 
 _RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode, and length of what follows
@@ -46,12 +46,12 @@ MAX_RECORD_BYTES: Final = 16_000_000
 
 _BLOCK_BYTES: Final = 1 << 20
 
-_KINDS_READ: Final = frozenset(
+_RECORD_KINDS_READ: Final = frozenset(
     (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA)
 )
 """Kinds of records that are read."""
 
-_KINDS_SKIPPED: Final = frozenset((Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX))
+_RECORD_KINDS_SKIPPED: Final = frozenset((Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX))
 """Kinds of records for viewers. Nothing else is in a file before the end of its data."""
 
 
@@ -129,16 +129,16 @@ def _read_record(stream: BinaryIO, place: int, size: int) -> tuple[int, list[Mca
     if len(head) < _RECORD_HEAD.size:
         raise _CutOffError
     opcode, length = _RECORD_HEAD.unpack(head)
-    if opcode == 0 and _are_zeros(head, stream):
+    if opcode == 0 and _is_rest_zeros(head, stream):
         raise _CutOffError  # what a machine that lost its power leaves behind the last whole record
     if opcode == Opcode.DATA_END and length == _DATA_END_LENGTH:
         return length, None
-    if opcode not in _KINDS_READ | _KINDS_SKIPPED:
+    if opcode not in _RECORD_KINDS_READ | _RECORD_KINDS_SKIPPED:
         raise ValueError(f"its kind is {opcode}, which does not belong there")
     if length > size - place - _RECORD_HEAD.size:
         _check_cut_chunk(opcode, length, stream)
         raise _CutOffError
-    if opcode in _KINDS_SKIPPED:
+    if opcode in _RECORD_KINDS_SKIPPED:
         return length, []
     if length > MAX_RECORD_BYTES:
         raise ValueError(f"it has {length} bytes: none is so long")
@@ -194,7 +194,7 @@ def _find_chunk(stream: BinaryIO, place: int, size: int) -> int | None:
     return None
 
 
-def _are_zeros(head: bytes, stream: BinaryIO) -> bool:
+def _is_rest_zeros(head: bytes, stream: BinaryIO) -> bool:
     """Whether the rest of a file is zeros, the nine bytes just read included."""
     blocks = iter(lambda: stream.read(1 << 16), b"")
     return not any(head) and not any(any(block) for block in blocks)
@@ -226,7 +226,7 @@ ReportDamage = Callable[[RecordingDamage], object]
 """Is called with each damage; what it raises ends the reading, else it goes on behind it."""
 
 
-def refuse_damage(damage: RecordingDamage) -> None:
+def raise_damage_error(damage: RecordingDamage) -> None:
     """Raise the `RecordingError` of a damage."""
     raise RecordingError(str(damage))
 
@@ -297,7 +297,7 @@ class RecordedMessage:
 
 
 def read_messages(
-    file: Path, topics: Iterable[Topic[Any]], report_damage: ReportDamage = refuse_damage
+    file: Path, topics: Iterable[Topic[Any]], report_damage: ReportDamage = raise_damage_error
 ) -> Iterator[RecordedMessage]:
     """Yield every whole message of the topics asked for, in the order they were written.
 
@@ -380,7 +380,7 @@ def read_header(file: Path) -> RecordingHeader | None:
     return next((r for r in _records_before_messages(file) if isinstance(r, RecordingHeader)), None)
 
 
-def read_job_snapshot(directory: Path, kind: str = SCAN_RECORDING) -> JobSnapshot | None:
+def read_job_snapshot(directory: Path, kind: str = SCAN_RECORDING_KIND) -> JobSnapshot | None:
     """Read the job snapshot that a run was last recorded with; None if there is none.
 
     Parameters

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from tjscan.core.frames import Array
 
-_NEXT_DEFINITION: Final = "\n" + 80 * "=" + "\nMSG: "
-_HEADER_DEFINITION: Final = _NEXT_DEFINITION.join(
+_DEFINITION_SEPARATOR: Final = "\n" + 80 * "=" + "\nMSG: "
+_HEADER_DEFINITION: Final = _DEFINITION_SEPARATOR.join(
     (
         "",
         "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id",
@@ -36,7 +36,7 @@ class RosMessageType:
 
 POSE_ARRAY_TYPE: Final = RosMessageType(
     "geometry_msgs/msg/PoseArray",
-    _NEXT_DEFINITION.join(
+    _DEFINITION_SEPARATOR.join(
         (
             "std_msgs/Header header\ngeometry_msgs/Pose[] poses",
             "geometry_msgs/Pose\ngeometry_msgs/Point position\n"
@@ -49,7 +49,7 @@ POSE_ARRAY_TYPE: Final = RosMessageType(
 )
 JOINT_TRAJECTORY_TYPE: Final = RosMessageType(
     "trajectory_msgs/msg/JointTrajectory",
-    _NEXT_DEFINITION.join(
+    _DEFINITION_SEPARATOR.join(
         (
             "std_msgs/Header header\nstring[] joint_names\n"
             "trajectory_msgs/JointTrajectoryPoint[] points",

@@ -103,7 +103,7 @@ LARGEST_TURN_AT_REST: Final = 2e-4
 REST_DURATION: Final = 0.25
 """Seconds for which no joint may turn further."""
 
-REST_LIMIT: Final = 10.0
+REST_TIMEOUT: Final = 10.0
 """Seconds within which the arm has to come to rest."""
 
 STATE_READING_PAUSE: Final = 0.02
@@ -133,9 +133,9 @@ def await_rest(
     Raises
     ------
     ArmFault
-        If it is not at rest within `REST_LIMIT`.
+        If it is not at rest within `REST_TIMEOUT`.
     """
-    until, since, start = now() + REST_LIMIT, now(), arm.state()
+    until, since, start = now() + REST_TIMEOUT, now(), arm.state()
     while True:
         pause(STATE_READING_PAUSE)
         state, moment = arm.state(), now()
@@ -145,7 +145,7 @@ def await_rest(
             return state
         if moment > until:
             raise ArmFault(
-                f"the arm does not come to rest: it still moved after {REST_LIMIT:g} s. Let it "
+                f"the arm does not come to rest: it still moved after {REST_TIMEOUT:g} s. Let it "
                 "stand, leave freedrive, then start again."
             )
 

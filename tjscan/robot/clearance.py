@@ -11,7 +11,7 @@ from tjscan.core.errors import PathBlocked, PoseUnreachable
 from tjscan.core.frames import Array
 from tjscan.robot.collision import BodyPair, CollisionModel
 from tjscan.robot.kinematics import Kinematics
-from tjscan.robot.path import interpolate_joints, linear_waypoints, place_on_path
+from tjscan.robot.path import describe_place_on_path, interpolate_joints, linear_waypoints
 from tjscan.robot.settings import ClearanceMargins
 
 PATH_CHECK_RESOLUTION: Final = 1e-3
@@ -119,7 +119,7 @@ class ClearPathPlanner:
         if short.any():
             i = int(short.argmax())
             raise PoseUnreachable(
-                f"{place_on_path(i / (len(path) - 1))}the arm is too near to a singularity "
+                f"{describe_place_on_path(i / (len(path) - 1))}the arm is too near to a singularity "
                 f"(smallest singular value {smallest.min():.3f}, at least "
                 f"{self.margins.singular:g} is asked for). Move the base, or start from another "
                 "configuration.",
@@ -156,7 +156,9 @@ class ClearPathPlanner:
         least = np.where(start < margins, np.maximum(start - SLIGHT_APPROACH, 0.0), margins)
         if (start < least).any():
             return least, 0.0
-        return least, walk.first_below(least, (0.0, start), (walk.end, walk.distances(walk.end)))
+        return least, walk.first_place_below(
+            least, (0.0, start), (walk.end, walk.distances(walk.end))
+        )
 
 
 class _DistancesOnPath:
@@ -171,7 +173,7 @@ class _DistancesOnPath:
     def distances(self, s: float) -> Array:
         return self._model.distances(_interpolate_rows(self._path, s))
 
-    def first_below(
+    def first_place_below(
         self, least: Array, from_: tuple[float, Array], to: tuple[float, Array]
     ) -> float | None:
         """First s at which a distance falls below `least`, looking no closer than needed.
@@ -189,8 +191,8 @@ class _DistancesOnPath:
             return s_1 if (d_1 < least).any() else None
         s = (s_0 + s_1) / 2
         middle = (s, self.distances(s))
-        found = self.first_below(least, from_, middle)
-        return self.first_below(least, middle, to) if found is None else found
+        found = self.first_place_below(least, from_, middle)
+        return self.first_place_below(least, middle, to) if found is None else found
 
 
 def _interpolate_rows(values: Array, s: float) -> Array:
@@ -212,6 +214,6 @@ def _describe_approach(pair: BodyPair, share: float, distance: float, margin: fl
         f"{1e3 * margin:g} mm are asked for"
     )
     return (
-        f"{place_on_path(share)}{pair.moving} {how}. Teach a pose with more room, clear the way, "
+        f"{describe_place_on_path(share)}{pair.moving} {how}. Teach a pose with more room, clear the way, "
         "or correct the job's [clearance]."
     )

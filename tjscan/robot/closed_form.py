@@ -16,10 +16,10 @@ import numpy as np
 
 from tjscan.core.frames import Array
 
-REACH_ROUNDING: Final = 1e-7
+COSINE_ROUNDING: Final = 1e-7
 """How far beyond 1 a sine or cosine may be and still be the border of the reach."""
 
-FREE_WRIST: Final = 1e-9
+WRIST_SINGULARITY_SINE: Final = 1e-9
 """Below this |sin(q5)| the axes 4 and 6 are parallel, and only their sum is given."""
 
 
@@ -55,7 +55,7 @@ def all_inverse_solutions(geometry: UrDhLengths, T_0_6: Array, free_wrist: float
     T = T_0_6[None]
     q1 = _shoulder_angles(geometry, T)
     q5, q6 = _wrist_angles(T, q1)
-    free = np.sin(q5[0, :, 0]) <= FREE_WRIST
+    free = np.sin(q5[0, :, 0]) <= WRIST_SINGULARITY_SINE
     found = []
     for i in range(2):
         if not free[i]:
@@ -143,6 +143,6 @@ def _joint_angles(g: UrDhLengths, T: Array, q1: Array, q5: Array, q6: Array) -> 
 def _cosine_or_nan(part: Array | float, whole: Array | float) -> Array:
     """``part / whole`` if that is a sine or cosine, not a number if no angle has it."""
     part, whole = np.asarray(part), np.asarray(whole)
-    can = (np.abs(part) <= np.abs(whole) * (1 + REACH_ROUNDING)) & (whole != 0)
+    can = (np.abs(part) <= np.abs(whole) * (1 + COSINE_ROUNDING)) & (whole != 0)
     ratio = np.divide(part, whole, out=np.full(can.shape, np.nan), where=can)
     return np.clip(ratio, -1.0, 1.0)

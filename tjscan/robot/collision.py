@@ -199,7 +199,7 @@ class CollisionModel:
                 # What is carried comes last: it is the clearer name of the two.
                 moving, other = (second, first) if own else (first, second)
                 pairs.append(BodyPair(moving.name, other.name, own))
-                reach.append(self._approach_by_joint(first, second))
+                reach.append(self._farthest_point_per_joint(first, second))
         self.pairs = tuple(pairs)
         self.reach = np.array(reach).reshape(len(pairs), self._kinematics.model.nq)
         self._results = pin.GeometryData(geometry)
@@ -209,7 +209,7 @@ class CollisionModel:
         ignored = frozenset((first.ignored_as, second.ignored_as)) in self._ignored
         return self._self_collision and abs(first.joint - second.joint) > 1 and not ignored
 
-    def _approach_by_joint(self, first: _CollisionBody, second: _CollisionBody) -> Array:
+    def _farthest_point_per_joint(self, first: _CollisionBody, second: _CollisionBody) -> Array:
         """Farthest that a point of the outer body can be from each joint between the two."""
         inner, outer = sorted((first, second), key=lambda body: body.joint)
         shape = outer.geometry.geometry

@@ -365,7 +365,7 @@ class CollisionCheckedArm:
         kinematics = self.clearance.kinematics
         T_start = kinematics.forward(q)
         for lift, across in product(self._lifts, (straight, not straight)):
-            back, ahead = (self._draw_sensor_back(T, lift) for T in (T_start, T_b_f))
+            back, ahead = (self._retract_sensor(T, lift) for T in (T_start, T_b_f))
             yield [(True, back, None), (across, ahead, near), (True, T_b_f, None)]
         if near is not None:
             yield from self._search_path(q, T_b_f, near)
@@ -380,7 +380,7 @@ class CollisionCheckedArm:
         """
         clearance, kinematics = self.clearance, self.clearance.kinematics
         for lift in (*self._lifts, 0.0):
-            ahead = self._draw_sensor_back(T_b_f, lift)
+            ahead = self._retract_sensor(T_b_f, lift)
             forward: Way = [(True, T_b_f, None)] if lift else []
             try:
                 goal = kinematics.inverse(ahead, near=near)
@@ -400,7 +400,7 @@ class CollisionCheckedArm:
         nearest = self.clearance.kinematics.inverse(segment.T_b_f, near=q)
         return bool(np.abs(nearest - segment.q).max() < CONFIGURATION_TOLERANCE)
 
-    def _draw_sensor_back(self, T_b_f: Array, lift: float) -> Array:
+    def _retract_sensor(self, T_b_f: Array, lift: float) -> Array:
         T = np.array(T_b_f)
         T[:3, 3] += lift * T[:3, :3] @ self._back_f
         return T

@@ -41,7 +41,7 @@ MOST_DESCENT_ITERATIONS: Final = 60
 LEAST_DESCENT_DAMPING: Final = 1e-12
 """Least damping, in squared metres and radians: keeps a singular arm's equations solvable."""
 
-LONGEST_STEP: Final = 0.5
+LARGEST_DESCENT_STEP: Final = 0.5
 """Radians a joint turns in one iteration; further, the linearisation does not hold."""
 
 KEPT_CONFIGURATION_DISTANCE: Final = 0.5
@@ -350,7 +350,9 @@ class Kinematics:
                 J @ J.T + (0.5 * squared + LEAST_DESCENT_DAMPING) * eye, error
             )
             longest = np.abs(step).max()
-            q = q + (step if longest < LONGEST_STEP else step * (LONGEST_STEP / longest))
+            q = q + (
+                step if longest < LARGEST_DESCENT_STEP else step * (LARGEST_DESCENT_STEP / longest)
+            )
         position, rotation = (float(np.linalg.norm(e)) for e in (best_error[:3], best_error[3:]))
         return _DescentResult(best, position, rotation)
 

@@ -250,10 +250,10 @@ def linear_waypoints(kinematics: Kinematics, q: Array, T_b_f: Array) -> tuple[Ar
         try:
             following = kinematics.inverse(T, near=waypoints[-1])
         except PoseUnreachable as error:
-            raise PoseUnreachable(place_on_path(share) + error.reason, T_b_f) from None
+            raise PoseUnreachable(describe_place_on_path(share) + error.reason, T_b_f) from None
         if np.abs(following - waypoints[-1]).max() > LARGEST_JOINT_TURN:
             reason = _explain_joint_jump(kinematics, waypoints[-1], following)
-            raise PoseUnreachable(place_on_path(share) + reason, T_b_f)
+            raise PoseUnreachable(describe_place_on_path(share) + reason, T_b_f)
         waypoints.append(following)
     return np.array(waypoints), poses_b_f[:, :3, 3]
 
@@ -277,7 +277,7 @@ def _poses_on_line(T_start: Array, T_end: Array) -> Array:
     return poses
 
 
-def place_on_path(share: float) -> str:
+def describe_place_on_path(share: float) -> str:
     """Where on the way something happens, to begin a sentence with; nothing for its two ends."""
     return "" if share in (0, 1) else f"{share:.0%} of the way there, "
 

@@ -25,7 +25,7 @@ from tjscan.recording import foxglove
 from tjscan.recording.header import JobSnapshot
 from tjscan.recording.journal import LOG_TOPIC, NO_ATTACHMENTS, RecordingWriter, RunEvent
 from tjscan.recording.parts import recording_files
-from tjscan.recording.reader import RecordingDamage, ReportDamage, read_messages, refuse_damage
+from tjscan.recording.reader import RecordingDamage, ReportDamage, raise_damage_error, read_messages
 from tjscan.recording.topic import Topic
 from tjscan.scanning.journal import RecordedScan, ScanEvent, grid_triangles
 from tjscan.scanning.section import ProfileView, ScannedSection
@@ -128,7 +128,7 @@ digit, may differ between two views."""
 
 
 def read_recorded_scan(
-    directory: Path, report_damage: ReportDamage = refuse_damage
+    directory: Path, report_damage: ReportDamage = raise_damage_error
 ) -> RecordedScan:
     """Read the recording of a run directory, all its parts together.
 
@@ -166,7 +166,7 @@ def read_recorded_scan(
 
 
 def read_recording_entries(
-    file: Path, report_damage: ReportDamage = refuse_damage
+    file: Path, report_damage: ReportDamage = raise_damage_error
 ) -> Iterator[tuple[datetime, Entry]]:
     """Yield time and content of each view, section and event of a recording.
 

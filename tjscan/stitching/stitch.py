@@ -160,7 +160,7 @@ class StitchedGroove:
         ]
         fused = fuse_sections(single, placement.shape)
         self.budget = budget.composed_of([one.shares for one in fused])
-        self.sections = self.budget.state_in([one.section for one in fused])
+        self.sections = self.budget.sections_with_covariances([one.section for one in fused])
         self.gaps = tuple(overlap_gap(edge, placement.T) for edge in self.registrations)
         chain, closing = spanning_tree_poses(len(stations), self.registrations)
         self.gap_before = max((overlap_gap(edge, chain) for edge in closing), default=None)

@@ -161,7 +161,9 @@ class UncertaintyBudget:
         """
         return UncertaintyBudget(tuple(_component_made_of(one, shares) for one in self.components))
 
-    def state_in(self, sections: Sequence[MeasuredSection]) -> tuple[MeasuredSection, ...]:
+    def sections_with_covariances(
+        self, sections: Sequence[MeasuredSection]
+    ) -> tuple[MeasuredSection, ...]:
         """The sections, in their order, with the covariances that the budget gives them."""
         stated = zip(
             sections,

@@ -33,7 +33,7 @@ from tjscan.uncertainty.budget import (
 READING_CAUSE: Final = "reading of the profile"
 HAND_EYE_CAUSE: Final = "laser on the hand"
 GEOMETRY_CAUSE: Final = "arm's geometry"
-CALIBRATED_CAUSE: Final = "laser on the hand and arm's geometry"
+HAND_EYE_AND_ARM_CAUSE: Final = "laser on the hand and arm's geometry"
 REPEATABILITY_CAUSE: Final = "arm's repeatability"
 
 ProfileBend = Callable[[Array, Array], Array]
@@ -177,7 +177,7 @@ def hand_eye_cause(
     flange_by_deviations : ndarray, shape (n, 6, k, 6), optional
         As of `arm_geometry_cause`.
     """
-    name = HAND_EYE_CAUSE if flange_by_deviations is None else CALIBRATED_CAUSE
+    name = HAND_EYE_CAUSE if flange_by_deviations is None else HAND_EYE_AND_ARM_CAUSE
     factor = covariance_factor(covariance)
     twists = calibration_twists(sections, T_f_s, flange_by_deviations, factor)
     return motion_cause(name, evidence, sections, twists, is_shared=True)
@@ -265,7 +265,7 @@ RANGE_BIAS_CAUSE: Final = "range bias at steep incidence"
 LARGEST_INCIDENCE_TANGENT: Final = 5.0
 """Tangent of the incidence beyond which a range errs by no more: such points are lost."""
 
-TURN_STEP: Final = 1e-6
+SIDE_DERIVATIVE_STEP: Final = 1e-6
 """Metres along a side over which its turn is taken: far more than rounding, less than it bends."""
 
 
@@ -285,13 +285,13 @@ def linearity_cause(
     evidence : str
         As of `BudgetComponent`.
     """
-    field = LaserDeviation.in_window(deviation, model.measuring_range)
+    field = LaserDeviation.for_window(deviation, model.measuring_range)
 
     def corner_moves(xz: Array, tangents: Array) -> tuple[Array, Array]:
         turns = []
         for at, t in ((xz[1], tangents[0]), (xz[3], tangents[3])):
-            ahead, here = field.at(np.array((at + TURN_STEP * t, at)))
-            by_step = (ahead - here) / TURN_STEP
+            ahead, here = field.at(np.array((at + SIDE_DERIVATIVE_STEP * t, at)))
+            by_step = (ahead - here) / SIDE_DERIVATIVE_STEP
             turns.append(t[0] * by_step[1] - t[1] * by_step[0])
         return field.at(xz), np.array(turns)
 

@@ -52,7 +52,7 @@ class VehicleDriverInputs:
     recording: Callable[[], tuple[VehicleState, ...]]
 
 
-def _refuse_truth(vehicle: Any) -> Array:
+def _refuse_true_pose(vehicle: Any) -> Array:
     raise ConfigurationError(
         "the true place of this vehicle is not known; a simulated laser needs the simulated "
         "vehicle below it",
@@ -71,10 +71,10 @@ class VehicleDriverFactory(DriverFactory[VehicleDriverInputs, Vehicle]):
         unknown: it raises ConfigurationError.
     """
 
-    truth: Callable[[Any], Array] = field(default=_refuse_truth)
+    truth: Callable[[Any], Array] = field(default=_refuse_true_pose)
 
 
-def _simulated_vehicle(context: VehicleDriverInputs, settings: NoSettings) -> Vehicle:
+def _make_simulated_vehicle(context: VehicleDriverInputs, settings: NoSettings) -> Vehicle:
     if context.simulation is None:
         raise ConfigurationError(
             "a simulated vehicle needs a [simulation.vehicle] table", key="simulation.vehicle"
@@ -86,20 +86,20 @@ def _simulated_vehicle(context: VehicleDriverInputs, settings: NoSettings) -> Ve
     return SimulatedVehicle(body)
 
 
-def _vehicle_over_mqtt(inputs: VehicleDriverInputs, settings: MqttSettings) -> Vehicle:
+def _make_mqtt_vehicle(inputs: VehicleDriverInputs, settings: MqttSettings) -> Vehicle:
     from tjscan.vehicle.mqtt.vehicle import MqttVehicle
 
     return MqttVehicle(settings)
 
 
 SIMULATED_DRIVER: Final = VehicleDriverFactory(
-    _simulated_vehicle, kind=DriverKind.SIMULATED, truth=methodcaller("true_pose")
+    _make_simulated_vehicle, kind=DriverKind.SIMULATED, truth=methodcaller("true_pose")
 )
 REPLAY_DRIVER: Final = VehicleDriverFactory(
     lambda inputs, settings: ReplayedVehicle(inputs.recording()), kind=DriverKind.REPLAYED
 )
 MQTT_DRIVER: Final = VehicleDriverFactory(
-    _vehicle_over_mqtt, MqttSettings, truth=methodcaller("true_pose")
+    _make_mqtt_vehicle, MqttSettings, truth=methodcaller("true_pose")
 )
 
 VEHICLE_DRIVERS: Final[DriverRegistry[VehicleDriverFactory]] = DriverRegistry(
@@ -145,7 +145,7 @@ class LocalisationDriverFactory(DriverFactory[LocalisationInputs, Localisation])
     """How a localisation's driver makes it from a job file; see `DriverFactory`."""
 
 
-def _simulated_localisation(inputs: LocalisationInputs, settings: NoSettings) -> Localisation:
+def _make_simulated_localisation(inputs: LocalisationInputs, settings: NoSettings) -> Localisation:
     from tjscan.vehicle.simulated_team import SimulatedLocalisation
 
     if inputs.world is None:
@@ -155,7 +155,7 @@ def _simulated_localisation(inputs: LocalisationInputs, settings: NoSettings) ->
     return SimulatedLocalisation(inputs.world, inputs.simulation, seed=inputs.seed)
 
 
-def _localisation_over_mqtt(
+def _make_mqtt_localisation(
     inputs: LocalisationInputs, settings: MqttLocalisationSettings
 ) -> Localisation:
     from tjscan.vehicle.mqtt.localisation import MqttLocalisation
@@ -164,10 +164,10 @@ def _localisation_over_mqtt(
 
 
 SIMULATED_LOCALISATION_DRIVER: Final = LocalisationDriverFactory(
-    _simulated_localisation, kind=DriverKind.SIMULATED
+    _make_simulated_localisation, kind=DriverKind.SIMULATED
 )
 MQTT_LOCALISATION_DRIVER: Final = LocalisationDriverFactory(
-    _localisation_over_mqtt, MqttLocalisationSettings
+    _make_mqtt_localisation, MqttLocalisationSettings
 )
 
 LOCALISATION_DRIVERS: Final[DriverRegistry[LocalisationDriverFactory]] = DriverRegistry(

@@ -106,7 +106,7 @@ class PadPlant:
         self.pose_w = readonly_copy(pose_w)
         self._settings, self._radius = s, tracks.sprocket_radius
         self._numbers = np.tile((np.arange(n) + 0.5) / n, 2)
-        self._across = np.repeat((-0.5j, 0.5j), n) * tracks.gauge
+        self._coordinates_up_and_y = np.repeat((-0.5j, 0.5j), n) * tracks.gauge
         self._run = np.zeros(2)  # of the tracks, in lengths of their contact
         # Points and vectors on the surface are complex in frame v: x forward, y times i.
         self._shear = np.zeros(2 * n, dtype=complex)
@@ -135,7 +135,7 @@ class PadPlant:
         now = self._numbers + np.repeat(self._run, n)
         whole = np.floor(now)
         self._shear[whole != np.floor(laps)] = 0.0  # it left, and another one entered
-        self._at = s.contact_length * (0.5 - (now - whole)) + self._across
+        self._at = s.contact_length * (0.5 - (now - whole)) + self._coordinates_up_and_y
         self._lever = self._at.conj()
         self._lever_sq = self._lever**2
         weight = s.mass * GRAVITY_M_S2

@@ -25,7 +25,7 @@ class SimulatedVehicle(LocalVehicle):
         """What the vehicle's clock shows, seconds."""
         return self.body.time
 
-    def check_drives(self, twist: Twist) -> None:
+    def check_twist_is_drivable(self, twist: Twist) -> None:
         """Refuse to drive sideways."""
         if twist.sideways:
             raise VehicleFault("a vehicle on tracks can't drive sideways")

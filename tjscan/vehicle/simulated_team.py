@@ -68,7 +68,7 @@ class SimulatedTeam:
             self.world.order(vehicle.which, vehicle.twist_to_drive())
         self.world.advance(STATE_PERIOD)
         for vehicle in self.vehicles:
-            vehicle.take_state()
+            vehicle.store_world_state()
 
 
 class TeamVehicle(LocalVehicle):
@@ -96,7 +96,7 @@ class TeamVehicle(LocalVehicle):
         """What the clock of all vehicles shows, seconds."""
         return self._team.time
 
-    def check_drives(self, twist: Twist) -> None:
+    def check_twist_is_drivable(self, twist: Twist) -> None:
         """Refuse to drive with a fault."""
         if self._state.fault:
             raise DriveFault(
@@ -115,7 +115,7 @@ class TeamVehicle(LocalVehicle):
 
     # What the team asks of it
 
-    def take_state(self) -> None:
+    def store_world_state(self) -> None:
         """Look at the world."""
         self._state = self._team.world.state(self.which)
         self._unread.append(self._state)
@@ -126,8 +126,8 @@ class TeamVehicle(LocalVehicle):
         return merge_unread_states(states)
 
 
-NOT_A_POSE: Final = "it holds NaN"
-OUT_OF_ORDER: Final = "it came after a later one"
+NOT_A_POSE_REASON: Final = "it holds NaN"
+OUT_OF_ORDER_REASON: Final = "it came after a later one"
 
 
 class SimulatedLocalisation(LocalDevice):
@@ -172,9 +172,9 @@ class SimulatedLocalisation(LocalDevice):
         newest: list[VehiclePose | None] = [None] * self._world.vehicles
         for vehicle, pose in self.poses.arrived(self._world.time):
             if not isfinite(pose.x + pose.y + pose.heading):
-                self._report_dropped(vehicle, NOT_A_POSE)
+                self._report_dropped(vehicle, NOT_A_POSE_REASON)
             elif pose.time <= self._given[vehicle]:
-                self._report_dropped(vehicle, OUT_OF_ORDER)
+                self._report_dropped(vehicle, OUT_OF_ORDER_REASON)
             else:
                 newest[vehicle], self._given[vehicle] = pose, pose.time
         return tuple(newest)

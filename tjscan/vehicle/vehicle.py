@@ -177,12 +177,12 @@ class LocalVehicle(LocalDevice):
         """Hold a twist until the next command. See `Vehicle.command`."""
         self.check_connected()
         check_twist(twist)
-        self.check_drives(twist)
+        self.check_twist_is_drivable(twist)
         if self._stopped:
             raise VehicleStopped
         self._order = twist, self.time
 
-    def check_drives(self, twist: Twist) -> None:
+    def check_twist_is_drivable(self, twist: Twist) -> None:
         """Refuse a twist that the vehicle's drives can't follow."""
 
     def twist_to_drive(self) -> Twist | None:

@@ -142,7 +142,7 @@ class ArmModel:
 
 
 @dataclass(frozen=True, eq=False)
-class ArmGeometry:
+class ArmGeometryDeviation:
     """Geometry error of an arm whose model is known: its joints deviate from the model.
 
     Parameters
@@ -161,7 +161,7 @@ class ArmGeometry:
         """RMS of the flange's position over all postures, each axis, metres."""
         rng = np.random.default_rng(0)
         drawn = rng.uniform(-np.pi, np.pi, (DRAWN_POSTURES, len(self.kinematics.lower)))
-        moved = np.array([self._motions_in_flange(q)[:3] for q in drawn])
+        moved = np.array([self._flange_motion_by_draws(q)[:3] for q in drawn])
         return float(np.sqrt(np.mean(np.sum(moved**2, axis=2))))
 
     def moves(self, q: Array) -> Array:
@@ -176,9 +176,11 @@ class ArmGeometry:
             Joint angles, radians.
         """
         R_b_f = self.kinematics.forward(q)[:3, :3]
-        return np.asarray(block_diag(R_b_f, R_b_f) @ self._motions_in_flange(q) / self._rms_error)
+        return np.asarray(
+            block_diag(R_b_f, R_b_f) @ self._flange_motion_by_draws(q) / self._rms_error
+        )
 
-    def _motions_in_flange(self, q: Array) -> Array:
+    def _flange_motion_by_draws(self, q: Array) -> Array:
         by_deviations = deviation_jacobian(self.kinematics, q) * self.tolerance.sigmas
         return by_deviations.reshape(6, -1)
 
@@ -234,9 +236,9 @@ def whitened_jacobian(estimate: refine.LeastSquaresEstimate, sigmas: Array) -> A
 
     By steps of T_f_s, by deviations over their `sigmas`, shape (joints, 6), and by targets.
     """
-    stacked = estimate.in_use
+    stacked = estimate.residuals_in_use
     scale = _units_of_parameters(sigmas, len(estimate.target))
-    return refine.whiten_residuals(stacked.lower_root, stacked.jacobian * scale)
+    return refine.whiten_residuals(stacked.covariance_cholesky, stacked.jacobian * scale)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -291,8 +293,8 @@ def leave_one_out(estimate: refine.LeastSquaresEstimate) -> tuple[Array, Array]:
     steps : ndarray, shape (n, 6)
         Translation (metres) and rotation (radians) in the axes of f.
     """
-    stacked = estimate.in_use
-    L = stacked.lower_root
+    stacked = estimate.residuals_in_use
+    L = stacked.covariance_cholesky
     J, r = (
         refine.whiten_residuals(L, stacked.jacobian),
         refine.whiten_residuals(L, stacked.residuals),
@@ -312,7 +314,7 @@ def _units_of_parameters(sigmas: Array, targets: int) -> Array:
     return np.concatenate((np.ones(6), sigmas.ravel(), np.ones(targets)))
 
 
-def name_undetermined(J: Array, joints: int) -> tuple[str, ...]:
+def describe_undetermined(J: Array, joints: int) -> tuple[str, ...]:
     """Sentences on deviations that profiles leave as the prior has them, by joint and cause.
 
     Parameters
@@ -363,7 +365,7 @@ def _most_similar_cause(J: Array, k: int, joints: int) -> str:
     return max(causes, key=lambda name: np.linalg.norm(scaled[:, causes[name]] @ x[causes[name]]))
 
 
-ARM_METHOD: Final = "ball, with the arm's kinematics"
+ARM_CALIBRATION_METHOD: Final = "ball, with the arm's kinematics"
 """`HandEyeCalibration.method` of a calibration of the arm."""
 
 MIN_PROFILES: Final = 20
@@ -415,7 +417,7 @@ class ArmCalibration:
 
         Shape (6 + 6 joints, m); None if no deviation is stated.
         """
-        found = refine.estimate_by_laser(self.estimate)
+        found = refine.laser_response_of_estimate(self.estimate)
         return None if found is None else readonly_copy(found[: 6 + self.estimate.deviations.size])
 
     def summary(self, checks: str, target: str) -> list[str]:
@@ -477,7 +479,7 @@ def calibrate_arm(
             f"{1e3 * after:.3f} mm with the deviations found; take more poses, in other "
             "postures",
         )
-    undetermined = name_undetermined(whitened_jacobian(found, prior), model.joints)
+    undetermined = describe_undetermined(whitened_jacobian(found, prior), model.joints)
     return ArmCalibration(found, undetermined, held_out, before, after)
 
 
@@ -517,7 +519,7 @@ def as_hand_eye_calibration(
     return HandEyeCalibration(
         estimate.T_f_s,
         found.covariance,
-        ARM_METHOD,
+        ARM_CALIBRATION_METHOD,
         _residuals_of_profiles(found, names),
         float(np.sqrt(np.linalg.cond(covariance / np.outer(sigma, sigma)))),
         estimate.chi2,

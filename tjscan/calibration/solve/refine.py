@@ -16,7 +16,7 @@ from scipy.linalg import block_diag, solve_triangular
 from scipy.optimize import least_squares
 from scipy.special import chdtri
 
-from tjscan.calibration.noise import geometry_covariance
+from tjscan.calibration.noise import geometry_error_covariance
 from tjscan.calibration.targets.target import LinearisedModel, TargetModel
 from tjscan.core.frames import Array, Mask, array_dataclass
 from tjscan.core.pose_vector import boxplus, left_jacobian
@@ -58,7 +58,7 @@ class StackedResiduals:
         return np.asarray((sizes[self.profile] == 3) | (place % 2 == 0))
 
     @property
-    def lower_root(self) -> Array:
+    def covariance_cholesky(self) -> Array:
         """Lower triangular L, shape (N, N), with L Lᵀ the covariance."""
         return np.asarray(np.linalg.cholesky(self.covariance), dtype=float)
 
@@ -161,7 +161,7 @@ class CombinedModel:
         if shared is None:
             by_arm = np.concatenate([part.by_arm.reshape(-1, 6) for part in parts])
             correlation = self.correlation[plain.profile][:, plain.profile]
-            geometry = geometry_covariance(by_arm, correlation)
+            geometry = geometry_error_covariance(by_arm, correlation)
         else:
             geometry = shared @ shared.T
         covariance = plain.covariance + self.geometry**2 * geometry
@@ -257,7 +257,7 @@ class LeastSquaresEstimate:
     deviations: Array = field(default_factory=lambda: np.empty((0, 6)))
 
     @property
-    def in_use(self) -> StackedResiduals:
+    def residuals_in_use(self) -> StackedResiduals:
         """Residuals of the profiles in use."""
         return self.stacked.of_profiles(self.used)
 
@@ -365,7 +365,7 @@ def solve_reweighted(
     """
     for _ in range(rounds):
         first = model.linearise(base, target)
-        L = first.of_profiles(used).lower_root
+        L = first.of_profiles(used).covariance_cholesky
         fit = _CachedLinearisation(model, base, prior, used[first.profile], L)
         start = np.concatenate((np.zeros(6), target))
         found = least_squares(
@@ -376,10 +376,10 @@ def solve_reweighted(
         if moved < settled:
             break
     stacked = model.linearise(base, target)
-    in_use = stacked.of_profiles(used)
-    L = in_use.lower_root
-    J = _append_prior(whiten_residuals(L, in_use.jacobian), prior)
-    r = np.concatenate((whiten_residuals(L, in_use.residuals), prior @ target))
+    residuals_in_use = stacked.of_profiles(used)
+    L = residuals_in_use.covariance_cholesky
+    J = _append_prior(whiten_residuals(L, residuals_in_use.jacobian), prior)
+    r = np.concatenate((whiten_residuals(L, residuals_in_use.residuals), prior @ target))
     covariance, dof = covariance_from_information(J.T @ J), len(r) - J.shape[1]
     return LeastSquaresEstimate(base, target, covariance, float(r @ r), dof, stacked, used)
 
@@ -429,13 +429,13 @@ def refit_targets(model: CombinedModel, estimate: LeastSquaresEstimate) -> Least
     prior, target = estimate.prior_information, estimate.target
     for _ in range(2):
         found = plain.linearise(estimate.T_f_s, target).of_profiles(estimate.used)
-        L = found.lower_root
+        L = found.covariance_cholesky
         J, r = whiten_residuals(L, found.jacobian[:, 6:]), whiten_residuals(L, found.residuals)
         target = target - np.linalg.solve(J.T @ J + prior, J.T @ r + prior @ target)
     return replace(estimate, target=target, stacked=model.linearise(estimate.T_f_s, target))
 
 
-def estimate_by_laser(estimate: LeastSquaresEstimate) -> Array | None:
+def laser_response_of_estimate(estimate: LeastSquaresEstimate) -> Array | None:
     """By how much an estimate is off with draws of the laser's deviation.
 
     Parameters
@@ -448,7 +448,7 @@ def estimate_by_laser(estimate: LeastSquaresEstimate) -> Array | None:
     ndarray, shape (p, m), or None
         None if no deviation is stated.
     """
-    stacked = estimate.in_use
+    stacked = estimate.residuals_in_use
     if stacked.by_laser is None:
         return None
     weighted = np.linalg.solve(stacked.covariance, stacked.by_laser)
@@ -470,7 +470,7 @@ def residual_information(estimate: LeastSquaresEstimate) -> tuple[Array, Array]:
     weighted : ndarray, shape (U,)
         W times the residuals: M times the observations, less the prior's pull.
     """
-    stacked = estimate.in_use
+    stacked = estimate.residuals_in_use
     W = np.linalg.inv(stacked.covariance)
     WJ = W @ stacked.jacobian
     return W - WJ @ estimate.covariance @ WJ.T, W @ stacked.residuals
@@ -488,7 +488,7 @@ def leave_one_out_changes(estimate: LeastSquaresEstimate) -> tuple[Array, Array]
     step : ndarray, shape (n, 6)
         How T_f_s would move: translation and rotation in the axes of f; zero for unused ones.
     """
-    stacked = estimate.in_use
+    stacked = estimate.residuals_in_use
     M, weighted = residual_information(estimate)
     W_J = np.linalg.solve(stacked.covariance, stacked.jacobian)
     n = len(estimate.used)
@@ -498,7 +498,9 @@ def leave_one_out_changes(estimate: LeastSquaresEstimate) -> tuple[Array, Array]
             own = np.flatnonzero(stacked.profile == i)
             square = np.ix_(own, own)
             # A profile that is off by delta as a whole: its most likely delta, and its cost.
-            delta, chi2[i] = _solve_checked(M[square], weighted[own], stacked.covariance[square])
+            delta, chi2[i] = _solve_in_checked_directions(
+                M[square], weighted[own], stacked.covariance[square]
+            )
             step[i] = (estimate.covariance @ W_J[own].T @ delta)[:6]
         else:
             r, C = predicted_residuals(estimate, i)
@@ -532,7 +534,7 @@ def predicted_residuals(estimate: LeastSquaresEstimate, profile: int) -> tuple[A
     return stacked.residuals[own], np.asarray(covariance)
 
 
-def _solve_checked(M: Array, b: Array, C: Array) -> tuple[Array, float]:
+def _solve_in_checked_directions(M: Array, b: Array, C: Array) -> tuple[Array, float]:
     """M⁻¹ b and bᵀ M⁻¹ b along the directions that the other profiles check."""
     L = np.linalg.cholesky(C)
     values, vectors = np.linalg.eigh(L.T @ M @ L)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from tjscan.calibration.noise import NoiseModel, geometry_correlation
+from tjscan.calibration.noise import NoiseModel, geometry_error_correlation
 from tjscan.calibration.solve import refine
 from tjscan.calibration.solve.refine import (
     CombinedModel,
@@ -35,7 +35,7 @@ MAX_SETS_TRIED: Final = 3000
 """Sets of one size that are tried; of larger choices, the last set and one more."""
 SINGULAR_SET_RIDGE: Final = 1e-6
 """Keeps sets solvable that nothing could be found without; they leave no residual anyway."""
-GEOMETRY_GRID: Final = (2e-5, 2e-3, 25)
+GEOMETRY_ERROR_GRID: Final = (2e-5, 2e-3, 25)
 """Metres from, metres to, and steps: from less than an arm's repeatability to more than an arm that
 was ever measured is off. Larger residuals are no geometry error."""
 PARAMETER_RIDGE: Final = 1e-12
@@ -64,8 +64,8 @@ def reject_outlying_profiles(
     stated : float
         Geometry error to allow for at least, metres.
     """
-    prices = blame_costs(estimate)
-    geometry, cost = most_likely_geometry(estimate, stated)
+    prices = blame_thresholds(estimate)
+    geometry, cost = most_likely_geometry_error(estimate, stated)
     best, last = estimate, estimate
     if not (estimate.is_plausible and (refine.leave_one_out_changes(estimate)[0] <= prices).all()):
         n, k = len(estimate.used), int(estimate.residuals_per_profile.max())
@@ -76,7 +76,7 @@ def reject_outlying_profiles(
             last = refine.refine_by_least_squares(
                 model, last.T_f_s, last.target, ~left_out, rough=True
             )
-            found, its_cost = most_likely_geometry(last, stated)
+            found, its_cost = most_likely_geometry_error(last, stated)
             its_cost += float(prices[left_out].sum())
             if its_cost < cost:
                 best, geometry, cost = last, found, its_cost
@@ -86,7 +86,7 @@ def reject_outlying_profiles(
     return refine.refine_by_least_squares(model, best.T_f_s, best.target, best.used)
 
 
-def blame_costs(estimate: LeastSquaresEstimate) -> Array:
+def blame_thresholds(estimate: LeastSquaresEstimate) -> Array:
     """By how much each profile must stand out to be blamed alone, shape (n,): a chi-squared."""
     sizes = estimate.residuals_per_profile
     return np.asarray(chdtri(sizes, refine.FALSE_ALARM_PROBABILITY / len(sizes)))
@@ -122,7 +122,9 @@ def _chi2_drops(estimate: LeastSquaresEstimate, sets: NDArray[np.intp]) -> Array
     return np.asarray((r_set * np.linalg.solve(inner, r_set)).sum(axis=(1, 2)))
 
 
-def most_likely_geometry(estimate: LeastSquaresEstimate, stated: float) -> tuple[float, float]:
+def most_likely_geometry_error(
+    estimate: LeastSquaresEstimate, stated: float
+) -> tuple[float, float]:
     """Find the size of the arm's geometry error that explains the residuals best.
 
     Parameters
@@ -139,22 +141,22 @@ def most_likely_geometry(estimate: LeastSquaresEstimate, stated: float) -> tuple
     cost : float
         Minus twice its restricted log-likelihood, and `MIN_COST_DROP` for the one more unknown.
     """
-    tried = np.concatenate(([stated], np.geomspace(*GEOMETRY_GRID)))
+    tried = np.concatenate(([stated], np.geomspace(*GEOMETRY_ERROR_GRID)))
     tried = tried[tried >= stated]
-    costs = _geometry_costs(estimate, tried)
+    costs = _geometry_error_costs(estimate, tried)
     best = int(np.argmin(costs))
     if costs[best] + MIN_COST_DROP < costs[0]:
         return float(tried[best]), float(costs[best] + MIN_COST_DROP)
     return stated, float(costs[0])
 
 
-def _geometry_costs(estimate: LeastSquaresEstimate, tried: Array) -> Array:
+def _geometry_error_costs(estimate: LeastSquaresEstimate, tried: Array) -> Array:
     """Minus twice the restricted log-likelihood of each size, up to a constant.
 
     All errors may be larger than stated by a factor, which is profiled out; never smaller
     (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545).
     """
-    stacked = estimate.in_use
+    stacked = estimate.residuals_in_use
     G = stacked.geometry
     L = np.linalg.cholesky(stacked.covariance - estimate.geometry**2 * G)
     # In the axes in which both covariances are diagonal, every size costs next to nothing.
@@ -346,12 +348,14 @@ class CalibrationProblem:
     ) -> list[tuple[float, Array, CombinedModel, Array]]:
         """Misfit, T_f_s, model and targets' parameters of each start, the nearest first."""
         true_poses = self.invert_if_fixed(self.T_b_f)
-        correlation, by_true_pose = geometry_correlation(true_poses), None
+        correlation, by_true_pose = geometry_error_correlation(true_poses), None
         if self.sensor_is_fixed:
             by_true_pose = tuple(self._split_by_target(inverse_pose_errors(true_poses)))
         starts = []
         for T_f_s in begin:
-            models, targets = zip(*(one.start_at(T_f_s) for one in self.targets), strict=True)
+            models, targets = zip(
+                *(one.model_at_sensor_pose(T_f_s) for one in self.targets), strict=True
+            )
             model = CombinedModel(models, correlation, self.noise.geometry, by_true_pose)
             target = np.concatenate(targets)
             starts.append((model.misfit(T_f_s, target), T_f_s, model, target))

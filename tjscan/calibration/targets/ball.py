@@ -384,7 +384,7 @@ class SeenBall(SeenTarget[CircleFit]):
             found.append(pose(R, x[3:]))
         return found
 
-    def start_at(self, T_f_s: Array) -> tuple[SphereModel, Array]:
+    def model_at_sensor_pose(self, T_f_s: Array) -> tuple[SphereModel, Array]:
         """The ball about the centres of all arcs; the largest arc starts an unknown radius."""
         model = self.model
         centres_s = np.column_stack((model.centres_s, np.ones(len(model.radii))))

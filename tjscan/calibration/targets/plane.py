@@ -28,8 +28,8 @@ MAX_REFINED_STARTS: Final = 12
 """Starts refined for an unknown plane."""
 NORMALS_TRIED: Final = 300
 """Directions tried for an unknown normal: one in every 8°."""
-OFFSET_SCALE: Final = 1e-3
-TILT_SCALE: Final = float(np.radians(0.5))
+MISFIT_OFFSET_SCALE: Final = 1e-3
+MISFIT_TILT_SCALE: Final = float(np.radians(0.5))
 """Metres and radians: how misfits in distance and in tilt are compared among starts."""
 MIN_TOUCHES: Final = 3
 MIN_TOUCH_PATTERN_RATIO: Final = 0.1
@@ -67,7 +67,7 @@ class PlaneTarget:
         Of the touched points about their centroid, in metres: length, width and thickness of
         the pattern, times the root of the number of points.
     by_arm : ndarray, shape (3, m), or None
-        How (tilt, tilt, height) move with draws of the arm's geometry, see `ArmGeometry.moves`;
+        How (tilt, tilt, height) move with draws of the arm's geometry, see `ArmGeometryDeviation.moves`;
         `information` is then that of the touches alone. None if it holds both.
     """
 
@@ -123,7 +123,7 @@ class PlaneModel(TargetModel):
     by_laser : ndarray, shape (n, 2, m), or None
         `LineFit.by_laser` of each line.
     by_arm : ndarray, shape (n, 6, m), or None
-        `ArmGeometry.moves` of each pose.
+        `ArmGeometryDeviation.moves` of each pose.
     """
 
     lines: LineBundle
@@ -241,7 +241,7 @@ class SeenBoard(SeenTarget[LineFit]):
             return [solve_closed_form(lines, self.target.plane).T_f_s]
         return unknown_plane_starts(lines)
 
-    def start_at(self, T_f_s: Array) -> tuple[PlaneModel, Array]:
+    def model_at_sensor_pose(self, T_f_s: Array) -> tuple[PlaneModel, Array]:
         """The plane as touched, or through all points."""
         target = self.target or plane_through_lines(self.T_b_f, self.fits, T_f_s)
         lines = stack_lines(self.T_b_f, self.fits)
@@ -271,7 +271,7 @@ def unknown_plane_starts(lines: LineBundle, count: int = MAX_REFINED_STARTS) -> 
     A = np.concatenate((u_f, np.ones((*u_f.shape[:2], 1))), axis=2)
     solution = -np.einsum("gij,gkj->gki", np.linalg.pinv(A), known)  # p_f_s and u0
     offset = known + np.einsum("gnj,gkj->gkn", A, solution)
-    cost = (offset / OFFSET_SCALE) ** 2 + (tilt / TILT_SCALE) ** 2
+    cost = (offset / MISFIT_OFFSET_SCALE) ** 2 + (tilt / MISFIT_TILT_SCALE) ** 2
     order = np.argsort(cost.sum(axis=2), axis=None)
     found: list[Array] = []
     for g, k in zip(*np.unravel_index(order, cost.shape[:2]), strict=True):
@@ -344,7 +344,7 @@ def fit_plane(
         other err alike; see `tjscan.calibration.noise`.
     by_arm : ndarray, shape (n, 3, m), optional
         How the tip moves with draws of the arm's geometry, for an error of one metre, where the
-        arm's postures are known; see `ArmGeometry.moves`.
+        arm's postures are known; see `ArmGeometryDeviation.moves`.
 
     Raises
     ------

@@ -45,7 +45,7 @@ MIN_ROOF_ANGLE: Final = float(np.radians(20.0))
 MAX_EDGE_GAP: Final = 5e-3
 """Metres between the edge and the next point of a flank: the edge itself may be rounded or
 glare."""
-MAX_CROSSING_POINTS: Final = 5
+MAX_POINTS_PAST_EDGE: Final = 5
 """Points of the other flank that may be near a line at the crossing."""
 
 
@@ -142,7 +142,7 @@ def _roof_of_lines(profile: Profile, a: LineFit, b: LineFit) -> RoofFit | None:
         x, z = profile.x_s[line.inlier], profile.z_s[line.inlier]
         along = side * ((x - edge[0]) * line.direction_s[0] + (z - edge[2]) * line.direction_s[2])
         # Some points of the other flank may be on a line's continuation.
-        nearest = np.partition(along, MAX_CROSSING_POINTS)[MAX_CROSSING_POINTS]
+        nearest = np.partition(along, MAX_POINTS_PAST_EDGE)[MAX_POINTS_PAST_EDGE]
         if not -MAX_EDGE_GAP < nearest < MAX_EDGE_GAP:
             return None
     return RoofFit(left, right, edge)
@@ -262,7 +262,7 @@ class SeenRoof(SeenTarget[RoofFit]):
             T for flank in self.flanks for T in unknown_plane_starts(stack_lines(self.T_b_f, flank))
         ]
 
-    def start_at(self, T_f_s: Array) -> tuple[RoofModel, Array]:
+    def model_at_sensor_pose(self, T_f_s: Array) -> tuple[RoofModel, Array]:
         """The planes through all points."""
         T_b_f, by_laser = self.T_b_f, self.by_laser
         halves = (None, None) if by_laser is None else np.split(by_laser, 2, axis=1)

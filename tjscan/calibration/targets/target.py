@@ -64,7 +64,7 @@ class PosedFit(Generic[Fit]):
         How it changes with each draw of the laser's deviation, see `LineFit.by_laser`; None if
         no deviation is stated.
     by_arm : ndarray, shape (6, m), or None
-        How the flange moves with each draw of the arm's geometry, see `ArmGeometry.moves`; None
+        How the flange moves with each draw of the arm's geometry, see `ArmGeometryDeviation.moves`; None
         if the arm's posture is not known.
     q : ndarray, shape (joints,), or None
         Joint angles there, radians; None if they are not known.
@@ -145,7 +145,7 @@ class LinearisedModel:
         profiles; None if no deviation is stated.
     by_geometry : ndarray, shape (n, k, m), or None
         The same by draws of the arm's geometry, for an error of one metre, see
-        `ArmGeometry.moves`; None if the arm's postures are not known.
+        `ArmGeometryDeviation.moves`; None if the arm's postures are not known.
     """
 
     residuals: Array
@@ -253,7 +253,7 @@ class SeenTarget(ABC, Generic[Fit]):
         """Possible poses T_f_s of the sensor, shape (4, 4) each, from these profiles alone."""
 
     @abstractmethod
-    def start_at(self, T_f_s: Array) -> tuple[TargetModel, Array]:
+    def model_at_sensor_pose(self, T_f_s: Array) -> tuple[TargetModel, Array]:
         """Model and parameters, (m,), of the target if the sensor sits at T_f_s, shape (4, 4)."""
 
 

@@ -28,7 +28,7 @@ from tjscan.recording.parts import next_recording_file, recording_files
 from tjscan.recording.reader import read_messages
 from tjscan.recording.topic import Topic
 
-CALIBRATION_RECORDING: Final = "measured"
+CALIBRATION_RECORDING_KIND: Final = "measured"
 """Kind of the recording: it is in ``measured.mcap``, and in a further part for each resume."""
 
 
@@ -144,7 +144,7 @@ def read_calibration_entries(directory: Path) -> Iterator[CalibrationEntry]:
         If the recording is of another program or format, or is damaged. One that was cut off ends
         at the cut.
     """
-    for file in recording_files(directory, CALIBRATION_RECORDING):
+    for file in recording_files(directory, CALIBRATION_RECORDING_KIND):
         if not file.exists():
             return
         pending: LaserLineTaken | ArmPoseTaken | None = None
@@ -254,7 +254,7 @@ class Logbook(RecordingWriter):
         T_f_s: Array,
         listen: Callable[[CalibrationEntry], object] = lambda _: None,
     ) -> None:
-        file = next_recording_file(directory, CALIBRATION_RECORDING)
+        file = next_recording_file(directory, CALIBRATION_RECORDING_KIND)
         super().__init__(file, CALIBRATION_TOPICS)
         self._directory, self._T_f_s, self._listen = directory, T_f_s, listen
 

@@ -528,11 +528,11 @@ class CalibrationPlan:
         """
         points = np.array(list(self.tip_positions(measured).values())).reshape(-1, 3)
         outside = self.T_b_board[:3, 3] + self.T_b_board[:3, 2]
-        by_arm, noise = self._tip_moves(measured), self.noise
+        by_arm, noise = self._tip_motion_per_draw(measured), self.noise
         target = fit_plane(points, noise.touch, outside, geometry=noise.geometry, by_arm=by_arm)
         return target, BoardRectangle.through_touched_points(points, target)
 
-    def _tip_moves(self, measured: MeasurementsSoFar) -> Array | None:
+    def _tip_motion_per_draw(self, measured: MeasurementsSoFar) -> Array | None:
         """How the tip moves at each touch with draws of the arm's geometry, shape (n, 3, m)."""
         moves = []
         for _, T_b_f, q in measured.contacts:

@@ -163,7 +163,7 @@ def _print_finished_calibration(done: SavedCalibration, *, json: bool) -> None:
     head = ("", "used", "offset mm", "tilt °", "residual σ", "shifts the sensor by mm")
     print_figures_table(head, map(_residual_cells, found.residuals))
     print_message("")
-    for row in found.sensor_rows:
+    for row in found.sensor_pose_rows:
         print_message("  ".join(f"{value:10.4f}" for value in row))
     print_message(
         f"standard uncertainty {found.sigma_position_mm:.3f} mm and "

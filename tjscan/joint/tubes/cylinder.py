@@ -93,7 +93,7 @@ FIRST_REACH_FROM_CYLINDER: Final = 3e-3
 LEAST_POINT_SIGMA: Final = 10e-6
 """Metres; points are never taken for more certain than this."""
 
-REACH_IN_SIGMAS: Final = 6.0
+INLIER_REACH_SIGMAS: Final = 6.0
 """Standard deviations within which the spread is estimated again."""
 
 MOST_REFINEMENTS: Final = 100
@@ -212,5 +212,5 @@ def refine_cylinder(tube: Cylinder, points: Array) -> Cylinder:
         tube = tube.boxplus(step)
         if np.abs(step).max() < CONVERGED_CYLINDER_STEP:
             break
-        reach = REACH_IN_SIGMAS * sigma
+        reach = INLIER_REACH_SIGMAS * sigma
     return tube.recentred_beside(points[near])

@@ -103,7 +103,7 @@ def _best_cylinder(
     which = "first" if other is None else "second"
     if len(points) < LEAST_TUBE_SHARE * len(everything) or len(points) <= NORMAL_NEIGHBOURS:
         raise TubesNotFound(f"nothing is left of the cloud in which a {which} tube could be")
-    centres, axes, radii = _cylinders_through_triples(points, rng)
+    centres, axes, radii = _cylinders_through_pairs(points, rng)
     if other is not None:
         crossing = _crosses_tube(axes, other)
         centres, axes, radii = centres[crossing], axes[crossing], radii[crossing]
@@ -133,9 +133,7 @@ def _best_cylinder(
     return best
 
 
-def _cylinders_through_triples(
-    points: Array, rng: np.random.Generator
-) -> tuple[Array, Array, Array]:
+def _cylinders_through_pairs(points: Array, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """Cylinders through pairs of places: points on the axes, axes and radii."""
     around = np.asarray(KDTree(points).query(points, k=NORMAL_NEIGHBOURS + 1)[1])
     place = rng.integers(len(points), size=2 * CYLINDER_TRIALS)

@@ -87,7 +87,7 @@ LEAST_POINT_WEIGHT: Final = 1e-6
 
 FEWEST_FIT_VIEWS: Final = 3
 
-TUBE_STEP: Final = 1e-6
+TUBE_DERIVATIVE_STEP: Final = 1e-6
 """Metres and radians between tubes whose difference is a derivative: deep in the linear range."""
 
 
@@ -124,8 +124,10 @@ class FittedTubes:
         def value(change: Array) -> Array:
             return function(self.brace.boxplus(change[:5]), self.leg.boxplus(change[5:]))
 
-        changes = TUBE_STEP * np.eye(10)
-        columns = [(value(change) - value(-change)) / (2 * TUBE_STEP) for change in changes]
+        changes = TUBE_DERIVATIVE_STEP * np.eye(10)
+        columns = [
+            (value(change) - value(-change)) / (2 * TUBE_DERIVATIVE_STEP) for change in changes
+        ]
         return np.column_stack(columns)
 
 
@@ -269,7 +271,7 @@ def dihedral_sigmas(tubes: FittedTubes, points: Array) -> Array:
     return np.asarray(np.sqrt(np.sum((jacobian @ tubes.covariance) * jacobian, axis=1)))
 
 
-MOST_UPRIGHT_TILT: Final = radians(2.0)
+LEAST_BRACE_LEAN: Final = radians(2.0)
 """A brace that leans less has no heel: x may point either way along the leg."""
 
 LEAST_AXES_ANGLE: Final = radians(15.0)
@@ -380,7 +382,7 @@ def joint_pose_from_cylinders(
     along = (between @ brace.axis - cosine * (between @ leg.axis)) / (1 - cosine * cosine)
     origin = brace.point + along * brace.axis
     z = -np.sign(along) * brace.axis
-    leaning = abs(np.arccos(abs(cosine)) - np.pi / 2) > MOST_UPRIGHT_TILT
+    leaning = abs(np.arccos(abs(cosine)) - np.pi / 2) > LEAST_BRACE_LEAN
     to_heel = leg.axis * (np.sign(leg.axis @ z) if leaning else np.sign(leg.axis @ towards) or 1.0)
     x = unit_vector(to_heel - (to_heel @ z) * z)
     y = np.cross(z, x)

@@ -71,7 +71,7 @@ class FileProfiles:
 MIN_CHECKED_HEIGHTS: Final = 20
 """Heights that show what is usual among them."""
 
-CODE_DISTANCE_RATIO: Final = 10.0
+INVALID_CODE_DISTANCE_RATIO: Final = 10.0
 """A code of no point is this many times as far from all heights as these are from each other."""
 
 SMALLEST_SPAN, LARGEST_SPAN = 2e-4, 10.0
@@ -97,7 +97,7 @@ def heights_from_sensor(
     Heights of either sign count from mid-range. A zero among them is a height; far from all
     others it is what sensors write where they see nothing.
     """
-    z = without_codes(values, form.invalid)
+    z = without_invalid_codes(values, form.invalid)
     zero = z == 0
     others = z[~zero & np.isfinite(z)]
     if _is_zero_apart(others):
@@ -107,7 +107,7 @@ def heights_from_sensor(
             f"{100 * zero.mean():.0f} % of the heights are exactly 0; if that means no point, "
             "state --invalid 0"
         )
-    _check_codes(z)
+    _check_invalid_codes(z)
     z = scale * form.z_scale * z
     if form.z_offset is not None:
         return np.asarray(z + scale * form.z_offset)
@@ -124,7 +124,7 @@ def profile_of_columns(x_s: Array, z_s: Array) -> Profile:
     return Profile(np.where(gone, np.nan, x_s), np.where(gone, np.nan, z_s))
 
 
-def without_codes(values: Array, invalid: Sequence[float]) -> Array:
+def without_invalid_codes(values: Array, invalid: Sequence[float]) -> Array:
     """The same values with NaN for the codes of no point."""
     return np.where(np.isin(values, invalid), np.nan, values)
 
@@ -170,7 +170,7 @@ def check_height_scale(file: Path, profiles: Iterable[Profile]) -> None:
         )
 
 
-def _check_codes(heights: Array) -> None:
+def _check_invalid_codes(heights: Array) -> None:
     """Refuse heights among which a number comes again and again far from all others."""
     known = heights[np.isfinite(heights)]
     if known.size < MIN_CHECKED_HEIGHTS:
@@ -180,7 +180,7 @@ def _check_codes(heights: Array) -> None:
         share = 1 - others.size / known.size
         if others.size and share > NOTED_ZERO_SHARE:
             away = np.abs(others - code).min()
-            if away > CODE_DISTANCE_RATIO * max(np.ptp(others), 1e-9 * away):
+            if away > INVALID_CODE_DISTANCE_RATIO * max(np.ptp(others), 1e-9 * away):
                 raise ConfigurationError(
                     f"{100 * share:.0f} % of the heights are exactly {code:g}, far from all "
                     f"others; if that means no point, state --invalid {code:g}"

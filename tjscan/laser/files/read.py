@@ -27,7 +27,7 @@ from tjscan.laser.files.format import (
     heights_from_sensor,
     metres_per_number,
     profile_of_columns,
-    without_codes,
+    without_invalid_codes,
 )
 from tjscan.laser.profile import Profile
 
@@ -36,7 +36,7 @@ COMMENT_MARK: Final = "#"
 SEPARATOR_SAMPLE_LINES: Final = 50
 """Lines that the separator is found from."""
 
-FEWEST_COUNTED_FROM_ONE: Final = 5
+FEWEST_NUMBERED_COLUMNS: Final = 5
 """Shorter rows 1, 2, 3 are heights."""
 
 LONGEST_LINE: Final = 1_000_000
@@ -128,7 +128,7 @@ def is_column_numbering(values: list[float | None]) -> bool:
     """Whether numbers count columns: 0, 1, 2 … or 1, 2, 3 …, which a few heights may, too."""
     from_zero = values == [float(i) for i in range(len(values))]
     from_one = values == [float(i) for i in range(1, len(values) + 1)]
-    return (from_zero and len(values) > 1) or (from_one and len(values) >= FEWEST_COUNTED_FROM_ONE)
+    return (from_zero and len(values) > 1) or (from_one and len(values) >= FEWEST_NUMBERED_COLUMNS)
 
 
 GOCATOR_SECTIONS = {"profile": False, "rawprofile": True}
@@ -225,7 +225,7 @@ def read_npy(file: Path, form: ProfileFormat) -> FileProfiles:
         scale = metres_per_number(file, form.unit, "an array")
         several = values if values.ndim == 3 else values[None]
         z = heights_from_sensor(several[..., 1], scale, form, table)
-        x = scale * without_codes(several[..., 0], form.invalid)
+        x = scale * without_invalid_codes(several[..., 0], form.invalid)
         for i, name in enumerate(names if values.ndim == 3 else [file.name]):
             table.profiles[name] = profile_of_columns(x[i], z[i])
     else:
@@ -284,7 +284,7 @@ def x_of_columns(file: Path, count: int, form: ProfileFormat, what: str) -> Arra
 PROFILE_COLUMNS: Final = ("profile", "frame", "index")
 """Names of a column that separates the profiles of one table."""
 
-POINT_COLUMNS: Final = ["x", "z"]
+DEFAULT_POINT_COLUMNS: Final = ["x", "z"]
 """What two columns without names hold: no profile has two points."""
 
 
@@ -303,8 +303,10 @@ def profiles_of_text(file: Path, text: TextTable, form: ProfileFormat) -> FilePr
     first = text.parse_numbers(text.rows[0][1])
     if None in first:
         return _read_columns(file, text, form)
-    if form.pitch is None and len(first) == len(POINT_COLUMNS):
-        return _read_columns(file, replace(text, rows=((0, POINT_COLUMNS), *text.rows)), form)
+    if form.pitch is None and len(first) == len(DEFAULT_POINT_COLUMNS):
+        return _read_columns(
+            file, replace(text, rows=((0, DEFAULT_POINT_COLUMNS), *text.rows)), form
+        )
     return _read_rows(file, text, form)
 
 
@@ -315,7 +317,9 @@ def _read_gocator(text: TextTable, form: ProfileFormat) -> FileProfiles:
     if form.z_offset is not None:
         offset, notes = form.z_offset * METRES_PER_UNIT[form.unit or "mm"], []
     profiles = {
-        name: profile_of_columns(x, offset + -form.z_scale * without_codes(height, form.invalid))
+        name: profile_of_columns(
+            x, offset + -form.z_scale * without_invalid_codes(height, form.invalid)
+        )
         for name, (x, height) in found.items()
     }
     return FileProfiles(profiles, bad, notes)
@@ -371,7 +375,7 @@ def _read_columns(file: Path, text: TextTable, form: ProfileFormat) -> FileProfi
     if not points:
         return table
     together = np.concatenate([np.array(values) for values in points.values()])
-    together[:, 0] = without_codes(together[:, 0], form.invalid)
+    together[:, 0] = without_invalid_codes(together[:, 0], form.invalid)
     z_s = heights_from_sensor(together[:, 1], z_scale, form, table)
     ends = np.cumsum([len(values) for values in points.values()])
     for name, end, values in zip(points, ends, points.values(), strict=True):

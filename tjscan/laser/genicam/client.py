@@ -136,7 +136,7 @@ class GenicamClient:
                 if frame is None:
                     raise errors.LaserNotResponding("the laser's stream has ended. Connect again.")
                 came, exposed = time.monotonic(), frame.ts_dev or 0
-                if self._latches and exposed < latched + self._ticks_before_fresh:
+                if self._latches and exposed < latched + self._ticks_until_fresh_exposure:
                     stale += 1
                     continue
                 when, later = HostInterval(began, came), exposed - latched
@@ -199,7 +199,7 @@ class GenicamClient:
         return set(self._camera.nodes())
 
     @property
-    def _ticks_before_fresh(self) -> float:
+    def _ticks_until_fresh_exposure(self) -> float:
         """Device time from the call to the first exposure that counts.
 
         A trigger exposes after the call. What runs free may state when the exposure ended.

@@ -40,7 +40,7 @@ ANSWER_SLACK: Final = 2.0
 RELEASE_TIMEOUT: Final = 1.0
 """Seconds that giving the laser back may take; after that its heartbeat does it."""
 
-TAKEN_AGAIN_EVENT: Final = "profile taken again"
+RETRIGGERED_PROFILE_EVENT: Final = "profile taken again"
 """Event of a profile that took more than one trigger."""
 
 
@@ -134,7 +134,7 @@ class GigeLaser(ABC, Generic[S]):
         limit = attempts * timeout + ANSWER_SLACK
         block = self._ask_client(ReceivedBlock, "capture", attempts, timeout, limit=limit)
         if block.attempts > 1:
-            self._listener(TAKEN_AGAIN_EVENT, f"it came with attempt {block.attempts}")
+            self._listener(RETRIGGERED_PROFILE_EVENT, f"it came with attempt {block.attempts}")
         if laser.pixel_format and block.pixel_format != laser.pixel_format:
             raise ProfileFormatRefused(
                 f"the laser sends {block.pixel_format}, and was set to {laser.pixel_format}. "

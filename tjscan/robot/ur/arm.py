@@ -38,7 +38,7 @@ from tjscan.robot.ur.messages import ControllerState, connection_fault, fault_fr
 from tjscan.robot.ur.session import ClientLibraryError, ControllerSession, not_ready_fault
 from tjscan.robot.ur.settings import UrSettings
 
-SETTING_LIMIT: Final = 2.0
+SETTING_TIMEOUT: Final = 2.0
 """Seconds within which a program starts or ends, and a value that was set is shown."""
 
 READ_BACK_TOLERANCE: Final = 1e-6
@@ -109,7 +109,7 @@ def _begin_session(session: ControllerSession, kinematics: Kinematics) -> None:
 
 def _polls_until_limit(latch: MotionLock) -> Iterator[bool]:
     """Let a moment pass between two polls; true once the limit is over."""
-    limit = time.monotonic() + SETTING_LIMIT
+    limit = time.monotonic() + SETTING_TIMEOUT
     while True:
         yield time.monotonic() > limit
         latch.wait_for_stop(moving.POLL_PERIOD)
@@ -133,7 +133,7 @@ def _await_end_of_other_program(dashboard: DashboardClient, latch: MotionLock) -
 def _await_control_script(session: ControllerSession) -> None:
     """Let both links show the program that was started."""
     for late in _polls_until_limit(session.latch):
-        now = session.ask_client(ControllerState, "read_state", limit=SETTING_LIMIT)
+        now = session.ask_client(ControllerState, "read_state", limit=SETTING_TIMEOUT)
         fault = fault_from_state(now)
         if fault is None:
             return

@@ -35,7 +35,7 @@ STATE_OUTPUTS: Final = [
 PAYLOAD_OUTPUTS: Final = ["payload", "payload_cog"]
 """Older controllers have no such outputs."""
 
-FEED_INTERVAL: Final = 0.1
+WATCHDOG_FEED_INTERVAL: Final = 0.1
 """Seconds between signs of life, when nothing else is asked."""
 
 SAFETY_STOP_DECELERATION: Final = 2.0
@@ -185,7 +185,7 @@ class RtdeClient:
 
     def feed_watchdog(self) -> None:
         """Feed the controller's watchdog, if it is time to."""
-        if self._watched and time.monotonic() - self._fed >= FEED_INTERVAL:
+        if self._watched and time.monotonic() - self._fed >= WATCHDOG_FEED_INTERVAL:
             self._note_clock_advance()
             try:
                 self._control.kickWatchdog()
@@ -228,7 +228,7 @@ def serve_main_process(connection: Connection, client: RtdeClient) -> None:
     """Serve the main process's requests until it is gone, or leaves a move unsupervised."""
     while not client.supervision_lost:
         try:
-            if not connection.poll(FEED_INTERVAL):
+            if not connection.poll(WATCHDOG_FEED_INTERVAL):
                 client.feed_watchdog()
                 continue
             request: ClientRequest = connection.recv()

@@ -23,10 +23,10 @@ PRIMARY_PORT: Final = 30001
 KINEMATICS_READ_LIMIT: Final = 2.0
 """Seconds: a controller sends ten states a second, this package with the first ones."""
 
-ROBOT_STATE: Final = 16
-KINEMATICS_INFO_PACKAGE: Final = 5
+ROBOT_STATE_MESSAGE_TYPE: Final = 16
+KINEMATICS_INFO_PACKAGE_TYPE: Final = 5
 PACKAGE_HEAD: Final = struct.Struct(">iB")
-KINEMATICS_CONTENT: Final = struct.Struct(">6I24d")
+KINEMATICS_INFO_STRUCT: Final = struct.Struct(">6I24d")
 MOST_MESSAGE_BYTES: Final = 1 << 16
 """A longer message is none."""
 
@@ -68,7 +68,10 @@ def read_kinematics_info(host: str, limit: float = KINEMATICS_READ_LIMIT) -> DhP
                 if not PACKAGE_HEAD.size <= size <= MOST_MESSAGE_BYTES:
                     break
                 body = stream.read(size - PACKAGE_HEAD.size)
-                if kind == ROBOT_STATE and (found := find_kinematics_package(body)) is not None:
+                if (
+                    kind == ROBOT_STATE_MESSAGE_TYPE
+                    and (found := find_kinematics_package(body)) is not None
+                ):
                     return found
     except (OSError, struct.error):  # no controller, too late, or it hung up within a package
         pass
@@ -85,8 +88,11 @@ def find_kinematics_package(body: bytes) -> DhParameters | None:
         size, kind = PACKAGE_HEAD.unpack_from(body, at)
         if size < PACKAGE_HEAD.size or at + size > len(body):
             return None
-        if kind == KINEMATICS_INFO_PACKAGE and size >= PACKAGE_HEAD.size + KINEMATICS_CONTENT.size:
-            values = KINEMATICS_CONTENT.unpack_from(body, at + PACKAGE_HEAD.size)
+        if (
+            kind == KINEMATICS_INFO_PACKAGE_TYPE
+            and size >= PACKAGE_HEAD.size + KINEMATICS_INFO_STRUCT.size
+        ):
+            values = KINEMATICS_INFO_STRUCT.unpack_from(body, at + PACKAGE_HEAD.size)
             numbers = np.array(values[6:]).reshape(4, 6)
             if not np.isfinite(numbers).all():
                 return None

@@ -41,7 +41,7 @@ LARGEST_FLANGE_SWING: Final = 0.005
 OTHER_CONFIGURATION_ANGLE: Final = 0.1
 """Radians between the controller's inverse and ours, beyond calibration."""
 
-FASTEST_JOINT: Final = 3.0
+LARGEST_JOINT_SPEED: Final = 3.0
 """rad/s: the client library refuses more than 3.14."""
 
 LARGEST_JOINT_ACCELERATION: Final = 39.0
@@ -87,7 +87,7 @@ def joint_command(session: ControllerSession, path: JointTrajectory, T_b_f: Arra
         session.read_state()  # the true reason, if the arm is not well
         raise TargetRefused("it finds no configuration near the one planned.", T_b_f)
     speed, acceleration = _speed_and_acceleration(path, float(np.abs(goal - path.q[0]).max()))
-    limited = min(speed, FASTEST_JOINT), min(acceleration, LARGEST_JOINT_ACCELERATION)
+    limited = min(speed, LARGEST_JOINT_SPEED), min(acceleration, LARGEST_JOINT_ACCELERATION)
     return ("move_joint", tuple(q.tolist()), *limited)
 
 
@@ -115,10 +115,10 @@ POLL_PERIOD: Final = 0.004
 MOVE_START_LIMIT: Final = 2.0
 """Seconds within which a move that was accepted begins."""
 
-STALL_LIMIT: Final = 10.0
+STALL_TIMEOUT: Final = 10.0
 """Seconds for which a move may not go on: the speed slider may be at zero for a moment."""
 
-SETTLE_LIMIT: Final = 1.0
+SETTLE_TIMEOUT: Final = 1.0
 """Seconds the arm may take to come to rest where it was sent."""
 
 REST_SPEED: Final = 5e-3
@@ -200,10 +200,10 @@ def _follow_move_to_its_end(session: ControllerSession, before: ControllerState)
         q = np.array(now.q)
         if np.abs(q - last).max() > LEAST_MOVING_TURN:
             moved, last = moment, q
-        if moment > moved + STALL_LIMIT:
+        if moment > moved + STALL_TIMEOUT:
             raise session.end_for_fault(
                 ArmNotResponding(
-                    f"the arm does not move for {STALL_LIMIT:g} s in the middle of a move. See "
+                    f"the arm does not move for {STALL_TIMEOUT:g} s in the middle of a move. See "
                     "that the speed slider on its pendant is not at zero, then start again."
                 )
             )
@@ -218,7 +218,7 @@ def await_arrival(session: ControllerSession, T_b_f: Array) -> ArmState:
         If it is not where it was sent. The session has ended then: what holds an arm off
         its place, or moves it, would do so again, and what was planned from there is not so.
     """
-    limit, first = time.monotonic() + SETTLE_LIMIT, session.read_state().time
+    limit, first = time.monotonic() + SETTLE_TIMEOUT, session.read_state().time
     while True:
         now = session.read_state()
         # A look later than the one that saw the end: both links have the end by then.

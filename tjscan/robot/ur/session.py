@@ -266,7 +266,7 @@ class ControllerSession:
     def end_for_fault(self, fault: ArmFault) -> ArmFault:
         """End the session for a fault: stop the arm by whatever still works; returns the fault."""
         if self.fault is None:
-            self.fault = self._find_cause(fault)
+            self.fault = self._find_cause_of_silence(fault)
             self.stop_program(self.fault)
             self.link.close()
         return self.fault
@@ -325,7 +325,7 @@ class ControllerSession:
                 "is silent. Look at its pendant and cable, then start again."
             )
 
-    def _find_cause(self, fault: ArmFault) -> ArmFault:
+    def _find_cause_of_silence(self, fault: ArmFault) -> ArmFault:
         """Why the program stopped or the controller is silent, if the dashboard knows."""
         if isinstance(fault, (ProgramStopped, ArmNotResponding)):
             with suppress(ArmFault):

@@ -71,7 +71,7 @@ def calibration_page(directory: Path) -> ReportChapter:
 def _pose_headline(found: CalibrationFile) -> Iterator[tuple[str, str]]:
     """The sensor's pose, each number with its standard uncertainty."""
     sigma = np.sqrt(np.diag(found.covariance))
-    rows = np.array(found.sensor_rows)
+    rows = np.array(found.sensor_pose_rows)
     turn = Rotation.from_matrix(rows[:3, :3]).as_rotvec(degrees=True)
     where = "on the flange" if found.T_b_s_mm is None else "in the arm's base"
     for axis, value, spread in zip("xyz", rows[:3, 3], sigma[:3], strict=True):

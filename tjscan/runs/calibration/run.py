@@ -12,13 +12,13 @@ from typing import Final, NoReturn
 import numpy as np
 import trimesh
 
-from tjscan.calibration.arm.calibrate import ArmGeometry, as_hand_eye_calibration
+from tjscan.calibration.arm.calibrate import ArmGeometryDeviation, as_hand_eye_calibration
 from tjscan.calibration.arm.wizard import ArmWizard, BallPlan, plan_views
 from tjscan.calibration.closed_form import plane_through_point
 from tjscan.calibration.file import (
     BasisEntry,
     SavedCalibration,
-    ShrinkingEntry,
+    UncertaintyAfterLinesEntry,
     to_calibration_file,
     views_of_poses,
     write_calibration,
@@ -28,7 +28,7 @@ from tjscan.calibration.result import HandEyeCalibration, HandEyeUncertainty
 from tjscan.calibration.targets.plane import fit_plane
 from tjscan.calibration.targets.target import PosedProfile
 from tjscan.calibration.wizard.logbook import (
-    CALIBRATION_RECORDING,
+    CALIBRATION_RECORDING_KIND,
     LaserLineTaken,
     Logbook,
     MeasurementsSoFar,
@@ -102,7 +102,9 @@ def _basis_of_board(wizard: CalibrationWizard, result: HandEyeCalibration) -> Ba
             mm = 1e3 * so_far.uncertainty.position
             degrees = float(np.degrees(so_far.uncertainty.rotation))
             shrinking.append(
-                ShrinkingEntry(lines=count, sigma_position_mm=mm, sigma_rotation_deg=degrees)
+                UncertaintyAfterLinesEntry(
+                    lines=count, sigma_position_mm=mm, sigma_rotation_deg=degrees
+                )
             )
     return BasisEntry(
         target=f"board touched at {len(target.residuals)} places, {off:.3f} mm RMS off a plane",
@@ -144,7 +146,7 @@ def start_calibration(
         If the job is wrong, a device fails or the result can't be trusted; what was measured
         until then is kept.
     """
-    if (directory / f"{CALIBRATION_RECORDING}.mcap").exists():
+    if (directory / f"{CALIBRATION_RECORDING_KIND}.mcap").exists():
         reason = f"holds a calibration already; go on with it: --resume {directory}"
         raise ConfigurationError(reason, file=directory)
     if arm and job.ball is None:
@@ -280,7 +282,7 @@ def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPla
     largest, _ = job.laser.uncertainty.stated_linearity
     deviation = None  # if the laser is stated to be exact
     if largest:
-        deviation = LaserDeviation.in_window(largest, window)
+        deviation = LaserDeviation.for_window(largest, window)
     return CalibrationPlan(
         board.T,
         0.5 * np.array(board.size),
@@ -290,7 +292,7 @@ def calibration_plan_of_job(job: CalibrationJob, T_f_s: Array) -> CalibrationPla
         board.noise,
         board.touches,
         board.lines,
-        ArmGeometry(kinematics_of_job(job)).moves,
+        ArmGeometryDeviation(kinematics_of_job(job)).moves,
         deviation,
     )
 

@@ -395,7 +395,9 @@ def write_scan_results(context: ScanContext, directory: Path, result: ScanResult
     causes = causes_of_job(job, context.sensor_mount, result.sections)
     station = job.station[0].name if job.station else "1"
     budget = budget_of_causes(causes.causes, frame.T_r_b, len(result.sections))
-    sections = budget.state_in(results.sections_in_result_frame(result.sections, frame, station))
+    sections = budget.sections_with_covariances(
+        results.sections_in_result_frame(result.sections, frame, station)
+    )
     points = results.all_profile_points(result.sections, frame)
     error, calibration = (
         results.corner_errors(sections, joint),

@@ -142,16 +142,16 @@ FRICTION_IMPEDANCE_RATIO: Final = 1000.0
 """How much harder a contact is along the floor than into it, MuJoCo's ``impratio``. Friction is
 Coulomb's but for a creep that this leaves; docs/vehicles.md has how much."""
 
-FLOOR_CONTACT_TIME: Final = 0.02
+FLOOR_CONTACT_TIME_CONSTANT: Final = 0.02
 FLOOR_CONTACT_IMPEDANCE: Final = (0.5, 0.5, 0.001, 0.5, 2.0)
 """``solref`` and ``solimp`` of the floor: soft enough that links lie still on it. On a harder one
 they hop, friction works by jerks, and forces are wrong by half."""
 
-WELD_CONTACT_TIME: Final = 0.01
-WELD_CONTACT_IMPEDANCE: Final = (0.999, 0.999, 0.001, 0.5, 2.0)
+CABLE_HOLD_TIME_CONSTANT: Final = 0.01
+CABLE_HOLD_IMPEDANCE: Final = (0.999, 0.999, 0.001, 0.5, 2.0)
 """Of what holds a cable's end to the next vehicle."""
 
-WELDED_SHARE: Final = 0.1
+CABLE_HOLD_MASS_SHARE: Final = 0.1
 """Share of a vehicle's mass that the welded end carries: a weld is as soft as what it holds is
 light."""
 
@@ -256,7 +256,7 @@ def _add_vehicles(spec: Any, world: TowingWorldModel) -> None:
             type=Geom.mjGEOM_CYLINDER,
             size=(model.body_radius, model.body_height / 2, 0),
             pos=(0, 0, model.body_height / 2 - cable.radius),
-            mass=(1 - WELDED_SHARE) * model.mass,
+            mass=(1 - CABLE_HOLD_MASS_SHARE) * model.mass,
             contype=VEHICLE,
             conaffinity=VEHICLE | PASSER_BY | (0 if welder else WALL),
         )
@@ -272,8 +272,8 @@ def _add_vehicles(spec: Any, world: TowingWorldModel) -> None:
             objtype=mujoco.mjtObj.mjOBJ_BODY,
             name1=name,
             name2=f"end {held}",
-            solref=(WELD_CONTACT_TIME, 1),
-            solimp=WELD_CONTACT_IMPEDANCE,
+            solref=(CABLE_HOLD_TIME_CONSTANT, 1),
+            solimp=CABLE_HOLD_IMPEDANCE,
         )
         # Anchor; pose of the link's near end seen from the vehicle; metres a radian; one not used.
         length = cable.link_length
@@ -302,13 +302,13 @@ def _add_links(body: Any, first: int, end: int, world: TowingWorldModel) -> None
             conaffinity=FLOOR,
             priority=1,
             friction=(cable.friction, 0, 0),
-            solref=(FLOOR_CONTACT_TIME, 1),
+            solref=(FLOOR_CONTACT_TIME_CONSTANT, 1),
             solimp=FLOOR_CONTACT_IMPEDANCE,
         )
         where = cable.link_length
     last = body.add_body(name=f"end {end}", pos=(where, 0, 0))
     _add_joint(last, end, cable)
-    mass = WELDED_SHARE * world.vehicle.mass
+    mass = CABLE_HOLD_MASS_SHARE * world.vehicle.mass
     turning = mass * world.vehicle.body_radius**2 / 2
     last.ipos, last.mass, last.inertia = (cable.link_length, 0, 0), mass, (turning,) * 3
     last.explicitinertial = True

@@ -123,7 +123,7 @@ POSE_HISTORY: Final = 5.0
 PUSH_TIME: Final = 0.5
 """Seconds that a push takes."""
 
-JAM_REPORT: Final = "wheels: jammed"
+JAMMED_WHEELS_FAULT: Final = "wheels: jammed"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -254,7 +254,7 @@ class TowingWorld:
         return VehicleState(
             self.time,
             Twist(speed, turn_rate, sideways),
-            fault=JAM_REPORT if self._jammed[vehicle] else "",
+            fault=JAMMED_WHEELS_FAULT if self._jammed[vehicle] else "",
         )
 
     def stands(self, vehicle: int) -> bool:

@@ -220,7 +220,7 @@ class BrokerClient:
     ) -> None:
         self._broker, self._presence_topic, self._topics = settings, presence_topic, topics
         self._listener: EventListener = lambda name, sentence: None
-        self._begin()
+        self._reset_before_connecting()
 
     def __enter__(self) -> Self:
         """Connect, and wait until the device answers.
@@ -232,7 +232,7 @@ class BrokerClient:
         VehicleFault
             If another program commands the device.
         """
-        self._begin()
+        self._reset_before_connecting()
         self._link.connect(self._broker.connect_limit)
         self._connected = True
         try:
@@ -249,7 +249,7 @@ class BrokerClient:
             self._connected = False
             self._link.close()
 
-    def _begin(self) -> None:
+    def _reset_before_connecting(self) -> None:
         """Know nothing of the device yet."""
         self._connected = False
         self._events: SimpleQueue[tuple[str, str]] = SimpleQueue()
@@ -287,7 +287,7 @@ class BrokerClient:
 
     def _receive(self, received: ReceivedMessage) -> None:
         try:
-            self._take_in(received)
+            self._handle_message(received)
         except BadMessage as error:
             self._note_dropped(f"on {received.topic}, number {self.dropped + 1}: {error}")
 
@@ -296,7 +296,7 @@ class BrokerClient:
         if self.dropped in REPORTED_DROP_COUNTS:
             self._events.put(("message-dropped", sentence))
 
-    def _take_in(self, received: ReceivedMessage) -> None:
+    def _handle_message(self, received: ReceivedMessage) -> None:
         """Take in a message; raises BadMessage if it is none."""
 
     def _link_changed(self, up: bool) -> None:

@@ -37,13 +37,13 @@ class MqttLocalisation(BrokerClient):
         poses = (f"{number}/{wire.POSE_TOPIC}" for number in range(1, vehicles + 1))
         super().__init__(settings, READER_TOPIC, (*poses, f"{wire.PASSER_BY_TOPIC}/+"))
 
-    def _begin(self) -> None:
+    def _reset_before_connecting(self) -> None:
         # Single assignments to a place of each vehicle's own are all that the threads share.
         self._newest: list[VehiclePose | None] = [None] * self._vehicles
         self._given: list[VehiclePose | None] = [None] * self._vehicles
         self._passers_by: dict[str, TrackedDisc] = {}
         self._gates: defaultdict[str, wire.PoseGate] = defaultdict(wire.PoseGate)
-        super()._begin()
+        super()._reset_before_connecting()
 
     def _wait_until_ready(self) -> None:
         """Wait until every vehicle was seen."""
@@ -77,7 +77,7 @@ class MqttLocalisation(BrokerClient):
         passers_by = dict(self._passers_by)
         return tuple(passers_by[name] for name in sorted(passers_by))
 
-    def _take_in(self, received: ReceivedMessage) -> None:
+    def _handle_message(self, received: ReceivedMessage) -> None:
         if received.retained:
             raise wire.BadMessage("the broker kept it from before")
         gate = self._gates[received.topic]

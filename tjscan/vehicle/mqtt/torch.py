@@ -31,12 +31,12 @@ class MqttTorch(BrokerClient):
         self._y = self._z = 0.0
         super().__init__(settings, wire.TORCH_COMMANDER_TOPIC, (wire.TORCH_STATE_TOPIC,))
 
-    def _begin(self) -> None:
+    def _reset_before_connecting(self) -> None:
         self._arc = False
         self._state: wire.TorchStateMessage | None = None
         self._heard, self._first = time.monotonic(), threading.Event()
         self._gate = wire.MessageGate()
-        super()._begin()
+        super()._reset_before_connecting()
 
     def _wait_until_ready(self) -> None:
         """Wait for the torch's first state."""
@@ -87,7 +87,7 @@ class MqttTorch(BrokerClient):
         place = {"y": self._y, "z": self._z, "arc": self._arc, "hold": self._settings.dead_man}
         self._publish(wire.TORCH_TOPIC, wire.TorchMessage, time.monotonic(), **place)
 
-    def _take_in(self, received: ReceivedMessage) -> None:
+    def _handle_message(self, received: ReceivedMessage) -> None:
         """Take in a state; what is none is dropped, and silence shows it."""
         if received.retained:
             return

@@ -50,7 +50,7 @@ class MqttVehicle(BrokerClient):
             settings, wire.COMMANDER_TOPIC, (wire.PRESENCE_TOPIC, wire.STATE_TOPIC, wire.POSE_TOPIC)
         )
 
-    def _begin(self) -> None:
+    def _reset_before_connecting(self) -> None:
         self._states: SimpleQueue[VehicleState | None] = SimpleQueue()
         self._wake: SimpleQueue[bool] = SimpleQueue()
         self._gate, self._pose_gate = wire.MessageGate(), wire.PoseGate()
@@ -59,7 +59,7 @@ class MqttVehicle(BrokerClient):
         self._identity = DeviceIdentity()
         self._fault = self._commander = self._lost = ""
         self._heard, self._stopped = time.monotonic(), False
-        super()._begin()
+        super()._reset_before_connecting()
 
     def _leave_at_rest(self) -> None:
         """Stop the vehicle."""
@@ -81,7 +81,7 @@ class MqttVehicle(BrokerClient):
         if self._fault:
             raise DriveFault(f"the vehicle reports: {self._fault}. Mend it, then start again.")
         if self._commander not in ("", self._session):
-            raise self._commanded_by_another()
+            raise self._other_commander_error()
         if self._stopped:
             raise VehicleStopped
         self._order = twist, time.monotonic()
@@ -95,13 +95,13 @@ class MqttVehicle(BrokerClient):
         try:
             waiting = [self._states.get(timeout=self.settings.silence_limit)]
         except Empty:
-            raise self._link_lost() from None
+            raise self._link_lost_error() from None
         with suppress(Empty):
             while True:
                 waiting.append(self._states.get_nowait())
         states = [state for state in waiting if state is not None]
         if len(states) < len(waiting):
-            raise self._link_lost()
+            raise self._link_lost_error()
         return merge_unread_states(states)
 
     def true_pose(self) -> Array:
@@ -158,7 +158,7 @@ class MqttVehicle(BrokerClient):
 
     # What the link's thread does
 
-    def _take_in(self, received: ReceivedMessage) -> None:
+    def _handle_message(self, received: ReceivedMessage) -> None:
         if received.topic == wire.PRESENCE_TOPIC:
             self._receive_presence(wire.PresenceMessage.from_json(received.payload))
         elif received.retained:
@@ -215,7 +215,7 @@ class MqttVehicle(BrokerClient):
                 self._states.get(timeout=max(until - time.monotonic(), 0))
             except Empty:
                 if self._commander:
-                    raise self._commanded_by_another() from None
+                    raise self._other_commander_error() from None
                 raise VehicleLinkLost(
                     f"the broker at {s.host}:{s.port} knows no vehicle {s.prefix} that reports "
                     "states and takes commands. See that it is on, or correct vehicle.mqtt.prefix."
@@ -225,9 +225,9 @@ class MqttVehicle(BrokerClient):
         if not self._connected:
             raise VehicleLinkLost("the vehicle is not connected: use it inside a 'with' block")
         if self._lost or time.monotonic() - self._heard > self.settings.silence_limit:
-            raise self._link_lost()
+            raise self._link_lost_error()
 
-    def _link_lost(self) -> VehicleLinkLost:
+    def _link_lost_error(self) -> VehicleLinkLost:
         self._order = None
         self._deliver_events()
         why = self._lost or f"no new state came for {self.settings.silence_limit:g} s"
@@ -236,7 +236,7 @@ class MqttVehicle(BrokerClient):
             "again."
         )
 
-    def _commanded_by_another(self) -> VehicleFault:
+    def _other_commander_error(self) -> VehicleFault:
         return VehicleFault(
             f"another program commands the vehicle {self.settings.prefix}. End it first."
         )
