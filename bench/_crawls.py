@@ -13,7 +13,7 @@ from tjscan.core.errors import GrooveNotFound, TjscanError
 from tjscan.core.frames import Array
 from tjscan.crawler.control_cycle import CrawlDevices
 from tjscan.crawler.crawler import Crawler, CrawlPlan
-from tjscan.crawler.guards import CornerPlaces, Guards, ProximityFilter
+from tjscan.crawler.guards import Guards, ProximityFilter, ProximitySensorPlaces
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.joint_tracking.registration import JointPlacement
 from tjscan.crawler.journal import CrawlCycle
@@ -239,7 +239,7 @@ def _crawler(
     method: FollowingMethod,
     truth: _Truth,
 ) -> Crawler:
-    corners = CornerPlaces(job.vehicle.body_length, job.vehicle.body_width)
+    corners = ProximitySensorPlaces(job.vehicle.body_length, job.vehicle.body_width)
     joint = _NoisyJoint(cell, crawl, seed)
     whole = crawl.arc_points is not None
     devices = CrawlDevices(

@@ -39,7 +39,12 @@ from tjscan.runs.crawl.run import CrawlContext, replay_crawl, resume_crawl, run_
 from tjscan.runs.scan.reprocess import reprocess_run
 from tjscan.runs.scan.run import ScanContext, resume_scan, run_scan
 from tjscan.runs.tow.report import tow_chapter
-from tjscan.runs.tow.results import FIGURES_FILE, PLANS_FILE, read_recorded_tow, read_tow_figures
+from tjscan.runs.tow.results import (
+    PLANS_FILE,
+    TOW_KEY_FIGURES_FILE,
+    read_recorded_tow,
+    read_tow_key_figures,
+)
 from tjscan.runs.tow.run import TowContext, replay_tow, resume_tow, run_tow
 from tjscan.scanning.journal import StopReason
 from tjscan.scanning.recording import read_recorded_scan
@@ -169,7 +174,7 @@ def make_tows(folder: Path) -> tuple[SoundRun, SoundRun]:
     whole, file = folder / "tow", EXAMPLES / "tow-simulation.toml"
     run_tow(TowContext(read_tow_job(file, TOW), file), whole)
     recording = f"{TOW_RECORDING}.mcap"
-    killed = _cut_off(_without(whole, PLANS_FILE, FIGURES_FILE), recording)
+    killed = _cut_off(_without(whole, PLANS_FILE, TOW_KEY_FIGURES_FILE), recording)
     return (
         SoundRun(whole, recording, (read_tow, read_tow_table, replay_towed, go_on_towing)),
         SoundRun(killed, recording, (read_tow, replay_towed, go_on_towing)),
@@ -240,7 +245,7 @@ def read_tow(run: Path, cut: bool) -> Outcome:
 
 def read_tow_table(run: Path, cut: bool) -> Outcome:
     """Figures of a tow."""
-    return Outcome(tuple(read_tow_figures(run).items()))
+    return Outcome(tuple(read_tow_key_figures(run).items()))
 
 
 def replay_towed(run: Path, cut: bool) -> Outcome:

@@ -16,7 +16,7 @@ from _table import Row
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Floor, Obstacles
-from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
+from tjscan.towing.shape.cable import Cable, TowingTeam, equally_spaced_links
 from tjscan.towing.shape.limited import optimise_within_limits
 from tjscan.towing.shape.limits import LimitedProblem
 from tjscan.towing.shape.plan import PlanInputs, PlannerSettings, TowingPlan
@@ -212,7 +212,7 @@ def size_rows() -> list[Row]:
     ):
         low, high = -height / 2, height / 2
         cable = Cable(links=links, link_length=length, least_bend_radius=1.33 * length)
-        team = TowingTeam(equal_links(links, vehicles), top_speed=0.1)
+        team = TowingTeam(equally_spaced_links(links, vehicles), top_speed=0.1)
         yard = Floor([(0, low), (width, low), (width, high), (0, high)])
         tow = Tow(TowingPlanner(cable, team, yard), x=width, y=-0.15 * height)
         watch, plans = tow.timed(40)

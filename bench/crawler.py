@@ -28,7 +28,7 @@ from _table import Row, main
 
 from tjscan.core.errors import CrawlStopped
 from tjscan.core.frames import Array
-from tjscan.crawler.guards import CornerPlaces, Guards, ProximityFilter, ProximitySettings
+from tjscan.crawler.guards import Guards, ProximityFilter, ProximitySensorPlaces, ProximitySettings
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.plan import GuardSettings
 from tjscan.job.crawl.cell import make_crawl_cell
@@ -53,7 +53,7 @@ LINK_FAULTS: Final = 100
 QUICK_LINK_FAULTS: Final = 10
 BROKEN_CRAWLS: Final = 100
 QUICK_BROKEN_CRAWLS: Final = len(BROKEN)
-BODY: Final = CornerPlaces(0.8, 0.5)
+BODY: Final = ProximitySensorPlaces(0.8, 0.5)
 FIRST_PAD: Final = 0.35
 """Metres from the middle to the end of a track: a pad beyond the edge holds no more."""
 

@@ -17,7 +17,7 @@ from written import content
 from tjscan.core.errors import ConfigurationError
 from tjscan.groove.read import read_groove
 from tjscan.job.files import read_scan_job
-from tjscan.result.table import RUN_COLUMNS
+from tjscan.result.table import SECTIONS_CSV_COLUMNS
 from tjscan.scanning.recording import read_recorded_scan
 
 RUN_FILES = {
@@ -50,7 +50,7 @@ def test_sections_csv_has_its_columns_and_tells_of_a_groove(run: Path) -> None:
     with (run / "sections.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
     assert len(rows) == 5
-    assert tuple(rows[0]) == RUN_COLUMNS
+    assert tuple(rows[0]) == SECTIONS_CSV_COLUMNS
     azimuths = [float(row["azimuth_deg"]) for row in rows]
     assert azimuths == sorted(azimuths)  # counterclockwise
     for row in rows:

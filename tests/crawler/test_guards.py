@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tjscan.core.errors import CrawlStopped
-from tjscan.crawler.guards import CornerPlaces, Guards, ProximityFilter, ProximitySettings
+from tjscan.crawler.guards import Guards, ProximityFilter, ProximitySensorPlaces, ProximitySettings
 from tjscan.crawler.method import OffsetEstimate
 from tjscan.crawler.plan import GuardSettings
 from tjscan.crawler.slip_aware import SlipAwareMethod, SteeringSettings
@@ -19,7 +19,9 @@ STEEL = (0.03,) * 4
 
 def guards() -> Guards:
     found = Guards(
-        GuardSettings(), ProximityFilter(ProximitySettings(samples=1)), CornerPlaces(0.8, 0.5)
+        GuardSettings(),
+        ProximityFilter(ProximitySettings(samples=1)),
+        ProximitySensorPlaces(0.8, 0.5),
     )
     found.watch_vehicle(VehicleState(0.0, Twist(0.0, 0.0), proximity=STEEL))
     return found

@@ -14,7 +14,7 @@ from tjscan.crawler.joint_tracking.memory import (
     STATION_LENGTH,
     JointMemory,
     RememberingTracker,
-    sigma_of_addition,
+    sigma_of_independent_part,
 )
 from tjscan.crawler.joint_tracking.registration import JointPlacement
 from tjscan.crawler.joint_tracking.tracking import ButtJointReading
@@ -126,5 +126,5 @@ def test_error_of_what_is_remembered_grows_from_way_to_way() -> None:
 def test_readings_together_tell_no_more_than_what_they_share_allows(
     own: float, shared: float, count: int
 ) -> None:
-    told = sum(1 / sigma_of_addition(own, shared, k) ** 2 for k in range(1, count + 1))
+    told = sum(1 / sigma_of_independent_part(own, shared, k) ** 2 for k in range(1, count + 1))
     assert told == pytest.approx(count / (own**2 + count * shared**2), rel=1e-6)

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tjscan.crawler.guards import CornerPlaces, ProximityFilter, ProximitySettings
+from tjscan.crawler.guards import ProximityFilter, ProximitySensorPlaces, ProximitySettings
 from tjscan.vehicle.vehicle import PROXIMITY_CORNERS, Twist
 
 STEEL = (0.03,) * 4
-BODY = CornerPlaces(0.8, 0.5)
+BODY = ProximitySensorPlaces(0.8, 0.5)
 
 
 def after(*samples: tuple[float, ...]) -> tuple[str, ...]:

@@ -27,8 +27,8 @@ from tjscan.live.page import Page, PageAddress
 from tjscan.live.replay import Replay
 from tjscan.live.step import STATE_FACT, RecordedShow, Setting
 from tjscan.recording.journal import RunEvent
-from tjscan.runs.live.crawl import TORCH_DEVIATION, CrawlPageJournal, CrawlShow
-from tjscan.runs.live.tow import CABLE_CLEARANCE, TowShow, vehicles_apart
+from tjscan.runs.live.crawl import TORCH_DEVIATION_MEASURE, CrawlPageJournal, CrawlShow
+from tjscan.runs.live.tow import CABLE_CLEARANCE_MEASURE, TowShow, vehicles_apart
 from tjscan.runs.tow.results import clearance_from_discs
 from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import TowCycle, TowTruth
@@ -54,7 +54,9 @@ def test_a_crawl_shows_where_the_vehicle_is_and_what_is_welded() -> None:
     ]
     welded = [thing for step in steps for thing in step.drawn.values()]
     pieces = [piece for piece in welded if isinstance(piece, MeasuredPiece)]
-    assert [piece.values[TORCH_DEVIATION.name] for piece in pieces] == pytest.approx([2.0, 2.0])
+    assert [piece.values[TORCH_DEVIATION_MEASURE.name] for piece in pieces] == pytest.approx(
+        [2.0, 2.0]
+    )
     facts = steps[-1].facts
     assert facts[STATE_FACT] == "welding"
     assert facts["nearest corner"] == "200 mm"
@@ -96,7 +98,7 @@ def test_a_tow_shows_cable_vehicles_clearance_and_forces() -> None:
     cable = step.drawn["cable"]
     assert isinstance(cable, Lines)
     assert len(cable.segments) == links
-    assert step.samples[0].values[CABLE_CLEARANCE.name] == pytest.approx(800, rel=0.02)
+    assert step.samples[0].values[CABLE_CLEARANCE_MEASURE.name] == pytest.approx(800, rel=0.02)
     truth = TowTruth(5.0, line, poses, np.array((3.0, 4.0, 0.0)), np.zeros(count), beside[:, :3])
     facts = show.step(truth).facts
     assert facts["force on the welder"] == "5.0 N"

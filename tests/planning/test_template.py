@@ -36,7 +36,7 @@ def test_beads_have_the_areas_asked_for_and_fill_the_groove(
     corners: np.ndarray, cap: float
 ) -> None:
     template = SectionTemplate(corners[None], cap)
-    assert template.is_proper.all()
+    assert template.sections_are_convex.all()
     area = shapely.Polygon(corners).area
     np.testing.assert_allclose(template.groove_area, area, rtol=EXACT)
     wanted = equal_areas(template)
@@ -88,8 +88,8 @@ def test_a_groove_scaled_has_the_same_template_and_areas_that_scale_by_its_squar
 
 def test_a_groove_turned_inside_out_is_no_template() -> None:
     corners = half_v()
-    assert not SectionTemplate(corners[None, ::-1], 0.0).is_proper[0]
-    assert not SectionTemplate(corners[None, [0, 2, 1, 3]], 0.0).is_proper[0]
+    assert not SectionTemplate(corners[None, ::-1], 0.0).sections_are_convex[0]
+    assert not SectionTemplate(corners[None, [0, 2, 1, 3]], 0.0).sections_are_convex[0]
 
 
 def test_the_area_of_a_plate_s_groove_is_what_its_drawing_says() -> None:

@@ -14,7 +14,7 @@ from tjscan.core.errors import ConfigurationError
 from tjscan.core.provenance import Provenance
 from tjscan.groove.measured import MeasuredSection
 from tjscan.result.section import MEASURE_FIELDS
-from tjscan.result.table import RUN_COLUMNS, read_sections_csv, write_sections_csv
+from tjscan.result.table import SECTIONS_CSV_COLUMNS, read_sections_csv, write_sections_csv
 
 PRINTED_MM = 0.51e-4
 """Half of the last of four decimals."""
@@ -89,7 +89,7 @@ def test_columns_may_be_moved_and_added(tmp_path: Path) -> None:
 
 def cell(column: str, text: str, line: int = 8) -> Callable[[list[list[str]]], None]:
     def change(rows: list[list[str]]) -> None:
-        rows[line - 1][RUN_COLUMNS.index(column)] = text
+        rows[line - 1][SECTIONS_CSV_COLUMNS.index(column)] = text
 
     return change
 
@@ -97,7 +97,7 @@ def cell(column: str, text: str, line: int = 8) -> Callable[[list[list[str]]], N
 def drop(column: str) -> Callable[[list[list[str]]], None]:
     def change(rows: list[list[str]]) -> None:
         for row in rows[ABOVE:]:
-            del row[RUN_COLUMNS.index(column)]
+            del row[SECTIONS_CSV_COLUMNS.index(column)]
 
     return change
 
@@ -121,7 +121,7 @@ def drop(column: str) -> Callable[[list[list[str]]], None]:
         (cell("p1x_mm", "p1z_mm", line=6), "line 6, column p1x_mm: is missing"),
         (lambda rows: rows[5].append("p1x_mm"), "line 6, column p1x_mm: is there twice"),
         (drop("gx_mm"), "line 6, column gx_mm: is missing"),
-        (lambda rows: rows[7].pop(), f"line 8: {len(RUN_COLUMNS) - 1} cells are under"),
+        (lambda rows: rows[7].pop(), f"line 8: {len(SECTIONS_CSV_COLUMNS) - 1} cells are under"),
         (lambda rows: rows.clear(), "line 1, column index: is missing"),
     ],
 )
@@ -160,7 +160,7 @@ def test_pandas_reads_a_table_as_documented(tmp_path: Path) -> None:
     pandas = pytest.importorskip("pandas")
     sections = [a_section(1), a_section(2)]
     table = pandas.read_csv(written(tmp_path / "sections.csv", sections), comment="#")
-    assert list(table.columns) == list(RUN_COLUMNS)
+    assert list(table.columns) == list(SECTIONS_CSV_COLUMNS)
     assert list(table["station"]) == [section.station for section in sections]
     np.testing.assert_allclose(
         table["depth_mm"], [1e3 * section.measures[2] for section in sections], atol=PRINTED_MM

@@ -30,11 +30,11 @@ from tjscan.runs.crawl.report import crawl_chapter
 from tjscan.runs.crawl.results import read_recorded_crawl
 from tjscan.runs.crawl.run import (
     CrawlContext,
+    find_start_after_stop,
     resume_crawl,
     run_crawl,
     short_pass_warning,
     slip_after_stop,
-    start_after_stop,
 )
 from tjscan.vehicle.vehicle import AT_REST, DEAD_MAN, Twist, VehicleState
 
@@ -414,4 +414,4 @@ def test_a_place_that_was_told_to_a_crawl_that_never_went_on_is_none(tmp_path: P
         for cycle in read_recorded_crawl(tmp_path).cycles
     ]
     job = read_crawl_job(EXAMPLES / "crawl.toml")
-    assert start_after_stop(cycles, job, 0.02, tmp_path).travel == pytest.approx(0.08)
+    assert find_start_after_stop(cycles, job, 0.02, tmp_path).travel == pytest.approx(0.08)

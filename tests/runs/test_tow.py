@@ -16,7 +16,7 @@ pytest.importorskip("proxsuite")
 from command import tjscan
 
 from tjscan.job.tow.job import read_tow_job
-from tjscan.runs.tow.results import figures_of_tow, read_recorded_tow, read_tow_figures
+from tjscan.runs.tow.results import key_figures_of_tow, read_recorded_tow, read_tow_key_figures
 from tjscan.towing.journal import TowCycle
 from tjscan.towing.loop import CableTow
 
@@ -41,7 +41,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_tow_leaves_its_recording_its_figures_and_a_report_that_loads_nothing(
     out: Path,
 ) -> None:
-    figures = read_tow_figures(out)
+    figures = read_tow_key_figures(out)
     assert figures["complete"]
     assert figures["welded_mm"] == pytest.approx(40)
     assert figures["touches"] == 0
@@ -58,7 +58,7 @@ def test_a_tow_of_one_cycle_has_figures_without_a_mean_of_nothing(out: Path) -> 
     found, job = read_recorded_tow(out), read_tow_job(out / "job.toml")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        figures = figures_of_tow(job, found.cycles[:1], found.truths[:1], complete=False)
+        figures = key_figures_of_tow(job, found.cycles[:1], found.truths[:1], complete=False)
     assert figures.as_numbers["followed_mm"] is None
     assert figures.force_max_n > 0
 
@@ -128,13 +128,13 @@ def test_a_replay_with_the_same_keys_plans_the_same(
     again = tmp_path / "again"
     capsys.readouterr()
     assert tjscan("tow", "replay", out, "--out", again, "--json") == 0
-    assert json.loads(capsys.readouterr().out)["figures"] == read_tow_figures(again)
+    assert json.loads(capsys.readouterr().out)["figures"] == read_tow_key_figures(again)
     assert tjscan("tow", "replay", out, "--seam.speed-mm-min", "1", "--out", tmp_path / "no") == 2
 
-    assert read_tow_figures(again)["complete"]
+    assert read_tow_key_figures(again)["complete"]
     apart = ("--limits.link-clearance-mm", "1000", "--out", tmp_path / "apart")
     assert tjscan("tow", "replay", out, *apart) == 0
-    figures = read_tow_figures(tmp_path / "apart")
+    figures = read_tow_key_figures(tmp_path / "apart")
     assert (figures["halts"], figures["asked_mm_s"]) == (len(read_recorded_tow(out).cycles), 0)
     assert not figures["complete"]
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tjscan.towing.shape.area import Floor
-from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
+from tjscan.towing.shape.cable import Cable, TowingTeam, equally_spaced_links
 
 CABLE = Cable(root=(0.3, -0.2, 0.4))
 
@@ -38,8 +38,8 @@ def test_a_cable_that_cannot_be_is_refused() -> None:
 
 
 def test_vehicles_sit_at_equal_distances_and_the_last_at_the_tip() -> None:
-    assert equal_links(60, 6) == (9, 19, 29, 39, 49, 59)
-    assert equal_links(60, 2) == (29, 59)
+    assert equally_spaced_links(60, 6) == (9, 19, 29, 39, 49, 59)
+    assert equally_spaced_links(60, 2) == (29, 59)
     with pytest.raises(ValueError, match="rise"):
         TowingTeam(held_links=(9, 9))
 

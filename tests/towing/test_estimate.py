@@ -14,7 +14,7 @@ from tjscan.towing.shape.chain import (
 )
 from tjscan.towing.shape.compiled import Indices
 from tjscan.towing.shape.estimate import (
-    SLIDING_DISTANCE,
+    PRESLIDING_DISPLACEMENT,
     CableEstimate,
     EstimateArrays,
     cable_energy,
@@ -40,7 +40,7 @@ def energy(angles: Array, held: Indices, poses: Array, rest: Array) -> tuple[flo
 
 
 @pytest.mark.parametrize(
-    "off", [0.3 * SLIDING_DISTANCE, 3 * SLIDING_DISTANCE], ids=["held", "sliding"]
+    "off", [0.3 * PRESLIDING_DISPLACEMENT, 3 * PRESLIDING_DISPLACEMENT], ids=["held", "sliding"]
 )
 def test_derivatives_are_those_of_differences(off: float) -> None:
     rng = np.random.default_rng(1)
@@ -67,7 +67,7 @@ def tow(estimate: CableEstimate, poses: Array, way: Array, steps: int) -> CableE
 
 def test_a_cable_that_was_towed_there_and_back_lies_otherwise_and_then_stays() -> None:
     angles = bent_angles(np.random.default_rng(2), 20)
-    begun = CableEstimate.unpulled(CABLE, angles)
+    begun = CableEstimate.without_floor_pull(CABLE, angles)
     poses, way = CABLE.poses(angles)[list(HELD)], np.array(((0.0, 0.0, 0.0), (-0.03, 0.02, 0.0)))
     begun = tow(begun, poses, 0 * way, 20)
     back = tow(tow(begun, poses, way, 30), poses + way, -way, 30)
@@ -78,7 +78,7 @@ def test_a_cable_that_was_towed_there_and_back_lies_otherwise_and_then_stays() -
 
 def test_how_fast_it_was_towed_says_nothing() -> None:
     angles = bent_angles(np.random.default_rng(3), 20)
-    begun = CableEstimate.unpulled(CABLE, angles)
+    begun = CableEstimate.without_floor_pull(CABLE, angles)
     poses, way = CABLE.poses(angles)[list(HELD)], np.array(((0.0, 0.0, 0.0), (-0.02, 0.04, 0.1)))
     quick, slow = (tow(begun, poses, way, steps) for steps in (40, 400))
     np.testing.assert_allclose(quick.angles, slow.angles, atol=3e-3)
@@ -94,7 +94,7 @@ def test_it_lies_where_the_simulated_cable_does() -> None:
         cable=CableModel(links=20, held=HELD), vehicle=TowingVehicleModel(encoder_noise=0.0)
     )
     begun = np.linspace(0.02, 0.12, 20)
-    world, estimate = TowingWorld(model, begun), CableEstimate.unpulled(CABLE, begun)
+    world, estimate = TowingWorld(model, begun), CableEstimate.without_floor_pull(CABLE, begun)
     frictionless = estimate
     # The second vehicle goes sideways to and fro beside the first one, which stands.
     for k in range(160):
@@ -113,7 +113,7 @@ def test_it_lies_where_the_simulated_cable_does() -> None:
 
 def test_a_cable_that_is_pushed_together_lies_where_its_energy_is_least() -> None:
     trust = PoseAccuracy(5e-4, 1e-3)
-    lies = CableEstimate.unpulled(CABLE, np.full(20, 1e-3))
+    lies = CableEstimate.without_floor_pull(CABLE, np.full(20, 1e-3))
     poses = CABLE.poses(lies.angles)[list(HELD)]
     for _ in range(20):
         poses[1, 0] -= 1e-3

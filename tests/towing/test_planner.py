@@ -201,7 +201,7 @@ def test_noise_that_stretches_the_cable_still_gives_a_shape(begun: TowingPlan) -
 def test_a_pose_unknown_is_a_pose_less_and_not_a_fault(begun: TowingPlan) -> None:
     poses = begun.held_poses.copy()
     poses[1:3] = np.nan
-    last = CableEstimate.unpulled(CABLE, begun.angles)
+    last = CableEstimate.without_floor_pull(CABLE, begun.angles)
     shape = estimate_shape(CABLE, HELD, poses, last=last).angles
     assert np.hypot(*(CABLE.poses(shape) - begun.link_poses)[:, :2].T).max() < 0.05
 

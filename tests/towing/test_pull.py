@@ -21,7 +21,7 @@ POSES = CABLE.poses(BENT)[list(HELD)]
 
 def tow(way: Array) -> tuple[CableEstimate, Array]:
     """The cable once the welder has gone a way, and the poses then."""
-    lies = CableEstimate.unpulled(CABLE, BENT)
+    lies = CableEstimate.without_floor_pull(CABLE, BENT)
     for share in np.linspace(0, 1, 30):
         poses = POSES + share * np.array(((0.0, 0.0, 0.0), (*way, 0.0)))
         lies = estimate_shape(CABLE, HELD, poses, last=lies, trust=TRUST)
@@ -59,7 +59,7 @@ def test_it_pulls_as_the_simulated_cable_does() -> None:
     model = TowingWorldModel(
         cable=CableModel(links=20, held=HELD), vehicle=TowingVehicleModel(encoder_noise=0.0)
     )
-    world, lies = TowingWorld(model, BENT), CableEstimate.unpulled(CABLE, BENT)
+    world, lies = TowingWorld(model, BENT), CableEstimate.without_floor_pull(CABLE, BENT)
     world.order(0, Twist(0.0, 0.0, 0.0))
     for _ in range(60):
         heading = world.truth().poses[1, 2]

@@ -22,7 +22,7 @@ from towed import (
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import DiscObstacle, Floor, Obstacles
 from tjscan.towing.shape.estimate import CablePull
-from tjscan.towing.shape.problem import ShapeProblem, free_share, rising_loss
+from tjscan.towing.shape.problem import ShapeProblem, one_minus_falling_loss, rising_loss
 
 STEP = 1e-6
 
@@ -41,7 +41,7 @@ def differences(function: object, x: Array) -> Array:
 def test_a_loss_stays_between_its_limits_and_has_the_derivatives_it_gives(
     f: float, target: float
 ) -> None:
-    for loss in (rising_loss, free_share):
+    for loss in (rising_loss, one_minus_falling_loss):
         value, first, second = loss(f, target)
         assert -1e-12 <= value <= 1 + 1e-12
         assert first >= 0
@@ -54,10 +54,10 @@ def test_a_loss_stays_between_its_limits_and_has_the_derivatives_it_gives(
 def test_losses_reach_their_limits_and_turn_at_the_target() -> None:
     assert rising_loss(0.0, 0.6)[0] == pytest.approx(0, abs=1e-15)
     assert rising_loss(60.0, 0.6)[0] == pytest.approx(1, abs=1e-12)
-    assert free_share(-30.0, 0.3)[0] == pytest.approx(0, abs=1e-12)
-    assert free_share(30.0, 0.3)[0] == pytest.approx(1, abs=1e-12)
+    assert one_minus_falling_loss(-30.0, 0.3)[0] == pytest.approx(0, abs=1e-12)
+    assert one_minus_falling_loss(30.0, 0.3)[0] == pytest.approx(1, abs=1e-12)
     assert rising_loss(0.6, 0.6)[2] == pytest.approx(0, abs=1e-12)
-    assert free_share(0.3, 0.3)[2] == pytest.approx(0, abs=1e-12)
+    assert one_minus_falling_loss(0.3, 0.3)[2] == pytest.approx(0, abs=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(3))

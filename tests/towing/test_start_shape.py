@@ -8,7 +8,7 @@ import pytest
 
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Floor
-from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
+from tjscan.towing.shape.cable import Cable, TowingTeam, equally_spaced_links
 from tjscan.towing.shape.plan import PlanInputs
 from tjscan.towing.shape.planner import TowingPlanner
 from tjscan.towing.shape.start import StartShape, start_shapes
@@ -29,7 +29,7 @@ def test_a_long_cable_has_a_shape_in_a_yard_of_its_size(
     scale = links * length / 6
     planner = TowingPlanner(
         Cable(links=links, link_length=length, least_bend_radius=1.33 * length),
-        TowingTeam(equal_links(links, vehicles)),
+        TowingTeam(equally_spaced_links(links, vehicles)),
         Floor(scale * OUTLINE),
     )
     pose = np.array((2.6 * scale, -1.5 * scale, np.pi / 2))

@@ -185,12 +185,12 @@ def size(job: Path, *overrides: JobKeys, json: bool = False) -> None:
     json
         Print the figures as JSON on stdout.
     """
-    from tjscan.cli.output.crawl import print_size
+    from tjscan.cli.output.crawl import print_crawler_sizing
     from tjscan.crawler.sizing import size_crawler
     from tjscan.job.crawl.job import read_crawl_job
 
     parsed = read_crawl_job(job, parse_overrides(overrides))
     figures = size_crawler(parsed.size, parsed.vehicle.tracks, parsed.steering.least_radius)
-    print_size(figures, json=json)
+    print_crawler_sizing(figures, json=json)
     if not all(figure.holds for figure in figures):
         raise SystemExit(3)

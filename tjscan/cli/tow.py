@@ -53,7 +53,7 @@ def run(
     page = page or LiveOptions()
     page.check()
     # A job with a mistake in it is refused before anything heavy is loaded.
-    from tjscan.cli.output.tow import print_figures, print_sweep, watch_tow
+    from tjscan.cli.output.tow import print_sweep, print_tow_key_figures, watch_tow
     from tjscan.runs.tow.run import resume_tow, run_tow
 
     if dry_run:
@@ -65,7 +65,7 @@ def run(
             resume_tow(context)
         else:
             run_tow(context, directory)
-    print_figures(directory, json=json)
+    print_tow_key_figures(directory, json=json)
 
 
 def replay(
@@ -91,10 +91,10 @@ def replay(
     json
         Print the figures as JSON on stdout.
     """
-    from tjscan.cli.output.tow import print_figures
+    from tjscan.cli.output.tow import print_tow_key_figures
     from tjscan.report.write import write_run_report
     from tjscan.runs.tow.run import replay_tow
 
     directory = out or dated_sibling_directory(run)
     replay_tow(run, parse_overrides(overrides, method=method), directory, write_run_report)
-    print_figures(directory, json=json)
+    print_tow_key_figures(directory, json=json)

@@ -42,7 +42,7 @@ LEAST_RESIDUAL_SIGMA: Final = 20e-6
 LEAST_PARTNER_SHARE: Final = 0.6
 """Share of the points that must have a partner in the end."""
 
-LEAST_STIFFNESS: Final = 1e-4
+LEAST_ALIGNMENT_STIFFNESS: Final = 1e-4
 """Smallest eigenvalue of the mean normal matrix; lengths count in radii of the cloud."""
 
 NEIGHBOURS_FOR_NORMAL: Final = 12
@@ -201,11 +201,11 @@ def _check_stiffness(points: Array, normals: Array) -> None:
     radius = float(np.sqrt(np.mean(np.sum(points * points, axis=1))))
     J = np.column_stack((np.cross(points / radius, normals), normals))
     least = float(np.linalg.eigvalsh(J.T @ J / len(J))[0])
-    if least < LEAST_STIFFNESS:
+    if least < LEAST_ALIGNMENT_STIFFNESS:
         raise ComparisonRefused(
             f"the points could slide or turn along the reference (stiffness {least:.1e}, "
-            f"{LEAST_STIFFNESS:g} is needed): they hold no pose. Compare more of the surface, or "
-            "with --align none"
+            f"{LEAST_ALIGNMENT_STIFFNESS:g} is needed): they hold no pose. Compare more of the "
+            "surface, or with --align none"
         )
 
 

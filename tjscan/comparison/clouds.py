@@ -48,8 +48,8 @@ NUMPY_TYPES: Final = {
 MOST_HEADER_LINES: Final = 100
 """Lines."""
 
-BYTES_PER_POINT: Final = 110
-BYTES_PER_COMPRESSED_POINT: Final = 260
+MEMORY_PER_PCD_POINT: Final = 110
+MEMORY_PER_COMPRESSED_PCD_POINT: Final = 260
 """Bytes of memory that reading a point takes, beside its own; as measured."""
 
 
@@ -68,7 +68,11 @@ def read_pcd(path: Path) -> Array:
     with path.open("rb") as stream:
         layout, count, encoding = _read_head(stream)
         rest = path.stat().st_size - stream.tell()
-        rate = BYTES_PER_COMPRESSED_POINT if encoding == "binary_compressed" else BYTES_PER_POINT
+        rate = (
+            MEMORY_PER_COMPRESSED_PCD_POINT
+            if encoding == "binary_compressed"
+            else MEMORY_PER_PCD_POINT
+        )
         mesh_files.refuse_large_memory(path, count * (rate + layout.itemsize))
         if encoding == "ascii":
             lines = (line.decode("ascii") for line in stream)
@@ -128,7 +132,7 @@ def _read_compressed(path: Path) -> Array:
     return np.asarray(cloud.point["positions"].numpy(), dtype=float)
 
 
-BYTES_PER_E57_POINT: Final = 120
+MEMORY_PER_E57_POINT: Final = 120
 """Bytes of memory that reading a point of an E57 takes."""
 
 FileContent = tuple[Array, "np.ndarray[Any, np.dtype[np.intp]] | None", tuple[str, str] | None]
@@ -265,7 +269,7 @@ def _read_e57(path: Path) -> FileContent:
     _check_package("pye57", "E57", "e57")
     file = import_module("pye57").E57(str(path))
     points_of_all = sum(file.get_header(i).point_count for i in range(file.scan_count))
-    mesh_files.refuse_large_memory(path, BYTES_PER_E57_POINT * points_of_all)
+    mesh_files.refuse_large_memory(path, MEMORY_PER_E57_POINT * points_of_all)
     scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
     points = [np.column_stack([s[f"cartesian{axis}"] for axis in "XYZ"]) for s in scans]
     return np.concatenate(points), None, ("m", "its standard")

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from multiprocessing import Pipe
 from typing import Final
 
-QUOTED_CHARACTERS: Final = 300
+QUOTED_OUTPUT_CHARACTERS: Final = 300
 """Characters of the process's last output that an error quotes."""
 
 
@@ -148,6 +148,6 @@ class ClientProcess:
 
     def _end_and_quote_output(self) -> str:
         self._output.seek(0)
-        last = self._output.read().decode(errors="replace").strip()[-QUOTED_CHARACTERS:]
+        last = self._output.read().decode(errors="replace").strip()[-QUOTED_OUTPUT_CHARACTERS:]
         self.close()
         return f" It said: {' / '.join(last.splitlines())}." if last else ""

@@ -28,7 +28,7 @@ WAVE_CURVATURE: Final = 0.05
 MOST_RUN_UPS: Final = 6
 """How often it runs up to a weld until it knows well enough where the torch is."""
 
-WAVE_LENGTH: Final = 0.4
+SHUTTLE_WAVE_LENGTH: Final = 0.4
 """Metres of a wave."""
 
 REPORTED_WAIT: Final = 5.0
@@ -131,7 +131,7 @@ class Crawler:
         VehicleFault, LaserFault
             If a device fails; likewise.
         """
-        with self._stopped_by_errors():
+        with self._stopping_if_block_raises():
             self._weld_all(start)
 
     def shuttle(self, length: float, times: int) -> None:
@@ -149,7 +149,7 @@ class Crawler:
         CrawlStopped, VehicleFault, LaserFault
             As `run` does.
         """
-        with self._stopped_by_errors():
+        with self._stopping_if_block_raises():
             self._wait_for_joint()
             self._cycle.enter(Event.JOINT_IN_VIEW, "a shuttle begins")
             for _ in range(times):
@@ -162,7 +162,7 @@ class Crawler:
             self._cycle.run(AT_REST)
 
     @contextmanager
-    def _stopped_by_errors(self) -> Iterator[None]:
+    def _stopping_if_block_raises(self) -> Iterator[None]:
         """End the arc and stop the vehicle for good if the block raises, whatever it raises."""
         try:
             yield
@@ -177,7 +177,7 @@ class Crawler:
 
     def _drive_in_waves(self, speed: float) -> None:
         """Drive one cycle along the joint, with a wave on top that the encoders see too."""
-        wave = WAVE_CURVATURE * speed * cos(2 * pi * self._cycle.travel / WAVE_LENGTH)
+        wave = WAVE_CURVATURE * speed * cos(2 * pi * self._cycle.travel / SHUTTLE_WAVE_LENGTH)
         self._cycle.run(Twist(speed, self._method.turn_rate(speed) + wave))
 
     def _weld_all(self, resumed: CrawlStart | None) -> None:

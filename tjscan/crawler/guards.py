@@ -80,7 +80,7 @@ class ProximityFilter:
 
 
 @dataclass(frozen=True, slots=True)
-class CornerPlaces:
+class ProximitySensorPlaces:
     """Where the proximity sensors are on the vehicle.
 
     Parameters
@@ -124,7 +124,7 @@ class Guards:
     """
 
     def __init__(
-        self, settings: GuardSettings, proximity: ProximityFilter, corners: CornerPlaces
+        self, settings: GuardSettings, proximity: ProximityFilter, corners: ProximitySensorPlaces
     ) -> None:
         self._settings, self._proximity, self._corners = settings, proximity, corners
         self._blind_travel = self._blind_time = 0.0

@@ -35,10 +35,10 @@ OUTLIER_SIGMAS: Final = 4.0
 LEAST_SIGMA: Final = 0.02e-3
 """Least standard deviation that this rests on, in metres: smoothed points are near their line."""
 
-OUTLIERS_IN_ROW: Final = 6
+OUTLIERS_ENDING_HULL: Final = 6
 """Outliers one after the other that end the hull."""
 
-LEAST_AREA: Final = 1e-6
+LEAST_POLYGON_AREA: Final = 1e-6
 """Area of the smallest polygon with a barycentre, in m²."""
 
 
@@ -100,7 +100,7 @@ def polygon_barycentre(polygon: Array) -> Array:
     u, w = np.roll(x, -1), np.roll(z, -1)
     cross = x * w - u * z
     double = float(cross.sum())
-    if abs(double) < 2 * LEAST_AREA:
+    if abs(double) < 2 * LEAST_POLYGON_AREA:
         raise GrooveNotFound("no bevel", "nothing lies between the edges", polygon)
     return np.asarray(origin + np.array(((x + u) @ cross, (z + w) @ cross)) / (3 * double))
 
@@ -122,7 +122,7 @@ def _last_inlier(x: Array, z: Array) -> int:
     ):
         if abs(w - height - slope * u) > OUTLIER_SIGMAS * sigma * hypot(1.0, slope):
             missed += 1
-            if missed == OUTLIERS_IN_ROW:
+            if missed == OUTLIERS_ENDING_HULL:
                 break
             continue
         last, missed = k, 0

@@ -27,8 +27,8 @@ AVERAGING_TIME: Final = 0.5
 """Seconds over which encoders are averaged about what was asked."""
 
 
-SPEED_RAMP: Final = 2e-3
-TURN_RAMP: Final = 10e-3
+RAMP_SPEED_DIFFERENCE: Final = 2e-3
+RAMP_TURN_RATE_DIFFERENCE: Final = 10e-3
 """m/s and rad/s: encoders this far from what was asked show a ramp, not noise, and count alone."""
 
 CREEPING_SPEED: Final = 1e-3
@@ -137,8 +137,8 @@ class OdometryFilter:
         follow, correct = min(period / DRIVE_LAG, 1.0), min(period / AVERAGING_TIME, 1.0)
         speed = self._speed + follow * (commanded.speed - self._speed)
         turn_rate = self._turn_rate + follow * (commanded.turn_rate - self._turn_rate)
-        if abs(measured.speed - speed) > SPEED_RAMP or (
-            abs(measured.turn_rate - turn_rate) > TURN_RAMP
+        if abs(measured.speed - speed) > RAMP_SPEED_DIFFERENCE or (
+            abs(measured.turn_rate - turn_rate) > RAMP_TURN_RATE_DIFFERENCE
         ):
             correct = 1.0
         self._speed = speed + correct * (measured.speed - speed)

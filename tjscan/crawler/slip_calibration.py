@@ -55,7 +55,7 @@ class SlipCalibration(StrictFileModel):
     covariance: Annotated[tuple[Row, Row, Row, Row, Row, Row], Field(strict=False)]
 
     @model_validator(mode="after")
-    def _covariance_is_one(self) -> SlipCalibration:
+    def _check_covariance(self) -> SlipCalibration:
         covariance = np.array(self.covariance)
         if not np.allclose(covariance, covariance.T) or np.linalg.eigvalsh(covariance)[0] <= 0:
             raise ValueError("its covariance is not one: it must be symmetric and positive")

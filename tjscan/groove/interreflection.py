@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
-from tjscan.groove.refinement import FACE_BLUNTNESS, UNDULATION_BLOCK, undulation_sigmas
+from tjscan.groove.refinement import FACE_BLUNTNESS, POINTS_PER_UNDULATION_BLOCK, undulation_sigmas
 from tjscan.groove.settings import GrooveModel
 from tjscan.groove.sides import (
     LEAST_NOISE,
@@ -83,7 +83,9 @@ class NotchPull:
 
 NO_PULL: Final = NotchPull(0.0, np.zeros(2), np.zeros(2))
 
-_PULL_IS_SMOOTH: Final = TRIED_NOTCH_PULLS[:, None] <= LARGEST_PULL_OVER_REACH * TRIED_PULL_REACHES
+_SMOOTH_PULL_MASK: Final = (
+    TRIED_NOTCH_PULLS[:, None] <= LARGEST_PULL_OVER_REACH * TRIED_PULL_REACHES
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,9 +175,9 @@ def find_pull(row: OrderedProfilePoints, fitted: FittedProfile, k: int) -> Notch
     costs = np.array([cost for cost, _ in known])
     inward = np.array([corners for _, corners in known])[:, :, :, None]
     inflation = fitted.noise.variance_inflation
-    weight = np.exp((now - costs) * OUTLIER_SIGMAS**2 / 2 / inflation) * _PULL_IS_SMOOTH
+    weight = np.exp((now - costs) * OUTLIER_SIGMAS**2 / 2 / inflation) * _SMOOTH_PULL_MASK
     total = float(weight.sum())
-    odds = PULL_PRIOR_ODDS * total / (len(known) * np.count_nonzero(_PULL_IS_SMOOTH))
+    odds = PULL_PRIOR_ODDS * total / (len(known) * np.count_nonzero(_SMOOTH_PULL_MASK))
     if odds < 1e-4:
         return NO_PULL
     share = weight[:, None] / total
@@ -291,7 +293,8 @@ def estimate_pull(
         basis = np.stack([s[used] ** p for p in range(4)])
         g, y = pull[used], d[used] - (expected or 0.0) * basis[2]
         variance = (
-            sigma**2 * fitted.noise.variance_inflation + UNDULATION_BLOCK * float(slow[k]) ** 2
+            sigma**2 * fitted.noise.variance_inflation
+            + POINTS_PER_UNDULATION_BLOCK * float(slow[k]) ** 2
         )
         known = np.zeros(4)
         known[2:] = variance / np.maximum((side.bend, side.twist), 1e-3) ** 2

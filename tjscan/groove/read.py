@@ -14,7 +14,12 @@ from tjscan.groove.prior import GroovePrior
 from tjscan.groove.root import WELD_IN_GROOVE, read_root
 from tjscan.groove.search import find_best_fit
 from tjscan.groove.section import GrooveSection
-from tjscan.groove.settings import DEFAULT_SETTINGS, OPENING_LEAST, OPENING_MOST, GrooveSettings
+from tjscan.groove.settings import (
+    DEFAULT_SETTINGS,
+    LARGEST_OPENING_ANGLE,
+    LEAST_OPENING_ANGLE,
+    GrooveSettings,
+)
 from tjscan.groove.shape import corner_estimates
 from tjscan.groove.sides import GrooveFit, OrderedProfilePoints, bearing_tangents
 from tjscan.groove.steel import fit_bare_steel
@@ -162,7 +167,7 @@ def _check_corner_uncertainty(
 
 def _check_shape(section: GrooveSection, points: Array) -> None:
     """Refuse a section whose opening or depth is not that of a groove to be welded."""
-    if not OPENING_LEAST < section.groove_angle < OPENING_MOST:
+    if not LEAST_OPENING_ANGLE < section.groove_angle < LARGEST_OPENING_ANGLE:
         raise GrooveNotFound(
             "ambiguous",
             f"an opening of {np.degrees(section.groove_angle):.0f}° is not that of a groove",

@@ -45,7 +45,7 @@ WIDEST_HALF_LAG: Final = LONGEST_LAG / 2 * 0.83
 LARGEST_NOISE_SHARE_IN_FIT: Final = 0.6
 """No fit is thought to take out a greater share of the noise."""
 
-UNDULATION_BLOCK: Final = 10
+POINTS_PER_UNDULATION_BLOCK: Final = 10
 """Points over which residuals are averaged: undulation is longer, most noise is not."""
 
 FEWEST_UNDULATION_BLOCKS: Final = 3
@@ -89,7 +89,7 @@ SETTLED_SIGMAS: Final = 1.0
 SAME_FIT_DISTANCE: Final = 0.05e-3
 """Fits whose corners differ by less, in metres, become the same."""
 
-MOST_ROUNDS: Final = 10
+MOST_REFINEMENT_ROUNDS: Final = 10
 ROUNDS_BEFORE_CURVATURE_CHOICE: Final = 3
 """Rounds in all, and rounds after which sides become straight or curved at the latest."""
 
@@ -249,7 +249,7 @@ def undulation_sigmas(fitted: FittedProfile) -> Array:
     fitted : FittedProfile
         Whose noise is known.
     """
-    found, block = np.zeros(len(fitted.curves)), UNDULATION_BLOCK
+    found, block = np.zeros(len(fitted.curves)), POINTS_PER_UNDULATION_BLOCK
     lags = fitted.noise.lags[:block]
     # Variance of a mean of correlated points, over that of one.
     share = (block * lags[0] + 2 * ((block - np.arange(1, len(lags))) * lags[1:]).sum()) / block**2
@@ -308,7 +308,7 @@ def refine_fit(
     noise: NoiseCorrelation | None = None
     straight: Array | None = None
     left_out: NDArray[np.bool_] | None = None
-    for count in range(MOST_ROUNDS):
+    for count in range(MOST_REFINEMENT_ROUNDS):
         if count < max(len(widths), 1):
             limits = np.where(bead, 1.0, (*widths, 1.0)[count]) * tolerance
         else:

@@ -25,7 +25,7 @@ from tjscan.groove.sides import (
     GrooveFit,
     Index,
     OrderedProfilePoints,
-    true_stretches,
+    stretches_of_true_values,
 )
 
 JUMP_DISTANCE, JUMP_STEEPNESS = 0.5e-3, 1.5
@@ -157,7 +157,7 @@ def with_other_readings(best: GrooveFit, others: list[GrooveFit]) -> GrooveFit:
     surely = replace(best, fitted=without_seam_cap(best.fitted))
     covariance = _covariance_of_readings(best, others)
     covariance += _reflection_covariance(surely)
-    covariance += _left_out_covariance(surely)
+    covariance += _unmodelled_steel_covariance(surely)
     probability = _form_probability(surely, others)
     return replace(best, other_readings=covariance, probability=probability)
 
@@ -166,7 +166,7 @@ def find_seam_cap(fitted: FittedProfile) -> slice:
     """Points of a bump on the last side that may be a weld's cap; none if there is none."""
     own = fitted.spans[-1]
     s, d = fitted.along[own], -fitted.residuals[own]
-    starts, stops = true_stretches(d > 0.3 * CAP_HEIGHT)
+    starts, stops = stretches_of_true_values(d > 0.3 * CAP_HEIGHT)
     for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
         width, height = abs(float(s[b - 1] - s[a])), float(d[a:b].max())
         if not LEAST_CAP < width < MOST_CAP or not CAP_HEIGHT < height < width / 2:
@@ -288,7 +288,7 @@ def _far_stretches(
     First points, points after the last ones, and whether they begin and end without a jump,
     shape (2, m).
     """
-    first, stop = true_stretches(np.abs(residuals) > LEAST_REFLECTION_DISTANCE)
+    first, stop = stretches_of_true_values(np.abs(residuals) > LEAST_REFLECTION_DISTANCE)
     cut = np.zeros(len(residuals) + 2, dtype=np.bool_)
     if len(first):
         cut[find_runs(row.points, row.columns).first] = cut[len(residuals)] = True
@@ -315,7 +315,7 @@ def sides_that_meet(fitted: FittedProfile) -> NDArray[np.bool_]:
     return found
 
 
-def _left_out_covariance(fit: GrooveFit) -> Array:
+def _unmodelled_steel_covariance(fit: GrooveFit) -> Array:
     """What it adds, shape (2 k, 2 k), that steel beside a corner lies on neither of its sides.
 
     Points that hang together with what is seen before and after them are no reflections. If

@@ -53,7 +53,7 @@ FEWEST_POINTS_ON_SIDE: Final = 4
 PARTIAL_GROOVE_SHARE: Final = 0.25
 """A part of a groove that leaves no greater share of the points unexplained is one."""
 
-LENGTH_SLACK: Final = 0.8
+SIDE_LENGTH_SLACK: Final = 0.8
 """A fitted side may be shorter than the model's shortest, or longer than its longest, by this
 factor."""
 
@@ -61,7 +61,7 @@ SAME_START_DISTANCE: Final = 0.3e-3
 """A hypothesis whose corners differ by less, in metres, from those of another one, or of what
 came of it, is not refined again."""
 
-TURN_SLACK: Final = radians(3)
+SIDE_TURN_SLACK: Final = radians(3)
 """How far the fitted turns may lie outside the model's."""
 
 STRAYED_SUPPORT_SHARE: Final = 0.05
@@ -399,11 +399,11 @@ def _reason_to_reject(found: GrooveFit, settings: GrooveSettings) -> str | None:
         if share < settings.inlier_share or count < FEWEST_POINTS_ON_SIDE:
             return f"only {count} points, {share:.0%} of those seen there, lie on the {side.name}"
     for turned, allowed in zip(_corner_turns(fitted), model.turns, strict=True):
-        if not allowed.least - TURN_SLACK <= turned <= allowed.most + TURN_SLACK:
+        if not allowed.least - SIDE_TURN_SLACK <= turned <= allowed.most + SIDE_TURN_SLACK:
             return f"a corner turns by {degrees(turned):.0f}°, which no such groove does"
     lengths = np.linalg.norm(np.diff(fitted.corners, axis=0), axis=1)
     for side, length in zip(model.sides[1:-1], lengths.tolist(), strict=True):
-        if not LENGTH_SLACK * side.shortest < length < side.longest / LENGTH_SLACK:
+        if not SIDE_LENGTH_SLACK * side.shortest < length < side.longest / SIDE_LENGTH_SLACK:
             return f"the {side.name} is {1e3 * length:.1f} mm long"
     smooth = np.array([not side.roughness for side in model.sides]).repeat(np.diff(fitted.edges))
     rms = float(np.sqrt(np.mean(fitted.residuals[fitted.keep & smooth] ** 2)))

@@ -19,7 +19,7 @@ PARALLEL_SINE: Final = 1e-3
 TACK_WELD: Final = "tack"
 """Condition of a section whose root is buried under a tack weld."""
 
-LEAST_ROOT: Final = 1e-12
+NARROWEST_ROOT_WIDTH: Final = 1e-12
 """Metres: a narrower root has no direction."""
 
 Pair = tuple[float, float] | list[float]
@@ -202,7 +202,7 @@ def measure_groove(
 
     # Derivatives, of the area twice over and without its sign.
     gx, gz = (-wx * out - zx * up) / square, (-wz * out - zz * up) / square
-    ux, uz = rx / max(width, LEAST_ROOT), rz / max(width, LEAST_ROOT)
+    ux, uz = rx / max(width, NARROWEST_ROOT_WIDTH), rz / max(width, NARROWEST_ROOT_WIDTH)
     ax, az = qz - (lz * lever - wz * reach) / sine, -qx + (lx * lever - wx * reach) / sine
     by_wall = along * ((wz * bz + wx * bx) - lever * (wz * lz + wx * lx) / sine)
     by_leg = (lever / sine) * (along * (wx * lx + wz * lz) - (bx * lx + bz * lz))

@@ -17,7 +17,7 @@ from tjscan.core.units import MM, ChosenByName, SettingsTable
 
 LEAST_SIDES: Final = 3
 
-SECTION_SIDES: Final = 4
+SECTION_SIDE_COUNT: Final = 4
 """Sides of a groove with the five points of a section."""
 
 
@@ -95,7 +95,7 @@ class GrooveModel:
     @property
     def has_section_points(self) -> bool:
         """Whether its corners are the five points of a section, which a scan needs."""
-        return len(self.sides) == SECTION_SIDES
+        return len(self.sides) == SECTION_SIDE_COUNT
 
     @property
     def has_root_bead(self) -> bool:
@@ -103,13 +103,15 @@ class GrooveModel:
         return self.sides[-2].bead
 
 
-OPENING_LEAST: Final = radians(20)
-OPENING_MOST: Final = radians(100)
+LEAST_OPENING_ANGLE: Final = radians(20)
+LARGEST_OPENING_ANGLE: Final = radians(100)
 """Bounds of the angle between the two faces of any groove, in radians."""
 
 _RIDGE_TURN: Final = TurnBounds(-radians(100), -radians(6))
 _HALF_VALLEY_TURN: Final = TurnBounds(radians(8), radians(150))
-_VALLEY_TURN: Final = TurnBounds(radians(180) - OPENING_MOST, radians(180) - OPENING_LEAST)
+_VALLEY_TURN: Final = TurnBounds(
+    radians(180) - LARGEST_OPENING_ANGLE, radians(180) - LEAST_OPENING_ANGLE
+)
 _ROOT_FACE: Final = SideModel("root", 0.8e-3, 14e-3, bend=100.0, twist=8000.0, bead=True)
 
 _WELD_TURN: Final = TurnBounds(radians(20), radians(150))
@@ -117,7 +119,7 @@ _KNEE_TURN: Final = TurnBounds(-radians(16), radians(16))
 _WALL_SIDE: Final = SideModel("wall", 4e-3, bend=0.7)
 _BEVEL_SIDE: Final = SideModel("bevel", 4e-3, 120e-3, bend=0.25)
 _LEG_SIDE: Final = SideModel("leg", 4e-3, bend=5.0, twist=10.0)
-_TEE_ACROSS: Final = TurnBounds(radians(8), radians(150))
+_TEE_WALL_TO_LEG_TURN: Final = TurnBounds(radians(8), radians(150))
 
 TEE_TWO_FACETS: Final = GrooveModel(
     "tee with two facets",
@@ -130,7 +132,7 @@ TEE_TWO_FACETS: Final = GrooveModel(
         _LEG_SIDE,
     ),
     (_RIDGE_TURN, _KNEE_TURN, _HALF_VALLEY_TURN, _HALF_VALLEY_TURN),
-    _TEE_ACROSS,
+    _TEE_WALL_TO_LEG_TURN,
 )
 """The same with a bevel ground or cut in two facets."""
 
@@ -138,7 +140,7 @@ TEE_NO_ROOT: Final = GrooveModel(
     "tee without a root face",
     (_WALL_SIDE, _BEVEL_SIDE, _LEG_SIDE),
     (_RIDGE_TURN, _VALLEY_TURN),
-    _TEE_ACROSS,
+    _TEE_WALL_TO_LEG_TURN,
 )
 """The same if no face closes the root, or none is seen."""
 
@@ -153,7 +155,7 @@ TEE_PARTLY_FILLED: Final = GrooveModel(
     ),
     # A flank that turns by less into what is beside it has two facets.
     (_RIDGE_TURN, _WELD_TURN, _WELD_TURN),
-    _TEE_ACROSS,
+    _TEE_WALL_TO_LEG_TURN,
 )
 """The same with beads in it that hide the root: bevel and leg end at the weld's toes."""
 
@@ -161,7 +163,7 @@ TEE_GROOVE: Final = GrooveModel(
     "tee",
     (_WALL_SIDE, _BEVEL_SIDE, _ROOT_FACE, _LEG_SIDE),
     (_RIDGE_TURN, _HALF_VALLEY_TURN, _HALF_VALLEY_TURN),
-    _TEE_ACROSS,
+    _TEE_WALL_TO_LEG_TURN,
     (TEE_TWO_FACETS, TEE_NO_ROOT, TEE_PARTLY_FILLED),
 )
 """Tubular T-joint: wall, bevel, root and leg; five points."""

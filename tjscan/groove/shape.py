@@ -36,7 +36,7 @@ from tjscan.groove.sides import (
     GrooveFit,
     OrderedProfilePoints,
     end_of_support,
-    true_stretches,
+    stretches_of_true_values,
 )
 
 CORNER_NEIGHBOURHOOD: Final = 1.5e-3
@@ -265,7 +265,7 @@ def points_lead_away_from_side(fitted: FittedProfile, k: int) -> bool:
     """
     own = fitted.spans[k]
     residuals, keep = fitted.residuals[own], fitted.keep[own]
-    starts, stops = true_stretches(~keep)
+    starts, stops = stretches_of_true_values(~keep)
     for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
         run = residuals[a:b]
         if b - a < LEAVING_POINTS or np.abs(run).max() > 1.5 * LEAST_REFLECTION_OFFSET:

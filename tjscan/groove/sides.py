@@ -385,7 +385,7 @@ def rebased_at_tangents(
     return tuple(side.rebased_at_tangent(s) for side, s in zip(sides, places, strict=True))
 
 
-def true_stretches(values: NDArray[np.bool_]) -> tuple[Index, Index]:
+def stretches_of_true_values(values: NDArray[np.bool_]) -> tuple[Index, Index]:
     """First index of each stretch of true values, and the index after its last."""
     padded = np.concatenate(([False], values, [False]))
     starts, stops = (padded[1:] != padded[:-1]).nonzero()[0].reshape(-1, 2).T

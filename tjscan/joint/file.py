@@ -188,7 +188,8 @@ def _check_lengths(d: JointDefinition, s: JointGrooveSections) -> None:
     if d.leg_length < least:
         _raise_wrong_key(
             "leg.length_mm",
-            f"{_to_mm(d.leg_length)} doesn't hold the intersection; it takes at least {_to_mm(least)}",
+            f"{_to_mm(d.leg_length)} doesn't hold the intersection; "
+            f"it takes at least {_to_mm(least)}",
         )
 
 
@@ -200,8 +201,8 @@ def _check_seams(d: JointDefinition, s: JointGrooveSections) -> None:
             least = np.arcsin(min(1.0, (reach + seam.width / 2) / d.leg_radius))
             _raise_wrong_key(
                 f"imperfections.seams.{i}.at_deg",
-                f"at {_to_deg(seam.at)} the cap runs into the groove, where it would be ground off; "
-                f"keep it {_to_deg(least)} or more from the top of the leg",
+                f"at {_to_deg(seam.at)} the cap runs into the groove, where it would be ground "
+                f"off; keep it {_to_deg(least)} or more from the top of the leg",
             )
 
 

@@ -19,7 +19,7 @@ FITTED_COLOUR: Final[Colour] = (255, 214, 10)
 UNKNOWN_COLOUR: Final[Colour] = (120, 120, 120)
 """Of a piece whose measure is not known."""
 
-SCALE_STEPS: Final = (1.0, 2.0, 5.0, 10.0)
+COLOUR_SCALE_END_MULTIPLES: Final = (1.0, 2.0, 5.0, 10.0)
 """What the ends of a scale are multiples of, times a power of ten."""
 
 
@@ -65,7 +65,10 @@ def round_ends(values: Iterable[float]) -> tuple[float, float]:
     low, high = (min(known), max(known)) if known else (0.0, 1.0)
     span = max(high - low, 0.02 * max(abs(low), abs(high)), 1e-6)
     power = 10.0 ** floor(log10(span / 4))
-    step = power * next((one for one in SCALE_STEPS if one >= span / 4 / power), SCALE_STEPS[-1])
+    step = power * next(
+        (one for one in COLOUR_SCALE_END_MULTIPLES if one >= span / 4 / power),
+        COLOUR_SCALE_END_MULTIPLES[-1],
+    )
     first = floor(low / step + 1e-9)
     last = max(-floor(-high / step + 1e-9), first + 1)
     return first * step, last * step

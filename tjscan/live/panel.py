@@ -13,7 +13,7 @@ from viser import uplot
 from tjscan.core.frames import Array
 from tjscan.live.colours import ColourScale, round_ends
 from tjscan.live.step import (
-    PRESS_FACT,
+    BUTTONS_FACT_NAME,
     STATE_FACT,
     Measure,
     PlaneCurve,
@@ -23,14 +23,14 @@ from tjscan.live.step import (
     Step,
 )
 
-STATE_ORDER: Final = -200.0
+STATE_PANEL_ORDER: Final = -200.0
 """Of the state: below the buttons, above all else."""
 MOST_SHOWN_EVENTS: Final = 200
 MOST_PLOTTED_SAMPLES: Final = 600
 """Samples in the plot: of more, as many evenly chosen ones."""
 MOST_PROFILE_POINTS: Final = 64
 """Of the newest profile in its plot."""
-EMPTY_FACTS: Final = {STATE_FACT: "", PRESS_FACT: ""}
+EMPTY_FACTS: Final = {STATE_FACT: "", BUTTONS_FACT_NAME: ""}
 """Before any is known; these two come first."""
 CHART_HEIGHT: Final = 200
 CHART_PADDING: Final = (8, 24, 0, 0)
@@ -67,7 +67,7 @@ class Panel:
         self._facts = dict(EMPTY_FACTS)
         self.samples: list[Sample] = []
         self.events: list[tuple[str, str]] = []
-        self.state = gui.add_html(_render("facts", {}), order=STATE_ORDER)
+        self.state = gui.add_html(_render("facts", {}), order=STATE_PANEL_ORDER)
         self._progress: Any = gui.add_progress_bar(0.0, visible=False)
         self._legend = gui.add_html("", visible=False)
         self._plot = _add_chart(

@@ -19,7 +19,7 @@ from tjscan.robot.settings import Solid
 
 STATE_FACT: Final = "state"
 """The fact that shows what the run is doing, or asks."""
-PRESS_FACT: Final = "press"
+BUTTONS_FACT_NAME: Final = "press"
 """The fact that shows which buttons answer."""
 
 

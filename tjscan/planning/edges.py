@@ -22,7 +22,7 @@ FEWEST_SECTIONS: Final = 4
 LEAST_CORNER_SIGMA: Final = 1e-6
 """Metres: no corner counts as known better."""
 
-AREA_ROUNDS: Final = 8
+AREA_MATCHING_ROUNDS: Final = 8
 """Rounds in which the line between the toes of a weld is moved to where the area agrees."""
 
 CORNER_NAMES: Final = ("p3", "p4", "g", "p2")
@@ -211,7 +211,7 @@ def _with_areas(corners: Array, areas: Array) -> Array:
     """
     moved, share = corners.copy(), np.zeros(len(corners))
     towards = corners[:, [3, 2]] - corners[:, :2]  # from p3 to p2, and from p4 to g
-    for _ in range(AREA_ROUNDS):
+    for _ in range(AREA_MATCHING_ROUNDS):
         # The area is nearly in proportion to what is left of the way.
         share = 1 - (1 - share) * areas / _quad_areas(moved)
         moved[:, :2] = corners[:, :2] + share[:, None, None] * towards

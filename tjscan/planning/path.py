@@ -99,8 +99,8 @@ def template_at(
         If the corners of one make no convex quadrilateral.
     """
     template = SectionTemplate(stations.corners, cap_height, root_area)
-    if not template.is_proper.all():
-        at = 1e3 * float(stations.s[int(np.argmin(template.is_proper))])
+    if not template.sections_are_convex.all():
+        at = 1e3 * float(stations.s[int(np.argmin(template.sections_are_convex))])
         raise ConfigurationError(
             f"at s = {at:.0f} mm p3, p4, g and p2 make no convex quadrilateral: layers can't be "
             "fanned between bevel and leg there",

@@ -24,7 +24,7 @@ from tjscan.core.frames import Array
 SMOOTHNESS_ORDER: Final = 4
 """m: the edges of tubes that meet have all derivatives."""
 
-LOG_STRENGTHS: Final = np.arange(-10.0, 61.0)
+LOG_SMOOTHING_STRENGTHS: Final = np.arange(-10.0, 61.0)
 """Natural logarithms of the strengths that are tried, from one too small to be seen."""
 
 
@@ -113,7 +113,7 @@ def _likeliest_strength(seen: Array, energy: Array, components: int) -> float:
         variance = 1 + np.exp(log_strength) * seen
         return float(np.sum(components * np.log(variance) + energy / variance))
 
-    tried = LOG_STRENGTHS - np.log(seen.max())
+    tried = LOG_SMOOTHING_STRENGTHS - np.log(seen.max())
     best = int(np.argmin([cost(one) for one in tried]))
     around = tried[max(best - 1, 0)], tried[min(best + 1, len(tried) - 1)]
     return float(np.exp(minimize_scalar(cost, bounds=around, method="bounded").x))

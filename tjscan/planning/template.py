@@ -53,7 +53,7 @@ class SectionTemplate:
         self.root_area: Array = np.broadcast_to(root_area, len(self.corners))
 
     @property
-    def is_proper(self) -> Array:
+    def sections_are_convex(self) -> Array:
         """Whether each section's corners make a convex quadrilateral in their order, shape (m,)."""
         a, b, c = self.jacobian
         return np.asarray(np.minimum.reduce([a, a + b, a + c, a + b + c]) > 0)

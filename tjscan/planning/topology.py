@@ -36,7 +36,7 @@ AREA_TOLERANCE_BETWEEN_STATIONS: Final = 2e-3
 TRIED_FEED_COUNT: Final = 101
 """Number of wire feeds that are tried, evenly over their window."""
 
-CHECK_ORDER: Final = (
+WPS_KEYS_IN_CHECK_ORDER: Final = (
     *("cap_height_mm", "root", "cap", "fill"),
     *("layer_height_mm", "wire_feed_m_min", "travel_speed_mm_min"),
 )
@@ -150,8 +150,8 @@ class BeadArranger:
         """
         found: list[tuple[tuple[bool, float, int, int], Arrangement]] = []
         problems: list[NoArrangementFits] = []
-        if self.root != "welded" and self._laid_ratios:
-            self._check_root_layer(self._laid_ratios["root"])
+        if self.root != "welded" and self._deposit_to_area_ratios:
+            self._check_root_layer(self._deposit_to_area_ratios["root"])
         for n, group in self._layer_counts_by_beads.items():
             for counts in group:
                 try:
@@ -173,7 +173,9 @@ class BeadArranger:
             # The one that came nearest to a plan: what is checked last.
             raise max(
                 problems,
-                key=lambda p: CHECK_ORDER.index(str(p.key).split(".")[1].split("_area")[0]),
+                key=lambda p: WPS_KEYS_IN_CHECK_ORDER.index(
+                    str(p.key).split(".")[1].split("_area")[0]
+                ),
             )
         low, high = (1e3 * height for height in self.wps.bead.layer_height)
         raise NoArrangementFits(
@@ -220,7 +222,7 @@ class BeadArranger:
         return range(max(1 if self.root == "welded" else 2, fewest), most + 1)
 
     @cached_property
-    def _laid_ratios(self) -> dict[str, Window]:
+    def _deposit_to_area_ratios(self) -> dict[str, Window]:
         """Least and largest ratio of what is laid down, a metre of the tip's path, to its area.
 
         For each kind of bead, computed for beads of equal areas: the place of a bead in the section
@@ -269,7 +271,11 @@ class BeadArranger:
         names = np.array(bead_kinds(counts, self.root))
         shares = dict(zip(BEAD_KIND_NAMES, self._bead_shares(counts), strict=True))
         for name in dict.fromkeys(names.tolist()):  # before it is cut: what is to be expected
-            expected = shares[name] * np.array((area.min(), area.max())) * self._laid_ratios[name]
+            expected = (
+                shares[name]
+                * np.array((area.min(), area.max()))
+                * self._deposit_to_area_ratios[name]
+            )
             self._choose_wire_feed(name, *expected.tolist())
         wanted = area[:, None] * np.array([shares[name] for name in names])
         below = wanted.cumsum(axis=1)[:, np.cumsum(counts)[:-1] - 1]
@@ -328,7 +334,7 @@ class BeadArranger:
         """The nearest share to one that keeps a bead's area in its window in every section."""
         low, high = self._area_window(kind)
         smallest, largest = float(self.template.area.min()), float(self.template.area.max())
-        less, more = self._laid_ratios[kind]
+        less, more = self._deposit_to_area_ratios[kind]
         lowest = low * (1 + 2 * AREA_TOLERANCE_BETWEEN_STATIONS) / (smallest * less)
         highest = high * (1 - 2 * AREA_TOLERANCE_BETWEEN_STATIONS) / (largest * more)
         if lowest > highest * (1 + 1e-12):

@@ -24,8 +24,8 @@ from tjscan.robot.settings import SolidSettings
 MM_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
 M_MIN: Final = FileUnit("m_min", 1 / 60)
 KJ_MM: Final = FileUnit("kJ_mm", 1e6)
-L_MIN: Final = FileUnit("l_min", 1e-3 / 60)
-KG_M3: Final = FileUnit("kg_m3")
+LITRE_PER_MINUTE: Final = FileUnit("l_min", 1e-3 / 60)
+KG_PER_CUBIC_METRE: Final = FileUnit("kg_m3")
 CELSIUS_UNIT: Final = FileUnit("C")
 
 Position = Literal["PA", "PB", "PC", "PD", "PE", "PF", "PG"]
@@ -76,7 +76,7 @@ class WireSettings(Table):
     """
 
     diameter: Annotated[float, Gt(0), Le(10), MM]
-    density: Annotated[float, Gt(0), Le(30e3), KG_M3]
+    density: Annotated[float, Gt(0), Le(30e3), KG_PER_CUBIC_METRE]
     deposition_efficiency: _Share
 
 
@@ -109,7 +109,7 @@ class ArcSettings(Table):
     ]
     thermal_efficiency: _Share
     heat_input: Annotated[_Window, KJ_MM]
-    gas_flow: Annotated[float, Ge(0), L_MIN]
+    gas_flow: Annotated[float, Ge(0), LITRE_PER_MINUTE]
 
     def __post_init__(self) -> None:
         if not self.has_power_for(self.wire_feed):

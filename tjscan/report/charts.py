@@ -100,7 +100,9 @@ def draw_measure_charts(data: ReportData) -> picture.ReportPicture:
     ):
         band = BAND_SIGMAS * sigma
         axes.fill_between(x, y - band, y + band, color=LASER_COLOUR, alpha=0.3, linewidth=0)
-        axes.plot(x, y, linewidth=1, color=LASER_COLOUR, label="measured", **picture.DOTTED_LINE)
+        axes.plot(
+            x, y, linewidth=1, color=LASER_COLOUR, label="measured", **picture.LINE_WITH_DOTS_STYLE
+        )
         if design is not None:
             drawn = design[:, k] / field.unit.factor
             axes.plot(x, drawn, "--", color=DESIGN_COLOUR, linewidth=1, label="as designed")
@@ -140,7 +142,7 @@ def draw_scan_charts(data: ReportData) -> picture.ReportPicture | None:
     for axes, title in zip(panels.flat, titles, strict=False):
         lines = [(name, chart) for name, chart in charts if chart.title == title]
         for (name, chart), colour in zip(lines, cycle(STATION_COLOURS)):
-            axes.plot(chart.x, chart.y, color=colour, label=name, **picture.DOTTED_LINE)
+            axes.plot(chart.x, chart.y, color=colour, label=name, **picture.LINE_WITH_DOTS_STYLE)
             if chart.nominal is not None:
                 axes.axhline(chart.nominal, color=DESIGN_COLOUR, linestyle="--", linewidth=1)
                 axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
@@ -175,7 +177,12 @@ def draw_corner_errors(data: ReportData) -> picture.ReportPicture | None:
     for k, colour in enumerate((CORNER_COLOUR, ROOT_COLOUR, PATH_COLOUR)):
         name = f"$p_{k + 2}$"
         axes.plot(
-            x[order], distances[:, k], linewidth=1, color=colour, label=name, **picture.DOTTED_LINE
+            x[order],
+            distances[:, k],
+            linewidth=1,
+            color=colour,
+            label=name,
+            **picture.LINE_WITH_DOTS_STYLE,
         )
     if (tolerance := data.comparison.tolerance) is not None:
         axes.axhline(
@@ -231,7 +238,7 @@ def draw_fit_up(data: ReportData) -> picture.ReportPicture:
         if not np.isnan(y).all():
             bars = BAND_SIGMAS * sigma
             panels[0].errorbar(
-                x, y, bars, linewidth=1, color=colour, label=name, **picture.DOTTED_LINE
+                x, y, bars, linewidth=1, color=colour, label=name, **picture.LINE_WITH_DOTS_STYLE
             )
     panels[0].set_ylabel("root / mm")
     panels[0].set_ylim(bottom=0)
@@ -244,7 +251,11 @@ def draw_fit_up(data: ReportData) -> picture.ReportPicture:
             ("high-low, leg", "leg at p4", PATH_COLOUR),
         ):
             panels[1].plot(
-                x, [row[name] for row in rows], color=colour, label=shown, **picture.DOTTED_LINE
+                x,
+                [row[name] for row in rows],
+                color=colour,
+                label=shown,
+                **picture.LINE_WITH_DOTS_STYLE,
             )
         panels[1].axhline(0, color="grey", linewidth=0.8)
         panels[1].set_ylabel("high-low / mm")

@@ -42,7 +42,7 @@ COVERAGE_SIGMAS: Final = 2.0
 """Standard deviations of an uncertainty after ±."""
 
 CLOCK_HOURS: Final = 12
-SECTIONS_WITHOUT_CLOCK: Final = 6
+DRAWN_SECTIONS_WITHOUT_CLOCK: Final = 6
 """Sections that are drawn if no clock position is known, evenly chosen."""
 
 
@@ -106,7 +106,7 @@ def sections_by_the_clock(data: ReportData) -> list[int]:
     n = len(data.sections)
     azimuths = data.unwrapped_azimuths
     if azimuths is None:
-        count = min(SECTIONS_WITHOUT_CLOCK, n)
+        count = min(DRAWN_SECTIONS_WITHOUT_CLOCK, n)
         return [int((k + 0.5) * n / count) for k in range(count)]
     hours = np.round(azimuths / DEGREES_PER_HOUR)
     off = np.abs(azimuths - hours * DEGREES_PER_HOUR)
@@ -132,7 +132,7 @@ def section_dimensions(
     """
     absent = absent_corners(sections)
     design = np.full((len(sections), 4), nan)
-    drawing = None if joint is None else as_drawn(joint)
+    drawing = None if joint is None else joint_as_drawn(joint)
     if drawing is not None:
         design = designed_measures(sections, drawing)
     return [
@@ -141,7 +141,7 @@ def section_dimensions(
     ]
 
 
-def as_drawn(joint: JointDefinition) -> JointDefinition:
+def joint_as_drawn(joint: JointDefinition) -> JointDefinition:
     """The joint without what makes it differ from its drawing; an open root stays open."""
     root = replace(NO_IMPERFECTIONS.root, is_open=joint.imperfections.root.is_open)
     return replace(joint, imperfections=replace(NO_IMPERFECTIONS, root=root))

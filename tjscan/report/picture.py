@@ -15,7 +15,7 @@ SCREEN_DPI: Final = 110
 MOST_EVENTS: Final = 200
 """Events that a page lists; a run with more has other troubles."""
 
-DOTTED_LINE: Final[dict[str, Any]] = {"marker": "o", "markersize": 3}
+LINE_WITH_DOTS_STYLE: Final[dict[str, Any]] = {"marker": "o", "markersize": 3}
 """How a quantity is drawn along the groove: a line, with a dot at each section."""
 
 

@@ -19,7 +19,7 @@ PLAN, BEADS, PICTURE = "plan.json", "beads.csv", "plan.png"
 MOST_PICTURE_BYTES: Final = 5_000_000
 """A larger picture would make the page too large to send."""
 
-POSITION_COLOURS: Final = {
+WELDING_POSITION_COLOURS: Final = {
     "PA": "#2ca02c",
     "PB": "#98df8a",
     "PC": "#1f77b4",
@@ -57,7 +57,7 @@ def write_plan_page(directory: Path) -> Path:
         plan=plan,
         beads=list(document.bead_rows(plan)),
         bead_head=tuple(document.BEAD_COLUMNS),
-        pictures=[filled, draw_positions(courses)],
+        pictures=[filled, draw_welding_positions(courses)],
         provenance=plan.provenance.header_entries,
     )
     with write_files_atomically(directory) as draft:
@@ -65,19 +65,23 @@ def write_plan_page(directory: Path) -> Path:
     return directory / PLAN_PAGE
 
 
-def draw_positions(courses: Sequence[document.BeadCourse]) -> picture.ReportPicture:
+def draw_welding_positions(courses: Sequence[document.BeadCourse]) -> picture.ReportPicture:
     """Draw in which welding position each bead is laid, along the groove."""
     figure = picture.new_figure(12, 1.6 + 0.24 * len({bead.number for bead in courses}))
     axes = figure.add_subplot()
     seen: set[str] = set()
     for bead in courses:
-        for name, start, end in _stretches_of_one_position(bead):
+        for name, start, end in _stretches_of_welding_position(bead):
             axes.barh(
-                bead.number, end - start, left=start, height=0.8, color=POSITION_COLOURS[name]
+                bead.number,
+                end - start,
+                left=start,
+                height=0.8,
+                color=WELDING_POSITION_COLOURS[name],
             )
             seen.add(name)
     for name in sorted(seen):
-        axes.barh(np.nan, 0, color=POSITION_COLOURS[name], label=name)
+        axes.barh(np.nan, 0, color=WELDING_POSITION_COLOURS[name], label=name)
     axes.set_yticks([bead.number for bead in courses])
     axes.invert_yaxis()
     axes.set(xlabel="s / mm", ylabel="bead")
@@ -89,7 +93,7 @@ def draw_positions(courses: Sequence[document.BeadCourse]) -> picture.ReportPict
     )
 
 
-def _stretches_of_one_position(bead: document.BeadCourse) -> Iterator[tuple[str, float, float]]:
+def _stretches_of_welding_position(bead: document.BeadCourse) -> Iterator[tuple[str, float, float]]:
     """Positions, with the lengths from where to where each stays the same."""
     first = 0
     for name, group in groupby(bead.positions):

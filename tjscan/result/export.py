@@ -51,7 +51,7 @@ SECTION_KEYS: Final[dict[str, Any]] = {
     for field in SECTION_FIELDS
 }
 SECTION_MODEL: Final[Any] = create_model("Section", __base__=StrictFileModel, **SECTION_KEYS)
-HEAD_KEYS: Final[dict[str, Any]] = {
+EXPORT_HEAD_FIELDS: Final[dict[str, Any]] = {
     "schema_name": (Literal["tjscan.groove"], "tjscan.groove"),
     "version": (Literal[3], 3),
     "run": (str, Described(description="name of the run directory")),
@@ -59,12 +59,15 @@ HEAD_KEYS: Final[dict[str, Any]] = {
     "provenance": (Provenance, ...),
     "fields": (dict[str, SectionFieldDescription], ...),
 }
-SECTION_LIST: Final[Any] = Annotated[
+EXPORT_SECTION_LIST_TYPE: Final[Any] = Annotated[
     tuple[SECTION_MODEL, ...], Described(strict=False, min_length=2)
 ]
 
 GROOVE_DOCUMENT: Final[type[BaseModel]] = create_model(
-    "GrooveDocument", __base__=StrictFileModel, **HEAD_KEYS, sections=(SECTION_LIST, ...)
+    "GrooveDocument",
+    __base__=StrictFileModel,
+    **EXPORT_HEAD_FIELDS,
+    sections=(EXPORT_SECTION_LIST_TYPE, ...),
 )
 """The document's model, whose schema is ``docs/export.schema.json``."""
 

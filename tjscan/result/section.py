@@ -33,7 +33,7 @@ WORD_SEPARATOR: Final = "; "
 TakeValues = Callable[[Sequence[MeasuredSection]], Any]
 """Takes the values of sections, in SI units and in their order along the groove."""
 
-NUMBERS_OF_SECTION: Final = ("azimuth", "work_angle", "rms", "model_probability", "root_opening")
+SINGLE_NUMBER_FIELDS: Final = ("azimuth", "work_angle", "rms", "model_probability", "root_opening")
 """Fields of a section that are a number each."""
 
 UPPER_TRIANGLE: Final = np.triu_indices(3)
@@ -223,7 +223,7 @@ def section_from_values(values: Mapping[str, Any]) -> MeasuredSection:
     covariances[:, *UPPER_TRIANGLE] = values["covariances"]
     covariances[:, *UPPER_TRIANGLE[::-1]] = covariances[:, *UPPER_TRIANGLE]
     plain: dict[str, Any] = {
-        **{name: float(values[name]) for name in NUMBERS_OF_SECTION},
+        **{name: float(values[name]) for name in SINGLE_NUMBER_FIELDS},
         **{name: str(values[name]) for name in ("station", "model")},
         **{name: _split_words(values[name]) for name in ("conditions", "absent")},
     }
@@ -248,11 +248,11 @@ def _text_field(name: str, meaning: str) -> SectionQuantity:
     return SectionQuantity(name, meaning, NO_UNIT, text=True, blank=True, later=True)
 
 
-def _take_entry(name: str, k: int) -> TakeValues:
+def _entry_getter(name: str, k: int) -> TakeValues:
     return lambda sections: np.array([getattr(section, name)[k] for section in sections])
 
 
-def _take_correlations(sections: Sequence[MeasuredSection]) -> Array:
+def _correlations_getter(sections: Sequence[MeasuredSection]) -> Array:
     """Correlations of pairs of measures, shape (n, 6); zero if nothing varies."""
     covariances = np.array([s.measure_covariance[MEASURE_PAIRS] for s in sections]).reshape(-1, 6)
     scales = np.reshape([np.outer(s.sigmas, s.sigmas)[MEASURE_PAIRS] for s in sections], (-1, 6))
@@ -261,12 +261,12 @@ def _take_correlations(sections: Sequence[MeasuredSection]) -> Array:
     return np.asarray(np.clip(ratios, -1, 1))
 
 
-def _take_direction(name: str) -> TakeValues:
+def _direction_getter(name: str) -> TakeValues:
     return lambda sections: getattr(section_directions(sections), name)
 
 
 def _unit_vector_field(name: str, meaning: str, side: str) -> SectionQuantity:
-    labels, take = tuple(f"{name}_{axis}" for axis in "xyz"), _take_direction(side)
+    labels, take = tuple(f"{name}_{axis}" for axis in "xyz"), _direction_getter(side)
     return SectionQuantity(name, meaning, NO_UNIT, take, labels, (3,), 7, -1, 1, derived=True)
 
 
@@ -282,7 +282,7 @@ MEASURE_MEANINGS: Final = {
 }
 MEASURE_FIELDS: Final = tuple(
     SectionQuantity(
-        name, meaning, unit, _take_entry("measures", k), decimals=3 if unit is MM2 else 4
+        name, meaning, unit, _entry_getter("measures", k), decimals=3 if unit is MM2 else 4
     )
     for k, (name, (unit, meaning)) in enumerate(MEASURE_MEANINGS.items())
 )
@@ -293,7 +293,7 @@ SIGMA_FIELDS: Final = tuple(
         f"sigma_{name}",
         f"standard deviation of {name}",
         unit,
-        _take_entry("sigmas", k),
+        _entry_getter("sigmas", k),
         decimals=None,
         least=0,
     )
@@ -360,7 +360,7 @@ SECTION_FIELDS: Final = (
             for a, b in zip(*MEASURE_PAIRS, strict=True)
         ),
         NO_UNIT,
-        _take_correlations,
+        _correlations_getter,
         tuple(
             f"corr_{MEASURE_FIELDS[a].name}_{MEASURE_FIELDS[b].name}"
             for a, b in zip(*MEASURE_PAIRS, strict=True)

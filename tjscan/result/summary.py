@@ -31,7 +31,7 @@ MOST_SUMMARY_BYTES: Final = 1_000_000
 """A larger file is no summary."""
 
 
-MOST_REPORT_BYTES: Final = 1_000_000
+MOST_STITCHING_REPORT_BYTES: Final = 1_000_000
 """A larger file reports no stitching."""
 
 LOOP_OPEN_TEXT: Final = (
@@ -443,7 +443,9 @@ def read_stitching_report(directory: Path) -> StitchingReport | None:
     file = directory / STATIONS_FILE
     if not file.is_file():
         return None
-    return read_json_as_written(StitchingReport, file, MOST_REPORT_BYTES, "report of a stitching")
+    return read_json_as_written(
+        StitchingReport, file, MOST_STITCHING_REPORT_BYTES, "report of a stitching"
+    )
 
 
 MOST_BUDGET_BYTES: Final = 100_000_000

@@ -28,16 +28,18 @@ from tjscan.result.section import (
 COMMENT_MARK: Final = "#"
 """What the lines above the table begin with."""
 
-RUN_FIELDS: Final = tuple(
+SECTIONS_CSV_FIELDS: Final = tuple(
     field for field in SECTION_FIELDS if field in MEASURED_FIELDS or field.name == "s"
 )
 """Fields of ``sections.csv``."""
 
-RUN_COLUMNS: Final = tuple(column for field in RUN_FIELDS for column in field.column_names())
+SECTIONS_CSV_COLUMNS: Final = tuple(
+    column for field in SECTIONS_CSV_FIELDS for column in field.column_names()
+)
 """Columns of ``sections.csv``."""
 
 REQUIRED_COLUMNS: Final = tuple(
-    column for f in RUN_FIELDS if not f.later for column in f.column_names()
+    column for f in SECTIONS_CSV_FIELDS if not f.later for column in f.column_names()
 )
 """Those without which a file holds no sections."""
 
@@ -81,7 +83,9 @@ def write_sections_csv(
     file: Path, sections: Sequence[MeasuredSection], provenance: Provenance
 ) -> None:
     """Write ``sections.csv``."""
-    file.write_text(sections_to_csv(sections, provenance, RUN_FIELDS), encoding="utf-8", newline="")
+    file.write_text(
+        sections_to_csv(sections, provenance, SECTIONS_CSV_FIELDS), encoding="utf-8", newline=""
+    )
 
 
 def read_sections_csv(file: Path) -> tuple[MeasuredSection, ...]:

@@ -119,8 +119,8 @@ class ClearPathPlanner:
         if short.any():
             i = int(short.argmax())
             raise PoseUnreachable(
-                f"{describe_place_on_path(i / (len(path) - 1))}the arm is too near to a singularity "
-                f"(smallest singular value {smallest.min():.3f}, at least "
+                f"{describe_place_on_path(i / (len(path) - 1))}the arm is too near to a "
+                f"singularity (smallest singular value {smallest.min():.3f}, at least "
                 f"{self.margins.singular:g} is asked for). Move the base, or start from another "
                 "configuration.",
                 T_b_f,
@@ -214,6 +214,6 @@ def _describe_approach(pair: BodyPair, share: float, distance: float, margin: fl
         f"{1e3 * margin:g} mm are asked for"
     )
     return (
-        f"{describe_place_on_path(share)}{pair.moving} {how}. Teach a pose with more room, clear the way, "
-        "or correct the job's [clearance]."
+        f"{describe_place_on_path(share)}{pair.moving} {how}. Teach a pose with more room, "
+        "clear the way, or correct the job's [clearance]."
     )

@@ -52,7 +52,7 @@ COPIED_FILES: Final = (JOB_FILE, JOINT_FILE, CALIBRATION_FILE, URDF_FILE)
 MOST_RESULT_BYTES: Final = 50_000_000
 """A larger file is no result of a run: passes of an hour's welding take a tenth of it."""
 
-NO_COPIES: Final[Mapping[str, Path | None]] = MappingProxyType({})
+NO_FILES_TO_COPY: Final[Mapping[str, Path | None]] = MappingProxyType({})
 
 REPLAYABLE_TASKS: Final = ("crawl", "tow")
 """What is replayed into another run directory, as its recordings are named."""
@@ -97,7 +97,10 @@ class JobContext(Generic[T]):
 
 
 def make_run_directory(
-    directory: Path, job: CellJob, job_file: Path, copies: Mapping[str, Path | None] = NO_COPIES
+    directory: Path,
+    job: CellJob,
+    job_file: Path,
+    copies: Mapping[str, Path | None] = NO_FILES_TO_COPY,
 ) -> None:
     """Make a run directory that holds the resolved job, and the files that it names.
 
@@ -126,7 +129,7 @@ def make_run_directory(
     check_as_written(*named.values())
     if (model := Path(job.arm.model)).suffix == ".urdf":
         named[URDF_FILE] = model
-    with empty_run_directory(directory) as draft:
+    with make_empty_run_directory(directory) as draft:
         for name, file in named.items():
             shutil.copyfile(file, draft / name)
         write_job_copy(draft, _job_naming_copies(job, draft), job_file, "w" if job.station else "b")
@@ -135,7 +138,7 @@ def make_run_directory(
 def make_vehicle_run_directory(directory: Path, context: JobContext[V]) -> None:
     """Make the run directory of a crawl or a tow; see `make_run_directory`."""
     job: CrawlJob | TowJob = context.job
-    with empty_run_directory(directory) as draft:
+    with make_empty_run_directory(directory) as draft:
         if context.calibration_file is not None:
             shutil.copyfile(context.calibration_file, draft / CALIBRATION_FILE)
             job = job.model_copy(update={"calibration": CALIBRATION_FILE})
@@ -287,7 +290,7 @@ def check_job_changes(
 
 
 @contextmanager
-def empty_run_directory(directory: Path) -> Iterator[Path]:
+def make_empty_run_directory(directory: Path) -> Iterator[Path]:
     """Make a run directory; what the block writes into its draft appears there at once.
 
     Raises
@@ -331,7 +334,7 @@ def write_job_copy(draft: Path, text: str, job_file: Path, frame: str) -> None:
     Parameters
     ----------
     draft : Path
-        As `empty_run_directory` gives it.
+        As `make_empty_run_directory` gives it.
     text : str
         TOML.
     job_file : Path

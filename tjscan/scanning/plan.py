@@ -74,7 +74,7 @@ def adaptive_step_rule(adaptive: AdaptiveStepSettings) -> StepLengthRule:
     def rule(sections: Sections) -> float:
         track = seam_fit.RecentSections(sections)
         values, sigmas = track.shape[:, 2], track.shape_sigmas[:, 2]
-        kernel = Matern52(seam_fit.SHAPE_SPREAD[2], seam_fit.SHAPE_WAVE)
+        kernel = Matern52(seam_fit.SECTION_SHAPE_SIGMAS[2], seam_fit.SECTION_SHAPE_WAVELENGTH)
         angles = OrdinaryKriging(track.along, values, sigmas, kernel)
         allowed = (
             (_likely_change(angles, steps) <= adaptive.angle_change)
@@ -91,7 +91,7 @@ def _area_process(sections: Sections, track: seam_fit.RecentSections) -> Ordinar
     areas = np.array([groove.area for groove in grooves])
     # A hundredth: planes that are turned a little otherwise cut a little more or less.
     sigmas = np.hypot([groove.area_sigma for groove in grooves], 0.01 * areas)
-    kernel = Matern52(AREA_SPREAD * float(areas.mean()), seam_fit.SHAPE_WAVE)
+    kernel = Matern52(AREA_SPREAD * float(areas.mean()), seam_fit.SECTION_SHAPE_WAVELENGTH)
     return OrdinaryKriging(track.along, areas, sigmas, kernel)
 
 

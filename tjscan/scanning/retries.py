@@ -38,7 +38,7 @@ TOO_FEW_POINTS: Final = "too few points"
 """Reason of a profile that is as good as missing."""
 
 
-SHORTER_STEPS: Final = (0.5, 0.25)
+SHORTER_STEP_SHARES: Final = (0.5, 0.25)
 """Shares of a step that are tried if it led to no section: the groove changes less, and fewer
 poses are out of reach."""
 
@@ -87,7 +87,7 @@ def step_retries(step: float, *, past_tacks: bool = True) -> Iterator[StepRetry]
         Shorter ones first, the second from where the last section is seen again: an arm that
         lost its way finds it so.
     """
-    half, quarter = SHORTER_STEPS
+    half, quarter = SHORTER_STEP_SHARES
     yield StepRetry(ScanEvent.HALF_STEP, half * step)
     yield StepRetry(ScanEvent.RETREAT, quarter * step, from_last_section=True)
     for length in LENGTHS_PAST_TACK:

@@ -109,31 +109,32 @@ class RecentSections:
         self.shape_sigmas = np.sqrt(shape_variances + LEAST_SIGMA**2)
 
 
-BRACE_RADIUS: Final = (0.2, 0.7)
+BRACE_RADIUS_PRIOR: Final = (0.2, 0.7)
 """Median in metres, and standard deviation of the logarithm: braces of some 0.2 to 0.8 m."""
-RADIUS_RATIO: Final = (1.6, 0.4)
+LEG_TO_BRACE_RADIUS_PRIOR: Final = (1.6, 0.4)
 """The leg's radius over the brace's, likewise."""
-AXES_LEAN: Final = radians(25)
+AXES_LEAN_SIGMA: Final = radians(25)
 """How far the axes are from square, standard deviation."""
-AXES_OFFSET: Final = 0.05
+AXES_OFFSET_SIGMA: Final = 0.05
 """How far the axes pass each other, as a share of the brace's radius, standard deviation."""
-WALL_SHIFT: Final = 3e-3
+WALL_SHIFT_SIGMA: Final = 3e-3
 """Metres, standard deviation of where a wall lies beside p2 or p4 as read."""
-WALL_TILT: Final = radians(30)
+WALL_TILT_SIGMA: Final = radians(30)
 """Of its direction beside what the last two sections show, and of the brace's axis beside the
 laser plane."""
 
-SHAPE_SPREAD: Final = (4e-3, 4e-3, radians(8))
+SECTION_SHAPE_SIGMAS: Final = (4e-3, 4e-3, radians(8))
 """How much the distances of p2 and p4 from the origin, and the opening, vary round a joint."""
-SHAPE_WAVE: Final = 0.2
+SECTION_SHAPE_WAVELENGTH: Final = 0.2
 """Metres along the groove over which they do."""
 
 OUT_OF_ROUND_SIGMA: Final = 0.3e-3
 """Metres by which a wall leaves its cylinder, standard deviation: assumption for rolled tubes,
-over the `OUT_OF_ROUND_WAVE` that cylinders through a few neighbouring sections do not follow."""
+over the `OUT_OF_ROUND_WAVELENGTH` that cylinders through a few neighbouring sections do not
+follow."""
 WALL_DIRECTION_SIGMA: Final = radians(0.15)
 """The same of a wall's direction in the section."""
-OUT_OF_ROUND_WAVE: Final = 0.15
+OUT_OF_ROUND_WAVELENGTH: Final = 0.15
 """Metres along the groove over which it does."""
 
 MISREAD_SIGMAS: Final = 5.0
@@ -141,7 +142,7 @@ MISREAD_SIGMAS: Final = 5.0
 MOST_WEIGHT_REVISIONS: Final = 3
 """How often the rest is asked again."""
 
-AXIS_STARTS: Final = 4
+LEG_AXIS_START_COUNT: Final = 4
 """Directions of the leg's axis to start from: at the crown nothing shows it beforehand."""
 ROUNDS_OF_ALL_STARTS: Final = 4
 """Rounds after which the best of them goes on alone."""
@@ -156,7 +157,9 @@ _LEAST_AXIS_COMPONENT: Final = 1e-12
 """Of the tube's axis, where nothing points outwards, a search may pass by."""
 
 # Per tube: shift along the normal, tilts of the normal up and along, turn of the axis, ln(1/r).
-_PARAMETER_SCALE: Final = np.array((WALL_SHIFT, WALL_TILT, WALL_TILT, WALL_TILT, BRACE_RADIUS[1]))
+_PARAMETER_SCALE: Final = np.array(
+    (WALL_SHIFT_SIGMA, WALL_TILT_SIGMA, WALL_TILT_SIGMA, WALL_TILT_SIGMA, BRACE_RADIUS_PRIOR[1])
+)
 _PRIOR_MASK: Final = np.array((1.0, 1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0))
 """Parameters with a prior of their own; curvatures have theirs below, the leg's axis has none."""
 
@@ -233,7 +236,7 @@ class LocalTubeFit:
         self._bases, self._along = _wall_bases(track), track.along
         between = track.along[:, None] - track.along
         covariances = [
-            Matern52(out, OUT_OF_ROUND_WAVE)(between) + np.diag(own**2)
+            Matern52(out, OUT_OF_ROUND_WAVELENGTH)(between) + np.diag(own**2)
             for out, own in zip(_RESIDUAL_SIGMAS, sigmas, strict=True)
         ]
         # Makes residuals white, channel by channel.
@@ -290,7 +293,7 @@ class LocalTubeFit:
             Derivatives of the values by `theta`: what is estimated of the tubes and what they
             leave are wrong together.
         """
-        kernels = (Matern52(sigma, OUT_OF_ROUND_WAVE) for sigma in _RESIDUAL_SIGMAS)
+        kernels = (Matern52(sigma, OUT_OF_ROUND_WAVELENGTH) for sigma in _RESIDUAL_SIGMAS)
         towards = np.array([kernel(self._along - at) for kernel in kernels])
         white = np.einsum("cmn,cn->cm", self._whiten, towards)
         weights = np.einsum("cmn,cm->cn", self._whiten, white)
@@ -346,10 +349,10 @@ def with_small_steps(values: Array, step: float) -> Array:
 
 
 def _initial_parameters() -> Array:
-    starts = np.zeros((AXIS_STARTS, 10))
-    starts[:, 4] = -log(BRACE_RADIUS[0]) / _PARAMETER_SCALE[4]
-    starts[:, 9] = -log(BRACE_RADIUS[0] * RADIUS_RATIO[0]) / _PARAMETER_SCALE[4]
-    starts[:, 8] = np.pi * np.arange(AXIS_STARTS) / AXIS_STARTS / WALL_TILT
+    starts = np.zeros((LEG_AXIS_START_COUNT, 10))
+    starts[:, 4] = -log(BRACE_RADIUS_PRIOR[0]) / _PARAMETER_SCALE[4]
+    starts[:, 9] = -log(BRACE_RADIUS_PRIOR[0] * LEG_TO_BRACE_RADIUS_PRIOR[0]) / _PARAMETER_SCALE[4]
+    starts[:, 8] = np.pi * np.arange(LEG_AXIS_START_COUNT) / LEG_AXIS_START_COUNT / WALL_TILT_SIGMA
     return starts
 
 
@@ -385,10 +388,11 @@ def _prior_residuals(walls: LocalWalls, thetas: Array) -> Array:
     sine = np.sqrt(np.sum(common**2, axis=-1) + _LEAST_AXIS_COMPONENT)
     apart = np.sum((middles[..., 0, :] - middles[..., 1, :]) * common, axis=-1) / sine
     shape = (
-        np.log(radii[..., 0] / BRACE_RADIUS[0]) / BRACE_RADIUS[1],
-        np.log(radii[..., 1] / radii[..., 0] / RADIUS_RATIO[0]) / RADIUS_RATIO[1],
-        np.sum(axes[..., 0, :] * axes[..., 1, :], axis=-1) / np.sin(AXES_LEAN),
-        apart / (AXES_OFFSET * radii[..., 0]),
+        np.log(radii[..., 0] / BRACE_RADIUS_PRIOR[0]) / BRACE_RADIUS_PRIOR[1],
+        np.log(radii[..., 1] / radii[..., 0] / LEG_TO_BRACE_RADIUS_PRIOR[0])
+        / LEG_TO_BRACE_RADIUS_PRIOR[1],
+        np.sum(axes[..., 0, :] * axes[..., 1, :], axis=-1) / np.sin(AXES_LEAN_SIGMA),
+        apart / (AXES_OFFSET_SIGMA * radii[..., 0]),
     )
     return np.concatenate((thetas * _PRIOR_MASK, np.stack(shape, axis=-1)), axis=-1)
 

@@ -13,7 +13,7 @@ from tjscan.core.frames import Array, PoseMatrix, array_dataclass, transform_poi
 from tjscan.groove.section import GrooveSection
 from tjscan.laser.profile import Profile
 
-TIGHTEST_BEND: Final = 0.04
+TIGHTEST_GROOVE_BEND_RADIUS: Final = 0.04
 """Metres: radius of the tightest bend of a groove. A brace of 168 mm on a leg hardly larger bends
 its groove so at the saddle."""
 
@@ -168,7 +168,9 @@ class StepRequest:
     @property
     def max_rotation(self) -> float:
         """Radians that sensor or groove may turn over the step."""
-        turn = min(EXTRA_TURN_PER_SECTION + self.length / TIGHTEST_BEND, LARGEST_SECTION_TURN)
+        turn = min(
+            EXTRA_TURN_PER_SECTION + self.length / TIGHTEST_GROOVE_BEND_RADIUS, LARGEST_SECTION_TURN
+        )
         return turn + EXTRA_TURN_TAUGHT if self.last.view.substep is Substep.TAUGHT else turn
 
 

@@ -17,7 +17,7 @@ from tjscan.groove.section import TACK_WELD, GrooveSection, section_from_points
 from tjscan.laser.profile import Profile
 from tjscan.scanning.plan import ScanPlan
 from tjscan.scanning.section import (
-    TIGHTEST_BEND,
+    TIGHTEST_GROOVE_BEND_RADIUS,
     ProfileView,
     ScannedSection,
     Sections,
@@ -97,10 +97,10 @@ fifth of a usual root's width."""
 ROOT_WIDENING_LENGTH: Final = 0.02
 """Metres of groove over which a root may go on widening: round a joint it goes to and fro."""
 
-STEPS_AHEAD: Final = (0.3, 2.0)
+SECTION_STEPS_AHEAD_BOUNDS: Final = (0.3, 2.0)
 """Steps that a section lies ahead of the last one, at least and at most."""
 
-STEPS_ASIDE: Final = 1.0
+MOST_SECTION_STEPS_ASIDE: Final = 1.0
 """Steps that it is aside of the end of the step, at most."""
 
 ASIDE_ALLOWANCE: Final = 3e-3
@@ -115,8 +115,8 @@ CHANCE_SIGMAS: Final = 5.0
 LARGEST_ANGLE_CHANGE: Final = (radians(3), radians(250))
 """Radians by which the groove angle differs from section to section, and radians per metre.
 
-The tightest groove (see `TIGHTEST_BEND`) changes by 200° per metre; a laser plane that is turned a
-little further than the last one sees a little more.
+The tightest groove (see `TIGHTEST_GROOVE_BEND_RADIUS`) changes by 200° per metre; a laser plane that is
+turned a little further than the last one sees a little more.
 """
 
 LARGEST_ROOT_CHANGE: Final = (0.1, 5.0)
@@ -277,9 +277,12 @@ def check_section_one_step_ahead(found: ScannedSection, step: StepRequest) -> No
     ahead = float(gone @ direction_b)
     aside = float(np.linalg.norm(gone - ahead * direction_b))
     # A circle leaves its tangent by step²/2R; straight on from the last chord it is twice that.
-    bend = length * length / TIGHTEST_BEND
-    most_aside = min(ASIDE_ALLOWANCE + bend, STEPS_ASIDE * length + ASIDE_ALLOWANCE)
-    if not (STEPS_AHEAD[0] * length < ahead < STEPS_AHEAD[1] * length and aside < most_aside):
+    bend = length * length / TIGHTEST_GROOVE_BEND_RADIUS
+    most_aside = min(ASIDE_ALLOWANCE + bend, MOST_SECTION_STEPS_ASIDE * length + ASIDE_ALLOWANCE)
+    if not (
+        SECTION_STEPS_AHEAD_BOUNDS[0] * length < ahead < SECTION_STEPS_AHEAD_BOUNDS[1] * length
+        and aside < most_aside
+    ):
         raise _implausible_reading(
             f"what was read lies {1e3 * ahead:.1f} mm ahead of the last section and "
             f"{1e3 * aside:.1f} mm aside, a step of {1e3 * length:.1f} mm was made"

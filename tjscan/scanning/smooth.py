@@ -50,7 +50,10 @@ class ExpectedSection:
     ) -> None:
         self._track, self._seam, self._T_b_g, self._step = track, seam, T_b_g, step
         at = np.array([step])
-        kernels = (Matern52(spread, seam_fit.SHAPE_WAVE) for spread in seam_fit.SHAPE_SPREAD)
+        kernels = (
+            Matern52(spread, seam_fit.SECTION_SHAPE_WAVELENGTH)
+            for spread in seam_fit.SECTION_SHAPE_SIGMAS
+        )
         rows = zip(track.shape.T, track.shape_sigmas.T, kernels, strict=True)
         shape = [np.concatenate(OrdinaryKriging(track.along, *row).predict(at)) for row in rows]
         # Distances of p2 and p4 from the origin along their tangents (metres), opening (radians).

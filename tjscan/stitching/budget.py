@@ -149,7 +149,10 @@ def stitching_budget(
     components = [
         *(_component_in_frame_j(causes, T_j_b) for causes in (readings, moves)),
         _join_parts(
-            [_moves_by_place(fit, T, L) for fit, T, L in zip(fits, T_j_b, places, strict=True)]
+            [
+                _section_moves_by_twists(fit, T, L)
+                for fit, T, L in zip(fits, T_j_b, places, strict=True)
+            ]
         ),
     ]
     stations, shape = placement.covariance, np.array(noise[6 * k :, 6 * k :])
@@ -160,7 +163,7 @@ def stitching_budget(
         for i, (fit, T, cause) in enumerate(zip(fits, T_j_b, causes, strict=True)):
             place = found[6 * i : 6 * i + 6]
             stations[i] += place @ place.T
-            part = _moves_by_place(fit, T, place)
+            part = _section_moves_by_twists(fit, T, place)
             if cause is not None:
                 own = cause.component(T[:3, :3], len(fit.station.sections))
                 points, measures = own.points + part.points, own.measures + part.measures
@@ -175,7 +178,7 @@ def _component_in_frame_j(causes: Sequence[ViewCause], T_j_b: Sequence[Array]) -
     return _join_parts([cause.component(T[:3, :3], len(cause.points)) for cause, T in pairs])
 
 
-def _moves_by_place(fit: StationTubeFit, T_j_b: Array, twists: Array) -> BudgetComponent:
+def _section_moves_by_twists(fit: StationTubeFit, T_j_b: Array, twists: Array) -> BudgetComponent:
     """How a station's sections move with its place, by twists (6, m) in j."""
     points = np.array([section.points_b for section in fit.station.sections])
     moved = points_moved_by_twist(transform_points(T_j_b, points), twists)

@@ -25,7 +25,7 @@ SAME_PLACE_STEP_SHARE: Final = 0.55
 LEAST_CURVE_SIGMA: Final = 1e-6
 """Metres that no curve is taken for more certain than."""
 
-LEAST_MEASURE_SHARE: Final = 1e-4
+LEAST_MEASURE_SIGMA_SHARE: Final = 1e-4
 """The same of measures, as a share of their span."""
 
 
@@ -178,7 +178,7 @@ def _fit_curves(unrolled: Sequence[UnrolledSection]) -> list[SimpleKriging]:
     azimuth = np.array([one.section.azimuth for one in unrolled])
     measures = np.array([one.section.measures for one in unrolled])
     sigmas = np.median([one.section.sigmas for one in unrolled], axis=0)
-    least = LEAST_MEASURE_SHARE * np.ptp(measures, axis=0) + 1e-12
+    least = LEAST_MEASURE_SIGMA_SHARE * np.ptp(measures, axis=0) + 1e-12
     for value, sigma in zip(measures.T, np.maximum(sigmas, least), strict=True):
         curves.append(_fit_curve(azimuth, value, float(sigma)))
     return curves

@@ -75,7 +75,7 @@ class StitchSettings:
 DEFAULT_STITCH_SETTINGS = StitchSettings()
 
 
-SIDE_DIRECTION_W = unit_vector(np.array((4.0, 2.0, 1.0)))
+FRAME_J_X_DIRECTION_W = unit_vector(np.array((4.0, 2.0, 1.0)))
 """What x of j points to, in frame w, where half a turn makes no difference: +x of w if it lies
 along ±x, else +y, else +z."""
 
@@ -85,7 +85,7 @@ LARGEST_POSE_DISAGREEMENT = radians(30.0)
 FEWEST_STATION_SECTIONS = 4
 """Sections needed to start the fit of the tubes."""
 
-SAME_FLANGE_POSE = 1e-9
+SAME_FLANGE_POSE_TOLERANCE = 1e-9
 """Metres and shares of one, by which the poses of an arm that did not move differ."""
 
 
@@ -151,7 +151,10 @@ def station_from_recording(
     every = list(sections)
     for view in views:
         # Views from one pose share one error of the arm: together they show no more of it.
-        if any(np.abs(view.T_b_f - other.view.T_b_f).max() < SAME_FLANGE_POSE for other in every):
+        if any(
+            np.abs(view.T_b_f - other.view.T_b_f).max() < SAME_FLANGE_POSE_TOLERANCE
+            for other in every
+        ):
             continue
         try:
             every.append(ScannedSection(view, read(view.profile), np.eye(4)))
@@ -203,7 +206,7 @@ def fit_tubes_to_stations(
         If one does not see enough of the tubes.
     """
     fits: list[StationTubeFit] = []
-    side_w = SIDE_DIRECTION_W
+    side_w = FRAME_J_X_DIRECTION_W
     for station in stations:
         try:
             brace, leg = _initial_tubes(station)
@@ -274,7 +277,7 @@ def widen_for_out_of_round(frame: JointFrame, out_of_round: float) -> JointFrame
 
 FULL_TURN_ANGLE: Final = 2 * pi
 
-GAP_IN_STEPS: Final = 1.6
+STATION_GAP_IN_STEPS: Final = 1.6
 """Usual steps between neighbouring sections beyond which it is a gap between stations."""
 
 
@@ -367,11 +370,12 @@ def find_overlaps(azimuths: Sequence[Array]) -> list[StationOverlap]:
 def azimuth_coverage(azimuths: Sequence[Array]) -> tuple[float, list[AzimuthArc]]:
     """How much of the full turn stations cover, in radians, and the gaps.
 
-    Neighbouring sections further apart than `GAP_IN_STEPS` usual steps have a gap between them.
+    Neighbouring sections further apart than `STATION_GAP_IN_STEPS` usual steps have a gap
+    between them.
     """
     around = np.sort(np.concatenate(azimuths) % FULL_TURN_ANGLE)
     steps = np.diff(np.append(around, around[0] + FULL_TURN_ANGLE))
     usual = float(np.median(np.concatenate([np.abs(np.diff(a)) for a in azimuths])))
     gaps = [AzimuthArc(float(around[k]), float(around[k] + steps[k])) for k in range(len(around))]
-    gaps = [gap for gap in gaps if gap.span_angle > GAP_IN_STEPS * usual]
+    gaps = [gap for gap in gaps if gap.span_angle > STATION_GAP_IN_STEPS * usual]
     return FULL_TURN_ANGLE - sum(gap.span_angle for gap in gaps), gaps

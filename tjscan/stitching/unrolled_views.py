@@ -31,13 +31,13 @@ NODES_PER_SIDE: Final = 4
 CORNER_GAP: Final = 1e-3
 """Metres that a side's points keep from its corner, where edges are never quite sharp."""
 
-LARGEST_OFF_SIDE: Final = 0.2e-3
+LARGEST_DISTANCE_OFF_SIDE: Final = 0.2e-3
 """Metres off the fitted side beyond which a point is a reflection or flies."""
 
-ROUGH_OFF_SIDE: Final = 1e-3
+LARGEST_DISTANCE_OFF_PARABOLA: Final = 1e-3
 """The same off a parabola from the corner to the side's end, which a side follows roughly."""
 
-SIDE_DEGREE: Final = 4
+SIDE_POLYNOMIAL_DEGREE: Final = 4
 """Of the polynomial that a side is: a cut through a tube, a few centimetres long."""
 
 BINS_PER_SIDE: Final = 8
@@ -129,17 +129,21 @@ def _nodes_of_side(points: Array, corner: Array, tangent: Array, end: Array) -> 
     normal = np.array((-tangent[1], tangent[0]))
     length, off = (end - corner) @ tangent, (end - corner) @ normal
     s, d = (points - corner) @ tangent, (points - corner) @ normal
-    on = (s > CORNER_GAP) & (s <= length) & (np.abs(d - off * (s / length) ** 2) < ROUGH_OFF_SIDE)
+    on = (
+        (s > CORNER_GAP)
+        & (s <= length)
+        & (np.abs(d - off * (s / length) ** 2) < LARGEST_DISTANCE_OFF_PARABOLA)
+    )
     s, d = s[on], d[on]
     bins = (BINS_PER_SIDE * (s - CORNER_GAP) / (length - CORNER_GAP)).astype(int)
     share = np.minimum(bins, BINS_PER_SIDE - 1)
     filled = [chosen for k in range(BINS_PER_SIDE) if (chosen := share == k).sum() >= FEWEST_POINTS]
-    if len(filled) <= SIDE_DEGREE + 1:
+    if len(filled) <= SIDE_POLYNOMIAL_DEGREE + 1:
         return np.empty((0, 3)), np.empty(0)
     # Medians first: they take no notice of reflections. Then all points beside their curve.
     medians = np.array([(np.median(s[k]), np.median(d[k])) for k in filled])
     rough = _side_curve(medians[:, 0], medians[:, 1], float(length))
-    on = np.abs(d - rough(s)) < LARGEST_OFF_SIDE
+    on = np.abs(d - rough(s)) < LARGEST_DISTANCE_OFF_SIDE
     s, d, share = s[on], d[on], share[on] * NODES_PER_SIDE // BINS_PER_SIDE
     count = np.bincount(share, minlength=NODES_PER_SIDE)
     if (count < FEWEST_POINTS).any():
@@ -156,7 +160,7 @@ def _nodes_of_side(points: Array, corner: Array, tangent: Array, end: Array) -> 
 
 def _side_curve(s: Array, d: Array, length: float) -> Polynomial:
     """Least-squares polynomial of heights along a side."""
-    return Polynomial.fit(s, d, SIDE_DEGREE, domain=(0.0, length))
+    return Polynomial.fit(s, d, SIDE_POLYNOMIAL_DEGREE, domain=(0.0, length))
 
 
 VALUES_PER_VIEW: Final = 10

@@ -145,7 +145,7 @@ class CableTow:
         """
         self._along, self._began, self._last = along, host.process_time(), last
         self._stood = stood
-        with self._stopped_by_errors():
+        with self._stopping_vehicles_at_end():
             self._due = self._team.time
             estimate = self._wait_for_poses()
             self._journal.record(RunEvent("start", f"{1e3 * along:.0f} mm along the seam"))
@@ -160,7 +160,7 @@ class CableTow:
         return self._along >= seam.length if seam.length else self._stood >= seam.seconds
 
     @contextmanager
-    def _stopped_by_errors(self) -> Iterator[None]:
+    def _stopping_vehicles_at_end(self) -> Iterator[None]:
         """Bring all vehicles to rest at the end, whatever ends it."""
         try:
             yield

@@ -44,19 +44,19 @@ FIRST_RETRY_SECONDS: Final = 10.0
 """Seconds after which a stopped vehicle is commanded to drive again; twice as long after each
 time that it did not."""
 
-TAUT_SHARE: Final = 0.98
+TAUT_CABLE_CHORD_SHARE: Final = 0.98
 """Chord of a piece of cable beside a stopped vehicle, as share of its length, at which the
 welder waits."""
 
-SLACK_SHARE: Final = 0.95
+SLACK_CABLE_CHORD_SHARE: Final = 0.95
 """The same from which on it goes slower, and below which it goes on after it waited: what noise of
 the poses changes is less than the way between the two."""
 
-BENT_SHARE: Final = 0.9
+BENT_JOINT_LIMIT_SHARE: Final = 0.9
 """Share of the joints' limit to which the cable beside a stopped vehicle may be planned to bend
 before the welder waits: pulled from its other end, it bends more than planned at the vehicle."""
 
-EASED_SHARE: Final = 0.85
+EASED_JOINT_LIMIT_SHARE: Final = 0.85
 """The same below which the welder goes on after it waited."""
 
 LEAST_WELDING_PACE: Final = 0.1
@@ -290,11 +290,13 @@ class StandstillWatch:
             why = _describe_fault(self._states[welder]) or "it does not move"
             return WaitingReason(f"the welder stands: {why}", device=True)
         share, standing = self._tautest_piece(poses)
-        self._taut = share >= (SLACK_SHARE if self._taut else TAUT_SHARE)
+        self._taut = share >= (SLACK_CABLE_CHORD_SHARE if self._taut else TAUT_CABLE_CHORD_SHARE)
         strained = "is taut" if self._taut else ""
         if not self._taut:
             share, standing = (0.0, 0) if last is None else self._most_bent_piece(last)
-            self._bent = share >= (EASED_SHARE if self._bent else BENT_SHARE)
+            self._bent = share >= (
+                EASED_JOINT_LIMIT_SHARE if self._bent else BENT_JOINT_LIMIT_SHARE
+            )
             strained = "nears its limit of bend" if self._bent else ""
         if not strained:
             return None
@@ -305,7 +307,12 @@ class StandstillWatch:
         """Share of the welding speed that the pieces of cable beside them allow."""
         share, _ = self._tautest_piece(poses)
         return float(
-            np.clip((TAUT_SHARE - share) / (TAUT_SHARE - SLACK_SHARE), LEAST_WELDING_PACE, 1.0)
+            np.clip(
+                (TAUT_CABLE_CHORD_SHARE - share)
+                / (TAUT_CABLE_CHORD_SHARE - SLACK_CABLE_CHORD_SHARE),
+                LEAST_WELDING_PACE,
+                1.0,
+            )
         )
 
     def _tautest_piece(self, poses: Array) -> tuple[float, int]:

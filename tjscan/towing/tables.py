@@ -12,10 +12,10 @@ from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 from tjscan.core.units import DEG, FARTHEST_DISTANCE_MM, MM, SECONDS, FileUnit, SettingsTable
 
 MM_MIN: Final = FileUnit("mm_min", 1e-3 / 60)
-N_M_RAD: Final = FileUnit("n_m_rad")
-N_M_S_RAD: Final = FileUnit("n_m_s_rad")
+NEWTON_METRE_PER_RADIAN: Final = FileUnit("n_m_rad")
+NEWTON_METRE_SECOND_PER_RADIAN: Final = FileUnit("n_m_s_rad")
 NEWTON: Final = FileUnit("n")
-KG_M: Final = FileUnit("kg_m")
+KG_PER_METRE: Final = FileUnit("kg_m")
 
 MOST_CABLE_LINKS: Final = 1000
 
@@ -49,11 +49,11 @@ class CableSettings(SettingsTable):
 
     length: Annotated[float, Gt(0), Le(FARTHEST_DISTANCE_MM), MM] = 6.0
     link: Annotated[float, Gt(0), Le(5000), MM] = 0.1
-    stiffness: Annotated[float, Gt(0), Le(1e4), N_M_RAD] = 1.7
-    damping: Annotated[float, Ge(0), Le(1e4), N_M_S_RAD] = 0.15
+    stiffness: Annotated[float, Gt(0), Le(1e4), NEWTON_METRE_PER_RADIAN] = 1.7
+    damping: Annotated[float, Ge(0), Le(1e4), NEWTON_METRE_SECOND_PER_RADIAN] = 0.15
     least_radius: Annotated[float, Gt(0), Le(FARTHEST_DISTANCE_MM), MM] = 0.1332
     radius: Annotated[float, Gt(0), Le(200), MM] = 8.5e-3
-    mass: Annotated[float, Gt(0), Le(100), KG_M] = 1.0
+    mass: Annotated[float, Gt(0), Le(100), KG_PER_METRE] = 1.0
     friction: Annotated[float, Ge(0), Le(2)] = 0.87
 
     def __post_init__(self) -> None:

@@ -67,8 +67,8 @@ class PlaneTarget:
         Of the touched points about their centroid, in metres: length, width and thickness of
         the pattern, times the root of the number of points.
     by_arm : ndarray, shape (3, m), or None
-        How (tilt, tilt, height) move with draws of the arm's geometry, see `ArmGeometryDeviation.moves`;
-        `information` is then that of the touches alone. None if it holds both.
+        How (tilt, tilt, height) move with draws of the arm's geometry, see
+        `ArmGeometryDeviation.moves`; `information` is then that of the touches alone. None if it holds both.
     """
 
     plane: PluckerPlane

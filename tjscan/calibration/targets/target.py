@@ -64,8 +64,8 @@ class PosedFit(Generic[Fit]):
         How it changes with each draw of the laser's deviation, see `LineFit.by_laser`; None if
         no deviation is stated.
     by_arm : ndarray, shape (6, m), or None
-        How the flange moves with each draw of the arm's geometry, see `ArmGeometryDeviation.moves`; None
-        if the arm's posture is not known.
+        How the flange moves with each draw of the arm's geometry, see
+        `ArmGeometryDeviation.moves`; None if the arm's posture is not known.
     q : ndarray, shape (joints,), or None
         Joint angles there, radians; None if they are not known.
     """

@@ -85,7 +85,7 @@ def print_comparison(runs: Mapping[str, Sequence[Mapping[str, str]]], *, json: b
         _print_rows(rows, name)
 
 
-def print_size(figures: Sequence[SizeFigure], *, json: bool) -> None:
+def print_crawler_sizing(figures: Sequence[SizeFigure], *, json: bool) -> None:
     """Print the figures of a sizing, and which rules are broken."""
     if json:
         names = ("name", "value", "unit", "least", "most", "holds", "advice")

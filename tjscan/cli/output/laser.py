@@ -16,7 +16,7 @@ from tjscan.cli.output.console import print_message
 from tjscan.laser.line_laser import DescribedLaser, LineLaser
 from tjscan.result.readings import ProfileReading, measures_with_sigmas, reading_to_dict
 
-DRAWING_ROWS: Final = 18
+PROFILE_DRAWING_ROWS: Final = 18
 WIDEST_DRAWING_CHARACTERS: Final = 110
 """Characters of the drawing of a profile."""
 
@@ -94,7 +94,10 @@ def live_profiles(*, json: bool) -> Iterator[Callable[[ProfileReading], None]]:
             print(describe_reading(reading), flush=True)
         else:
             columns = min(console.width, WIDEST_DRAWING_CHARACTERS)
-            lines = [*draw_profile(reading, columns, DRAWING_ROWS), describe_reading(reading)]
+            lines = [
+                *draw_profile(reading, columns, PROFILE_DRAWING_ROWS),
+                describe_reading(reading),
+            ]
             with suppress(BlockingIOError):  # a terminal that is slower than the laser
                 live.update(Text("\n".join(lines)), refresh=True)
 

@@ -26,7 +26,7 @@ from tjscan.result.readings import (
 )
 from tjscan.uncertainty.budget import budget_in_words
 
-MOST_BAD_ROWS: Final = 5
+MOST_LISTED_BAD_ROWS: Final = 5
 """Unreadable rows that are listed one by one."""
 
 MOST_TURNED_PROFILES: Final = 10
@@ -35,10 +35,10 @@ MOST_TURNED_PROFILES: Final = 10
 
 def print_bad_rows(file: Path, bad: Sequence[str]) -> None:
     """Print on stderr which rows of a file could not be read."""
-    for row in bad[:MOST_BAD_ROWS]:
+    for row in bad[:MOST_LISTED_BAD_ROWS]:
         print_message(f"{file}: {row}; left out")
-    if len(bad) > MOST_BAD_ROWS:
-        print_message(f"{file}: and {len(bad) - MOST_BAD_ROWS} more like these")
+    if len(bad) > MOST_LISTED_BAD_ROWS:
+        print_message(f"{file}: and {len(bad) - MOST_LISTED_BAD_ROWS} more like these")
 
 
 def print_readings(

@@ -17,7 +17,7 @@ from tjscan.job.tow.cell import make_planner, sweep_seam
 from tjscan.job.tow.job import TowJob
 from tjscan.recording.journal import CombinedJournal, RunEvent
 from tjscan.report.write import write_run_report
-from tjscan.runs.tow.results import FIGURES_FILE, figures_in_words, read_tow_figures
+from tjscan.runs.tow.results import TOW_KEY_FIGURES_FILE, key_figures_in_words, read_tow_key_figures
 from tjscan.runs.tow.run import TowContext
 from tjscan.towing.journal import TowCycle
 from tjscan.towing.seam import Seam
@@ -117,11 +117,11 @@ def print_sweep(job: TowJob, file: Path, *, json: bool) -> None:
     )
 
 
-def print_figures(directory: Path, *, json: bool) -> None:
+def print_tow_key_figures(directory: Path, *, json: bool) -> None:
     """Print the figures of a run."""
-    figures = read_tow_figures(directory)
+    figures = read_tow_key_figures(directory)
     if json:
         print_json({"directory": str(directory), "figures": figures})
         return
-    rows = figures_in_words(figures)
-    print_fields(rows, ("figure", "value"), str(directory / FIGURES_FILE))
+    rows = key_figures_in_words(figures)
+    print_fields(rows, ("figure", "value"), str(directory / TOW_KEY_FIGURES_FILE))

@@ -94,11 +94,12 @@ class RememberingTracker:
         self._readings += 1
         own = reading.centre_sigma**2 - reading.shared_sigma**2
         return replace(
-            reading, centre_sigma=sigma_of_addition(sqrt(own), reading.shared_sigma, self._readings)
+            reading,
+            centre_sigma=sigma_of_independent_part(sqrt(own), reading.shared_sigma, self._readings),
         )
 
 
-def sigma_of_addition(own: float, shared: float, count: int) -> float:
+def sigma_of_independent_part(own: float, shared: float, count: int) -> float:
     """Standard deviation of the last of some readings, taken as independent of those before it.
 
     Readings with errors of their own, and one they share, give n / (own² + n shared²) together.

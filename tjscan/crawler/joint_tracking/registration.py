@@ -33,7 +33,7 @@ SETTLED_SHIFT: Final = 1e-6
 FEWEST_ON_REFERENCE: Final = 40
 """Points that must lie on the reference."""
 
-LEAST_OF_SIDE: Final = 0.1
+LEAST_SEEN_SHARE_OF_SIDE: Final = 0.1
 """Share of what each side of a reference shows of its place across that must be left: a bead laid
 since hides much of a bevel, but over another joint only the places where outlines cross agree."""
 
@@ -223,7 +223,7 @@ def register_profile(
     telling = (slope / spread) ** 2
     for side in (u < 0, u > 0):
         tells = telling[side].sum()
-        if weight[side] @ telling[side] < LEAST_OF_SIDE * tells:
+        if weight[side] @ telling[side] < LEAST_SEEN_SHARE_OF_SIDE * tells:
             return None
         deeper = (away[side] > DEEPER_SIGMAS * spread[side]) & (away[side] < FARTHEST_DEEPER)
         if telling[side] @ deeper > MOST_DEEPER_SHARE * tells:

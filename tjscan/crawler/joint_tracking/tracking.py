@@ -21,7 +21,7 @@ from tjscan.groove.settings import BUTT_V, GrooveSettings
 from tjscan.groove.sides import FittedProfile
 from tjscan.laser.profile import Profile, ProfileRepeats
 
-HULL_GROOVE: Final = GrooveSettings(model=BUTT_V, noise=0.06e-3, largest_sigma=0.15e-3)
+HULL_GROOVE_SETTINGS: Final = GrooveSettings(model=BUTT_V, noise=0.06e-3, largest_sigma=0.15e-3)
 """A crawler's joint and its sensor's noise."""
 
 FILLED_GROOVE, TACK_WELD, REGISTERED_JOINT = "filled", "tack", "registered"
@@ -38,10 +38,10 @@ LEAST_SHARE_ON_PLATE: Final = 0.3
 BEVEL_TURNS: Final = (radians(10.0), radians(80.0))
 """Angles at which a bevel may leave its plate."""
 
-MOST_BETWEEN_PLATES: Final = radians(20.0)
+LARGEST_ANGLE_BETWEEN_PLATES: Final = radians(20.0)
 """Largest angle between the plates."""
 
-WIDTH_CHANGE: Final = 1.0e-3
+LARGEST_JOINT_WIDTH_CHANGE: Final = 1.0e-3
 """The joint's width does not change by more from one profile to the next, in metres."""
 
 LEAST_SHARE_ON_REFERENCE: Final = 0.3
@@ -120,12 +120,12 @@ class JointTracker:
     """Reads the centre of a butt joint off one profile after the other.
 
     It goes on from its last reading, and knows the joint by its width: another joint needs another
-    tracker. The first reading is searched with `HULL_GROOVE`; the noise is learned from
+    tracker. The first reading is searched with `HULL_GROOVE_SETTINGS`; the noise is learned from
     then on.
     """
 
     def __init__(self) -> None:
-        self._noise = HULL_GROOVE.noise
+        self._noise = HULL_GROOVE_SETTINGS.noise
         self._inflation = 1.0
         self._lines: EdgeLines | None = None
         self._angles = np.zeros(2)
@@ -160,14 +160,16 @@ class JointTracker:
             raise GrooveNotFound(
                 "frozen", "the profile came before, to the last bit: is the sensor still measuring?"
             )
-        row = _ProfileRays(profile, HULL_GROOVE.minimum_points)
+        row = _ProfileRays(profile, HULL_GROOVE_SETTINGS.minimum_points)
         try:
             self._reading = self._read_from_last(row, reference)
         except GrooveNotFound:
             self._lost += 1
             if self._lines is not None and self._lost % REFUSALS_BEFORE_SEARCH:
                 raise
-            start = _edge_lines_of_fit(fit_groove(profile, HULL_GROOVE).fitted, self._noise)
+            start = _edge_lines_of_fit(
+                fit_groove(profile, HULL_GROOVE_SETTINGS).fitted, self._noise
+            )
             self._reading = self._read_edges(row, start, known=False)
         self._lost = 0
         return self._reading
@@ -210,7 +212,7 @@ class JointTracker:
         covariances = self._inflation * lines.point_covariances
         sigma = 0.5 * sqrt(float(covariances[:, 0, 0].sum()))
         self._check_sigma(row, sigma)
-        depth, area = _left_to_fill(row, lines)
+        depth, area = _depth_and_area_left_to_fill(row, lines)
         if not known:
             if depth < LEAST_DEPTH:
                 raise GrooveNotFound(
@@ -283,8 +285,9 @@ class JointTracker:
             < LEAST_SHARE_ON_PLATE,
             "the left bevel does not lead down": not least_turn < left_bevel - left < most_turn,
             "the right bevel does not lead down": not least_turn < right - right_bevel < most_turn,
-            "the plates stand at an angle": abs(left - right) > MOST_BETWEEN_PLATES,
-            "the width has jumped": abs(width - (self._width or width)) > WIDTH_CHANGE,
+            "the plates stand at an angle": abs(left - right) > LARGEST_ANGLE_BETWEEN_PLATES,
+            "the width has jumped": abs(width - (self._width or width))
+            > LARGEST_JOINT_WIDTH_CHANGE,
         }
         for why, refused in refusals.items():
             if refused:
@@ -292,7 +295,7 @@ class JointTracker:
 
     def _check_sigma(self, row: _ProfileRays, sigma: float) -> None:
         """Refuse a centre that is too uncertain."""
-        if sigma > HULL_GROOVE.largest_sigma:
+        if sigma > HULL_GROOVE_SETTINGS.largest_sigma:
             raise row.ambiguity(f"its centre is known to {1e3 * sigma:.2f} mm only")
 
     def _learn_from(
@@ -387,7 +390,7 @@ def _edge_lines_of_fit(fitted: FittedProfile, noise: float) -> EdgeLines:
     )
 
 
-def _left_to_fill(row: _ProfileRays, lines: EdgeLines) -> tuple[float, float]:
+def _depth_and_area_left_to_fill(row: _ProfileRays, lines: EdgeLines) -> tuple[float, float]:
     """Depth and area below the line between the top edges."""
     first, last = np.searchsorted(row.t, lines.feet).tolist()
     (x0, z0), (x1, z1) = lines.points.tolist()

@@ -188,7 +188,7 @@ def fixed_obstacles(job: TowJob) -> list[DiscObstacle]:
 SWEEP_STEP: Final = 0.01
 """Metres of seam from one plan to the next."""
 
-STEP_SECONDS: Final = 1.0
+SEAM_SWEEP_STEP_SECONDS: Final = 1.0
 """Time of the vehicles for a step of the sweep: long enough that it never limits them."""
 
 
@@ -286,7 +286,9 @@ def _sweep_from_start(
     steps = np.linspace(begin, seam.length, count)[1:]
     for along in () if start.halt else steps:
         pose = seam.pose_at(along)
-        plan = planner.plan(PlanInputs(plan.held_poses, pose, STEP_SECONDS, plan, obstacles))
+        plan = planner.plan(
+            PlanInputs(plan.held_poses, pose, SEAM_SWEEP_STEP_SECONDS, plan, obstacles)
+        )
         plans.append(plan)
         if plan.halt:
             break

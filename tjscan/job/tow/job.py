@@ -19,7 +19,7 @@ from tjscan.job.devices import DeviceSettings
 from tjscan.job.reading import read_job
 from tjscan.towing import tables
 from tjscan.towing.shape.area import Floor
-from tjscan.towing.shape.cable import Cable, TowingTeam, equal_links
+from tjscan.towing.shape.cable import Cable, TowingTeam, equally_spaced_links
 from tjscan.vehicle.cable.model import TowingVehicleModel
 from tjscan.vehicle.drivers import LOCALISATION_DRIVERS
 from tjscan.vehicle.mqtt.settings import MqttSettings
@@ -184,7 +184,7 @@ class TowJob(StrictFileModel):
         last = None if behind is None else round(behind / cable.link)
         if vehicles.links is not None:
             return vehicles.links
-        return equal_links(cable.links, vehicles.count, last)
+        return equally_spaced_links(cable.links, vehicles.count, last)
 
     @property
     def chain(self) -> Cable:

@@ -44,11 +44,11 @@ def calibration_chapter(directory: Path) -> ReportChapter:
     return ReportChapter(facts=(("calibration", fact),))
 
 
-MOST_REJECTED_NAMED: Final = 4
+MOST_LISTED_LEFT_OUT_PROFILES: Final = 4
 """Profiles left out that the page names; the file names all."""
 
-LABEL_IN_USE: Final = "in use"
-LABEL_LEFT_OUT: Final = "left out"
+USED_PROFILES_LABEL: Final = "in use"
+LEFT_OUT_PROFILES_LABEL: Final = "left out"
 
 
 def calibration_page(directory: Path) -> ReportChapter:
@@ -153,9 +153,9 @@ def _calibration_findings(directory: Path, found: CalibrationFile) -> Iterator[s
     if found.T_b_s_mm is not None:
         yield "The sensor is fixed in the room: this is its pose in the arm's base."
     basis = found.basis or BasisEntry(target="")
-    for line in (*basis.caveats, *basis.left_out[:MOST_REJECTED_NAMED]):
+    for line in (*basis.caveats, *basis.left_out[:MOST_LISTED_LEFT_OUT_PROFILES]):
         yield f"{line[:1].upper()}{line[1:]}."
-    if (more := len(basis.left_out) - MOST_REJECTED_NAMED) > 0:
+    if (more := len(basis.left_out) - MOST_LISTED_LEFT_OUT_PROFILES) > 0:
         yield f"{more} more were left out; {CALIBRATION_FILE} names them."
 
 
@@ -164,7 +164,10 @@ def _calibration_charts(found: CalibrationFile) -> Iterator[ReportChart]:
     misfit = np.array([residual.misfit for residual in found.residuals])
     numbers = np.arange(1, len(used) + 1)
     caption = "Offset and tilt together, against what the noise stated lets one expect: dashed."
-    for which, line, expected in ((used, LABEL_IN_USE, 1.0), (~used, LABEL_LEFT_OUT, None)):
+    for which, line, expected in (
+        (used, USED_PROFILES_LABEL, 1.0),
+        (~used, LEFT_OUT_PROFILES_LABEL, None),
+    ):
         if which.any():
             yield ReportChart(
                 "residual of each profile",
@@ -182,15 +185,18 @@ def _calibration_charts(found: CalibrationFile) -> Iterator[ReportChart]:
 
 
 def _charts_of_tilts(found: CalibrationFile) -> Iterator[ReportChart]:
-    used = {one.name: LABEL_IN_USE if one.used else LABEL_LEFT_OUT for one in found.residuals}
+    used = {
+        one.name: USED_PROFILES_LABEL if one.used else LEFT_OUT_PROFILES_LABEL
+        for one in found.residuals
+    }
     frame = "the arm's base" if found.T_b_s_mm is None else "the flange"
     caption = (
         f"A dot for each profile: its distance from the origin is the tilt from z of {frame}, its "
         "direction the azimuth."
     )
     # An arm's calibration solves with some of its profiles, and is checked by the others.
-    other = LABEL_LEFT_OUT if found.kinematics is None else "others"
-    shown: dict[str, list[tuple[float, float]]] = {LABEL_IN_USE: []}
+    other = LEFT_OUT_PROFILES_LABEL if found.kinematics is None else "others"
+    shown: dict[str, list[tuple[float, float]]] = {USED_PROFILES_LABEL: []}
     for view in () if found.basis is None else found.basis.views:
         place = view.tilt_deg, np.radians(view.azimuth_deg)
         shown.setdefault(used.get(view.name, other), []).append(place)

@@ -88,7 +88,7 @@ def _calibrate_on_ball(
     )
 
 
-def _basis_of_board(wizard: CalibrationWizard, result: HandEyeCalibration) -> BasisEntry:
+def _describe_board_evidence(wizard: CalibrationWizard, result: HandEyeCalibration) -> BasisEntry:
     """What a calibration on a touched board rests on; raises as `fit_plane` does."""
     task, measured = wizard.task, wizard.measurements
     target, _ = task.fit_board(measured)
@@ -179,7 +179,7 @@ def resume_calibration(directory: Path, operator: Operator) -> SavedCalibration:
         wizard = CalibrationWizard(task, cell.arm, cell.laser, probe, operator, logbook)
         if job.ball is None:
             (result, verification), noise = wizard.run(), job.board.noise
-            basis = _basis_of_board(wizard, result)
+            basis = _describe_board_evidence(wizard, result)
         else:
             verification, noise = None, job.ball.noise
             result, basis = _calibrate_on_ball(job, job.ball, wizard)
@@ -348,7 +348,7 @@ def calibrate_recorded_job(
     return SavedCalibration(file, found, result.caveats)
 
 
-PROFILE_NOT_TAKEN: Final = Profile(np.empty(0), np.empty(0))
+EMPTY_PLANNED_PROFILE: Final = Profile(np.empty(0), np.empty(0))
 """Of a line that is planned only."""
 
 
@@ -378,7 +378,7 @@ def check_calibration_job(job: CalibrationJob, job_file: Path) -> HandEyeUncerta
     task = calibration_plan_of_job(job, T_f_s)
     cell, _ = make_calibration_cell(job, T_f_s)
     with cell:
-        return _uncertainty_of_lines(task, cell.arm, _find_start_pose(task, cell.arm))
+        return _predict_final_uncertainty(task, cell.arm, _find_start_pose(task, cell.arm))
 
 
 def _find_start_pose(task: CalibrationPlan, arm: Arm) -> Array:
@@ -394,7 +394,7 @@ def _find_start_pose(task: CalibrationPlan, arm: Arm) -> Array:
     raise CalibrationRefused("the arm can't get square over the board", reason)
 
 
-def _uncertainty_of_lines(task: CalibrationPlan, arm: Arm, ready: Array) -> HandEyeUncertainty:
+def _predict_final_uncertainty(task: CalibrationPlan, arm: Arm, ready: Array) -> HandEyeUncertainty:
     """Plan lines one after the other, as the wizard would if each were as expected."""
     touched, outside = task.touch_points, task.T_b_board[:3, 3] + task.T_b_board[:3, 2]
     target = fit_plane(touched, task.noise.touch, outside, geometry=task.noise.geometry)
@@ -404,6 +404,6 @@ def _uncertainty_of_lines(task: CalibrationPlan, arm: Arm, ready: Array) -> Hand
     reaches = partial(can_reach_and_return, arm, ready)
     for number in range(1, task.lines + 1):
         there = task.suggest_line_pose(measured, target, board, None, reaches)
-        shot = PosedProfile(f"line {number}", there.T_b_f, PROFILE_NOT_TAKEN)
+        shot = PosedProfile(f"line {number}", there.T_b_f, EMPTY_PLANNED_PROFILE)
         measured, expected = measured.with_entry(LaserLineTaken(shot, False)), there.after
     return expected

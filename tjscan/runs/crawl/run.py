@@ -18,7 +18,7 @@ from tjscan.core.errors import ConfigurationError, GrooveNotFound
 from tjscan.core.files import lock_and_clean_directory
 from tjscan.crawler.control_cycle import LONGEST_PERIOD, CrawlDevices, HandDrive, JointReader
 from tjscan.crawler.crawler import Crawler, CrawlPlan, CrawlStart, WeldOperator
-from tjscan.crawler.guards import CornerPlaces, Guards, ProximityFilter
+from tjscan.crawler.guards import Guards, ProximityFilter, ProximitySensorPlaces
 from tjscan.crawler.joint_sections import COASTING_TIME, LastView
 from tjscan.crawler.joint_tracking.memory import RememberingTracker
 from tjscan.crawler.journal import (
@@ -161,7 +161,7 @@ def make_crawler(
     reader = reader or RememberingTracker()
     devices = CrawlDevices(cell.vehicle, cell.laser, cell.torch, reader, cell.clock)
     plan = CrawlPlan(job.alignment, job.weld, job.passes)
-    corners = CornerPlaces(job.vehicle.body_length, job.vehicle.body_width)
+    corners = ProximitySensorPlaces(job.vehicle.body_length, job.vehicle.body_width)
     guards = Guards(job.guards, ProximityFilter(job.proximity), corners)
     return Crawler(devices, plan, method, guards, context.operator, journal, context.hand)
 
@@ -294,7 +294,7 @@ def resume_crawl(
     if found.details_of(REPLAY_EVENT):
         reason = "is a replay: nothing was welded there. Resume the crawl itself"
         raise ConfigurationError(reason, file=directory)
-    start = start_after_stop(found.cycles, context.job, overlap, directory)
+    start = find_start_after_stop(found.cycles, context.job, overlap, directory)
     last, left = found.cycles[-1], None
     if place is None:
         # One that waits to go on, and is refused, may be at the place that it was moved to.
@@ -353,7 +353,7 @@ def slip_after_set_down(found: RecordedCrawl, job: CrawlJob) -> SlipEstimate | N
     return None if slip is None else slip.at_new_start(job.slip)
 
 
-def start_after_stop(
+def find_start_after_stop(
     cycles: Sequence[CrawlCycle], job: CrawlJob, overlap: float, directory: Path
 ) -> CrawlStart:
     """Where a crawl goes on after a stop.

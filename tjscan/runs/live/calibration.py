@@ -25,12 +25,20 @@ from tjscan.live.colours import FITTED_COLOUR, LASER_COLOUR, NOMINAL_COLOUR, TOO
 from tjscan.live.drawables import ArmPosture, Drawable, Lines, Surface
 from tjscan.live.listening import Report, RunOnPage, show_run
 from tjscan.live.page import PageAddress
-from tjscan.live.step import PRESS_FACT, STATE_FACT, Measure, PlaneCurve, Sample, Setting, Step
+from tjscan.live.step import (
+    BUTTONS_FACT_NAME,
+    STATE_FACT,
+    Measure,
+    PlaneCurve,
+    Sample,
+    Setting,
+    Step,
+)
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.calibration.run import calibration_plan_of_job
 
-POSITION_SIGMA: Final = Measure("position known to", "mm", logarithmic=True)
-ROTATION_SIGMA: Final = Measure("rotation known to", "°", logarithmic=True)
+POSITION_SIGMA_MEASURE: Final = Measure("position known to", "mm", logarithmic=True)
+ROTATION_SIGMA_MEASURE: Final = Measure("rotation known to", "°", logarithmic=True)
 RESIDUAL_TABLE_HEAD: Final = ("line", "offset / mm", "residual / σ", "")
 """Of the list of lines."""
 
@@ -53,7 +61,7 @@ class CalibrationShow:
     def __init__(self, job: CalibrationJob, job_file: Path, title: str) -> None:
         self._plan = calibration_plan_of_job(job, sensor_mount_of_job(job, job_file).T_f_s)
         self._T_f_s = self._plan.T_f_s
-        self.setting = self._make_setting(job, title)
+        self.setting = self._make_scene_setup(job, title)
 
     def step(self, entry: object) -> Step:
         """Return what an entry of the logbook, or the progress after a line, changes."""
@@ -85,7 +93,7 @@ class CalibrationShow:
         way = np.stack((T_b_f[:3, 3], T_b_s[:3, 3]))
         return Step(drawn={"next": Lines.through(fan, way, *axes, colour=FITTED_COLOUR, width=3.0)})
 
-    def _make_setting(self, job: CalibrationJob, title: str) -> Setting:
+    def _make_scene_setup(self, job: CalibrationJob, title: str) -> Setting:
         board, (x, y) = self._plan.T_b_board, self._plan.half_sizes
         corners = [(-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)]
         triangles = np.array([(0, 1, 2), (0, 2, 3)])
@@ -96,7 +104,7 @@ class CalibrationShow:
         aside = rot_z(np.radians(-65)) @ np.array((*(at[:2] / max(away, 1e-6)), 0.0))
         return Setting(
             title,
-            (POSITION_SIGMA, ROTATION_SIGMA),
+            (POSITION_SIGMA_MEASURE, ROTATION_SIGMA_MEASURE),
             "lines taken",
             None,
             kinematics_of_job(job),
@@ -133,8 +141,8 @@ class CalibrationShow:
         """How sure the pose is after each line; the lines in the table, and where they belong."""
         sure, taken = progress.uncertainty, len(progress.samples)
         values = {
-            POSITION_SIGMA.name: 1e3 * sure.position,
-            ROTATION_SIGMA.name: float(np.degrees(sure.rotation)),
+            POSITION_SIGMA_MEASURE.name: 1e3 * sure.position,
+            ROTATION_SIGMA_MEASURE.name: float(np.degrees(sure.rotation)),
         }
         expected = "" if progress.result else " expected"
         facts = {
@@ -212,13 +220,13 @@ class PageOperator:
         while not self._pressed.empty():  # an earlier press answers none: the arm might move
             self._pressed.get()
         words = f"{question.yes} or {question.no}"
-        self._run.record(Step(facts={STATE_FACT: question.text, PRESS_FACT: words}))
+        self._run.record(Step(facts={STATE_FACT: question.text, BUTTONS_FACT_NAME: words}))
         self._run.record(self._show.next_pose(question.T_b_f))
         self._enable_buttons(question.yes, question.no)
         while (answer := self._wait_for_button(question)) not in (question.yes, question.no):
             pass  # of a button that answers nothing now
         self._enable_buttons()
-        self._run.record(Step(facts={STATE_FACT: "working", PRESS_FACT: ""}))
+        self._run.record(Step(facts={STATE_FACT: "working", BUTTONS_FACT_NAME: ""}))
         return answer == question.yes
 
     def report(self, message: str) -> None:

@@ -30,18 +30,18 @@ from tjscan.result.directory import JOB_FILE
 from tjscan.robot.settings import Box, Cylinder, Solid
 from tjscan.vehicle.vehicle import AT_REST, Twist
 
-TORCH_DEVIATION: Final = live_step.Measure("torch beside its path", "mm")
-VEHICLE_OFFSET: Final = live_step.Measure("vehicle beside the joint", "mm")
-TORCH_SIGMA: Final = live_step.Measure("torch known to", "mm")
-LARGEST_TORQUE: Final = live_step.Measure("largest torque", "N m")
+TORCH_DEVIATION_MEASURE: Final = live_step.Measure("torch beside its path", "mm")
+VEHICLE_OFFSET_MEASURE: Final = live_step.Measure("vehicle beside the joint", "mm")
+TORCH_SIGMA_MEASURE: Final = live_step.Measure("torch known to", "mm")
+LARGEST_TORQUE_MEASURE: Final = live_step.Measure("largest torque", "N m")
 
-BODY_HEIGHT: Final = 0.12
+DRAWN_CRAWLER_HEIGHT: Final = 0.12
 """Metres, of the drawn body."""
-GROUND_CLEARANCE: Final = 0.05
+DRAWN_CRAWLER_CLEARANCE: Final = 0.05
 """Metres by which it is off the hull."""
-WELD_PIECE_LENGTH: Final = 5e-3
+DRAWN_WELD_PIECE_LENGTH: Final = 5e-3
 """Metres of travel that a drawn piece of weld is long."""
-WELD_WIDTH: Final = 0.01
+DRAWN_WELD_WIDTH: Final = 0.01
 """Metres, of the drawn weld."""
 SECONDS_BETWEEN_STEPS: Final = 0.25
 """Seconds of the vehicle's clock between two steps of a recording."""
@@ -71,7 +71,7 @@ class CrawlShow:
     def __init__(self, job: CrawlJob, title: str) -> None:
         self._job, self._piece = job, 0
         self._last: tuple[int, float, float] | None = None
-        self.setting = self._make_setting(title)
+        self.setting = self._make_scene_setup(title)
 
     def step(self, entry: object) -> live_step.Step:
         """Return what one entry of the journal changes on the page."""
@@ -92,11 +92,15 @@ class CrawlShow:
                 )
         return live_step.Step()
 
-    def _make_setting(self, title: str) -> live_step.Setting:
+    def _make_scene_setup(self, title: str) -> live_step.Setting:
         job, length = self._job, self._job.weld.length
         before = job.alignment.length + job.weld.run_up
-        size = (job.vehicle.body_length, job.vehicle.body_width, BODY_HEIGHT)
-        body = Solid("body", Box(size), pose(p=(0.0, 0.0, GROUND_CLEARANCE + 0.5 * BODY_HEIGHT)))
+        size = (job.vehicle.body_length, job.vehicle.body_width, DRAWN_CRAWLER_HEIGHT)
+        body = Solid(
+            "body",
+            Box(size),
+            pose(p=(0.0, 0.0, DRAWN_CRAWLER_CLEARANCE + 0.5 * DRAWN_CRAWLER_HEIGHT)),
+        )
         torch = Solid("torch", Cylinder(0.012, 0.25), pose(p=(0.0, 0.0, 0.125)))
         ends = np.array([(-before, 0.0, 0.0), (length + job.weld.run_up, 0.0, 0.0)])
         weld = np.array([(0.0, 0.0, 0.0), (length, 0.0, 0.0)])
@@ -106,7 +110,12 @@ class CrawlShow:
         away = length + before + 2 * job.vehicle.body_length
         return live_step.Setting(
             title,
-            (TORCH_DEVIATION, VEHICLE_OFFSET, TORCH_SIGMA, LARGEST_TORQUE),
+            (
+                TORCH_DEVIATION_MEASURE,
+                VEHICLE_OFFSET_MEASURE,
+                TORCH_SIGMA_MEASURE,
+                LARGEST_TORQUE_MEASURE,
+            ),
             "along the joint / mm",
             see_through=("vehicle",),
             bodies={"vehicle": (body,), "torch": (torch,)},
@@ -123,12 +132,12 @@ class CrawlShow:
         torch, state = cycle.torch, cycle.state
         torch_place = cycle.travel, -(torch.offset + cycle.torch_y), 0.0
         values = {
-            TORCH_DEVIATION.name: 1e3 * cycle.deviation,
-            VEHICLE_OFFSET.name: 1e3 * torch.offset,
-            TORCH_SIGMA.name: 1e3 * torch.sigma,
+            TORCH_DEVIATION_MEASURE.name: 1e3 * cycle.deviation,
+            VEHICLE_OFFSET_MEASURE.name: 1e3 * torch.offset,
+            TORCH_SIGMA_MEASURE.name: 1e3 * torch.sigma,
         }
         if state.torques:
-            values[LARGEST_TORQUE.name] = max(map(abs, state.torques))
+            values[LARGEST_TORQUE_MEASURE.name] = max(map(abs, state.torques))
         drawn: dict[str, Drawable] = {
             "vehicle": BodyPose(pose(rot_z(-torch.heading), (cycle.travel, -torch.offset, 0.0))),
             "torch": BodyPose(pose(p=torch_place)),
@@ -173,13 +182,13 @@ class CrawlShow:
         here = cycle.number, cycle.travel, -(cycle.torch.offset + cycle.torch_y)
         number, x0, y0 = self._last or here
         is_same_pass = self._last is not None and number == cycle.number
-        if is_same_pass and abs(cycle.travel - x0) < WELD_PIECE_LENGTH:
+        if is_same_pass and abs(cycle.travel - x0) < DRAWN_WELD_PIECE_LENGTH:
             return None
         self._last = here
         if not is_same_pass:
             return None
         _, x, y = here
-        z, half = 4e-3 * cycle.number, 0.5 * WELD_WIDTH
+        z, half = 4e-3 * cycle.number, 0.5 * DRAWN_WELD_WIDTH
         strip = [(x0, y0 - half, z), (x0, y0 + half, z), (x, y - half, z), (x, y + half, z)]
         triangles = np.array([(0, 1, 2), (1, 3, 2)])
         return MeasuredPiece(np.empty((0, 3)), np.array(strip), triangles, values)
@@ -355,9 +364,11 @@ def hand_drive_buttons(run: RunOnPage, hand: PageHandDrive) -> Sequence[Button]:
         hand.start()
         if run.page is not None:
             run.page.enable(dict.fromkeys(("Start", *hand.words), False))
-        run.record(live_step.Step(facts={live_step.PRESS_FACT: ""}))
+        run.record(live_step.Step(facts={live_step.BUTTONS_FACT_NAME: ""}))
 
-    run.record(live_step.Step(facts={live_step.PRESS_FACT: "Start, or hold a button to drive"}))
+    run.record(
+        live_step.Step(facts={live_step.BUTTONS_FACT_NAME: "Start, or hold a button to drive"})
+    )
     hint = "Drives slowly while it is held; released, or gone with the page, the crawler stops"
     held = [Button(word, partial(hand.hear, word), hint=hint, held=True) for word in hand.words]
     return [Button("Start", start, "green", "Let the crawl begin"), *held]

@@ -38,11 +38,11 @@ from tjscan.scanning.section import ProfileView, ScannedSection
 from tjscan.scanning.sections_before import read_section
 from tjscan.scanning.stopping import StopRequest
 
-CORNER_DEVIATION: Final = Measure("deviation", "mm")
-GROOVE_ANGLE: Final = Measure("groove angle", "°")
-ROOT_OPENING: Final = Measure("root opening", "mm")
-GROOVE_DEPTH: Final = Measure("depth", "mm")
-CORNER_SIGMA: Final = Measure("sigma of the corners", "mm")
+CORNER_DEVIATION_MEASURE: Final = Measure("deviation", "mm")
+GROOVE_ANGLE_MEASURE: Final = Measure("groove angle", "°")
+ROOT_OPENING_MEASURE: Final = Measure("root opening", "mm")
+GROOVE_DEPTH_MEASURE: Final = Measure("depth", "mm")
+CORNER_SIGMA_MEASURE: Final = Measure("sigma of the corners", "mm")
 """By the profile's noise alone: what all sections share is in the report's budget."""
 
 EVENTS_AT_REST: Final = ("paused", "stop", "failed", "interrupted", "complete")
@@ -84,15 +84,20 @@ class ScanShow:
         self.total = plan.sections
         if plan.sections is None and plan.length is not None:
             self.total = 2 + round(plan.length / plan.step)
-        self.setting = self._make_setting(context.job, title)
+        self.setting = self._make_scene_setup(context.job, title)
 
-    def _make_setting(self, job: ScanJob, title: str) -> Setting:
-        measures = (GROOVE_ANGLE, ROOT_OPENING, GROOVE_DEPTH, CORNER_SIGMA)
+    def _make_scene_setup(self, job: ScanJob, title: str) -> Setting:
+        measures = (
+            GROOVE_ANGLE_MEASURE,
+            ROOT_OPENING_MEASURE,
+            GROOVE_DEPTH_MEASURE,
+            CORNER_SIGMA_MEASURE,
+        )
         look_at, look_from = self._camera_place(job.scan)
         known = self._joint is not None
         return Setting(
             title,
-            (CORNER_DEVIATION, *measures) if known else measures,
+            (CORNER_DEVIATION_MEASURE, *measures) if known else measures,
             "clock position / h" if known else "section",
             (0.0, 12.0) if known else None,
             kinematics_of_job(job),
@@ -134,8 +139,8 @@ class ScanShow:
             "sections": f"{done} of {self.total}" if self.total else f"{done}",
             "groove": ", ".join((groove.model, *groove.conditions)),
         }
-        for measure in (CORNER_DEVIATION, GROOVE_ANGLE, ROOT_OPENING):
-            if measure is not CORNER_DEVIATION or self._joint is not None:
+        for measure in (CORNER_DEVIATION_MEASURE, GROOVE_ANGLE_MEASURE, ROOT_OPENING_MEASURE):
+            if measure is not CORNER_DEVIATION_MEASURE or self._joint is not None:
                 facts[measure.name] = _value_in_words(measure, values, sigmas)
         drawn = self._measured_piece(view, section.points_b, values)
         drawn["fitted"] = Lines.through(section.points_b, colour=FITTED_COLOUR, width=3.0)
@@ -150,22 +155,22 @@ class ScanShow:
 
     def _values_of(self, section: MeasuredSection) -> tuple[dict[str, float], dict[str, float]]:
         """Values of the measures and their standard deviations, millimetres and degrees."""
-        names = GROOVE_ANGLE.name, ROOT_OPENING.name, GROOVE_DEPTH.name
+        names = GROOVE_ANGLE_MEASURE.name, ROOT_OPENING_MEASURE.name, GROOVE_DEPTH_MEASURE.name
         units = np.array((180 / np.pi, 1e3, 1e3))
         values, sigmas = (
             dict(zip(names, (units * known[:3]).tolist(), strict=True))
             for known in (section.measures, section.sigmas)
         )
         if np.isfinite(section.root_opening):
-            values[ROOT_OPENING.name] = 1e3 * float(section.root_opening)
+            values[ROOT_OPENING_MEASURE.name] = 1e3 * float(section.root_opening)
         corner_sigma = 1e3 * float(np.max(section.corner_sigmas))
-        values[CORNER_SIGMA.name] = corner_sigma
+        values[CORNER_SIGMA_MEASURE.name] = corner_sigma
         if self._edges is not None:
             absent = absent_corners([section])
             off = corner_to_edge_distances(section.points[None], self._edges, absent)
             largest = float(np.nanmax(off)) if np.isfinite(off).any() else np.nan
-            values[CORNER_DEVIATION.name] = 1e3 * largest
-            sigmas[CORNER_DEVIATION.name] = corner_sigma
+            values[CORNER_DEVIATION_MEASURE.name] = 1e3 * largest
+            sigmas[CORNER_DEVIATION_MEASURE.name] = corner_sigma
         return values, sigmas
 
     def _measured_piece(

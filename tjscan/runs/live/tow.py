@@ -31,18 +31,18 @@ from tjscan.runs.tow.results import clearance_from_discs
 from tjscan.towing.journal import TowCycle, TowTruth, read_tow
 from tjscan.towing.seam import Seam
 
-CABLE_CLEARANCE: Final = Measure("cable's clearance of obstacles", "mm")
-VEHICLE_CLEARANCE: Final = Measure("vehicles' clearance", "mm")
-LARGEST_BEND: Final = Measure("largest planned bend", "°")
+CABLE_CLEARANCE_MEASURE: Final = Measure("cable's clearance of obstacles", "mm")
+VEHICLE_CLEARANCE_MEASURE: Final = Measure("vehicles' clearance", "mm")
+LARGEST_BEND_MEASURE: Final = Measure("largest planned bend", "°")
 OBJECTIVE_MEASURE: Final = Measure("objective", "of 100")
-WELDER_FORCE: Final = Measure("force on the welder", "N")
-VEHICLE_FORCE: Final = Measure("largest force of a vehicle", "N")
+WELDER_FORCE_MEASURE: Final = Measure("force on the welder", "N")
+VEHICLE_FORCE_MEASURE: Final = Measure("largest force of a vehicle", "N")
 
-VEHICLE_HEIGHT: Final = 0.25
+DRAWN_VEHICLE_HEIGHT: Final = 0.25
 """Metres, of a drawn vehicle."""
-CABLE_HEIGHT: Final = 0.1
+DRAWN_CABLE_HEIGHT: Final = 0.1
 """Metres above the floor at which the cable is drawn."""
-CIRCLE_SIDES: Final = 40
+SIDES_OF_DRAWN_OBSTACLE: Final = 40
 """Sides of a drawn obstacle."""
 CYCLES_BETWEEN_STEPS: Final = 2
 """Cycles of a recording between two steps."""
@@ -61,7 +61,7 @@ class TowShow:
     def __init__(self, job: TowJob, title: str) -> None:
         self._job, self._chain, self._seam = job, job.chain, Seam(job.seam)
         self._began: float | None = None
-        self.setting = self._make_setting(title)
+        self.setting = self._make_scene_setup(title)
 
     def step(self, entry: object) -> Step:
         """Return what one entry of the journal changes on the page."""
@@ -75,21 +75,24 @@ class TowShow:
                 return Step(name, facts=stopped, events=((name, detail),))
         return Step()
 
-    def _make_setting(self, title: str) -> Setting:
+    def _make_scene_setup(self, title: str) -> Setting:
         job = self._job
         rings = (job.area.outline, *job.area.holes)
         walls = [_lift_to_height(np.array((*ring, ring[0])), height=0.0) for ring in rings]
         outline = np.array(job.area.outline)
         middle = np.array((*(0.5 * (outline.min(axis=0) + outline.max(axis=0))), 0.0))
         size = float(np.linalg.norm(np.ptp(outline, axis=0)))
-        upright = pose(p=(0.0, 0.0, 0.5 * VEHICLE_HEIGHT))
-        shape = Cylinder(job.vehicles.radius, VEHICLE_HEIGHT)
+        upright = pose(p=(0.0, 0.0, 0.5 * DRAWN_VEHICLE_HEIGHT))
+        shape = Cylinder(job.vehicles.radius, DRAWN_VEHICLE_HEIGHT)
         names = [f"vehicle {k + 1}" for k in range(job.vehicles.count - 1)]
         seam = _lift_to_height(self._seam.path.points)
-        clearances, forces = (CABLE_CLEARANCE, VEHICLE_CLEARANCE), (WELDER_FORCE, VEHICLE_FORCE)
+        clearances, forces = (
+            (CABLE_CLEARANCE_MEASURE, VEHICLE_CLEARANCE_MEASURE),
+            (WELDER_FORCE_MEASURE, VEHICLE_FORCE_MEASURE),
+        )
         return Setting(
             title,
-            (LARGEST_BEND, *clearances, OBJECTIVE_MEASURE, *forces),
+            (LARGEST_BEND_MEASURE, *clearances, OBJECTIVE_MEASURE, *forces),
             "time / s",
             bodies={name: (Solid(name, shape, upright),) for name in (*names, "welder")},
             ghost=(
@@ -106,12 +109,12 @@ class TowShow:
         estimate, planned = self._chain.line(plan.estimate), self._chain.line(plan.angles)
         discs, radius = cycle.obstacles[:, :3], self._job.vehicles.radius
         values = {
-            LARGEST_BEND.name: float(np.degrees(np.abs(plan.angles).max())),
+            LARGEST_BEND_MEASURE.name: float(np.degrees(np.abs(plan.angles).max())),
             OBJECTIVE_MEASURE.name: plan.terms.paper,
-            VEHICLE_CLEARANCE.name: 1e3 * vehicles_apart(cycle.poses, radius, discs),
+            VEHICLE_CLEARANCE_MEASURE.name: 1e3 * vehicles_apart(cycle.poses, radius, discs),
         }
         if len(discs):
-            values[CABLE_CLEARANCE.name] = 1e3 * clearance_from_discs(estimate, discs)
+            values[CABLE_CLEARANCE_MEASURE.name] = 1e3 * clearance_from_discs(estimate, discs)
         bodies = zip(self.setting.bodies, cycle.poses, strict=True)
         drawn: dict[str, Drawable] = {
             **{name: BodyPose(pose(rot_z(a), (x, y, 0.0))) for name, (x, y, a) in bodies},
@@ -129,15 +132,15 @@ class TowShow:
 
     def _cycle_facts(self, cycle: TowCycle, values: dict[str, float]) -> dict[str, str]:
         state = f"waits: {cycle.wait}" if cycle.wait else "welding"
-        nearest = values.get(CABLE_CLEARANCE.name)
+        nearest = values.get(CABLE_CLEARANCE_MEASURE.name)
         stopped = ", ".join(str(k + 1) for k in cycle.stopped)
         return {
             STATE_FACT: cycle.plan.halt or state,
             "along the seam": f"{1e3 * cycle.along:.0f} of {1e3 * self._seam.length:.0f} mm",
             "pace": f"{100 * cycle.pace:.0f} %",
-            CABLE_CLEARANCE.name: "" if nearest is None else f"{nearest:.0f} mm",
-            VEHICLE_CLEARANCE.name: f"{values[VEHICLE_CLEARANCE.name]:.0f} mm",
-            "largest bend": f"{values[LARGEST_BEND.name]:.1f}°",
+            CABLE_CLEARANCE_MEASURE.name: "" if nearest is None else f"{nearest:.0f} mm",
+            VEHICLE_CLEARANCE_MEASURE.name: f"{values[VEHICLE_CLEARANCE_MEASURE.name]:.0f} mm",
+            "largest bend": f"{values[LARGEST_BEND_MEASURE.name]:.1f}°",
             "at its limits": ", ".join(cycle.plan.limits),
             "stopped vehicles": stopped,
         }
@@ -146,8 +149,8 @@ class TowShow:
         """What a simulation knows too: the true cable, and its forces."""
         cable = Lines.through(_lift_to_height(truth.line), colour=NOMINAL_COLOUR, width=2.0)
         values = {
-            WELDER_FORCE.name: float(np.hypot(*truth.welder_force[:2])),
-            VEHICLE_FORCE.name: float(truth.vehicle_forces.max(initial=0.0)),
+            WELDER_FORCE_MEASURE.name: float(np.hypot(*truth.welder_force[:2])),
+            VEHICLE_FORCE_MEASURE.name: float(truth.vehicle_forces.max(initial=0.0)),
         }
         return Step(
             drawn={"true cable": cable},
@@ -174,12 +177,12 @@ def vehicles_apart(poses: Array, radius: float, discs: Array) -> float:
     return float(min(between.min(initial=np.inf), aside.min(initial=np.inf)))
 
 
-def _lift_to_height(points: Array, height: float = CABLE_HEIGHT) -> Array:
+def _lift_to_height(points: Array, height: float = DRAWN_CABLE_HEIGHT) -> Array:
     return np.column_stack((points[:, :2], np.full(len(points), height)))
 
 
 def _circle_points(disc: Array) -> Array:
-    turn = np.linspace(0, 2 * np.pi, CIRCLE_SIDES + 1)
+    turn = np.linspace(0, 2 * np.pi, SIDES_OF_DRAWN_OBSTACLE + 1)
     return _lift_to_height(disc[:2] + disc[2] * np.column_stack((np.cos(turn), np.sin(turn))))
 
 

@@ -310,7 +310,7 @@ class _TorchLeader:
             except PoseUnreachable as error:
                 raise PoseUnreachable(f"on the way to {where}: {error.reason}", T_b_f) from None
             for q in path[1:]:
-                self._check(q, T_b_f, f"on the way to {where}")
+                self._refuse_hindered_pose(q, T_b_f, f"on the way to {where}")
             self.q = path[-1]
             commanded.append(self._commanded_tool_pose(T_b_f))
         return np.array(commanded)
@@ -323,12 +323,12 @@ class _TorchLeader:
             q = self._station.kinematics.inverse(T_b_f, near=self.q)
             if np.abs(q - self.q).max() > LARGEST_JOINT_TURN:
                 raise PoseUnreachable(f"{here}: a joint would have to swing at once", T_b_f)
-            self._check(q, T_b_f, here)
+            self._refuse_hindered_pose(q, T_b_f, here)
             self.q = q
             commanded.append(self._commanded_tool_pose(T_b_f))
         return np.array(commanded)
 
-    def _check(self, q: Array, T_b_f: Array, where: str) -> None:
+    def _refuse_hindered_pose(self, q: Array, T_b_f: Array, where: str) -> None:
         arm, least = self._station.kinematics, self._station.job.clearance.singular
         reason = (
             NEAR_SINGULARITY_TEXT if arm.smallest_singular_value(q) < least else self._hindrance(q)

@@ -22,9 +22,9 @@ from tjscan.result.chapter import (
 from tjscan.result.directory import JOB_FILE
 from tjscan.runs.tow.results import (
     RecordedTow,
-    TowFigures,
+    TowKeyFigures,
     clearance_from_discs,
-    figures_in_words,
+    key_figures_in_words,
     read_recorded_tow,
 )
 from tjscan.towing.journal import TOW_RECORDING
@@ -39,10 +39,10 @@ ANIMATION_FRAMES: Final = 400
 SHAPE_SNAPSHOTS: Final = 8
 """Shapes that are drawn over one another."""
 
-PAPER_OBJECTIVE: Final = 3.5
+PUBLISHED_MEAN_OBJECTIVE: Final = 3.5
 """Mean of the objective in the paper's simulation, V-C."""
 
-PAPER_PLAN_MS: Final = 1e3 / 22
+PUBLISHED_PLANNING_TIME_MS: Final = 1e3 / 22
 """Milliseconds of a plan in the paper, figure 10."""
 
 OBJECTIVE_TERM_LABELS: Final = {
@@ -73,15 +73,15 @@ def tow_chapter(directory: Path) -> ReportChapter:
     )
 
 
-def _tow_facts(job: TowJob, figures: TowFigures) -> Iterator[tuple[str, str]]:
+def _tow_facts(job: TowJob, figures: TowKeyFigures) -> Iterator[tuple[str, str]]:
     seam = Seam(job.seam)
     yield "seam", f"{1e3 * seam.length:.0f} mm at {6e4 * job.seam.speed:g} mm/min"
     yield "cable", f"{job.cable.length:g} m in {job.cable.links} links"
     yield "vehicles", f"{job.vehicles.count} ({job.vehicles.driver}), method {job.method}"
-    yield from figures_in_words(figures.as_numbers)
+    yield from key_figures_in_words(figures.as_numbers)
 
 
-def _tow_findings(job: TowJob, found: RecordedTow, figures: TowFigures) -> Iterator[str]:
+def _tow_findings(job: TowJob, found: RecordedTow, figures: TowKeyFigures) -> Iterator[str]:
     if job.vehicles.driver == "simulated":
         yield "Simulated: no real vehicle towed this cable."
     for event in found.events:
@@ -118,7 +118,7 @@ def _tow_charts(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
     )
     for name, line in OBJECTIVE_TERM_LABELS.items():
         values = [getattr(cycle.plan.terms, name) for cycle in cycles]
-        nominal = PAPER_OBJECTIVE if name == "paper" else None
+        nominal = PUBLISHED_MEAN_OBJECTIVE if name == "paper" else None
         yield over_time(title, of_100, values, line=line, nominal=nominal, caption=caption)
     title = "constraint, as figures 9 (b) and 12 (b) of the paper"
     residuals = [1e6 * cycle.plan.constraint for cycle in cycles]
@@ -127,7 +127,7 @@ def _tow_charts(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
         "time of a plan, as figure 10 of the paper",
         "time / ms",
         [1e3 * cycle.seconds for cycle in cycles],
-        nominal=PAPER_PLAN_MS,
+        nominal=PUBLISHED_PLANNING_TIME_MS,
         caption="Estimate and optimisation together. Dashed: the paper's mean, 22 Hz.",
     )
     *vehicles, welder = np.array([np.hypot(c.asked[:, 0], c.asked[:, 2]) for c in cycles]).T

@@ -25,7 +25,7 @@ from tjscan.towing.journal import WELDED_EVENT, TowCycle, TowTruth, read_tow
 from tjscan.towing.seam import Seam
 
 PLANS_FILE: Final = "tow.csv"
-FIGURES_FILE: Final = "tow.json"
+TOW_KEY_FIGURES_FILE: Final = "tow.json"
 
 PlannedCycle = tuple[TowCycle, TowTruth | None]
 
@@ -74,11 +74,11 @@ class RecordedTow:
         """Whether the whole seam was welded."""
         return any(event.name == WELDED_EVENT for event in self.events)
 
-    def figures(self, job: TowJob) -> TowFigures | None:
+    def figures(self, job: TowJob) -> TowKeyFigures | None:
         """Figures of the tow; None where not even one cycle was recorded."""
         if not self.cycles:
             return None
-        return figures_of_tow(job, self.cycles, self.truths, complete=self.complete)
+        return key_figures_of_tow(job, self.cycles, self.truths, complete=self.complete)
 
 
 def read_recorded_tow(directory: Path) -> RecordedTow:
@@ -110,10 +110,12 @@ def write_tow_results(directory: Path, job: TowJob) -> None:
     }
     with write_files_atomically(directory) as draft:
         (draft / PLANS_FILE).write_text(table, encoding="utf-8", newline="")
-        (draft / FIGURES_FILE).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        (draft / TOW_KEY_FIGURES_FILE).write_text(
+            json.dumps(content, indent=2) + "\n", encoding="utf-8"
+        )
 
 
-def read_tow_figures(directory: Path) -> dict[str, Any]:
+def read_tow_key_figures(directory: Path) -> dict[str, Any]:
     """Figures of a run, by name; empty where nothing was towed.
 
     Raises
@@ -122,7 +124,7 @@ def read_tow_figures(directory: Path) -> dict[str, Any]:
         If the directory holds none.
     """
     return read_result_file(
-        directory / FIGURES_FILE,
+        directory / TOW_KEY_FIGURES_FILE,
         "the figures of a tow",
         lambda text: dict(json.loads(text)["figures"] or {}),
     )
@@ -133,7 +135,7 @@ def _figure_field(words: str, unit: str = "", **more: Any) -> Any:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TowFigures:
+class TowKeyFigures:
     """Figures of a tow. Figures of a simulation's truth are NaN without one.
 
     Parameters
@@ -217,22 +219,22 @@ class TowFigures:
         return {k: None if isinstance(v, float) and v != v else v for k, v in asdict(self).items()}
 
 
-FIGURE_LABELS: Final = {one.name: one.metadata["words"] for one in fields(TowFigures)}
+KEY_FIGURE_LABELS: Final = {one.name: one.metadata["words"] for one in fields(TowKeyFigures)}
 """What each figure is, in words, and its unit."""
 
 
-def figures_in_words(figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def key_figures_in_words(figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """What each known figure is, and its value with its unit."""
     for name, value in figures.items():
         if value is not None:
-            words, unit = FIGURE_LABELS[name]
+            words, unit = KEY_FIGURE_LABELS[name]
             text = f"{value:.4g}" if isinstance(value, float) else str(value)
             yield words, f"{text} {unit}".strip()
 
 
-def figures_of_tow(
+def key_figures_of_tow(
     job: TowJob, cycles: Sequence[TowCycle], truths: Sequence[TowTruth], *, complete: bool
-) -> TowFigures:
+) -> TowKeyFigures:
     """Figures of a tow from what was recorded of it; one cycle at least.
 
     Parameters
@@ -252,7 +254,7 @@ def figures_of_tow(
     # A part's processor time begins at zero.
     host = sum(b.host - (a.host if a.host <= b.host else 0.0) for a, b in pairwise(cycles))
     known = {} if not truths else _figures_against_truth(job, cycles, truths)
-    return TowFigures(
+    return TowKeyFigures(
         complete=complete,
         welded_mm=1e3 * cycles[-1].along,
         seconds=elapsed,

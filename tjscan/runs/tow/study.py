@@ -12,7 +12,7 @@ from tjscan.core.config import table_to_dict, validate_table
 from tjscan.core.errors import ConfigurationError, TowHalted, VehicleFault
 from tjscan.job.tow.cell import make_planner, make_tow_cell, sweep_seam
 from tjscan.job.tow.job import TowJob, read_tow_job
-from tjscan.runs.tow.results import figures_of_tow
+from tjscan.runs.tow.results import key_figures_of_tow
 from tjscan.runs.tow.run import make_tow
 from tjscan.study.trial import (
     ReportedQuantity,
@@ -27,7 +27,7 @@ from tjscan.towing.journal import TowCycle, TowTruth
 
 @dataclass(frozen=True, slots=True)
 class TowOutcome(RunOutcome):
-    """Outcome of one tow of a study: the figures of `TowFigures`, None where not known.
+    """Outcome of one tow of a study: the figures of `TowKeyFigures`, None where not known.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def run_study_tow(job: TowJob) -> TowOutcome:
         ended = False, type(error).__name__, str(error)
     if not keeper.cycles:
         return TowOutcome(*ended)
-    found = figures_of_tow(job, keeper.cycles, keeper.truths, complete=ended[0]).as_numbers
+    found = key_figures_of_tow(job, keeper.cycles, keeper.truths, complete=ended[0]).as_numbers
     wanted = {field.name for field in fields(TowOutcome)} - {"complete", "reason", "detail"}
     return TowOutcome(*ended, **{k: found[k] for k in wanted})  # type: ignore[arg-type]
 

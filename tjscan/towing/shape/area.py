@@ -94,7 +94,7 @@ class Obstacles(NamedTuple):
     @classmethod
     def of_area(cls, area: Floor) -> Obstacles:
         """Walls and polygons of an area."""
-        walls, pockets = _split_outside(area.outline)
+        walls, pockets = _half_planes_and_pockets(area.outline)
         polygons = (*pockets, *area.pillars)
         starts = np.cumsum([0, *(len(polygon) for polygon in polygons)])
         corners = np.concatenate((np.zeros((0, 2)), *polygons))
@@ -114,7 +114,7 @@ class Obstacles(NamedTuple):
         return [self.corners[a:b] for a, b in pairwise(self.starts.tolist())]
 
 
-def _split_outside(outline: Array) -> tuple[Array, list[Array]]:
+def _half_planes_and_pockets(outline: Array) -> tuple[Array, list[Array]]:
     """Half planes beyond the hull, and pockets between hull and outline."""
     tolerance = 1e-9 * float(np.ptp(outline, axis=0).max())
     # Corners in the middle of a hull's edge may or may not count as its own: take them out.

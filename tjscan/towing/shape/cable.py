@@ -112,7 +112,7 @@ class Cable:
         return np.diff(headings, prepend=self.root[2])
 
 
-def equal_links(links: int, vehicles: int, last: int | None = None) -> tuple[int, ...]:
+def equally_spaced_links(links: int, vehicles: int, last: int | None = None) -> tuple[int, ...]:
     """Links that vehicles hold at equal spacing; the last is the welder's, at the tip.
 
     Parameters
@@ -125,7 +125,7 @@ def equal_links(links: int, vehicles: int, last: int | None = None) -> tuple[int
         Links between the last towing vehicle and the welder; as many as others where left out.
     """
     if last is not None:
-        return (*equal_links(links - last, vehicles - 1), links - 1)
+        return (*equally_spaced_links(links - last, vehicles - 1), links - 1)
     return tuple(round((m + 1) * links / vehicles) - 1 for m in range(vehicles))
 
 
@@ -148,7 +148,7 @@ class TowingTeam:
         Links that do not rise.
     """
 
-    held_links: tuple[int, ...] = equal_links(60, 6)
+    held_links: tuple[int, ...] = equally_spaced_links(60, 6)
     body_radius: float = 0.15
     top_speed: float = 0.1
 

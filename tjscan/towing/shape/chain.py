@@ -110,7 +110,7 @@ def link_motion_by_joint(i: int, k: int, links: Array, root: Array) -> tuple[flo
 
 
 @compiled
-def wrapped(angle: float) -> float:
+def angle_within_pi(angle: float) -> float:
     """Angle between -π and π."""
     return angle - 2.0 * pi * floor(angle / (2.0 * pi) + 0.5)
 
@@ -125,7 +125,7 @@ def pose_constraints(
         k = fixed[e]
         c[3 * e] = links[k, 0] - poses[e, 0]
         c[3 * e + 1] = links[k, 1] - poses[e, 1]
-        c[3 * e + 2] = wrapped(links[k, 2] - poses[e, 2])
+        c[3 * e + 2] = angle_within_pi(links[k, 2] - poses[e, 2])
         for i in range(n):
             x, y = (root[0], root[1]) if i == 0 else (links[i - 1, 0], links[i - 1, 1])
             within = 1.0 if i <= k else 0.0

@@ -23,7 +23,7 @@ from tjscan.towing.shape.compiled import Indices, compiled
 from tjscan.towing.shape.linear import back_substitute, factorise_convex
 from tjscan.towing.shape.plan import PoseAccuracy
 
-SLIDING_DISTANCE = 1e-3
+PRESLIDING_DISPLACEMENT = 1e-3
 """Metres by which a link gives way before it slides. As long as this is little beside the bends of
 a cable, it does not matter: from 0.2 to 2 mm estimates are the same."""
 
@@ -108,10 +108,12 @@ def cable_energy(
         if slide[i] > 0.0:
             x, y = links[i, 0] - rest[i, 0], links[i, 1] - rest[i, 1]
             d = sqrt(x * x + y * y)
-            slides = d > (1.0 + 1e-9) * SLIDING_DISTANCE  # one that slid is held there again
-            pull = slide[i] / max(d, SLIDING_DISTANCE)
+            slides = d > (1.0 + 1e-9) * PRESLIDING_DISPLACEMENT  # one that slid is held there again
+            pull = slide[i] / max(d, PRESLIDING_DISPLACEMENT)
             energy += slide[i] * (
-                d - 0.5 * SLIDING_DISTANCE if slides else 0.5 * d * d / SLIDING_DISTANCE
+                d - 0.5 * PRESLIDING_DISPLACEMENT
+                if slides
+                else 0.5 * d * d / PRESLIDING_DISPLACEMENT
             )
             point[i, 0], point[i, 1] = pull * x, pull * y
             point[i, 2], point[i, 4] = pull, pull
@@ -122,7 +124,7 @@ def cable_energy(
     for m in range(len(held)):
         k = held[m]
         x, y = links[k, 0] - poses[m, 0], links[k, 1] - poses[m, 1]
-        a = chain.wrapped(links[k, 2] - poses[m, 2])
+        a = chain.angle_within_pi(links[k, 2] - poses[m, 2])
         by_place, by_turn = problem.stiff[m, 0], problem.stiff[m, 1]
         energy += 0.5 * by_place * (x * x + y * y) + 0.5 * by_turn * a * a
         point[k, 0] += by_place * x
@@ -188,7 +190,7 @@ class CableEstimate:
     rest: Array
 
     @staticmethod
-    def unpulled(cable: Cable, angles: Array) -> CableEstimate:
+    def without_floor_pull(cable: Cable, angles: Array) -> CableEstimate:
         """A cable that was laid down so: the floor does not yet pull at it."""
         return CableEstimate(angles, cable.poses(angles)[:, :2].copy())
 
@@ -204,8 +206,8 @@ def estimate_shape(
     """Shape of the cable between vehicles at these poses.
 
     The links between were moved from where they lay by least work, of bends and friction: that is
-    Coulomb's, for a floor that gives way by `SLIDING_DISTANCE` first. So its holding force lasts
-    from one estimate to the next, however little a link moves.
+    Coulomb's, for a floor that gives way by `PRESLIDING_DISPLACEMENT` first. So its holding force
+    lasts from one estimate to the next, however little a link moves.
 
     Parameters
     ----------
@@ -230,11 +232,11 @@ def estimate_shape(
         if energy < least:
             best, least = angles, energy
     if last is None:
-        return CableEstimate.unpulled(cable, best)
+        return CableEstimate.without_floor_pull(cable, best)
     places = cable.poses(best)[:, :2]
     off = places - last.rest
     far = np.hypot(off[:, 0], off[:, 1])[:, None]
-    held_back = off * np.minimum(1.0, SLIDING_DISTANCE / np.maximum(far, 1e-300))
+    held_back = off * np.minimum(1.0, PRESLIDING_DISPLACEMENT / np.maximum(far, 1e-300))
     return CableEstimate(best, places - held_back)
 
 

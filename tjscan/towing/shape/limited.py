@@ -45,7 +45,7 @@ LIMIT_BAND_WIDTH: Final = 0.05
 LONGEST_JOINT_TURN: Final = 0.2
 """Radians that a joint turns at most in one step."""
 
-SLACK_COST: Final = 1e3
+LIMIT_VIOLATION_COST: Final = 1e3
 """Cost of a metre of slack; the objective is 100 at worst and changes by some tens a metre."""
 
 QP_SOLVED: Final = proxsuite.proxqp.QPSolverOutput.PROXQP_SOLVED
@@ -119,8 +119,8 @@ class _ShapeIterate:
             self._rows = np.empty(2 * self._used, dtype=ROW_TYPE)
 
     def merit(self, fix: float) -> float:
-        """Objective with exact penalties: `fix` for the constraints, `SLACK_COST` for limits."""
-        return self.f + fix * self.off + SLACK_COST * self.worst
+        """Objective with penalties: `fix` for constraints, `LIMIT_VIOLATION_COST` for limits."""
+        return self.f + fix * self.off + LIMIT_VIOLATION_COST * self.worst
 
     @property
     def rows(self) -> LimitRows:
@@ -208,7 +208,7 @@ def _solve_by_active_set(
                 worst, which = margin, r
         if settled and which < 0:
             y[:] = multipliers[:m]
-            return bool(np.abs(z).sum() < SLACK_COST)
+            return bool(np.abs(z).sum() < LIMIT_VIOLATION_COST)
         if which >= 0:
             if active[which]:
                 return False
@@ -287,7 +287,7 @@ def optimise_within_limits(limits: LimitedProblem, start: Array, *, most: int = 
             pull_gradient_after_step(moved, costs, now.state.links, root, step, program.force)
         fix = max(fix, 2 * max(map(abs, y.tolist()), default=0.0))
         slope = float(program.gradient @ step) - fix * reach * now.off
-        slope -= SLACK_COST * max(now.worst - left, 0.0)
+        slope -= LIMIT_VIOLATION_COST * max(now.worst - left, 0.0)
         merit = now.merit(fix)
         share = min(1.0, LONGEST_JOINT_TURN / max(float(np.abs(step).max()), 1e-300))
         for _ in range(12):
@@ -319,7 +319,7 @@ def _solve_program(
     """
     constraint, jacobian = now.state.constraint, now.state.jacobian
     m, n = jacobian.shape
-    hessian, gradient = np.eye(n + 1), np.append(program.gradient, SLACK_COST)
+    hessian, gradient = np.eye(n + 1), np.append(program.gradient, LIMIT_VIOLATION_COST)
     lower = np.tril(program.hessian, -1)
     hessian[:n, :n] = lower + lower.T + np.diag(np.diag(program.hessian) + shift)
     A, rows = np.zeros((m, n + 1)), np.zeros((len(C) + 1, n + 1))

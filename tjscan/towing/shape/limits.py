@@ -49,7 +49,7 @@ LIMIT_NAMES: Final = (
 )
 """In the order of `LimitKind`."""
 
-BROKEN_LIMITS: Final = (
+BROKEN_LIMIT_TEXTS: Final = (
     "link {link} would be {mm} mm too near: it must keep {link_clearance:.0f} mm from obstacles",
     "{holder} would be {mm} mm too near: its body must keep {body_clearance:.0f} mm from obstacles",
     "{holder} and {other_holder} would be {mm} mm too near: {vehicle_gap:.0f} mm must stay between "
@@ -83,7 +83,7 @@ SPARE_MARGIN = 1e-6
 LEAST_KEPT_MARGIN = -1e-6
 """A margin above is a limit that is kept."""
 
-JOINT_RADIANS_PER_METRE = 5.0
+JOINT_RADIANS_COUNTED_AS_METRE = 5.0
 """Radians of a joint's margin that count as a metre of distance: a step changes them so."""
 
 
@@ -346,7 +346,7 @@ def add_joint_rows(room: RowBuffer, angles: Array, most: float) -> None:
     """Rows of joints that are bent nearly as far as the cable may be, `most` radians."""
     for i in range(len(angles)):
         margin = most - abs(angles[i])
-        if margin < JOINT_RADIANS_PER_METRE * room.band:
+        if margin < JOINT_RADIANS_COUNTED_AS_METRE * room.band:
             sign, joint = -1.0 if angles[i] > 0 else 1.0, ChainPoint(i, 0.0, 0.0)
             add_row(room, LimitKind.JOINT, margin, sign, 0.0, joint, NO_CHAIN_POINT)
 
@@ -419,7 +419,7 @@ def worst_margin(rows: LimitRows) -> float:
     return float(rows["margin"].min(initial=0.0))
 
 
-def figure_in_words(figure: float) -> str:
+def format_figure(figure: float) -> str:
     """A figure as a message states it: what is below ten is not rounded to nothing."""
     return f"{figure:.0f}" if figure >= 10 else f"{figure:.2g}"
 
@@ -478,8 +478,8 @@ class LimitedProblem:
             "other": other,
             "holder": self._vehicle_of_link(link),
             "other_holder": self._vehicle_of_link(other),
-            "mm": figure_in_words(-1e3 * row["margin"]),
-            "bend": figure_in_words(degrees(-row["margin"])),
+            "mm": format_figure(-1e3 * row["margin"]),
+            "bend": format_figure(degrees(-row["margin"])),
             "link_clearance": 1e3 * self.limits.link_clearance,
             "body_clearance": 1e3 * self.limits.vehicle_clearance,
             "vehicle_gap": 1e3 * self.limits.vehicle_gap,

@@ -91,10 +91,10 @@ class PaperPlanner(TowingPlanner):
         )
         gradient = weights.bending * by_bend * 2 * angles
         gradient[1:] += weights.change * by_change * np.sign(angles - estimate)[1:]
-        gradient += weights.distance * self._by_angles(angles, by_near)
+        gradient += weights.distance * self._gradient_by_angles(angles, by_near)
         return terms, terms.total, gradient / n
 
-    def _by_angles(self, angles: Array, forces: Array) -> Array:
+    def _gradient_by_angles(self, angles: Array, forces: Array) -> Array:
         """Gradient by the angles of what changes with the links' places by `forces`, (N, 2)."""
         phi = self.cable.headings(angles)
         beyond = np.cumsum(forces[::-1], axis=0)[::-1]

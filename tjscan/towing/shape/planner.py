@@ -14,12 +14,12 @@ from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import CableEstimate, estimate_shape, pull_on_welder
 from tjscan.towing.shape.limited import optimise_within_limits
 from tjscan.towing.shape.limits import (
-    BROKEN_LIMITS,
+    BROKEN_LIMIT_TEXTS,
     LEAST_KEPT_MARGIN,
     LimitedProblem,
     LimitKind,
     LimitRows,
-    figure_in_words,
+    format_figure,
     worst_margin,
 )
 from tjscan.towing.shape.plan import PlanInputs, PlannerSettings, PlanTerms, TowingPlan
@@ -42,7 +42,7 @@ it: between vehicles the floor holds it back from where it is planned."""
 NEWTON_ITERATIONS: Final = 60
 """Of Newton's method; four or five are usual."""
 
-START_SEARCH_PERIOD: Final = 1e9
+PERIOD_OF_START_PROBLEM: Final = 1e9
 """Seconds: a start has no step before it."""
 
 NO_START_TEXT: Final = (
@@ -98,7 +98,7 @@ class TowingPlanner:
         if last is not None and last.rest is not None:
             before = CableEstimate(last.estimate, last.rest)
         elif last is not None:
-            before = CableEstimate.unpulled(self.cable, last.estimate)
+            before = CableEstimate.without_floor_pull(self.cable, last.estimate)
         held, settings = self.team.held_links, self.settings
         now = estimate_shape(self.cable, held, poses, last=before, trust=settings.trust)
         limits = self.limited_problem(now.angles, inputs)
@@ -112,7 +112,7 @@ class TowingPlanner:
         if last is None or not last.limits:
             angles, iterations = optimise_without_limits(limits.problem)
             shape = CheckedShape(limits, angles)
-        if shape is None or not shape.keeps_all:
+        if shape is None or not shape.is_feasible:
             limited = optimise_within_limits(limits, now.angles)
             shape = CheckedShape(limits, limited.angles)
             pressed = tuple(limits.describe(row) for row in limited.pressed)
@@ -129,7 +129,7 @@ class TowingPlanner:
         for found in start_shapes(limits, self.area, welder_pose):
             begun = replace(limits, problem=replace(problem, estimate=found.angles))
             shape = CheckedShape(begun, found.angles)
-            if shape.keeps_all:
+            if shape.is_feasible:
                 plans.append(shape.plan(iterations=found.iterations))
         # Compiled functions are loaded before anything moves: no plan may have to wait for them.
         optimise_within_limits(limits, plans[0].angles if plans else resting, most=1)
@@ -147,7 +147,7 @@ class TowingPlanner:
     ) -> LimitedProblem:
         """The problem of a first shape, which has no shape before it to stay near to."""
         unknown = np.full((len(self._held), 3), np.nan)
-        inputs = PlanInputs(unknown, welder_pose, START_SEARCH_PERIOD, None, obstacles)
+        inputs = PlanInputs(unknown, welder_pose, PERIOD_OF_START_PROBLEM, None, obstacles)
         limits = self.limited_problem(np.zeros(self.cable.links), inputs)
         weights = replace(self.settings.weights, change=0.0, pace=0.0)
         return replace(limits, problem=replace(limits.problem, weights=weights))
@@ -191,7 +191,7 @@ class CheckedShape:
         self.margin = worst_margin(self.rows)
 
     @property
-    def keeps_all(self) -> bool:
+    def is_feasible(self) -> bool:
         """Whether it has the poses it must have and keeps every limit."""
         return self.off < POSE_TOLERANCE and self.margin > LEAST_KEPT_MARGIN
 
@@ -204,13 +204,13 @@ class CheckedShape:
         pressed : sequence of str
             Limits that hold the shape where it is.
         """
-        if not self.keeps_all:
+        if not self.is_feasible:
             if self.margin < LEAST_KEPT_MARGIN and self.off < max(-self.margin, LEAST_POSE_MISS):
                 return self._worst_row(self.rows)
             held = f"; what holds it: {', '.join(pressed[:3])}" if pressed else ""
             return (
                 "the cable does not reach within its limits: it ends "
-                f"{figure_in_words(1e3 * self.off)} mm short of the welder or of a vehicle that "
+                f"{format_figure(1e3 * self.off)} mm short of the welder or of a vehicle that "
                 f"does not move{held}"
             )
         here = self.limits.rows(estimate)
@@ -227,7 +227,7 @@ class CheckedShape:
         return ""
 
     def _worst_row(self, rows: LimitRows) -> str:
-        return self.limits.describe(rows[rows["margin"].argmin()], BROKEN_LIMITS)
+        return self.limits.describe(rows[rows["margin"].argmin()], BROKEN_LIMIT_TEXTS)
 
     def plan(self, **more: Any) -> TowingPlan:
         """The plan of this shape, with what else a `TowingPlan` states."""

@@ -35,7 +35,7 @@ from tjscan.towing.tables import TargetSettings, WeightSettings
 LONGEST_JOINT_TURN = 0.5
 """Radians that a joint turns at most in one step of Newton's method."""
 
-CHANGE_ROUNDING = 0.02
+ANGLE_CHANGE_SMOOTHING = 0.02
 """Radians within which |θ - θ_init| is rounded: it has a kink at the planner's start."""
 
 PACE_TERM_INDEX = 3
@@ -66,7 +66,7 @@ def rising_loss(f: float, target: float) -> tuple[float, float, float]:
 
 
 @compiled
-def free_share(d: float, target: float) -> tuple[float, float, float]:
+def one_minus_falling_loss(d: float, target: float) -> tuple[float, float, float]:
     """1 - ρ_d of (9) and two derivatives: 0 deep inside, 1 far away.
 
     ρ_d falls: a_i < 0 and d_i = -1, so that 1 - ρ_d is a sum of logistic curves.
@@ -92,7 +92,7 @@ def obstacle_loss(
         d, dx, dy, dxx, dxy, dyy = distance_to_obstacle(k, x, y, walls, corners, starts, discs)
         if d > NEGLIGIBLE_TARGET_DISTANCES * target:
             continue
-        q, first, second = free_share(d, target)
+        q, first, second = one_minus_falling_loss(d, target)
         q = max(q, 1e-300)
         one, two = first / q, second / q - (first / q) ** 2
         log_free += np.log(q)
@@ -201,8 +201,8 @@ def evaluate_shape(
         one, two = scale[0] * first * 2.0 * a, scale[0] * (2.0 * first + 4.0 * a * a * second)
         if i > 0 and scale[2] > 0.0:
             e = a - estimate[i]
-            root = sqrt(e * e + CHANGE_ROUNDING * CHANGE_ROUNDING)
-            value, first, second = rising_loss(root - CHANGE_ROUNDING, targets[2])
+            root = sqrt(e * e + ANGLE_CHANGE_SMOOTHING * ANGLE_CHANGE_SMOOTHING)
+            value, first, second = rising_loss(root - ANGLE_CHANGE_SMOOTHING, targets[2])
             slope = e / root
             terms[2] += scale[2] * value
             one += scale[2] * first * slope

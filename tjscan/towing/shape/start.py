@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import Floor
 from tjscan.towing.shape.cable import Cable
-from tjscan.towing.shape.limited import SLACK_COST, optimise_within_limits
+from tjscan.towing.shape.limited import LIMIT_VIOLATION_COST, optimise_within_limits
 from tjscan.towing.shape.limits import LEAST_KEPT_MARGIN, LimitedProblem, worst_margin
 from tjscan.towing.shape.problem import minimise_objective
 
@@ -35,7 +35,7 @@ BEND_BASE_SHARES: Final = (0.25, 0.5, 0.75)
 TRIED_RADII: Final = 4
 """Of arcs, each twice the one before."""
 
-LANE_WIDTHS: Final = (2.2, 4.4)
+MEANDER_LANE_WIDTHS_IN_RADII: Final = (2.2, 4.4)
 """Radii from one lane of a meander to the next: two would make half circles of its bends."""
 
 LEAST_RADIUS_FACTORS: Final = 1.05
@@ -124,7 +124,7 @@ def _search_shapes(limits: LimitedProblem, area: Floor, shapes: list[Array]) -> 
     """What searches from the most promising of some shapes end with."""
     problem, cable = limits.problem, limits.problem.cable
     costs = [
-        problem.terms(angles).total - SLACK_COST * worst_margin(limits.rows(angles))
+        problem.terms(angles).total - LIMIT_VIOLATION_COST * worst_margin(limits.rows(angles))
         for angles in shapes
     ]
     ranked = [shapes[k] for k in np.argsort(costs, kind="stable")]
@@ -231,7 +231,11 @@ def meander_headings(
     """
     turns = 2 * np.pi * np.arange(LEAD_DIRECTIONS) / LEAD_DIRECTIONS
     which, axis, first, radius, lane = _all_combinations(
-        np.arange(len(centres)), turns, (-1, 1), _radii_to_try(least_radius), LANE_WIDTHS
+        np.arange(len(centres)),
+        turns,
+        (-1, 1),
+        _radii_to_try(least_radius),
+        MEANDER_LANE_WIDTHS_IN_RADII,
     )
     along = np.stack((np.cos(axis), np.sin(axis)), axis=-1)
     across = np.stack((-np.sin(axis), np.cos(axis)), axis=-1)
