@@ -210,7 +210,7 @@ def measured(count: int, conditions: dict[int, str], area: float = 1.0) -> list[
 def test_a_stretch_without_a_root_is_not_planned() -> None:
     fit_groove_edges(measured(12, {4: "root not seen", 5: "root not seen"}), 31e-3)
     for hidden in (range(4, 8), range(4), range(8, 12), range(12)):
-        with pytest.raises(ConfigurationError, match="no root is seen") as error:
+        with pytest.raises(ConfigurationError, match="no root is seen for") as error:
             fit_groove_edges(measured(12, dict.fromkeys(hidden, "root not seen")), 31e-3)
         assert error.value.key == "sections"
 

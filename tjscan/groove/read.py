@@ -167,17 +167,17 @@ def _check_corner_uncertainty(
 
 def _check_shape(section: GrooveSection, points: Array) -> None:
     """Refuse a section whose opening or depth is not that of a groove to be welded."""
+    least = LEAST_DEPTH_OVER_WELD if WELD_IN_GROOVE in section.conditions else LEAST_DEPTH
+    if section.depth < least or section.area <= 0:
+        raise GrooveNotFound(
+            "no bevel",
+            f"what lies between wall and leg is {1e3 * max(section.depth, 0.0):.1f} mm deep: the "
+            "groove is already welded, or there is none",
+            points,
+        )
     if not LEAST_OPENING_ANGLE < section.groove_angle < LARGEST_OPENING_ANGLE:
         raise GrooveNotFound(
             "ambiguous",
             f"an opening of {np.degrees(section.groove_angle):.0f}° is not that of a groove",
-            points,
-        )
-    least = LEAST_DEPTH_OVER_WELD if WELD_IN_GROOVE in section.conditions else LEAST_DEPTH
-    if section.depth < least:
-        raise GrooveNotFound(
-            "no bevel",
-            f"what lies between wall and leg is {1e3 * section.depth:.1f} mm deep: the groove is "
-            "already welded, or there is none",
             points,
         )

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.reflections import (
     LEAST_REFLECTION_DISTANCE,
@@ -72,6 +73,9 @@ FARTHEST_ROOT_DISTANCE: Final = 20e-3
 
 FACE_HEIGHT_SAMPLES: Final = 21
 """Points by which a face's height over its chord is found."""
+
+MOST_HIDDEN_SHARE: Final = 0.5
+"""Share of a bevel beside a weld that one hole may hide."""
 
 HOLLOW_SIGMA_SHARE: Final = 0.1
 """Standard deviation of the area between a face and its chord, as a share of it: no bead is a
@@ -190,14 +194,22 @@ def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
         corners.append(np.array(curve.point_on_curve(s)))
         places.append(s)
         ends.append(end)
+    bevel = np.sort([fitted.places[0][1], places[0], *fitted.kept_along(weld - 1)])
+    if np.diff(bevel).max() > MOST_HIDDEN_SHARE * (bevel[-1] - bevel[0]):
+        raise GrooveNotFound(
+            "ambiguous",
+            "over the weld too little is seen of the bevel. Look at the groove more squarely.",
+            fit.row.points,
+        )
+    surface = weld_surface(fit, *ends)
     section = _section_with_corners(
-        fit,
-        np.array(corners),
-        total,
-        (fitted.places[0][0], places[1]),
-        weld_surface(fit, *ends),
+        fit, np.array(corners), total, (fitted.places[0][0], places[1]), surface
     )
-    return replace(section, conditions=(WELD_IN_GROOVE,))
+    # Over a hole the surface may rise or sag.
+    holes = np.linalg.norm(np.diff(np.vstack((corners[1], surface, corners[2])), axis=0), axis=1)
+    measure_covariance = section.measure_covariance.copy()
+    measure_covariance[3, 3] += HOLLOW_SIGMA_SHARE**2 * float(np.sum(holes**4))
+    return replace(section, conditions=(WELD_IN_GROOVE,), measure_covariance=measure_covariance)
 
 
 def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:

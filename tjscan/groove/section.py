@@ -53,7 +53,8 @@ class GrooveSection:
     depth : float
         Distance of the middle of p3 and p4 behind the line along v1, in metres.
     area : float
-        Of the quadrilateral of the origin of g, p2, p3 and p4, in square metres.
+        Between the origin of g, p2, p3 and p4, in square metres; over the root's face or a weld's
+        surface, as far as these leave the line from p3 to p4.
     rms : float
         Of the distances between the points and the fitted sides, in metres.
     covariance_s : ndarray, shape (6, 6)
@@ -206,12 +207,12 @@ def measure_groove(
     ax, az = qz - (lz * lever - wz * reach) / sine, -qx + (lx * lever - wx * reach) / sine
     by_wall = along * ((wz * bz + wx * bx) - lever * (wz * lz + wx * lx) / sine)
     by_leg = (lever / sine) * (along * (wx * lx + wz * lz) - (bx * lx + bz * lz))
+    half = copysign(0.5, double)
     fx, fz, ex, ez = rx, rz, rx, rz  # from p3 to the surface's first point, from its last to p4
     if surface is not None and len(surface):
         x, z = (surface - p3).T
         double += float(x[:-1] @ z[1:] - z[:-1] @ x[1:]) + float(x[-1] * rz - z[-1] * rx)
         fx, fz, ex, ez = float(x[0]), float(z[0]), rx - float(x[-1]), rz - float(z[-1])
-    half = copysign(0.5, double)
     jacobian = np.array(
         [
             (gx, gz, -gx, -gz, 0.0, 0.0, 0.0, -sign),

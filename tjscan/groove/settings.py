@@ -114,7 +114,7 @@ _VALLEY_TURN: Final = TurnBounds(
 )
 _ROOT_FACE: Final = SideModel("root", 0.8e-3, 14e-3, bend=100.0, twist=8000.0, bead=True)
 
-_WELD_TURN: Final = TurnBounds(radians(20), radians(150))
+_WELD_TURN: Final = TurnBounds(radians(25), radians(150))
 _KNEE_TURN: Final = TurnBounds(-radians(16), radians(16))
 _WALL_SIDE: Final = SideModel("wall", 4e-3, bend=0.7)
 _BEVEL_SIDE: Final = SideModel("bevel", 4e-3, 120e-3, bend=0.25)
@@ -149,7 +149,7 @@ TEE_PARTLY_FILLED: Final = GrooveModel(
     (
         _WALL_SIDE,
         SideModel("bevel", 2e-3, 120e-3, bend=0.25),
-        # Narrower, the surface of a weld and a root's face are one and the same.
+        # A narrower one looks like the face of a root.
         SideModel("weld", 12e-3, 80e-3, bend=30.0, twist=300.0, bead=True, roughness=0.5e-3),
         _LEG_SIDE,
     ),

@@ -130,7 +130,7 @@ def estimate_shape_errors(
             # What a pull explains leaves its side for no other reason.
             shift[own] = (1 - pull.probability) * shift[own] + pulled.shift
             sigma[own] = np.hypot((1 - pull.probability) * sigma[own], pulled.sigma)
-    slow = np.hypot(slow, patch_sigmas(fitted))
+    slow = np.hypot(slow, _patch_sigmas(fitted))
     sigma = np.hypot(sigma, np.column_stack((slow[:-1], slow[1:])))
     gaps = gaps_beside_corners(fitted)
     unseen = _unseen_side_shares(fitted, gaps)
@@ -165,7 +165,7 @@ def _unseen_side_shares(fitted: FittedProfile, gaps: Array) -> Array:
     return found
 
 
-def patch_sigmas(fitted: FittedProfile) -> Array:
+def _patch_sigmas(fitted: FittedProfile) -> Array:
     """Standard deviation of what lies on each side in patches, such as scale, (k,), metres.
 
     What is rougher than most sides are, and points that were left out but lie close by, are the

@@ -25,7 +25,6 @@ from tjscan.groove.prior import (
     posterior,
 )
 from tjscan.groove.refinement import refine_fit
-from tjscan.groove.shape import patch_sigmas
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
@@ -76,6 +75,11 @@ BLOCK_EVIDENCE_WEIGHT: Final = 0.5
 MISTAKEN_LEVEL_SHARE: Final = 0.1
 """Share of the corners beside which steel is taken for scale, or scale for steel: one in ten of
 simulated ones."""
+
+STEP_BLOCK, FEWEST_SCALE_STEPS = 5, 2
+LEAST_SCALE_STEP: Final = 0.12e-3
+"""Points of which medians are compared, how many steps from one to the next show scale in a single
+profile, and how high these are, in metres: a wave of 0.2 mm in 10 mm rises by less."""
 
 MOST_STEEL_ROUNDS: Final = 5
 
@@ -251,16 +255,25 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
         Of any form of a tee.
     prior : GroovePrior, optional
         What is known from the sections before; without it points are moved for scale alone, and
-        only where a side shows patches.
+        only if a side steps up and down.
     tolerance : float
         Distance within which a point belongs to a side, in metres.
     """
-    if prior is None and not patch_sigmas(fit.fitted)[[0, -1]].any():
+    if prior is None and not (_has_scale_steps(fit, 0) or _has_scale_steps(fit, -1)):
         return fit
     fit, back = _fit_without_scale(fit, prior, tolerance)
     if prior is None or not fit.model.has_root_bead:
         return fit
     return _fit_without_pull(fit, back, prior, tolerance)
+
+
+def _has_scale_steps(fit: GrooveFit, k: int) -> bool:
+    """Whether a side steps up and down, as scale does that has flaked off in part, and no wave."""
+    residuals = fit.fitted.residuals[fit.fitted.spans[k]]
+    near = residuals[np.abs(residuals) < SURFACE_REACH]
+    blocks = near[: len(near) // STEP_BLOCK * STEP_BLOCK].reshape(-1, STEP_BLOCK)
+    steps = np.abs(np.diff(np.median(blocks, axis=1))) > LEAST_SCALE_STEP
+    return bool(np.count_nonzero(steps) >= FEWEST_SCALE_STEPS)
 
 
 def _fit_without_scale(

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.groove.reflections import find_runs
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
@@ -24,6 +25,9 @@ FEWEST_TOE_POINTS: Final = 4
 
 LEAST_TOE_SIGMA: Final = 0.03e-3
 """Least standard deviation of a toe along its flank, in metres: no bead begins as a line."""
+
+SEEN_TOE_DISTANCE: Final = 0.5e-3
+"""A flank that is seen up to its toe ends no farther from it, in metres."""
 
 UNSEEN_TOE_SIGMA: Final = 5e-3
 """The same if too few points show it."""
@@ -52,15 +56,16 @@ def find_toe(fit: GrooveFit, flank: int) -> tuple[float, float, int]:
     row, fitted = fit.row, fit.fitted
     weld, n = len(fitted.curves) - 2, len(fit.row.points)
     curve, order = fitted.curves[flank], 1 if flank < weld else -1
-    # From the middle of the flank to the middle of the weld.
-    middles = [(span.start + span.stop) // 2 for span in (fitted.spans[flank], fitted.spans[weld])]
-    points = row.points[slice(*middles)] if order > 0 else row.points[slice(*middles[::-1])][::-1]
+    # From the far end of the flank to the middle of the weld.
+    own, far = fitted.spans[weld], fitted.spans[flank]
+    reach = (far.start if order > 0 else far.stop), (own.start + own.stop) // 2
+    points = row.points[slice(*reach)] if order > 0 else row.points[slice(*reach[::-1])][::-1]
     limit = OUTLIER_SIGMAS * max(float(fitted.sigmas[flank]), LEAST_NOISE)
     end = max(end_of_support(np.abs(curve.signed_distances(points)) < limit), 1)
     last = points[end - 1]
     beside = points[end:][np.linalg.norm(points[end:] - last, axis=1) < TOE_REACH]
     start = curve.position_along_chord(*last.tolist())
-    first = middles[0] + end if order > 0 else middles[0] - end
+    first = reach[0] + end if order > 0 else reach[0] - 1 - end
     first = min(max(first, 0), n - 1)
     if len(beside) >= FEWEST_TOE_POINTS:
         centre = beside.mean(axis=0)
@@ -72,12 +77,18 @@ def find_toe(fit: GrooveFit, flank: int) -> tuple[float, float, int]:
             tangent = np.array(curve.tangent_at(met[0]))
             sine = abs(float(tangent[0] * direction[1] - tangent[1] * direction[0]))
             share = 4 * min(fitted.noise.variance_inflation / len(beside), 1.0)
-            return met[0], sqrt(share * max(spread[0], 0.0)) / sine + LEAST_TOE_SIGMA, first
+            sigma = sqrt(share * max(spread[0], 0.0)) / sine + LEAST_TOE_SIGMA
+            # Where the flank ends well before, an undercut or a hole hides the toe.
+            return met[0], sigma + max(abs(met[0] - start) - SEEN_TOE_DISTANCE, 0.0), first
     return start, UNSEEN_TOE_SIGMA, first
 
 
 def weld_surface(fit: GrooveFit, first: int, last: int) -> Array:
     """Points of a weld's surface, shape (m, 2), of those from `first` to `last`, in metres."""
     points = fit.row.points[first : last + 1]
+    if not len(points):
+        return points
     near = np.abs(fit.fitted.curves[-2].signed_distances(points)) < SURFACE_REACH
-    return np.asarray(points[near])
+    # What hangs together with it is of the surface, too, however high it is.
+    runs = find_runs(points, fit.row.columns[first : last + 1])
+    return np.asarray(points[np.logical_or.reduceat(near, runs.first).repeat(runs.count)])

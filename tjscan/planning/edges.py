@@ -178,27 +178,40 @@ def fit_groove_edges(
         axis=1,
     )
     areas = np.array([section.measures[3] for section in sections])
+    if not (areas > 0).all():
+        raise ConfigurationError(
+            f"section number {int(np.argmin(areas > 0)) + 1} of the table has no area to fill",
+            key="sections",
+        )
     welded = np.array([WELD_IN_GROOVE in section.conditions for section in sections])
     corners[welded] = _with_areas(corners[welded], areas[welded])
     sigmas = np.array([section.sigmas[3] for section in sections])
     own = np.sqrt(np.maximum(sigmas**2 - shared_area_sigma**2, 0.0))
     edges = fit_edges_to_corners(corners, _corner_sigmas(sections), own / areas, longest_step)
-    _check_root_is_seen(sections, edges.sections, longest_step)
+    _check_root_is_seen(sections, edges, longest_step)
     root = root_along_sections(sections, edges.sections, edges.length, closed=edges.closed)
     return replace(edges, shared_area_sigma=shared_area_sigma, root=root)
 
 
-def _check_root_is_seen(sections: Sequence[MeasuredSection], s: Array, longest_step: float) -> None:
+def _check_root_is_seen(
+    sections: Sequence[MeasuredSection], edges: GrooveEdges, longest_step: float
+) -> None:
     """Refuse a stretch of groove whose root was inferred, and not seen, in metres."""
+    s, length = edges.sections, edges.length
     seen = np.flatnonzero([ROOT_NOT_SEEN not in section.conditions for section in sections])
-    stops = np.concatenate(([0], seen, [len(s) - 1]))
-    gaps = np.diff(s[stops])
-    k = int(gaps.argmax())
-    if gaps[k] > longest_step or not len(seen):
+    if len(seen):
+        # Around a closed groove the first section that shows its root follows the last one.
+        ends = (s[seen[-1]] - length, s[seen[0]] + length) if edges.closed else (s[0], s[-1])
+        stops = np.concatenate((ends[:1], s[seen], ends[1:]))
+        longest = float(np.diff(stops).max())
+        begin = float(stops[np.diff(stops).argmax()]) % length
+    else:
+        begin, longest = 0.0, length
+    if longest > longest_step or not len(seen):
         raise ConfigurationError(
-            f"between sections number {stops[k] + 1} and {stops[k + 1] + 1} of the table no root "
-            f"is seen over {1e3 * gaps[k]:.0f} mm: a plan would rest on guessed corners. Scan that "
-            "stretch again, more squarely or from nearer",
+            f"from {1e3 * begin:.0f} mm along the groove on no root is seen for "
+            f"{1e3 * longest:.0f} mm, more than sequence.longest_step_mm: a plan would rest on "
+            "guessed corners. Scan that stretch again, more squarely or from nearer",
             key="sections",
         )
 

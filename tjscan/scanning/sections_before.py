@@ -115,8 +115,8 @@ CHANCE_SIGMAS: Final = 5.0
 LARGEST_ANGLE_CHANGE: Final = (radians(3), radians(250))
 """Radians by which the groove angle differs from section to section, and radians per metre.
 
-The tightest groove (see `TIGHTEST_GROOVE_BEND_RADIUS`) changes by 200° per metre; a laser plane that is
-turned a little further than the last one sees a little more.
+The tightest groove (see `TIGHTEST_GROOVE_BEND_RADIUS`) changes by 200° per metre; a laser plane
+that is turned a little further than the last one sees a little more.
 """
 
 LARGEST_ROOT_CHANGE: Final = (0.1, 5.0)
