@@ -166,6 +166,8 @@ def find_seam_cap(fitted: FittedProfile) -> slice:
     """Points of a bump on the last side that may be a weld's cap; none if there is none."""
     own = fitted.spans[-1]
     s, d = fitted.along[own], -fitted.residuals[own]
+    if d.max(initial=0.0) <= CAP_HEIGHT:
+        return slice(0)
     starts, stops = stretches_of_true_values(d > 0.3 * CAP_HEIGHT)
     for a, b in zip(starts.tolist(), stops.tolist(), strict=True):
         width, height = abs(float(s[b - 1] - s[a])), float(d[a:b].max())

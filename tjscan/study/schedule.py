@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from asyncio import CancelledError
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -96,7 +95,6 @@ def check_study_packages() -> None:
             raise missing_package_error("a study", name, "study")
 
 
-NO_WORKER_LEFT: Final = "no worker is left; start them again, and go on with --resume"
 SCHEDULER_GONE: Final = "the scheduler is gone; start one again, and go on with --resume"
 
 
@@ -104,9 +102,9 @@ def _run_tasks(
     client: Any, work: Callable[[T], R], tasks: Sequence[T]
 ) -> Generator[EndedTask[T, R]]:
     """Hand out one task per thread, so that a worker that dies is blamed on what it ran."""
-    from distributed import KilledWorker, wait
+    from distributed import KilledWorker, as_completed
 
-    waiting, running = iter(tasks), dict[Any, T]()
+    waiting, running, ended = iter(tasks), dict[Any, T](), as_completed()
 
     def hand_out() -> None:
         try:
@@ -116,21 +114,10 @@ def _run_tasks(
         for task in islice(waiting, max(threads, 1) - len(running)):
             future = client.submit(work, task, pure=False)
             running[future] = task
-
-    def next_ended() -> Any:
-        while True:
-            try:
-                done = wait(list(running), CLUSTER_TIMEOUT, return_when="FIRST_COMPLETED").done
-                return next(iter(done))
-            except TimeoutError:
-                if not client.nthreads():
-                    raise ComputeClusterFault(NO_WORKER_LEFT) from None
-            except CancelledError:
-                raise ComputeClusterFault(SCHEDULER_GONE) from None
+            ended.add(future)
 
     hand_out()
-    while running:
-        future = next_ended()
+    for future in ended:
         task = running.pop(future)
         fault = future.exception() if future.status == "error" else None
         over: EndedTask[T, R]
