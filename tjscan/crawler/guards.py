@@ -119,7 +119,7 @@ class Guards:
     ----------
     settings : GuardSettings
     proximity : ProximityFilter
-    corners : CornerPlaces
+    corners : ProximitySensorPlaces
         Where its sensors are.
     """
 
