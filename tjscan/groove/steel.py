@@ -25,6 +25,7 @@ from tjscan.groove.prior import (
     posterior,
 )
 from tjscan.groove.refinement import refine_fit
+from tjscan.groove.reflections import reflection_probability
 from tjscan.groove.sides import (
     LEAST_NOISE,
     OUTLIER_SIGMAS,
@@ -75,6 +76,9 @@ BLOCK_EVIDENCE_WEIGHT: Final = 0.5
 MISTAKEN_LEVEL_SHARE: Final = 0.1
 """Share of the corners beside which steel is taken for scale, or scale for steel: one in ten of
 simulated ones."""
+
+MOST_REFLECTED_BESIDE_SCALE: Final = 0.08
+"""Share of reflections in a single profile up to which steps are those of scale."""
 
 STEP_BLOCK, FEWEST_SCALE_STEPS = 5, 2
 LEAST_SCALE_STEP: Final = 0.12e-3
@@ -259,7 +263,10 @@ def fit_bare_steel(fit: GrooveFit, prior: GroovePrior | None, tolerance: float) 
     tolerance : float
         Distance within which a point belongs to a side, in metres.
     """
-    if prior is None and not (_has_scale_steps(fit, 0) or _has_scale_steps(fit, -1)):
+    if prior is None and (
+        reflection_probability(fit.fitted) > MOST_REFLECTED_BESIDE_SCALE
+        or not (_has_scale_steps(fit, 0) or _has_scale_steps(fit, -1))
+    ):
         return fit
     fit, back = _fit_without_scale(fit, prior, tolerance)
     if prior is None or not fit.model.has_root_bead:
