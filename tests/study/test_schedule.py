@@ -21,7 +21,7 @@ from tjscan.core.errors import ComputeClusterFault, ConfigurationError
 from tjscan.runs.tasks import study_backend_of_task
 from tjscan.study.file import StudyFile, trials_of_study
 from tjscan.study.run import run_trial
-from tjscan.study.schedule import DaskScheduler, EndedTask, check_study_packages
+from tjscan.study.schedule import DaskScheduler, EndedTask, _run_tasks, check_study_packages
 from tjscan.study.trial import StudyRow, Trial
 
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -139,3 +139,21 @@ def test_a_package_that_is_missing_is_named_with_its_extra(
     monkeypatch.setattr("tjscan.study.schedule.STUDY_PACKAGES", ("distributed", "no_such_package"))
     with pytest.raises(ConfigurationError, match=r"no_such_package.*pip install 'tjscan\[study\]'"):
         check_study_packages()
+
+
+def test_a_study_without_any_worker_left_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process that is not started again must not be waited for without end."""
+
+    class NoWorkers:
+        def nthreads(self) -> dict[str, int]:
+            return {}
+
+        def submit(self, *call: Any, **options: Any) -> object:
+            return object()
+
+    def nothing_ends(*waiting: Any, **options: Any) -> Any:
+        raise TimeoutError
+
+    monkeypatch.setattr("distributed.wait", nothing_ends)
+    with pytest.raises(ComputeClusterFault, match="no worker is left"):
+        list(_run_tasks(NoWorkers(), once, (0,)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import version as installed
@@ -95,6 +96,7 @@ def check_study_packages() -> None:
             raise missing_package_error("a study", name, "study")
 
 
+NO_WORKER_LEFT: Final = "no worker is left; start them again, and go on with --resume"
 SCHEDULER_GONE: Final = "the scheduler is gone; start one again, and go on with --resume"
 
 
@@ -102,9 +104,9 @@ def _run_tasks(
     client: Any, work: Callable[[T], R], tasks: Sequence[T]
 ) -> Generator[EndedTask[T, R]]:
     """Hand out one task per thread, so that a worker that dies is blamed on what it ran."""
-    from distributed import KilledWorker, as_completed
+    from distributed import KilledWorker
 
-    waiting, running, ended = iter(tasks), dict[Any, T](), as_completed()
+    waiting, running = iter(tasks), dict[Any, T]()
 
     def hand_out() -> None:
         try:
@@ -114,10 +116,10 @@ def _run_tasks(
         for task in islice(waiting, max(threads, 1) - len(running)):
             future = client.submit(work, task, pure=False)
             running[future] = task
-            ended.add(future)
 
     hand_out()
-    for future in ended:
+    while running:
+        future = _next_ended(client, list(running))
         task = running.pop(future)
         fault = future.exception() if future.status == "error" else None
         over: EndedTask[T, R]
@@ -132,6 +134,20 @@ def _run_tasks(
         future.release()
         hand_out()
         yield over
+
+
+def _next_ended(client: Any, running: list[Any]) -> Any:
+    """Wait for the next task that ends; raises ComputeClusterFault if no worker is left for it."""
+    from distributed import wait
+
+    while True:
+        try:
+            return next(iter(wait(running, CLUSTER_TIMEOUT, return_when="FIRST_COMPLETED").done))
+        except TimeoutError:
+            if not client.nthreads():
+                raise ComputeClusterFault(NO_WORKER_LEFT) from None
+        except CancelledError:
+            raise ComputeClusterFault(SCHEDULER_GONE) from None
 
 
 @contextmanager
