@@ -8,6 +8,7 @@ from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
 from tjscan.groove.read import read_groove
 from tjscan.groove.root import ROOT_NOT_SEEN, WELD_IN_GROOVE
+from tjscan.laser.profile import Profile
 
 GROOVE = Groove(curvature=1.5)
 NOISE = Noise(0.03 * MM)
@@ -88,3 +89,48 @@ def test_the_stated_error_of_the_area_is_as_large_as_errors_are() -> None:
     found = [read_groove(seen(sides, NOISE, seed)) for seed in range(40)]
     scaled = [((section.area - truth) / section.area_sigma) ** 2 for section in found]
     assert 0.02 < float(np.mean(scaled)) < 2
+
+
+@pytest.mark.parametrize(("share", "bow"), [(0.8, 0.25), (0.85, 0.3)])
+def test_an_overfull_groove_is_welded_already(share: float, bow: float) -> None:
+    """What stands proud of the line between the tops is not to be filled."""
+    sides = filled(GROOVE, share, bow)
+    for seed in range(4):
+        with pytest.raises(GrooveNotFound, match="already welded"):
+            read_groove(seen(sides, NOISE, seed))
+
+
+def hidden(sides: list[Array], columns: slice, seed: int = 0) -> Profile:
+    """A profile that shows nothing in some of its columns."""
+    profile = seen(sides, NOISE, seed)
+    x = profile.x_s.copy()
+    x[columns] = np.nan
+    return Profile(x, profile.z_s)
+
+
+@pytest.mark.parametrize("first", range(200, 440, 20))
+def test_what_a_hole_hides_is_stated(first: int) -> None:
+    """Over bevel, toe or weld: a corner is where it seems, is stated unsurely, or none is read."""
+    sides = filled(GROOVE, 0.5, 0.1)
+    corners = np.array((GROOVE.corners[0], sides[2][0], sides[2][-1]))
+    for seed in range(2):
+        try:
+            section = read_groove(hidden(sides, slice(first, first + 50), seed))
+        except GrooveNotFound:
+            continue
+        off = np.linalg.norm(section.points_s[1:4, [0, 2]] - corners, axis=1)
+        sigmas = np.sqrt(np.trace(section.corner_covariances_s, axis1=1, axis2=2))
+        assert not ((sigmas < 0.4 * MM) & (off > 1 * MM)).any()
+        assert abs(section.area - area_left(GROOVE, sides)) < 4 * section.area_sigma + 2e-6
+
+
+def test_a_bead_that_rises_high_bounds_the_area_too() -> None:
+    """One of three is 2.5 mm high: farther off any smooth surface than most noise."""
+    sides = filled(GROOVE, 0.5)
+    surface = sides[2]
+    s = np.linspace(0, 1, len(surface))
+    bump = 2.5 * MM * np.sin(np.pi * np.clip((s - 0.35) / 0.3, 0, 1)) ** 0.5
+    sides[2] = surface - bump[:, None] * np.array((0.0, 1.0))
+    for seed in range(3):
+        section = read_groove(seen(sides, NOISE, seed))
+        assert section.area == pytest.approx(area_left(GROOVE, sides), rel=0.03)

@@ -192,3 +192,13 @@ def test_what_lies_far_back_counts_less_and_the_same_patches_count_once() -> Non
     assert sure(2.0) < sure(0.5) < sure(0.04)
     assert sure(0.040, 0.040) == pytest.approx(sure(0.040))
     assert sure(0.08, 0.04) > sure(0.04)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_wave_of_a_wall_is_no_scale_and_steps_are(seed: int) -> None:
+    """In a single profile: scale is found by its edges, which a wave has not."""
+    profile = draw(GROOVE, NOISE, seed)
+    wave = 0.15 * MM * np.sin(profile.x_s * 2 * np.pi / (20 * MM))
+    waved = Profile(profile.x_s, profile.z_s + wave)
+    assert read_groove(waved).evidence is None
+    assert read_groove(with_scale(profile, 0.3 * MM, seed)).evidence is not None

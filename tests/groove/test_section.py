@@ -34,17 +34,23 @@ def test_frame_g_has_the_papers_axes() -> None:
     np.testing.assert_allclose(T[:3, 0], across / np.linalg.norm(across), atol=ROUNDING)
 
 
+@pytest.mark.parametrize("over_surface", [False, True])
 @given(seed=st.integers(0, 100_000))
-def test_measures_change_with_corners_and_tangents_as_their_derivatives_say(seed: int) -> None:
+def test_measures_change_with_corners_and_tangents_as_their_derivatives_say(
+    over_surface: bool, seed: int
+) -> None:
     random = np.random.default_rng(seed)
     corners = np.array(DRAWN)[1:4, [0, 2]] + random.uniform(-2e-3, 2e-3, (3, 2))
     tangents = np.array((np.pi, -0.75 * np.pi)) + random.uniform(-0.3, 0.3, 2)
     state = np.concatenate((corners.ravel(), tangents))
+    # Points that were seen between p3 and p4 stay where they are when these move.
+    share = np.array((0.1, 0.4, 0.8))[:, None]
+    surface = corners[1] + share * (corners[2] - corners[1]) + random.uniform(-1e-3, 1e-3, (3, 2))
 
     def at(values: Array) -> GrooveMeasures:
         p2, p3, p4 = values[:6].reshape(3, 2).tolist()
         wall, leg = ((float(np.cos(a)), float(np.sin(a))) for a in values[6:])
-        return measure_groove(p2, p3, p4, wall, leg)
+        return measure_groove(p2, p3, p4, wall, leg, surface if over_surface else None)
 
     def numbers(values: Array) -> Array:
         found = at(values)
@@ -53,6 +59,13 @@ def test_measures_change_with_corners_and_tangents_as_their_derivatives_say(seed
     step = 1e-6  # a micrometre and a microradian: deep in the linear range
     slopes = [(numbers(state + e) - numbers(state - e)) / (2 * step) for e in step * np.eye(8)]
     np.testing.assert_allclose(np.array(slopes).T, at(state).jacobian, rtol=1e-6, atol=1e-8)
+
+
+def test_a_surface_that_stands_proud_leaves_less_than_no_area() -> None:
+    p2, p3, p4 = DRAWN[1:4, [0, 2]].tolist()
+    tangents = (-1.0, 0.0), (-(0.5**0.5), -(0.5**0.5))
+    proud = np.array([(p3[0], 0.1), (p4[0], 0.1)])
+    assert measure_groove((p2[0], p2[1]), (p3[0], p3[1]), (p4[0], p4[1]), *tangents, proud).area < 0
 
 
 def test_known_measures() -> None:

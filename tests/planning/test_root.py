@@ -224,3 +224,27 @@ def test_over_a_weld_the_measured_area_is_filled(share: float) -> None:
     bulged = fit_groove_edges(measured(10, welded, share), 31e-3)
     areas = [template_at(stations_at(edges, s), 0.0).area for edges in (straight, bulged)]
     np.testing.assert_allclose(areas[1], share * areas[0], rtol=2e-3)
+
+
+def test_around_a_closed_groove_an_unseen_stretch_counts_across_its_seam() -> None:
+    count, radius = 20, 0.16
+    sections = []
+    for k, one in enumerate(measured(count, dict.fromkeys((18, 19, 0, 1), "root not seen"))):
+        angle = 2 * np.pi * k / count
+        turned = np.eye(4)
+        turned[0, 0] = turned[2, 2] = np.cos(angle)
+        turned[0, 2], turned[2, 0] = np.sin(angle), -np.sin(angle)
+        flat = one.points * (1, 1, 0) - (radius, 0, 0)
+        origin = turned.copy()
+        origin[:3, 3] = turned[:3, :3] @ (25e-3 - radius, 10e-3, 0)
+        sections.append(replace(one, points=flat @ turned[:3, :3].T, T_r_g=origin))
+    assert fit_groove_edges(sections, 0.3).closed
+    with pytest.raises(ConfigurationError, match="no root is seen for"):
+        fit_groove_edges(sections, 0.2)
+
+
+def test_a_section_without_area_is_named() -> None:
+    sections = measured(8, {})
+    sections[3] = replace(sections[3], measures=np.array((1.0, 10e-3, 10e-3, 0.0)))
+    with pytest.raises(ConfigurationError, match="section number 4 of the table has no area"):
+        fit_groove_edges(sections, 31e-3)

@@ -4,6 +4,7 @@ import csv
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,11 @@ import pytest
 from command import tjscan
 
 from tjscan.core.manifest import MANIFEST_FILE, manifest_text
+from tjscan.core.provenance import Provenance
 from tjscan.planning.document import PlanDocument
+from tjscan.result.directory import CLOUD_FILE, SECTIONS_FILE
+from tjscan.result.shapes import read_run_shape
+from tjscan.result.table import read_sections_csv, sections_to_csv
 
 ROOT = Path(__file__).parent.parent.parent
 RUN = ROOT / "tests" / "data" / "run-0.1.0"
@@ -129,3 +134,27 @@ def test_a_key_that_fits_nothing_is_told_with_its_file(
     message = capsys.readouterr().err
     assert f"{wps}: bead.layer_height_mm: at s = 0 mm" in message
     assert not (run / "plan.json").exists()
+
+
+def test_a_groove_with_weld_in_it_needs_the_passes_that_were_welded(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its toes are no corners of the root: they do not count where it is compared either."""
+    file = run / SECTIONS_FILE
+    sections = list(read_sections_csv(file))
+    sections[2] = replace(sections[2], conditions=("weld in the groove",))
+    provenance = Provenance.for_file_written_now("job", "j", "mm")
+    file.write_text(sections_to_csv(sections, provenance), encoding="utf-8")
+    (run / MANIFEST_FILE).unlink(missing_ok=True)
+    assert planned(run) == 2
+    message = capsys.readouterr().err
+    assert "--after-pass: 1 of " in message
+    assert "state how many passes are welded" in message
+    assert planned(run, "--after-pass", 1) in (0, 3)
+    points = "\n".join(f"{x} {y} {z}" for x, y, z in np.eye(3))
+    header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\n"
+    header += "property float y\nproperty float z\nend_header\n"
+    (run / CLOUD_FILE).write_text(header + points + "\n", encoding="utf-8")
+    absent = np.asarray(read_run_shape(run).absent)
+    assert absent[2].tolist() == [False, True, True]
+    assert not absent[0].any()

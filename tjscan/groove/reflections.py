@@ -162,7 +162,7 @@ def with_other_readings(best: GrooveFit, others: list[GrooveFit]) -> GrooveFit:
     return replace(best, other_readings=covariance, probability=probability)
 
 
-def find_seam_cap(fitted: FittedProfile) -> slice:
+def _find_seam_cap(fitted: FittedProfile) -> slice:
     """Points of a bump on the last side that may be a weld's cap; none if there is none."""
     own = fitted.spans[-1]
     s, d = fitted.along[own], -fitted.residuals[own]
@@ -183,9 +183,12 @@ def find_seam_cap(fitted: FittedProfile) -> slice:
 
 
 def without_seam_cap(fitted: FittedProfile) -> FittedProfile:
-    """The same with a weld's cap on the leg taken for its surface: it is no reflection."""
+    """The same with a weld's cap on the leg taken for its surface; itself if it shows no cap."""
+    cap = _find_seam_cap(fitted)
+    if not cap.stop:
+        return fitted
     residuals = fitted.residuals.copy()
-    residuals[find_seam_cap(fitted)] = 0.0
+    residuals[cap] = 0.0
     return replace(fitted, residuals=residuals)
 
 

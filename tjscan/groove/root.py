@@ -14,7 +14,6 @@ from tjscan.core.frames import Array
 from tjscan.groove.reflections import (
     LEAST_REFLECTION_DISTANCE,
     SHARE_ENDING_AT_SURFACE,
-    find_seam_cap,
     reflection_probability,
     share_in_long_stretches,
     sides_that_meet,
@@ -94,8 +93,9 @@ def read_root(fit: GrooveFit, covariance: Array, tolerance: float) -> GrooveSect
     tolerance : float
         Distance within which a point lies on a side, in metres.
     """
-    seam = (SEAM_BESIDE,) if find_seam_cap(fit.fitted).stop else ()
-    fit = replace(fit, fitted=without_seam_cap(fit.fitted))
+    bare = without_seam_cap(fit.fitted)
+    seam = () if bare is fit.fitted else (SEAM_BESIDE,)
+    fit = replace(fit, fitted=bare)
     if fit.model.name == TEE_PARTLY_FILLED.name:
         section = _section_over_weld(fit, covariance)
     elif fit.model.has_root_bead:
@@ -111,6 +111,7 @@ def _section_with_corners(
     covariance: Array,
     places: tuple[float, float],
     surface: Array | None = None,
+    area_variance: float = 0.0,
 ) -> GrooveSection:
     """Section with given corners p2, p3 and p4, x and z, shape (3, 2), in metres.
 
@@ -122,6 +123,8 @@ def _section_with_corners(
         s of p2 on the wall and of p4 on the leg.
     surface : ndarray, shape (m, 2), optional
         Points between p3 and p4 that bound the area.
+    area_variance : float
+        Of the area beyond what its corners explain, m⁴.
     """
     fitted = fit.fitted
     wall, leg = fitted.curves[0], fitted.curves[-1]
@@ -139,7 +142,14 @@ def _section_with_corners(
         covariance=covariance,
         surface=surface,
     )
-    return replace(section, model_probability=fit.probability, evidence=fit.evidence)
+    measure_covariance = section.measure_covariance.copy()
+    measure_covariance[3, 3] += area_variance
+    return replace(
+        section,
+        measure_covariance=measure_covariance,
+        model_probability=fit.probability,
+        evidence=fit.evidence,
+    )
 
 
 def _section_with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
@@ -167,17 +177,15 @@ def _section_with_face(fit: GrooveFit, covariance: Array) -> GrooveSection:
     elif bow > CONVEX_WELD_RATIO * chord:
         conditions = (WELD_IN_ROOT,)
     places = fitted.places[0][0], fitted.places[-1][1]
-    section = _section_with_corners(fit, fitted.corners[chosen], spread, places)
-    # The area is that over the face, which bulges or sags, not that over its chord.
-    measure_covariance = section.measure_covariance.copy()
-    measure_covariance[3, 3] += (HOLLOW_SIGMA_SHARE * hollow) ** 2
-    return replace(
-        section,
-        conditions=conditions,
-        absent=absent,
-        area=section.area + hollow,
-        measure_covariance=measure_covariance,
+    section = _section_with_corners(
+        fit,
+        fitted.corners[chosen],
+        spread,
+        places,
+        area_variance=(HOLLOW_SIGMA_SHARE * hollow) ** 2,
     )
+    # The area is that over the face, which bulges or sags, not that over its chord.
+    return replace(section, conditions=conditions, absent=absent, area=section.area + hollow)
 
 
 def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
@@ -202,14 +210,17 @@ def _section_over_weld(fit: GrooveFit, covariance: Array) -> GrooveSection:
             fit.row.points,
         )
     surface = weld_surface(fit, *ends)
-    section = _section_with_corners(
-        fit, np.array(corners), total, (fitted.places[0][0], places[1]), surface
-    )
     # Over a hole the surface may rise or sag.
     holes = np.linalg.norm(np.diff(np.vstack((corners[1], surface, corners[2])), axis=0), axis=1)
-    measure_covariance = section.measure_covariance.copy()
-    measure_covariance[3, 3] += HOLLOW_SIGMA_SHARE**2 * float(np.sum(holes**4))
-    return replace(section, conditions=(WELD_IN_GROOVE,), measure_covariance=measure_covariance)
+    section = _section_with_corners(
+        fit,
+        np.array(corners),
+        total,
+        (fitted.places[0][0], places[1]),
+        surface,
+        HOLLOW_SIGMA_SHARE**2 * float(np.sum(holes**4)),
+    )
+    return replace(section, conditions=(WELD_IN_GROOVE,))
 
 
 def _covariance_if_face_is_reflection(fit: GrooveFit) -> Array:

@@ -261,7 +261,7 @@ class _FitSearch:
                 sides = tuple(replace(s, bend=0.0, twist=0.0) if s.bead else s for s in model.sides)
             fitted = refine_fit(row, start, sides, tolerance, annealed=annealed, known=known)
             if fitted is not None:
-                pays = _point_costs(fitted, model, tolerance)
+                pays = _costs_of_points_on_sides(fitted, model, tolerance)
                 if (total := float(pays.sum())) < least:
                     best, least, costs = fitted, total, pays
             if least < start.cost + STRAYED_SUPPORT_SHARE * len(row.points):
@@ -274,7 +274,7 @@ class _FitSearch:
         return GrooveFit(row, model, best, cost, seen)
 
 
-def _point_costs(fitted: FittedProfile, model: GrooveModel, tolerance: float) -> Array:
+def _costs_of_points_on_sides(fitted: FittedProfile, model: GrooveModel, tolerance: float) -> Array:
     """What each point pays for its distance from its side, shape (n,), in outliers.
 
     A side that may be rough explains its points less precisely, which costs them, too.

@@ -180,7 +180,8 @@ def fit_groove_edges(
     areas = np.array([section.measures[3] for section in sections])
     if not (areas > 0).all():
         raise ConfigurationError(
-            f"section number {int(np.argmin(areas > 0)) + 1} of the table has no area to fill",
+            f"section number {int(np.argmin(areas > 0)) + 1} of the table has no area to fill: "
+            "scan it again, or leave it out",
             key="sections",
         )
     welded = np.array([WELD_IN_GROOVE in section.conditions for section in sections])
