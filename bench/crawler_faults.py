@@ -7,8 +7,8 @@ the weld or 60 mm before it. The torch may not be over 1 mm beside the joint wit
 beyond 10 mm of travel after that, the vehicle has to be at rest in the end, and the stop to name
 the cause.
 
-``--quick`` takes one seed and shorter welds; ``--only WORD`` takes the rows and faults whose names
-hold the word; ``--seeds N`` as many seeds.
+``--quick`` takes two seeds and two passes of a shorter weld; ``--only WORD`` takes the rows and
+faults whose names hold the word; ``--seeds N`` as many seeds.
 """
 
 from __future__ import annotations
@@ -43,13 +43,15 @@ EXAMPLE: Final = Path(__file__).parents[1] / "examples" / "crawl.toml"
 MOST_OFF, WAY_TO_NOTICE = 1e-3, 0.010
 """Metres: the torch's distance that no arc may have, and the travel in which a fault shows."""
 
-HORIZON: Final = 0.100
-"""Metres of travel from the fault or from where the arc is struck, after which a crawl ends."""
+HORIZON: Final = 0.150
+"""Metres of weld after a fault, after which a crawl ends."""
 
 REST_SPEED, REST_STATES = 1e-4, 50
 """m/s that are rest, and states after a stop in which it is reached."""
 
-QUICK_SEEDS, FULL_SEEDS = 1, 10
+QUICK_SEEDS, FULL_SEEDS = 2, 10
+HULLS_OF_A_FAULT: Final = 3
+"""Sound rows of each seed on which each kind of fault happens; one fewer for ``--quick``."""
 
 
 @dataclass(frozen=True)
@@ -160,8 +162,8 @@ class HorizonReached(Exception):
 class Observer:
     """The journal that holds every cycle against the truth, and forks processes for faults."""
 
-    def __init__(self, world: OtherWorld, faults: Sequence[tuple[str, Fault]], at: float) -> None:
-        self._world, self._to_come, self._at = world, tuple(faults), at
+    def __init__(self, world: OtherWorld, faults: Sequence[tuple[float, str, Fault]]) -> None:
+        self._world, self._to_come = world, sorted(faults, key=lambda one: one[0])
         self._began: float | None = None
         self._travel = 0.0
         self._pipe: int | None = None
@@ -177,8 +179,8 @@ class Observer:
         if not isinstance(cycle, CrawlCycle):
             return
         welds = cycle.phase is Phase.WELDING
-        if welds and self._to_come and cycle.number == 1 and cycle.travel >= self._at:
-            self._fork()
+        while welds and self._to_come and cycle.travel >= self._to_come[0][0]:
+            self._fork(*self._to_come.pop(0)[1:])
         along, off = self._world.beside_joint(0.0, self._world.torch_y)
         _, zero = self._world.beside_joint(0.0)
         off -= cycle.path
@@ -190,7 +192,7 @@ class Observer:
             if cycle.arc and abs(off) > MOST_OFF and beyond > WAY_TO_NOTICE:
                 self.found.arc_way += way
                 self.found.worst = max(self.found.worst, abs(off))
-            if beyond > max(HORIZON, HORIZON - self._at):
+            if along > HORIZON + max(self._began, 0.0):
                 raise HorizonReached
         elif cycle.arc:
             self.found.weld_seconds += 0.02
@@ -198,20 +200,18 @@ class Observer:
             self.found.estimated.setdefault(cycle.number, []).append(cycle.torch.offset - zero)
             self.found.sigma.setdefault(cycle.number, []).append(cycle.torch.sigma)
 
-    def _fork(self) -> None:
-        """Let each fault happen in a process of its own, one after another."""
-        todo, self._to_come = self._to_come, ()
-        for name, fault in todo:
-            reading, writing = os.pipe()
-            if (child := os.fork()) == 0:
-                os.close(reading)
-                self._pipe, self.found = writing, Found()
-                self._world.break_now(fault)
-                return
-            os.close(writing)
-            with os.fdopen(reading, "rb") as pipe:
-                self.found.faults.append((name, pickle.load(pipe)))
-            os.waitpid(child, 0)
+    def _fork(self, name: str, fault: Fault) -> None:
+        """Let a fault happen in a process of its own, which knows of no other."""
+        reading, writing = os.pipe()
+        if os.fork() == 0:
+            os.close(reading)
+            self._pipe, self._to_come, self.found = writing, [], Found()
+            self._world.break_now(fault)
+            return
+        os.close(writing)
+        with os.fdopen(reading, "rb") as pipe:
+            self.found.faults.append((name, pickle.load(pipe)))
+        os.wait()
 
     def answer(self) -> None:
         """End a process that forked off, with what it found."""
@@ -240,11 +240,12 @@ def crawl(name: str, seed: int, faults: tuple[str, ...], *, quick: bool) -> Foun
     world = OtherWorld(SOUND[name].hull, start, seed)
     broken = []
     for fault in faults:
-        kind, (least, most), _ = FAULTS[fault]
+        kind, (least, most), words = FAULTS[fault]
         size = rng.uniform(least, most) * (rng.choice([-1, 1]) if kind in SIGNED else 1)
-        broken.append((fault, Fault(kind, float(size), int(rng.integers(2)))))
-    at = rng.uniform(0.02, 0.09) if seed % 2 else -0.06
-    observer = Observer(world, broken, at)
+        before = -0.3 if LASER[0] in words else -0.06
+        at = rng.uniform(*((0.01, 0.05) if rng.random() < 0.5 else (before, 0.0)))
+        broken.append((at, fault, Fault(kind, float(size), int(rng.integers(2)))))
+    observer = Observer(world, broken)
     with plugged_in(world):
         cell = make_crawl_cell(job)
     context = CrawlContext(job, EXAMPLE)
@@ -277,12 +278,12 @@ def measure(*, quick: bool, seeds: int, only: str) -> Iterator[Row]:
     """Every row."""
     faults = tuple(name for name in FAULTS if only in name)
     names = [name for name in SOUND if only in name or faults]
-    # Each seed's faults are shared out over the sound rows, so that each kind meets several hulls.
-    asked = []
-    for seed in range(1, seeds + 1):
-        for k, name in enumerate(names):
-            shared = tuple(f for i, f in enumerate(faults) if (i + seed) % len(names) == k)
-            asked.append((name, seed, faults if len(names) == 1 else shared))
+    hulls = HULLS_OF_A_FAULT - quick
+    asked = [
+        (name, seed, tuple(f for i, f in enumerate(faults) if (i + seed - k) % len(names) < hulls))
+        for seed in range(1, seeds + 1)
+        for k, name in enumerate(names)
+    ]
     with ProcessPoolExecutor(2) as pool:
         found = list(pool.map(partial(_crawl, quick=quick), asked))
     rows: dict[str, list[Found]] = {}
