@@ -16,6 +16,7 @@ from tjscan.recording.journal import RunEvent
 from tjscan.towing.journal import TowCycle
 from tjscan.towing.loop import CableTow, TowSetup
 from tjscan.towing.seam import Seam
+from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.plan import TowingPlan
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings, SeamSettings
@@ -51,6 +52,7 @@ class Rig:
         halt: Callable[[Array], str] = lambda tip: "",
         seam: SeamSettings = SEAM,
         patience: float = 2.0,
+        obstacles: Callable[[float], list[DiscObstacle]] = lambda time: [],
     ) -> None:
         self.kept, self.planner = Kept(), RowPlanner(33, 1.0, 3, halt)
         start = self.planner.start(Seam(seam).pose_at(0.0)).held_poses
@@ -61,7 +63,7 @@ class Rig:
             Seam(seam),
             LocalisationSettings(),
             FollowingSettings(patience=patience),
-            lambda time: [],
+            obstacles,
         )
         self.tow = CableTow(
             self.team,  # type: ignore[arg-type]
@@ -256,3 +258,40 @@ def test_a_vehicle_is_stopped_by_whatever_ends_the_loop() -> None:
     with pytest.raises(KeyboardInterrupt):
         rig.run()
     assert rig.kept.events[-1] == ("stop", "interrupted")
+
+
+@pytest.mark.parametrize("speed", [0.02, 0.2])
+def test_the_welder_stops_before_what_comes_onto_its_seam_and_goes_on_when_it_left(
+    speed: float,
+) -> None:
+    """It comes onto the seam's line 400 mm ahead, stands there for 30 s, and goes back."""
+
+    def visit(time: float) -> list[DiscObstacle]:
+        there, gone = 0.35 / speed, 0.35 / speed + 30.0
+        off = max(there - time, time - gone, 0.0) * speed
+        moves = 0.0 if off == 0.0 else speed * (-1.0 if time < gone else 1.0)
+        return [DiscObstacle(3.4, off, 0.1, (0.0, moves), "a trolley")]
+
+    rig = Rig(obstacles=visit, patience=120.0)
+    rig.run()
+    waits = [detail for name, detail in rig.kept.events if name == "waits"]
+    assert waits[0].startswith("a trolley is in the welder's way")
+    assert rig.kept.names[-1] == "welded"
+    for cycle in rig.kept.cycles:
+        x, y, radius, *_ = cycle.obstacles[0]
+        assert np.hypot(*(cycle.poses[-1, :2] - (x, y))) > radius + 0.15 + 0.015
+    waited = sum(0.1 for cycle in rig.kept.cycles if cycle.wait)
+    assert waited < 30.0 + 2 * 0.35 / speed + 2.0
+
+
+def test_what_stays_on_the_seam_ends_the_tow_by_name() -> None:
+    rig = Rig(obstacles=lambda time: [DiscObstacle(3.3, 0.0, 0.1, name="a trolley")])
+    with pytest.raises(TowHalted, match="a trolley is in the welder's way"):
+        rig.run()
+    assert rig.team.vehicles[-1].pose[0] < 3.3 - 0.1 - 0.15 - 0.02
+
+
+def test_what_stands_beside_the_seam_and_leaves_room_is_passed() -> None:
+    rig = Rig(obstacles=lambda time: [DiscObstacle(3.1, 0.281, 0.1)])
+    rig.run()
+    assert rig.kept.names == ["start", "welded"]

@@ -44,6 +44,10 @@ START_POSITION_TOLERANCE: Final = 0.05
 START_VEHICLE_TOLERANCE: Final = 0.3
 """The same of a towing vehicle and its place in the first shape: it is led there."""
 
+SPARE_TO_GO_ON: Final = 0.01
+"""Metres by which an obstacle must be farther than the clearance before a welder that waited for it
+goes on: more than the noise with which it is seen."""
+
 
 class Team(Protocol):
     """The vehicles, the welder last, whose states come together."""
@@ -73,6 +77,9 @@ class TowSetup:
     following : FollowingSettings
     obstacles : callable
         Gives the obstacles as they are at a time on the team's clock.
+    clearance : float
+        Between the welder's body and obstacles, metres. Walls and pillars may be nearer: work
+        begins and ends at them.
     """
 
     cable: Cable
@@ -81,6 +88,7 @@ class TowSetup:
     localisation: LocalisationSettings
     following: FollowingSettings
     obstacles: Callable[[float], Sequence[DiscObstacle]]
+    clearance: float = 0.02
 
 
 class CableTow:
@@ -122,7 +130,7 @@ class CableTow:
         self._asked: list[Twist] = [AT_REST] * count
         self._states: Sequence[VehicleState | VehicleFault] = ()
         self._measured: Array = np.full((count, 3), np.nan)
-        self._shapeless = False
+        self._shapeless = self._blocked = False
 
     def run(self, along: float = 0.0, last: TowingPlan | None = None, stood: float = 0.0) -> None:
         """Tow until the seam is welded.
@@ -224,9 +232,9 @@ class CableTow:
         """Plan, and send the vehicles where to go."""
         now = self._team.time
         self._standing.update(now, PLAN_PERIOD, self._states, self._asked, estimate)
-        waiting, pace = self._reason_to_wait(estimate), self._standing.pace(estimate.poses)
+        obstacles, pace = self._setting.obstacles(now), self._standing.pace(estimate.poses)
+        waiting = self._reason_to_wait(estimate) or self._obstacle_in_way(estimate, obstacles)
         pace = allowed = 0.0 if waiting else pace
-        obstacles = self._setting.obstacles(now)
         discs = [(d.x, d.y, d.radius, *d.velocity) for d in obstacles]
         began = host.thread_time()
         plan, pace = self._plan_next_step(estimate, obstacles, pace)
@@ -328,6 +336,21 @@ class CableTow:
             v, why = next(iter(lost.items()))
             return WaitingReason(f"the pose of vehicle {v + 1} is lost: {why}")
         return self._standing.reason_to_wait(estimate.poses, self._last)
+
+    def _obstacle_in_way(
+        self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle]
+    ) -> WaitingReason | None:
+        """The obstacle that the welder's body would come too near to, if there is one."""
+        setting = self._setting
+        welder = estimate.estimates[-1]
+        nearest, name = setting.seam.nearest_obstacle(welder.pose, self._along, obstacles)
+        gap = nearest - setting.team.body_radius - 2 * welder.position_sigma
+        self._blocked = gap < setting.clearance + (SPARE_TO_GO_ON if self._blocked else 0.0)
+        if not self._blocked:
+            return None
+        return WaitingReason(
+            f"{name} is in the welder's way: it comes as near as {1e3 * max(gap, 0.0):.0f} mm"
+        )
 
     def _stop_vehicles(self) -> None:
         for vehicle in self._team.vehicles:
