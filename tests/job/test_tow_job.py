@@ -67,16 +67,7 @@ def test_the_piece_behind_the_welder_may_be_shorter_than_the_others() -> None:
         ({"vehicles": {"links": []}}, "vehicles.links", "6 vehicles, and 0 links"),
         ({"vehicles": {"behind_welder_mm": 650}}, "vehicles.behind_welder_mm", "6.5 times"),
         ({"vehicles": {"behind_welder_mm": 1e-9}}, "vehicles.behind_welder_mm", "whole number"),
-        (
-            {"simulation": {"towing_vehicle": {"body_radius_mm": 500}}},
-            "simulation.towing_vehicle.body_radius_mm",
-            "vehicles.radius_mm",
-        ),
-        (
-            {"simulation": {"towing_vehicle": {"force_n": 1}}},
-            "simulation.towing_vehicle.force_n",
-            "vehicles.force_n",
-        ),
+        ({"vehicles": {"force_n": 8}}, "vehicles.force_n", "8 N is less than the 8.5 N"),
         ({"limits": {"cable_gap_mm": 9000}}, "limits.cable_gap_mm", "take less than 3820"),
         ({"weights": {"bending": 0}}, "weights.bending", "greater than 0"),
         ({"targets": {"distance_mm": -1}}, "targets.distance_mm", "greater than 0"),
@@ -176,3 +167,15 @@ def test_a_corridor_that_no_vehicle_passes_is_refused_with_its_width() -> None:
         make_job(area={"outline_mm": rooms}, seam=seam)
     assert refused.value.key == "area.outline_mm"
     assert make_job(area={"outline_mm": rooms}, seam=seam, vehicles={"radius_mm": 120})
+
+
+def test_simulated_vehicles_are_as_stated_and_else_as_the_job_has_them() -> None:
+    """So a simulation may differ from what the planner is told."""
+    from tjscan.job.tow.simulation import towing_world_of_job
+
+    vehicles = {"radius_mm": 120, "force_n": 30}
+    world = towing_world_of_job(make_job(vehicles=vehicles)).vehicle
+    assert (world.body_radius, world.force) == (0.12, 30.0)
+    truly = {"towing_vehicle": {"body_radius_mm": 200, "force_n": 12}}
+    world = towing_world_of_job(make_job(vehicles=vehicles, simulation=truly)).vehicle
+    assert (world.body_radius, world.force) == (0.2, 12.0)

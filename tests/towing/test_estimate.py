@@ -17,7 +17,9 @@ from tjscan.towing.shape.estimate import (
     PRESLIDING_DISPLACEMENT,
     CableEstimate,
     EstimateArrays,
+    angle_deviations,
     cable_energy,
+    cable_forces,
     estimate_shape,
 )
 from tjscan.towing.shape.plan import PoseAccuracy
@@ -121,3 +123,41 @@ def test_a_cable_that_is_pushed_together_lies_where_its_energy_is_least() -> Non
         begun = CableEstimate(lies.angles, before.rest)
         again = estimate_shape(CABLE, HELD, poses, last=begun, trust=trust)
         np.testing.assert_allclose(again.angles, lies.angles, atol=1e-4)
+
+
+FREE = Cable(links=20, friction=0.0)
+BENT_POSES = np.array(((0.9, 0.25, 0.2), (1.55, 0.75, 1.2)))
+"""Of vehicles between which the cable is slack."""
+
+
+def test_deviations_of_angles_are_those_of_estimates_from_scattered_poses() -> None:
+    """Without friction, whose doubt no scatter shows."""
+    trust, rng = PoseAccuracy(2e-3, 0.01), np.random.default_rng(4)
+    mean = estimate_shape(FREE, HELD, BENT_POSES, trust=trust)
+    noise = rng.normal(size=(200, 2, 3)) * (2e-3, 2e-3, 0.01)
+    scattered = [
+        estimate_shape(FREE, HELD, BENT_POSES + one, last=mean, trust=trust).angles for one in noise
+    ]
+    stated = angle_deviations(FREE, HELD, mean, BENT_POSES, trust)
+    np.testing.assert_allclose(stated, np.std(scattered, axis=0), rtol=0.25)
+
+
+def test_the_force_on_a_vehicle_is_the_slope_of_the_cables_energy() -> None:
+    trust = PoseAccuracy(1e-4, 1e-3)
+
+    def bending_energy(x: float, y: float) -> float:
+        poses = BENT_POSES + np.array(((0.0, 0.0, 0.0), (x, y, 0.0)))
+        angles = estimate_shape(FREE, HELD, poses, trust=trust).angles
+        return float(FREE.bending_stiffness * angles @ angles / 2)
+
+    lies = estimate_shape(FREE, HELD, BENT_POSES, trust=trust)
+    forces, tension = cable_forces(FREE, HELD, lies, BENT_POSES, trust)
+    step = 1e-3
+    slope = [
+        (bending_energy(step * x, step * y) - bending_energy(-step * x, -step * y)) / (2 * step)
+        for x, y in ((1, 0), (0, 1))
+    ]
+    np.testing.assert_allclose(forces[1], -np.array(slope), rtol=0.05, atol=0.05)
+    heading = FREE.headings(lies.angles)[-1]
+    along = np.array((np.cos(heading), np.sin(heading)))
+    assert tension[-1] == pytest.approx(-forces[1] @ along, rel=1e-3, abs=1e-3)

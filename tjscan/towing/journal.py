@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Final
+
+import numpy as np
 
 from tjscan.core.frames import Array, ArrayForm, PlanarPoints, PlanarPoses
 from tjscan.core.signals import hold_ctrl_c
@@ -54,6 +56,10 @@ class TowCycle:
         Why the welder waits, in a sentence; empty if it welds.
     stopped : tuple of int
         Vehicles that stopped for good, by number from 0 at the root.
+    forces : ndarray, shape (vehicles, 2)
+        Of the cable on them as estimated, mean of the last seconds, newton; empty if not known.
+    tension : float
+        Largest along the cable, likewise.
     """
 
     time: float
@@ -70,6 +76,8 @@ class TowCycle:
     host: float
     wait: str = ""
     stopped: tuple[int, ...] = ()
+    forces: PlanarPoints = field(default_factory=lambda: np.zeros((0, 2)))
+    tension: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,7 +157,7 @@ class TowRecording(RecordingWriter):
         match message:
             case TowCycle():
                 self.set_time(message.time)
-                plan = replace(message.plan, rest=None)
+                plan = replace(message.plan, rest=None, deviations=None, forces=None, tension=None)
                 self.add(CYCLE_TOPIC, replace(message, plan=plan))
                 if self._truth is not None:
                     self.add(TRUTH_TOPIC, self._truth())

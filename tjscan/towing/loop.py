@@ -6,7 +6,7 @@ import time as host
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from math import hypot
+from math import hypot, inf
 from typing import Final, Protocol
 
 import numpy as np
@@ -15,6 +15,7 @@ from tjscan.core.errors import TowHalted, VehicleFault, VehicleLinkLost
 from tjscan.core.frames import Array
 from tjscan.recording.journal import Journal, RunEvent, event_recorder
 from tjscan.towing.following import PoseFollower
+from tjscan.towing.grip import GripWatch
 from tjscan.towing.journal import WELDED_EVENT, TowCycle
 from tjscan.towing.pose_filter import OUTLIER_SIGMAS, TeamEstimate, TeamPoseFilter
 from tjscan.towing.seam import Seam
@@ -91,6 +92,8 @@ class TowSetup:
     clearance : float
         Between the welder's body and obstacles, metres. Walls and pillars may be nearer: work
         begins and ends at them.
+    vehicle_force : float
+        With which a vehicle can pull at most, newton.
     """
 
     cable: Cable
@@ -100,6 +103,7 @@ class TowSetup:
     following: FollowingSettings
     obstacles: Callable[[float], Sequence[DiscObstacle]]
     clearance: float = 0.02
+    vehicle_force: float = inf
 
 
 class CableTow:
@@ -134,6 +138,7 @@ class CableTow:
             PoseFollower(setting.following, team.top_speed, turn) for _ in range(count)
         ]
         self._standing = StandstillWatch(setting.cable, team, record_event)
+        self._grip = GripWatch(count, setting.vehicle_force)
         self._patience = WaitingPatience(setting.following.patience, record_event)
         self._along = self._stood = self._due = self._began = 0.0
         self._last: TowingPlan | None = None
@@ -250,6 +255,7 @@ class CableTow:
         began = host.thread_time()
         plan, pace = self._plan_next_step(estimate, obstacles, pace)
         seconds = host.thread_time() - began
+        self._grip.update(plan)
         if plan.halt:
             waiting = waiting or WaitingReason(plan.halt)
         elif pace == 0 and waiting is None:
@@ -275,6 +281,8 @@ class CableTow:
                 host=host.process_time() - self._began,
                 wait="" if waiting is None else waiting.why,
                 stopped=self._standing.disobedient,
+                forces=self._grip.forces,
+                tension=self._grip.tension,
             )
         )
         self._along, self._targets = along, targets
@@ -325,6 +333,8 @@ class CableTow:
             before = poses if self._last is None else self._last.held_poses
         targets = before.copy() if plan.halt else plan.held_poses.copy()
         before = before.copy()
+        if not plan.halt:
+            targets[:, :2] += self._grip.give_way()
         before[-1], targets[-1] = seam.pose_at(self._along), seam.pose_at(along)
         lost, welder = self._poses.lost(estimate), len(self._followers) - 1
         for v, (vehicle, follower) in enumerate(
@@ -358,6 +368,12 @@ class CableTow:
             v, why = next(iter(lost.items()))
             return WaitingReason(f"the pose of vehicle {v + 1} is lost: {why}")
         waiting = self._standing.reason_to_wait(estimate.poses, self._last)
+        if waiting is None and (pull := self._grip.hardest_pull):
+            force, v = pull
+            most = self._setting.vehicle_force
+            name = "the welder" if v == len(self._followers) - 1 else f"vehicle {v + 1}"
+            words = f"the cable pulls at {name} with {force:.0f} N of the {most:g} N that it can"
+            return WaitingReason(f"{words} pull", device=True)
         *towing, welder = (self._off_plan(estimate, v) for v in range(len(self._followers)))
         if waiting is None and welder > WELDER_OFF_PLAN:
             return WaitingReason(f"the welder is {1e3 * welder:.0f} mm off its plan", device=True)

@@ -6,7 +6,7 @@ import re
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot, inf, log
+from math import degrees, hypot, inf, log, radians
 from typing import Final
 
 import numpy as np
@@ -55,17 +55,25 @@ SLACK_CABLE_CHORD_SHARE: Final = 0.95
 """The same from which on it goes slower, and below which it goes on after it waited: what noise of
 the poses changes is less than the way between the two."""
 
-BENT_JOINT_LIMIT_SHARE: Final = 0.9
-"""Share of the joints' limit to which the cable beside a stopped vehicle may be planned to bend
-before the welder waits: pulled from its other end, it bends more than planned at the vehicle."""
+BEND_DEVIATIONS: Final = 2.0
+"""Standard deviations that an angle plus its doubt may come to the joints' limit at most."""
 
-EASED_JOINT_LIMIT_SHARE: Final = 0.85
-"""The same below which the welder goes on after it waited."""
+LEAST_ANGLE_DEVIATION: Final = radians(0.4)
+"""Radians by which an estimated angle is doubted at least: on cables three times as stiff or soft,
+and on floors of half or one and a half times the friction, angles were off by no more than 0.7°
+beyond two of `TowingPlan.deviations`."""
+
+WATCHED_BEND: Final = 0.75
+"""Share of the limit above which that is looked at: angles of a cable that is taut or
+pressed together are known badly and are small."""
+
+EASED_BEND: Final = radians(1.0)
+"""Radians that an angle must be below that before the welder goes on after it waited."""
 
 LEAST_WELDING_PACE: Final = 0.1
 """Share of its speed with which it goes on until it waits: ever slower, it would never arrive."""
 
-FIGURE_WITH_UNIT: Final = re.compile(r"\d+(\.\d+)?(?= (mm|s|m/min)\b|°)")
+FIGURE_WITH_UNIT: Final = re.compile(r"\d+(\.\d+)?(?= (mm|s|m/min|N)\b|°)")
 """A figure with its unit: if only such differ, nothing new is to be reported."""
 
 
@@ -400,17 +408,37 @@ class StandstillWatch:
             return WaitingReason(f"{names[0]} drives otherwise than it is told", device=True)
         share, standing = self._tautest_piece(poses)
         self._taut = share >= (SLACK_CABLE_CHORD_SHARE if self._taut else TAUT_CABLE_CHORD_SHARE)
-        strained = "is taut" if self._taut else ""
-        if not self._taut:
-            share, standing = (0.0, 0) if last is None else self._most_bent_piece(last)
-            self._bent = share >= (
-                EASED_JOINT_LIMIT_SHARE if self._bent else BENT_JOINT_LIMIT_SHARE
-            )
-            strained = "nears its limit of bend" if self._bent else ""
-        if not strained:
+        if self._taut:
+            why = f"vehicle {standing + 1} stands, and the cable beside it is taut"
+            return WaitingReason(why, device=True)
+        return None if last is None else self._bent_too_far(last)
+
+    def _bent_too_far(self, last: TowingPlan) -> WaitingReason | None:
+        """Whether a joint may be bent beyond its limit.
+
+        By two standard deviations more than estimated; beside one at a standstill also than
+        planned.
+        """
+        angles, ends = np.abs(last.estimate), (0, *(link + 1 for link in self._team.held_links))
+        known = np.zeros(len(angles)) if last.deviations is None else last.deviations
+        doubt = np.hypot(known, LEAST_ANGLE_DEVIATION)
+        beside = dict[int, int]()
+        for v in self.doubted:
+            piece = slice(ends[v], ends[min(v + 2, len(ends) - 1)])
+            angles[piece] = np.maximum(angles[piece], np.abs(last.angles[piece]))
+            beside |= dict.fromkeys(range(piece.start, piece.stop), v)
+        most = self._cable.joint_limit - (EASED_BEND if self._bent else 0.0)
+        worst = np.where(angles > WATCHED_BEND * most, angles + BEND_DEVIATIONS * doubt, 0.0)
+        joint = max(range(len(worst)), key=lambda one: (worst[one], one in beside))
+        self._bent = bool(worst[joint] > most)
+        if not self._bent:
             return None
-        why = f"vehicle {standing + 1} stands, and the cable beside it {strained}"
-        return WaitingReason(why, device=True)
+        if joint in beside:
+            why = f"vehicle {beside[joint] + 1} stands, and the cable beside it nears its limit"
+            return WaitingReason(f"{why} of bend", device=True)
+        bent = f"{degrees(angles[joint]):.1f}° ± {degrees(2 * doubt[joint]):.1f}°"
+        limit = f"{degrees(self._cable.joint_limit):.1f}°"
+        return WaitingReason(f"joint {joint} is bent by {bent}, and its limit is {limit}")
 
     def pace(self, poses: Array) -> float:
         """Share of the welding speed that the pieces of cable beside them allow."""
@@ -431,19 +459,6 @@ class StandstillWatch:
         steps = np.diff(np.vstack((self._cable.root[:2], poses[:, :2])), axis=0)
         shares = np.hypot(steps[:, 0], steps[:, 1]) / lengths
         beside = [(float(shares[k]), v) for v in self.doubted for k in (v, v + 1) if k < len(held)]
-        return max(beside, default=(0.0, 0))
-
-    def _most_bent_piece(self, last: TowingPlan) -> tuple[float, int]:
-        """Largest joint angle beside a vehicle at a standstill, over its limit, and which one.
-
-        As planned or as estimated, whichever is larger.
-        """
-        ends = (0, *(link + 1 for link in self._team.held_links))
-        angles = np.maximum(np.abs(last.angles), np.abs(last.estimate)) / self._cable.joint_limit
-        beside = [
-            (float(angles[ends[v] : ends[min(v + 2, len(ends) - 1)]].max()), v)
-            for v in self.doubted
-        ]
         return max(beside, default=(0.0, 0))
 
 

@@ -142,7 +142,7 @@ class TowSimulationSettings(SettingsTable):
     settle : float
         Seconds for which cable and vehicles stand still before the clock starts.
     towing_vehicle : TowingVehicleModel
-        What every vehicle is; [vehicles] states its radius and its force.
+        What every vehicle truly is; its radius and force, if left out, are those of [vehicles].
     localisation : LocalisationSimulationSettings
         How well poses are truly measured.
     faults : tuple of FaultSettings
@@ -252,7 +252,7 @@ def read_tow_job(file: Path, overrides: dict[str, Any] | None = None) -> TowJob:
 
 
 def _size_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
-    """Yield sizes that would change nothing, with what to write instead, and too fast a seam."""
+    """Yield sizes that would change nothing, forces that can't be, and too fast a seam."""
     gap, length = job.limits.cable_gap, job.cable.length
     if np.pi / 2 * gap >= length:
         yield (
@@ -260,16 +260,14 @@ def _size_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
             f"half a circle that wide, {5e2 * np.pi * gap:.0f} mm, is longer than the cable, and "
             f"no two links would be held apart: take less than {2e3 / np.pi * length:.0f}",
         )
-    model, usual, ours = job.simulation.towing_vehicle, TowingVehicleModel(), job.vehicles
-    for key, value, allowed, instead in (
-        ("body_radius_mm", model.body_radius, (usual.body_radius, ours.radius), "radius_mm"),
-        ("force_n", model.force, (usual.force, ours.force), "force_n"),
-    ):
-        if value not in allowed:
-            yield (
-                f"simulation.towing_vehicle.{key}",
-                f"simulated vehicles have vehicles.{instead}: set that, and leave this out",
-            )
+    ours = job.vehicles
+    drag = job.cable.friction * job.cable.mass * GRAVITY_ACCELERATION  # of a metre
+    if ours.force < drag:
+        yield (
+            "vehicles.force_n",
+            f"{ours.force:g} N is less than the {drag:.1f} N with which the floor holds a metre of "
+            "cable: such a vehicle tows nothing",
+        )
     if job.seam.speed > ours.speed:
         yield (
             "seam.speed_mm_min",

@@ -15,7 +15,12 @@ from tjscan.core.errors import VehicleFault
 from tjscan.core.frames import Array
 from tjscan.job.tow.job import FaultSettings, TowJob
 from tjscan.towing.tables import ObstacleSettings
-from tjscan.vehicle.cable.model import CableModel, PasserBy, TowingWorldModel
+from tjscan.vehicle.cable.model import (
+    CableModel,
+    PasserBy,
+    TowingVehicleModel,
+    TowingWorldModel,
+)
 from tjscan.vehicle.cable.world import TowingWorld
 from tjscan.vehicle.pose_disturbance import PoseFault
 from tjscan.vehicle.simulated_team import SimulatedTeam
@@ -42,10 +47,14 @@ def towing_world_of_job(job: TowJob) -> TowingWorldModel:
     walls = [np.array(ring) for ring in (job.area.outline, *job.area.holes)]
     walls += [_obstacle_polygon(one) for one in job.obstacles if not one.speed]
     moving = [one for one in job.obstacles if one.speed]
-    vehicle, team = job.simulation.towing_vehicle, job.vehicles
+    vehicle, usual, team = job.simulation.towing_vehicle, TowingVehicleModel(), job.vehicles
+    if vehicle.body_radius == usual.body_radius:
+        vehicle = replace(vehicle, body_radius=team.radius)
+    if vehicle.force == usual.force:
+        vehicle = replace(vehicle, force=team.force)
     return TowingWorldModel(
         cable=model,
-        vehicle=replace(vehicle, body_radius=team.radius, force=team.force),
+        vehicle=vehicle,
         walls=tuple(walls),
         passers_by=tuple(
             PasserBy(one.radius, np.array(one.points), one.speed, one.start) for one in moving

@@ -141,6 +141,15 @@ def _tow_charts(job: TowJob, found: RecordedTow) -> Iterator[ReportChart]:
     named = {f"vehicle {number}": speeds for number, speeds in enumerate(vehicles, start=1)}
     for name, speeds in (named | {"welder": welder}).items():
         yield over_time("speed asked", "speed / (mm/s)", 1e3 * speeds, line=name)
+    if all(len(cycle.forces) for cycle in cycles):
+        title = "force of the cable on the vehicles, estimated"
+        caption = "Mean of four seconds. Dashed: what a vehicle can pull with at most."
+        forces = np.array([np.hypot(*cycle.forces.T) for cycle in cycles])
+        for number, values in enumerate(forces.T, start=1):
+            line, most = f"vehicle {number}", job.vehicles.force
+            yield over_time(title, "force / N", values, line=line, nominal=most, caption=caption)
+        tension = [cycle.tension for cycle in cycles]
+        yield over_time("largest tension along the cable, estimated", "tension / N", tension)
     if found.truths:
         yield from _truth_charts(found, over_time)
 

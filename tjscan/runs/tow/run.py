@@ -83,6 +83,7 @@ def make_tow(job: TowJob, cell: TowCell, planner: ShapePlanner, journal: Journal
     setting = TowSetup(
         *(job.chain, job.team, line, job.localisation, job.following, obstacles),
         clearance=job.limits.vehicle_clearance,
+        vehicle_force=job.vehicles.force,
     )
     return CableTow(cell.team, cell.localisation, setting, planner, journal)
 

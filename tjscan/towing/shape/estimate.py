@@ -50,6 +50,10 @@ PULL_RELIEF_SPEED: Final = 2e-3
 VEHICLE_PLACE_ERROR: Final = 1e-3
 """Metres within which vehicles are where they are sent: no force is relieved better than that."""
 
+FRICTION_DOUBT = 0.5
+"""Share by which friction over stiffness may differ from what the job states: floors differ by half
+(Table I has one figure), and cables stiffen as they cool."""
+
 PULL_TERM_INDEX: Final = 4
 """Which term of the objective it is."""
 
@@ -399,3 +403,87 @@ def _pull_stiffness(angles: Array, problem: EstimateArrays) -> Array:
             derivative[0, axis] += stiff[last, 0] * way[0] * change[i]
             derivative[1, axis] += stiff[last, 0] * way[1] * change[i]
     return derivative
+
+
+def angle_deviations(
+    cable: Cable, held_links: Sequence[int], lies: CableEstimate, poses: Array, trust: PoseAccuracy
+) -> Array:
+    """Standard deviations of the estimated joint angles, radians, shape (N,).
+
+    Of the poses' errors, and of a floor that holds the cable more or less than the job states, by
+    `FRICTION_DOUBT`, each with what it turns the joints by at the least energy.
+
+    Parameters
+    ----------
+    cable, held_links, poses, trust
+        As of `estimate_shape`.
+    lies : CableEstimate
+    """
+    problem = energy_problem_arrays(cable, held_links, poses, trust, lies)
+    return np.sqrt(_angle_variances(lies.angles, problem))
+
+
+@compiled
+def _angle_variances(angles: Array, problem: EstimateArrays) -> Array:
+    """Variances of the angles of least energy, shape (N,)."""
+    n, root = len(angles), problem.root
+    links, parts, stiff = np.empty((n, 5)), chain.new_chain_derivatives(n), problem.stiff
+    hessian, factor, change = np.empty((n, n)), np.zeros((n, n)), np.empty(n)
+    variances = np.zeros(n)
+    place_links(angles, root, problem.length, links)
+    cable_energy(angles, problem, links, parts)
+    forces = parts.point[:, :2].copy()
+    for m in range(len(problem.held)):  # what is left of the forces is the floor's
+        k = problem.held[m]
+        forces[k, 0] -= stiff[m, 0] * (links[k, 0] - problem.poses[m, 0])
+        forces[k, 1] -= stiff[m, 0] * (links[k, 1] - problem.poses[m, 1])
+    chain.chain_hessian(parts, links, problem.length, hessian)
+    factorise_convex(hessian, 0.0, factor, LEAST_HESSIAN_SHIFT)
+    for m in range(len(problem.held)):
+        k = problem.held[m]
+        for axis in range(3):
+            weight = sqrt(stiff[m, axis // 2])  # one over the standard deviation
+            for i in range(n):
+                way = chain.link_motion_by_joint(i, k, links, root)
+                change[i] = weight * (way[axis] if axis < 2 else 1.0 * (i <= k))
+            back_substitute(factor, change)
+            for i in range(n):
+                variances[i] += change[i] * change[i]
+    parts.point[:, :2] = forces
+    parts.joint[:, 0] = 0.0
+    parts.turn[:, 0] = 0.0
+    chain.chain_gradient(parts, links, problem.length, change)
+    back_substitute(factor, change)
+    for i in range(n):
+        variances[i] += (FRICTION_DOUBT * change[i]) ** 2
+    return variances
+
+
+def cable_forces(
+    cable: Cable, held_links: Sequence[int], lies: CableEstimate, poses: Array, trust: PoseAccuracy
+) -> tuple[Array, Array]:
+    """Forces of the cable on the vehicles, and the tension along it.
+
+    Quasi-static: what holds the estimated links at the vehicles' poses balances bends and floor.
+
+    Parameters
+    ----------
+    cable, held_links, poses, trust
+        As of `estimate_shape`.
+    lies : CableEstimate
+
+    Returns
+    -------
+    forces : ndarray, shape (vehicles, 2)
+        Along x and y, newton; NaN for a vehicle with an unknown pose.
+    tension : ndarray, shape (N,)
+        In each link, newton; negative if it is pushed together.
+    """
+    problem = energy_problem_arrays(cable, held_links, poses, trust, lies)
+    links, parts = np.empty((cable.links, 5)), chain.new_chain_derivatives(cable.links)
+    place_links(lies.angles, problem.root, problem.length, links)
+    cable_energy(lies.angles, problem, links, parts)
+    inner = np.cumsum(parts.point[::-1, :2], axis=0)[::-1]  # of all that is beyond a link
+    off = links[list(held_links), :2] - poses[:, :2]
+    forces = cable.bending_stiffness / trust.position_sd**2 * off
+    return forces, -cable.bending_stiffness * (inner * links[:, 3:]).sum(axis=1)

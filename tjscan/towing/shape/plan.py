@@ -113,6 +113,12 @@ class TowingPlan:
         of the last shape tried, to be shown, never to be sent.
     rest : ndarray, shape (N, 2), or None
         Towards which the floor holds the links of the estimate, metres; None if it is not known.
+    deviations : ndarray, shape (N,), or None
+        Standard deviations of the estimated angles, radians; None if none is near its limit.
+    forces : ndarray, shape (vehicles, 2), or None
+        Of the cable on the vehicles, newton; None if the floor's share is not known.
+    tension : ndarray, shape (N,), or None
+        Along the cable, newton; likewise.
     """
 
     estimate: Array
@@ -125,6 +131,9 @@ class TowingPlan:
     iterations: int = 0
     halt: str = ""
     rest: PlanarPoints | None = None
+    deviations: Array | None = None
+    forces: PlanarPoints | None = None
+    tension: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

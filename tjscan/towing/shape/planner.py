@@ -11,7 +11,13 @@ import numpy as np
 from tjscan.core.frames import Array
 from tjscan.towing.shape.area import DiscObstacle, Floor, Obstacles
 from tjscan.towing.shape.cable import Cable, TowingTeam
-from tjscan.towing.shape.estimate import CableEstimate, estimate_shape, pull_on_welder
+from tjscan.towing.shape.estimate import (
+    CableEstimate,
+    angle_deviations,
+    cable_forces,
+    estimate_shape,
+    pull_on_welder,
+)
 from tjscan.towing.shape.limited import optimise_within_limits
 from tjscan.towing.shape.limits import (
     BROKEN_LIMIT_TEXTS,
@@ -38,6 +44,9 @@ LONGEST_LINK_STEP: Final = 0.05
 LARGEST_LYING_OVERLAP: Final = 0.01
 """Metres by which the estimated cable may lie nearer to a body, or to itself, than a plan may bring
 it: between vehicles the floor holds it back from where it is planned."""
+
+NEAR_LIMIT: Final = 0.7
+"""Share of the joints' limit from which on it is found how well the angles are known."""
 
 NEWTON_ITERATIONS: Final = 60
 """Of Newton's method; four or five are usual."""
@@ -118,7 +127,19 @@ class TowingPlanner:
             pressed = tuple(limits.describe(row) for row in limited.pressed)
             iterations += limited.iterations
         halt = shape.objection(now.angles, pressed)
-        return shape.plan(iterations=iterations, halt=halt, limits=pressed, rest=now.rest)
+        known = (self.cable, held, now, poses, settings.trust)
+        forces, tension = (None, None) if last is None else cable_forces(*known)
+        near = last is not None and np.abs(now.angles).max() > NEAR_LIMIT * self.cable.joint_limit
+        deviations = angle_deviations(*known) if near else None
+        return shape.plan(
+            iterations=iterations,
+            halt=halt,
+            limits=pressed,
+            rest=now.rest,
+            deviations=deviations,
+            forces=forces,
+            tension=tension,
+        )
 
     def starts(
         self, welder_pose: Array, obstacles: Sequence[DiscObstacle] = ()

@@ -1,0 +1,102 @@
+"""The cable's force on each vehicle over some seconds: what is left of its grip, and giving way."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.frames import Array
+from tjscan.towing.shape.plan import TowingPlan
+
+FORCE_WINDOW: Final = 40
+"""Periods, 4 s of them, over which forces are averaged: where the cable is nearly taut, the noise
+of a pose makes forces as large as a vehicle's grip."""
+
+SURE_PERIODS: Final = 10
+"""Periods, a second, for which a force must be sure. Errors of filtered poses last as long, so the
+mean of a window scatters hardly less than they do."""
+
+USABLE_GRIP_SHARE: Final = 0.8
+"""Share of a vehicle's force from which on the welder waits: beyond, wheels slip on a bad spot."""
+
+EASED_GRIP_SHARE: Final = 0.7
+"""The same below which it goes on after it waited."""
+
+GIVING_WAY_SHARE: Final = 0.5
+"""Share of it from which on a vehicle gives way to the cable."""
+
+GIVING_WAY_COMPLIANCE: Final = 2e-3
+"""Metres for each newton beyond. Nearly taut, a metre of cable pulls with some newton more for each
+millimetre, so this takes most of it away."""
+
+LONGEST_GIVING_WAY: Final = 0.02
+"""Metres by which a vehicle gives way at most: less than half of what it may be off its plan."""
+
+SMALLEST_FORCE: Final = 1e-9
+"""Newton: a force without a direction."""
+
+
+class GripWatch:
+    """The cable's mean force on each vehicle, compared with what the vehicle can pull.
+
+    Parameters
+    ----------
+    vehicles : int
+    most : float
+        Force of a vehicle, newton.
+    """
+
+    def __init__(self, vehicles: int, most: float) -> None:
+        self._most = most
+        self._forces: deque[Array] = deque(maxlen=FORCE_WINDOW)
+        self._tensions: deque[Array] = deque(maxlen=FORCE_WINDOW)
+        self._still = np.zeros((vehicles, 2))
+        self._waits, self._hard_for = False, 0
+
+    def update(self, plan: TowingPlan) -> None:
+        """Take in the forces of a plan's estimate."""
+        if plan.forces is None or plan.tension is None or not np.isfinite(plan.forces).all():
+            return
+        self._forces.append(plan.forces)
+        self._tensions.append(plan.tension)
+
+    @property
+    def forces(self) -> Array:
+        """Mean of the last seconds, newton, shape (vehicles, 2)."""
+        return np.mean(self._forces, axis=0) if self._forces else self._still
+
+    @property
+    def tension(self) -> float:
+        """Largest mean along the cable, newton."""
+        return float(np.mean(self._tensions, axis=0).max()) if self._tensions else 0.0
+
+    @property
+    def sure_forces(self) -> Array:
+        """Amounts above which the forces surely are, two standard deviations less than their means.
+
+        Newton, shape (vehicles,).
+        """
+        if len(self._forces) < FORCE_WINDOW:
+            return np.zeros(len(self._still))
+        scatter = np.std(self._forces, axis=0)
+        amounts = np.linalg.norm(self.forces, axis=1) - 2 * np.linalg.norm(scatter, axis=1)
+        return np.asarray(np.maximum(amounts, 0.0))
+
+    @property
+    def hardest_pull(self) -> tuple[float, int] | None:
+        """Largest sure force and its vehicle, if too little of that vehicle's grip is left."""
+        sure = self.sure_forces
+        hardest = int(sure.argmax())
+        share = EASED_GRIP_SHARE if self._waits else USABLE_GRIP_SHARE
+        self._hard_for = self._hard_for + 1 if sure[hardest] > share * self._most else 0
+        self._waits = self._hard_for >= (1 if self._waits else SURE_PERIODS)
+        return (float(sure[hardest]), hardest) if self._waits else None
+
+    def give_way(self) -> Array:
+        """How far each vehicle gives way to the cable, metres, shape (vehicles, 2)."""
+        beyond = np.maximum(self.sure_forces - GIVING_WAY_SHARE * self._most, 0.0)
+        way = np.minimum(GIVING_WAY_COMPLIANCE * beyond, LONGEST_GIVING_WAY)
+        size = np.maximum(np.linalg.norm(self.forces, axis=1), SMALLEST_FORCE)
+        return np.asarray((way / size)[:, None] * self.forces)
