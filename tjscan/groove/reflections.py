@@ -100,6 +100,11 @@ class PointRuns:
         k = int(self.first.searchsorted(point, side="right")) - 1
         return int(self.first[k]), int(self.first[k] + self.count[k])
 
+    def most_per_point(self) -> Array:
+        """The most that each point pays, shape (n,): as part of a reflection, if its run jumps."""
+        whole = np.minimum(RUN_COST / self.count + POINT_COST, 1.0)
+        return np.where(self.jumps, whole, 1.0).repeat(self.count)
+
     def within(self, start: int, end: int) -> PointRuns:
         """The runs of the points from `start` to before `end`; what is cut off is no reflection."""
         a, b = int(self.first.searchsorted(start, side="right")) - 1, self.first.searchsorted(end)
