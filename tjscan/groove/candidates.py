@@ -97,11 +97,11 @@ class CandidateSides:
         return CubicCurve(-u / y, 1 / y, *direction, 0.0, 0.0, float(-c * y**3 / steep**3))
 
 
-def kind_of_side(side: SideModel) -> int:
-    """Which of `SIDE_BENDS` is that of a side."""
+def kinds_of_side(side: SideModel) -> tuple[int, ...]:
+    """Which of `SIDE_BENDS` a side may have; the face of a bead may as well be straight."""
     if side.bead:
-        return 3 if side.roughness else 2
-    return int(side.bend > 2 * SIDE_BENDS[0])
+        return (3,) if side.roughness else (0, 2)
+    return (int(side.bend > 2 * SIDE_BENDS[0]),)
 
 
 def grow_candidates(points: ProjectivePoints, pieces: Pieces, inflation: float) -> CandidateSides:
@@ -162,7 +162,9 @@ def grow_candidates(points: ProjectivePoints, pieces: Pieces, inflation: float) 
     u = points.u
     error = sums[:, 8] - (coefficients * sums[:, 5:8]).sum(axis=1)
     roughness = np.sqrt(np.maximum(error, 0) / (member @ counts)) * height / steep
-    return CandidateSides(kind, roughness, coefficients, u[pieces.first[first]], u[pieces.stop[last] - 1])
+    return CandidateSides(
+        kind, roughness, coefficients, u[pieces.first[first]], u[pieces.stop[last] - 1]
+    )
 
 
 def _best_ranges(pieces: Pieces, kind: int, reach: float, variance: float) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.candidates import CandidateSides, kind_of_side
+from tjscan.groove.candidates import CandidateSides, kinds_of_side
 from tjscan.groove.pieces import ProjectivePoints
 from tjscan.groove.reflections import PointRuns
 from tjscan.groove.settings import GrooveModel, SideModel
@@ -105,7 +105,9 @@ class ChainSearch:
 
     def cheapest_chains(self, model: GrooveModel, most: int) -> list[Polyline]:
         """Cheapest chains of a form that differ, at most so many; none if none is allowed."""
-        layers = [np.flatnonzero(self.candidates.kind == kind_of_side(s)) for s in model.sides]
+        layers = [
+            np.flatnonzero(np.isin(self.candidates.kind, kinds_of_side(s))) for s in model.sides
+        ]
         if min(map(len, layers)) == 0:
             return []
         joints = []
