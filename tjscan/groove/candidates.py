@@ -130,22 +130,24 @@ def grow_candidates(points: ProjectivePoints, pieces: Pieces, inflation: float) 
     pairs = (powers[:, None] * powers[None]).reshape(9, -1)
     unevenness = np.array(SIDE_UNEVENNESS)[kind, None] ** 2
     own = 2 * variance / counts.repeat(2) * (heights / steep[:, None]) ** 2 + unevenness
+    growing = np.arange(len(seed))
     for _ in range(MOST_GROWTH_ROUNDS):
-        coefficients, inverse = _fit_sums(member @ pieces.moments, prior)
-        off = np.abs(coefficients @ powers - heights) / heights / steep[:, None]
-        doubt = variance * np.maximum(inverse.reshape(-1, 9) @ pairs, 0.0)
-        doubt /= (heights * steep[:, None]) ** 2
-        score = off / np.sqrt(doubt + own)
-        score, off, doubt = (v.reshape(*member.shape, 2).max(axis=2) for v in (score, off, doubt))
-        fits = (score < CONTINUING_SIGMAS) & ~member
-        sure = fits & (doubt < SURE_PREDICTION**2)
+        now, slope = member[growing], steep[growing, None]
+        coefficients, inverse = _fit_sums(now @ pieces.moments, prior[growing])
+        off = np.abs(coefficients @ powers - heights) / (heights * slope)
+        doubt = variance * np.maximum(inverse.reshape(-1, 9) @ pairs, 0.0) / (heights * slope) ** 2
+        score = off**2 / (doubt + own[growing])
+        score, off, doubt = (v.reshape(*now.shape, 2).max(axis=2) for v in (score, off, doubt))
+        fits = (score < CONTINUING_SIGMAS**2) & ~now
+        added = fits & (doubt < SURE_PREDICTION**2)
         likely = fits & (doubt < LEAST_PREDICTION**2) & (off < LEAST_PREDICTION)
-        best = np.where(likely, score**2 * doubt, np.inf).argmin(axis=1)
-        alone = np.flatnonzero(likely.any(axis=1) & ~sure.any(axis=1))
-        sure[alone, best[alone]] = True
-        if not sure.any():
+        best = np.where(likely, score * doubt, np.inf).argmin(axis=1)
+        alone = np.flatnonzero(likely.any(axis=1) & ~added.any(axis=1))
+        added[alone, best[alone]] = True
+        member[growing] |= added
+        growing = growing[added.any(axis=1)]
+        if not len(growing):
             break
-        member |= sure
     rough = [(k, m) for k, reach in ROUGH_REACHES for m in _best_ranges(pieces, k, reach, variance)]
     if rough:
         kind = np.concatenate((kind, [k for k, _ in rough]))

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.candidates import CandidateSides, kinds_of_side
+from tjscan.groove.candidates import SIDE_BENDS, CandidateSides, kinds_of_side
 from tjscan.groove.pieces import ProjectivePoints
 from tjscan.groove.reflections import PointRuns
 from tjscan.groove.settings import GrooveModel, SideModel
 from tjscan.groove.sides import Index, Polyline
 
-FEWEST_INNER_POINTS: Final = 4
-"""Points that must support an inner side."""
+FEWEST_INNER_POINTS: Final = 2.8
+"""Points that must support an inner side: four that lie near it."""
 
 FEWEST_OUTER_POINTS: Final = 8
 """Points that must support the first side and the last."""
@@ -57,10 +57,18 @@ WIDER_TOLERANCE_COST: Final = 0.3
 class _Corners:
     """Corners of every candidate with every other, shape (K, K, ...).
 
-    `place` is the first point behind each; `turn` by how much the second turns from the first.
+    Parameters
+    ----------
+    x, z : ndarray
+        In metres.
+    place : ndarray of int
+        First point behind each.
+    turn : ndarray
+        By how much the second candidate turns from the first; NaN if they do not meet.
     """
 
-    xz: Array
+    x: Array
+    z: Array
     place: Index
     turn: Array
 
@@ -96,44 +104,55 @@ class ChainSearch:
             scaled * scaled + WIDER_TOLERANCE_COST * np.log(reach / tolerance)[:, None], 1
         )
         self._runs, self._costs = runs, paid
-        nothing = np.zeros((len(reach), 1))
-        self._support = np.concatenate((nothing, (1 - paid).cumsum(axis=1)), axis=1)
+        support = _running_sums(1 - paid)
         # No chain costs less than if every run that jumps off the surface were a reflection.
-        least = paid * runs.most_per_point()
-        self._paid = np.concatenate((nothing, least.cumsum(axis=1)), axis=1)
+        least = _running_sums(paid * runs.most_per_point())
         self._corners = _intersect_candidates(points, candidates)
+        own = np.arange(len(reach))
+        before, after = (own[:, None], self._corners.place), (own, self._corners.place)
+        self._support_before, self._support_after = support[before], support[after]
+        self._left_after = support[:, -1] - self._support_after
+        self._pay = least[before] - least[after]
+        self._total = least[:, -1]
+        self._kinds = [np.flatnonzero(candidates.kind == k) for k in range(len(SIDE_BENDS))]
 
-    def cheapest_chains(self, model: GrooveModel, most: int) -> list[Polyline]:
-        """Cheapest chains of a form that differ, at most so many; none if none is allowed."""
+    def cheapest_chains(self, model: GrooveModel, most: int, dearest: float) -> list[Polyline]:
+        """Cheapest chains of a form that differ.
+
+        Parameters
+        ----------
+        model : GrooveModel
+        most : int
+            Number of chains.
+        dearest : float
+            What the points pay at most.
+        """
         layers = [
-            np.flatnonzero(np.isin(self.candidates.kind, kinds_of_side(s))) for s in model.sides
+            np.concatenate([self._kinds[k] for k in kinds_of_side(side)]) for side in model.sides
         ]
-        if min(map(len, layers)) == 0:
-            return []
         joints = []
-        for (a, b), bounds in zip(zip(layers, layers[1:]), model.turns, strict=False):
-            pair = np.ix_(a, b)
-            turn, place = self._corners.turn[pair], self._corners.place[pair]
-            pay = self._paid[a[:, None], place] - self._paid[b[None], place]
-            allowed = (turn >= bounds.least) & (turn <= bounds.most) & (a[:, None] != b[None])
-            joints.append(np.where(allowed, pay, np.inf))
-        first = layers[0][:, None], self._corners.place[np.ix_(layers[0], layers[1])]
-        joints[0] = np.where(self._support[first] < FEWEST_OUTER_POINTS, np.inf, joints[0])
-        last = layers[-1][None], self._corners.place[np.ix_(layers[-2], layers[-1])]
-        left = self._support[layers[-1], -1] - self._support[last]
-        joints[-1] = np.where(left < FEWEST_OUTER_POINTS, np.inf, joints[-1])
+        for i, bounds in enumerate(model.turns):
+            pair = layers[i][:, None], layers[i + 1]
+            turn = self._corners.turn[pair]
+            allowed = (turn >= bounds.least) & (turn <= bounds.most)
+            if i == 0:
+                allowed &= self._support_before[pair] >= FEWEST_OUTER_POINTS
+            if i == len(model.turns) - 1:
+                allowed &= self._left_after[pair] >= FEWEST_OUTER_POINTS
+            if not allowed.any():
+                return []
+            joints.append(np.where(allowed, self._pay[pair], np.inf))
         value, choices = joints[0], []
         for k, side in enumerate(model.sides[1:-1], 1):
             fits = self._fits_between(layers[k - 1 : k + 2], side)
-            total = np.where(fits, value[:, :, None], np.inf) + joints[k][None]
+            total = np.where(fits, value[:, :, None], np.inf) + joints[k]
             if k < len(joints) - 1:
                 choices.append(total.argmin(axis=0))
                 value = total.min(axis=0)
-        total = total + self._paid[layers[-1], -1]
+        total += self._total[layers[-1]]
         costs = total.ravel()
-        likely = np.flatnonzero(costs < min(float(costs.min()) + RIVAL_COST_MARGIN, np.inf))
+        likely = np.flatnonzero(costs < dearest)
         found: list[Polyline] = []
-        dearest = np.inf
         for flat in likely[np.argsort(costs[likely])[:MOST_CHAINS_COMPARED]].tolist():
             if costs[flat] > dearest:
                 break
@@ -141,12 +160,13 @@ class ChainSearch:
             for choice in reversed(choices):
                 chain.insert(0, int(choice[chain[0], chain[1]]))
             own = [int(layer[i]) for layer, i in zip(layers, chain, strict=True)]
-            corners = self._corners.xz[own[:-1], own[1:]]
+            pair = own[:-1], own[1:]
+            corners = np.array((self._corners.x[pair], self._corners.z[pair])).T
             if all(np.abs(corners - c.corners).max() > LEAST_DISTANCE_OF_RIVALS for c in found):
                 curves = tuple(self.candidates.as_curve(k) for k in own)
                 found.append(Polyline(curves, corners, self._exact_cost(own)))
-                dearest = min(c.cost for c in found) + RIVAL_COST_MARGIN
-        return sorted(found, key=lambda c: c.cost)[:most]
+                dearest = min(dearest, found[-1].cost + RIVAL_COST_MARGIN)
+        return sorted(found, key=lambda chain: chain.cost)[:most]
 
     def _exact_cost(self, chain: list[int]) -> float:
         """What all points pay if only runs that lie off the chain as a whole are reflections."""
@@ -158,17 +178,23 @@ class ChainSearch:
     def _fits_between(self, layers: list[Index], side: SideModel) -> NDArray[np.bool_]:
         """Whether a candidate fits between two neighbours as such a side, shape (m1, m2, m3)."""
         a, b, c = layers
-        before, after = np.ix_(a, b), np.ix_(b, c)
-        start, end = self._corners.place[before], self._corners.place[after]
-        span = end[None] - start[:, :, None]
-        support = self._support[b[:, None], end][None] - self._support[b[None], start][:, :, None]
-        gap = self._corners.xz[after][None] - self._corners.xz[before][:, :, None]
-        length = np.hypot(gap[..., 0], gap[..., 1])
-        fits = (span > 0) & (
-            support >= np.maximum(LEAST_SUPPORT_SHARE * span, FEWEST_INNER_POINTS * 0.7)
+        before, after, corners = (a[:, None], b), (b[:, None], c), self._corners
+        span = corners.place[after] - corners.place[before][:, :, None]
+        support = self._support_before[after] - self._support_after[before][:, :, None]
+        square = (corners.x[after] - corners.x[before][:, :, None]) ** 2
+        square += (corners.z[after] - corners.z[before][:, :, None]) ** 2
+        fits = (
+            (span > 0) & (support >= LEAST_SUPPORT_SHARE * span) & (support >= FEWEST_INNER_POINTS)
         )
-        fits &= length > SIDE_LENGTH_SLACK * side.shortest
-        return np.asarray(fits & (length < side.longest / SIDE_LENGTH_SLACK))
+        fits &= square > (SIDE_LENGTH_SLACK * side.shortest) ** 2
+        return np.asarray(fits & (square < (side.longest / SIDE_LENGTH_SLACK) ** 2))
+
+
+def _running_sums(values: Array) -> Array:
+    """Sums of the first 0, 1, 2 … values of each row, shape (m, n) to (m, n + 1)."""
+    sums = np.zeros((len(values), values.shape[1] + 1))
+    np.cumsum(values, axis=1, out=sums[:, 1:])
+    return sums
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
@@ -184,9 +210,9 @@ def _intersect_candidates(points: ProjectivePoints, candidates: CandidateSides) 
     other_slope = candidates.coefficients[:, 1] + 2 * u * candidates.coefficients[:, 2]
     tx, tz, rx, rz = u * slope - y, -slope, u * other_slope - y, -other_slope
     turn = np.arctan2(tx * rz - tz * rx, tx * rx + tz * rz)
-    xz = np.stack((-u / y, 1 / y), axis=-1)
-    spread = CORNER_DISTANCE_BEYOND_POINTS
-    depth, across = points.z, -points.u * points.z
-    inside = (y > 0) & (xz[..., 1] > depth.min() - spread) & (xz[..., 1] < depth.max() + spread)
-    inside &= (xz[..., 0] > across.min() - spread) & (xz[..., 0] < across.max() + spread)
-    return _Corners(xz, points.u.searchsorted(u), np.where(inside, turn, np.nan))
+    z, spread = 1 / y, CORNER_DISTANCE_BEYOND_POINTS
+    x = -u * z
+    inside = y > 0
+    for value, seen in ((x, points.u * -points.z), (z, points.z)):
+        inside &= (value > seen.min() - spread) & (value < seen.max() + spread)
+    return _Corners(x, z, points.u.searchsorted(u), np.where(inside, turn, np.nan))

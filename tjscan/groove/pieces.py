@@ -22,6 +22,9 @@ POINTS_PER_BLOCK: Final = 3
 MOST_BLOCKS: Final = 220
 """About how many blocks of a profile are looked at: the time grows with their square."""
 
+LONGEST_PIECE_BLOCKS: Final = 48
+"""Longer pieces are divided: what they show together their candidate shows."""
+
 FEWEST_RUN_POINTS: Final = 3
 """Shorter runs of points that jump off the surface are in no piece."""
 
@@ -131,12 +134,15 @@ def find_pieces(points: ProjectivePoints, runs: PointRuns, inflation: float) -> 
     sums = np.array(sums[:, stop] - sums[:, first])
     through = np.concatenate((np.zeros((9, 1)), sums.cumsum(axis=1)), axis=1)
     costs = _costs_of_lines(through, 2 * inflation * (points.noise**2 + LEAST_UNEVENNESS**2))
-    count = len(first)
-    least, best_start = np.zeros(count + 1), [0] * (count + 1)
+    count, longest = len(first), costs.shape[1]
+    # What the first j blocks cost at least, after as many that never are.
+    least = np.concatenate((np.full(longest, np.inf), np.zeros(count + 1)))
+    best_start = [0] * (count + 1)
     for j in range(1, count + 1):
-        total = least[:j] + costs[j, :j]
-        best_start[j] = i = int(total.argmin())
-        least[j] = total[i]
+        total = least[j : j + longest] + costs[j - 1]
+        i = int(total.argmin())
+        least[longest + j] = total[i]
+        best_start[j] = j - longest + i
     bounds = [count]
     while bounds[-1]:
         bounds.append(best_start[bounds[-1]])
@@ -165,13 +171,20 @@ def _divide_runs_in_blocks(runs: PointRuns, points: int) -> tuple[Index, Index]:
 
 
 def _costs_of_lines(through: Array, variance: float) -> Array:
-    """What a line costs whose points are blocks i to before j, at [j, i], in nats.
+    """What a line costs, in nats, at [j - 1, l] if its points are blocks j - longest + l to j.
 
     `variance` is twice that of a point, in m², inflated by correlation.
     """
-    w, a, b, c, d, e = (row[:, None] - row[None, :] for row in through[[0, 1, 2, 5, 6, 8]])
-    np.maximum(w, 1e-12, out=w)
-    mean, height = a / w, c / w
-    uu = np.maximum(b - a * mean, 1e-15)
-    uy = d - a * height
-    return np.asarray(np.maximum(e - c * height - uy**2 / uu, 0.0) / variance + PIECE_COST)
+    end = np.arange(1, through.shape[1])
+    start = np.maximum(end[:, None] - np.arange(LONGEST_PIECE_BLOCKS, 0, -1), 0)
+    through = through[[0, 1, 2, 5, 6, 8]]
+    w, a, b, c, d, e = through[:, end, None] - through[:, start]
+    a /= w
+    b -= a * a * w
+    np.maximum(b, 1e-15, out=b)
+    d -= a * c
+    e -= c * c / w + d * d / b
+    np.maximum(e, 0, out=e)
+    e /= variance
+    e += PIECE_COST
+    return np.asarray(e)

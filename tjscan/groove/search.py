@@ -51,7 +51,7 @@ SIDE_COST: Final = 5.0
 """What a model's every side costs, in outliers: BIC's penalty for a line and its end where some
 ninety points of a profile are independent."""
 
-WELD_COST: Final = 4.0
+WELD_COST: Final = 1.0
 """What it costs that a weld fills the groove, in outliers: few that are scanned have one."""
 
 MOST_CHAINS_PER_FORM: Final = 3
@@ -119,15 +119,16 @@ class _FitSearch:
 
         Those of other forms are left out if a cheaper one needs no comparison.
         """
-        model, starts = self._settings.model, []
+        model, dearest = self._settings.model, np.inf
+        starts: list[tuple[float, GrooveModel, Polyline]] = []
         for form in (model, *model.alternatives):
-            sides = SIDE_COST * len(form.sides) + WELD_COST * (form.sides[-2].roughness > 0)
-            for chain in self._chains.cheapest_chains(form, MOST_CHAINS_PER_FORM):
-                starts.append((chain.cost + sides, form, chain))
-        starts.sort(key=lambda start: start[0])
+            sides = _cost_of_form(form)
+            chains = self._chains.cheapest_chains(form, MOST_CHAINS_PER_FORM, dearest - sides)
+            starts += [(chain.cost + sides, form, chain) for chain in chains]
+            dearest = min((cost for cost, _, _ in starts), default=np.inf) + RIVAL_COST_MARGIN
         settled = None
-        for cost, form, chain in starts:
-            if cost > starts[0][0] + RIVAL_COST_MARGIN:
+        for cost, form, chain in sorted(starts, key=lambda start: start[0]):
+            if cost > dearest:
                 break
             if settled in (None, len(form.sides)):
                 self._refine(form, chain)
@@ -168,8 +169,7 @@ class _FitSearch:
             return None
         seen = _points_beside_corners(best)
         cost = float(runs.total_cost(costs))
-        cost += SIDE_COST * len(model.sides) + WELD_COST * (model.sides[-2].roughness > 0)
-        cost += UNREACHED_CORNER_COST * np.count_nonzero(~seen)
+        cost += _cost_of_form(model) + UNREACHED_CORNER_COST * np.count_nonzero(~seen)
         return GrooveFit(row, model, best, cost, seen)
 
     def explain_missing_groove(self) -> GrooveNotFound:
@@ -180,8 +180,8 @@ class _FitSearch:
             if len(model.sides) == LEAST_SIDES:
                 break
             part = replace(model, sides=model.sides[kept], turns=model.turns[kept])
-            chains = self._chains.cheapest_chains(part, 1)
-            if chains and chains[0].cost < PARTIAL_GROOVE_SHARE * len(points):
+            chains = self._chains.cheapest_chains(part, 1, PARTIAL_GROOVE_SHARE * len(points))
+            if chains:
                 return GrooveNotFound(
                     "out of range",
                     f"no {hidden} is seen beside the rest of the groove: move the sensor {way}",
@@ -193,6 +193,11 @@ class _FitSearch:
             f"no {names} that meet one after the other (with x_s up, the {first} lies at high x_s)",
             points,
         )
+
+
+def _cost_of_form(model: GrooveModel) -> float:
+    """What the sides of a form cost, in outliers."""
+    return SIDE_COST * len(model.sides) + WELD_COST * bool(model.sides[-2].roughness)
 
 
 def _costs_of_points_on_sides(fitted: FittedProfile, model: GrooveModel, tolerance: float) -> Array:
