@@ -116,17 +116,8 @@ class ChainSearch:
         self._total = least[:, -1]
         self._kinds = [np.flatnonzero(candidates.kind == k) for k in range(len(SIDE_BENDS))]
 
-    def cheapest_chains(self, model: GrooveModel, most: int, dearest: float) -> list[Polyline]:
-        """Cheapest chains of a form that differ.
-
-        Parameters
-        ----------
-        model : GrooveModel
-        most : int
-            Number of chains.
-        dearest : float
-            What the points pay at most.
-        """
+    def cheapest_chains(self, model: GrooveModel, most: int) -> list[Polyline]:
+        """Cheapest chains of a form that differ, at most so many; none if none is allowed."""
         layers = [
             np.concatenate([self._kinds[k] for k in kinds_of_side(side)]) for side in model.sides
         ]
@@ -151,8 +142,9 @@ class ChainSearch:
                 value = total.min(axis=0)
         total += self._total[layers[-1]]
         costs = total.ravel()
-        likely = np.flatnonzero(costs < dearest)
+        likely = np.flatnonzero(costs < np.inf)
         found: list[Polyline] = []
+        dearest = np.inf
         for flat in likely[np.argsort(costs[likely])[:MOST_CHAINS_COMPARED]].tolist():
             if costs[flat] > dearest:
                 break

@@ -40,6 +40,7 @@ NOISE_LAGS: Final = (1, 4)
 QUIET_QUANTILE: Final = 0.25
 """The quietest points show the noise: rims of reflections and patches make the others."""
 
+LEAST_DIFFERENCE: Final = 1e-8  # metres: less is rounding of numbers
 QUIET_QUANTILE_OF_NORMAL: Final = 0.3186  # of the size of a normal variable of variance 1
 
 
@@ -95,14 +96,17 @@ def project_points(row: OrderedProfilePoints, largest_noise: float) -> Projectiv
     """
     z = row.points[:, 1]
     u, y = row.tangents, 1 / z
-    sigmas = []
+    sigmas = [LEAST_NOISE]
     for lag in NOISE_LAGS:
         before, own, after = slice(-2 * lag), slice(lag, -lag), slice(2 * lag, None)
         share = (u[own] - u[before]) / np.maximum(u[after] - u[before], 1e-9)
         off = np.abs(y[own] - (1 - share) * y[before] - share * y[after]) * z[own] ** 2
         size = off / np.sqrt(1 + share**2 + (1 - share) ** 2)
-        sigmas.append(float(np.quantile(size, QUIET_QUANTILE)) / QUIET_QUANTILE_OF_NORMAL)
-    return ProjectivePoints(u, y, z, min(max(*sigmas, LEAST_NOISE), largest_noise))
+        # A sensor that rounds shows no difference where it is finer than its steps.
+        size = size[size > LEAST_DIFFERENCE]
+        if len(size):
+            sigmas.append(float(np.quantile(size, QUIET_QUANTILE)) / QUIET_QUANTILE_OF_NORMAL)
+    return ProjectivePoints(u, y, z, min(max(sigmas), largest_noise))
 
 
 def moments_of_points(points: ProjectivePoints) -> Array:
@@ -175,10 +179,10 @@ def _costs_of_lines(through: Array, variance: float) -> Array:
 
     `variance` is twice that of a point, in m², inflated by correlation.
     """
-    end = np.arange(1, through.shape[1])
-    start = np.maximum(end[:, None] - np.arange(LONGEST_PIECE_BLOCKS, 0, -1), 0)
-    through = through[[0, 1, 2, 5, 6, 8]]
-    w, a, b, c, d, e = through[:, end, None] - through[:, start]
+    sums = through[[0, 1, 2, 5, 6, 8]]
+    before = np.pad(sums[:, :-1], ((0, 0), (LONGEST_PIECE_BLOCKS - 1, 0)))
+    starts = np.lib.stride_tricks.sliding_window_view(before, LONGEST_PIECE_BLOCKS, axis=1)
+    w, a, b, c, d, e = sums[:, 1:, None] - starts
     a /= w
     b -= a * a * w
     np.maximum(b, 1e-15, out=b)

@@ -91,10 +91,9 @@ def find_best_fit(row: OrderedProfilePoints, settings: GrooveSettings) -> Groove
     """
     search = _FitSearch(row, settings)
     search.refine_cheapest_chains()
-    sound = [fit for fit in search.found if fit.objection is None]
-    if sound:
-        best = min(sound, key=lambda fit: fit.cost)
-        return with_other_readings(best, [fit for fit in sound if fit is not best])
+    if search.sound:
+        best = min(search.sound, key=lambda fit: fit.cost)
+        return with_other_readings(best, [fit for fit in search.sound if fit is not best])
     if search.found:
         best = min(search.found, key=lambda fit: fit.cost)
         raise GrooveNotFound("ambiguous", str(best.objection), row.points)
@@ -114,35 +113,41 @@ class _FitSearch:
         candidates = grow_candidates(points, pieces, NOISE_INFLATION)
         self._chains = ChainSearch(points, candidates, self._runs, self.tolerance)
 
+    @property
+    def sound(self) -> list[GrooveFit]:
+        """The fits that the points support."""
+        return [fit for fit in self.found if fit.objection is None]
+
     def refine_cheapest_chains(self) -> None:
         """Refine the chains that are not much dearer than the cheapest one of any form.
 
         Those of other forms are left out if a cheaper one needs no comparison.
         """
-        model, dearest = self._settings.model, np.inf
-        starts: list[tuple[float, GrooveModel, Polyline]] = []
-        for form in (model, *model.alternatives):
-            sides = _cost_of_form(form)
-            chains = self._chains.cheapest_chains(form, MOST_CHAINS_PER_FORM, dearest - sides)
-            starts += [(chain.cost + sides, form, chain) for chain in chains]
-            dearest = min((cost for cost, _, _ in starts), default=np.inf) + RIVAL_COST_MARGIN
+        model = self._settings.model
+        starts = [
+            (chain.cost + _cost_of_form(form), form, chain)
+            for form in (model, *model.alternatives)
+            for chain in self._chains.cheapest_chains(form, MOST_CHAINS_PER_FORM)
+        ]
+        starts.sort(key=lambda start: start[0])
         settled = None
-        for cost, form, chain in sorted(starts, key=lambda start: start[0]):
-            if cost > dearest:
+        for cost, form, chain in starts:
+            if self.sound and cost > starts[0][0] + RIVAL_COST_MARGIN:
                 break
             if settled in (None, len(form.sides)):
-                self._refine(form, chain)
-            if settled is None and any(
-                fit.objection is None and _is_convincing(fit) for fit in self.found
-            ):
-                settled = None if model.likely_another else len(form.sides)
+                fit = self._refine(form, chain)
+                if fit and not (fit.objection or model.likely_another) and _is_convincing(fit):
+                    settled = len(form.sides)
 
-    def _refine(self, model: GrooveModel, start: Polyline) -> None:
-        """Refine a chain, unless it leads to a fit that is known."""
+    def _refine(self, model: GrooveModel, start: Polyline) -> GrooveFit | None:
+        """Refine a chain; None if it fits no points, or leads to a fit that is known."""
         known = [fit.fitted.corners for fit in self.found if fit.model is model]
         fit = self._fit(model, start, known)
-        if fit is not None and not _is_near(fit.fitted.corners, known, SAME_FIT_DISTANCE):
-            self.found.append(replace(fit, objection=_reason_to_reject(fit, self._settings)))
+        if fit is None or _is_near(fit.fitted.corners, known, SAME_FIT_DISTANCE):
+            return None
+        fit = replace(fit, objection=_reason_to_reject(fit, self._settings))
+        self.found.append(fit)
+        return fit
 
     def _fit(self, model: GrooveModel, start: Polyline, known: list[Array]) -> GrooveFit | None:
         """Refine a polyline, unless it leads to a fit whose corners are known.
@@ -180,8 +185,8 @@ class _FitSearch:
             if len(model.sides) == LEAST_SIDES:
                 break
             part = replace(model, sides=model.sides[kept], turns=model.turns[kept])
-            chains = self._chains.cheapest_chains(part, 1, PARTIAL_GROOVE_SHARE * len(points))
-            if chains:
+            chains = self._chains.cheapest_chains(part, 1)
+            if chains and chains[0].cost < PARTIAL_GROOVE_SHARE * len(points):
                 return GrooveNotFound(
                     "out of range",
                     f"no {hidden} is seen beside the rest of the groove: move the sensor {way}",
