@@ -27,7 +27,7 @@ FEWEST_OUTER_POINTS: Final = 8
 """Points that must support the first side and the last."""
 
 LEAST_SUPPORT_SHARE: Final = 0.12
-"""Share of an inner side's points that must support it."""
+"""Share of a side's points that must support it."""
 
 LEAST_DISTANCE_OF_RIVALS: Final = 1e-3
 """Chains that differ less than this at every corner are the same one, in metres."""
@@ -95,10 +95,10 @@ class ChainSearch:
         tolerance: float,
     ) -> None:
         self.candidates = candidates
-        reach = np.where(candidates.kind == 2, FACE_BLUNTNESS * candidates.bows(), tolerance)
-        reach = np.maximum(reach, tolerance)
-        rough = candidates.kind == 3
-        reach[rough] = np.clip(2 * candidates.roughness[rough], tolerance, ROUGH_WELD)
+        farthest = np.choose(
+            candidates.kind, (tolerance, tolerance, FACE_BLUNTNESS * candidates.bows(), ROUGH_WELD)
+        )
+        reach = np.maximum(np.minimum(2 * candidates.roughness, farthest), tolerance)
         scaled = candidates.distances(points) / reach[:, None]
         paid = np.minimum(
             scaled * scaled + WIDER_TOLERANCE_COST * np.log(reach / tolerance)[:, None], 1
@@ -111,7 +111,11 @@ class ChainSearch:
         own = np.arange(len(reach))
         before, after = (own[:, None], self._corners.place), (own, self._corners.place)
         self._support_before, self._support_after = support[before], support[after]
-        self._left_after = support[:, -1] - self._support_after
+        left, behind = support[:, -1] - self._support_after, paid.shape[1] - self._corners.place
+        self._begins = self._support_before >= np.maximum(
+            LEAST_SUPPORT_SHARE * self._corners.place, FEWEST_OUTER_POINTS
+        )
+        self._ends = left >= np.maximum(LEAST_SUPPORT_SHARE * behind, FEWEST_OUTER_POINTS)
         self._pay = least[before] - least[after]
         self._total = least[:, -1]
         self._kinds = [np.flatnonzero(candidates.kind == k) for k in range(len(SIDE_BENDS))]
@@ -127,9 +131,9 @@ class ChainSearch:
             turn = self._corners.turn[pair]
             allowed = (turn >= bounds.least) & (turn <= bounds.most)
             if i == 0:
-                allowed &= self._support_before[pair] >= FEWEST_OUTER_POINTS
+                allowed &= self._begins[pair]
             if i == len(model.turns) - 1:
-                allowed &= self._left_after[pair] >= FEWEST_OUTER_POINTS
+                allowed &= self._ends[pair]
             if not allowed.any():
                 return []
             joints.append(np.where(allowed, self._pay[pair], np.inf))

@@ -51,7 +51,7 @@ SIDE_COST: Final = 5.0
 """What a model's every side costs, in outliers: BIC's penalty for a line and its end where some
 ninety points of a profile are independent."""
 
-WELD_COST: Final = 1.0
+WELD_COST: Final = 3.0
 """What it costs that a weld fills the groove, in outliers: few that are scanned have one."""
 
 MOST_CHAINS_PER_FORM: Final = 3
