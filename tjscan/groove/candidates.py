@@ -6,17 +6,49 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.pieces import Pieces, ProjectivePoints
-from tjscan.groove.settings import SideModel
+from tjscan.groove.settings import WELD_ROUGHNESS, SideModel
 from tjscan.groove.sides import CubicCurve, Index
 
-SIDE_BENDS: Final = np.array((0.7, 5.0, 100.0, 30.0))
-"""Standard deviations of how a candidate bends, in 1/m: nearly straight, a leg, a bead, a weld."""
 
-FEWEST_SEED_POINTS: Final = (7, 7, 4)
-"""Points of a piece from which a candidate of each bend grows."""
+@dataclass(frozen=True, slots=True)
+class CandidateKind:
+    """Prior knowledge of a candidate side.
+
+    Parameters
+    ----------
+    bend : float
+        Standard deviation of how it bends, in 1/m.
+    unevenness : float
+        How far the steel itself leaves a parabola, in metres.
+    seed_points : int
+        Fewest points of a piece from which it grows; none for a kind that does not grow.
+    range_reach : float
+        How far the points of neighbouring pieces lie off one rough curve through all of them, in
+        metres; zero for a kind that is never rough.
+    """
+
+    bend: float
+    unevenness: float = 0.0
+    seed_points: int = 0
+    range_reach: float = 0.0
+
+
+# A bevel cut by flame is rough; a leg is a pipe cut aslant, which is no parabola.
+CANDIDATE_KINDS: Final = (
+    CandidateKind(0.7, 0.03e-3, 7, 0.12e-3),
+    CandidateKind(5.0, 0.1e-3, 7),
+    CandidateKind(100.0, 0.14e-3, 4),
+    CandidateKind(30.0, range_reach=WELD_ROUGHNESS),
+)
+STRAIGHT, BENT, BEAD, WELD = range(len(CANDIDATE_KINDS))
+"""Kinds of candidates: walls and bevels; legs; faces of a root; welds that fill the groove."""
+
+MOST_CANDIDATES: Final = 48
+"""Most candidates of a kind; those of most points are kept."""
 
 MOST_GROWTH_ROUNDS: Final = 8
 
@@ -27,13 +59,7 @@ SURE_PREDICTION, LEAST_PREDICTION = 0.12e-3, 0.5e-3
 """Standard deviations of a prediction, in metres, by which every piece that continues a curve is
 taken, and by which the best of them is."""
 
-SIDE_UNEVENNESS: Final = (0.03e-3, 0.1e-3, 0.14e-3)
-"""How far the steel itself leaves a parabola, in metres, by the bend."""
-
-ROUGH_REACHES: Final = ((0, 0.12e-3), (3, 0.5e-3))
-"""Kinds of sides that may be rough, as a cut by flame or beads side by side are, and how far their
-points lie off them, in metres."""
-
+_BENDS: Final = np.array([kind.bend for kind in CANDIDATE_KINDS])
 _HANKEL: Final = np.add.outer(np.arange(3), np.arange(3))
 
 
@@ -44,7 +70,7 @@ class CandidateSides:
     Parameters
     ----------
     kind : ndarray of int, shape (K,)
-        Which of `SIDE_BENDS`.
+        Which of `CANDIDATE_KINDS`.
     roughness : ndarray, shape (K,)
         Root mean square of its points' distances, in metres.
     coefficients : ndarray, shape (K, 3)
@@ -98,14 +124,16 @@ class CandidateSides:
 
 
 def kinds_of_side(side: SideModel) -> tuple[int, ...]:
-    """Which of `SIDE_BENDS` a side may have; the face of a bead may as well be straight."""
+    """Which kinds a side may be of; the face of a bead may as well be straight."""
     if side.bead:
-        return (3,) if side.roughness else (0, 2)
-    return (int(side.bend > 2 * SIDE_BENDS[0]),)
+        return (WELD,) if side.roughness else (STRAIGHT, BEAD)
+    return (BENT,) if side.bend > 2 * CANDIDATE_KINDS[STRAIGHT].bend else (STRAIGHT,)
 
 
-def grow_candidates(points: ProjectivePoints, pieces: Pieces, inflation: float) -> CandidateSides:
-    """Grow every piece over those that continue it, under each prior of its bend.
+def propose_candidates(
+    points: ProjectivePoints, pieces: Pieces, inflation: float
+) -> CandidateSides:
+    """Curves through pieces that continue each other, and through neighbours that are rough.
 
     Parameters
     ----------
@@ -115,32 +143,60 @@ def grow_candidates(points: ProjectivePoints, pieces: Pieces, inflation: float) 
     inflation : float
         By how much correlation raises the variance of a mean of the noise.
     """
-    counts = pieces.stop - pieces.first
-    seeds = [np.flatnonzero(counts >= fewest) for fewest in FEWEST_SEED_POINTS]
-    kind = np.arange(len(seeds)).repeat([len(s) for s in seeds])
-    seed = np.concatenate(seeds)
-    member = np.zeros((len(seed), len(counts)), dtype=np.bool_)
-    member[np.arange(len(seed)), seed] = True
     variance = inflation * points.noise**2
-    # What is known of the bend, from the seed: the curve's own does not change much.
+    counts = pieces.stop - pieces.first
+    found: list[tuple[int, NDArray[np.bool_]]] = []
+    for kind, known in enumerate(CANDIDATE_KINDS):
+        members = []
+        if known.seed_points:
+            seeds = np.flatnonzero(counts >= known.seed_points)
+            members.append(_grow_seeds(pieces, seeds, known, variance))
+        if known.range_reach:
+            members.append(_best_ranges(pieces, known, variance))
+        every = np.unique(np.concatenate(members), axis=0)
+        every = every[np.argsort(-(every @ counts), kind="stable")[:MOST_CANDIDATES]]
+        found.append((kind, every))
+    kinds = np.array([kind for kind, _ in found]).repeat([len(m) for _, m in found])
+    member = np.concatenate([m for _, m in found])
+    sums = member @ pieces.moments
+    coefficients, _, error = _fit_sums(sums, _BENDS[kinds], variance)
+    steep, height = _steepness(sums)
+    first = member.argmax(axis=1)
+    last = member.shape[1] - 1 - member[:, ::-1].argmax(axis=1)
+    return CandidateSides(
+        kinds,
+        np.sqrt(error / (member @ counts)) * height / steep,
+        coefficients,
+        points.u[pieces.first[first]],
+        points.u[pieces.stop[last] - 1],
+    )
+
+
+def _grow_seeds(
+    pieces: Pieces, seeds: Index, known: CandidateKind, variance: float
+) -> NDArray[np.bool_]:
+    """Pieces that continue each of some pieces, shape (m, P), with these."""
+    member = np.zeros((len(seeds), len(pieces.first)), dtype=np.bool_)
+    member[np.arange(len(seeds)), seeds] = True
     probes, heights = pieces.probes.ravel(), pieces.heights.ravel()
-    steep, height = _steepness(pieces.moments[seed])
-    prior = variance * (height / steep) ** 6 / SIDE_BENDS[kind] ** 2
+    steep, _ = _steepness(pieces.moments[seeds])
     powers = np.array((np.ones_like(probes), probes, probes**2))
     pairs = (powers[:, None] * powers[None]).reshape(9, -1)
-    unevenness = np.array(SIDE_UNEVENNESS)[kind, None] ** 2
-    own = 2 * variance / counts.repeat(2) * (heights / steep[:, None]) ** 2 + unevenness
-    growing = np.arange(len(seed))
+    # What a difference of y is square to the curve, in metres.
+    scale = 1 / (heights * steep[:, None])
+    counts = (pieces.stop - pieces.first).repeat(2)
+    own = 2 * variance / counts * (heights**2 * scale) ** 2 + known.unevenness**2
+    growing = np.arange(len(seeds))
     for _ in range(MOST_GROWTH_ROUNDS):
-        now, slope = member[growing], steep[growing, None]
-        coefficients, inverse = _fit_sums(now @ pieces.moments, prior[growing])
-        off = np.abs(coefficients @ powers - heights) / (heights * slope)
-        doubt = variance * np.maximum(inverse.reshape(-1, 9) @ pairs, 0.0) / (heights * slope) ** 2
-        score = off**2 / (doubt + own[growing])
+        now = member[growing]
+        coefficients, inverse, _ = _fit_sums(now @ pieces.moments, known.bend, variance)
+        off = ((coefficients @ powers - heights) * scale[growing]) ** 2
+        doubt = variance * np.maximum(inverse.reshape(-1, 9) @ pairs, 0.0) * scale[growing] ** 2
+        score = off / (doubt + own[growing])
         score, off, doubt = (v.reshape(*now.shape, 2).max(axis=2) for v in (score, off, doubt))
         fits = (score < CONTINUING_SIGMAS**2) & ~now
         added = fits & (doubt < SURE_PREDICTION**2)
-        likely = fits & (doubt < LEAST_PREDICTION**2) & (off < LEAST_PREDICTION)
+        likely = fits & (np.maximum(doubt, off) < LEAST_PREDICTION**2)
         best = np.where(likely, score * doubt, np.inf).argmin(axis=1)
         alone = np.flatnonzero(likely.any(axis=1) & ~added.any(axis=1))
         added[alone, best[alone]] = True
@@ -148,47 +204,29 @@ def grow_candidates(points: ProjectivePoints, pieces: Pieces, inflation: float) 
         growing = growing[added.any(axis=1)]
         if not len(growing):
             break
-    rough = [(k, m) for k, reach in ROUGH_REACHES for m in _best_ranges(pieces, k, reach, variance)]
-    if rough:
-        kind = np.concatenate((kind, [k for k, _ in rough]))
-        member = np.concatenate((member, [m for _, m in rough]))
-    distinct = list(
-        {(k, m.tobytes()): i for i, (k, m) in enumerate(zip(kind, member, strict=True))}.values()
-    )
-    kind, member = kind[distinct], member[distinct]
-    sums = member @ pieces.moments
-    steep, height = _steepness(sums)
-    coefficients, _ = _fit_sums(sums, variance * (height / steep) ** 6 / SIDE_BENDS[kind] ** 2)
-    first = member.argmax(axis=1)
-    last = member.shape[1] - 1 - member[:, ::-1].argmax(axis=1)
-    u = points.u
-    error = sums[:, 8] - (coefficients * sums[:, 5:8]).sum(axis=1)
-    roughness = np.sqrt(np.maximum(error, 0) / (member @ counts)) * height / steep
-    return CandidateSides(
-        kind, roughness, coefficients, u[pieces.first[first]], u[pieces.stop[last] - 1]
-    )
+    return member
 
 
-def _best_ranges(pieces: Pieces, kind: int, reach: float, variance: float) -> Array:
+def _best_ranges(pieces: Pieces, known: CandidateKind, variance: float) -> NDArray[np.bool_]:
     """Neighbouring pieces that one rough curve explains best, shape (m, P).
 
     Of all ranges that begin, or end, at the same piece each explains most.
     """
     count = len(pieces.first)
     start, stop = np.triu_indices(count + 1, 1)
-    index = np.arange(count)
-    member = (start[:, None] <= index) & (index < stop[:, None])
     through = np.concatenate((np.zeros((1, 9)), pieces.moments.cumsum(axis=0)))
     sums = through[stop] - through[start]
+    _, _, error = _fit_sums(sums, known.bend, variance)
     steep, height = _steepness(sums)
-    prior = variance * (height / steep) ** 6 / SIDE_BENDS[kind] ** 2
-    coefficients, _ = _fit_sums(sums, prior)
-    error = sums[:, 8] - (coefficients * sums[:, 5:8]).sum(axis=1)
-    points = member @ (pieces.stop - pieces.first)
+    points = np.concatenate(([0], (pieces.stop - pieces.first).cumsum()))
     gain = np.full((count, count + 1), -np.inf)
-    gain[start, stop] = points - error * (height / steep / reach) ** 2
+    gain[start, stop] = points[stop] - points[start]
+    gain[start, stop] -= error * (height / steep / known.range_reach) ** 2
     best = (gain == gain.max(axis=0)) & (gain == gain.max(axis=1)[:, None]) & (gain > 0)
-    return member[best[start, stop]]
+    start, stop = best.nonzero()
+    index = np.arange(count)
+    member: NDArray[np.bool_] = (start[:, None] <= index) & (index < stop[:, None])
+    return member
 
 
 def _steepness(sums: Array) -> tuple[Array, Array]:
@@ -199,9 +237,17 @@ def _steepness(sums: Array) -> tuple[Array, Array]:
     return np.hypot(u * slope - y, slope), y
 
 
-def _fit_sums(sums: Array, prior: Array) -> tuple[Array, Array]:
-    """Coefficients, shape (K, 3), and inverse normal matrices, shape (K, 3, 3)."""
+def _fit_sums(sums: Array, bend: Array | float, variance: float) -> tuple[Array, Array, Array]:
+    """Fit parabolas to points of given moments, shape (K, 9).
+
+    Coefficients, shape (K, 3), inverse normal matrices, shape (K, 3, 3), and squared errors of
+    depth, (K,).
+    """
+    steep, height = _steepness(sums)
     normal = sums[:, _HANKEL]
-    normal[:, 2, 2] += prior
-    inverse = np.linalg.inv(normal)
-    return (inverse @ sums[:, 5:8, None])[..., 0], inverse
+    # A bend of c2 metres per square metre is c2 (steep / y)³ in (u, y).
+    normal[:, 2, 2] += variance * (height / steep) ** 6 / bend**2
+    inverse = np.asarray(np.linalg.inv(normal), dtype=float)
+    coefficients = (inverse @ sums[:, 5:8, None])[..., 0]
+    error = sums[:, 8] - (coefficients * sums[:, 5:8]).sum(axis=1)
+    return coefficients, inverse, np.maximum(error, 0.0)

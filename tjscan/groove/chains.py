@@ -14,10 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.candidates import SIDE_BENDS, CandidateSides, kinds_of_side
+from tjscan.groove.candidates import (
+    BEAD,
+    CANDIDATE_KINDS,
+    WELD,
+    CandidateSides,
+    kinds_of_side,
+)
 from tjscan.groove.pieces import ProjectivePoints
 from tjscan.groove.reflections import PointRuns
-from tjscan.groove.settings import GrooveModel, SideModel
+from tjscan.groove.settings import FACE_BLUNTNESS, WELD_ROUGHNESS, GrooveModel, SideModel
 from tjscan.groove.sides import Index, Polyline
 
 FEWEST_INNER_POINTS: Final = 2.8
@@ -44,10 +50,8 @@ CORNER_DISTANCE_BEYOND_POINTS: Final = 30e-3
 SIDE_LENGTH_SLACK: Final = 0.8
 """A side may be shorter than the model's shortest, or longer than its longest, by this factor."""
 
-ROUGH_WELD = 0.5e-3
-
-FACE_BLUNTNESS: Final = 0.2
-"""Share of its height by which the face of a bead may lie off a parabola."""
+ROUGH_REACH_SIGMAS: Final = 2.0
+"""How far the points of a rough side lie off it, in standard deviations of its residuals."""
 
 WIDER_TOLERANCE_COST: Final = 0.3
 """What each point costs a side that reaches farther, times the logarithm of how much farther."""
@@ -95,10 +99,13 @@ class ChainSearch:
         tolerance: float,
     ) -> None:
         self.candidates = candidates
-        farthest = np.choose(
-            candidates.kind, (tolerance, tolerance, FACE_BLUNTNESS * candidates.bows(), ROUGH_WELD)
+        farthest = np.full(len(candidates.kind), tolerance)
+        farthest[candidates.kind == WELD] = WELD_ROUGHNESS
+        beads = candidates.kind == BEAD
+        farthest[beads] = FACE_BLUNTNESS * candidates.bows()[beads]
+        reach = np.maximum(
+            np.minimum(ROUGH_REACH_SIGMAS * candidates.roughness, farthest), tolerance
         )
-        reach = np.maximum(np.minimum(2 * candidates.roughness, farthest), tolerance)
         scaled = candidates.distances(points) / reach[:, None]
         paid = np.minimum(
             scaled * scaled + WIDER_TOLERANCE_COST * np.log(reach / tolerance)[:, None], 1
@@ -118,7 +125,7 @@ class ChainSearch:
         self._ends = left >= np.maximum(LEAST_SUPPORT_SHARE * behind, FEWEST_OUTER_POINTS)
         self._pay = least[before] - least[after]
         self._total = least[:, -1]
-        self._kinds = [np.flatnonzero(candidates.kind == k) for k in range(len(SIDE_BENDS))]
+        self._kinds = [np.flatnonzero(candidates.kind == k) for k in range(len(CANDIDATE_KINDS))]
 
     def cheapest_chains(self, model: GrooveModel, most: int) -> list[Polyline]:
         """Cheapest chains of a form that differ, at most so many; none if none is allowed."""
@@ -156,8 +163,8 @@ class ChainSearch:
             for choice in reversed(choices):
                 chain.insert(0, int(choice[chain[0], chain[1]]))
             own = [int(layer[i]) for layer, i in zip(layers, chain, strict=True)]
-            pair = own[:-1], own[1:]
-            corners = np.array((self._corners.x[pair], self._corners.z[pair])).T
+            xz = self._corners.x[own[:-1], own[1:]], self._corners.z[own[:-1], own[1:]]
+            corners = np.array(xz).T
             if all(np.abs(corners - c.corners).max() > LEAST_DISTANCE_OF_RIVALS for c in found):
                 curves = tuple(self.candidates.as_curve(k) for k in own)
                 found.append(Polyline(curves, corners, self._exact_cost(own)))

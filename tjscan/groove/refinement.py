@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tjscan.core.frames import Array
-from tjscan.groove.chains import FACE_BLUNTNESS
 from tjscan.groove.reflections import LEAST_COLUMNS_OF_HOLE
-from tjscan.groove.settings import SideModel
+from tjscan.groove.settings import FACE_BLUNTNESS, SideModel
 from tjscan.groove.sides import (
     FIXED_WEIGHT,
     LEAST_NOISE,

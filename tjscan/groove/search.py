@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.candidates import grow_candidates
+from tjscan.groove.candidates import propose_candidates
 from tjscan.groove.chains import (
     RIVAL_COST_MARGIN,
+    ROUGH_REACH_SIGMAS,
     SIDE_LENGTH_SLACK,
     WIDER_TOLERANCE_COST,
     ChainSearch,
@@ -34,9 +35,6 @@ from tjscan.groove.sides import FittedProfile, GrooveFit, OrderedProfilePoints, 
 
 FEWEST_POINTS_ON_SIDE: Final = 4
 """Fewest points on a side."""
-
-ROUGH_REACH_SIGMAS: Final = 2.0
-"""How far the points of a rough side lie off it, in standard deviations of its residuals."""
 
 PARTIAL_GROOVE_SHARE: Final = 0.25
 """A part of a groove that leaves no greater share of the points unexplained is one."""
@@ -110,7 +108,7 @@ class _FitSearch:
         self._runs = find_runs(row.points, row.columns)
         points = project_points(row, settings.noise)
         pieces = find_pieces(points, self._runs, NOISE_INFLATION)
-        candidates = grow_candidates(points, pieces, NOISE_INFLATION)
+        candidates = propose_candidates(points, pieces, NOISE_INFLATION)
         self._chains = ChainSearch(points, candidates, self._runs, self.tolerance)
 
     @property

@@ -121,6 +121,12 @@ _BEVEL_SIDE: Final = SideModel("bevel", 4e-3, 120e-3, bend=0.25)
 _LEG_SIDE: Final = SideModel("leg", 4e-3, bend=5.0, twist=10.0)
 _TEE_WALL_TO_LEG_TURN: Final = TurnBounds(radians(8), radians(150))
 
+FACE_BLUNTNESS: Final = 0.2
+"""Share of its height by which the face of a bead may lie off a parabola."""
+
+WELD_ROUGHNESS: Final = 0.5e-3
+"""How far beads side by side leave one smooth surface, in metres."""
+
 TEE_TWO_FACETS: Final = GrooveModel(
     "tee with two facets",
     (
@@ -150,7 +156,9 @@ TEE_PARTLY_FILLED: Final = GrooveModel(
         _WALL_SIDE,
         SideModel("bevel", 2e-3, 120e-3, bend=0.25),
         # A narrower one looks like the face of a root.
-        SideModel("weld", 12e-3, 80e-3, bend=30.0, twist=300.0, bead=True, roughness=0.5e-3),
+        SideModel(
+            "weld", 12e-3, 80e-3, bend=30.0, twist=300.0, bead=True, roughness=WELD_ROUGHNESS
+        ),
         _LEG_SIDE,
     ),
     # A flank that turns by less into what is beside it has two facets.
