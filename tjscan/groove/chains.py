@@ -23,7 +23,13 @@ from tjscan.groove.candidates import (
 )
 from tjscan.groove.pieces import ProjectivePoints
 from tjscan.groove.reflections import PointRuns
-from tjscan.groove.settings import FACE_BLUNTNESS, WELD_ROUGHNESS, GrooveModel, SideModel
+from tjscan.groove.settings import (
+    FACE_BLUNTNESS,
+    LEAST_FACE_TURN,
+    WELD_ROUGHNESS,
+    GrooveModel,
+    SideModel,
+)
 from tjscan.groove.sides import Index, Polyline
 
 FEWEST_INNER_POINTS: Final = 2.8
@@ -67,14 +73,16 @@ class _Corners:
         In metres.
     place : ndarray of int
         First point behind each.
-    turn : ndarray
-        By how much the second candidate turns from the first; NaN if they do not meet.
+    before, after : ndarray
+        Directions in which the first candidate and the second go on there, in radians, from the
+        wall to the leg and rising with depth; NaN if they do not meet.
     """
 
     x: Array
     z: Array
     place: Index
-    turn: Array
+    before: Array
+    after: Array
 
 
 class ChainSearch:
@@ -135,7 +143,7 @@ class ChainSearch:
         joints = []
         for i, bounds in enumerate(model.turns):
             pair = layers[i][:, None], layers[i + 1]
-            turn = self._corners.turn[pair]
+            turn = self._corners.before[pair] - self._corners.after[pair]
             allowed = (turn >= bounds.least) & (turn <= bounds.most)
             if i == 0:
                 allowed &= self._begins[pair]
@@ -184,13 +192,19 @@ class ChainSearch:
         before, after, corners = (a[:, None], b), (b[:, None], c), self._corners
         span = corners.place[after] - corners.place[before][:, :, None]
         support = self._support_before[after] - self._support_after[before][:, :, None]
-        square = (corners.x[after] - corners.x[before][:, :, None]) ** 2
-        square += (corners.z[after] - corners.z[before][:, :, None]) ** 2
+        x = corners.x[after] - corners.x[before][:, :, None]
+        z = corners.z[after] - corners.z[before][:, :, None]
+        square = x * x + z * z
         fits = (
             (span > 0) & (support >= LEAST_SUPPORT_SHARE * span) & (support >= FEWEST_INNER_POINTS)
         )
         fits &= square > (SIDE_LENGTH_SLACK * side.shortest) ** 2
-        return np.asarray(fits & (square < (side.longest / SIDE_LENGTH_SLACK) ** 2))
+        fits &= square < (side.longest / SIDE_LENGTH_SLACK) ** 2
+        if side.bead:
+            chord = np.arctan2(z, -x)
+            fits &= corners.before[before][:, :, None] - chord > LEAST_FACE_TURN
+            fits &= chord - corners.after[after] > LEAST_FACE_TURN
+        return np.asarray(fits)
 
 
 def _running_sums(values: Array) -> Array:
@@ -212,10 +226,11 @@ def _intersect_candidates(points: ProjectivePoints, candidates: CandidateSides) 
     y, slope = candidates.heights_and_slopes(u)
     other_slope = candidates.coefficients[:, 1] + 2 * u * candidates.coefficients[:, 2]
     tx, tz, rx, rz = u * slope - y, -slope, u * other_slope - y, -other_slope
-    turn = np.arctan2(tx * rz - tz * rx, tx * rx + tz * rz)
+    before, after = np.arctan2(tz, -tx), np.arctan2(rz, -rx)
     z, spread = 1 / y, CORNER_DISTANCE_BEYOND_POINTS
     x = -u * z
     inside = y > 0
     for value, seen in ((x, points.u * -points.z), (z, points.z)):
         inside &= (value > seen.min() - spread) & (value < seen.max() + spread)
-    return _Corners(x, z, points.u.searchsorted(u), np.where(inside, turn, np.nan))
+    before[~inside] = np.nan
+    return _Corners(x, z, points.u.searchsorted(u), before, after)

@@ -222,7 +222,8 @@ def matched_corners(a: GrooveModel, b: GrooveModel) -> list[tuple[int, int]]:
     last_a, last_b = len(a.sides) - 2, len(b.sides) - 2
     for k in range(min(last_a, last_b)):
         before_a, before_b = a.sides[last_a - k], b.sides[last_b - k]
-        if a.sides[last_a - k + 1].name != b.sides[last_b - k + 1].name:
+        after_a, after_b = a.sides[last_a - k + 1], b.sides[last_b - k + 1]
+        if after_a.name != after_b.name and not (after_a.bead and after_b.bead):
             break
         if before_a.bead != before_b.bead:
             break

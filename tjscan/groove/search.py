@@ -14,7 +14,7 @@ from math import atan2, degrees, radians
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
@@ -29,7 +29,7 @@ from tjscan.groove.chains import (
 from tjscan.groove.pieces import find_pieces, project_points
 from tjscan.groove.refinement import SAME_FIT_DISTANCE, refine_fit, undulation_sigmas
 from tjscan.groove.reflections import find_runs, with_other_readings
-from tjscan.groove.settings import LEAST_SIDES, GrooveModel, GrooveSettings
+from tjscan.groove.settings import LEAST_FACE_TURN, LEAST_SIDES, GrooveModel, GrooveSettings
 from tjscan.groove.shape import points_lead_away_from_side
 from tjscan.groove.sides import FittedProfile, GrooveFit, OrderedProfilePoints, Polyline
 
@@ -42,6 +42,9 @@ PARTIAL_GROOVE_SHARE: Final = 0.25
 SIDE_TURN_SLACK: Final = radians(3)
 """How far the fitted turns may lie outside the model's."""
 
+REFUSED_COST_MARGIN: Final = 24.0
+"""A fit that is rejected, but cheaper by more, in outliers, than every other, is what is seen."""
+
 STRAYED_SUPPORT_SHARE: Final = 0.05
 """A refined hypothesis that explains fewer points than before, by this share, has strayed."""
 
@@ -49,7 +52,7 @@ SIDE_COST: Final = 5.0
 """What a model's every side costs, in outliers: BIC's penalty for a line and its end where some
 ninety points of a profile are independent."""
 
-WELD_COST: Final = 3.0
+WELD_COST: Final = 1.0
 """What it costs that a weld fills the groove, in outliers: few that are scanned have one."""
 
 MOST_CHAINS_PER_FORM: Final = 3
@@ -89,13 +92,13 @@ def find_best_fit(row: OrderedProfilePoints, settings: GrooveSettings) -> Groove
     """
     search = _FitSearch(row, settings)
     search.refine_cheapest_chains()
-    if search.sound:
-        best = min(search.sound, key=lambda fit: fit.cost)
-        return with_other_readings(best, [fit for fit in search.sound if fit is not best])
-    if search.found:
-        best = min(search.found, key=lambda fit: fit.cost)
-        raise GrooveNotFound("ambiguous", str(best.objection), row.points)
-    raise search.explain_missing_groove()
+    if not search.found:
+        raise search.explain_missing_groove()
+    likeliest = min(search.found, key=lambda fit: fit.cost)
+    best = min(search.sound, key=lambda fit: fit.cost, default=likeliest)
+    if best.objection or best.cost > likeliest.cost + REFUSED_COST_MARGIN:
+        raise GrooveNotFound("ambiguous", str(likeliest.objection), row.points)
+    return with_other_readings(best, [fit for fit in search.sound if fit is not best])
 
 
 class _FitSearch:
@@ -221,13 +224,10 @@ def _is_near(corners: Array, others: Iterable[Array], distance: float) -> bool:
     return any(np.abs(corners - other).max() < distance for other in others)
 
 
-def _corner_turns(fitted: FittedProfile) -> list[float]:
-    """Turn at each corner, positive in a valley."""
-    turns = []
-    for (a, b), (sa, sb) in zip(pairwise(fitted.curves), fitted.places, strict=True):
-        (ax, az), (bx, bz) = a.tangent_at(sa), b.tangent_at(sb)
-        turns.append(atan2(ax * bz - az * bx, ax * bx + az * bz))
-    return turns
+def _turn_between(before: ArrayLike, after: ArrayLike) -> float:
+    """Turn from one direction to another, positive in a valley."""
+    (ax, az), (bx, bz) = np.asarray(before).tolist(), np.asarray(after).tolist()
+    return atan2(ax * bz - az * bx, ax * bx + az * bz)
 
 
 def _is_convincing(found: GrooveFit) -> bool:
@@ -269,10 +269,20 @@ def _reason_to_reject(found: GrooveFit, settings: GrooveSettings) -> str | None:
     for side, count, share in zip(model.sides, fitted.counts, fitted.inlier_shares, strict=True):
         if share < settings.inlier_share or count < FEWEST_POINTS_ON_SIDE:
             return f"only {count} points, {share:.0%} of those seen there, lie on the {side.name}"
-    for turned, allowed in zip(_corner_turns(fitted), model.turns, strict=True):
+    ends = [
+        (a.tangent_at(s), b.tangent_at(r))
+        for (a, b), (s, r) in zip(pairwise(fitted.curves), fitted.places, strict=True)
+    ]
+    for (before, after), allowed in zip(ends, model.turns, strict=True):
+        turned = _turn_between(before, after)
         if not allowed.least - SIDE_TURN_SLACK <= turned <= allowed.most + SIDE_TURN_SLACK:
             return f"a corner turns by {degrees(turned):.0f}°, which no such groove does"
-    lengths = np.linalg.norm(np.diff(fitted.corners, axis=0), axis=1)
+    chords = np.diff(fitted.corners, axis=0)
+    lengths = np.linalg.norm(chords, axis=1)
+    for k, side in enumerate(model.sides[1:-1]):
+        turns = _turn_between(ends[k][0], chords[k]), _turn_between(chords[k], ends[k + 1][1])
+        if side.bead and min(turns) < LEAST_FACE_TURN - SIDE_TURN_SLACK:
+            return f"the {side.name} goes on from the side beside it"
     for side, length in zip(model.sides[1:-1], lengths.tolist(), strict=True):
         if not SIDE_LENGTH_SLACK * side.shortest < length < side.longest / SIDE_LENGTH_SLACK:
             return f"the {side.name} is {1e3 * length:.1f} mm long"

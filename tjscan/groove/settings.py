@@ -121,6 +121,10 @@ _BEVEL_SIDE: Final = SideModel("bevel", 4e-3, 120e-3, bend=0.25)
 _LEG_SIDE: Final = SideModel("leg", 4e-3, bend=5.0, twist=10.0)
 _TEE_WALL_TO_LEG_TURN: Final = TurnBounds(radians(8), radians(150))
 
+LEAST_FACE_TURN: Final = radians(15)
+"""By how much the chord of a bead's face turns from the sides before and after it at least: what
+turns by less goes on from them."""
+
 FACE_BLUNTNESS: Final = 0.2
 """Share of its height by which the face of a bead may lie off a parabola."""
 
