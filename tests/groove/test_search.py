@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.candidates import BEAD, CANDIDATE_KINDS, kinds_of_side, propose_candidates
-from tjscan.groove.chains import LEAST_SUPPORT_SHARE, SIDE_LENGTH_SLACK, ChainSearch
+from tjscan.groove.candidates import BEAD, CANDIDATE_KINDS, propose_candidates
+from tjscan.groove.chains import LEAST_SUPPORT_SHARE, SIDE_LENGTH_SLACK, ChainSearch, kinds_of_sides
 from tjscan.groove.pieces import (
     LEAST_UNEVENNESS,
     LONGEST_PIECE_BLOCKS,
@@ -24,7 +24,13 @@ from tjscan.groove.pieces import (
 from tjscan.groove.read import order_points, read_groove
 from tjscan.groove.reflections import PointRuns, find_runs
 from tjscan.groove.search import NOISE_INFLATION
-from tjscan.groove.settings import DEFAULT_SETTINGS, TEE_GROOVE, TEE_NO_ROOT, GrooveModel
+from tjscan.groove.settings import (
+    DEFAULT_SETTINGS,
+    LEAST_FACE_TURN,
+    TEE_GROOVE,
+    TEE_NO_ROOT,
+    GrooveModel,
+)
 from tjscan.groove.sides import OrderedProfilePoints, bearing_tangents
 from tjscan.laser.profile import Profile
 
@@ -113,7 +119,7 @@ def test_a_candidate_is_the_curve_that_it_is_drawn_as(radius: float) -> None:
     candidates = propose_candidates(points, pieces, NOISE_INFLATION)
     length = (candidates.last - candidates.first) * (candidates.kind == BEAD)
     longest = int(length.argmax())
-    curve = candidates.as_curve(longest)
+    curve = candidates.as_curves([longest])[0]
     assert np.abs(curve.signed_distances(row.points)).max() < 0.02 * MM
     np.testing.assert_allclose(
         candidates.distances(points)[longest], curve.signed_distances(row.points), atol=0.01 * MM
@@ -127,12 +133,12 @@ def test_no_other_chain_of_candidates_costs_less(model: GrooveModel, seed: int) 
     search, points, runs = search_of(drawn(seed, ghosts=0.02))
     candidates, corners = search.candidates, search._corners
     best = np.inf
-    layers = [np.flatnonzero(np.isin(candidates.kind, kinds_of_side(s))) for s in model.sides]
+    layers = [np.flatnonzero(np.isin(candidates.kind, kinds)) for kinds in kinds_of_sides(model)]
     assert max(candidates.kind) < len(CANDIDATE_KINDS)
     support = 1 - search._costs
     for chain in product(*(layer.tolist() for layer in layers)):
         pair = list(chain[:-1]), list(chain[1:])
-        turns = corners.turn[pair]
+        turns = corners.before[pair] - corners.after[pair]
         if not all(b.least <= t <= b.most for t, b in zip(turns, model.turns, strict=True)):
             continue
         edges = [0, *corners.place[pair].tolist(), len(points.u)]
@@ -152,6 +158,14 @@ def test_no_other_chain_of_candidates_costs_less(model: GrooveModel, seed: int) 
             for n, s in zip(lengths, model.sides[1:-1], strict=True)
         ):
             continue
+        bead = len(chain) - 2
+        if model.sides[bead].bead:
+            before, after = pair[0][bead - 1 :], pair[1][bead - 1 :]
+            (x, z) = (np.diff(v[before, after])[0] for v in (corners.x, corners.z))
+            start = corners.before[before[0], after[0]]
+            end = corners.after[before[1], after[1]]
+            if min(start - np.arctan2(z, -x), np.arctan2(z, -x) - end) <= LEAST_FACE_TURN:
+                continue
         costs = np.concatenate([search._costs[k, a:b] for k, a, b in spans])
         best = min(best, float(runs.total_cost(costs)))
     found = search.cheapest_chains(model, 1)

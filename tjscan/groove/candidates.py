@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tjscan.core.frames import Array
 from tjscan.groove.pieces import Pieces, ProjectivePoints
-from tjscan.groove.settings import WELD_ROUGHNESS, SideModel
+from tjscan.groove.settings import FACE_BLUNTNESS, WELD_ROUGHNESS
 from tjscan.groove.sides import CubicCurve, Index
 
 
@@ -59,8 +59,11 @@ SURE_PREDICTION, LEAST_PREDICTION = 0.12e-3, 0.5e-3
 """Standard deviations of a prediction, in metres, by which every piece that continues a curve is
 taken, and by which the best of them is."""
 
-_BENDS: Final = np.array([kind.bend for kind in CANDIDATE_KINDS])
-_HANKEL: Final = np.add.outer(np.arange(3), np.arange(3))
+ROUGH_REACH_SIGMAS: Final = 2.0
+"""How far the points of a rough side lie off it, in standard deviations of its residuals."""
+
+_KIND_BENDS: Final = np.array([kind.bend for kind in CANDIDATE_KINDS])
+_HANKEL_INDEX: Final = np.add.outer(np.arange(3), np.arange(3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,28 +109,25 @@ class CandidateSides:
         off /= self.steepness[:, None]
         return np.asarray(off)
 
-    def bows(self) -> Array:
-        """How far each leaves its chord in the middle, in metres, shape (K,)."""
+    def reaches(self, tolerance: float) -> Array:
+        """How far points may lie off each, shape (K,): rough welds and high beads reach farther."""
         u = np.array((self.first, 0.5 * (self.first + self.last), self.last)).T
         y, _ = self.heights_and_slopes(u)
-        sag = y[:, 1] - 0.5 * (y[:, 0] + y[:, 2])
-        return np.asarray(np.abs(sag) / y[:, 1] / self.steepness)
+        bow = np.abs(y[:, 1] - 0.5 * (y[:, 0] + y[:, 2])) / (y[:, 1] * self.steepness)
+        farthest = np.where(self.kind == BEAD, FACE_BLUNTNESS * bow, 0.0)
+        farthest[self.kind == WELD] = WELD_ROUGHNESS
+        return np.maximum(np.minimum(ROUGH_REACH_SIGMAS * self.roughness, farthest), tolerance)
 
-    def as_curve(self, k: int) -> CubicCurve:
-        """One of them over its tangent in the middle."""
-        u = 0.5 * (self.first[k] + self.last[k])
-        a, b, c = self.coefficients[k].tolist()
+    def as_curves(self, chain: list[int]) -> tuple[CubicCurve, ...]:
+        """Some of them, each over its tangent in the middle."""
+        u = 0.5 * (self.first + self.last)[chain]
+        a, b, c = self.coefficients[chain].T
         y, slope = a + u * (b + u * c), b + 2 * u * c
-        steep = float(np.hypot(u * slope - y, slope))
-        direction = (u * slope - y) / steep, -slope / steep
-        return CubicCurve(-u / y, 1 / y, *direction, 0.0, 0.0, float(-c * y**3 / steep**3))
-
-
-def kinds_of_side(side: SideModel) -> tuple[int, ...]:
-    """Which kinds a side may be of; the face of a bead may as well be straight."""
-    if side.bead:
-        return (WELD,) if side.roughness else (STRAIGHT, BEAD)
-    return (BENT,) if side.bend > 2 * CANDIDATE_KINDS[STRAIGHT].bend else (STRAIGHT,)
+        along = u * slope - y
+        steep = np.hypot(along, slope)
+        zero = np.zeros(len(chain))
+        values = -u / y, 1 / y, along / steep, -slope / steep, zero, zero, -c * (y / steep) ** 3
+        return tuple(CubicCurve(*curve) for curve in np.transpose(values).tolist())
 
 
 def propose_candidates(
@@ -159,7 +159,7 @@ def propose_candidates(
     kinds = np.array([kind for kind, _ in found]).repeat([len(m) for _, m in found])
     member = np.concatenate([m for _, m in found])
     sums = member @ pieces.moments
-    coefficients, _, error = _fit_sums(sums, _BENDS[kinds], variance)
+    coefficients, _, error = _fit_sums(sums, _KIND_BENDS[kinds], variance)
     steep, height = _steepness(sums)
     first = member.argmax(axis=1)
     last = member.shape[1] - 1 - member[:, ::-1].argmax(axis=1)
@@ -244,7 +244,7 @@ def _fit_sums(sums: Array, bend: Array | float, variance: float) -> tuple[Array,
     depth, (K,).
     """
     steep, height = _steepness(sums)
-    normal = sums[:, _HANKEL]
+    normal = sums[:, _HANKEL_INDEX]
     # A bend of c2 metres per square metre is c2 (steep / y)³ in (u, y).
     normal[:, 2, 2] += variance * (height / steep) ** 6 / bend**2
     inverse = np.asarray(np.linalg.inv(normal), dtype=float)

@@ -8,7 +8,7 @@ of all chains, and every rival to it, follow by dynamic programming over pairs o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +16,16 @@ from numpy.typing import NDArray
 from tjscan.core.frames import Array
 from tjscan.groove.candidates import (
     BEAD,
+    BENT,
     CANDIDATE_KINDS,
+    STRAIGHT,
     WELD,
     CandidateSides,
-    kinds_of_side,
 )
 from tjscan.groove.pieces import ProjectivePoints
 from tjscan.groove.reflections import PointRuns
 from tjscan.groove.settings import (
-    FACE_BLUNTNESS,
     LEAST_FACE_TURN,
-    WELD_ROUGHNESS,
     GrooveModel,
     SideModel,
 )
@@ -56,9 +55,6 @@ CORNER_DISTANCE_BEYOND_POINTS: Final = 30e-3
 SIDE_LENGTH_SLACK: Final = 0.8
 """A side may be shorter than the model's shortest, or longer than its longest, by this factor."""
 
-ROUGH_REACH_SIGMAS: Final = 2.0
-"""How far the points of a rough side lie off it, in standard deviations of its residuals."""
-
 WIDER_TOLERANCE_COST: Final = 0.3
 """What each point costs a side that reaches farther, times the logarithm of how much farther."""
 
@@ -85,6 +81,24 @@ class _Corners:
     after: Array
 
 
+class SideChain(NamedTuple):
+    """Candidates for the sides of a groove, in their order.
+
+    Parameters
+    ----------
+    cost : float
+        What all points pay, in outliers.
+    sides : list of int
+        Numbers of the candidates.
+    corners : ndarray, shape (k - 1, 2)
+        Where neighbours meet, x and z in metres.
+    """
+
+    cost: float
+    sides: list[int]
+    corners: Array
+
+
 class ChainSearch:
     """A profile's candidates, what its points pay for them, and the corners between them.
 
@@ -107,13 +121,7 @@ class ChainSearch:
         tolerance: float,
     ) -> None:
         self.candidates = candidates
-        farthest = np.full(len(candidates.kind), tolerance)
-        farthest[candidates.kind == WELD] = WELD_ROUGHNESS
-        beads = candidates.kind == BEAD
-        farthest[beads] = FACE_BLUNTNESS * candidates.bows()[beads]
-        reach = np.maximum(
-            np.minimum(ROUGH_REACH_SIGMAS * candidates.roughness, farthest), tolerance
-        )
+        reach = candidates.reaches(tolerance)
         scaled = candidates.distances(points) / reach[:, None]
         paid = np.minimum(
             scaled * scaled + WIDER_TOLERANCE_COST * np.log(reach / tolerance)[:, None], 1
@@ -135,10 +143,10 @@ class ChainSearch:
         self._total = least[:, -1]
         self._kinds = [np.flatnonzero(candidates.kind == k) for k in range(len(CANDIDATE_KINDS))]
 
-    def cheapest_chains(self, model: GrooveModel, most: int) -> list[Polyline]:
+    def cheapest_chains(self, model: GrooveModel, most: int) -> list[SideChain]:
         """Cheapest chains of a form that differ, at most so many; none if none is allowed."""
         layers = [
-            np.concatenate([self._kinds[k] for k in kinds_of_side(side)]) for side in model.sides
+            np.concatenate([self._kinds[k] for k in kinds]) for kinds in kinds_of_sides(model)
         ]
         joints = []
         for i, bounds in enumerate(model.turns):
@@ -162,7 +170,7 @@ class ChainSearch:
         total += self._total[layers[-1]]
         costs = total.ravel()
         likely = np.flatnonzero(costs < np.inf)
-        found: list[Polyline] = []
+        found: list[SideChain] = []
         dearest = np.inf
         for flat in likely[np.argsort(costs[likely])[:MOST_CHAINS_COMPARED]].tolist():
             if costs[flat] > dearest:
@@ -174,10 +182,13 @@ class ChainSearch:
             xz = self._corners.x[own[:-1], own[1:]], self._corners.z[own[:-1], own[1:]]
             corners = np.array(xz).T
             if all(np.abs(corners - c.corners).max() > LEAST_DISTANCE_OF_RIVALS for c in found):
-                curves = tuple(self.candidates.as_curve(k) for k in own)
-                found.append(Polyline(curves, corners, self._exact_cost(own)))
+                found.append(SideChain(self._exact_cost(own), own, corners))
                 dearest = min(dearest, found[-1].cost + RIVAL_COST_MARGIN)
         return sorted(found, key=lambda chain: chain.cost)[:most]
+
+    def as_polyline(self, chain: SideChain) -> Polyline:
+        """The curves of a chain."""
+        return Polyline(self.candidates.as_curves(chain.sides), chain.corners, chain.cost)
 
     def _exact_cost(self, chain: list[int]) -> float:
         """What all points pay if only runs that lie off the chain as a whole are reflections."""
@@ -207,6 +218,15 @@ class ChainSearch:
         return np.asarray(fits)
 
 
+def kinds_of_sides(model: GrooveModel) -> list[tuple[int, ...]]:
+    """Which kinds each side may be of; the face of a bead may as well be straight."""
+    kinds: list[tuple[int, ...]] = []
+    for side in model.sides:
+        bent = BENT if side.bend > 2 * CANDIDATE_KINDS[STRAIGHT].bend else STRAIGHT
+        kinds.append(((WELD,) if side.roughness else (STRAIGHT, BEAD)) if side.bead else (bent,))
+    return kinds
+
+
 def _running_sums(values: Array) -> Array:
     """Sums of the first 0, 1, 2 … values of each row, shape (m, n) to (m, n + 1)."""
     sums = np.zeros((len(values), values.shape[1] + 1))
@@ -223,7 +243,8 @@ def _intersect_candidates(points: ProjectivePoints, candidates: CandidateSides) 
     a, b = a + middle * (b + middle * c), b + 2 * middle * c
     root = np.sqrt(b * b - 4 * a * c)
     u = middle - 2 * a / (b + np.copysign(root, b))
-    y, slope = candidates.heights_and_slopes(u)
+    own_a, own_b, own_c = candidates.coefficients.T[:, :, None]
+    y, slope = own_a + u * (own_b + u * own_c), own_b + 2 * u * own_c
     other_slope = candidates.coefficients[:, 1] + 2 * u * candidates.coefficients[:, 2]
     tx, tz, rx, rz = u * slope - y, -slope, u * other_slope - y, -other_slope
     before, after = np.arctan2(tz, -tx), np.arctan2(rz, -rx)

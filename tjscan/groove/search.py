@@ -18,10 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from tjscan.core.errors import GrooveNotFound
 from tjscan.core.frames import Array
-from tjscan.groove.candidates import propose_candidates
+from tjscan.groove.candidates import ROUGH_REACH_SIGMAS, propose_candidates
 from tjscan.groove.chains import (
     RIVAL_COST_MARGIN,
-    ROUGH_REACH_SIGMAS,
     SIDE_LENGTH_SLACK,
     WIDER_TOLERANCE_COST,
     ChainSearch,
@@ -136,7 +135,7 @@ class _FitSearch:
             if self.sound and cost > starts[0][0] + RIVAL_COST_MARGIN:
                 break
             if settled in (None, len(form.sides)):
-                fit = self._refine(form, chain)
+                fit = self._refine(form, self._chains.as_polyline(chain))
                 if fit and not (fit.objection or model.likely_another) and _is_convincing(fit):
                     settled = len(form.sides)
 
