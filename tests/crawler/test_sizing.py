@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from tjscan.core.config import validate_table
 from tjscan.core.frames import Array
 from tjscan.crawler.sizing import (
     SizeSettings,
@@ -17,6 +19,7 @@ from tjscan.crawler.sizing import (
     torque_of_turn,
 )
 from tjscan.job.crawl.job import CrawlJob, CrawlSimulationSettings, read_crawl_job
+from tjscan.vehicle.pad_plant import PadPlant, PadSettings
 from tjscan.vehicle.tracks import TrackGeometry
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -116,3 +119,65 @@ def test_a_tighter_turn_takes_more_torque() -> None:
     # Straight up, each track carries half of the weight.
     straight = torque_of_turn(SizeSettings().pads, TrackGeometry(), 1e6)
     assert straight == pytest.approx(100 * 9.81 / 2 * 0.05, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "field"),
+    [("mass_kg", 80.0, "mass"), ("pads", 30, "pads"), ("inclination_deg", 180.0, "inclination")],
+)
+def test_a_key_of_the_pads_changes_that_key_alone(key: str, value: float, field: str) -> None:
+    job = validate_table(CrawlJob, {"size": {"pads": {key: value}}, "simulation": {}})
+    whole = SizeSettings().pads
+    stated: dict[str, Any] = {field: np.radians(value) if key.endswith("_deg") else value}
+    assert job.size.pads == replace(whole, **stated)
+
+
+@pytest.mark.parametrize("friction", [0.5, 0.3])
+def test_torques_of_pads_stated_in_part_are_those_of_the_whole(friction: float) -> None:
+    """A vehicle was taken for one that runs level, which its motors turn more easily."""
+    asked = {"size": {"pads": {"friction": friction}}, "simulation": {}}
+    pads = validate_table(CrawlJob, asked).size.pads
+    climbing = PadSettings(friction=friction, down=np.pi)
+    torques = [torque_of_turn(pads, TrackGeometry(), 8.0) for pads in (pads, climbing)]
+    assert torques[0] == torques[1]
+
+
+@pytest.mark.parametrize("inclination", [45.0, 90.0, 110.0, 150.0])
+@pytest.mark.parametrize("friction", [0.04, 0.08, 0.12, 0.16, 0.2, 0.3])
+@pytest.mark.parametrize("grip", [10.0, 25.0])
+def test_a_vehicle_that_slides_down_breaks_a_rule(
+    inclination: float, friction: float, grip: float
+) -> None:
+    """Truth: the body of the simulation, with its tracks at rest and in the tightest turn."""
+    size = SizeSettings(safety=1.0, torque=1e4)  # neither magnets nor motors object
+    changed: dict[str, Any] = {
+        "inclination": np.radians(inclination),
+        "friction": friction,
+        "grip": grip,
+    }
+    size = replace(size, pads=replace(size.pads, **changed))
+    for turn in (np.inf, 8.0):
+        plant = PadPlant(size.pads, TrackGeometry(), np.zeros(3))
+        for _ in range(200):
+            plant.advance(0.005 * (1 + 0.2 / turn), 0.005 * (1 - 0.2 / turn), 1.0)
+        if plant.pose_w[0] < 0.5:  # of the metre that its tracks ran
+            assert broken_rules(size, TrackGeometry(), 8.0)
+
+
+@pytest.mark.parametrize("inclination", [120.0, 180.0])
+def test_an_overhead_hull_takes_friction_and_grip_for_what_hangs_on_the_magnets(
+    inclination: float,
+) -> None:
+    size = SizeSettings()
+    size = replace(size, pads=replace(size.pads, inclination=np.radians(inclination)))
+    figures = {one.name: one for one in size_crawler(size, TrackGeometry(), 8.0)}
+    across, along = np.cos(np.radians(inclination)), np.sin(np.radians(inclination))
+    needed = figures["friction needed on one track"]
+    assert needed.value == pytest.approx(along / (6 + across), abs=1e-12)
+    # One track alone: its 24 pads share what pulls off, and the top one bears the lever too.
+    pads = size.pads
+    lever = 981.0 * along * pads.mass_height * 6 / (24 * pads.contact_length)
+    assert figures["peel of the top pad"].value == pytest.approx(
+        lever - 981.0 * across / 24, rel=0.05
+    )
+    assert broken_rules(size, TrackGeometry(), 8.0) == ()

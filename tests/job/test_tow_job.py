@@ -111,8 +111,16 @@ def test_a_pillar_that_touches_the_wall_stands_on_the_seam_there() -> None:
 def test_a_seam_may_run_along_a_pillar_and_past_an_obstacle() -> None:
     pillar = [[1300, -100], [1500, -100], [1500, 100], [1300, 100]]
     seam = {"points_mm": [[1300, -4000], [1300, 4000]]}
-    beside = [{"points_mm": [[1501, 1000]]}, {"points_mm": [[1300, 2000], [0, 0]], **MOVING}]
+    beside = [{"points_mm": [[1671, 1000]]}, {"points_mm": [[1300, 2000], [0, 0]], **MOVING}]
     assert make_job(area={**SQUARE, "holes_mm": [pillar]}, seam=seam, obstacles=beside)
+
+
+def test_an_obstacle_beside_the_seam_leaves_room_for_the_welders_body() -> None:
+    seam = {"points_mm": [[1300, -4000], [1300, 4000]]}
+    jack = {"name": "jack", "points_mm": [[1669, 1000]], "radius_mm": 200}
+    with pytest.raises(ConfigurationError, match="jack is 169 mm from the seam") as refused:
+        make_job(seam=seam, obstacles=[jack])
+    assert refused.value.key == "obstacles.0"
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.estimate import CableEstimate, estimate_shape
 from tjscan.towing.shape.limited import optimise_within_limits
+from tjscan.towing.shape.limits import BROKEN_LIMIT_TEXTS
 from tjscan.towing.shape.paper_planner import PaperPlanner
 from tjscan.towing.shape.plan import PlanInputs, PlannerSettings, TowingPlan
 from tjscan.towing.shape.planner import CheckedShape, TowingPlanner, optimise_without_limits
@@ -250,3 +251,20 @@ def test_the_papers_method_agrees_where_its_problem_is_ours(begun: TowingPlan) -
         paper.objective(away + d, plan.estimate, problem.obstacles) for d in (-1e-6, 0.0, 1e-6)
     )
     assert (high[1] - low[1]) / 2e-6 == pytest.approx(here[2].sum(), rel=1e-4)
+
+
+@pytest.mark.parametrize("link", [1, 58])
+def test_links_that_need_no_clearance_from_walls_keep_clear_of_discs_and_name_them(
+    begun: TowingPlan, link: int
+) -> None:
+    """All but what is below the welder's body, which has a check of its own."""
+    x, y, heading = begun.link_poses[link]
+    aside = 0.06 * np.array((-np.sin(heading), np.cos(heading)))
+    beside = DiscObstacle(x + aside[0], y + aside[1], 0.05, name="jack")
+    inputs = next_inputs(begun)
+    limits = planner().limited_problem(begun.angles, replace(inputs, obstacles=[beside]))
+    rows = limits.rows(begun.angles)
+    (row,) = [one for one in rows if one["link"] == link and one["kind"] == 0]
+    assert row["margin"] == pytest.approx(0.06 - 0.05 - 0.02, abs=2e-6)
+    text = limits.describe(row, BROKEN_LIMIT_TEXTS)
+    assert f"link {link} would be 10 mm too near to jack" in text

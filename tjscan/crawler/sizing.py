@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from math import ceil, inf, isfinite, pi
+from math import ceil, cos, inf, isfinite, pi, sin
 from typing import Annotated, Any, Final
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
-from tjscan.core.units import FileUnit, SettingsTable
+from tjscan.core.units import DEG, FileUnit, SettingsTable
 from tjscan.crawler.plan import NEWTON_METRE_UNIT
 from tjscan.vehicle.pad_plant import GRAVITY_M_S2, PadPlant, PadSettings
 from tjscan.vehicle.tracks import TrackGeometry
@@ -30,6 +30,14 @@ REPORTED_TURN_RADII: Final = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ClimbingPadSettings(PadSettings):
+    """The table [size.pads]: wet pads of a vehicle that climbs, unless a key states otherwise."""
+
+    friction: Annotated[float, Gt(0), Le(2)] = 0.3
+    down: Annotated[float, Ge(-360), Le(360), DEG] = pi
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SizeSettings(SettingsTable):
     """The table [size]: magnets, masses and motors.
 
@@ -38,7 +46,7 @@ class SizeSettings(SettingsTable):
 
     Parameters
     ----------
-    pads : PadSettings
+    pads : ClimbingPadSettings
         Of each track, with the vehicle's mass and how the hull lies.
     gear : float
         Turns of a motor for one of its sprocket.
@@ -52,7 +60,7 @@ class SizeSettings(SettingsTable):
         How many times its weight the magnets must hold, with one track broken too.
     """
 
-    pads: PadSettings = field(default_factory=lambda: PadSettings(friction=0.3, down=pi))
+    pads: ClimbingPadSettings = field(default_factory=ClimbingPadSettings)
     gear: Annotated[float, Gt(0), Le(1e4)] = 390.0
     torque: Annotated[float, Gt(0), Le(1e5), NEWTON_METRE_UNIT] = 84.0
     top_speed: Annotated[float, Gt(0), Le(100), METRES_PER_MINUTE] = 0.05
@@ -126,6 +134,7 @@ def _closed_form_figures(size: SizeSettings, tracks: TrackGeometry) -> tuple[Siz
     pads, radius = size.pads, tracks.sprocket_radius
     weight = pads.mass * GRAVITY_M_S2
     share = pads.pads * pads.grip / pads.mass
+    along, pressing = sin(pads.inclination), cos(pads.inclination)  # shares of the weight
     pull = size.torque / radius
     rpm = size.top_speed / radius * size.gear * 60 / (2 * pi)
     grip = {"least": size.safety, "advice": "take more pads, or stronger magnets"}
@@ -140,8 +149,13 @@ def _closed_form_figures(size: SizeSettings, tracks: TrackGeometry) -> tuple[Siz
         ("grip of both tracks over the weight", 2 * share, "", grip),
         ("the same with one track broken", share, "", grip),
         ("least pads of a track for that", size.safety * pads.mass / pads.grip, "", {}),
-        ("friction needed on both tracks", 0.5 / share, "", friction),
-        ("friction needed on one track", 1 / share, "", friction),
+        (
+            "friction needed on both tracks",
+            _friction_needed(along, 2 * share + pressing),
+            "",
+            friction,
+        ),
+        ("friction needed on one track", _friction_needed(along, share + pressing), "", friction),
         ("pull of a track", pull, "N", {}),
         ("pull of both tracks over the weight", 2 * pull / weight, "", gear),
         ("speed of a motor at top speed", rpm, "rpm", {}),
@@ -150,6 +164,11 @@ def _closed_form_figures(size: SizeSettings, tracks: TrackGeometry) -> tuple[Siz
         ("peel of the top pad", peel_of_top_pad(pads), "N", lever),
     )
     return tuple(SizeFigure(name, value, unit, **rule) for name, value, unit, rule in rows)
+
+
+def _friction_needed(along: float, pressing: float) -> float:
+    """Friction that holds what pulls along the hull by what presses on it; none holds a fall."""
+    return along / pressing if pressing > 0 else inf
 
 
 def _turn_torque_figures(
@@ -204,14 +223,16 @@ def tightest_turn(radii: Sequence[float], torques: Sequence[float], most: float)
 
 
 def peel_of_top_pad(pads: PadSettings) -> float:
-    """Force that pulls the top pad off a vertical hull, N, if one track holds the vehicle alone.
+    """Force that pulls the top pad off the hull, N, if one track holds the vehicle alone.
 
     The weight's lever is borne by forces that grow with the distance from the middle:
-    W h x_max / sum of x².
+    W h x_max / sum of x². What hangs from an overhead hull pulls at all pads alike.
     """
     places = ((np.arange(pads.pads) + 0.5) / pads.pads - 0.5) * pads.contact_length
-    lever = pads.mass * GRAVITY_M_S2 * pads.mass_height
-    return float(lever * np.abs(places).max() / np.sum(places**2))
+    weight = pads.mass * GRAVITY_M_S2
+    lever = weight * sin(pads.inclination) * pads.mass_height
+    hanging = max(-weight * cos(pads.inclination), 0.0) / pads.pads
+    return float(lever * np.abs(places).max() / np.sum(places**2)) + hanging
 
 
 @lru_cache

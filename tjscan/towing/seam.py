@@ -3,11 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
+from typing import Final
 
 import numpy as np
 
 from tjscan.core.frames import Array
+from tjscan.towing.shape.area import DiscObstacle
 from tjscan.towing.tables import SeamSettings
+
+WELDER_LOOK_AHEAD: Final = 1.0
+"""Seconds of the welder's way, and of an obstacle's, that are to be free: delay of the poses, a
+period of the loop, and the time in which the welder stops."""
+
+SMALLEST_SWEEP: Final = 1e-12
+"""Square metres of a way: what goes less is at rest."""
+
+WAY_SAMPLES: Final = 5
+"""Places on that way that are looked at: at 0.1 m/s they are 25 mm apart."""
 
 
 class Polyline:
@@ -72,6 +85,36 @@ class Seam:
         """
         heading = np.interp(along, self._turns, self._headings)
         return np.array((*self.path.point_at(along), heading))
+
+    def nearest_obstacle(
+        self, pose: Array, along: float, obstacles: Sequence[DiscObstacle]
+    ) -> tuple[float, str]:
+        """Distance of the obstacle that comes nearest to the welder's centre, and its name.
+
+        Within `WELDER_LOOK_AHEAD`, on the welder's way and on its own.
+
+        Parameters
+        ----------
+        pose : ndarray, shape (3,)
+            Of the welder now.
+        along : float
+            Where along the seam it is to be, metres.
+        obstacles : sequence of DiscObstacle
+
+        Returns
+        -------
+        tuple of (float, str)
+            Metres; infinite without obstacles.
+        """
+        way = np.linspace(along, along + WELDER_LOOK_AHEAD * self.settings.speed, WAY_SAMPLES)
+        places = np.array([pose[:2], *(self.path.point_at(s) for s in way)])
+        nearest = inf, ""
+        for one in obstacles:
+            begin, sweep = np.array((one.x, one.y)), WELDER_LOOK_AHEAD * np.array(one.velocity)
+            share = (places - begin) @ sweep / max(float(sweep @ sweep), SMALLEST_SWEEP)
+            away = places - begin - np.clip(share, 0.0, 1.0)[:, None] * sweep
+            nearest = min(nearest, (float(np.hypot(*away.T).min()) - one.radius, one.name))
+        return nearest
 
     def _plan_headings(self) -> tuple[Array, Array]:
         """Lengths along the seam, and headings there; in between they change evenly."""

@@ -233,8 +233,8 @@ class LimitSettings(SettingsTable):
     cable_gap : float
         Between middle lines where the cable comes near itself, metres.
     free_links : int
-        Links at the root and at the welder that need no clearance: a weld begins and ends at a
-        wall.
+        Links at the root and at the welder that need no clearance from walls and pillars: a weld
+        begins and ends at a wall.
     """
 
     link_clearance: Annotated[float, Ge(0), Le(1e4), MM] = 0.012

@@ -68,7 +68,7 @@ class PadSettings(SettingsTable):
     mass_height : float
         Of the centre of mass over the surface, metres: it peels the upper pads off. Assumption.
     inclination : float
-        Of the surface to the level, radians: 90° a wall, 0 a floor.
+        Of the surface to the level, radians: 0 a floor, 90° a wall, 180° a ceiling.
     down : float
         Where down is on the surface, from x of frame w towards y, radians: 90° where x runs
         level and y down, 180° where x climbs.
@@ -81,7 +81,7 @@ class PadSettings(SettingsTable):
     shear: Annotated[float, Ge(0.01), Le(20), MM] = 1e-3
     mass: Annotated[float, Ge(0), Le(10000), KG] = 100.0
     mass_height: Annotated[float, Ge(0), Le(2000), MM] = 0.15
-    inclination: Annotated[float, Ge(0), Le(90), DEG] = pi / 2
+    inclination: Annotated[float, Ge(0), Le(180), DEG] = pi / 2
     down: Annotated[float, Ge(-360), Le(360), DEG] = pi / 2
 
 

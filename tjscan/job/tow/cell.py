@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
@@ -25,6 +26,9 @@ from tjscan.vehicle.mqtt.settings import MqttLocalisationSettings
 
 if TYPE_CHECKING:
     from tjscan.vehicle.cable.world import TowingWorld
+
+UNNAMED_OBSTACLE: Final = "an obstacle that the job does not name"
+"""Name of what the localisation sees, if the job has fewer moving obstacles."""
 
 LONGEST_EXTRAPOLATION: Final = 1.0
 """Seconds for which a moving obstacle is taken to go on at its last velocity."""
@@ -67,6 +71,8 @@ class TowCell(DeviceGroup):
     localisation : Localisation
     fixed_obstacles : sequence of DiscObstacle
         Obstacles that never move.
+    moving_names : tuple of str
+        Of the obstacles of the job that move, in its order.
     world : TowingWorld or None
         The truth of a simulation, which no algorithm sees.
     """
@@ -74,6 +80,7 @@ class TowCell(DeviceGroup):
     team: ConnectedTeam
     localisation: Localisation
     fixed_obstacles: Sequence[DiscObstacle]
+    moving_names: tuple[str, ...]
     world: TowingWorld | None = None
 
     @property
@@ -90,10 +97,12 @@ class TowCell(DeviceGroup):
     def obstacles(self, time: float) -> list[DiscObstacle]:
         """Obstacles at a time on the team's clock: what moves has gone on as it was seen."""
         moving = []
-        for disc in self.localisation.read_passers_by():
+        discs = self.localisation.read_passers_by()
+        for name, disc in zip_longest(self.moving_names[: len(discs)], discs):
             late = min(max(0.0, time - disc.time), LONGEST_EXTRAPOLATION)
             x, y = disc.x + late * disc.vx, disc.y + late * disc.vy
-            moving.append(DiscObstacle(x, y, disc.radius, (disc.vx, disc.vy)))
+            velocity = disc.vx, disc.vy
+            moving.append(DiscObstacle(x, y, disc.radius, velocity, name or UNNAMED_OBSTACLE))
         return [*self.fixed_obstacles, *moving]
 
     @property
@@ -120,9 +129,10 @@ def make_tow_cell(job: TowJob, angles: Array, left: TowTruth | None = None) -> T
         If the job lacks what a driver needs.
     """
     obstacles = fixed_obstacles(job)
+    names = tuple(one.name for one in job.obstacles if one.speed)
     if job.vehicles.driver != "simulated":
         localisation = _make_localisation(job, None)
-        return TowCell(_mqtt_team(job), localisation, obstacles)
+        return TowCell(_mqtt_team(job), localisation, obstacles, names)
     with explain_missing_package("towing", TOWING_EXTRA, "vehicles.driver"):
         from tjscan.job.tow.simulation import FaultyTeam, towing_world_of_job
         from tjscan.vehicle.cable.world import TowingWorld
@@ -135,7 +145,7 @@ def make_tow_cell(job: TowJob, angles: Array, left: TowTruth | None = None) -> T
     world = TowingWorld(towing_world_of_job(job), angles, seed=settings.seed, time=begin)
     localisation = _make_localisation(job, world)
     team = FaultyTeam(world, localisation, settings.faults)
-    return TowCell(team, localisation, obstacles, world)
+    return TowCell(team, localisation, obstacles, names, world)
 
 
 def _make_localisation(job: TowJob, world: TowingWorld | None) -> Localisation:
@@ -182,7 +192,8 @@ def _make_truth(world: TowingWorld) -> TowTruth:
 
 def fixed_obstacles(job: TowJob) -> list[DiscObstacle]:
     """Obstacles of a job that never move."""
-    return [DiscObstacle(*one.points[0], one.radius) for one in job.obstacles if not one.speed]
+    fixed = (one for one in job.obstacles if not one.speed)
+    return [DiscObstacle(*one.points[0], one.radius, name=one.name) for one in fixed]
 
 
 SWEEP_STEP: Final = 0.01

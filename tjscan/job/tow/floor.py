@@ -63,7 +63,21 @@ def floor_contradictions(job: TowJob) -> Iterator[tuple[str, str]]:
             solid.key,
             f"{solid.name} stands on the seam, {1e3 * along:.0f} mm from its beginning",
         )
+    yield from _welder_contradictions(job, line)
     yield from _corridor_contradictions(job)
+
+
+def _welder_contradictions(job: TowJob, line: Any) -> Iterator[tuple[str, str]]:
+    """Yield obstacles that never move and are too near to the welder's body on its way."""
+    need = job.vehicles.radius + job.limits.vehicle_clearance
+    for number, one in enumerate(job.obstacles):
+        off = float(line.distance(shapely.Point(one.points[0]))) - one.radius
+        if not one.speed and 0 < off < need:
+            yield (
+                f"obstacles.{number}",
+                f"{one.name} is {1e3 * off:.0f} mm from the seam, and the welder needs "
+                f"{1e3 * need:.0f} mm: vehicles.radius_mm and limits.vehicle_clearance_mm",
+            )
 
 
 class _FixedSolid(NamedTuple):

@@ -80,7 +80,10 @@ class TowContext(run.JobContext[TowJob]):
 def make_tow(job: TowJob, cell: TowCell, planner: ShapePlanner, journal: Journal) -> CableTow:
     """Make the loop of a job for a cell whose devices are connected."""
     line, obstacles = Seam(job.seam), cell.obstacles
-    setting = TowSetup(job.chain, job.team, line, job.localisation, job.following, obstacles)
+    setting = TowSetup(
+        *(job.chain, job.team, line, job.localisation, job.following, obstacles),
+        clearance=job.limits.vehicle_clearance,
+    )
     return CableTow(cell.team, cell.localisation, setting, planner, journal)
 
 

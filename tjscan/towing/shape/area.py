@@ -51,6 +51,8 @@ class DiscObstacle:
         Metres.
     velocity : tuple of float
         Along x and y, m/s.
+    name : str
+        For messages.
 
     Raises
     ------
@@ -62,6 +64,7 @@ class DiscObstacle:
     y: float
     radius: float
     velocity: tuple[float, float] = (0.0, 0.0)
+    name: str = "an obstacle"
 
     def __post_init__(self) -> None:
         if not np.isfinite((self.x, self.y, self.radius, *self.velocity)).all():

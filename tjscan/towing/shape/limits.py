@@ -21,7 +21,7 @@ from tjscan.towing.shape.area import Obstacles
 from tjscan.towing.shape.cable import TowingTeam
 from tjscan.towing.shape.chain import place_links
 from tjscan.towing.shape.compiled import Indices, compiled, inlined
-from tjscan.towing.shape.distance import distance_to_obstacle
+from tjscan.towing.shape.distance import distance_to_obstacle, distance_to_swept_disc
 from tjscan.towing.shape.problem import ShapeProblem
 from tjscan.towing.tables import LimitSettings
 
@@ -50,8 +50,10 @@ LIMIT_NAMES: Final = (
 """In the order of `LimitKind`."""
 
 BROKEN_LIMIT_TEXTS: Final = (
-    "link {link} would be {mm} mm too near: it must keep {link_clearance:.0f} mm from obstacles",
-    "{holder} would be {mm} mm too near: its body must keep {body_clearance:.0f} mm from obstacles",
+    "link {link} would be {mm} mm too near to {obstacle}: it must keep {link_clearance:.0f} mm "
+    "from obstacles",
+    "{holder} would be {mm} mm too near to {obstacle}: its body must keep {body_clearance:.0f} mm "
+    "from obstacles",
     "{holder} and {other_holder} would be {mm} mm too near: {vehicle_gap:.0f} mm must stay between "
     "their bodies",
     "link {link} would be {mm} mm too near to {other_holder}: {body_clearance:.0f} mm must stay "
@@ -101,6 +103,9 @@ class LimitArrays(NamedTuple):
         Of links to obstacles.
     first_link, last_link : int
         Those that it applies to, the last not included.
+    first_covered_link : int
+        From which on links are below the welder's body; those before keep clear of discs, also
+        where they need no clearance from walls and pillars.
     body_clearance : float
         Of vehicles' centres to obstacles and links.
     body_gap : float
@@ -121,6 +126,7 @@ class LimitArrays(NamedTuple):
     link_clearance: float
     first_link: int
     last_link: int
+    first_covered_link: int
     body_clearance: float
     body_gap: float
     cable_gap: float
@@ -202,11 +208,12 @@ def add_distance_row(
 
 @inlined
 def add_obstacle_rows(
-    room: RowBuffer, kind: int, apart: float, at: ChainPoint, obstacles: Obstacles
+    room: RowBuffer, kind: int, apart: float, at: ChainPoint, obstacles: Obstacles, of_all: bool
 ) -> None:
-    """Rows for a point that must be `apart` from all obstacles."""
+    """Rows for a point that must be `apart` from all obstacles, or from discs alone."""
     walls, corners, starts, discs = obstacles
-    for k in range(len(walls) + len(starts) - 1 + len(discs)):
+    solids = len(walls) + len(starts) - 1
+    for k in range(0 if of_all else solids, solids + len(discs)):
         d, gx, gy, _, _, _ = distance_to_obstacle(k, at.x, at.y, walls, corners, starts, discs)
         if d - apart < room.band:
             add_row(room, kind, d - apart, gx, gy, at, NO_CHAIN_POINT)
@@ -256,16 +263,16 @@ def add_link_obstacle_rows(
     root, length = limits.root, limits.length
     _, corners, starts, discs = obstacles
     reach = 3.0 * (length + apart + room.band)
-    for i in range(limits.first_link, limits.last_link):
-        end = link_end(i, root, links)
-        add_obstacle_rows(room, kind, apart, end, obstacles)
-        for k in range(len(corners)):
+    for i in range(max(limits.last_link, limits.first_covered_link)):
+        end, of_all = link_end(i, root, links), limits.first_link <= i < limits.last_link
+        add_obstacle_rows(room, kind, apart, end, obstacles, of_all)
+        for k in range(len(corners) if of_all else 0):
             place = ChainPoint(-1, corners[k, 0], corners[k, 1])
             if abs(end.x - place.x) + abs(end.y - place.y) < reach:
                 at = nearest_on_link(i, place.x, place.y, root, links)
                 if 0.0 < hypot(at.x - end.x, at.y - end.y) < length:
                     add_distance_row(room, kind, apart, at, place)
-        for k in range(len(starts) - 1):
+        for k in range(len(starts) - 1 if of_all else 0):
             polygon = corners[starts[k] : starts[k + 1]]
             add_crossed_edge_rows(room, apart, i, root, links, polygon)
         for k in range(2 * len(discs)):
@@ -372,7 +379,7 @@ def fill_limit_rows(
         at = link_end(held[m], root, links)
         if m < len(held) - 1:
             kind = LimitKind.BODY_TO_OBSTACLE
-            add_obstacle_rows(room, kind, limits.body_clearance, at, obstacles)
+            add_obstacle_rows(room, kind, limits.body_clearance, at, obstacles, True)
         for o in range(m):
             other = link_end(held[o], root, links)
             add_distance_row(room, LimitKind.BODY_TO_BODY, limits.body_gap, at, other)
@@ -434,11 +441,14 @@ class LimitedProblem:
         What is planned: the cable, the obstacles, and the vehicles that drive.
     team : TowingTeam
     limits : LimitSettings
+    disc_names : tuple of str
+        Of the obstacles that are discs, for messages.
     """
 
     problem: ShapeProblem
     team: TowingTeam
     limits: LimitSettings
+    disc_names: tuple[str, ...] = ()
 
     @cached_property
     def arrays(self) -> LimitArrays:
@@ -452,6 +462,7 @@ class LimitedProblem:
             link_clearance=limits.link_clearance + SPARE_MARGIN,
             first_link=limits.free_links,
             last_link=cable.links - limits.free_links,
+            first_covered_link=cable.links - int(body / cable.link_length),
             body_clearance=body_clearance + SPARE_MARGIN,
             body_gap=2 * body + limits.vehicle_gap + SPARE_MARGIN,
             cable_gap=limits.cable_gap + SPARE_MARGIN,
@@ -478,6 +489,7 @@ class LimitedProblem:
             "other": other,
             "holder": self._vehicle_of_link(link),
             "other_holder": self._vehicle_of_link(other),
+            "obstacle": self._obstacle_of_row(row),
             "mm": format_figure(-1e3 * row["margin"]),
             "bend": format_figure(degrees(-row["margin"])),
             "link_clearance": 1e3 * self.limits.link_clearance,
@@ -488,6 +500,16 @@ class LimitedProblem:
             "joint_limit": degrees(self.problem.cable.joint_limit),
         }
         return texts[int(row["kind"])].format(**figures)
+
+    def _obstacle_of_row(self, row: np.void) -> str:
+        """Name of the obstacle that a row keeps clear of."""
+        of_body = row["kind"] == LimitKind.BODY_TO_OBSTACLE
+        apart = self.arrays.body_clearance if of_body else self.arrays.link_clearance
+        for name, disc in zip(self.disc_names, self.problem.obstacles.discs, strict=False):
+            distance = distance_to_swept_disc(row["x"], row["y"], disc)[0]
+            if abs(distance - apart - row["margin"]) < SPARE_MARGIN:
+                return name
+        return "a wall or a pillar"
 
     def _vehicle_of_link(self, link: int) -> str:
         """The vehicle that holds a link, if one does."""

@@ -164,7 +164,7 @@ class TowingPlanner:
             *(self.cable, floor, s.weights, s.targets, estimate, self._held[fixed], fixed_poses),
             *(self._held[drives], begins[drives, :2].copy(), inputs.period),
         )
-        return LimitedProblem(problem, self.team, s.limits)
+        return LimitedProblem(problem, self.team, s.limits, tuple(d.name for d in inputs.obstacles))
 
 
 def optimise_without_limits(problem: ShapeProblem) -> tuple[Array, int]:
