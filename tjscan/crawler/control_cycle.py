@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import nan
 from typing import Final, Protocol
 
 from tjscan.core.errors import CrawlStopped, GrooveNotFound
+from tjscan.crawler.contradiction import ContradictionWatch
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.joint_tracking.registration import JointPlacement
-from tjscan.crawler.journal import CrawlCycle, is_by_hand
+from tjscan.crawler.journal import TORCH_EVENT, CrawlCycle, is_by_hand
 from tjscan.crawler.method import FollowingMethod
 from tjscan.crawler.phases import Event, Phase, next_phase
 from tjscan.crawler.torch_axes import TorchAxes
+from tjscan.crawler.torch_trace import TorchTracer
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import Journal, RunEvent
+from tjscan.vehicle.tracks import TrackGeometry
 from tjscan.vehicle.vehicle import AT_REST, Twist, Vehicle
 
 CYCLES_AT_REST: Final = 30
@@ -29,6 +32,9 @@ LONGEST_PERIOD: Final = 2.0
 MOST_PROFILE_AGE: Final = 0.1
 """Seconds before now, or after it by a clock gone wrong, from which on a profile is not read: ten
 of a sensor's periods, in which a vehicle that turns at 40 mm/s goes on by 4 mm."""
+
+TRACE_ENDS: Final = frozenset({Event.PASSES_LEFT, Event.ALL_WELDED, Event.DANGER})
+"""Events at which it is known where the torch was: a reversal has shown the crab, or it stopped."""
 
 MOST_KEPT_PROFILES: Final = 10
 """Profiles that are kept."""
@@ -65,6 +71,8 @@ class CrawlDevices:
     reader : JointReader
     clock : callable, optional
         Gives the seconds on the clock that the laser's profiles are dated by.
+    tracks : TrackGeometry, optional
+        Of the vehicle: by it its twist shows what each track does.
     """
 
     vehicle: Vehicle
@@ -72,6 +80,7 @@ class CrawlDevices:
     torch: TorchAxes
     reader: JointReader
     clock: Callable[[], float] | None = None
+    tracks: TrackGeometry = field(default_factory=TrackGeometry)
 
 
 class JointSensor:
@@ -163,6 +172,7 @@ class ControlCycle:
         self._devices, self._method, self._guards = devices, method, guards
         self._journal = journal
         self.joint = JointSensor(devices, journal)
+        self._watch, self._tracer = ContradictionWatch(devices.tracks), TorchTracer(method)
         self._time: float | None = None
         self.phase, self.number, self.travel = Phase.MANUAL, 0, 0.0
         self.arc, self.deviation, self.all_welded = False, 0.0, False
@@ -238,10 +248,10 @@ class ControlCycle:
             self.travel += state.odometry.speed * period
 
         profile, reading = self.joint.look(self.travel)
-        d = d_sigma = nan
+        d, d_sigma, surprise = nan, nan, None
         if reading is not None:
             d, d_sigma = -reading.centre, reading.centre_sigma
-            method.read(d, d_sigma)
+            surprise = method.read(d, d_sigma)
         torch = method.torch
         torch_y = devices.torch.move(path - torch.offset, height, period)
         cycle = CrawlCycle(
@@ -250,6 +260,12 @@ class ControlCycle:
         )
         self.deviation = cycle.deviation
         self._journal.record(cycle)
+        if self.arc:
+            self._tracer.add(self.number, self.travel, torch_y - path)
+        if self.phase is Phase.MANUAL or self.all_welded:
+            self._watch.begin_again()
+        else:
+            self._watch.add(twist, state.odometry, period, profile, surprise)
         if self.phase is not Phase.MANUAL:
             self._guards.watch_joint(
                 None if reading is None else d,
@@ -272,6 +288,9 @@ class ControlCycle:
 
     def enter(self, event: Event, detail: str) -> None:
         """Go on to the phase that an event leads to."""
+        if event in TRACE_ENDS and (trace := self._tracer.finish()) is not None:
+            self._journal.record(trace)
+            self._journal.record(RunEvent(TORCH_EVENT, trace.text))
         self.phase = next_phase(self.phase, event)
         self._journal.record(RunEvent(str(self.phase), detail))
 

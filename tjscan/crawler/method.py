@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Protocol
 
+from tjscan.core.frames import Array
 from tjscan.crawler.slip_estimator import SlipEstimate
 from tjscan.vehicle.vehicle import Twist
 
@@ -59,8 +60,28 @@ class FollowingMethod(Protocol):
             What the drives were asked for meanwhile.
         """
 
-    def read(self, d: float, sigma: float) -> None:
-        """Take in a reading of the joint: laser minus joint, and its sigma; metres."""
+    def read(self, d: float, sigma: float) -> float | None:
+        """Take in a reading of the joint: laser minus joint, and its sigma; metres.
+
+        Returns
+        -------
+        float or None
+            How far it was off from what was expected, metres, as far as the estimate's own
+            uncertainty does not explain it; None if the method can't state that.
+        """
+
+    def keep_state(self) -> None:
+        """Keep what is estimated now, so that it is smoothed by what is measured later."""
+
+    def smoothed_offsets(self) -> tuple[Array, Array]:
+        """Offset of the torch at each kept state, by all that was measured since; then forget them.
+
+        Returns
+        -------
+        offsets, sigmas : ndarray, shape (n,)
+            From the joint, positive to the right, and their standard deviations, metres; n is 0 if
+            the method can't state them.
+        """
 
     def set_down_anew(self) -> None:
         """Forget where the vehicle is beside the joint, not how it slips: it was moved by hand."""
