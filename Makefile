@@ -1,5 +1,8 @@
 # Everything sets itself up: `make scan` and `make test` are all a stranger needs.
-.PHONY: scan test check docs bench soak licences pins image setup clean
+.PHONY: scan test check docs compiled bench soak licences pins image setup clean
+
+# Programs that tests start would else compile all sources anew: 4 s each where it is set.
+unexport PYTHONDONTWRITEBYTECODE
 
 PYTHON ?= python3
 VENV := .venv
@@ -26,15 +29,17 @@ test: $(READY)
 check: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	$(BIN)/mypy --num-workers auto
 	$(BIN)/lint-imports
 	$(BIN)/python .ci/weight.py
 
 # The documentation as pages in site/: no warning, no dead link, nothing that a page would fetch.
 docs: $(READY)
-	@$(BIN)/python -c 'import mkdocs, mkdocstrings' 2>/dev/null \
-		|| $(PIP) -e '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+
+# A minute of Numba, kept beside the sources: the tests' processes would else all do it.
+compiled: $(READY)
+	$(BIN)/pytest tests/towing/test_start_shape.py -k compiled
 
 bench: $(READY)
 	@status=0; for file in $(filter-out bench/reliability.py bench/paper_tables.py,$(wildcard bench/[a-z]*.py)); do $(BIN)/python $$file || status=1; done; exit $$status
@@ -63,23 +68,26 @@ image:
 
 setup: $(READY)
 
-# What `pip install tjscan` brings, and no more.
-$(PLAIN): pyproject.toml constraints.txt
+$(BIN)/pip:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 		|| { echo "tjscan needs Python 3.11 or newer; set PYTHON=... to choose one"; exit 1; }
 	@$(PYTHON) -c 'import ctypes, sys; [ctypes.CDLL(name) for name in sys.argv[1:]]' $(SYSTEM_LIBRARIES) 2>/dev/null \
 		|| { apt-get update -qq && apt-get install -y -qq $(SYSTEM_PACKAGES); } >/dev/null 2>&1 \
 		|| { echo "tjscan needs libraries of the system: sudo apt-get install $(SYSTEM_PACKAGES)"; exit 1; }
-	@test -x $(BIN)/pip || $(PYTHON) -m venv --clear $(VENV) \
+	@$(PYTHON) -m venv --clear $(VENV) \
 		|| { rm -rf $(VENV); echo "python3-venv is missing: sudo apt-get install python3-venv"; exit 1; }
+
+# What `pip install tjscan` brings, and no more.
+$(PLAIN): pyproject.toml constraints.txt | $(BIN)/pip
 	@echo "setting up $(VENV): some two minutes, once"
 	$(PIP) -e .
 	@touch $@
 
-# What tests, checks and benchmarks need besides.
-$(READY): $(PLAIN) loopback/pyproject.toml
-	$(PIP) -e '.[dev,browser,e57,genicam,live,pandas,step,study,towing,ur,vehicle,weldx]' -e ./loopback
-	@touch $@
+# The same and what tests, checks, documents and benchmarks need, in one step.
+$(READY): pyproject.toml constraints.txt loopback/pyproject.toml | $(BIN)/pip
+	@echo "setting up $(VENV): some two minutes, once"
+	$(PIP) -e '.[dev,docs,browser,e57,genicam,live,pandas,step,study,towing,ur,vehicle,weldx]' -e ./loopback
+	@touch $(PLAIN) $@
 
 clean:
 	rm -rf $(VENV) build loopback/build site .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -21,6 +21,7 @@ from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.plan import TowingPlan
 from tjscan.towing.tables import FollowingSettings, LocalisationSettings, SeamSettings
 from tjscan.vehicle.localisation import VehiclePose
+from tjscan.vehicle.vehicle import Twist
 
 SEAM = SeamSettings(points=((3.0, 0.0), (3.2, 0.0)), speed=0.01)
 
@@ -166,7 +167,7 @@ def test_a_vehicle_that_stands_for_good_makes_the_weld_wait_once() -> None:
     rig = Rig(disturb=jam, patience=40.0)
     with pytest.raises(VehicleFault, match="vehicle 1 stands, and the cable beside it is taut"):
         rig.run()
-    assert rig.kept.names == ["start", "stands", "waits", "stop"]
+    assert rig.kept.names == ["start", "slips", "stands", "waits", "stop"]
     assert {()} < {tuple(asked) for asked in rig.planner.asked[-350:]}
 
 
@@ -295,3 +296,65 @@ def test_what_stands_beside_the_seam_and_leaves_room_is_passed() -> None:
     rig = Rig(obstacles=lambda time: [DiscObstacle(3.1, 0.281, 0.1)])
     rig.run()
     assert rig.kept.names == ["start", "welded"]
+
+
+def run_away(v: int, velocity: Array, since: float = 5.0) -> Callable[[Rig, float], None]:
+    """A vehicle that drives at a velocity, m/s and rad/s, whatever it is told, and shows so."""
+
+    def disturb(rig: Rig, time: float) -> None:
+        if time > since:
+            rig.team.vehicles[v].command = lambda twist: None  # type: ignore[method-assign]
+            rig.team.vehicles[v].twist = Twist(*velocity)
+
+    return disturb
+
+
+def test_a_welder_that_runs_off_is_followed_and_the_tow_ends_with_its_name() -> None:
+    """The row planner keeps the vehicles behind the pose that it is given."""
+    rig = Rig(disturb=run_away(2, np.array((0.0, 0.0, 0.02))), patience=4.0)
+    with pytest.raises(VehicleFault, match="the welder drives otherwise than it is told"):
+        rig.run()
+    last = rig.kept.cycles[-1]
+    assert last.poses[2, 1] > 0.06
+    np.testing.assert_allclose(last.poses[:2, 1], last.poses[2, 1], atol=0.03)
+    assert {cycle.along for cycle in rig.kept.cycles if cycle.time > 5.5} == {last.along}
+
+
+def test_a_towing_vehicle_that_runs_off_is_named_and_planned_around() -> None:
+    rig = Rig(disturb=run_away(1, np.array((0.0, 0.0, 0.02))))
+    with pytest.raises(VehicleFault, match="vehicle 2 drives otherwise than it is told"):
+        rig.run()
+    assert (1,) in rig.planner.asked
+    assert [n for n in rig.kept.names if n in {"slips", "moved", "stands"}] == []
+
+
+@pytest.mark.parametrize(
+    ("drift", "name"), [((-0.006, 0.0), "slips"), ((0.0, 0.006), "moved"), ((0.0, 0.0), "")]
+)
+def test_what_moves_a_vehicle_unseen_by_its_wheels_is_told_apart(
+    drift: tuple[float, float], name: str
+) -> None:
+    """The floor carries it: against its way as wheels that slip, or aside."""
+
+    def carry(rig: Rig, time: float) -> None:
+        rig.team.vehicles[0].pose[:2] += 0.05 * np.array(drift)
+
+    rig = Rig(disturb=carry)
+    rig.run()
+    assert set(rig.kept.names) - {"start", "welded"} == {name} - {""}
+
+
+def test_poses_noisier_than_stated_are_named_with_figures_and_the_welder_keeps_its_line() -> None:
+    """5 mm and 1°, where 0.5 mm and 0.1° are stated."""
+    rng, noise = np.random.default_rng(7), np.array((5e-3, 5e-3, np.radians(1.0)))
+
+    def scatter(v: int, pose: VehiclePose) -> VehiclePose:
+        at = (pose.x, pose.y, pose.heading) + noise * rng.standard_normal(3) * (pose.time > 5.0)
+        return VehiclePose(pose.time, *at.tolist())
+
+    rig, off = Rig(scatter), [0.0]
+    rig.team.disturb = lambda time: off.append(abs(rig.team.vehicles[2].pose[1]))
+    rig.run()
+    assert sum(name == "noisy poses" for name in rig.kept.names) == 3
+    assert set(rig.kept.names) == {"start", "noisy poses", "welded"}
+    assert max(off) < 2e-3

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import nan
 from typing import Final, Protocol
 
 from tjscan.core.errors import CrawlStopped, GrooveNotFound
+from tjscan.crawler.contradiction import ContradictionWatch
 from tjscan.crawler.guards import Guards
 from tjscan.crawler.joint_tracking.registration import JointPlacement
 from tjscan.crawler.journal import CrawlCycle, is_by_hand
@@ -18,6 +19,7 @@ from tjscan.crawler.torch_axes import TorchAxes
 from tjscan.laser.line_laser import LineLaser
 from tjscan.laser.profile import Profile
 from tjscan.recording.journal import Journal, RunEvent
+from tjscan.vehicle.tracks import TrackGeometry
 from tjscan.vehicle.vehicle import AT_REST, Twist, Vehicle
 
 CYCLES_AT_REST: Final = 30
@@ -65,6 +67,8 @@ class CrawlDevices:
     reader : JointReader
     clock : callable, optional
         Gives the seconds on the clock that the laser's profiles are dated by.
+    tracks : TrackGeometry, optional
+        Of the vehicle: by it its twist shows what each track does.
     """
 
     vehicle: Vehicle
@@ -72,6 +76,7 @@ class CrawlDevices:
     torch: TorchAxes
     reader: JointReader
     clock: Callable[[], float] | None = None
+    tracks: TrackGeometry = field(default_factory=TrackGeometry)
 
 
 class JointSensor:
@@ -163,6 +168,7 @@ class ControlCycle:
         self._devices, self._method, self._guards = devices, method, guards
         self._journal = journal
         self.joint = JointSensor(devices, journal)
+        self._watch = ContradictionWatch(devices.tracks)
         self._time: float | None = None
         self.phase, self.number, self.travel = Phase.MANUAL, 0, 0.0
         self.arc, self.deviation, self.all_welded = False, 0.0, False
@@ -238,10 +244,10 @@ class ControlCycle:
             self.travel += state.odometry.speed * period
 
         profile, reading = self.joint.look(self.travel)
-        d = d_sigma = nan
+        d, d_sigma, surprise = nan, nan, None
         if reading is not None:
             d, d_sigma = -reading.centre, reading.centre_sigma
-            method.read(d, d_sigma)
+            surprise = method.read(d, d_sigma)
         torch = method.torch
         torch_y = devices.torch.move(path - torch.offset, height, period)
         cycle = CrawlCycle(
@@ -250,6 +256,10 @@ class ControlCycle:
         )
         self.deviation = cycle.deviation
         self._journal.record(cycle)
+        if self.phase is Phase.MANUAL or self.all_welded:
+            self._watch.begin_again()
+        else:
+            self._watch.add(twist, state.odometry, period, profile, surprise)
         if self.phase is not Phase.MANUAL:
             self._guards.watch_joint(
                 None if reading is None else d,

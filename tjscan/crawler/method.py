@@ -59,8 +59,15 @@ class FollowingMethod(Protocol):
             What the drives were asked for meanwhile.
         """
 
-    def read(self, d: float, sigma: float) -> None:
-        """Take in a reading of the joint: laser minus joint, and its sigma; metres."""
+    def read(self, d: float, sigma: float) -> float | None:
+        """Take in a reading of the joint: laser minus joint, and its sigma; metres.
+
+        Returns
+        -------
+        float or None
+            How far it was off from what was expected, metres, as far as the estimate's own
+            uncertainty does not explain it; None if the method can't state that.
+        """
 
     def set_down_anew(self) -> None:
         """Forget where the vehicle is beside the joint, not how it slips: it was moved by hand."""

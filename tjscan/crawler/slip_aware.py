@@ -186,9 +186,10 @@ class SlipAwareMethod:
         """Take in a period of motion; see `FollowingMethod.move`."""
         self._estimator.move(self._odometry.smooth(odometry, period, commanded))
 
-    def read(self, d: float, sigma: float) -> None:
-        """Take in a reading of the joint."""
+    def read(self, d: float, sigma: float) -> float:
+        """Take in a reading of the joint; see `FollowingMethod.read`."""
         self._estimator.read(d, sigma)
+        return self._estimator.surprise
 
     def set_down_anew(self) -> None:
         """Forget where the vehicle is; see `FollowingMethod.set_down_anew`."""

@@ -345,6 +345,9 @@ class SlipEstimator:
     ----------
     unsteadiness : float
         By how much the variances of slip's changes are multiplied, as learned.
+    surprise : float
+        How far the last reading was off from what was expected, metres, as far as the estimate's
+        own uncertainty does not explain it; nothing of it is weighed down.
     """
 
     def __init__(
@@ -354,7 +357,7 @@ class SlipEstimator:
         walks = [getattr(uncertainty, f"{one.name.lower()}_walk", 0.0) for one in SlipStateIndex]
         self._walk_per_metre = np.square(walks)
         self._turns = 0.0
-        self.unsteadiness = 1.0
+        self.unsteadiness, self.surprise = 1.0, 0.0
         self._misfit, self._readings, self._window = 0.0, 0, 0.0
 
     def move(self, odometry: TrackOdometry) -> None:
@@ -437,6 +440,7 @@ class SlipEstimator:
         PH = P @ H
         before = float(H @ PH)
         off = (d - expected) ** 2 / (before + variance)
+        self.surprise = (d - expected) * sqrt(variance / (before + variance))
         self._misfit += (d - expected) / sqrt(before + variance)
         self._readings += 1
         nu = STUDENT_DEGREES_OF_FREEDOM

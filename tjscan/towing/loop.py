@@ -44,6 +44,17 @@ START_POSITION_TOLERANCE: Final = 0.05
 START_VEHICLE_TOLERANCE: Final = 0.3
 """The same of a towing vehicle and its place in the first shape: it is led there."""
 
+WELDER_OFF_PLAN: Final = 5e-3
+"""Metres, and three standard deviations, that the welder may be from its plan while it welds: five
+times what it is off in sound tows. The vehicles then follow it, and not the plan."""
+
+VEHICLE_OFF_PLAN: Final = 0.05
+"""Metres that a towing vehicle may be from where it was sent while the welder welds: at its top
+speed it is some 20 mm behind."""
+
+BACK_ON_PLAN_SHARE: Final = 0.5
+"""Share of that from which on the welder goes on after it waited."""
+
 SPARE_TO_GO_ON: Final = 0.01
 """Metres by which an obstacle must be farther than the clearance before a welder that waited for it
 goes on: more than the noise with which it is seen."""
@@ -130,7 +141,7 @@ class CableTow:
         self._asked: list[Twist] = [AT_REST] * count
         self._states: Sequence[VehicleState | VehicleFault] = ()
         self._measured: Array = np.full((count, 3), np.nan)
-        self._shapeless = self._blocked = False
+        self._shapeless = self._blocked = self._strayed = False
 
     def run(self, along: float = 0.0, last: TowingPlan | None = None, stood: float = 0.0) -> None:
         """Tow until the seam is welded.
@@ -231,7 +242,7 @@ class CableTow:
     def _run_cycle(self, estimate: TeamEstimate) -> None:
         """Plan, and send the vehicles where to go."""
         now = self._team.time
-        self._standing.update(now, PLAN_PERIOD, self._states, self._asked, estimate)
+        self._standing.update(now, PLAN_PERIOD, self._states, self._asked, estimate, self._targets)
         obstacles, pace = self._setting.obstacles(now), self._standing.pace(estimate.poses)
         waiting = self._reason_to_wait(estimate) or self._obstacle_in_way(estimate, obstacles)
         pace = allowed = 0.0 if waiting else pace
@@ -263,7 +274,7 @@ class CableTow:
                 seconds=seconds,
                 host=host.process_time() - self._began,
                 wait="" if waiting is None else waiting.why,
-                stopped=self._standing.stopped,
+                stopped=self._standing.disobedient,
             )
         )
         self._along, self._targets = along, targets
@@ -299,8 +310,10 @@ class CableTow:
         self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle], ahead: float
     ) -> TowingPlan:
         """The plan for a welder so many metres further along its seam."""
-        poses, stopped = estimate.poses, self._standing.stopped
+        poses, last, stopped = estimate.poses, len(self._followers) - 1, self._standing.disobedient
         welder = self._setting.seam.pose_at(self._along + ahead)
+        if self._off_plan(estimate, last) > WELDER_OFF_PLAN:
+            welder = poses[-1]
         return self._planner.plan(
             PlanInputs(poses, welder, PLAN_PERIOD, self._last, obstacles, stopped)
         )
@@ -317,7 +330,8 @@ class CableTow:
         for v, (vehicle, follower) in enumerate(
             zip(self._team.vehicles, self._followers, strict=True)
         ):
-            if v in lost or (v in self._standing.stopped and v < welder):
+            stopped = v in self._standing.stopped and v < welder
+            if v in lost or v in self._standing.runaways or stopped:
                 follower.reset()
                 targets[v], self._asked[v] = poses[v], AT_REST
             else:
@@ -325,6 +339,14 @@ class CableTow:
             with suppress(VehicleFault):  # its next state reports so too
                 vehicle.command(self._asked[v])
         return targets
+
+    def _off_plan(self, estimate: TeamEstimate, v: int) -> float:
+        """Metres, less the noise, that a vehicle is from where it is to be."""
+        one, welder = estimate.estimates[v], v == len(self._followers) - 1
+        if self._targets is None or v in {*self._poses.lost(estimate), *self._standing.doubted}:
+            return 0.0
+        target = self._setting.seam.pose_at(self._along) if welder else self._targets[v]
+        return hypot(*(one.pose - target)[:2]) - 3 * one.position_sigma
 
     def _reason_to_wait(self, estimate: TeamEstimate) -> WaitingReason | None:
         """Why the welder must wait, whatever the plan is."""
@@ -335,7 +357,17 @@ class CableTow:
         if lost:
             v, why = next(iter(lost.items()))
             return WaitingReason(f"the pose of vehicle {v + 1} is lost: {why}")
-        return self._standing.reason_to_wait(estimate.poses, self._last)
+        waiting = self._standing.reason_to_wait(estimate.poses, self._last)
+        *towing, welder = (self._off_plan(estimate, v) for v in range(len(self._followers)))
+        if waiting is None and welder > WELDER_OFF_PLAN:
+            return WaitingReason(f"the welder is {1e3 * welder:.0f} mm off its plan", device=True)
+        limit = VEHICLE_OFF_PLAN * (BACK_ON_PLAN_SHARE if self._strayed else 1.0)
+        self._strayed = max(towing) > limit
+        if waiting is None and self._strayed:
+            v = int(np.argmax(towing))
+            off = f"{1e3 * towing[v]:.0f} mm from where it was sent"
+            return WaitingReason(f"vehicle {v + 1} is {off}", device=True)
+        return waiting
 
     def _obstacle_in_way(
         self, estimate: TeamEstimate, obstacles: Sequence[DiscObstacle]

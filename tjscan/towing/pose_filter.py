@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import hypot, inf, sqrt
 from typing import Final
 
@@ -40,6 +40,32 @@ MOST_KEPT_UPDATES: Final = 40
 FEWEST_POSES_FOR_SCATTER: Final = 30
 """Poses from whose differences their scatter is found."""
 
+NOISY_SCATTER_RATIO: Final = 2.0
+"""Scatter over what is stated from which on poses count as noisier, and their estimate as known
+worse by as much: that of 30 poses is wrong by a quarter (one standard deviation)."""
+
+NOISY_POSE_COUNT: Final = 40
+"""Poses for which that must last: more than those that one scatter is found from."""
+
+SLIPPED_POSE_COUNT: Final = 5
+"""Poses in a row that must agree that a vehicle slipped: single ones are off by noise alone."""
+
+COMPARED_POSES: Final = 160
+"""Poses, 8 s of them, over which measured way and odometry are compared."""
+
+AVERAGED_POSES: Final = 10
+"""Of these at the beginning and at the end, whose means are compared."""
+
+LEAST_UNEXPLAINED_WAY: Final = 3e-3
+"""Metres by which measured way and odometry may differ in that time without a cause."""
+
+UNEXPLAINED_WAY_SHARE: Final = 0.2
+"""The same as a share of the way: four times what wheels on a floor slip, see
+`WHEEL_SLIP_SHARE`."""
+
+SLIP_FORGETTING: Final = 0.999
+"""Share of a slip found that is still expected a pose later: half of it after 35 s."""
+
 FROZEN_POSE_COUNT: Final = 10
 """Poses equal in every digit, while the vehicle drives, that show a frozen measurement."""
 
@@ -58,6 +84,10 @@ class VehiclePoseEstimate:
         Seconds since a measured pose was last taken.
     refused : str
         Why measured poses are not taken now: ``none comes``, ``jumped``, ``frozen``; else empty.
+    way, unexplained : ndarray, shape (2,)
+        Way by odometry over the last `COMPARED_POSES`, and by how much the measured one differs
+        from it, if that is more than noise and wheels on a floor explain, else 0; metres along x
+        and y.
     """
 
     pose: Array
@@ -65,6 +95,8 @@ class VehiclePoseEstimate:
     heading_sigma: float
     age: float
     refused: str = ""
+    way: Array = field(default_factory=lambda: np.zeros(2))
+    unexplained: Array = field(default_factory=lambda: np.zeros(2))
 
 
 class VehiclePoseFilter:
@@ -100,6 +132,11 @@ class VehiclePoseFilter:
         self._taken_before: tuple[float, Array] | None = None
         self._step: Array | None = None
         self._bends: deque[Array] = deque(maxlen=FEWEST_POSES_FOR_SCATTER)
+        self._steps = np.zeros((0, 4))
+        self._way_and_unexplained = np.zeros((2, 2))
+        self._slip_share = WHEEL_SLIP_SHARE
+        self._offs: deque[Array] = deque(maxlen=SLIPPED_POSE_COUNT)
+        self._noisy_for = 0
         self._top = np.array((top_speed, top_speed, top_turn_rate))
         self._longest_gap = settings.lost
         self._pose: Array | None = None
@@ -123,6 +160,8 @@ class VehiclePoseFilter:
         self._taken, self._refused, self.denied = time, "", None
         self._equal, self._way, self._last = 0, 0.0, ()
         self._taken_before = self._step = None
+        self._steps, self._way_and_unexplained = np.zeros((0, 4)), np.zeros((2, 2))
+        self._offs.clear()
         self._trail.clear()
         self._trail.append((time, self._pose.copy()))
 
@@ -158,9 +197,28 @@ class VehiclePoseFilter:
         age = time - self._taken
         late = age > self._longest_gap / 2
         refused = (self._refused or "none comes") if late else ""
-        return VehiclePoseEstimate(
-            readonly_copy(pose), float(sigma[:2].max()), float(sigma[2]), age, refused
+        known = readonly_copy(pose), float(sigma[:2].max()), float(sigma[2]), age, refused
+        return VehiclePoseEstimate(*known, *self._way_and_unexplained)
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether measured poses scatter more than is stated."""
+        return self._noisy_for >= NOISY_POSE_COUNT
+
+    def _compare_way_with_odometry(self) -> None:
+        """Find by how much the measured way differs without a known cause, and trust wheels so."""
+        places = np.cumsum(self._steps, axis=0)
+        off, way = (places[-AVERAGED_POSES:].mean(0) - places[:AVERAGED_POSES].mean(0)).reshape(
+            2, 2
         )
+        noise = self._place_noise() * sqrt(2 / AVERAGED_POSES)
+        allowed = LEAST_UNEXPLAINED_WAY + UNEXPLAINED_WAY_SHARE * hypot(*way)
+        self._slip_share = max(WHEEL_SLIP_SHARE, SLIP_FORGETTING * self._slip_share)
+        if hypot(*off) < allowed + OUTLIER_SIGMAS * noise:
+            off = np.zeros(2)
+        elif hypot(*way) > LEAST_UNEXPLAINED_WAY:
+            self._slip_share = max(self._slip_share, min(1.0, hypot(*off) / hypot(*way)))
+        self._way_and_unexplained = np.array((way, off))
 
     def _predict_by_odometry(self, period: float, odometry: Twist) -> None:
         assert self._pose is not None
@@ -173,7 +231,7 @@ class VehiclePoseFilter:
         across = (WHEEL_SLIP_ANGLE * way) ** 2 + ODOMETRY_NOISE[0] ** 2 * period
         turn = (WHEEL_SLIP_SHARE * step[2]) ** 2 + ODOMETRY_NOISE[1] ** 2 * period
         doubt = np.diag((across, across, turn))
-        doubt[:2, :2] += (WHEEL_SLIP_SHARE**2 - WHEEL_SLIP_ANGLE**2) * np.outer(step[:2], step[:2])
+        doubt[:2, :2] += (self._slip_share**2 - WHEEL_SLIP_ANGLE**2) * np.outer(step[:2], step[:2])
         self._covariance = turned @ self._covariance @ turned.T + doubt
         if self.denied is not None:
             self.denied = self.denied + step
@@ -193,16 +251,20 @@ class VehiclePoseFilter:
         off = found + late - self._pose
         off[2] = wrap_angle(off[2])
         gap = min(time - self._taken, self._longest_gap)
-        noise = np.diag(np.square(self.scatter))
+        noise = np.diag(np.square(self.scatter * (self._place_noise() / self.scatter[0])))
         spread = OUTLIER_SIGMAS * np.sqrt(np.diag(noise + self._covariance))
-        reach = self._top * gap + spread
+        reach = self._top * gap + np.abs(self._way_since(self._taken)).max() + spread
         if hypot(off[0], off[1]) > reach[0] or abs(off[2]) > reach[2]:
             self._refused, self.denied = "jumped", self._pose + off
             return
         self._learn_scatter(found, measured.time)
-        if (np.abs(off) > spread).any():  # within reach but not as odometry has it: it slipped
+        self._offs.append(off)
+        agreed = np.abs(np.sum(np.sign(self._offs) * (np.abs(self._offs) > spread), axis=0))
+        if agreed.max() == SLIPPED_POSE_COUNT:  # not as odometry has it, time and again: it slipped
             self._covariance = noise
+            self._offs.clear()
         else:
+            off = np.clip(off, -spread, spread)
             gain = self._covariance @ np.linalg.inv(self._covariance + noise)
             off, self._covariance = gain @ off, gain @ noise
         self._pose = self._pose + off
@@ -214,8 +276,13 @@ class VehiclePoseFilter:
         before, self._taken_before = self._taken_before, (time, found)
         if before is None:
             return
-        step = found - before[1] - (self._way_since(before[0]) - self._way_since(time))
+        way = self._way_since(before[0]) - self._way_since(time)
+        step = found - before[1] - way
         step[2] = wrap_angle(step[2])
+        now = np.concatenate((step[:2], way[:2]))
+        self._steps = np.vstack((self._steps[-COMPARED_POSES + 1 :], now))
+        if len(self._steps) >= 2 * AVERAGED_POSES:
+            self._compare_way_with_odometry()
         if self._step is not None:
             self._bends.append(step - self._step)
         self._step = step
@@ -223,7 +290,23 @@ class VehiclePoseFilter:
             # Weights 1, -2 and 1 of three independent poses.
             sigma = np.median(np.abs(self._bends), axis=0) * MAD_TO_SIGMA / sqrt(6)
             place = hypot(sigma[0], sigma[1]) / sqrt(2)
-            self.scatter = np.maximum(self._stated, (place, place, sigma[2]))
+            scatter = np.maximum(self._stated, (place, place, sigma[2]))
+            worse = scatter / self.scatter
+            if worse.max() > NOISY_SCATTER_RATIO:  # what was taken before was as noisy
+                self._covariance = self._covariance * np.outer(worse, worse)
+            self.scatter = scatter
+            is_noisy = (scatter > NOISY_SCATTER_RATIO * self._stated).any()
+            self._noisy_for = self._noisy_for + 1 if is_noisy else 0
+
+    def _place_noise(self) -> float:
+        """Standard deviation of measured places, metres; larger at once if the last scatter."""
+        known = float(self.scatter[0])
+        if len(self._steps) < AVERAGED_POSES:
+            return known
+        steps = self._steps[-AVERAGED_POSES:, :2]
+        deviations = np.abs(steps - np.median(steps, axis=0))
+        found = float(np.median(deviations)) * MAD_TO_SIGMA / sqrt(2)
+        return found if found > NOISY_SCATTER_RATIO * known else known
 
     def _way_since(self, time: float) -> Array:
         """Way from a time until now, shape (3,)."""
@@ -290,6 +373,7 @@ class TeamPoseFilter:
             VehiclePoseFilter(settings, team.top_speed, turn_rate) for _ in team.held_links
         ]
         self._refused = [""] * len(self._filters)
+        self._noisy: set[int] = set()
 
     @property
     def unknown(self) -> tuple[int, ...]:
@@ -351,8 +435,24 @@ class TeamPoseFilter:
         for v, one in enumerate(found):
             if not self._filters[v].known:
                 continue
+            self._report_noise(v)
             if one.refused and not self._refused[v]:
                 self._report("no pose", f"of vehicle {v + 1}: {one.refused}")
             elif self._refused[v] and not one.refused:
                 self._report("pose again", f"of vehicle {v + 1}")
             self._refused[v] = one.refused
+
+    def _report_noise(self, v: int) -> None:
+        """Report poses that scatter more than the job states, and that they do so no more."""
+        one, stated = self._filters[v], self._settings
+        if one.is_noisy and v not in self._noisy:
+            self._report(
+                "noisy poses",
+                f"of vehicle {v + 1}: they scatter by {1e3 * one.scatter[0]:.1f} mm and "
+                f"{np.degrees(one.scatter[2]):.2f}°, and the job states "
+                f"{1e3 * stated.position_sigma:.1f} mm and "
+                f"{np.degrees(stated.heading_sigma):.2f}°. They count for less now",
+            )
+            self._noisy.add(v)
+        elif not one.is_noisy:
+            self._noisy.discard(v)

@@ -6,7 +6,7 @@ import re
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot, log
+from math import hypot, inf, log
 from typing import Final
 
 import numpy as np
@@ -15,7 +15,7 @@ from tjscan.core.devices import EventListener
 from tjscan.core.errors import TowHalted, VehicleFault, VehicleLinkLost
 from tjscan.core.frames import Array
 from tjscan.towing.following import velocity_from_twist
-from tjscan.towing.pose_filter import TeamEstimate
+from tjscan.towing.pose_filter import TeamEstimate, VehiclePoseEstimate
 from tjscan.towing.shape.cable import Cable, TowingTeam
 from tjscan.towing.shape.plan import TowingPlan
 from tjscan.vehicle.vehicle import Twist, VehicleState
@@ -28,6 +28,9 @@ LONGEST_JUDGED_WINDOW: Final = 30.0
 
 LEAST_COMMANDED_WAY: Final = 0.02
 """Metres that a vehicle must have been commanded to go before its standstill means anything."""
+
+AT_TARGET: Final = 5e-3
+"""Metres within which a vehicle is where it was sent."""
 
 LEAST_DRIVEN_SHARE: Final = 0.6
 """Share of the commanded way that a vehicle goes at least, if it drives: its wheels slip."""
@@ -64,6 +67,23 @@ LEAST_WELDING_PACE: Final = 0.1
 
 FIGURE_WITH_UNIT: Final = re.compile(r"\d+(\.\d+)?(?= (mm|s|m/min)\b|°)")
 """A figure with its unit: if only such differ, nothing new is to be reported."""
+
+
+DRIVEN_WINDOW: Final = 30
+"""Periods, 3 s of them, over which commanded way and odometry are compared."""
+
+LEAST_RUNAWAY_WAY: Final = 0.01
+"""Metres by which they may differ without a cause, and below which a vehicle does not drive."""
+
+RUNAWAY_WAY_SHARE: Final = 0.4
+"""The same as a share of the commanded way: drives follow roughly."""
+
+DRIVE_LAG: Final = 0.3
+"""Seconds by which drives may be behind their commands."""
+
+LEAST_SLIPPING_SHARE: Final = 0.8
+"""Share of the unexplained way that is against the wheels' way if they slip; else a vehicle is
+moved by something other than its wheels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +153,52 @@ class WaitingPatience:
                 "when the way is clear, go on with tjscan tow run --resume DIR"
             )
             raise VehicleFault(sentence) if waiting.device else TowHalted(sentence)
+
+
+class RunawayCheck:
+    """Whether one vehicle drives otherwise than it is told, by its own odometry."""
+
+    def __init__(self) -> None:
+        self._ways: deque[tuple[Array, Array]] = deque(maxlen=DRIVEN_WINDOW)
+        self._retry, self._until = FIRST_RETRY_SECONDS, -inf
+
+    def update(self, now: float, asked: Array, driven: Array, period: float) -> float:
+        """Metres that it drove otherwise than it was told; 0 if it obeys, or does not move.
+
+        Once it did not obey it counts so for `FIRST_RETRY_SECONDS`, twice as long each time.
+
+        Parameters
+        ----------
+        now : float
+            Seconds.
+        asked, driven : ndarray, shape (2,)
+            Way in the last period as commanded and by odometry, metres along x and y.
+        period : float
+            Seconds.
+        """
+        self._ways.append((asked, driven))
+        told, drove = np.sum(self._ways, axis=0)
+        fastest = max(hypot(*one) for one, _ in self._ways) / period
+        off, went = hypot(*(drove - told)), hypot(*drove)
+        allowed = LEAST_RUNAWAY_WAY + RUNAWAY_WAY_SHARE * hypot(*told) + DRIVE_LAG * fastest
+        if off > allowed and went > LEAST_RUNAWAY_WAY:
+            if now > self._until:
+                self._until = now + self._retry
+                self._retry *= 2
+            self._ways.clear()
+        return off if now < self._until else 0.0
+
+
+def describe_unexplained_way(one: VehiclePoseEstimate) -> tuple[str, str]:
+    """Name and sentence of what an unexplained way shows; empty if there is none."""
+    off, way = one.unexplained, one.way
+    if not off.any():
+        return "", ""
+    if -(off @ way) > LEAST_SLIPPING_SHARE * hypot(*off) * hypot(*way) > 0:
+        went = hypot(*(off + way))
+        turned = f"its wheels turned by {1e3 * hypot(*way):.0f} mm"
+        return "slips", f"{turned}, and it went {1e3 * went:.0f} mm"
+    return "moved", f"by {1e3 * hypot(*off):.0f} mm, and not by its wheels, if its poses are right"
 
 
 class StandstillCheck:
@@ -242,15 +308,22 @@ class StandstillWatch:
     ----------
     stopped : tuple of int
         Those at a standstill for good.
+    doubted : tuple of int
+        Those at a standstill, or not seen to drive since.
+    runaways : tuple of int
+        Those that drive otherwise than they are told.
     """
 
     def __init__(self, cable: Cable, team: TowingTeam, report: EventListener) -> None:
         self._cable, self._team, self._report = cable, team, report
         self._checks = [StandstillCheck() for _ in team.held_links]
+        self._runaways = [RunawayCheck() for _ in team.held_links]
+        self._reported: dict[int, str] = {}
         self._states: Sequence[VehicleState | VehicleFault] = ()
-        self._doubted: tuple[int, ...] = ()  # at a standstill, or not seen to drive since
+        self.doubted: tuple[int, ...] = ()
         self._taut = self._bent = False
         self.stopped: tuple[int, ...] = ()
+        self.runaways: tuple[int, ...] = ()
 
     def update(
         self,
@@ -259,21 +332,54 @@ class StandstillWatch:
         states: Sequence[VehicleState | VehicleFault],
         asked: Sequence[Twist],
         estimate: TeamEstimate,
+        targets: Array | None = None,
     ) -> None:
-        """Take in what the vehicles did in a period with the twists that they were asked for."""
-        stopped, poses, sigmas = list[int](), estimate.poses, estimate.sigmas
-        for v, (state, check) in enumerate(zip(states, self._checks, strict=True)):
-            fault = isinstance(state, VehicleFault) or bool(state.fault)
+        """Take in what the vehicles did in a period with the twists that they were asked for.
+
+        One that is at its target, shape (vehicles, 3), is at no standstill, whatever it was asked.
+        """
+        stopped, runaways = list[int](), list[int]()
+        poses, sigmas = estimate.poses, estimate.sigmas
+        for v, state in enumerate(states):
             way = period * velocity_from_twist(asked[v], poses[v, 2])[:2]
+            driven = way
+            if isinstance(state, VehicleState):
+                driven = period * velocity_from_twist(state.odometry, poses[v, 2])[:2]
+            off, check = self._runaways[v].update(now, way, driven, period), self._checks[v]
+            if targets is not None and hypot(*(poses[v] - targets[v])[:2]) < AT_TARGET:
+                way = np.zeros(2)
+            moved = describe_unexplained_way(estimate.estimates[v])[0] == "moved"
+            if moved:  # what else moves it tells nothing of its drives
+                check = self._checks[v] = StandstillCheck()
+            if off:
+                runaways.append(v)
+                check = self._checks[v] = StandstillCheck()
+            fault = isinstance(state, VehicleFault) or bool(state.fault)
             if check.update(now, poses[v], way, sigma=sigmas[v, 0], fault=fault):
                 stopped.append(v)
-                if v not in self._doubted and not isinstance(state, VehicleLinkLost):
+                if v not in self.doubted and not isinstance(state, VehicleLinkLost):
                     why = _describe_fault(state) or "it is told to drive, and does not move"
                     self._report("stands", f"vehicle {v + 1}: {why}")
+            self._report_motion(v, off, estimate.estimates[v])
         doubted = tuple(v for v, check in enumerate(self._checks) if check.doubted)
-        for v in sorted(set(self._doubted) - set(doubted)):
+        for v in sorted(set(self.doubted) - set(doubted)):
             self._report("drives again", f"vehicle {v + 1}")
-        self._states, self.stopped, self._doubted = states, tuple(stopped), doubted
+        self._states, self.stopped, self.doubted = states, tuple(stopped), doubted
+        self.runaways = tuple(runaways)
+
+    def _report_motion(self, v: int, off: float, one: VehiclePoseEstimate) -> None:
+        """Report what a vehicle does otherwise than it is told, or than its wheels do."""
+        name, words = describe_unexplained_way(one)
+        if off:
+            name, words = "off plan", f"it drove {1e3 * off:.0f} mm otherwise than it was told"
+        if name and self._reported.get(v) != name and not self._checks[v].doubted:
+            self._report(name, f"vehicle {v + 1}: {words}")
+        self._reported[v] = name
+
+    @property
+    def disobedient(self) -> tuple[int, ...]:
+        """Vehicles that plans must take for where they are: at a standstill, or running away."""
+        return tuple(sorted({*self.stopped, *self.runaways}))
 
     def reason_to_wait(self, poses: Array, last: TowingPlan | None) -> WaitingReason | None:
         """Why the welder must wait for those at a standstill.
@@ -289,6 +395,9 @@ class StandstillWatch:
         if welder in self.stopped:
             why = _describe_fault(self._states[welder]) or "it does not move"
             return WaitingReason(f"the welder stands: {why}", device=True)
+        if self.runaways:
+            names = ["the welder" if v == welder else f"vehicle {v + 1}" for v in self.runaways]
+            return WaitingReason(f"{names[0]} drives otherwise than it is told", device=True)
         share, standing = self._tautest_piece(poses)
         self._taut = share >= (SLACK_CABLE_CHORD_SHARE if self._taut else TAUT_CABLE_CHORD_SHARE)
         strained = "is taut" if self._taut else ""
@@ -321,7 +430,7 @@ class StandstillWatch:
         lengths = self._cable.link_length * np.diff(held, prepend=-1)
         steps = np.diff(np.vstack((self._cable.root[:2], poses[:, :2])), axis=0)
         shares = np.hypot(steps[:, 0], steps[:, 1]) / lengths
-        beside = [(float(shares[k]), v) for v in self._doubted for k in (v, v + 1) if k < len(held)]
+        beside = [(float(shares[k]), v) for v in self.doubted for k in (v, v + 1) if k < len(held)]
         return max(beside, default=(0.0, 0))
 
     def _most_bent_piece(self, last: TowingPlan) -> tuple[float, int]:
@@ -333,7 +442,7 @@ class StandstillWatch:
         angles = np.maximum(np.abs(last.angles), np.abs(last.estimate)) / self._cable.joint_limit
         beside = [
             (float(angles[ends[v] : ends[min(v + 2, len(ends) - 1)]].max()), v)
-            for v in self._doubted
+            for v in self.doubted
         ]
         return max(beside, default=(0.0, 0))
 

@@ -159,7 +159,8 @@ def make_crawler(
     """
     job = context.job
     reader = reader or RememberingTracker()
-    devices = CrawlDevices(cell.vehicle, cell.laser, cell.torch, reader, cell.clock)
+    tracks = job.vehicle.tracks
+    devices = CrawlDevices(cell.vehicle, cell.laser, cell.torch, reader, cell.clock, tracks)
     plan = CrawlPlan(job.alignment, job.weld, job.passes)
     corners = ProximitySensorPlaces(job.vehicle.body_length, job.vehicle.body_width)
     guards = Guards(job.guards, ProximityFilter(job.proximity), corners)

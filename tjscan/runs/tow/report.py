@@ -45,6 +45,9 @@ PUBLISHED_MEAN_OBJECTIVE: Final = 3.5
 PUBLISHED_PLANNING_TIME_MS: Final = 1e3 / 22
 """Milliseconds of a plan in the paper, figure 10."""
 
+MISTRUSTED_EVENTS: Final = ("stands", "off plan", "slips", "moved", "noisy poses")
+"""Events of vehicles that do otherwise than they are told, and of poses that are not as stated."""
+
 OBJECTIVE_TERM_LABELS: Final = {
     "paper": "f",
     "bend": "bending",
@@ -89,6 +92,10 @@ def _tow_findings(job: TowJob, found: RecordedTow, figures: TowKeyFigures) -> It
             yield f"A replay, {event.detail}: what the method {job.method} would have planned."
         elif event.name == "stop":
             yield f"It was stopped: {event.detail}"
+    found_out = {(e.name, e.detail.partition(":")[0]): e for e in reversed(found.events)}
+    for (name, who), event in sorted(found_out.items(), key=lambda item: item[0][1]):
+        if name in MISTRUSTED_EVENTS:
+            yield f"{name.capitalize()}, {who}: {event.detail.partition(': ')[2]}."
     if not figures.complete:
         yield f"Only {figures.welded_mm:.0f} mm of the seam are welded."
     if figures.touches:

@@ -1,0 +1,253 @@
+"""Data that contradict themselves stop arc and vehicle, and the cause is named."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from crawls import SHORT
+
+from tjscan.core.errors import CrawlStopped
+from tjscan.crawler.contradiction import ContradictionWatch
+from tjscan.crawler.journal import CrawlCycle
+from tjscan.job.crawl.cell import CrawlCell, make_crawl_cell
+from tjscan.job.crawl.job import read_crawl_job
+from tjscan.laser.profile import Profile
+from tjscan.runs.crawl.run import CrawlContext, make_crawler
+from tjscan.vehicle.simulated import SimulatedVehicle
+from tjscan.vehicle.tracks import TrackGeometry
+from tjscan.vehicle.vehicle import Twist, VehicleState
+
+GAUGE = TrackGeometry().gauge
+MOST_WAY, MOST_OFF = 10e-3, 1e-3
+"""Metres of travel after a fault, beyond which no arc may be so many metres beside the joint."""
+
+JOB = SHORT.replace("length_m = 0.03", "length_m = 0.06").replace(
+    "run_up_mm = 30", "run_up_mm = 60"
+)
+
+
+class Spoilt:
+    """A device that reports what a function makes of its report, from the place of a fault on."""
+
+    def __init__(self, device: Any, method: str, spoil: Callable[[Any], Any] | None) -> None:
+        self._device, self._method, self._spoil = device, method, spoil
+        self.broken = False
+
+    def __getattr__(self, name: str) -> Any:
+        if name != self._method:
+            return getattr(self._device, name)
+        return self._report
+
+    def _report(self) -> Any:
+        report = getattr(self._device, self._method)()
+        return self._spoil(report) if self.broken and self._spoil else report
+
+
+class Fault:
+    """A journal that lets a fault begin 20 mm into the first weld, and notes what follows."""
+
+    def __init__(self, begin: Callable[[], None], cell: CrawlCell) -> None:
+        self._begin, self._cell = begin, cell
+        self._began: float | None = None
+        self.arc_way = self.worst = 0.0
+
+    def record(self, message: object) -> None:
+        if not (isinstance(message, CrawlCycle) and message.arc and self._cell.world):
+            return
+        along, off = self._cell.world.torch_place()
+        if along > 20e-3 and self._began is None:
+            self._began = along
+            self._begin()
+        if self._began is not None:
+            self.arc_way = along - self._began
+            if self.arc_way > MOST_WAY:
+                self.worst = max(self.worst, abs(off + message.torch_y - message.path))
+
+
+def wheels(state: VehicleState, left: float, right: float, bias: float = 0.0) -> VehicleState:
+    """A state whose encoders show shares of what its wheels do."""
+    half = GAUGE * state.odometry.turn_rate / 2
+    one, other = left * (state.odometry.speed + half), right * (state.odometry.speed - half) + bias
+    return replace(state, odometry=Twist((one + other) / 2, (one - other) / GAUGE))
+
+
+def frozen() -> Callable[[Profile], Profile]:
+    """A laser that repeats one picture with a micrometre of noise."""
+    first: list[Profile] = []
+    rng = np.random.default_rng(3)
+
+    def repeat(profile: Profile) -> Profile:
+        first.append(profile)
+        noise = 1e-6 * rng.standard_normal(len(profile))
+        return replace(first[0], z_s=first[0].z_s + noise, time=profile.time)
+
+    return repeat
+
+
+def mirrored(profile: Profile) -> Profile:
+    return replace(profile, x_s=-profile.x_s[::-1], z_s=profile.z_s[::-1])
+
+
+def moved(cell: CrawlCell, aside: float, turn: float) -> None:
+    """Knock a simulated vehicle aside."""
+    assert isinstance(cell.vehicle, SimulatedVehicle)
+    plant: Any = cell.vehicle.body.plant
+    plant.pose_w = np.add(plant.pose_w, (0.0, aside, turn))
+
+
+def slips(cell: CrawlCell, right: float) -> None:
+    """Let the right track lose a share of its way, unseen by its encoder."""
+    assert isinstance(cell.vehicle, SimulatedVehicle)
+    plant: Any = cell.vehicle.body.plant
+    sound = plant.advance
+    plant.advance = lambda one, other, period: sound(one, right * other, period)
+
+
+def crawl_with(
+    tmp_path: Path,
+    state: Callable[[VehicleState], VehicleState] | None = None,
+    picture: Callable[[Profile], Profile] | None = None,
+    happens: Callable[[CrawlCell], None] | None = None,
+    high_low: float = 0.0,
+) -> tuple[CrawlStopped, Fault]:
+    """Weld with a fault, and return the stop, and where it came."""
+    file = tmp_path / "job.toml"
+    file.write_text(JOB + f"[simulation.joint]\nhigh_low_mm = {high_low}\n")
+    context = CrawlContext(read_crawl_job(file), file)
+    cell = make_crawl_cell(context.job)
+    vehicle = Spoilt(cell.vehicle, "next_state", state)
+    laser = Spoilt(cell.laser, "capture", picture)
+
+    def begin() -> None:
+        vehicle.broken = laser.broken = True
+        if happens is not None:
+            happens(cell)
+
+    notes = Fault(begin, cell)
+    devices = replace(cell, vehicle=vehicle, laser=laser)
+    with cell:
+        with pytest.raises(CrawlStopped) as caught:
+            make_crawler(context, devices, context.make_method(), notes).run()
+        assert not cell.torch.arc
+    assert notes.worst < MOST_OFF
+    return caught.value, notes
+
+
+@pytest.mark.parametrize("aside", [-10e-3, -2e-3, 1e-3, 5e-3])
+def test_a_knock_stops_it(tmp_path: Path, aside: float) -> None:
+    stop, notes = crawl_with(tmp_path, happens=lambda cell: moved(cell, aside, 0.0))
+    assert stop.guard == "knocked aside"
+    assert ("right" if aside > 0 else "left") in stop.reason
+    assert notes.arc_way < MOST_WAY / 2
+
+
+def test_a_turn_round_stops_it(tmp_path: Path) -> None:
+    stop, notes = crawl_with(tmp_path, happens=lambda cell: moved(cell, 0.0, radians(0.3)))
+    assert stop.guard == "knocked aside"
+    assert notes.arc_way < MOST_WAY / 2
+
+
+@pytest.mark.parametrize(
+    ("spoil", "track"),
+    [
+        (lambda state: wheels(state, 0.0, 1.0), "left track stands still"),
+        (lambda state: wheels(state, 1.0, 0.0), "right track stands still"),
+        (lambda state: wheels(state, 1.0, 0.7), "right"),
+        (lambda state: wheels(state, 1.15, 1.0), "left"),
+        (lambda state: wheels(state, 1.0, 0.0, 0.012), "right"),
+    ],
+)
+def test_a_dead_or_wrong_encoder_stops_it(
+    tmp_path: Path, spoil: Callable[[VehicleState], VehicleState], track: str
+) -> None:
+    stop, _ = crawl_with(tmp_path, state=spoil)
+    assert stop.guard in ("encoder", "slip")
+    assert track in stop.reason
+
+
+def test_a_track_that_slips_unseen_stops_it(tmp_path: Path) -> None:
+    stop, notes = crawl_with(tmp_path, happens=lambda cell: slips(cell, 0.8))
+    assert stop.guard == "slip"
+    assert "the right track slips" in stop.reason
+    assert notes.arc_way < MOST_WAY
+
+
+def test_a_frozen_laser_stops_it(tmp_path: Path) -> None:
+    stop, notes = crawl_with(tmp_path, picture=frozen())
+    assert stop.guard == "laser frozen"
+    assert notes.arc_way < MOST_WAY
+
+
+def test_a_mirrored_picture_stops_it(tmp_path: Path) -> None:
+    stop, notes = crawl_with(tmp_path, picture=mirrored, high_low=1.0)
+    assert stop.guard == "laser mirrored"
+    assert notes.arc_way < MOST_WAY
+
+
+def groove(at: float, rng: np.random.Generator) -> Profile:
+    """A picture of a V joint of 20 mm at a place across."""
+    x = np.linspace(-0.04, 0.04, 290)
+    depth = np.maximum(0.0, 0.010 - np.abs(x - at))
+    return Profile(x, 0.149 + depth + 60e-6 * rng.standard_normal(290))
+
+
+@pytest.mark.parametrize(("read", "seen", "guard"), [(8e-3, 0.0, "joint jumped"), (3e-3, 3e-3, "")])
+def test_a_joint_that_jumps_in_its_picture_is_another(read: float, seen: float, guard: str) -> None:
+    watch, rng = ContradictionWatch(TrackGeometry()), np.random.default_rng(1)
+    going = Twist(8e-3, 0.0)
+
+    def go_on(surprise: float | None, at: float) -> None:
+        watch.add(going, going, 0.01, groove(at, rng), surprise)
+
+    for _ in range(200):
+        go_on(20e-6 * rng.standard_normal(), 0.0)
+    with pytest.raises(CrawlStopped) as caught:  # noqa: PT012
+        for _ in range(100):
+            go_on(read, -seen)
+    assert caught.value.guard == (guard or "knocked aside")
+
+
+def test_a_picture_that_moved_and_shows_no_joint_is_a_knock() -> None:
+    watch, rng = ContradictionWatch(TrackGeometry()), np.random.default_rng(1)
+    going = Twist(8e-3, 0.0)
+    for _ in range(200):
+        watch.add(going, going, 0.01, groove(0.0, rng), 20e-6 * rng.standard_normal())
+    for _ in range(50):  # blind, but nothing moved
+        watch.add(going, going, 0.01, groove(0.0, rng), None)
+    with pytest.raises(CrawlStopped, match=r"4\.0 mm to the left"):  # noqa: PT012
+        for _ in range(10):
+            watch.add(going, going, 0.01, groove(4e-3, rng), None)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.9, 0.99])
+def test_readings_off_by_chance_stop_nothing(correlation: float) -> None:
+    """Errors of 30 µm, also those that last for a millimetre of way."""
+    watch, rng = ContradictionWatch(TrackGeometry()), np.random.default_rng(2)
+    going, off, empty = Twist(8e-3, 0.0), 0.0, Profile(np.empty(0), np.empty(0))
+    for _ in range(50_000):
+        new = 30e-6 * np.sqrt(1 - correlation**2) * rng.standard_normal()
+        off = correlation * off + new
+        watch.add(going, going, 0.01, empty, off)
+
+
+def test_drives_that_lag_more_than_assumed_stop_nothing() -> None:
+    watch, shown, empty = (
+        ContradictionWatch(TrackGeometry()),
+        0.0,
+        Profile(np.empty(0), np.empty(0)),
+    )
+    for k in range(4000):
+        asked = Twist(-0.04 if (k // 400) % 2 else 0.04, 2e-3)
+        shown += 0.01 / 0.3 * (asked.speed - shown)
+        watch.add(asked, Twist(shown, 2e-3), 0.01, empty, 0.0)
+
+
+def test_profiles_without_points_contradict_nothing() -> None:
+    watch, going = ContradictionWatch(TrackGeometry()), Twist(8e-3, 0.0)
+    empty = Profile(np.full(290, np.nan), np.full(290, np.nan))
+    for _ in range(300):
+        watch.add(going, going, 0.01, empty, None)

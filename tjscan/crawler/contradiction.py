@@ -1,0 +1,373 @@
+"""What a crawl's sensors report, held against one another: wheels, joint, and pictures.
+
+A filter weighs down what it does not expect. Here everything must fit: each wheel its own command,
+each reading what the estimate expects, each picture the ones before.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from math import exp
+from typing import Final
+
+import numpy as np
+
+from tjscan.core.errors import CrawlStopped
+from tjscan.core.frames import Array
+from tjscan.crawler.slip_estimator import MOST_SIDEWAYS_SHARE
+from tjscan.laser.profile import Profile
+from tjscan.vehicle.tracks import TrackGeometry
+from tjscan.vehicle.vehicle import Twist
+
+WHEEL_MEMORY_LENGTH, WHEEL_MEMORY_TIME = 0.030, 10.0
+"""Metres and seconds over which a wheel is held against its command."""
+
+DRIVE_LAG: Final = 0.05
+"""Seconds by which drives follow their command (assumption)."""
+
+MOST_WHEEL_ERROR: Final = 1e-3
+"""Metres by which a wheel may be farther behind its command than the other one within that memory:
+what a wheel comes to that is 3 % off. Drives that lag more than assumed set both behind alike."""
+
+SUSPECT_WHEEL_ERROR: Final = 0.3e-3
+"""Metres by which one is behind that is suspected first if the joint shows another turn."""
+
+STANDING_SHARE: Final = 0.2
+"""Share of its command below which a wheel counts as one that shows no motion."""
+
+SUDDEN_LENGTH, LASTING_LENGTH = 2e-3, 30e-3
+"""Metres over which readings are averaged that may contradict the estimate: a jump shows within the
+first, a wrong turn within the second, over which the ripple of a chain of that pitch is nothing."""
+
+LEAST_SCATTERS: Final = (20e-6, 10e-6)
+"""Metres: standard deviations of those means at the least. Edges that are cut and references of the
+joint are off by the one for some millimetres; a track whose slip changes, by the other."""
+
+SCATTER_MEMORY_LENGTH: Final = 0.3
+"""Metres over which the true scatter of those means is learned: it counts if it is larger."""
+
+MOST_SCATTERS: Final = 6.0
+"""Standard deviations: one in 10⁹ of normal means, some 10⁵ of which are seen in an hour."""
+
+LARGEST_SURPRISE: Final = 1e-3
+"""Metres: a reading farther off counts as no more, so that a single wrong one is no jump."""
+
+LEAST_WAY_PER_READING: Final = 20e-6
+"""Metres: readings at rest count as if it went on by so much."""
+
+PICTURE_SPACING, PICTURE_LAG, PICTURES_KEPT = 0.2e-3, 2e-3, 12
+"""Metres between pictures that are kept, metres after which a picture has to be another one
+(texture of steel and beads is shorter), and how many are kept."""
+
+MOST_LIKENESS: Final = 0.5
+"""Correlation of the noise and texture of two pictures of different places: 0 but for its scatter
+of 0.1, and 1 if the picture is the same."""
+
+LARGEST_PICTURE_STEP, OUTER_SHARE = 0.4e-3, 8
+"""Metres by which both plates may be higher or lower than in the last picture, and the share of it
+at each of its ends, one eighth, that shows a plate: a bead that begins changes only what is between
+them."""
+
+PICTURES_IN_DOUBT: Final = 3
+"""Pictures in a row that must differ from the last sound one: one alone may be a flash."""
+
+FEWEST_POINTS: Final = 50
+"""Points of a picture that can be compared."""
+
+MOST_FINE_STRUCTURE: Final = 4.0
+"""Times its median: what is larger is an edge or an outlier, not noise and texture."""
+
+SHIFTS_TRIED: Final = np.linspace(-20e-3, 20e-3, 81)
+"""Metres by which a picture may have moved in which the joint is not found any more."""
+
+LARGEST_UNSEEN_SHIFT: Final = 1e-3
+"""Metres by which such a picture may have moved at most, before it counts as a knock."""
+
+MOST_COUNTED_HEIGHT, LEAST_GAIN_BY_SHIFT = 2e-3, 0.1e-3
+"""Metres: heights between pictures count as no more, for light of the arc; and by how much their
+mean must be less for a shift to be seen."""
+
+SURPRISES_KEPT, JUMP_SHARE = 50, 0.5
+"""Readings that show whether one jumped, and the share of what they are off by that is one jump."""
+
+
+@dataclass(slots=True)
+class WheelWatch:
+    """Holds the way of each track, as its encoder shows it, against what it was asked for.
+
+    Parameters
+    ----------
+    tracks : TrackGeometry
+    """
+
+    tracks: TrackGeometry
+    _expected: Array = field(default_factory=lambda: np.zeros(2))
+    _behind: Array = field(default_factory=lambda: np.zeros(2))
+    _last: tuple[Array, Array] = field(default_factory=lambda: (np.zeros(2), np.zeros(2)))
+
+    def add(self, commanded: Twist, shown: Twist, period: float) -> None:
+        """Take in a period in seconds.
+
+        Raises
+        ------
+        CrawlStopped
+            If a wheel does not do what it was asked for.
+        """
+        asked, seen = self._wheel_speeds(commanded), self._wheel_speeds(shown)
+        self._expected += min(period / DRIVE_LAG, 1.0) * (asked - self._expected)
+        way = float(np.abs(self._expected).mean()) * period
+        kept = exp(-way / WHEEL_MEMORY_LENGTH - period / WHEEL_MEMORY_TIME)
+        self._behind = kept * self._behind + (self._expected - seen) * period
+        self._last = asked, seen
+        both_stand = np.all(np.abs(seen) < STANDING_SHARE * np.abs(asked))
+        if self.difference > MOST_WHEEL_ERROR and not both_stand:
+            raise self.error()
+
+    @property
+    def difference(self) -> float:
+        """How much farther one wheel is off than the other, metres."""
+        return float(abs(self._behind[0] - self._behind[1]))
+
+    def error(self) -> CrawlStopped:
+        """The error that names the wheel that is farther off."""
+        which = int(np.abs(self._behind).argmax())
+        side, wanted, speed = ("left", "right")[which], *(one[which] for one in self._last)
+        stands = abs(speed) < STANDING_SHARE * abs(wanted)
+        return CrawlStopped(
+            "encoder",
+            f"the {side} track {'stands still' if stands else 'runs wrongly'}, or its encoder is "
+            f"{'dead' if stands else 'stuck or wrong'}: it shows {1e3 * speed:.1f} mm/s, and was "
+            f"asked for {1e3 * wanted:.1f}. Look at the encoder's cable, the motor and the brake "
+            "of that track",
+        )
+
+    def _wheel_speeds(self, twist: Twist) -> Array:
+        half = self.tracks.gauge * twist.turn_rate / 2
+        return np.array((twist.speed + half, twist.speed - half))
+
+
+@dataclass(slots=True)
+class ReadingWatch:
+    """Averages what readings are off from the estimate, and learns how far these means scatter."""
+
+    _means: Array = field(default_factory=lambda: np.zeros(2))
+    _variances: Array = field(default_factory=lambda: np.square(LEAST_SCATTERS))
+
+    def add(self, surprise: float, way: float) -> tuple[bool, bool]:
+        """Take in how far a reading is off, metres, after some metres of way.
+
+        Returns
+        -------
+        tuple of bool
+            Whether the mean over `SUDDEN_LENGTH`, or `LASTING_LENGTH`, is no chance any more.
+        """
+        way = max(way, LEAST_WAY_PER_READING)
+        off = min(max(surprise, -LARGEST_SURPRISE), LARGEST_SURPRISE)
+        self._means += (1 - np.exp(-way / np.array((SUDDEN_LENGTH, LASTING_LENGTH)))) * (
+            off - self._means
+        )
+        limits = MOST_SCATTERS * np.sqrt(np.maximum(self._variances, np.square(LEAST_SCATTERS)))
+        learned = np.minimum(self._means**2, (limits / 2) ** 2)
+        self._variances += min(way / SCATTER_MEMORY_LENGTH, 1.0) * (learned - self._variances)
+        sudden, lasting = (np.abs(self._means) > limits).tolist()
+        return sudden, lasting
+
+
+class PictureWatch:
+    """Holds each picture of the laser against those before."""
+
+    def __init__(self) -> None:
+        self._way, self._likeness, self._doubts = 0.0, 0.0, 0
+        self._kept: deque[tuple[float, Profile, Array]] = deque(maxlen=PICTURES_KEPT)
+        self._last: Profile | None = None
+
+    def add(self, profile: Profile, way: float) -> None:
+        """Take in a picture, after some metres of way.
+
+        Raises
+        ------
+        CrawlStopped
+            If it is the same again though the vehicle went on, or all of it has jumped.
+        """
+        if np.count_nonzero(profile.valid) >= FEWEST_POINTS:
+            self._way += way
+            self._check_likeness(profile, way)
+            self._check_step(profile)
+
+    def went_along(self, shift: float, profile: Profile) -> bool:
+        """Whether a picture as a whole moved to the right by metres, and not the joint in it."""
+        before = self._kept[0][1]
+        apart = [_mean_height_between(profile, before, by) for by in (0.0, shift)]
+        return apart[1] < apart[0]
+
+    def _check_likeness(self, profile: Profile, way: float) -> None:
+        now, kept = _fine_structure(profile), self._kept
+        if kept and len(kept[-1][2]) != len(now):
+            kept.clear()
+        while len(kept) > 1 and kept[1][0] <= self._way - PICTURE_LAG:
+            kept.popleft()
+        if kept and kept[0][0] <= self._way - PICTURE_LAG:
+            new = 1 - exp(-way / PICTURE_LAG)
+            self._likeness += new * (float(now @ kept[0][2]) - self._likeness)
+        if not kept or self._way - kept[-1][0] >= PICTURE_SPACING:
+            kept.append((self._way, profile, now))
+        if self._likeness > MOST_LIKENESS:
+            raise CrawlStopped(
+                "laser frozen",
+                "the laser is frozen: it shows one picture again and again, noise and all, though "
+                "the vehicle moves. Restart the sensor",
+            )
+
+    def _check_step(self, profile: Profile) -> None:
+        last = self._last or profile
+        step = _step_of_plates(profile, last)
+        self._doubts = self._doubts + 1 if step > LARGEST_PICTURE_STEP else 0
+        if not self._doubts:
+            self._last = profile
+        if self._doubts < PICTURES_IN_DOUBT:
+            return
+        mirrored = _step_of_plates(profile, Profile(-last.x_s, last.z_s)) < step / 2
+        raise CrawlStopped(
+            "laser mirrored" if mirrored else "picture jumped",
+            f"the laser's picture {'is mirrored' if mirrored else 'jumped'} from one profile to "
+            f"the next: both plates are {1e3 * step:.1f} mm higher or lower. "
+            + ("Look at the sensor's settings" if mirrored else "Look what moved vehicle or laser"),
+        )
+
+
+def _fine_structure(profile: Profile) -> Array:
+    """Noise and texture of a picture, shape (n - 3,), of length one: no outline, no outliers."""
+    third = np.diff(profile.z_s, 3)
+    known = np.abs(third[np.isfinite(third)])
+    most = MOST_FINE_STRUCTURE * float(np.median(known)) if len(known) else 0.0
+    third[~(np.abs(third) < most)] = 0.0
+    return np.asarray(third / max(float(np.linalg.norm(third)), 1e-12))
+
+
+def _heights_between(now: Profile, before: Profile, shift: float = 0.0) -> Array:
+    """Heights between two pictures, the one before moved to the right by a shift; metres."""
+    one, other = now.valid, before.valid
+    order = np.argsort(before.x_s[other], kind="stable")
+    x, z = before.x_s[other][order] + shift, before.z_s[other][order]
+    return np.asarray(np.abs(now.z_s[one] - np.interp(now.x_s[one], x, z)))
+
+
+def _step_of_plates(now: Profile, before: Profile) -> float:
+    """Height between two pictures at their outer ends, the smaller of both; metres."""
+    heights = _heights_between(now, before)
+    end = len(heights) // OUTER_SHARE
+    return float(min(np.median(heights[:end]), np.median(heights[-end:])))
+
+
+def _mean_height_between(now: Profile, before: Profile, shift: float) -> float:
+    return float(np.minimum(_heights_between(now, before, shift), MOST_COUNTED_HEIGHT).mean())
+
+
+def _shift_between(now: Profile, before: Profile) -> float:
+    """Metres to the right by which a picture moved as a whole since another; 0 if it did not."""
+    apart = [_mean_height_between(now, before, by) for by in SHIFTS_TRIED]
+    best, still = int(np.argmin(apart)), apart[len(apart) // 2]
+    return float(SHIFTS_TRIED[best]) if still - apart[best] > LEAST_GAIN_BY_SHIFT else 0.0
+
+
+class ContradictionWatch:
+    """Stops a crawl whose data do not fit one another.
+
+    Parameters
+    ----------
+    tracks : TrackGeometry
+    """
+
+    def __init__(self, tracks: TrackGeometry) -> None:
+        self._tracks = tracks
+        self.begin_again()
+
+    def begin_again(self) -> None:
+        """Forget what was: the vehicle is driven by hand, or rests there."""
+        self._wheels, self._readings = WheelWatch(self._tracks), ReadingWatch()
+        self._pictures = PictureWatch()
+        self._surprises: deque[float] = deque(maxlen=SURPRISES_KEPT)
+        self._seen: Profile | None = None
+        self._unseen, self._unseen_way = 0, 0.0
+
+    def add(
+        self,
+        commanded: Twist,
+        shown: Twist,
+        period: float,
+        profile: Profile,
+        surprise: float | None,
+    ) -> None:
+        """Take in a cycle.
+
+        Parameters
+        ----------
+        commanded, shown : Twist
+            What the tracks were asked for, and what their encoders show.
+        period : float
+            Seconds.
+        profile : Profile
+        surprise : float or None
+            How far the reading is off from what the estimate expected, metres, as far as the
+            estimate's own uncertainty does not explain it; None if there is none.
+
+        Raises
+        ------
+        CrawlStopped
+            If something does not fit; its cause is named.
+        """
+        way = abs(shown.speed) * period
+        self._wheels.add(commanded, shown, period)
+        self._pictures.add(profile, way)
+        self._unseen_way += way
+        if surprise is None:
+            self._check_unread(profile)
+            return
+        self._surprises.append(surprise)
+        sudden, lasting = self._readings.add(surprise, way)
+        self._seen, self._unseen, self._unseen_way = profile, 0, 0.0
+        if sudden or lasting:
+            raise self._contradiction(surprise, shown.speed, profile)
+
+    def _check_unread(self, profile: Profile) -> None:
+        """Look whether a picture in which the joint is not found has moved as a whole."""
+        self._unseen += 1
+        full = np.count_nonzero(profile.valid) >= FEWEST_POINTS
+        if self._seen is None or not full or self._unseen % PICTURES_IN_DOUBT:
+            return
+        shift = _shift_between(profile, self._seen)
+        if abs(shift) > LARGEST_UNSEEN_SHIFT + MOST_SIDEWAYS_SHARE * self._unseen_way:
+            raise _knock_error(-shift)
+
+    def _contradiction(self, off: float, speed: float, profile: Profile) -> CrawlStopped:
+        """The error that names why readings are off, by metres now."""
+        if self._wheels.difference > SUSPECT_WHEEL_ERROR:
+            return self._wheels.error()
+        steps = np.abs(np.diff(self._surprises))
+        if len(steps) and steps.max() > JUMP_SHARE * abs(off):
+            if not profile.valid.any() or self._pictures.went_along(-off, profile):
+                return _knock_error(off)
+            return CrawlStopped(
+                "joint jumped",
+                f"the joint jumped by {1e3 * abs(off):.1f} mm in the laser's picture, and the "
+                "picture did not: another joint is read, or an edge that is none. Look whether "
+                "the laser sees this joint alone",
+            )
+        right, forward = off > 0, speed >= 0
+        slipping, other = ("right", "left") if right == forward else ("left", "right")
+        return CrawlStopped(
+            "slip",
+            f"the vehicle turns farther to the {'right' if right else 'left'} than its tracks "
+            f"show, {1e3 * abs(off):.2f} mm at the laser: the {slipping} track slips, or the "
+            f"encoder of the {other} one is wrong. Look at pads, steel and encoders",
+        )
+
+
+def _knock_error(off: float) -> CrawlStopped:
+    return CrawlStopped(
+        "knocked aside",
+        f"the joint jumped aside in the laser's line, and the whole picture with it: the vehicle "
+        f"was knocked {1e3 * abs(off):.1f} mm to the {'right' if off > 0 else 'left'}, or its "
+        "laser was. Look what touched it, and that the laser is fixed",
+    )
